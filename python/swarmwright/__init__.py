@@ -67,6 +67,7 @@ if TYPE_CHECKING:
     from swarmwright.runs.post_evaluation import PostEvaluation, post_evaluate
     from swarmwright.runs.repeat import Repeated, repeat
     from swarmwright.runs.run import Run
+    from swarmwright.runs.validation import Validation
     from swarmwright.simulations.base import Simulation
     from swarmwright.simulations.batches import BatchSimulation
     from swarmwright.simulations.parameters import Parameter
@@ -92,6 +93,7 @@ __all__ = [
     "Simulation",
     "SwarmwrightError",
     "SweepResult",
+    "Validation",
     "__version__",
     "callbacks",
     "compare",
@@ -124,6 +126,7 @@ _LAZY = {
     "Run": "runs.run",
     "Simulation": "simulations.base",
     "SweepResult": "analysis.sweep.result",
+    "Validation": "runs.validation",
     "compare": "analysis.comparison",
     "evaluate": "evaluation.evaluate",
     "export_bundle": "export.bundle",

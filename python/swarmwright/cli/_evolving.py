@@ -15,7 +15,7 @@ from swarmwright.cli._observing import Observing, observed
 from swarmwright.cli._output import Output, complain
 from swarmwright.cli._progress import Progress, progress
 from swarmwright.cli._signals import INTERRUPTED, check
-from swarmwright.cli._unseen import unseen_facts, unseen_words
+from swarmwright.cli._validation import unseen_facts, validation_facts, validation_lines
 from swarmwright.core.formatting import duration
 
 if TYPE_CHECKING:
@@ -158,7 +158,7 @@ def _conclude(output: Output, run: "Run") -> None:
     from swarmwright.runs import picture
 
     best = run.best
-    unseen = run.unseen
+    unseen, validation = run.unseen, run.validation
     output.json(
         {
             "best": {"fitness": best.fitness, "candidate": best.candidate, "generation": best.generation},
@@ -168,6 +168,7 @@ def _conclude(output: Output, run: "Run") -> None:
             "run": str(run.path),
         }
         | ({} if unseen is None else {"unseen": unseen_facts(unseen)})
+        | ({} if validation is None else {"validation": validation_facts(validation)})
     )
     if run.interrupted:
         output.text("Interrupted; the results so far are kept. Go on with:")
@@ -175,8 +176,8 @@ def _conclude(output: Output, run: "Run") -> None:
     rate = run.evaluations / max(run.seconds, 1e-3)
     whose = f"generation {best.generation}, candidate {best.candidate}, both from 0"
     output.text(f"Best fitness {best.fitness + 0.0:.6g} ({whose}).")
-    if unseen is not None:
-        output.text(f"{unseen_words(unseen)}.")
+    for line in () if validation is None else validation_lines(validation):
+        output.text(line)
     values = best.controller.parameters
     if values:
         output.text(f"Its parameters: {', '.join(f'{name} {value}' for name, value in values.items())}.")

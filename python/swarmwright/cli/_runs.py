@@ -4,7 +4,7 @@ from datetime import datetime
 from typing import TYPE_CHECKING, Any
 
 from swarmwright.cli._output import Output
-from swarmwright.cli._unseen import unseen_facts, unseen_words
+from swarmwright.cli._validation import unseen_facts, validation_facts, validation_lines
 from swarmwright.core.formatting import duration
 from swarmwright.core.untrusted import one_line
 from swarmwright.user_code.copying import shown
@@ -78,7 +78,7 @@ def describe(output: Output, run: "Run") -> None:
     edited = remarks(run)
     sessions = [vars(session) for session in run.sessions]
     warnings = [vars(event) for event in run.events()]
-    best, unseen = None, run.unseen
+    best, unseen, validation = None, run.unseen, run.validation
     if run.generations:
         best = {
             "fitness": run.best.fitness,
@@ -91,6 +91,7 @@ def describe(output: Output, run: "Run") -> None:
             "best": best,
             "ended": run.ended,
             "unseen": None if unseen is None else unseen_facts(unseen),
+            "validation": None if validation is None else validation_facts(validation),
             "digest": run.digest,
             "code": code,
             "edited": edited,
@@ -145,7 +146,7 @@ def _generation(event: dict[str, Any]) -> str:
 def _summary(output: Output, run: "Run", facts: dict[str, Any]) -> None:
     """Print how far it got and what came out."""
     best = run.best if run.generations else None
-    unseen = run.unseen
+    validation = run.validation
     output.text(f"{run.path}: {facts['state']}")
     output.text(f"  {facts['simulation']}, {facts['controller']} by {facts['method']}, seed {facts['seed']}")
     whole = "" if facts["of"] is None else f" of {facts['of']}"
@@ -162,9 +163,10 @@ def _summary(output: Output, run: "Run", facts: dict[str, Any]) -> None:
         )
     if best is not None:
         output.text(f"  best {best.fitness:.6g} (generation {best.generation}, candidate {best.candidate})")
-    if unseen is not None:
-        words = unseen_words(unseen)
-        output.text(f"  {words[0].lower()}{words[1:]}")
+    for line in () if validation is None else validation_lines(validation):
+        output.text(f"  {line[0].lower()}{line[1:]}".removesuffix("."))
+    if run.validation_is_due and facts["state"] in {"done", "stopped"}:
+        output.text("  its best candidates are not validated yet: `swarmwright resume` goes on with that")
     output.text(f"  record SHA-256 {run.digest}")
 
 

@@ -10,7 +10,7 @@ from swarmwright.cli._observing import ToolObserver
 from swarmwright.cli._output import Output
 from swarmwright.cli._signals import check
 from swarmwright.cli._sweep_progress import PlainStatus, shown
-from swarmwright.cli._unseen import unseen_facts, with_error
+from swarmwright.cli._validation import unseen_facts, with_error
 
 
 class Report(Status):

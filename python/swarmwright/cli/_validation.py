@@ -1,20 +1,65 @@
-"""Messages about the fitness of a run's best on held-out seeds."""
+"""Messages about the fitness of a run's best candidates on held-out seeds."""
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from swarmwright import PostEvaluation
+    from swarmwright import PostEvaluation, Validation
+    from swarmwright.core.statistics import Estimate
 
 
-def unseen_words(found: "PostEvaluation") -> str:
-    """Return a line: the fitness by which it was chosen beside that on held-out seeds."""
-    episodes = f"{len(found.episodes)} episodes with held-out seeds"
-    failed = f", of which {found.failed} failed" if found.failed else ""
-    fitness = found.fitness
-    return (
-        f"Best {found.recorded + 0.0:.6g} on the seeds it was chosen on; "
-        f"{with_error(fitness.mean, fitness.standard_error)} on {episodes}{failed}"
+def validation_lines(found: "Validation") -> Iterator[str]:
+    """Yield lines: the fitness by which the best was chosen beside that on held-out seeds; the next best."""
+    best, count = found.best, len(found.seeds)
+    if not found.depends_on_seed:
+        yield (
+            f"Fitness does not depend on the seed: {_episodes(count)} with held-out seeds came out as those "
+            "of the run."
+        )
+        return
+    options = best.ranking.options
+    made_of = f"generation {best.generation}"
+    if not options.reevaluate:
+        made_of = f"{_episodes(options.episodes)} of {made_of}"
+    failed = f", of which {best.failed} failed" if best.failed else ""
+    yield (
+        f"Fitness during evolution {best.recorded + 0.0:.6g} ({made_of}); on {_episodes(count)} with "
+        f"held-out seeds{failed} {_estimated(best.fitness)}."
     )
+    if len(found.candidates) == 1:
+        return
+    yield f"The {len(found.candidates)} best on these seeds:"
+    rows = [("generation", "candidate", "during evolution", "held-out", "95 % interval")]
+    for one in found.candidates:
+        fitness, interval = one.fitness, ""
+        if fitness.low is not None and fitness.high is not None:
+            interval = f"{fitness.low:.4g} to {fitness.high:.4g}"
+        if one.failed:
+            interval = f"{interval}, {one.failed} failed".removeprefix(", ")
+        numbers = (f"{one.recorded + 0.0:.6g}", f"{fitness.mean + 0.0:.4g}")
+        rows.append((str(one.generation), str(one.candidate), *numbers, interval))
+    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
+    for row in rows:
+        yield "  " + "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+    lead = found.lead
+    if lead is not None and lead.low is not None and lead.low > 0:
+        ahead = found.leading
+        yield (
+            f"Candidate {ahead.candidate} of generation {ahead.generation} is better than the best of the "
+            f"run by {lead.mean:.2g}, 95 % interval {lead.low:.2g} to {lead.high:.2g} of the differences."
+        )
+
+
+def validation_facts(found: "Validation") -> dict[str, Any]:
+    """Return plain values for `--json`."""
+    return {
+        "depends_on_seed": found.depends_on_seed,
+        "episodes": len(found.seeds),
+        "seed": found.seeds[0],
+        "confidence": 0.95,
+        "interval": "t",
+        "candidates": [one.summary() for one in found.candidates],
+    }
 
 
 def with_error(mean: float, error: float | None) -> str:
@@ -23,7 +68,7 @@ def with_error(mean: float, error: float | None) -> str:
 
 
 def unseen_facts(found: "PostEvaluation") -> dict[str, Any]:
-    """Return plain values for `--json`."""
+    """Return plain values of the best for `--json`."""
     fitness = found.fitness
     return {
         "fitness": fitness.mean,
@@ -34,3 +79,16 @@ def unseen_facts(found: "PostEvaluation") -> dict[str, Any]:
         "failed": found.failed,
         "seed": found.seeds[0],
     }
+
+
+def _estimated(estimate: "Estimate") -> str:
+    if estimate.low is None or estimate.high is None:
+        return f"{estimate.mean + 0.0:.4g}"
+    return (
+        f"{estimate.mean + 0.0:.4g}, 95 % confidence interval {estimate.low:.4g} to {estimate.high:.4g} "
+        "(Student's t)"
+    )
+
+
+def _episodes(count: int) -> str:
+    return f"{count:,} episode{'s' * (count > 1)}"

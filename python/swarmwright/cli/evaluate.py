@@ -1,5 +1,6 @@
 """`swarmwright evaluate`: a candidate once more, from its record or in other episodes."""
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -33,14 +34,15 @@ if TYPE_CHECKING:
     example="swarmwright evaluate runs/minisim-1\n"
     "swarmwright evaluate runs/minisim-1 --generation 3 --candidate 12\n"
     "swarmwright evaluate runs/minisim-1 --episodes 100 --seed 5000\n"
-    "swarmwright evaluate runs/minisim-1 --episodes 100 --set parameters.speedDefenders=0.5",
+    "swarmwright evaluate runs/minisim-1 --episodes 100 --set parameters.speedDefenders=0.5\n"
+    "swarmwright evaluate runs/minisim-1 --episodes 100 --metrics all --json",
 )
 @click.argument("run", type=ExistingPath(folder=True), metavar="RUN")
 @click.option(
     "--episodes",
     type=WholeNumber(min=1, max=10_000_000),
     metavar="N",
-    help="Evaluate in N episodes with other seeds than the record's. Default with --seed: 60.",
+    help="Evaluate in N episodes with other seeds than the record's. Default with --seed: 100.",
 )
 @click.option(
     "--seed",
@@ -51,6 +53,12 @@ if TYPE_CHECKING:
 )
 @candidate_options
 @set_option("With --episodes, another value than the run's: parameters.maxSteps=40.")
+@click.option(
+    "--metrics",
+    metavar="NAME,..",
+    help="With --episodes, metrics that are measured beside those that the fitness needs: arrived,steps. "
+    "'all': those that the simulation announces.",
+)
 @broker_option(
     default=None,
     text="Use the servers on this broker. Default: the run's, SWARMWRIGHT_BROKER's, or one started here.",
@@ -67,6 +75,7 @@ def command(
     candidate: int | None,
     generation: int | None,
     settings: tuple[str, ...],
+    metrics: str | None,
     broker: str | None,
     servers: Servers | None,
     simulation: str | None,
@@ -99,6 +108,8 @@ def command(
         broker, experiment.broker, servers if servers is not None else experiment.servers
     )
     if again:
+        if metrics is not None:
+            raise click.UsageError("--metrics needs --episodes: the record has the metrics that the run had")
         return _repeated(output, opened, experiment, candidate, generation, broker, servers)
     from swarmwright import post_evaluate
     from swarmwright.runs.post_evaluation import EPISODES
@@ -112,10 +123,15 @@ def command(
         experiment=experiment,
         broker=broker,
         servers=servers,
+        metrics="all" if metrics == "all" else [] if metrics is None else _names(metrics),
     )
     output.json({"run": str(run), **found.to_mapping()})
     _show(output, found)
     return 0
+
+
+def _names(text: str) -> list[str]:
+    return [name.strip() for name in text.split(",") if name.strip()]
 
 
 def _repeated(
@@ -169,6 +185,15 @@ def _show(output: Output, found: "PostEvaluation") -> None:
     if options.episodes > 1 and found.fitness != found.mean:
         how = getattr(options, "aggregate", options.kind)  # type: ignore[attr-defined] # every kind has it
         output.text(f"  fitness, as the {how} of {options.episodes} episodes: {_interval(found.fitness)}")
+    _show_metrics(output, found)
+
+
+def _show_metrics(output: Output, found: "PostEvaluation") -> None:
+    from swarmwright.core.statistics import estimate
+
+    for name, values in found.metrics.items():
+        measured = estimate([value for value in values.tolist() if math.isfinite(value)])
+        output.text(f"  {name}: mean {_interval(measured)}")
 
 
 def _interval(estimate: "Estimate") -> str:

@@ -80,6 +80,7 @@ def command(
     from swarmwright import Run, resume
     from swarmwright.optimization.optimize import prolonged
     from swarmwright.runs.code import check
+    from swarmwright.runs.validation import is_due
 
     output = Output(as_json=as_json)
     show_warnings()
@@ -91,7 +92,10 @@ def command(
     wanted = servers if servers is not None else experiment.servers
     broker = experiment_broker(broker, experiment.broker, wanted)
     if opened.state == "done" and experiment.budget == opened.experiment.budget:
-        output.text(f"{run} is finished: there is nothing left to do.")
+        changed = experiment.validate != opened.experiment.validate
+        due = is_due(experiment, opened.store, changed=changed)
+        left = "its best candidates are validated" if due else "there is nothing left to do"
+        output.text(f"{run} is finished: {left}.")
     else:
         limit = experiment.budget.generations
         whole = "" if limit is None else f" of {limit}"

@@ -45,6 +45,7 @@ _OTHER_NAMES = {
     "method": "algorithm optimizer optimiser solver",
     "controller": "network representation policy",
     "servers": "workers n_jobs processes num_workers",
+    "validate": "validation test held_out post_evaluation",
     "start_from": "warm_start initial init x0 resume_from checkpoint",
 }
 """What a key may be called here, the likelier one first: what other libraries call it."""
@@ -123,7 +124,7 @@ def _message(found: dict[str, Any], model: type[BaseModel]) -> str:
 def _unknown_key(key: str, model: type[BaseModel] | None) -> str:
     if model is None:
         return "unknown key"
-    keys = list(model.model_fields)
+    keys = [field.alias or name for name, field in model.model_fields.items()]
     other = next((name for name in ALIASES.get(key.casefold(), ()) if name in keys), None)
     if other is not None:
         return f"unknown key; it is called '{other}' here"
@@ -135,7 +136,9 @@ def model_at(model: type[BaseModel], path: tuple[str | int, ...]) -> type[BaseMo
     """Return the model of the section at `path` below `model`; None where that is no section."""
     rest = list(path)
     while rest:
-        field = model.model_fields.get(str(rest.pop(0)))
+        key = str(rest.pop(0))
+        fields = model.model_fields
+        field = fields.get(key) or next((one for one in fields.values() if one.alias == key), None)
         inner = None if field is None else _inner(field.annotation)
         if inner is None:
             return None

@@ -55,7 +55,7 @@ class Results:
     fitness: NDArray[np.float64]
     """(candidates, episodes), NaN where the evaluation failed."""
     metrics: NDArray[np.float64]
-    """(candidates, episodes, metrics that the fitness needs), NaN where the simulation failed."""
+    """(candidates, episodes, metrics), NaN where the simulation failed."""
     journal: Journal
     """Attempts at blocks of evaluations, and warnings."""
 
@@ -71,7 +71,7 @@ class Backend(Protocol):
     sensors: int
     actuators: int
     metrics: tuple[str, ...]
-    """Names of the metrics that the experiment's fitness needs."""
+    """Names of the metrics that the experiment's fitness needs, and of others that are asked for."""
     description: str
     """Where the work is done, for people and the journal."""
 
@@ -130,7 +130,8 @@ def apply_expression(
     if expression is None:
         return results
     measured = np.isfinite(results.fitness)
-    values, faults = expression(results.fitness[measured], results.metrics[measured])
+    needed = results.metrics[measured][:, : len(expression.metrics)]  # others follow these
+    values, faults = expression(results.fitness[measured], needed)
     fitness = np.full_like(results.fitness, np.nan)
     fitness[measured] = values
     places = np.argwhere(measured)
@@ -142,6 +143,7 @@ def apply_expression(
     return Results(fitness, results.metrics, results.journal.with_warnings(failures))
 
 
-def metrics_of(expression: FitnessExpression | None) -> tuple[str, ...]:
-    """Return the names of the metrics that an experiment's fitness needs."""
-    return () if expression is None else expression.metrics
+def metrics_of(expression: FitnessExpression | None, more: Sequence[str] = ()) -> tuple[str, ...]:
+    """Return the names of the metrics that an experiment's fitness needs, and then of others."""
+    needed = () if expression is None else expression.metrics
+    return (*needed, *(name for name in dict.fromkeys(more) if name not in needed))

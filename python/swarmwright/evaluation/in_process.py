@@ -17,9 +17,12 @@ from swarmwright.store import Journal, WarningEntry
 
 
 class InProcessBackend:
-    """Evaluates built-in simulations in this process, without broker and servers."""
+    """Evaluates built-in simulations in this process, without broker and servers.
 
-    def __init__(self, experiment: Experiment) -> None:
+    metrics: asked for beside those that the fitness needs.
+    """
+
+    def __init__(self, experiment: Experiment, metrics: Sequence[str] = ()) -> None:
         announced = catalogue.description(experiment.simulation)
         self.sensors: int = announced["sensors"]
         self.actuators: int = announced["actuators"]
@@ -27,7 +30,7 @@ class InProcessBackend:
         self._simulation = experiment.simulation
         self.parameters = experiment.parameters
         self._expression = experiment.fitness_expression
-        self.metrics = metrics_of(self._expression)
+        self.metrics = metrics_of(self._expression, metrics)
         self._failed = 0
         self._evaluator: tuple[dict[str, Any], _engine.Evaluator] | None = None  # of the last architecture
 
@@ -128,8 +131,8 @@ class InProcessBackend:
 class PythonBackend(InProcessBackend):
     """Evaluates simulations in Python in this process, one episode after the other."""
 
-    def __init__(self, experiment: Experiment) -> None:
-        super().__init__(experiment)
+    def __init__(self, experiment: Experiment, metrics: Sequence[str] = ()) -> None:
+        super().__init__(experiment, metrics)
         self._host = Host(load(experiment.simulation))
 
     def evaluator(self, architecture: dict[str, Any]) -> None:

@@ -3,7 +3,7 @@
 import logging
 import secrets
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from typing import cast
 
@@ -32,6 +32,7 @@ def open_backend(
     visual: bool = False,
     wait: float | None = None,
     most: int | None = None,
+    metrics: Sequence[str] = (),
 ) -> Iterator[Backend]:
     """Start what an experiment needs and yield the backend; end all of it afterwards.
 
@@ -43,6 +44,7 @@ def open_backend(
         visual: ask the server to draw.
         wait: seconds to wait for a broker that does not answer, instead of the experiment's.
         most: evaluations that there are, if that is known: no more worker processes are started for `local`.
+        metrics: asked for beside those that the fitness needs.
 
     Raises:
         InputError: the simulation is unknown, or broker and local servers are both asked for.
@@ -70,7 +72,7 @@ def open_backend(
     if broker is None and wanted in HERE and not visual:
         _require_here(experiment)
         if wanted == "in-process" or not has_workers(experiment.simulation):
-            yield _in_process(experiment)
+            yield _in_process(experiment, metrics)
             return
     with ExitStack() as stack:
         address, local = open_servers(
@@ -85,6 +87,7 @@ def open_backend(
                     address,
                     visual=visual and not is_command(experiment.simulation),
                     alone=broker is None,
+                    metrics=metrics_of(experiment.fitness_expression, metrics),
                 ),
                 patience,
                 logging.getLogger("swarmwright").warning,
@@ -98,7 +101,7 @@ def open_backend(
         where = f"{many} on {address}"
         if wanted == "local" and local is not None:
             where = f"{local.count} worker process{'es' if local.count > 1 else ''}"
-        yield BrokerBackend(experiment, pool, local, where)
+        yield BrokerBackend(experiment, pool, local, where, metrics)
 
 
 def has_workers(simulation: str) -> bool:
@@ -179,7 +182,9 @@ def open_servers(
     return address, stack.enter_context(servers)
 
 
-def _pool(experiment: Experiment, address: str, *, visual: bool, alone: bool) -> _engine.Pool:
+def _pool(
+    experiment: Experiment, address: str, *, visual: bool, alone: bool, metrics: tuple[str, ...]
+) -> _engine.Pool:
     return _engine.Pool(
         address,
         simulation=catalogue.title(experiment.simulation),
@@ -190,7 +195,7 @@ def _pool(experiment: Experiment, address: str, *, visual: bool, alone: bool) ->
         prefix=experiment.prefix,
         tool="swarmwright",  # host and process are added
         mode=experiment.mode,
-        metrics=metrics_of(experiment.fitness_expression),
+        metrics=metrics,
         visual=visual,
         timeouts=cast("Timeouts", experiment.timeouts.model_dump()),
         faults=cast("Faults", experiment.faults.model_dump()),
@@ -228,7 +233,7 @@ def _require_here(experiment: Experiment) -> None:
         )
 
 
-def _in_process(experiment: Experiment) -> Backend:
+def _in_process(experiment: Experiment, metrics: Sequence[str]) -> Backend:
     from swarmwright.evaluation.in_process import InProcessBackend, PythonBackend  # noqa: PLC0415 - NumPy and hosts, not for servers
 
-    return (PythonBackend if is_python(experiment.simulation) else InProcessBackend)(experiment)
+    return (PythonBackend if is_python(experiment.simulation) else InProcessBackend)(experiment, metrics)

@@ -31,7 +31,12 @@ class BrokerBackend:
     """Evaluates on simulation servers through a broker."""
 
     def __init__(
-        self, experiment: Experiment, pool: _engine.Pool, servers: LocalServers | None, where: str
+        self,
+        experiment: Experiment,
+        pool: _engine.Pool,
+        servers: LocalServers | None,
+        where: str,
+        metrics: Sequence[str] = (),
     ) -> None:
         self._pool = pool
         self._servers = servers
@@ -41,7 +46,7 @@ class BrokerBackend:
         if reports.wanted():
             pool.listen(reports.tell, warnings_only=reports.only_warnings())
         self._expression = experiment.fitness_expression
-        self.metrics = metrics_of(self._expression)
+        self.metrics = metrics_of(self._expression, metrics)
         self.description = where
 
         try:

@@ -1,8 +1,9 @@
 """The keys of an experiment file, with types, defaults and descriptions."""
 
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, WithJsonSchema, field_validator
+from pydantic import BeforeValidator, Field, WithJsonSchema, field_validator, model_validator
 
 from swarmwright import _engine
 from swarmwright.broker.address import broker_problem, prefix_problem
@@ -15,6 +16,12 @@ from swarmwright.experiment.fitness import FitnessExpression
 _LONGEST = 1000
 """Characters of a simulation's name."""
 _SERVERS = ("auto", "local", "in-process")
+AUTO = "auto"
+"""Episodes of a validation: as many as are informative and cheap."""
+_MOST = 100_000
+"""Episodes of a validation."""
+_LARGEST_VALIDATION = 1_000_000
+"""Episodes of all candidates of a validation."""
 
 
 def _servers(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
@@ -101,6 +108,60 @@ class Faults(Options):
     Needs servers that declare their determinism: two, and three to decide."""
 
 
+def _episodes(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
+    if value == AUTO or (isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= _MOST):
+        return value
+    hint = did_you_mean(value, [AUTO]) if isinstance(value, str) else ""
+    raise ValueError(f"must be auto or a number of episodes from 0 to {_MOST:,}, not {shown(value)}{hint}")
+
+
+def _switched(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
+    if value is None or value is True:
+        return {}
+    if value is False:
+        return {"episodes": 0}
+    if isinstance(value, Mapping | Validate):
+        return value
+    raise ValueError(f"must be a mapping such as {{episodes: 100}}, or false, not {shown(value)}")
+
+
+class Validate(Options):
+    """Evaluation of a run's best candidates on held-out seeds, when the run has ended.
+
+    The best of many evaluations was also lucky, wherever fitness depends on the seed: its recorded fitness is
+    biased upwards. Episodes with seeds that the run did not use estimate its fitness without bias. They are
+    stored in the run, apart from its record, which they do not change. `validate: false` means no validation.
+    """
+
+    episodes: Annotated[
+        Any,
+        BeforeValidator(_episodes),
+        WithJsonSchema(
+            {"anyOf": [{"enum": ["auto"]}, {"type": "integer", "minimum": 0, "maximum": 100_000}]}
+        ),
+    ] = "auto"
+    """Episodes of each candidate, all with the same seeds; 0: no validation. auto: 100, or four times
+    `ranking.episodes`, but at most a twentieth of the run's episodes for all candidates together, and none if
+    these are fewer than 10. Where the first 10 (auto: 5) show that fitness does not depend on the seed, there
+    are no others."""
+    candidates: int = Field(default=5, ge=1, le=100)
+    """How many: the best candidate of the run, and the next best with other genomes. With `episodes: auto` as
+    many as that twentieth suffices for, but at least the best one."""
+    seed: int | None = Field(default=None, ge=0, le=2**62)
+    """Simulation seed of the first episode; the others have the next ones that the run did not use. Default:
+    parameters.seed + 1,000,000,000, so that runs with the same `parameters.seed` are validated on the same
+    seeds."""
+
+    @model_validator(mode="after")
+    def _size(self) -> "Validate":
+        if self.episodes != AUTO and self.episodes * self.candidates > _LARGEST_VALIDATION:
+            raise ValueError(
+                f"{self.episodes:,} episodes of {self.candidates} candidates are more than "
+                f"{_LARGEST_VALIDATION:,}"
+            )
+        return self
+
+
 class Document(Options):
     """An experiment: what is evolved, on which simulation, how, and where."""
 
@@ -137,6 +198,10 @@ class Document(Options):
     """The optimization algorithm and its budget."""
     ranking: dict[str, Any] = Field(default={})
     """How episodes become fitness."""
+    validation: Annotated[Validate, BeforeValidator(_switched, json_schema_input_type=bool | Validate)] = (
+        Field(default_factory=Validate, alias="validate")
+    )
+    """Evaluation of the best candidates on held-out seeds at the end of the run; false: none."""
     mode: Literal["auto", "stepwise", "batched", "offloaded"] = "auto"
     """How servers on a broker evaluate; the fitness does not depend on it. stepwise: controllers stay here,
     every step of every agent crosses the broker. batched: controllers stay here, one message carries a step

@@ -13,7 +13,7 @@ from swarmwright.core.html import facts
 from swarmwright.core.simulation_names import SimulationName, is_command
 from swarmwright.core.yaml import Source, dump, read
 from swarmwright.experiment.budget import Budget
-from swarmwright.experiment.document import Faults, Requirements, Timeouts
+from swarmwright.experiment.document import Faults, Requirements, Timeouts, Validate
 from swarmwright.experiment.fitness import FitnessExpression
 from swarmwright.experiment.settings import apply, parse_settings, restricted
 from swarmwright.experiment.start_from import genomes_of
@@ -25,9 +25,11 @@ from swarmwright.store import StoreReader
 
 LARGEST_GENOME = 1_000_000
 """Genes of a controller, at most; the engine's own limit."""
-ELSEWHERE = frozenset({"servers", "broker", "prefix", "mode", "timeouts", "faults", "requirements"})
-"""Keys that say where and how it is computed, and not what."""
-_SECTIONS = ("requirements", "controller", "method", "ranking", "timeouts", "faults")
+ELSEWHERE = frozenset(
+    {"servers", "broker", "prefix", "mode", "timeouts", "faults", "requirements", "validate"}
+)
+"""Keys that the record does not depend on: where and how it is computed, and what is done afterwards."""
+_SECTIONS = ("requirements", "controller", "method", "ranking", "validate", "timeouts", "faults")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,6 +53,7 @@ class Experiment:
     """Options of the representation: `kind`, and what that kind has."""
     method: MethodOptions
     ranking: RankingOptions
+    validate: Validate
     mode: Literal["auto", "stepwise", "batched", "offloaded"]
     servers: int | Literal["auto", "local", "in-process"]
     broker: str | None
@@ -123,7 +126,12 @@ class Experiment:
 
         folder: the run's, that paths are relative to.
         """
-        return cls._checked(Source("", values=dict(values)), None, ask=False, folder=folder)
+        values = dict(values)
+        ranking = values.get("ranking")
+        if isinstance(ranking, Mapping) and "unseen_episodes" in ranking:  # of an earlier version
+            values["ranking"] = {key: value for key, value in ranking.items() if key != "unseen_episodes"}
+            values.setdefault("validate", {"episodes": ranking["unseen_episodes"], "candidates": 1})
+        return cls._checked(Source("", values=values), None, ask=False, folder=folder)
 
     @classmethod
     def of_store(cls, store: StoreReader) -> Self:

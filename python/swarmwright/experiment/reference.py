@@ -39,7 +39,7 @@ def reference() -> str:
     schema = experiment_schema(only_built_in=True)
     lines = [_INTRODUCTION, "## Keys", ""]
     lines += _table(schema["properties"], set(schema["required"]), schema)
-    for name in ("requirements", "timeouts", "faults"):
+    for name in ("requirements", "validate", "timeouts", "faults"):
         definition = schema["$defs"][name.capitalize()]
         lines += ["", f"## {name}", "", definition["description"], ""]
         lines += _table(definition["properties"], set(definition.get("required", [])), schema)

@@ -15,7 +15,7 @@ from swarmwright.core.problems import MISSING, problems_of, shown
 from swarmwright.core.registry import Registry
 from swarmwright.core.simulation_names import is_command, is_python
 from swarmwright.core.yaml import Path_, Source
-from swarmwright.experiment.document import DEFAULT_KINDS, Document, Requirements
+from swarmwright.experiment.document import AUTO, DEFAULT_KINDS, Document, Requirements
 from swarmwright.experiment.evolved import problems, unknown
 from swarmwright.experiment.fitness import FitnessExpression
 from swarmwright.experiment.parameter_files import resolve
@@ -76,7 +76,7 @@ def check(source: Source, *, ask: bool = True, folder: Path | None = None) -> Ch
     return checked
 
 
-_EMPTY = frozenset({*DEFAULT_KINDS, "parameters", "timeouts", "faults"})
+_EMPTY = frozenset({*DEFAULT_KINDS, "parameters", "validate", "timeouts", "faults"})
 
 
 def _folder(source: Source, path: Path_) -> Path:
@@ -157,7 +157,9 @@ def _check_values(values: dict[str, Any], here: bool, report: Report) -> Checked
     checked: Checked = {}
     try:
         document = Document.model_validate(values)
-        checked = {name: getattr(document, name) for name in Document.model_fields}
+        checked = {
+            field.alias or name: getattr(document, name) for name, field in Document.model_fields.items()
+        }
     except ValidationError as error:
         for path, message in problems_of(error, Document):
             report(path, f"{message}{_right_form(path, values)}")
@@ -166,6 +168,7 @@ def _check_values(values: dict[str, Any], here: bool, report: Report) -> Checked
         if isinstance(section, Mapping):
             checked[name] = _check_section(name, dict(section), registry, report)
     _check_reevaluation(checked, report)
+    _check_validation(checked, report)
     parameters = values.get("parameters", {})
     if isinstance(parameters, Mapping) and isinstance(values.get("simulation"), str):
         _check_parameters(values["simulation"] if here else None, dict(parameters), report)
@@ -252,6 +255,20 @@ def _holds(values: Any, part: str | int) -> bool:  # noqa: ANN401 - any values o
     if isinstance(values, Mapping):
         return part in values
     return isinstance(values, list | tuple) and isinstance(part, int) and 0 <= part < len(values)
+
+
+def _check_validation(checked: Checked, report: Report) -> None:
+    """Check that a validation has enough episodes for one fitness, as the ranking makes it."""
+    options, ranking = checked.get("validate"), checked.get("ranking")
+    if options is None or ranking is None or options.episodes in {AUTO, 0}:
+        return
+    made = REGISTRIES["ranking"].get(ranking.kind)(ranking)
+    if not len(made.samples([0.0] * options.episodes)):
+        report(
+            ("validate", "episodes"),
+            f"must be at least ranking.episodes, {ranking.episodes}, of which a fitness is made, not "
+            f"{options.episodes}",
+        )
 
 
 def _check_representation(checked: Checked, report: Report) -> Representation | None:

@@ -20,8 +20,8 @@ from swarmwright.representations import Representation
 from swarmwright.runs import edits, picture
 from swarmwright.runs.code import continuation, parts_of
 from swarmwright.runs.folders import default_folder, is_run, remove_run
-from swarmwright.runs.post_evaluation import EPISODES, after_run
 from swarmwright.runs.run import Run
+from swarmwright.runs.validation import is_due, validate
 from swarmwright.store import StoreReader, StoreWriter
 from swarmwright.store.folder import check_folder
 from swarmwright.user_code.notices import say
@@ -207,8 +207,10 @@ def _continue(
         changed = experiment != run.experiment
         loop = _new_loop(experiment, experiment.representation(), store)
         loop.replay(reader)
-        if loop.done:
-            if reader.sessions()[-1].outcome not in {"done", "stopped"}:
+        ended = reader.sessions()[-1].outcome in {"done", "stopped"}
+        asked = not ended or experiment.validate != run.experiment.validate
+        if loop.done and not is_due(experiment, reader, changed=asked):
+            if not ended:
                 # It was killed between its last generation and its end: only the end is missing.
                 store.begin("nothing was left to evaluate", loop.libraries)
                 store.conclude("done")
@@ -272,7 +274,7 @@ def _run(
     representation = experiment.representation(backend.sensors, backend.actuators)
     backend.log_to(store.folder)
     try:
-        store.conclude(loop.run(backend, on_generation, on_progress))
+        store.conclude("done" if loop.done else loop.run(backend, on_generation, on_progress))
         if store.outcome == "done":
             store.note_ended(loop.ended)
     except BaseException:
@@ -283,24 +285,21 @@ def _run(
         store.incidents(backend.incidents())
     store.save_best(representation)
     if store.outcome != "interrupted":
-        _post_evaluate(experiment, store, backend, on_progress)
+        _validate(experiment, store, backend, on_progress)
 
 
-def _post_evaluate(
+def _validate(
     experiment: Experiment, store: StoreWriter, backend: Backend, on_progress: Progress | None
 ) -> None:
     """Evaluate the best on held-out seeds where that is informative; the run is complete without it."""
     try:
-        found = after_run(experiment, store.reader(), backend, on_progress)
+        validate(experiment, store.reader(), backend, on_progress, store.note_validation)
     except RunError as error:
         logging.getLogger("swarmwright").warning(
             "the best was not evaluated on held-out seeds: %s; the run itself is finished, and "
-            "`swarmwright evaluate %s --episodes %d` does it later",
-            error, store.folder, EPISODES,
+            "`swarmwright resume %s` does it later",
+            error, store.folder,
         )  # fmt: skip
-        return
-    if found is not None:
-        store.note_unseen(found.stored())
 
 
 def prolonged(

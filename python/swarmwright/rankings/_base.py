@@ -28,11 +28,6 @@ class RankingOptions(Options):
     their episodes since they came, so that one lucky evaluation does not dominate permanently, and the best
     candidate of the run is that of the last generation. For noisy simulations and `seeds: new`; costs the
     evaluations of the members that stay. Only for methods that keep members: nnga, cea2d, .."""
-    unseen_episodes: int | None = Field(default=None, ge=0, le=100_000)
-    """Episodes with held-out seeds, in which the best is evaluated when the run has ended: the fitness of the
-    best of many noisy evaluations is biased upwards, and these estimate it without bias. They do not change
-    the record. 0: none. Default: where fitness depends on the seed, 60 or four times `episodes`, but at most
-    a twentieth of the run's episodes, and none if these are fewer than 10."""
     failed: Literal["last", "stop"] = "last"
     """What a failed evaluation leads to. last: the candidate ranks below all others, and the run goes on;
     a generation of which all candidates failed ends it. stop: the run ends, its results are kept, and

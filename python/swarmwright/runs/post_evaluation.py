@@ -1,36 +1,33 @@
 """Post-evaluation: a candidate's fitness in episodes with held-out seeds."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.core.errors import InputError, RunError
-from swarmwright.core.statistics import Estimate, Summary, estimate, quantile
+from swarmwright.core.statistics import Estimate, estimate, quantile
+from swarmwright.core.suggestions import unknown
 from swarmwright.core.untrusted import one_line
-from swarmwright.evaluation.base import Backend, Controllers, Progress, Servers
+from swarmwright.evaluation.base import Backend, Controllers, Progress, Results, Servers
 from swarmwright.evaluation.opening import open_backend
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.rankings import Ranking
 from swarmwright.runs.code import used_for
 from swarmwright.simulations import catalogue
-from swarmwright.store import StoreReader
-from swarmwright.typing import Genome
+from swarmwright.typing import Genomes
 
 if TYPE_CHECKING:
     from swarmwright.runs.run import Run
 
 
-EPISODES = 60
+EPISODES = 100
 """Episodes of a post-evaluation, unless another number is given."""
 _FIRST = 1_000_000_000  # far from the seeds that runs use
-_SHARE = 0.05  # of a run's episodes, at most, are spent on evaluating its best after it
-_LEAST = 10  # episodes; fewer are not informative
-_PROBED = 200  # evaluations of a run from which on it is tried whether fitness depends on the seed
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,11 +48,14 @@ class PostEvaluation:
     """(episodes,) fitness of each, NaN where it failed."""
     ranking: Ranking
     """Of the experiment."""
+    metrics: dict[str, NDArray[np.float64]]
+    """By name, (episodes,) each, NaN where the episode failed: those that the fitness needs, and those that
+    were asked for."""
 
     @cached_property
     def measured(self) -> list[float]:
         """Fitness of the episodes that did not fail."""
-        return [value for value in self.episodes.tolist() if math.isfinite(value)]
+        return _finite_of(self.episodes)
 
     @property
     def failed(self) -> int:
@@ -73,9 +73,7 @@ class PostEvaluation:
 
         With the aggregate mean it is the mean of the episodes.
         """
-        return estimate(
-            [value for value in self.ranking.samples(self.measured).tolist() if math.isfinite(value)]
-        )
+        return estimate(_finite_of(self.ranking.samples(self.measured)))
 
     def to_mapping(self) -> dict[str, Any]:
         """Return plain values."""
@@ -102,21 +100,41 @@ class PostEvaluation:
             "high": self.mean.high,
             "seeds": self.seeds,
             "values": self.episodes.tolist(),
+            "metrics": {
+                name: {**vars(estimate(_finite_of(column))), "values": column.tolist()}
+                for name, column in self.metrics.items()
+            },
+        }
+
+    def summary(self) -> dict[str, Any]:
+        """Return plain values, without those of each episode."""
+        return {
+            "number": self.number,
+            "generation": self.generation,
+            "candidate": self.candidate,
+            "recorded": self.recorded,
+            **{"fitness" if key == "mean" else key: value for key, value in vars(self.fitness).items()},
+            "failed": self.failed,
         }
 
     def stored(self) -> dict[str, Any]:
-        """Return the values that a run's store keeps."""
-        values = [value if math.isfinite(value) else None for value in self.episodes.tolist()]
+        """Return the values that exported packages keep."""
         return {
             "number": self.number, "generation": self.generation, "candidate": self.candidate,
-            "recorded": self.recorded, "seeds": self.seeds, "seen": self.seen, "episodes": values,
+            "recorded": self.recorded, "seeds": self.seeds, "seen": self.seen,
+            "episodes": finite(self.episodes),
         }  # fmt: skip
 
     @classmethod
-    def of_store(cls, values: dict[str, Any], ranking: Ranking) -> Self:
-        """Return a post-evaluation from the values that a store keeps."""
-        episodes = [math.nan if value is None else value for value in values["episodes"]]
-        return cls(**{**values, "episodes": np.array(episodes, dtype=np.float64)}, ranking=ranking)
+    def of_store(cls, values: Mapping[str, Any], ranking: Ranking) -> Self:
+        """Return a post-evaluation from the values that a run's store keeps of a validation."""
+        episodes, names = numbers(values["episodes"]), values["metrics"]
+        columns = numbers(values.get("values", [])).reshape(len(episodes), len(names)).T
+        others = {
+            key: values[key] for key in ("number", "generation", "candidate", "recorded", "seeds", "seen")
+        }
+        metrics = dict(zip(names, columns, strict=True))
+        return cls(**others, episodes=episodes, ranking=ranking, metrics=metrics)
 
 
 def post_evaluate(
@@ -130,6 +148,7 @@ def post_evaluate(
     broker: str | None = None,
     servers: Servers | None = None,
     on_progress: Progress | None = None,
+    metrics: Sequence[str] | Literal["all"] = (),
 ) -> PostEvaluation:
     """Evaluate a candidate of a run in other episodes than those it was chosen by.
 
@@ -147,9 +166,11 @@ def post_evaluate(
         broker: as in `optimize`.
         servers: as in `optimize`.
         on_progress: as in `optimize`.
+        metrics: names of metrics to be measured beside those that the fitness needs; "all": those that the
+            simulation announces.
 
     Raises:
-        InputError: there is no such candidate, or a number is out of range.
+        InputError: there is no such candidate or metric, or a number is out of range.
         RunError: no broker, no fitting server, or every episode failed.
     """
     if episodes < 1:
@@ -163,8 +184,10 @@ def post_evaluate(
     else:
         seeds = list(range(seed, seed + episodes))
     experiment = experiment or used_for(run, evaluation.generation)
-    with open_backend(experiment, broker=broker, servers=servers, most=len(seeds)) as backend:
-        values = _evaluated(experiment, backend, evaluation.genome, seeds, on_progress)
+    asked = _asked(experiment, metrics)
+    with open_backend(experiment, broker=broker, servers=servers, most=len(seeds), metrics=asked) as backend:
+        results = evaluated(experiment, backend, evaluation.genome[np.newaxis], seeds, on_progress)
+        names = backend.metrics
     return PostEvaluation(
         number=evaluation.number,
         generation=evaluation.generation,
@@ -172,54 +195,35 @@ def post_evaluate(
         recorded=evaluation.fitness,
         seeds=seeds,
         seen=len(used.intersection(seeds)),
-        episodes=values,
+        episodes=results.fitness[0] + 0.0,
         ranking=experiment.new_ranking(),
+        metrics=dict(zip(names, results.metrics[0].T + 0.0, strict=True)),
     )
 
 
-def of_run(run: "Run") -> PostEvaluation | None:
-    """Return the best of a run on held-out seeds, if it was evaluated when the run ended."""
-    values = run.store.unseen()
-    if values is None or values["number"] != run.evaluation().number:
-        return None  # the run went on, and another one is the best
-    return PostEvaluation.of_store(values, run.experiment.new_ranking())
+def _asked(experiment: Experiment, metrics: Sequence[str]) -> list[str]:
+    """Return the names of the metrics that are asked for. Raises InputError for one that is not there."""
+    if not catalogue.is_here(experiment.simulation):
+        if metrics == "all":
+            raise InputError(
+                f"metrics: those of {experiment.label}, which is not here, are not known; give their names"
+            )
+        return list(metrics)
+    there = list(catalogue.description(experiment.simulation)["metrics"])
+    if metrics == "all":
+        return there
+    for name in metrics:
+        if name not in there:
+            raise InputError(f"metrics: {unknown('metric', name, there)}")
+    return list(metrics)
 
 
-def after_run(
-    experiment: Experiment, reader: StoreReader, backend: Backend, on_progress: Progress | None
-) -> PostEvaluation | None:
-    """Return the best of a run that has ended on held-out seeds; None where that would add nothing.
+def unseen_seeds(first: int, used: set[int], count: int, begin: int | None = None) -> list[int]:
+    """Return simulation seeds that are none of `used`, the first ones from `begin` on.
 
-    It is done where the fitness depends on the seed, judged by `ranking.seeds`, by the episodes in the
-    record, or, of a simulation that is here, by trying. At most a twentieth of the run's episodes are spent.
-
-    Raises RunError as `post_evaluate`.
+    Default of `begin`: parameters.seed, which is `first`, + 10**9.
     """
-    last = reader.last()
-    asked = experiment.ranking.unseen_episodes
-    count = _affordable(experiment, last) if asked is None else asked
-    if last is None or count == 0 or not (asked or _depends(experiment, reader, last, backend)):
-        return None
-    best = reader.evaluation(None, None)
-    seeds = unseen_seeds(experiment.first_seed, reader.used_seeds(), count)
-    values = _evaluated(experiment, backend, best.genome, seeds, on_progress)
-    found = PostEvaluation(
-        number=best.number,
-        generation=best.generation,
-        candidate=best.candidate,
-        recorded=best.fitness,
-        seeds=seeds,
-        seen=0,
-        episodes=values,
-        ranking=experiment.new_ranking(),
-    )
-    nothing_new = found.fitness.mean == best.fitness and len(set(found.measured)) == 1 and not found.failed
-    return None if nothing_new and not asked else found
-
-
-def unseen_seeds(first: int, used: set[int], count: int) -> list[int]:
-    """Return simulation seeds that are none of `used`: the first ones from parameters.seed + 10**9 on."""
-    seed = first + _FIRST if first < 2**62 else first - 2**61
+    seed = begin if begin is not None else first + _FIRST if first < 2**62 else first - 2**61
     seeds: list[int] = []
     while len(seeds) < count:
         if seed not in used:
@@ -228,65 +232,46 @@ def unseen_seeds(first: int, used: set[int], count: int) -> list[int]:
     return seeds
 
 
-def _evaluated(
+def evaluated(
     experiment: Experiment,
     backend: Backend,
-    genome: Genome,
+    genomes: Genomes,
     seeds: Sequence[int],
     on_progress: Progress | None,
-) -> NDArray[np.float64]:
+    *,
+    may_fail: bool = False,
+) -> Results:
+    """Return the results of genomes, (candidates, genome_size), in an episode of each seed.
+
+    Raises RunError when every episode failed, unless that may be.
+    """
     representation = experiment.representation(backend.sensors, backend.actuators)
-    if len(genome) != representation.genome_size:
+    if genomes.shape[1] != representation.genome_size:
         raise InputError(
-            f"the run's controllers have {len(genome)} genes, those of this experiment have "
+            f"the run's controllers have {genomes.shape[1]} genes, those of this experiment have "
             f"{representation.genome_size}"
         )
-    controllers = Controllers.of(representation, genome[np.newaxis])
     backend.post_evaluates()
+    controllers = Controllers.of(representation, genomes)
     results = backend.evaluate(controllers, seeds, on_progress or (lambda *_: None))
-    values: NDArray[np.float64] = results.fitness[0] + 0.0
-    if not np.isfinite(values).any():
+    if not (may_fail or np.isfinite(results.fitness).any()):
         reasons = results.journal.errors
         last = one_line(reasons[-1]) if reasons else "not known"
         raise RunError(f"every episode failed; the last reason: {last}")
-    return values
+    return results
 
 
-def _affordable(experiment: Experiment, last: Summary | None) -> int:
-    """Return how many episodes the budget allows: whole groups as the ranking takes them, 0 for too few."""
-    group = experiment.ranking.episodes
-    spent = 0 if last is None else last.evaluations * group
-    count = min(max(EPISODES, 4 * group), int(spent * _SHARE))
-    count -= count % group
-    return count if count >= max(_LEAST, group) else 0
+def _finite_of(values: NDArray[np.float64]) -> list[float]:
+    return [value for value in values.tolist() if math.isfinite(value)]
 
 
-def _depends(experiment: Experiment, reader: StoreReader, last: Summary, backend: Backend) -> bool:
-    """Whether fitness depends on the seed."""
-    ranking = experiment.ranking
-    if ranking.seeds == "new":
-        return True
-    if ranking.episodes > 1:
-        ends = (*reader.one_generation(last.generation), *reader.one_generation(0))
-        return any(_differ(one.episodes) for one in ends)
-    return _tried(experiment, reader, last, backend)
+def finite(values: NDArray[np.float64]) -> list[Any]:
+    """Return numbers as nested lists, None in the place of those that are not finite."""
+    if values.ndim > 1:
+        return [finite(one) for one in values]
+    return [value if math.isfinite(value) else None for value in values.tolist()]
 
 
-def _differ(rows: NDArray[np.float64]) -> bool:
-    """Whether the episodes of any candidate, (candidates, episodes), came out differently."""
-    return bool(((rows != rows[:, :1]) & np.isfinite(rows) & np.isfinite(rows[:, :1])).any())
-
-
-def _tried(experiment: Experiment, reader: StoreReader, last: Summary, backend: Backend) -> bool:
-    """Try two candidates with other seeds, where the simulation is here."""
-    from swarmwright.evaluation.in_process import InProcessBackend  # noqa: PLC0415 - only where it is evaluated here
-
-    if not catalogue.is_here(experiment.simulation) or last.evaluations < _PROBED:
-        return False
-    if experiment.simulation in catalogue.titles():
-        backend = InProcessBackend(experiment)  # costs almost nothing, without network traffic
-    genomes = np.stack([reader.evaluation(None, None).genome, reader.evaluation(0, 0).genome])
-    first = experiment.first_seed
-    representation = experiment.representation(backend.sensors, backend.actuators)
-    seeds = [first, *unseen_seeds(first, set(), 2)]
-    return _differ(backend.evaluate(Controllers.of(representation, genomes), seeds, lambda *_: None).fitness)
+def numbers(values: list[Any]) -> NDArray[np.float64]:
+    """Return what `finite` was made of."""
+    return np.array(values, dtype=np.float64)  # None becomes NaN

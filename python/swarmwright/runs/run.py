@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
     from swarmwright.runs.page import ReplayPage
     from swarmwright.runs.post_evaluation import PostEvaluation
+    from swarmwright.runs.validation import Validation
 
 State = Literal["done", "stopped", "running", "interrupted", "killed", "failed"]
 
@@ -131,14 +132,26 @@ class Run:
         return Best(best.fitness, best.generation, best.candidate, specification)
 
     @cached_property
-    def unseen(self) -> "PostEvaluation | None":
-        """The best candidate on held-out seeds, evaluated when the run ended.
+    def validation(self) -> "Validation | None":
+        """The best candidates on held-out seeds, evaluated when the run ended, as `validate` says.
 
-        None where its fitness does not depend on the seed, or `ranking.unseen_episodes` is 0.
+        None where that is switched off or has not been done, and of runs that are too short for it.
         """
-        from swarmwright.runs.post_evaluation import of_run
+        from swarmwright.runs.validation import of_run
 
         return of_run(self) if self.generations else None
+
+    @property
+    def validation_is_due(self) -> bool:
+        """Whether the validation was begun and is not finished: `resume` goes on with it."""
+        stored = self.store.validation()
+        return stored is not None and stored["state"] == "due"
+
+    @property
+    def unseen(self) -> "PostEvaluation | None":
+        """The best candidate on held-out seeds: `validation.best`; None where fitness depends on no seed."""
+        validation = self.validation
+        return None if validation is None or not validation.depends_on_seed else validation.best
 
     @cached_property
     def sessions(self) -> list[Session]:

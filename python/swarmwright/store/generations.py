@@ -8,8 +8,12 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from swarmwright.core.errors import InputError
 from swarmwright.core.statistics import Summary
+from swarmwright.rankings._base import best_first
 from swarmwright.store import digests
 from swarmwright.store.blocks import COLUMNS, EvaluationsDigest, Record, decoded, of_columns
 
@@ -158,6 +162,27 @@ class Generations:
             raise self.damaged(f"{missing} evaluations are missing", row.generation)
         if of_columns(total.columns(), row.first, row.generation, row.count) != row.evaluations_digest:
             raise self.damaged(_DISAGREE, row.generation)
+
+    def by_fitness(self, first: int) -> NDArray[np.int64]:
+        """Return the numbers of the evaluations from `first` on that did not fail, the best first.
+
+        Of equals, the first one comes first. Only their fitness is read, and compared with nothing.
+        """
+        cursor = self._connection.execute(
+            "SELECT first, fitness FROM block WHERE first + evaluations > ? ORDER BY first", (first,)
+        )
+        numbers, values = [np.zeros(0, np.int64)], [np.zeros(0)]
+        try:
+            for begin, column in cursor:
+                fitness = np.frombuffer(column, dtype="<f8")
+                numbers.append(np.arange(begin, begin + len(fitness), dtype=np.int64))
+                values.append(fitness)
+        except _WRONG as error:
+            raise self.damaged(_DISAGREE) from error
+        number, value = np.concatenate(numbers), np.concatenate(values)
+        order = best_first(value)
+        chosen: NDArray[np.int64] = number[order]
+        return chosen[np.isfinite(value[order]) & (chosen >= first)]
 
     def checked_evaluations(self, row: Row) -> Iterator[Record]:
         """Yield the evaluations of a generation, all of which have been compared before."""

@@ -52,6 +52,10 @@ class Best:
     genome: Genome
 
 
+_LOOKED_AT = 50
+"""Evaluations that are read for each of the leading ones, at most: many may have the same genome."""
+
+
 class StoreReader:
     """Reads the store in a run folder.
 
@@ -166,10 +170,17 @@ class StoreReader:
         """Return what ended a run that is done; empty where that was not written."""
         return self._facts_now().get("ended", "")
 
-    def unseen(self) -> dict[str, Any] | None:
-        """Return the results of the best on held-out seeds; None when it was not evaluated on them."""
-        text = self._facts_now().get("unseen")
-        return None if text is None else self._parsed(text)
+    def validation(self) -> dict[str, Any] | None:
+        """Return what is stored of the validation, see `runs.validation`; None of a run that has none yet."""
+        facts = self._facts_now()
+        if "validation" in facts:
+            values: dict[str, Any] = self._parsed(facts["validation"])
+            return values
+        if "unseen" in facts:  # of an earlier version, of the best alone
+            one = self._parsed(facts["unseen"])
+            seeds, seen = one.pop("seeds"), one.pop("seen")
+            return {"state": "done", "seeds": seeds, "seen": seen, "metrics": [], "candidates": [one]}
+        return None
 
     def record(self) -> Record:
         """Return every evaluation of the finished generations."""
@@ -191,6 +202,28 @@ class StoreReader:
         with self._generations() as generations:
             seeds: list[int] = self._parsed(self._row(generations, generation).seeds)
         return seeds
+
+    def leading(self, count: int, *, last_only: bool = False) -> list[Evaluation]:
+        """Return the best evaluation of the run, and the next best with other genomes, the best first.
+
+        Args:
+            count: how many, at most. Fewer where there are fewer genomes whose evaluation has not failed.
+            last_only: whether those beside the best are of the last generation only.
+        """
+        best = self.evaluation(None, None)
+        found, known = [best], {best.genome.tobytes()}
+        with self._generations() as generations:
+            row = generations.last()
+            first = row.first if last_only and row is not None else 0
+            numbers = generations.by_fitness(first) if count > 1 else ()
+        for number in numbers[: _LOOKED_AT * count]:
+            if len(found) >= count:
+                break
+            one = self.evaluation(int(number), None)
+            if one.genome.tobytes() not in known:
+                known.add(one.genome.tobytes())
+                found.append(one)
+        return found
 
     def evaluation(self, candidate: int | None, generation: int | None) -> Evaluation:
         """Return one evaluation; None as in `Run.evaluation`."""

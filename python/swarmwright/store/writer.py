@@ -82,6 +82,7 @@ class StoreWriter:
         self._session = 0
         self._started = self._written = time.monotonic()
         self._outcome: str | None = None
+        self._ended: float | None = None
         self._finished: list[_Finished] = []
         self._seeds = _Seeds()
 
@@ -349,11 +350,11 @@ class StoreWriter:
         with suppress(RunError), self._writing():
             self._store.connection.execute(_EVENT, (self._session, None, timestamp(), "incidents", text))
 
-    def note_unseen(self, values: Mapping[str, Any]) -> None:
-        """Write the results of the best on held-out seeds; they are not part of the record."""
+    def note_validation(self, values: Mapping[str, Any]) -> None:
+        """Write what is known of the best candidates on held-out seeds; it is not part of the record."""
         text = json.dumps(dict(values), allow_nan=False)
         with self._writing():
-            self._store.connection.execute("INSERT OR REPLACE INTO fact VALUES ('unseen', ?)", (text,))
+            self._store.connection.execute("INSERT OR REPLACE INTO fact VALUES ('validation', ?)", (text,))
             seal_facts(self._store.connection)
 
     def note_ended(self, ended: str | None) -> None:
@@ -363,8 +364,12 @@ class StoreWriter:
             seal_facts(self._store.connection)
 
     def conclude(self, outcome: str) -> None:
-        """Say how this session ended: done, interrupted, stopped, or why it failed."""
+        """Say how this session ended: done, interrupted, stopped, or why it failed.
+
+        What is done after it, the validation, is not part of the session's duration.
+        """
         self._outcome = outcome
+        self._ended = time.monotonic()
 
     @property
     def outcome(self) -> str | None:
@@ -423,7 +428,7 @@ class StoreWriter:
                 with self._writing():
                     self._store.connection.execute(
                         "UPDATE session SET seconds = ?, outcome = ? WHERE session = ?",
-                        (time.monotonic() - self._started, self._outcome, self._session),
+                        ((self._ended or time.monotonic()) - self._started, self._outcome, self._session),
                     )
         except RunError as error:
             failed = failed or error

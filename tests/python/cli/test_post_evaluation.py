@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from swarmwright import Experiment, optimize
+from swarmwright import Experiment, Run, optimize
 
 NOISY = """\
 simulation: minisim
@@ -34,10 +34,16 @@ def test_noisy_runs_end_with_it(program: Any, noisy: Path) -> None:
     assert (unseen["episodes"], unseen["seed"]) == (30, 1_000_000_000)
     assert unseen["low"] < unseen["fitness"] < unseen["high"] < last["best"]["fitness"]
     fitness = f"{unseen['fitness']:.4g} +- {unseen['standard_error']:.2g}"
-    chosen = f"best {last['best']['fitness']:.6g} on the seeds it was chosen on"
-    assert (
-        f"{chosen}; {fitness} on 30 episodes with held-out seeds\n" in program("runs", "show", "run").stdout
+    interval = f"{unseen['low']:.4g} to {unseen['high']:.4g}"
+    said = (
+        f"itness during evolution {last['best']['fitness']:.6g} (2 episodes of generation "
+        f"{last['best']['generation']}); on 30 episodes with held-out seeds {unseen['fitness']:.4g}, "
+        f"95 % confidence interval {interval} (Student's t)"
     )
+    assert said in program("runs", "show", "run").stdout
+    shown = json.loads(program("runs", "show", "run", "--json").stdout)
+    assert shown["validation"] == last["validation"]
+    assert shown["validation"]["candidates"][0]["fitness"] == unseen["fitness"]
     assert f" ({fitness} on held-out seeds), 300 evaluations" in program("sweep", "sweep.yaml").stdout
 
 
@@ -57,3 +63,66 @@ def test_any_run_can_be_asked(program: Any, noisy: Path) -> None:
         "swarmwright: --set parameters.maxSteps=3: parameters: the record was not made with it; "
         "give --episodes\n"
     )
+
+
+def test_the_best_ones_are_listed(program: Any, noisy: Path) -> None:
+    asked = ("--set", "validate.episodes=40", "--set", "validate.candidates=3")
+    text = program("optimize", noisy, "--out", "run", *asked).stdout
+    assert "on 40 episodes with held-out seeds" in text
+    table = text[text.index("The 3 best on these seeds:") :].splitlines()
+    assert "generation  candidate  during evolution  held-out  95 % interval" in table[1]
+    values = json.loads(program("runs", "show", "run", "--json").stdout)["validation"]["candidates"]
+    for line, one in zip(table[2:5], values, strict=True):
+        assert line.split()[:2] == [str(one["generation"]), str(one["candidate"])]
+        assert f"{one['recorded']:.6g}" in line
+        assert line.split()[3:] == [f"{one['fitness']:.4g}", f"{one['low']:.4g}", "to", f"{one['high']:.4g}"]
+    without = program("optimize", noisy, "--out", "off", "--set", "validate=false").stdout
+    assert "held-out" not in without
+
+
+def test_a_fitness_without_chance_is_said_to_be_so(program: Any, noisy: Path) -> None:
+    fixed = ("--set", "parameters.placement=fixed", "--set", "validate.episodes=100")
+    text = program("optimize", noisy, "--out", "run", *fixed).stdout
+    said = (
+        "Fitness does not depend on the seed: 10 episodes with held-out seeds came out as those of the run."
+    )
+    assert said in text
+    last = json.loads(program("runs", "show", "run", "--json").stdout)
+    assert last["unseen"] is None
+    assert (last["validation"]["depends_on_seed"], last["validation"]["episodes"]) == (False, 10)
+
+
+def test_resume_does_what_is_left_of_it(program: Any, noisy: Path) -> None:
+    program("optimize", noisy, "--out", "run", "--set", "validate=false")
+    assert "there is nothing left to do" in program("resume", "run").stdout
+    later = program("resume", "run", "--set", "validate.episodes=50")
+    assert "run is finished: its best candidates are validated." in later.stdout
+    assert "on 50 episodes with held-out seeds" in later.stdout
+    assert "there is nothing left to do" in program("resume", "run").stdout
+
+
+@pytest.mark.parametrize("servers", ["local", "2"])
+def test_metrics_are_measured_where_they_are_asked_for(program: Any, noisy: Path, servers: str) -> None:
+    fitness = ("--set", "fitness=arrived - 0.1 * distance", "--set", "method.generations=2")
+    program("optimize", noisy, "--out", "run", "--set", "validate.episodes=20", *fitness)
+    options = ("--episodes", "20", "--servers", servers, "--json")
+    plain = json.loads(program("evaluate", "run", *options).stdout)
+    assert list(plain["metrics"]) == ["arrived", "distance"]
+    values = json.loads(program("evaluate", "run", *options, "--metrics", "all").stdout)
+    assert values["values"] == plain["values"]
+    assert list(values["metrics"]) == ["arrived", "distance", "caught", "steps"]
+    for index, value in enumerate(values["values"]):
+        one = {name: metric["values"][index] for name, metric in values["metrics"].items()}
+        assert value == one["arrived"] - 0.1 * one["distance"]
+        assert 1 <= one["steps"] <= 15
+    assert (
+        json.loads(program("evaluate", "run", *options, "--metrics", "steps").stdout)["metrics"]["steps"]
+        == (values["metrics"]["steps"])
+    )
+    last = Run.open(noisy.parent / "run").validation
+    assert last is not None
+    assert last.best.metrics["arrived"].tolist() == values["metrics"]["arrived"]["values"]
+    wrong = program("evaluate", "run", *options, "--metrics", "arived")
+    assert wrong.returncode == 2
+    assert "metrics: unknown metric 'arived'; did you mean 'arrived'?" in wrong.stderr
+    assert "--metrics needs --episodes" in program("evaluate", "run", "--metrics", "all").stderr

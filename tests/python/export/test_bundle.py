@@ -18,13 +18,13 @@ from swarmwright.export.bundle_verification import verify_bundle
 from swarmwright.export.subject import subject_of
 
 MINISIM: dict[str, Any] = {
-    "simulation": "minisim", "servers": "local", "ranking": {"episodes": 2, "unseen_episodes": 12},
+    "simulation": "minisim", "servers": "local", "ranking": {"episodes": 2}, "validate": {"episodes": 12},
     "parameters": {"placement": "random", "numAgents": 2},
     "controller": {"kind": "fully_meshed", "hidden": 2, "activation": "tanh"},
     "method": {"kind": "nnga", "population": 20, "generations": 30},
 }  # fmt: skip
 RULE: dict[str, Any] = {
-    **MINISIM, "parameters": {"steering": "rule"},
+    **MINISIM, "parameters": {"steering": "rule", "placement": "random"},
     "controller": {"kind": "parameter_set", "parameters": {
         "avoidance": {"type": "real", "range": [0, 5]},
         "evasion": {"type": "categorical", "choices": ["left", "right"]},

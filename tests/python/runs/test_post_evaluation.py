@@ -1,4 +1,4 @@
-"""The best of a run in episodes that it was not chosen by."""
+"""A candidate of a run in episodes that it was not chosen by."""
 
 from pathlib import Path
 from typing import Any
@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swarmwright import Experiment, InputError, Run, evaluate, optimize, post_evaluate, resume
+from swarmwright import Experiment, InputError, Run, evaluate, optimize, post_evaluate
 from swarmwright.core.statistics import estimate
 from swarmwright.runs.post_evaluation import unseen_seeds
 
@@ -31,76 +31,8 @@ def again(run: Run, seeds: list[int], parameters: dict[str, Any] | None = None) 
     return [float(evaluate(changed.replace(parameters={"seed": seed}), genome)[0]) for seed in seeds]
 
 
-def test_a_noisy_run_says_what_its_best_is_worth_on_seeds_not_seen(tmp_path: Path) -> None:
-    run = run_of(tmp_path)
-    unseen = run.unseen
-    assert unseen is not None
-    assert len(unseen.episodes) == 30  # a twentieth of 15 x 20 x 2
-    assert not run.store.used_seeds() & set(unseen.seeds)
-    assert unseen.episodes.tolist()[:5] == again(run, unseen.seeds[:5])
-    assert unseen.recorded == run.best.fitness
-    assert unseen.fitness.mean == pytest.approx(np.mean(unseen.episodes))
-    assert unseen.fitness.mean < run.best.fitness - 2, "it was the luckiest"
-    assert Run.open(run.path).unseen.to_mapping() == unseen.to_mapping()  # type: ignore[union-attr]
-
-
-def test_it_changes_nothing_of_the_record_and_does_not_depend_on_servers(tmp_path: Path) -> None:
-    run = run_of(tmp_path)
-    without = run_of(tmp_path, ranking={"unseen_episodes": 0})
-    servers = run_of(tmp_path, servers=2)
-    assert without.unseen is None
-    assert run.digest == without.digest == servers.digest
-    assert servers.unseen is not None
-    assert run.unseen is not None
-    assert servers.unseen.stored() == run.unseen.stored()
-
-
-@pytest.mark.parametrize(
-    ("changes", "told"),
-    [
-        # One seed, learned by heart.
-        ({"ranking": {"seeds": "same", "episodes": 1}, "method": {"population": 30}}, True),
-        ({"ranking": {"seeds": "same", "episodes": 4}}, True),
-        ({"parameters": {"placement": "fixed"}, "ranking": {"seeds": "same", "episodes": 1}}, False),
-        ({"parameters": {"placement": "fixed"}, "ranking": {"seeds": "same", "episodes": 4}}, False),
-        ({"parameters": {"placement": "fixed"}}, False),
-        ({"method": {"generations": 3}}, False),  # too few evaluations for it
-        ({"method": {"operation": "steady_state", "kind": "random_search", "population": 20,
-                     "generations": 15}, "ranking": {"seeds": "same"}}, True),
-    ],
-)  # fmt: skip
-def test_it_is_told_where_fitness_depends_on_the_seed(
-    changes: dict[str, Any], told: bool, tmp_path: Path
-) -> None:
-    assert (run_of(tmp_path, **changes).unseen is not None) is told
-
-
-def test_nothing_is_sent_to_servers_of_others_for_one_episode_with_one_seed(tmp_path: Path) -> None:
-    # Servers are asked only where the record shows that the seed matters.
-    run = run_of(
-        tmp_path, parameters={"placement": "fixed"}, ranking={"seeds": "same", "episodes": 1}, servers=1
-    )
-    assert sum(attempt.candidates * attempt.episodes for attempt in run.attempts()) == run.evaluations
-    assert run.unseen is None
-
-
-def test_the_number_of_episodes_can_be_set(tmp_path: Path) -> None:
-    run = run_of(tmp_path, ranking={"unseen_episodes": 7})
-    assert run.unseen is not None
-    assert len(run.unseen.episodes) == 7
-
-
-def test_a_run_that_goes_on_has_it_anew(tmp_path: Path) -> None:
-    run = run_of(tmp_path, method={"generations": 11})
-    longer = resume(run, generations=15)
-    whole = run_of(tmp_path)
-    assert longer.unseen is not None
-    assert whole.unseen is not None
-    assert longer.unseen.stored() == whole.unseen.stored()
-
-
 def test_any_candidate_is_evaluated_in_other_episodes(tmp_path: Path) -> None:
-    run = run_of(tmp_path, ranking={"unseen_episodes": 0})
+    run = run_of(tmp_path, validate=False)
     found = post_evaluate(run, episodes=20, seed=5)
     assert found.seeds == list(range(5, 25))
     assert found.seen == 20, "the run used 0 to 29"

@@ -161,7 +161,7 @@ def test_what_is_printed_is_in_the_log_with_its_candidate(tmp_path: Path, progra
 @pytest.mark.parametrize("operation", ["generational", "steady_state"])
 def test_what_is_printed_in_the_post_evaluation_is_no_generation_s(tmp_path: Path, operation: str) -> None:
     method = {"kind": "random_search", "population": 4, "generations": 3, "operation": operation}
-    told = experiment("Tell", method=method, ranking={"unseen_episodes": 6})
+    told = experiment("Tell", method=method, validate={"episodes": 6, "candidates": 1})
     run = optimize(told, servers=1, out=tmp_path / "run")
     log = (run.path / "servers.log").read_text().splitlines()
     of_it = [re.findall(r"server \d+, post-evaluation, episode (\d+): seed (\d+)$", line) for line in log]

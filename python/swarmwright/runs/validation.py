@@ -1,0 +1,311 @@
+"""Validation: a run's best candidates on held-out seeds, when it has ended.
+
+What is stored of it is apart from the record: `state`, `seeds`, `seen`, `metrics`, and `candidates` with
+their fitness of each episode. The state is `due` (under way, with the episodes so far), `done`, `same`
+(fitness does not depend on the seed) or `none` (switched off, or the run was too short).
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmwright.core.statistics import Estimate, estimate
+from swarmwright.evaluation.base import Backend, Progress
+from swarmwright.experiment.document import AUTO
+from swarmwright.experiment.experiment import Experiment
+from swarmwright.rankings import Ranking
+from swarmwright.runs.post_evaluation import (
+    EPISODES,
+    PostEvaluation,
+    evaluated,
+    finite,
+    numbers,
+    unseen_seeds,
+)
+from swarmwright.store import Evaluation, StoreReader
+
+if TYPE_CHECKING:
+    from swarmwright.runs.run import Run
+
+_SHARE = 0.05  # of a run's episodes, at most, are spent on validating its best with `episodes: auto`
+_LEAST = 10  # episodes; fewer are not informative
+_TRIED = {True: 5, False: 10}
+"""Episodes after which it is decided whether fitness depends on the seed, by whether their number is auto."""
+_PARTS = 20  # at most, in which the other episodes are evaluated and stored
+_PART = 25  # episodes of each candidate, at least, in one of them
+
+Keep = Callable[[dict[str, Any]], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Validation:
+    """A run's best candidates in the same episodes with held-out seeds."""
+
+    candidates: list[PostEvaluation]
+    """The best of the run, then the next best ones, by their fitness in the record; never empty."""
+    depends_on_seed: bool
+    """Whether fitness depends on the seed, as far as it was tried; if not, the trial was all."""
+
+    @property
+    def best(self) -> PostEvaluation:
+        """The best of the run, by its fitness in the record."""
+        return self.candidates[0]
+
+    @property
+    def leading(self) -> PostEvaluation:
+        """The candidate with the highest fitness on the held-out seeds; of equals, the first."""
+        return max(self.candidates, key=lambda one: (math.isfinite(one.fitness.mean), one.fitness.mean))
+
+    @property
+    def lead(self) -> Estimate | None:
+        """How much `leading` is better than `best`, of the same episodes; None where they are the same one.
+
+        None also where an episode failed, so that they cannot be compared one by one.
+        """
+        ahead, best = self.leading, self.best
+        if ahead is best or ahead.failed or best.failed:
+            return None
+        samples = (one.ranking.samples(one.measured) for one in (ahead, best))
+        return estimate([one - other for one, other in zip(*samples, strict=True)])
+
+    @property
+    def seeds(self) -> list[int]:
+        """Simulation seed of each episode."""
+        return self.best.seeds
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Return plain values."""
+        return {
+            "depends_on_seed": self.depends_on_seed,
+            "episodes": len(self.seeds),
+            "seeds": self.seeds,
+            "candidates": [one.summary() for one in self.candidates],
+        }
+
+    @classmethod
+    def of_store(cls, values: dict[str, Any], ranking: Ranking) -> Self:
+        """Return a validation from what a store keeps of it."""
+        shared = {key: values[key] for key in ("seeds", "seen", "metrics")}
+        candidates = [PostEvaluation.of_store({**shared, **one}, ranking) for one in values["candidates"]]
+        return cls(candidates=candidates, depends_on_seed=values["state"] != "same")
+
+
+def of_run(run: "Run") -> Validation | None:
+    """Return a run's validation; None where there is none of its best."""
+    values = run.store.validation()
+    if values is None or values["state"] not in {"done", "same"}:
+        return None
+    if values["candidates"][0]["number"] != run.evaluation().number:
+        return None  # the run went on, and another one is the best
+    return Validation.of_store(values, run.experiment.new_ranking())
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """What is evaluated."""
+
+    candidates: list[Evaluation]
+    seeds: list[int]
+    tried: int
+    """Episodes after which it is decided."""
+    first: Evaluation
+    """The first evaluation of the run."""
+
+    @property
+    def numbers(self) -> list[int]:
+        """Of the evaluations in the whole run."""
+        return [one.number for one in self.candidates]
+
+    def fits(self, stored: dict[str, Any] | None) -> bool:
+        """Return whether what is stored is of the same candidates and seeds."""
+        if stored is None or stored["state"] == "none":
+            return False
+        numbers = [one["number"] for one in stored["candidates"]]
+        seeds = self.seeds[: self.tried] if stored["state"] == "same" else self.seeds
+        return bool(numbers == self.numbers and stored["seeds"] == seeds)
+
+
+def is_due(experiment: Experiment, reader: StoreReader, *, changed: bool) -> bool:
+    """Return whether a run that has ended is to be validated still.
+
+    changed: whether it is asked for otherwise than before.
+    """
+    stored = reader.validation()
+    if stored is not None and stored["state"] == "due":
+        return True
+    if not changed:
+        return False
+    plan = _planned(experiment, reader)
+    return plan is not None and not plan.fits(stored)
+
+
+def validate(
+    experiment: Experiment, reader: StoreReader, backend: Backend, on_progress: Progress | None, keep: Keep
+) -> None:
+    """Validate the best candidates of a run that has ended.
+
+    Args:
+        experiment: as it was run; `validate` says how many episodes of how many candidates.
+        reader: reads the run.
+        backend: evaluates.
+        on_progress: as in `optimize`.
+        keep: stores what is known so far; a validation that was interrupted goes on from there.
+
+    Raises RunError when every episode fails, or servers do.
+    """
+    plan = _planned(experiment, reader)
+    if plan is None:
+        keep({"state": "none"})
+        return
+    stored = reader.validation()
+    work = _Work(experiment, plan, backend, on_progress, keep)
+    if stored is not None and plan.fits(stored) and stored["state"] == "due":
+        work.take_up(stored)
+    else:
+        work.keep("due")
+    work.to(plan.tried)
+    if not _differ(work.rows) and not _record_differs(experiment, reader) and not work.other():
+        work.keep("same")
+        return
+    size = max(_PART, math.ceil(len(plan.seeds) / _PARTS))
+    while work.done < len(plan.seeds):
+        work.to(min(len(plan.seeds), work.done + size))
+    work.keep("done")
+
+
+class _Work:
+    """A validation under way."""
+
+    def __init__(
+        self,
+        experiment: Experiment,
+        plan: _Plan,
+        backend: Backend,
+        on_progress: Progress | None,
+        keep: Keep,
+    ) -> None:
+        self._experiment, self._plan, self._backend = experiment, plan, backend
+        self._on_progress, self._keep = on_progress, keep
+        self._genomes = np.stack([one.genome for one in plan.candidates])
+        count = len(plan.candidates)
+        self._fitness = np.zeros((count, 0))
+        self._metrics = np.zeros((count, 0, len(backend.metrics)))
+
+    @property
+    def done(self) -> int:
+        """Episodes of each candidate so far."""
+        return self._fitness.shape[1]
+
+    def take_up(self, stored: dict[str, Any]) -> None:
+        """Go on from what is stored, unless other metrics are."""
+        if stored["metrics"] != list(self._backend.metrics):
+            return
+        self._fitness = np.stack([numbers(one["episodes"]) for one in stored["candidates"]])
+        self._metrics = np.stack([numbers(one["values"]) for one in stored["candidates"]])
+        self._metrics = self._metrics.reshape(*self._fitness.shape, len(self._backend.metrics))
+
+    def to(self, count: int) -> None:
+        """Evaluate until each candidate has so many episodes, and store them."""
+        if count <= self.done:
+            return
+        before, all_ = self.done * len(self._genomes), len(self._plan.seeds) * len(self._genomes)
+
+        def progress(done: int, _: int, waiting_for: str) -> None:
+            if self._on_progress is not None:
+                self._on_progress(before + done, all_, waiting_for)
+
+        results = evaluated(
+            self._experiment,
+            self._backend,
+            self._genomes,
+            self._plan.seeds[self.done : count],
+            progress,
+            may_fail=bool(np.isfinite(self._fitness).any()),
+        )
+        self._fitness = np.concatenate([self._fitness, results.fitness + 0.0], axis=1)
+        self._metrics = np.concatenate([self._metrics, results.metrics], axis=1)
+        self.keep("due")
+
+    def keep(self, state: str) -> None:
+        """Store what is known."""
+        plan = self._plan
+        self._keep(
+            {
+                "state": state,
+                "seeds": plan.seeds[: self.done] if state == "same" else plan.seeds,
+                "seen": 0,
+                "metrics": list(self._backend.metrics),
+                "candidates": [
+                    {
+                        "number": one.number,
+                        "generation": one.generation,
+                        "candidate": one.candidate,
+                        "recorded": one.fitness,
+                        "episodes": finite(self._fitness[index]),
+                        "values": finite(self._metrics[index]),
+                    }
+                    for index, one in enumerate(plan.candidates)
+                ],
+            }
+        )
+
+    @property
+    def rows(self) -> list[NDArray[np.float64]]:
+        """Return the fitness of each candidate's episodes, with those in the record before them."""
+        return [
+            np.concatenate([one.episodes, values])
+            for one, values in zip(self._plan.candidates, self._fitness, strict=True)
+        ]
+
+    def other(self) -> bool:
+        """Try the first candidate of the run, which is no good one yet; whether its episodes differ."""
+        first = self._plan.first
+        results = evaluated(
+            self._experiment,
+            self._backend,
+            first.genome[np.newaxis],
+            self._plan.seeds[: self._plan.tried],
+            lambda *_: None,
+            may_fail=True,
+        )
+        return _differ([np.concatenate([first.episodes, results.fitness[0] + 0.0])])
+
+
+def _planned(experiment: Experiment, reader: StoreReader) -> _Plan | None:
+    """Return what is evaluated; None for nothing."""
+    options, ranking, last = experiment.validate, experiment.ranking, reader.last()
+    automatic = options.episodes == AUTO
+    if last is None or options.episodes == 0:
+        return None
+    count, most = options.episodes, options.candidates
+    if automatic:
+        affordable = int(last.evaluations * ranking.episodes * _SHARE)
+        count = min(max(EPISODES, 4 * ranking.episodes), affordable)
+        count -= count % ranking.episodes
+        if count < max(_LEAST, ranking.episodes):
+            return None
+        most = max(1, min(most, affordable // count))
+    candidates = reader.leading(most, last_only=ranking.reevaluate)
+    seeds = unseen_seeds(experiment.first_seed, reader.used_seeds(), count, options.seed)
+    return _Plan(candidates, seeds, min(count, _TRIED[automatic]), reader.evaluation(0, 0))
+
+
+def _differ(rows: list[NDArray[np.float64]]) -> bool:
+    """Whether the episodes of any candidate came out differently; those that failed do not count."""
+    return any(len(set(row[np.isfinite(row)].tolist())) > 1 for row in rows)
+
+
+def _record_differs(experiment: Experiment, reader: StoreReader) -> bool:
+    """Whether the episodes of any candidate of the first and the last generation came out differently."""
+    last = reader.last()
+    if experiment.ranking.episodes == 1 or last is None:
+        return False
+    return any(
+        _differ(list(one.episodes))
+        for generation in dict.fromkeys((last.generation, 0))
+        for one in reader.one_generation(generation)
+    )

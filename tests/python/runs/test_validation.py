@@ -1,0 +1,357 @@
+"""The best candidates of a run on held-out seeds, when it has ended."""
+
+import json
+import logging
+import math
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from swarmwright import Experiment, InputError, Run, evaluate, optimize, resume
+from swarmwright.runs.post_evaluation import unseen_seeds
+from swarmwright.store import StoreReader, StoreWriter
+from swarmwright.store.database import seal_facts
+
+NOISY: dict[str, Any] = {
+    "simulation": "minisim",
+    "parameters": {"numAgents": 3, "numDefenders": 3, "placement": "random", "speedDefenders": 0.5},
+    "method": {"kind": "cma_es", "population": 20, "generations": 15, "step": 0.5},
+    "ranking": {"episodes": 2, "seeds": "new"},
+    "servers": "local",
+}
+ASKED: dict[str, Any] = {"episodes": 60, "candidates": 3}
+
+
+def run_of(tmp_path: Path, **changes: Any) -> Run:
+    folder = tmp_path / f"run-{len(list(tmp_path.iterdir()))}"
+    return optimize(Experiment.from_mapping(NOISY).replace(**changes), out=folder)
+
+
+def again(run: Run, number: int, seeds: list[int]) -> list[float]:
+    """The fitness of an evaluation's genome in an episode of each seed, by another way."""
+    changed = run.experiment.replace(ranking={"seeds": "same", "episodes": 1})
+    genome = run.evaluation(number).genome[np.newaxis]
+    return [float(evaluate(changed.replace(parameters={"seed": seed}), genome)[0]) for seed in seeds]
+
+
+def stored(run: Run) -> dict[str, Any]:
+    values = run.store.validation()
+    assert values is not None
+    return values
+
+
+def test_a_noisy_run_ends_with_it(tmp_path: Path) -> None:
+    run = run_of(tmp_path)
+    validation = run.validation
+    assert validation is not None
+    best = run.unseen
+    assert best is validation.best
+    assert len(best.episodes) == 30  # a twentieth of 15 x 20 x 2
+    assert len(validation.candidates) == 1, "for others there are no episodes left"
+    assert not run.store.used_seeds() & set(best.seeds)
+    assert best.episodes.tolist()[:5] == again(run, best.number, best.seeds[:5])
+    assert best.recorded == run.best.fitness
+    assert best.fitness.mean == pytest.approx(np.mean(best.episodes))
+    assert best.fitness.mean < run.best.fitness - 2, "it was the luckiest"
+    opened = Run.open(run.path).validation
+    assert opened is not None
+    assert opened.to_mapping() == validation.to_mapping()
+
+
+def test_the_best_ones_of_the_whole_run_are_validated_in_the_same_episodes(tmp_path: Path) -> None:
+    run = run_of(tmp_path, validate=ASKED)
+    validation = run.validation
+    assert validation is not None
+    genomes = np.unique(run.record.genomes, axis=0)
+    assert len(genomes) > 3
+    order = np.argsort(-run.record.fitness, kind="stable")[:3]
+    assert [one.number for one in validation.candidates] == order.tolist()
+    for one in validation.candidates:
+        assert one.seeds == list(range(1_000_000_000, 1_000_000_060))
+        assert one.episodes.tolist()[::20] == again(run, one.number, one.seeds[::20])
+        assert one.recorded == run.evaluation(one.number).fitness
+    means = [one.fitness.mean for one in validation.candidates]
+    assert validation.leading.fitness.mean == max(means)
+    if validation.leading is not validation.best:
+        lead = validation.lead
+        assert lead is not None
+        assert lead.mean == pytest.approx(max(means) - means[0])
+
+
+def test_candidates_are_as_many_as_there_are_genomes(tmp_path: Path) -> None:
+    """FREVO's elite is kept: the same genomes come again and again."""
+    same = {"start_from": None, "method": {"kind": "random_search", "population": 2, "generations": 1}}
+    run = run_of(tmp_path, validate={"episodes": 10, "candidates": 7}, **same)
+    assert run.validation is not None
+    assert len(run.validation.candidates) == 2
+    members = {"kind": "nnga", "population": 10, "generations": 8}
+    run = run_of(tmp_path, validate=ASKED, method=members, ranking={"reevaluate": True, "episodes": 2})
+    assert run.validation is not None
+    found = run.validation.candidates
+    assert found[0].number == run.evaluation().number
+    assert {one.generation for one in found} == {7}, "with re-evaluation, those of the last generation"
+    assert len({run.evaluation(one.number).genome.tobytes() for one in found}) == 3
+
+
+def test_it_changes_nothing_of_the_record_and_does_not_depend_on_servers(tmp_path: Path) -> None:
+    run, without, plain = (run_of(tmp_path, validate=one) for one in (ASKED, False, None))
+    servers = run_of(tmp_path, servers=2, validate=ASKED)
+    assert without.validation is None
+    assert run.digest == without.digest == servers.digest == plain.digest
+    assert stored(servers) == stored(run)
+    assert run.record.fitness.tobytes() == without.record.fitness.tobytes()
+
+
+@pytest.mark.parametrize("seed", [None, 0, 5, 1_000_000_004])
+def test_its_seeds_are_none_of_the_run(seed: int | None, tmp_path: Path) -> None:
+    run = run_of(tmp_path, validate={"episodes": 40, "candidates": 1, "seed": seed})
+    assert run.validation is not None
+    assert run.store.used_seeds() == set(range(30))
+    seeds = run.validation.seeds
+    assert not run.store.used_seeds() & set(seeds)
+    assert len(set(seeds)) == 40
+    assert min(seeds) == {None: 1_000_000_000, 0: 30, 5: 30}.get(seed, seed)
+
+
+def test_unseen_seeds_are_none_that_were_used() -> None:
+    assert unseen_seeds(3, {1_000_000_004, 7}, 3) == [1_000_000_003, 1_000_000_005, 1_000_000_006]
+    assert unseen_seeds(3, {8, 9}, 3, 7) == [7, 10, 11]
+    assert max(unseen_seeds(2**63 - 1, set(), 4)) < 2**63
+    numbers = np.random.default_rng(1)
+    for _ in range(200):
+        used = {int(one) for one in numbers.integers(0, 50, size=30)}
+        found = unseen_seeds(0, used, 20, int(numbers.integers(0, 50)))
+        assert not used & set(found)
+        assert found == sorted(set(found))
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        # One seed, learned by heart.
+        ({"ranking": {"seeds": "same", "episodes": 1}, "method": {"population": 30}}, True),
+        ({"ranking": {"seeds": "same", "episodes": 4}}, True),
+        ({"parameters": {"placement": "fixed"}, "ranking": {"seeds": "same", "episodes": 1}}, None),
+        ({"parameters": {"placement": "fixed"}, "ranking": {"seeds": "same", "episodes": 4}}, False),
+        ({"parameters": {"placement": "fixed"}}, False),
+        ({"parameters": {"placement": "fixed"}, "validate": {"episodes": 80}}, False),
+        ({"method": {"generations": 3}}, None),  # too few evaluations for it
+        ({"method": {"operation": "steady_state", "kind": "random_search", "population": 20,
+                     "generations": 15}, "ranking": {"seeds": "same"}}, True),
+    ],
+)  # fmt: skip
+def test_it_is_told_whether_fitness_depends_on_the_seed(
+    changes: dict[str, Any], told: bool | None, tmp_path: Path
+) -> None:
+    run = run_of(tmp_path, **changes)
+    validation = run.validation
+    if told is None and validation is not None:  # one episode each: depends on how long it is
+        told = False
+    assert (None if validation is None else validation.depends_on_seed) is told
+    assert (run.unseen is not None) is bool(told)
+    if told is False:
+        assert validation is not None
+        assert len(validation.seeds) == (10 if "validate" in changes else 5), "the trial was all"
+        assert {value for one in validation.candidates for value in one.episodes.tolist()} <= set(
+            run.record.fitness.tolist()
+        )
+
+
+def test_the_fitness_of_the_first_seeds_alone_does_not_mean_that_it_is_always_so(tmp_path: Path) -> None:
+    """All of the best arrive wherever they start; others do not."""
+    easy = {"placement": "random", "numAgents": 1, "numDefenders": 0, "maxSteps": 60}
+    run = run_of(tmp_path, parameters=easy, validate={"episodes": 20, "candidates": 1})
+    assert run.validation is not None
+    assert set(run.validation.best.episodes.tolist()) == {0.0}
+    assert run.validation.depends_on_seed
+
+
+@pytest.mark.parametrize("at", [0, 10, 26, 50])
+def test_an_interrupted_one_goes_on_with_the_same_result(at: int, tmp_path: Path) -> None:
+    whole = run_of(tmp_path, validate=ASKED)
+    changed = Experiment.from_mapping(NOISY).replace(validate=ASKED)
+    told: list[tuple[int, int]] = []
+
+    def progress(done: int, total: int, _: str) -> None:
+        if total == 180:
+            told.append((done, total))
+            if done >= at * 3:
+                raise KeyboardInterrupt
+
+    folder = tmp_path / "broken"
+    with pytest.raises(KeyboardInterrupt):
+        optimize(changed, on_progress=progress, out=folder)
+    broken = Run.open(folder)
+    assert broken.state == "done"
+    assert broken.validation is None
+    assert broken.validation_is_due
+    so_far = len(stored(broken)["candidates"][0]["episodes"])
+    assert so_far < 60
+    done: list[int] = []
+    again = resume(broken, on_progress=lambda now, *_: done.append(now))
+    assert stored(again) == stored(whole)
+    assert again.digest == whole.digest
+    assert not again.validation_is_due
+    assert done, "what was left was evaluated"
+    assert min(done) >= so_far * 3, "what was stored was not evaluated again"
+    opened = len(again.sessions)
+    assert len(resume(again).sessions) == opened, "nothing is left"
+
+
+def test_a_run_that_was_killed_before_it_is_validated_when_it_goes_on(tmp_path: Path) -> None:
+    whole = run_of(tmp_path, validate=ASKED)
+    folder = tmp_path / "killed"
+    shutil.copytree(whole.path, folder)
+    with StoreWriter.resume(folder) as store, store._writing():
+        store._store.connection.execute("UPDATE session SET outcome = NULL, seconds = NULL")
+        store._store.connection.execute("DELETE FROM fact WHERE name IN ('validation', 'ended')")
+        seal_facts(store._store.connection)
+    assert Run.open(folder).state == "killed"
+    again = resume(folder)
+    assert again.state == "done"
+    assert stored(again) == stored(whole)
+
+
+def test_a_run_that_goes_on_has_it_anew(tmp_path: Path) -> None:
+    run = run_of(tmp_path, method={"generations": 11})
+    longer = resume(run, generations=15)
+    assert stored(longer) == stored(run_of(tmp_path))
+
+
+def test_it_can_be_asked_for_later_and_otherwise(tmp_path: Path) -> None:
+    run = run_of(tmp_path, validate=False)
+    assert not run.validation_is_due
+    assert len(resume(run).sessions) == 1, "it is switched off"
+    later = resume(run, settings=["validate.episodes=60", "validate.candidates=3"])
+    assert stored(later) == stored(run_of(tmp_path, validate=ASKED))
+    assert later.experiment.validate.episodes == 60
+    other = resume(later, settings=["validate.seed=77"])
+    assert other.validation is not None
+    assert other.validation.seeds[0] == 77
+    assert other.digest == run.digest
+
+
+def test_runs_of_the_version_before_can_be_read(tmp_path: Path) -> None:
+    run = run_of(tmp_path, validate={"episodes": 12, "candidates": 1})
+    before = stored(run)
+    one = {key: value for key, value in before["candidates"][0].items() if key != "values"}
+    unseen = {**one, "seeds": before["seeds"], "seen": 0}
+    with StoreWriter.resume(run.path) as store, store._writing():
+        connection = store._store.connection
+        connection.execute("DELETE FROM fact WHERE name = 'validation'")
+        connection.execute("INSERT INTO fact VALUES ('unseen', ?)", (json.dumps(unseen),))
+        values = json.loads(
+            connection.execute("SELECT value FROM fact WHERE name = 'experiment'").fetchone()[0]
+        )
+        del values["validate"]
+        values["ranking"]["unseen_episodes"] = 12
+        connection.execute("UPDATE fact SET value = ? WHERE name = 'experiment'", (json.dumps(values),))
+        seal_facts(connection)
+    opened = Run.open(run.path)
+    assert opened.experiment.validate.episodes == 12
+    assert opened.unseen is not None
+    assert run.unseen is not None
+    assert opened.unseen.stored() == run.unseen.stored()
+
+
+def test_a_failure_does_not_take_the_run_with_it(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    file = tmp_path / "seeded.py"
+    file.write_text(SEEDED)
+    experiment = Experiment.from_mapping(
+        {
+            "simulation": f"{file}:Seeded",
+            "controller": {"kind": "layered", "hidden": []},
+            "method": {"kind": "random_search", "population": 5, "generations": 2},
+            "servers": "in-process",
+            "validate": {"episodes": 12, "candidates": 2},
+        }
+    )
+    with caplog.at_level(logging.WARNING):
+        run = optimize(experiment, out=tmp_path / "run")
+    assert "the best was not evaluated on held-out seeds: every episode failed" in caplog.text
+    assert f"`swarmwright resume {run.path}` does it later" in caplog.text
+    assert run.state == "done"
+    assert run.validation_is_due
+    part = experiment.replace(validate={"episodes": 12, "seed": 95})
+    run = optimize(part, out=tmp_path / "part")
+    assert run.validation is not None
+    assert run.validation.best.failed == 7
+    assert run.validation.lead is None
+    assert math.isfinite(run.validation.best.fitness.mean)
+
+
+SEEDED = """
+from swarmwright import Simulation
+
+class Seeded(Simulation):
+    sensors = actuators = 1
+    metrics = ["seven"]
+
+    def reset(self, parameters, seed):
+        if seed >= 100:
+            raise ValueError("no such seed")
+        self.seed, self.value, self.over = seed, 0.0, False
+        return [[1.0]]
+
+    def step(self, actuators):
+        self.value, self.over = float(actuators[0][0]) * (1 + self.seed % 7), True
+        return [[1.0]]
+
+    def done(self):
+        return self.over
+
+    def fitness(self):
+        return self.value
+
+    def measure(self):
+        return {"seven": self.seed % 7}
+"""
+
+
+@pytest.mark.parametrize(
+    ("validate", "message"),
+    [
+        (100, "validate: must be a mapping such as {episodes: 100}, or false, not 100"),
+        (
+            {"episodes": -1},
+            "validate.episodes: must be auto or a number of episodes from 0 to 100,000, not -1",
+        ),
+        ({"episodes": "atuo"}, "not 'atuo'; did you mean 'auto'?"),
+        ({"episods": 3}, "validate.episods: unknown key; did you mean 'episodes'?"),
+        ({"candidates": 0}, "validate.candidates: must be at least 1, not 0"),
+        ({"seed": -1}, "validate.seed: must be at least 0, not -1"),
+        ({"episodes": 100_000, "candidates": 100}, "episodes of 100 candidates are more than 1,000,000"),
+    ],
+)
+def test_a_mistake_is_reported(validate: Any, message: str) -> None:
+    with pytest.raises(InputError) as caught:
+        Experiment.from_mapping({**NOISY, "validate": validate})
+    assert message in str(caught.value)
+
+
+def test_a_fitness_needs_as_many_episodes_as_the_ranking_takes() -> None:
+    worst = {**NOISY, "ranking": {"episodes": 8, "aggregate": "worst"}}
+    with pytest.raises(
+        InputError, match=r"validate.episodes: must be at least ranking.episodes, 8, of which"
+    ):
+        Experiment.from_mapping({**worst, "validate": {"episodes": 7}})
+    assert Experiment.from_mapping({**worst, "validate": {"episodes": 8}}).validate.episodes == 8
+
+
+def test_what_is_switched_off_survives_the_file(tmp_path: Path) -> None:
+    for value, episodes in ((False, 0), (True, "auto"), (None, "auto"), ({"episodes": 3}, 3)):
+        experiment = Experiment.from_mapping({**NOISY, "validate": value})
+        experiment.save(tmp_path / "file.yaml")
+        assert Experiment.load(tmp_path / "file.yaml").validate.episodes == episodes
+        assert Experiment.load(tmp_path / "file.yaml") == experiment
+
+
+def test_the_leading_ones_are_read_without_all_genomes(tmp_path: Path) -> None:
+    run = run_of(tmp_path)
+    reader = StoreReader(run.path)
+    found = reader.leading(12)
+    assert [one.number for one in found] == np.argsort(-run.record.fitness, kind="stable")[:12].tolist()
+    assert [one.fitness for one in reader.leading(1)] == [run.best.fitness]
