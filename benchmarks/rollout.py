@@ -1,7 +1,9 @@
 """Blocks of episodes in this process, timed: Minisim and Emergency Exit as FREVO's Stadium."""
 
 import json
+import statistics
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.measurement import Samples
-from swarmwright import _engine
+from swarmwright import Experiment, _engine, evaluate
 
 STADIUM = Path(__file__).parents[1] / "tests" / "data" / "frevo" / "stadium.json"
 FREVO_RATE = 733.0
@@ -82,6 +84,43 @@ def stadium(candidates: int, **parameters: Any) -> Block:
     return Block("emergency_exit", {"field": field, **parameters}, MESHED, candidates)
 
 
+class WholeRate:
+    """`swarmwright.evaluate` beside the engine's own function, in turn."""
+
+    SECONDS = 0.4
+    """In which they take turns."""
+
+    def __init__(self, candidates: int) -> None:
+        self._block = minisim(candidates)
+        self._experiment = Experiment.from_mapping(
+            {
+                "simulation": "minisim",
+                "controller": {"kind": "layered", "hidden": [8], "activation": "tanh"},
+                "servers": "in-process",
+            }
+        )
+        name = f"Minisim, {candidates:,} genomes"
+        self.engine = Samples(f"{name}, the engine alone, all processors, by the clock", "evaluations/s")
+        self.evaluate = Samples(f"{name}, swarmwright.evaluate", "evaluations/s", self.engine, ">= 0.9")
+
+    def repeat(self) -> None:
+        """Take a sample of both: the median of their calls."""
+        ways: list[Callable[[], NDArray[np.float64]]] = [
+            lambda: self._block.run(threads=0),
+            lambda: evaluate(self._experiment, self._block.genomes),
+        ]
+        assert ways[0]().tobytes() == ways[1]().tobytes()
+        taken: tuple[list[float], list[float]] = ([], [])
+        begin = time.perf_counter()
+        while time.perf_counter() - begin < self.SECONDS:
+            for way, seconds in zip(ways, taken, strict=True):
+                start = time.perf_counter()
+                way()
+                seconds.append(time.perf_counter() - start)
+        for samples, seconds in zip((self.engine, self.evaluate), taken, strict=True):
+            samples.add(self._block.candidates / statistics.median(seconds))
+
+
 class RolloutSuite:
     """Evaluations/s for each instruction set, and on two threads, against one episode at a time."""
 
@@ -106,6 +145,7 @@ class RolloutSuite:
                 "Stadium, two threads, by the clock", "evaluations/s", self._frevo, ">= 95 (70,000/s)"
             ),
         }
+        self._whole = [WholeRate(65_536 // scale), WholeRate(4_096 // scale)]
         self._two_processor = Samples(
             "Stadium, two threads, by processor time", "evaluations/s", self._frevo, ">= 95 (70,000/s)"
         )
@@ -120,10 +160,13 @@ class RolloutSuite:
             self._two[name].add(block.candidates / timing.clock)
             if name == "Stadium":
                 self._two_processor.add(2 * block.candidates / timing.processor)
+        for whole in self._whole:
+            whole.repeat()
 
     def samples(self) -> list[Samples]:
         """Everything measured, in the order of the table."""
-        return [*self._rates.values(), self._frevo, *self._two.values(), self._two_processor]
+        whole = [one for rate in self._whole for one in (rate.engine, rate.evaluate)]
+        return [*self._rates.values(), self._frevo, *self._two.values(), self._two_processor, *whole]
 
     def close(self) -> None:
         """Nothing is left open."""

@@ -664,6 +664,16 @@ class Evaluator:
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Evaluate as the function does; `meanwhile` is called once, while the engine is at work."""
 
+    def scores(
+        self,
+        genomes: NDArray[np.float32],
+        seeds: Sequence[int],
+        aggregate: str,
+        level: float,
+        on_progress: Callable[[int, int, str], None] | None = None,
+    ) -> NDArray[np.float64]:
+        """Return (candidates,): what each candidate's episodes come to, see `aggregates`."""
+
 def evaluate(
     title: str,
     parameters: dict[str, Any],

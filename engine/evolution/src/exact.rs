@@ -104,6 +104,25 @@ impl Aggregate {
             f64::NAN
         }
     }
+
+    /// The same for each row of `length` results, at least one; where that is possible, in their place.
+    #[must_use]
+    pub fn of_rows(self, mut results: Vec<f64>, length: usize) -> Vec<f64> {
+        if length != 1 || matches!(self, Self::WorstShare(_)) {
+            return results
+                .chunks_exact(length)
+                .map(|row| self.of(row))
+                .collect();
+        }
+        for result in &mut results {
+            *result = if result.is_finite() {
+                *result + 0.0
+            } else {
+                f64::NAN
+            };
+        }
+        results
+    }
 }
 
 fn sum(numbers: &[f64]) -> f64 {

@@ -43,6 +43,31 @@ fn aggregates() {
 }
 
 #[test]
+fn aggregates_of_rows_are_those_of_each_row() {
+    let results = vec![-0.0, 2.5, f64::NAN, 1e308, f64::INFINITY, -3.0];
+    let all = [
+        Aggregate::Mean,
+        Aggregate::Sum,
+        Aggregate::Median,
+        Aggregate::Worst,
+        Aggregate::Quantile(0.4),
+        Aggregate::WorstShare(0.4),
+    ];
+    let bits = |values: Vec<f64>| values.into_iter().map(f64::to_bits).collect::<Vec<_>>();
+    for aggregate in all {
+        for length in [1, 2, 3] {
+            let rows = results.chunks_exact(length).map(|row| aggregate.of(row));
+            let together = aggregate.of_rows(results.clone(), length);
+            assert_eq!(
+                bits(together),
+                bits(rows.collect()),
+                "{aggregate:?} {length}"
+            );
+        }
+    }
+}
+
+#[test]
 fn what_failed_or_overflows_is_nan_and_zero_has_no_sign() {
     for aggregate in [
         Aggregate::Mean,

@@ -29,4 +29,4 @@ pub use shell::pool::Pool;
 pub use shell::report::{Listener, Report};
 pub use shell::supervision::{Place, Supervision};
 pub use shell::watch::{News, Watcher, list_servers};
-pub use work::{Work, WorkError, check_work};
+pub use work::{Work, WorkError, check_shape, check_work};

@@ -66,21 +66,39 @@ pub fn check_work(
     genomes: &[f32],
     seeds: &[u64],
 ) -> Result<(), WorkError> {
-    check_genomes(architecture, genomes)?;
+    check_shape(architecture, genomes, seeds)?;
+    check_finite(architecture, genomes)
+}
+
+/// As [`check_work`], for whom sees weights that are not finite numbers without it.
+///
+/// # Errors
+/// Genomes that are not whole, no seed.
+pub fn check_shape(
+    architecture: &Architecture,
+    genomes: &[f32],
+    seeds: &[u64],
+) -> Result<(), WorkError> {
+    check_whole(architecture, genomes)?;
     if seeds.is_empty() {
         return Err(WorkError::NoEpisode);
     }
     Ok(())
 }
 
-fn check_genomes(architecture: &Architecture, genomes: &[f32]) -> Result<(), WorkError> {
+fn check_whole(architecture: &Architecture, genomes: &[f32]) -> Result<(), WorkError> {
     let weights = architecture.weight_count();
-    if !genomes.len().is_multiple_of(weights) {
-        return Err(WorkError::Shape {
-            numbers: genomes.len(),
-            weights,
-        });
+    if genomes.len().is_multiple_of(weights) {
+        return Ok(());
     }
+    Err(WorkError::Shape {
+        numbers: genomes.len(),
+        weights,
+    })
+}
+
+fn check_finite(architecture: &Architecture, genomes: &[f32]) -> Result<(), WorkError> {
+    let weights = architecture.weight_count();
     let finite = |part: &[f32]| {
         part.iter()
             .fold(true, |all, weight| all & weight.is_finite())
@@ -215,7 +233,8 @@ impl Work {
     /// # Errors
     /// Numbers that are not finite or not whole genomes.
     pub fn extend(&mut self, genomes: &[f32]) -> Result<(), WorkError> {
-        check_genomes(&self.architecture, genomes)?;
+        check_whole(&self.architecture, genomes)?;
+        check_finite(&self.architecture, genomes)?;
         self.genomes.extend_from_slice(genomes);
         self.sample = None;
         Ok(())

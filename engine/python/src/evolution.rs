@@ -259,8 +259,9 @@ impl PyNodeNetwork {
 /// The numbers of an array, copied only where they do not lie row by row in memory.
 pub fn row_major<'a>(genomes: &'a PyReadonlyArray2<'_, f32>) -> Cow<'a, [f32]> {
     match genomes.as_slice() {
-        Ok(rows) => rows.into(),
-        Err(_) => genomes.as_array().iter().copied().collect(),
+        // There is also a slice of columns that lie one after another.
+        Ok(rows) if genomes.is_c_contiguous() => rows.into(),
+        _ => genomes.as_array().iter().copied().collect(),
     }
 }
 

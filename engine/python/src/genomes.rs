@@ -10,6 +10,7 @@ use swarmwright_controllers::Architecture;
 use swarmwright_pool::Work;
 
 use crate::errors::input;
+use crate::evolution::row_major;
 use crate::values::object;
 
 /// The numbers of an array (candidates, weights), row-major, copied only where they do not lie like that in memory.
@@ -24,10 +25,7 @@ pub fn rows<'a>(
             "genomes: have {columns} weights each, but these controllers have {weights}"
         )));
     }
-    Ok(match genomes.as_slice() {
-        Ok(rows) => rows.into(),
-        Err(_) => genomes.as_array().iter().copied().collect(),
-    })
+    Ok(row_major(genomes))
 }
 
 /// An architecture from Python, a specification whose weights are ignored; and what was given.

@@ -4,17 +4,18 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use numpy::PyReadonlyArray2;
+use numpy::{PyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use swarmwright_controllers::Architecture;
 use swarmwright_lanes::Level;
-use swarmwright_pool::{check_work, rectangle};
-use swarmwright_worlds::{self as worlds, Block, Means, Parameters, RolloutError};
+use swarmwright_pool::{check_shape, check_work, rectangle};
+use swarmwright_worlds::{self as worlds, Block, Means, Parameters};
 
 use crate::errors::input;
 use crate::genomes::{architecture, rows};
 use crate::results::{Fitness, Metrics, apart, arrays};
+use crate::statistics::aggregate;
 use crate::values::object;
 use crate::worlds::known;
 
@@ -121,34 +122,68 @@ impl PyEvaluator {
         let evaluation = &self.0;
         let rows = rows(&evaluation.architecture, &genomes)?;
         let block = evaluation.block(&rows, &seeds, None)?;
+        let results = self.results(py, &block, on_progress, meanwhile)?;
+        let shape = [block.candidates(), seeds.len(), evaluation.metrics()];
+        let (fitness, values) = apart(results, block.numbers());
+        arrays(py, fitness, values, shape)
+    }
+
+    #[pyo3(signature = (genomes, seeds, aggregate, level, on_progress=None))]
+    #[expect(
+        clippy::needless_pass_by_value,
+        reason = "pyo3 hands arguments over by value"
+    )]
+    fn scores<'py>(
+        &self,
+        py: Python<'py>,
+        genomes: PyReadonlyArray2<'py, f32>,
+        seeds: Vec<u64>,
+        aggregate: &str,
+        level: f64,
+        on_progress: Option<Py<PyAny>>,
+    ) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        let aggregate = self::aggregate(aggregate, level)?;
+        let rows = rows(&self.0.architecture, &genomes)?;
+        let block = self.0.block(&rows, &seeds, None)?;
+        let results = self.results(py, &block, on_progress, None)?;
+        let (fitness, _) = apart(results, block.numbers());
+        let scores = py.detach(|| aggregate.of_rows(fitness, seeds.len()));
+        Ok(PyArray1::from_vec(py, scores))
+    }
+}
+
+impl PyEvaluator {
+    /// Fitness and metrics of all episodes; raises what the callbacks raise, and KeyboardInterrupt.
+    fn results(
+        &self,
+        py: Python<'_>,
+        block: &Block<'_>,
+        on_progress: Option<Py<PyAny>>,
+        meanwhile: Option<Py<PyAny>>,
+    ) -> PyResult<Vec<f64>> {
         let total = block.len();
         let raised = Mutex::new(None);
         let ask = |question: &dyn Fn(Python<'_>) -> PyResult<()>| {
             let answer = Python::attach(question);
             answer.map_err(|error| *lock(&raised) = Some(error)).is_ok()
         };
-        let results = py
-            .detach(|| {
-                evaluation.in_parts(
-                    &block,
-                    false,
-                    meanwhile.map(|call| move || ask(&|py| call.call0(py).map(|_| ()))),
-                    |done, report| {
-                        ask(&|py| {
-                            py.check_signals()?;
-                            match on_progress.as_ref().filter(|_| report) {
-                                Some(call) => call.call1(py, (done, total, "")).map(|_| ()),
-                                None => Ok(()),
-                            }
-                        })
-                    },
-                )
-            })
-            .map_err(input)?;
-        lock(&raised).take().map_or(Ok(()), Err)?;
-        let shape = [block.candidates(), seeds.len(), evaluation.metrics()];
-        let (fitness, values) = apart(results, block.numbers());
-        arrays(py, fitness, values, shape)
+        let results = py.detach(|| {
+            self.0.in_parts(
+                block,
+                false,
+                meanwhile.map(|call| move || ask(&|py| call.call0(py).map(|_| ()))),
+                |done, report| {
+                    ask(&|py| {
+                        py.check_signals()?;
+                        match on_progress.as_ref().filter(|_| report) {
+                            Some(call) => call.call1(py, (done, total, "")).map(|_| ()),
+                            None => Ok(()),
+                        }
+                    })
+                },
+            )
+        })?;
+        lock(&raised).take().map_or(Ok(results), Err)
     }
 }
 
@@ -163,14 +198,14 @@ impl Evaluation {
         self.architecture.weight_count()
     }
 
-    /// Work for this evaluation, checked.
+    /// Work for this evaluation, checked but for numbers that are not finite: `in_parts` finds these.
     pub fn block<'a>(
         &'a self,
         genomes: &'a [f32],
         seeds: &'a [u64],
         stop: Option<&'a AtomicBool>,
     ) -> PyResult<Block<'a>> {
-        check_work(&self.architecture, genomes, seeds).map_err(input)?;
+        check_shape(&self.architecture, genomes, seeds).map_err(input)?;
         Ok(Block {
             architecture: &self.architecture,
             genomes,
@@ -183,14 +218,14 @@ impl Evaluation {
 
     /// Evaluates in parts of some 10 ms; `go_on(done, whether to report)` is asked after each, and `meanwhile` during the first.
     ///
-    /// `modest`: others have work too, so what takes next to no time is done by this thread alone.
+    /// `modest`: others have work too, so what takes next to no time is done by this thread alone. Raises InputError.
     pub fn in_parts(
         &self,
         whole: &Block<'_>,
         modest: bool,
         mut meanwhile: Option<impl FnOnce() -> bool>,
         mut go_on: impl FnMut(usize, bool) -> bool,
-    ) -> Result<Vec<f64>, RolloutError> {
+    ) -> PyResult<Vec<f64>> {
         let (total, episodes) = (whole.len(), whole.seeds.len());
         let weights = whole.architecture.weight_count();
         let numbers = whole.numbers();
@@ -228,10 +263,16 @@ impl Evaluation {
             let Some(part) = part else {
                 break;
             };
+            let part = part.map_err(|error| {
+                // Of weights that are not finite, the first one in all of the genomes.
+                check_work(whole.architecture, whole.genomes, whole.seeds)
+                    .map_or_else(input, |()| input(error))
+            })?;
             if results.is_empty() {
-                results = part?;
+                results = part;
+                results.reserve_exact(total * numbers - results.len());
             } else {
-                results.extend(part?);
+                results.extend(part);
             }
             let done = results.len() / numbers;
             let report = done == total || reported.elapsed() >= REPORT;

@@ -181,16 +181,12 @@ impl Work {
             !shared.stopped.load(Ordering::Relaxed)
         };
         let none: Option<fn() -> bool> = None;
-        let results = self.evaluation.in_parts(&block, true, none, go_on);
-        let results = results.map_err(input)?;
+        let results = self.evaluation.in_parts(&block, true, none, go_on)?;
         if shared.stopped.load(Ordering::Relaxed) {
             return Ok(None);
         }
         let (episodes, metrics) = apart(results, block.numbers());
-        let fitness: Vec<f64> = episodes
-            .chunks_exact(seeds.len())
-            .map(|row| self.aggregate.of(row))
-            .collect();
+        let fitness = self.aggregate.of_rows(episodes.clone(), seeds.len());
         let genomes = self.conversation.tell(&fitness)?;
         let population = self.conversation.members();
         Ok(Some(Produced {

@@ -22,8 +22,11 @@ pub fn aggregates<'py>(
     if results.shape()[1] == 0 {
         return Err(input("results: expected at least one for each candidate"));
     }
-    let rows = results.as_slice()?.chunks_exact(results.shape()[1]);
-    Ok(PyArray1::from_iter(py, rows.map(|row| aggregate.of(row))))
+    let rows = results.as_slice()?.to_vec();
+    Ok(PyArray1::from_vec(
+        py,
+        aggregate.of_rows(rows, results.shape()[1]),
+    ))
 }
 
 /// Best, mean, lower quartile, median and upper quartile.

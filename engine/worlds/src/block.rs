@@ -1,10 +1,10 @@
 //! Blocks of evaluations in this process: candidates x episodes, in lanes and threads.
 
 use std::ops::Range;
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use rayon::prelude::*;
-use swarmwright_controllers::{Architecture, Controller, LaneController};
+use swarmwright_controllers::{Architecture, Controller, ControllerError, LaneController};
 use swarmwright_lanes::{Kernel, Lanes, Level, MOST_LANES, Pair};
 
 use crate::rollout::{rollout_until, stopped};
@@ -77,6 +77,22 @@ impl<'a> Block<'a> {
         &self.genomes[candidate * length..][..length]
     }
 
+    /// The weights of candidates one after another, both ends included.
+    #[inline(always)]
+    fn genomes_of(&self, first: usize, last: usize) -> &'a [f32] {
+        let length = self.architecture.weight_count();
+        &self.genomes[first * length..(last + 1) * length]
+    }
+
+    /// The first weight that is not a finite number.
+    fn not_finite(&self) -> Option<RolloutError> {
+        let place = self.genomes.iter().position(|weight| !weight.is_finite())?;
+        let length = self.architecture.weight_count();
+        let (candidate, index) = (place / length, place % length);
+        let source = ControllerError::WeightValue { index };
+        Some(RolloutError::Weights { candidate, source })
+    }
+
     /// The parameters of one episode.
     #[must_use]
     pub fn parameters_of(&self, episode: usize) -> Parameters {
@@ -126,10 +142,11 @@ struct Part<'a, W> {
 }
 
 impl<W: LaneWorld> Kernel for Part<'_, W> {
-    type Output = ();
+    /// Whether all weights are finite numbers.
+    type Output = bool;
 
     #[inline(always)]
-    fn run<L: Lanes>(self) {
+    fn run<L: Lanes>(self) -> bool {
         // Many vectors side by side while there are episodes for them.
         let vectors = self.world.vectors();
         let (wide, numbers) = (vectors * L::WIDTH, self.block.numbers());
@@ -138,20 +155,26 @@ impl<W: LaneWorld> Kernel for Part<'_, W> {
         let single = if rest > wide / 2 { 0 } else { rest };
         let behind = self.first + episodes - single;
         let (many, single) = self.results.split_at_mut((episodes - single) * numbers);
-        match (vectors, W::MOST_VECTORS) {
+        let finite = match (vectors, W::MOST_VECTORS) {
             (4, 4) => groups::<Pair<Pair<L>>, W>(self.world, self.block, self.first, many),
             (2, 2) => groups::<Pair<L>, W>(self.world, self.block, self.first, many),
             _ => groups::<L, W>(self.world, self.block, self.first, many),
-        }
-        groups::<L, W>(self.world, self.block, behind, single);
+        };
+        finite && groups::<L, W>(self.world, self.block, behind, single)
     }
 }
 
-/// Evaluates episodes from `first` on, as many as `results` has room for, a vector of lanes at a time.
+/// Evaluates episodes from `first` on, as many as `results` has room for, a vector of lanes at a time; false as soon as a
+/// weight is not a finite number.
 #[inline(always)]
-fn groups<L: Lanes, W: LaneWorld>(world: &W, block: &Block<'_>, first: usize, results: &mut [f64]) {
+fn groups<L: Lanes, W: LaneWorld>(
+    world: &W,
+    block: &Block<'_>,
+    first: usize,
+    results: &mut [f64],
+) -> bool {
     if results.is_empty() {
-        return;
+        return true;
     }
     let episodes_each = block.seeds.len();
     let mut controllers = LaneController::<L>::new(block.architecture);
@@ -160,11 +183,15 @@ fn groups<L: Lanes, W: LaneWorld>(world: &W, block: &Block<'_>, first: usize, re
     let numbers = block.numbers();
     for (group, results) in results.chunks_mut(L::WIDTH * numbers).enumerate() {
         if stopped(block.stop) {
-            return;
+            return true;
         }
         let count = results.len() / numbers;
         let first = first + group * L::WIDTH;
         let (mut candidate, mut episode) = (first / episodes_each, first % episodes_each);
+        // They are about to be read anyway: a pass of its own over all genomes would take a third of an evaluation.
+        if !finite(block.genomes_of(candidate, (first + count - 1) / episodes_each)) {
+            return false;
+        }
         let mut genomes: [&[f32]; MOST_LANES] = [&[]; MOST_LANES];
         let mut episodes = [0; MOST_LANES];
         for lane in 0..L::WIDTH {
@@ -192,6 +219,15 @@ fn groups<L: Lanes, W: LaneWorld>(world: &W, block: &Block<'_>, first: usize, re
             spread(&lanes[..count], &mut results[1 + place..], numbers);
         }
     }
+    true
+}
+
+/// Whether all are finite numbers; in vectors, as no number is a way out of the loop.
+#[inline(always)]
+fn finite(weights: &[f32]) -> bool {
+    weights
+        .iter()
+        .fold(true, |all, weight| all & weight.is_finite())
 }
 
 /// Writes one number of each episode, `numbers` places apart.
@@ -253,16 +289,25 @@ pub(crate) fn evaluate<W: LaneWorld>(
     if let (Some(level), Some(world)) = (means.level, &world) {
         let numbers = block.numbers();
         let mut results = vec![0.0; block.len() * numbers];
+        let all_finite = AtomicBool::new(true);
         let work = |range: Range<usize>, results: &mut [f64]| {
-            level.run(Part {
+            let part = Part {
                 world,
                 block,
                 first: range.start,
                 results,
-            });
+            };
+            if all_finite.load(Ordering::Relaxed) && !level.run(part) {
+                all_finite.store(false, Ordering::Relaxed);
+            }
         };
         let wide = level.width() * world.vectors();
         in_parts(&mut results, numbers, wide, means.threads, work);
+        if !all_finite.into_inner()
+            && let Some(error) = block.not_finite()
+        {
+            return Err(error);
+        }
         return Ok(results);
     }
     one_by_one(block, means, create)

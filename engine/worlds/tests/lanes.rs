@@ -5,9 +5,9 @@ use proptest::prelude::*;
 use serde_json::{Map, Value, json};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
-use swarmwright_controllers::Architecture;
+use swarmwright_controllers::{Architecture, ControllerError};
 use swarmwright_lanes::Level;
-use swarmwright_worlds::{Block, Means, create, evaluate};
+use swarmwright_worlds::{Block, Means, RolloutError, create, evaluate};
 
 /// All ways of evaluating a block agree with the plain one; returns its fitness.
 fn check(
@@ -197,6 +197,41 @@ fn blocks_of_any_size_are_filled_and_none_is_empty() {
                 &seeds,
             );
             assert_eq!(fitness.len(), candidates * seeds.len());
+        }
+    }
+}
+
+#[test]
+fn the_first_weight_that_is_not_finite_is_named() {
+    let network = json!({"version": 1, "kind": "layered", "sensors": 4, "actuators": 1, "hidden": [],
+        "activation": "tanh", "output_range": [-1, 1]});
+    let architecture = Architecture::from_json(&network.to_string()).unwrap();
+    let parameters = json!({"maxSteps": 3}).as_object().unwrap().clone();
+    for (candidate, index, value) in [
+        (0, 0, f32::NAN),
+        (63, 4, f32::INFINITY),
+        (199, 2, f32::NEG_INFINITY),
+    ] {
+        let mut genomes = vec![0.5; 200 * 5];
+        genomes[candidate * 5 + index] = value;
+        genomes[199 * 5 + 4] = f32::NAN;
+        for (seeds, threads) in [(&[1][..], 1), (&[1, 2, 3], 1), (&[1], 2), (&[1, 2, 3], 2)] {
+            for level in Level::available() {
+                let block = Block {
+                    architecture: &architecture,
+                    genomes: &genomes,
+                    parameters: &parameters,
+                    seeds,
+                    metrics: &[],
+                    stop: None,
+                };
+                let level = Some(level);
+                let error = evaluate("minisim", &block, Means { level, threads })
+                    .unwrap()
+                    .unwrap_err();
+                let source = ControllerError::WeightValue { index };
+                assert_eq!(error, RolloutError::Weights { candidate, source });
+            }
         }
     }
 }

@@ -9,7 +9,8 @@ from swarmwright.core.errors import InputError, RunError
 from swarmwright.core.random_numbers import Stream
 from swarmwright.core.untrusted import one_line
 from swarmwright.evaluation.base import HERE, Controllers, Progress, Servers
-from swarmwright.evaluation.opening import open_backend
+from swarmwright.evaluation.opening import is_here, open_backend
+from swarmwright.evaluation.prepared import check_finite, check_size, prepared
 from swarmwright.experiment.evolved import unknown
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.representations.controller import Controller
@@ -43,17 +44,18 @@ def evaluate(
             is.
         RunError: no broker or no fitting server.
     """
-    rows = _genomes(genomes)
+    rows = _rows(genomes)
+    if is_here(experiment, broker, servers):
+        alone = prepared(experiment)
+        if alone is not None:
+            return alone.scores(rows, on_progress)
+    check_finite(rows)
     ranking = experiment.new_ranking()
     seeds = ranking.seeds(experiment.first_seed)
     most = max(len(rows), 1) * len(seeds)
     with open_backend(experiment, broker=broker, servers=servers, most=most) as backend:
         representation = experiment.representation(backend.sensors, backend.actuators)
-        if rows.shape[1] != representation.genome_size:
-            raise InputError(
-                f"genomes: have {rows.shape[1]} genes; "
-                f"this experiment's controllers have {representation.genome_size}"
-            )
+        check_size(rows, representation.genome_size)
         if not len(rows):
             return np.empty(0)
         results = backend.evaluate(Controllers.of(representation, rows), seeds, on_progress or _silent)
@@ -142,18 +144,13 @@ def episode(
     return Episode(fitness + 0.0, metrics, seed)
 
 
-def _genomes(genomes: ArrayLike) -> NDArray[np.float32]:
+def _rows(genomes: ArrayLike) -> NDArray[np.float32]:
     try:
         rows = np.asarray(genomes, dtype=np.float32)
     except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"genomes: must be an array of numbers: {error}") from error
     if rows.ndim != 2:
         raise InputError(f"genomes: have the shape {rows.shape}; expected (candidates, genome_size)")
-    with np.errstate(over="ignore", invalid="ignore"):
-        total = rows.sum()  # one pass without another array; finite only where all of them are
-    if not (np.isfinite(total) or np.isfinite(rows).all()):
-        bad = int(np.flatnonzero(~np.isfinite(rows).all(axis=1))[0])
-        raise InputError(f"genomes: number {bad} holds a gene that is not finite")
     return rows
 
 

@@ -104,6 +104,14 @@ def open_backend(
         yield BrokerBackend(experiment, pool, local, where, metrics)
 
 
+def is_here(experiment: Experiment, broker: str | None, servers: Servers | None) -> bool:
+    """Whether `open_backend` with these arguments uses no broker that is visible to others."""
+    wanted: Servers = experiment.servers if servers is None else servers
+    if broker is not None or wanted in HERE:
+        return broker is None
+    return wanted == "auto" and experiment.broker is None and in_process_is_better(experiment)
+
+
 def has_workers(simulation: str) -> bool:
     """Whether `servers: local` means processes of their own: for code in Python that others find, too."""
     return is_python(simulation) and not simulation.startswith("__main__:")

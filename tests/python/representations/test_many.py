@@ -73,6 +73,20 @@ def test_many_are_varied_like_one_after_the_other(
     assert varied(subject) == expected
 
 
+@pytest.mark.parametrize("name", REPRESENTED)
+def test_how_genomes_lie_in_memory_does_not_matter(name: str) -> None:
+    subject = represented(name)
+    genomes = subject.initials(streams("initial"))
+    columns = np.asfortranarray(genomes)
+    change = {"severity": 0.5, "probability": 0.5}
+    for made in (
+        lambda rows: subject.mutations(rows, streams("mutate"), **change),
+        lambda rows: subject.crossovers(rows, rows[::-1], streams("cross")),
+        lambda rows: subject.distances_among(rows, np.array([0, 1]), np.array([[2, 3], [3, 4]])),
+    ):
+        assert made(columns).tobytes() == made(genomes).tobytes()
+
+
 def test_a_subclass_that_varies_one_genome_otherwise_varies_many_so() -> None:
     class Opposite(MealyFsm):
         def mutate(self, genome: Genome, stream: Stream, *, severity: float, probability: float) -> Genome:
