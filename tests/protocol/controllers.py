@@ -140,10 +140,9 @@ class Controller:
         return ZERO if np.isnan(a) else _within(a, -ONE, ONE)
 
     def _evostick(self, sensors: list[Single]) -> list[Single]:
-        length = len(sensors) + 1
         actuators = []
-        for at in range(0, len(self.weights), length):
-            *row, bias = self.weights[at : at + length]
+        for output in range(self.specification["actuators"]):
+            *row, bias = self.weights[output :: self.specification["actuators"]]
             total = ZERO
             for weight, value in zip(row, sensors, strict=True):
                 total = total + weight * value

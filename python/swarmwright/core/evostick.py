@@ -15,7 +15,7 @@ def as_layered(specification: Mapping[str, Any]) -> dict[str, Any]:
 
     Its weights are in the order of layered networks, each bias first.
     """
-    rows = np.reshape(specification["weights"], (-1, int(specification["sensors"]) + 1))
+    rows = np.reshape(specification["weights"], (-1, int(specification["actuators"]))).T
     weights = np.roll(rows, 1, axis=1).ravel().tolist()
     layered = {"kind": "layered", "hidden": [], "activation": STEEP, "output_range": [0.0, 1.0]}
     return {**specification, **layered, "weights": weights}

@@ -32,9 +32,8 @@ class EvostickOptions(Options):
 class Evostick(NodeNetwork):
     """A weight from each sensor and from a bias, whose input is 1, to each actuator.
 
-    Genes: output after output, the weights of the sensors in their order, then that of the bias: 50 for 24
-    sensors and 2 actuators. An output is the logistic function of 4.924273 times the sum, mapped from 0..1 to
-    -1..1.
+    Genes: sensor after sensor, then the bias, a weight for each actuator: 50 for 24 sensors and 2 actuators,
+    in ARGoS's order. An output is the logistic function of 4.924273 times the sum, mapped from 0..1 to -1..1.
 
     Mutation and distance are those of the other networks, with weights cut to their range; a crossover takes
     a run of genes from the father.

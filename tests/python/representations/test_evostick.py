@@ -19,11 +19,12 @@ def test_it_is_a_representation() -> None:
     check_representation("evostick", {"weight_range": 0.3, "mutation": "proportional"})
 
 
-def test_genes_are_the_weights_of_each_output_and_its_bias_last() -> None:
+def test_genes_are_the_weights_of_each_sensor_and_the_biases_last() -> None:
     subject = network()
     assert subject.genome_size == 50
     genome = np.zeros(50, np.float32)
-    genome[0], genome[24], genome[25 + 23], genome[49] = 0.25, -0.125, 1.0, 0.5
+    genome[0], genome[48] = 0.25, -0.125  # of the left wheel
+    genome[23 * 2 + 1], genome[49] = 1.0, 0.5
     controller = Controller(subject.specification(genome))
     sensors = np.zeros(24, np.float32)
     sensors[0], sensors[23] = 1.0, 2.0

@@ -7,7 +7,7 @@ use crate::OutputRange;
 use crate::functions::lanes::sigmoid;
 use crate::kinds::{Kind, LaneKind};
 use crate::lanes::nodes::stretched;
-use crate::lanes::sums::{Inputs, add_rows, split};
+use crate::lanes::sums::{Inputs, is_one};
 
 impl LaneKind for Evostick {
     #[inline(always)]
@@ -55,25 +55,41 @@ impl LaneKind for Evostick {
 /// Two outputs at a time, as wheels come in pairs: their sums do not wait for each other.
 #[inline(always)]
 fn forward<L: Lanes>(weights: &[L], inputs: Inputs<'_, L>, actuators: &mut [L]) {
-    let length = inputs.len() + 1;
-    let mut rest = weights;
-    let mut pairs = actuators.chunks_exact_mut(2);
-    for pair in &mut pairs {
-        outputs::<L, 2>(rest, inputs, pair);
-        rest = &rest[2 * length..];
+    let count = actuators.len();
+    let mut first = 0;
+    while first + 1 < count {
+        outputs::<L, 2>(weights, first, inputs, actuators);
+        first += 2;
     }
-    for last in pairs.into_remainder().chunks_exact_mut(1) {
-        outputs::<L, 1>(rest, inputs, last);
+    if first < count {
+        outputs::<L, 1>(weights, first, inputs, actuators);
     }
 }
 
 #[inline(always)]
-fn outputs<L: Lanes, const N: usize>(rows: &[L], inputs: Inputs<'_, L>, actuators: &mut [L]) {
-    let length = inputs.len() + 1;
-    let sums = add_rows([L::splat(0.0); N], split::<L, N>(rows, length, 0), inputs);
+fn outputs<L: Lanes, const N: usize>(
+    weights: &[L],
+    first: usize,
+    inputs: Inputs<'_, L>,
+    actuators: &mut [L],
+) {
+    let mut rows = weights.chunks_exact(actuators.len());
+    let mut sums = [L::splat(0.0); N];
+    for (input, row) in inputs.numbers.iter().zip(&mut rows) {
+        let row = &row[first..][..N];
+        for node in 0..N {
+            sums[node] = sums[node].add(row[node].mul(*input));
+        }
+    }
+    for (bit, row) in inputs.order.iter().zip(&mut rows) {
+        let (is_one, row) = (is_one::<L>(inputs.bits, *bit), &row[first..][..N]);
+        for node in 0..N {
+            sums[node] = sums[node].add_where(row[node], is_one);
+        }
+    }
+    let biases = &weights[weights.len() - actuators.len() + first..][..N];
     for node in 0..N {
-        let sum = sums[node].add(rows[node * length + length - 1]);
-        let output = sigmoid(L::splat(STEEPNESS).mul(sum));
-        actuators[node] = stretched(OutputRange::UNIT, output);
+        let output = sigmoid(L::splat(STEEPNESS).mul(sums[node].add(biases[node])));
+        actuators[first + node] = stretched(OutputRange::UNIT, output);
     }
 }

@@ -16,7 +16,7 @@ pub(crate) const STEEPNESS: f32 = 4.924273;
 /// V. Trianni and M. Birattari, "AutoMoDe: a novel approach to the automatic design of control software for robot swarms",
 /// Swarm Intelligence 8, 2014). Keeps nothing between steps.
 ///
-/// Weights: output after output, one weight for every sensor, then one for the bias.
+/// Weights: sensor after sensor, one weight for every output, then one for every output's bias.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Evostick {
     /// Numbers in.
@@ -61,13 +61,15 @@ impl Kind for Evostick {
         sensors: &[f32],
         actuators: &mut [f32],
     ) {
-        let rows = weights.chunks_exact(self.sensors + 1);
-        for (actuator, row) in actuators.iter_mut().zip(rows) {
-            let mut sum = 0.0_f32;
-            for (weight, input) in row.iter().zip(sensors) {
-                sum += weight * input;
+        actuators.fill(0.0);
+        let mut rows = weights.chunks_exact(self.actuators);
+        for (input, row) in sensors.iter().zip(&mut rows) {
+            for (sum, weight) in actuators.iter_mut().zip(row) {
+                *sum += weight * input;
             }
-            let output = sigmoid(STEEPNESS * (sum + row[self.sensors]));
+        }
+        for (actuator, bias) in actuators.iter_mut().zip(rows.next().unwrap_or_default()) {
+            let output = sigmoid(STEEPNESS * (*actuator + bias));
             *actuator = OutputRange::UNIT.actuator(output);
         }
     }

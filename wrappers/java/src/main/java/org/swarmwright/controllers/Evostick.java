@@ -4,7 +4,7 @@ package org.swarmwright.controllers;
  * The network of EvoStick: no hidden nodes, and outputs that are steep logistic functions. Keeps
  * nothing between steps.
  *
- * <p>Weights: output after output, one weight for every sensor, then one for the bias.
+ * <p>Weights: sensor after sensor, one weight for every output, then one for every output's bias.
  */
 final strictfp class Evostick extends Architecture {
   /** What a sum is multiplied by before the logistic function. */
@@ -47,14 +47,14 @@ final strictfp class Evostick extends Architecture {
       float[] scratch,
       float[] sensors,
       float[] actuators) {
-    int weight = first;
     for (int k = 0; k < actuators.length; k++) {
+      int weight = first + k;
       float sum = 0f;
       for (float sensor : sensors) {
-        sum = sum + weights[weight++] * sensor;
+        sum = sum + weights[weight] * sensor;
+        weight += actuators.length;
       }
-      float bias = weights[weight++];
-      float output = Functions.sigmoid(STEEPNESS * (sum + bias));
+      float output = Functions.sigmoid(STEEPNESS * (sum + weights[weight]));
       actuators[k] = OutputRange.UNIT.actuator(output);
     }
   }
