@@ -98,9 +98,14 @@ def command(
     show_warnings()
     opened = Run.open(run)
     again = episodes is None and seed is None
-    only = ELSEWHERE if again else ELSEWHERE | {"parameters", "fitness", "ranking", "simulation"}
+    only = ELSEWHERE - {"validate"}
+    if not again:
+        only |= {"parameters", "fitness", "ranking", "simulation"}
     reason = (
-        "the record was not made with it; give --episodes" if again else "it is what the run evolved with"
+        "the record was not made with it; give --episodes"
+        if again
+        else "it does not say how a candidate is evaluated; parameters, fitness, ranking and where it is "
+        "evaluated can be set"
     )
     used = used_for(opened, opened.evaluation(candidate, generation).generation, simulation)
     experiment = used.with_settings(settings, only=only, reason=reason)

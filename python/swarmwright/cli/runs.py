@@ -108,12 +108,19 @@ def compare(runs: tuple[Path, ...], at: int | None, as_json: bool) -> None:
     "export",
     cls=Command,
     example="swarmwright runs export runs/minisim-1 evaluations.csv\n"
-    "swarmwright runs export runs/minisim-1 evaluations.parquet",
+    "swarmwright runs export runs/minisim-1 evaluations.parquet\n"
+    "swarmwright runs export runs/minisim-1 held-out.csv --validation",
 )
 @click.argument("run", type=ExistingPath(folder=True), metavar="RUN")
 @click.argument("file", type=click.Path(path_type=Path, dir_okay=False), metavar="FILE")
+@click.option(
+    "--validation",
+    is_flag=True,
+    help="Write the validation instead, .csv, a line per candidate and episode: generation, candidate, "
+    "recorded fitness, seed, fitness, metrics.",
+)
 @json_option
-def export(run: Path, file: Path, as_json: bool) -> None:
+def export(run: Path, file: Path, validation: bool, as_json: bool) -> None:
     """Write the record of RUN as a table, .csv or .parquet, a line per evaluation.
 
     Sorted by generation and candidate. Columns: generation, candidate, fitness, then the fitness of each
@@ -121,11 +128,19 @@ def export(run: Path, file: Path, as_json: bool) -> None:
     """
     if not file.parent.is_dir():
         raise click.UsageError(f"'{file}': there is no folder '{file.parent}'; create it first.")
-    from swarmwright import Run
+    from swarmwright import InputError, Run
 
-    Run.open(run).export(file)
-    output = Output(as_json=as_json)
-    output.text(f"The record is in {file}")
+    opened, output = Run.open(run), Output(as_json=as_json)
+    if validation:
+        found = opened.validation
+        if found is None:
+            raise InputError(
+                f"{run}: has no validation; `swarmwright resume {run} --set validate.episodes=100` makes one"
+            )
+        found.export(file)
+    else:
+        opened.export(file)
+    output.text(f"The {'validation' if validation else 'record'} is in {file}")
     output.json({"run": str(run), "file": str(file)})
 
 

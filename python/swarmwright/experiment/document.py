@@ -145,8 +145,8 @@ class Validate(Options):
     these are fewer than 10. Where the first 10 (auto: 5) show that fitness does not depend on the seed, there
     are no others."""
     candidates: int = Field(default=5, ge=1, le=100)
-    """How many: the best candidate of the run, and the next best with other genomes. With `episodes: auto` as
-    many as that twentieth suffices for, but at least the best one."""
+    """How many: the best candidate of the run, and the next best with other controllers. With `episodes:
+    auto` as many as that twentieth suffices for, but at least the best one."""
     seed: int | None = Field(default=None, ge=0, le=2**62)
     """Simulation seed of the first episode; the others have the next ones that the run did not use. Default:
     parameters.seed + 1,000,000,000, so that runs with the same `parameters.seed` are validated on the same

@@ -146,6 +146,12 @@ def _assign(source: Source, setting: Setting) -> None:
             container[key] = copy.deepcopy(setting.value)
         else:
             if isinstance(container, dict) and container.get(part) is None:
+                if path[0] != "parameters" and setting.path[index + 1].isdecimal():
+                    number, whole = setting.path[index + 1], dotted_path(path)
+                    _complain(
+                        source, setting, path, f"is not given, so there is no item {number}; set {whole}=[..]"
+                    )
+                    return
                 container[part] = {}
             container = container[key]
     _forget(source, path)

@@ -5,14 +5,20 @@ their fitness of each episode. The state is `due` (under way, with the episodes 
 (fitness does not depend on the seed) or `none` (switched off, or the run was too short).
 """
 
+import json
+import logging
 import math
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmwright.core.errors import InputError
+from swarmwright.core.files import write_text
 from swarmwright.core.statistics import Estimate, estimate
 from swarmwright.evaluation.base import Backend, Progress
 from swarmwright.experiment.document import AUTO
@@ -38,6 +44,10 @@ _TRIED = {True: 5, False: 10}
 _PARTS = 20  # at most, in which the other episodes are evaluated and stored
 _PART = 25  # episodes of each candidate, at least, in one of them
 
+_LONG_S = 5.0
+"""Seconds from which on a validation is announced."""
+progress = logging.getLogger("swarmwright.progress")
+
 Keep = Callable[[dict[str, Any]], None]
 
 
@@ -46,7 +56,8 @@ class Validation:
     """A run's best candidates in the same episodes with held-out seeds."""
 
     candidates: list[PostEvaluation]
-    """The best of the run, then the next best ones, by their fitness in the record; never empty."""
+    """The best of the run, then the next best ones with other controllers, by their fitness in the record;
+    never empty."""
     depends_on_seed: bool
     """Whether fitness depends on the seed, as far as it was tried; if not, the trial was all."""
 
@@ -85,6 +96,22 @@ class Validation:
             "seeds": self.seeds,
             "candidates": [one.summary() for one in self.candidates],
         }
+
+    def export(self, path: str | Path) -> None:
+        """Write every episode of every candidate as a table, .csv, in the order of `candidates` and `seeds`.
+
+        Columns: generation, candidate, recorded, seed, fitness (nan where the episode failed), metrics.
+        Raises InputError for another ending, and when the file cannot be written.
+        """
+        if Path(path).suffix.lower() != ".csv":
+            raise InputError(f"{path}: the table of a validation ends with .csv")
+        names = list(self.best.metrics)
+        lines = [",".join(["generation", "candidate", "recorded", "seed", "fitness", *names])]
+        for one in self.candidates:
+            columns = [one.seeds, one.episodes.tolist(), *(one.metrics[name].tolist() for name in names)]
+            whose = (one.generation, one.candidate, one.recorded)
+            lines += [",".join(map(repr, (*whose, *row))) for row in zip(*columns, strict=True)]
+        write_text(path, "\n".join([*lines, ""]))
 
     @classmethod
     def of_store(cls, values: dict[str, Any], ranking: Ranking) -> Self:
@@ -167,10 +194,17 @@ def validate(
         work.take_up(stored)
     else:
         work.keep("due")
+    begun, before = time.monotonic(), work.done
     work.to(plan.tried)
+    rate = (time.monotonic() - begun) / max(work.done - before, 1)
     if not _differ(work.rows) and not _record_differs(experiment, reader) and not work.other():
         work.keep("same")
         return
+    if rate * (len(plan.seeds) - work.done) > _LONG_S:
+        progress.info(
+            "validating: %d episodes with held-out seeds of each of the best %d candidates",
+            len(plan.seeds), len(plan.candidates),
+        )  # fmt: skip
     size = max(_PART, math.ceil(len(plan.seeds) / _PARTS))
     while work.done < len(plan.seeds):
         work.to(min(len(plan.seeds), work.done + size))
@@ -214,7 +248,7 @@ class _Work:
             return
         before, all_ = self.done * len(self._genomes), len(self._plan.seeds) * len(self._genomes)
 
-        def progress(done: int, _: int, waiting_for: str) -> None:
+        def on_progress(done: int, _: int, waiting_for: str) -> None:
             if self._on_progress is not None:
                 self._on_progress(before + done, all_, waiting_for)
 
@@ -223,7 +257,7 @@ class _Work:
             self._backend,
             self._genomes,
             self._plan.seeds[self.done : count],
-            progress,
+            on_progress,
             may_fail=bool(np.isfinite(self._fitness).any()),
         )
         self._fitness = np.concatenate([self._fitness, results.fitness + 0.0], axis=1)
@@ -289,7 +323,12 @@ def _planned(experiment: Experiment, reader: StoreReader) -> _Plan | None:
         if count < max(_LEAST, ranking.episodes):
             return None
         most = max(1, min(most, affordable // count))
-    candidates = reader.leading(most, last_only=ranking.reevaluate)
+    representation = experiment.representation()
+    candidates = reader.leading(
+        most,
+        last_only=ranking.reevaluate,
+        key=lambda genome: json.dumps(representation.specification(genome), sort_keys=True),
+    )
     seeds = unseen_seeds(experiment.first_seed, reader.used_seeds(), count, options.seed)
     return _Plan(candidates, seeds, min(count, _TRIED[automatic]), reader.evaluation(0, 0))
 

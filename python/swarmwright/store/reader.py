@@ -3,7 +3,7 @@
 import hashlib
 import json
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from functools import cached_property
@@ -203,15 +203,18 @@ class StoreReader:
             seeds: list[int] = self._parsed(self._row(generations, generation).seeds)
         return seeds
 
-    def leading(self, count: int, *, last_only: bool = False) -> list[Evaluation]:
+    def leading(
+        self, count: int, *, last_only: bool = False, key: Callable[[Genome], object] = bytes
+    ) -> list[Evaluation]:
         """Return the best evaluation of the run, and the next best with other genomes, the best first.
 
         Args:
             count: how many, at most. Fewer where there are fewer genomes whose evaluation has not failed.
             last_only: whether those beside the best are of the last generation only.
+            key: the same for genomes that count as one, such as those of the same controller.
         """
         best = self.evaluation(None, None)
-        found, known = [best], {best.genome.tobytes()}
+        found, known = [best], {key(best.genome)}
         with self._generations() as generations:
             row = generations.last()
             first = row.first if last_only and row is not None else 0
@@ -220,8 +223,8 @@ class StoreReader:
             if len(found) >= count:
                 break
             one = self.evaluation(int(number), None)
-            if one.genome.tobytes() not in known:
-                known.add(one.genome.tobytes())
+            if key(one.genome) not in known:
+                known.add(key(one.genome))
                 found.append(one)
         return found
 

@@ -126,3 +126,19 @@ def test_metrics_are_measured_where_they_are_asked_for(program: Any, noisy: Path
     assert wrong.returncode == 2
     assert "metrics: unknown metric 'arived'; did you mean 'arrived'?" in wrong.stderr
     assert "--metrics needs --episodes" in program("evaluate", "run", "--metrics", "all").stderr
+
+
+def test_it_is_exported(program: Any, noisy: Path) -> None:
+    program("optimize", noisy, "--out", "run", "--set", "validate=false")
+    without = program("runs", "export", "run", "table.csv", "--validation")
+    assert without.returncode == 2
+    assert (
+        "run: has no validation; `swarmwright resume run --set validate.episodes=100` makes one"
+        in without.stderr
+    )
+    program("resume", "run", "--set", "validate.episodes=30")
+    assert (
+        "The validation is in table.csv"
+        in program("runs", "export", "run", "table.csv", "--validation").stdout
+    )
+    assert len((noisy.parent / "table.csv").read_text().splitlines()) == 1 + 5 * 30

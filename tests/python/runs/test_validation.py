@@ -96,6 +96,20 @@ def test_candidates_are_as_many_as_there_are_genomes(tmp_path: Path) -> None:
     assert len({run.evaluation(one.number).genome.tobytes() for one in found}) == 3
 
 
+def test_genomes_of_the_same_controller_count_once(tmp_path: Path) -> None:
+    evolved = {"evasion": {"type": "categorical", "choices": ["left", "right"]}}
+    run = run_of(
+        tmp_path,
+        parameters={"steering": "rule"},
+        controller={"kind": "parameter_set", "parameters": evolved},
+        method={"kind": "nnga", "population": 20, "generations": 3},
+        validate=ASKED,
+    )
+    assert len(np.unique(run.record.genomes, axis=0)) > 2
+    assert run.validation is not None
+    assert len(run.validation.candidates) == 2, "left and right"
+
+
 def test_it_changes_nothing_of_the_record_and_does_not_depend_on_servers(tmp_path: Path) -> None:
     run, without, plain = (run_of(tmp_path, validate=one) for one in (ASKED, False, None))
     servers = run_of(tmp_path, servers=2, validate=ASKED)
@@ -355,3 +369,24 @@ def test_the_leading_ones_are_read_without_all_genomes(tmp_path: Path) -> None:
     found = reader.leading(12)
     assert [one.number for one in found] == np.argsort(-run.record.fitness, kind="stable")[:12].tolist()
     assert [one.fitness for one in reader.leading(1)] == [run.best.fitness]
+
+
+def test_it_is_exported_as_a_table(tmp_path: Path) -> None:
+    run = run_of(tmp_path, validate=ASKED, fitness="arrived - 0.1 * distance")
+    assert run.validation is not None
+    run.validation.export(tmp_path / "table.csv")
+    rows = (tmp_path / "table.csv").read_text().splitlines()
+    assert rows[0] == "generation,candidate,recorded,seed,fitness,arrived,distance"
+    assert len(rows) == 1 + 3 * 60
+    for index, row in enumerate(rows[1:]):
+        one, episode = run.validation.candidates[index // 60], index % 60
+        generation, candidate, recorded, seed, fitness, arrived, distance = row.split(",")
+        assert (int(generation), int(candidate), int(seed)) == (
+            one.generation,
+            one.candidate,
+            one.seeds[episode],
+        )
+        assert (float(recorded), float(fitness)) == (one.recorded, one.episodes[episode])
+        assert float(fitness) == float(arrived) - 0.1 * float(distance)
+    with pytest.raises(InputError, match="the table of a validation ends with"):
+        run.validation.export(tmp_path / "table.parquet")
