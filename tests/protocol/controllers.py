@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from tests.protocol.machines import Machine
+
 Single = np.float32
 Json = dict[str, Any]
 
@@ -92,6 +94,7 @@ class Controller:
 
     def reset(self) -> None:
         self.state = 0
+        self.machine: Machine | None = None
         parts = ("sensors", "hidden", "actuators") if self.specification["kind"] == "fully_meshed" else ()
         self.outputs = [ZERO] * sum(self.specification[part] for part in parts)
 
@@ -102,6 +105,7 @@ class Controller:
             "fully_meshed": self._fully_meshed,
             "mealy_fsm": self._mealy_fsm,
             "evostick": self._evostick,
+            "modules": self._modules,
         }
         return kinds[self.specification["kind"]](list(sensors))
 
@@ -149,6 +153,12 @@ class Controller:
             a = TWO * sigmoid(_STEEPNESS * (total + bias)) - ONE
             actuators.append(ZERO if np.isnan(a) else _within(a, -ONE, ONE))
         return actuators
+
+    def _modules(self, sensors: list[Single]) -> list[Single]:
+        if self.machine is None:
+            sizes = (self.specification["states"], self.specification["transitions"])
+            self.machine = Machine(self.weights, *sizes, sigmoid)
+        return self.machine.step(sensors)
 
     def _mealy_fsm(self, sensors: list[Single]) -> list[Single]:
         row = self.state

@@ -17,8 +17,8 @@ mod specification;
 pub use activation::Activation;
 pub use controller::{Controller, ControllerError};
 pub use kinds::{
-    Architecture, Evostick, FullyMeshed, KINDS, Layered, MealyFsm, Parameter, ParameterKind,
-    ParameterSet,
+    Architecture, BEHAVIOUR_NAMES, CONDITION_NAMES, Evostick, FullyMeshed, KINDS, Layered,
+    MealyFsm, Modules, Parameter, ParameterKind, ParameterSet,
 };
 pub use lanes::LaneController;
 pub use output_range::OutputRange;

@@ -70,7 +70,7 @@ impl<const S: usize, const B: usize> Kernel for Steps<'_, S, B> {
 }
 
 /// How many sensors are numbers, how many are bits.
-const SENSORS: [(usize, usize); 5] = [(1, 0), (5, 0), (3, 2), (2, 8), (0, 3)];
+const SENSORS: [(usize, usize); 5] = [(1, 0), (9, 0), (6, 3), (2, 8), (0, 3)];
 
 /// The outputs in lanes of an instruction set, lane by lane.
 fn outputs(
@@ -88,7 +88,7 @@ fn outputs(
             }
         };
     }
-    run!(1, 0; 5, 0; 3, 2; 2, 8; 0, 3)
+    run!(1, 0; 9, 0; 6, 3; 2, 8; 0, 3)
 }
 
 fn architecture(sensors: usize) -> impl Strategy<Value = serde_json::Value> {
@@ -111,8 +111,18 @@ fn architecture(sensors: usize) -> impl Strategy<Value = serde_json::Value> {
         |(states, thresholds)| json!({"kind": "mealy_fsm", "states": states, "thresholds": thresholds}),
     );
     let evostick = Just(json!({"kind": "evostick"}));
-    let any = prop_oneof![4 => network, 2 => machine, 1 => evostick];
+    let modules = (1usize..6, 1usize..5)
+        .prop_map(|(states, transitions)| json!({"kind": "modules", "states": states, "transitions": transitions}));
+    let any = prop_oneof![4 => network, 2 => machine, 1 => evostick, 5 => modules];
     (any, 1usize..4).prop_map(move |(mut specification, actuators)| {
+        let mut actuators = actuators;
+        if specification["kind"] == "modules" {
+            if sensors == 9 {
+                actuators = 2;
+            } else {
+                specification = json!({"kind": "evostick"});
+            }
+        }
         specification["version"] = json!(1);
         specification["sensors"] = json!(sensors);
         specification["actuators"] = json!(actuators);
@@ -147,6 +157,112 @@ fn weight() -> impl Strategy<Value = f32> {
     prop_oneof![8 => -4.0f32..4.0, 1 => -1e30f32..1e30, 1 => prop::sample::select(vec![0.0, -0.0, 3e38])]
 }
 
+/// All instruction sets compute what one controller at a time computes.
+fn agree(
+    split: (usize, usize),
+    specifications: &[Specification],
+    sensors: &[Vec<Vec<f32>>],
+) -> Result<(), TestCaseError> {
+    let expected: Vec<Vec<u32>> = specifications
+        .iter()
+        .enumerate()
+        .map(|(lane, specification)| {
+            let mut controller = Controller::new(specification);
+            let mut actuators = vec![0.0; controller.actuators()];
+            sensors
+                .iter()
+                .flat_map(|step| {
+                    controller.step(&step[lane], &mut actuators).unwrap();
+                    actuators
+                        .iter()
+                        .map(|value| value.to_bits())
+                        .collect::<Vec<_>>()
+                })
+                .collect()
+        })
+        .collect();
+    for level in Level::available() {
+        for sliced in [false, true] {
+            let found: Vec<Vec<u32>> = outputs(split, sliced, level, specifications, sensors)
+                .into_iter()
+                .map(|lane| lane.into_iter().map(f32::to_bits).collect())
+                .collect();
+            prop_assert_eq!(&found, &expected, "{}, sliced: {}", level.name(), sliced);
+        }
+    }
+    Ok(())
+}
+
+/// Genes of a machine of four states with four transitions each, most of them within their limits.
+fn machine_of_modules() -> impl Strategy<Value = Vec<f32>> {
+    let of = |low: f32, high: f32| prop_oneof![9 => low..high, 1 => (0.95f32..1.05).prop_map(move |share| share * high)];
+    let transition = (
+        of(0.0, 4.0),
+        of(0.0, 6.0),
+        of(0.0, 1.0),
+        of(1.0, 11.0),
+        of(0.0, 20.0),
+    );
+    let state = (
+        of(0.0, 6.0),
+        of(1.0, 20.0),
+        of(1.0, 5.0),
+        of(1.0, 5.0),
+        prop::collection::vec(transition, 4),
+    );
+    (of(1.0, 5.0), prop::collection::vec(state, 4)).prop_map(|(states, rows)| {
+        let mut weights = vec![states];
+        for (behaviour, rwm, alpha, count, transitions) in rows {
+            weights.extend([behaviour, rwm, alpha, count]);
+            for (target, condition, probability, xi, eta) in transitions {
+                weights.extend([target, condition, probability, xi, eta]);
+            }
+        }
+        weights
+    })
+}
+
+/// What a robot senses: see `Modules`.
+fn sensed() -> impl Strategy<Value = Vec<f32>> {
+    let axis = || prop_oneof![1 => Just(0.0f32), 3 => -0.8f32..0.8];
+    let ground = prop::sample::select(vec![0.0f32, 0.1, 0.5, 0.95, 1.0]);
+    let vectors = ((axis(), axis()), (axis(), axis()), (axis(), axis()));
+    (vectors, ground, 0u8..20, 0u32..1 << 24).prop_map(
+        |((proximity, light, attraction), ground, neighbours, random)| {
+            let random = random as f32 / 16_777_216.0;
+            vec![
+                proximity.0,
+                proximity.1,
+                light.0,
+                light.1,
+                ground,
+                f32::from(neighbours),
+                attraction.0,
+                attraction.1,
+                random,
+            ]
+        },
+    )
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(24))]
+    #[test]
+    fn machines_of_modules_agree_over_many_steps(
+        machines in prop::collection::vec(machine_of_modules(), 16),
+        sensed in prop::collection::vec(sensed(), 16 * 60),
+    ) {
+        let specification = |weights: &Vec<f32>| {
+            let document = json!({"version": 1, "kind": "modules", "sensors": 9, "actuators": 2, "states": 4, "transitions": 4,
+                "weights": weights});
+            Specification::from_json(&document.to_string()).unwrap()
+        };
+        let specifications: Vec<Specification> = machines.iter().map(specification).collect();
+        let sensors: Vec<Vec<Vec<f32>>> = sensed.chunks_exact(16).map(<[Vec<f32>]>::to_vec).collect();
+        agree((9, 0), &specifications, &sensors)?;
+    }
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
     #[test]
@@ -175,29 +291,6 @@ proptest! {
             sensors
         };
         let sensors: Vec<Vec<Vec<f32>>> = (0..4).map(|_| (0..16).map(|_| reading()).collect()).collect();
-        let expected: Vec<Vec<u32>> = specifications
-            .iter()
-            .enumerate()
-            .map(|(lane, specification)| {
-                let mut controller = Controller::new(specification);
-                let mut actuators = vec![0.0; controller.actuators()];
-                sensors
-                    .iter()
-                    .flat_map(|step| {
-                        controller.step(&step[lane], &mut actuators).unwrap();
-                        actuators.iter().map(|value| value.to_bits()).collect::<Vec<_>>()
-                    })
-                    .collect()
-            })
-            .collect();
-        for level in Level::available() {
-            for sliced in [false, true] {
-                let found: Vec<Vec<u32>> = outputs(split, sliced, level, &specifications, &sensors)
-                    .into_iter()
-                    .map(|lane| lane.into_iter().map(f32::to_bits).collect())
-                    .collect();
-                prop_assert_eq!(&found, &expected, "{}, sliced: {}", level.name(), sliced);
-            }
-        }
+        agree(split, &specifications, &sensors)?;
     }
 }

@@ -25,9 +25,10 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "fully_meshed": {"hidden": 2, "activation": "sigmoid", "iterations": 2},
     "mealy_fsm": {"states": 3, "levels": 2},
     "evostick": {},
+    "modules": {},
 }
-"""The options with which each kind of controller that steers agents is tried; the second and the third have a
-state."""
+"""The options with which each kind of controller that steers agents is tried; the second, the third
+and the last have a state."""
 KINDS = (*OPTIONS, "parameter_set")
 """All kinds of controller."""
 
@@ -48,14 +49,14 @@ class ControllerSet:
 
 
 def controller_set(server: Server, kind: str, candidates: int) -> ControllerSet:
-    """Controllers that fit the server, the same in every run; skips the rule where they are too large."""
+    """Controllers that fit the server, the same in every run; skips the rule where there are none."""
     component = REPRESENTATIONS.get(kind)
     options = component.options_model.model_validate(OPTIONS[kind])
     try:
         made = component(options, sensors=server.sensors, actuators=server.actuators)
         genomes = made.initials(Streams(1, "conformance", 0, range(candidates)))
     except InputError as error:
-        raise Skip(f"such a controller is too large here: {error}") from None
+        raise Skip(f"there are no such controllers here: {error}") from None
     return ControllerSet(made.architecture(), np.ascontiguousarray(made.weights(genomes), dtype=np.float32))
 
 

@@ -16,6 +16,7 @@ REPRESENTATIONS: Registry[Representation] = Registry(
         "fully_meshed": "swarmwright.representations.fully_meshed:FullyMeshed",
         "layered": "swarmwright.representations.layered:Layered",
         "mealy_fsm": "swarmwright.representations.mealy_fsm:MealyFsm",
+        "modules": "swarmwright.representations.modules:Modules",
         "parameter_set": "swarmwright.representations.parameter_set:ParameterSet",
     },
     "swarmwright.representations:Representation",

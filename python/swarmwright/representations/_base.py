@@ -55,6 +55,9 @@ class Representation(ABC):
     a similar controller. False for genes that are choices, such as the entries of a table: methods that add
     and scale genes refuse such a representation."""
 
+    shape: ClassVar[tuple[int, int] | None] = None
+    """(sensors, actuators) that its controllers have; the constructor raises InputError for others. None: any
+    numbers."""
     steers: ClassVar[bool] = True
     """Whether its controllers steer agents. False for values that go to the simulation before an episode, and
     which therefore fit any numbers of sensors and actuators."""

@@ -60,8 +60,12 @@ def representation(
     actuators: int = 1,
     options: Mapping[str, Any] | None = None,
 ) -> Representation:
-    """Return a representation, by default with its required options only."""
+    """Return a representation, by default with its required options only.
+
+    One that fits only certain numbers of sensors and actuators has those.
+    """
     component = REPRESENTATIONS.get(kind)
     given = EXAMPLES.get(kind, {}) if options is None else options
     made = component.options_model.model_validate({**given})
+    sensors, actuators = component.shape or (sensors, actuators)
     return component(made, sensors=sensors, actuators=actuators)

@@ -23,7 +23,8 @@ def check_representation(kind: str, options: Mapping[str, Any] | None = None) ->
         options: as in experiment files, `kind` left out; default: none, which must be sufficient then.
     """
     check_options(REPRESENTATIONS, kind, options)
-    for sensors, actuators in SHAPES:
+    shape = REPRESENTATIONS.get(kind).shape
+    for sensors, actuators in SHAPES if shape is None else [shape]:
         subject = representation(kind, sensors=sensors, actuators=actuators, options=options)
         _check_limits(subject)
         _check_weights(subject)

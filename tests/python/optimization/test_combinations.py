@@ -22,6 +22,7 @@ SMALL: dict[str, dict[str, Any]] = {
     },
 }
 """Options of representations that need some, or are large without."""
+ROBOTS = Path(__file__).with_name("robots.py")
 RANKINGS: list[dict[str, Any]] = [
     {"aggregate": "mean"},
     {"aggregate": "cvar", "level": 0.5, "seeds": "new", "reevaluate": True},
@@ -47,6 +48,19 @@ def experiment(controller: str, method: str, operation: str, ranking: int) -> Ex
             "controller": {"kind": controller, **SMALL.get(controller, {})},
             "method": {"kind": method, "operation": operation, "generations": 3, **sizes(method)},
             "ranking": {"kind": "absolute", "episodes": 2, **RANKINGS[ranking]},
+            "servers": "local",
+        }
+    )
+
+
+def robots(method: str, operation: str = "generational", **options: Any) -> Experiment:
+    """Machines of modules on robots that sense what they need."""
+    return Experiment.from_mapping(
+        {
+            "simulation": f"{ROBOTS}:Robots",
+            "controller": {"kind": "modules"},
+            "method": {"kind": method, "operation": operation, "generations": 3, **sizes(method), **options},
+            "ranking": {"episodes": 2},
             "servers": "local",
         }
     )
@@ -87,6 +101,7 @@ def refused(why: str, controller: str, method: str, operation: str, ranking: int
         asks_for_more and operation == "steady_state" and "ranking" in why,
         operation == "steady_state" and not component.steady_state and "method.operation: " in why,
         controller in {"mealy_fsm", "parameter_set"} and "method.kind: " in why and controller in why,
+        controller == "modules" and "controller.kind: modules needs 9 sensors" in why,
     ]
     assert any(reasons), why
 
@@ -94,9 +109,19 @@ def refused(why: str, controller: str, method: str, operation: str, ranking: int
 @pytest.mark.parametrize("operation", ["generational", "steady_state"])
 @pytest.mark.parametrize("controller", REGISTRIES["controller"].names())
 def test_servers_give_what_this_process_gives(controller: str, operation: str, tmp_path: Path) -> None:
-    made = experiment(controller, "cea2d", operation, 0)
+    if controller == "modules":
+        made = robots("cea2d", operation)
+    else:
+        made = experiment(controller, "cea2d", operation, 0)
     local: Run = optimize(made, out=tmp_path / "local")
     for mode in ("stepwise", "offloaded"):
         there = optimize(made.replace(mode=mode, servers=2), out=tmp_path / mode)
         same_record(there, local)
         assert {attempt.mode for attempt in there.attempts()} == {mode}
+
+
+@pytest.mark.parametrize("method", ["nnga", "pso"])
+def test_machines_of_modules_become_better(method: str, tmp_path: Path) -> None:
+    run = optimize(robots(method, generations=8, population=20), out=tmp_path / "run")
+    first, last = run.history[0], run.history[-1]
+    assert last.mean > 1.2 * first.mean > 0

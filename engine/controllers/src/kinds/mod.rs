@@ -8,12 +8,14 @@ mod evostick;
 mod fully_meshed;
 mod layered;
 mod mealy_fsm;
+mod modules;
 mod parameter_set;
 
 pub use evostick::Evostick;
 pub use fully_meshed::FullyMeshed;
 pub use layered::Layered;
 pub use mealy_fsm::MealyFsm;
+pub use modules::{BEHAVIOUR_NAMES, CONDITION_NAMES, Modules};
 pub use parameter_set::{Parameter, ParameterKind, ParameterSet};
 
 use crate::SpecificationError;
@@ -76,6 +78,10 @@ pub(crate) trait LaneKind: Kind {
 
     /// Vectors that a step needs besides.
     fn lane_scratch_length(&self) -> usize;
+
+    /// Changes weights that were loaded, once, to what makes steps short.
+    #[inline(always)]
+    fn prepare<L: Lanes>(&self, _weights: &mut [L]) {}
 
     /// One step of one agent in each lane. `weights`: vectors, and the genome of each lane; `numbers` and `bits`: see
     /// [`crate::LaneController::step_with_bits`]. Actuators are neither limited to -1..=1, nor is NaN replaced.
@@ -151,6 +157,8 @@ kinds! { ($)
     "mealy_fsm" => MealyFsm,
     /// EvoStick's network.
     "evostick" => Evostick,
+    /// A probabilistic finite-state machine of modules.
+    "modules" => Modules,
     /// Parameters of a simulation that steers its agents itself.
     "parameter_set" => ParameterSet,
 }

@@ -42,6 +42,8 @@ impl<'a, L: Lanes> LaneController<'a, L> {
             self.genomes.extend_from_slice(genomes);
         } else {
             L::transpose(genomes, 0, &mut self.weights);
+            let weights = &mut self.weights;
+            of_kind!(self.architecture, kind => kind.prepare(weights));
         }
     }
 

@@ -1,0 +1,273 @@
+//! Probabilistic finite-state machines of given behaviours and conditions.
+
+mod catalogue;
+mod lanes;
+mod random;
+mod read;
+
+use super::Kind;
+use crate::SpecificationError;
+use crate::functions::sigmoid;
+use crate::reader::Reader;
+use catalogue::{BEHAVIOURS, Behaviour, CONDITIONS, Condition, Ground, names};
+use random::Random;
+use serde::Serialize;
+
+/// Names of the behaviours, in the order of their numbers.
+pub const BEHAVIOUR_NAMES: [&str; BEHAVIOURS.len()] = names(&BEHAVIOURS);
+/// Names of the conditions, in the order of their numbers.
+pub const CONDITION_NAMES: [&str; CONDITIONS.len()] = names(&CONDITIONS);
+
+/// Numbers in: see [`Sensed`].
+const SENSORS: usize = 9;
+/// Numbers out: the speeds of the left and of the right wheel.
+const ACTUATORS: usize = 2;
+const MOST_STATES: usize = 16;
+/// As many as there are random numbers.
+const MOST_TRANSITIONS: usize = 4;
+
+/// Weights of a state without its transitions: behaviour, rwm, alpha, number of transitions.
+const OF_STATE: usize = 4;
+/// Weights of a transition: target, condition, probability, xi, eta.
+const OF_TRANSITION: usize = 5;
+
+/// Lowest and highest value of each weight of a state, and whether its fraction counts; then of a transition. A number of states or
+/// transitions is limited further by the specification, and a target by the number of states.
+const STATE_LIMITS: [(f32, f32, bool); OF_STATE] = [
+    (0.0, (BEHAVIOURS.len() - 1) as f32, false),
+    (1.0, 100.0, false),
+    (1.0, 5.0, false),
+    (0.0, MOST_TRANSITIONS as f32, false),
+];
+const TRANSITION_LIMITS: [(f32, f32, bool); OF_TRANSITION] = [
+    (0.0, MOST_STATES as f32, false),
+    (0.0, (CONDITIONS.len() - 1) as f32, false),
+    (0.0, 1.0, true),
+    (1.0, 10.0, false),
+    (0.0, 20.0, true),
+];
+
+/// Shorter proximity vectors are no obstacles.
+const NEAR: f32 = 0.1;
+/// Shorter vectors are not followed.
+const SHORT: f32 = 0.1;
+/// Ground is black up to here, and white from there on.
+const BLACK: f32 = 0.1;
+const WHITE: f32 = 0.95;
+
+/// A probabilistic finite-state machine as AutoMoDe-Chocolate designs them (G. Francesca et al., "AutoMoDe-Chocolate:
+/// automatic design of control software for robot swarms", Swarm Intelligence 9, 2015), for differential drives.
+///
+/// A state has a behaviour, and transitions with conditions. In each step the behaviour of the state acts; then, unless the
+/// state was entered in this step, one of the transitions whose conditions hold is made, all equally likely. The first
+/// step is made in state 0. Random numbers come from a sensor, so that a step depends on sensors and state alone.
+///
+/// Sensors: the proximity vector (x ahead, y to the left), the light vector, the ground (0 black, 1 white), the number of neighbours, the
+/// vector of attraction to them, and a random number in 0..1. Actuators: speeds of the left and the right wheel.
+///
+/// Weights: the number of states; for each state its behaviour, rwm, alpha, and the number of its transitions; and for each of
+/// these its target, condition, probability, xi and eta. Of numbers and counts the whole part counts, and all are limited to
+/// what is possible, so that any weights are a machine.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Modules {
+    /// Numbers in: 9.
+    pub sensors: usize,
+    /// Numbers out: 2.
+    pub actuators: usize,
+    /// Most states.
+    pub states: usize,
+    /// Most transitions of a state.
+    pub transitions: usize,
+}
+
+impl Modules {
+    /// Weights of one state and its transitions.
+    fn row_length(&self) -> usize {
+        OF_STATE + self.transitions * OF_TRANSITION
+    }
+}
+
+/// A weight within its limits.
+#[inline]
+fn limited(weight: f32, (low, high, fraction): (f32, f32, bool)) -> f32 {
+    let above = if weight < low { low } else { weight };
+    let within = if above > high { high } else { above };
+    if fraction { within } else { within.trunc() }
+}
+
+/// What is sensed.
+struct Sensed {
+    proximity: [f32; 2],
+    light: [f32; 2],
+    ground: f32,
+    neighbours: f32,
+    attraction: [f32; 2],
+}
+
+impl Sensed {
+    fn new(sensors: &[f32]) -> Self {
+        Self {
+            proximity: [sensors[0], sensors[1]],
+            light: [sensors[2], sensors[3]],
+            ground: sensors[4],
+            neighbours: sensors[5],
+            attraction: [sensors[6], sensors[7]],
+        }
+    }
+
+    fn obstacle_ahead(&self) -> bool {
+        let [x, y] = self.proximity;
+        (x * x + y * y).sqrt() >= NEAR && x >= 0.0
+    }
+
+    fn is_on(&self, ground: Ground) -> bool {
+        let (black, white) = (self.ground <= BLACK, self.ground >= WHITE);
+        match ground {
+            Ground::Black => black,
+            Ground::Grey => !black && !white,
+            Ground::White => white,
+        }
+    }
+}
+
+/// Wheels that turn the robot towards a vector: the outer one at full speed.
+fn follow(x: f32, y: f32) -> [f32; 2] {
+    let length = (x * x + y * y).sqrt();
+    let short = length < SHORT;
+    let (x, y) = if short { (1.0, 0.0) } else { (x, y) };
+    let length = if short { 1.0 } else { length };
+    let inner = x / length;
+    let inner = if inner.is_nan() { 0.0 } else { inner };
+    let inner = if inner > 1.0 { 1.0 } else { inner };
+    let inner = if inner < -1.0 { -1.0 } else { inner };
+    if y > 0.0 { [inner, 1.0] } else { [1.0, inner] }
+}
+
+/// What a behaviour does, and how many more steps the robot turns: to the left above 0, to the right below.
+fn act(
+    behaviour: Behaviour,
+    row: &[f32],
+    sensed: &Sensed,
+    turn: &mut f32,
+    random: &Random<u32>,
+) -> [f32; 2] {
+    match behaviour {
+        Behaviour::Stop => [0.0, 0.0],
+        Behaviour::Explore if *turn > 0.0 => {
+            *turn -= 1.0;
+            [-1.0, 1.0]
+        }
+        Behaviour::Explore if *turn < 0.0 => {
+            *turn += 1.0;
+            [1.0, -1.0]
+        }
+        Behaviour::Explore => {
+            if sensed.obstacle_ahead() {
+                // Not at all is as long as once.
+                let steps = random.turn(limited(row[1], STATE_LIMITS[1]) as u32).max(1) as f32;
+                *turn = if sensed.proximity[1] < 0.0 {
+                    steps
+                } else {
+                    -steps
+                };
+            }
+            [1.0, 1.0]
+        }
+        Behaviour::Follow(pull) => {
+            let alpha = limited(row[2], STATE_LIMITS[2]);
+            let neighbours = (pull.neighbours + pull.squared * alpha) * alpha;
+            let sum = |axis: usize| {
+                pull.light * sensed.light[axis]
+                    + neighbours * sensed.attraction[axis]
+                    + pull.obstacles * sensed.proximity[axis]
+            };
+            follow(sum(0), sum(1))
+        }
+    }
+}
+
+/// The probability that a transition may be made.
+fn probability(transition: &[f32], sensed: &Sensed) -> f32 {
+    let of = |index: usize| limited(transition[index], TRANSITION_LIMITS[index]);
+    let neighbours = |sign: f32| sigmoid(of(4) * (sign * (sensed.neighbours - of(3))));
+    match CONDITIONS[of(1) as usize].1 {
+        Condition::Ground(ground) if sensed.is_on(ground) => of(2),
+        Condition::Ground(_) => 0.0,
+        Condition::Neighbours => neighbours(1.0),
+        Condition::FewNeighbours => neighbours(-1.0),
+        Condition::Fixed => of(2),
+    }
+}
+
+impl Kind for Modules {
+    const SIZE: (&'static str, &'static str) = ("states", "take fewer states");
+
+    fn read(reader: &mut Reader<'_>) -> Result<Self, SpecificationError> {
+        read::read(reader)
+    }
+
+    fn weight_count(&self) -> Option<usize> {
+        Some(1 + self.states * self.row_length())
+    }
+
+    fn sensors(&self) -> usize {
+        self.sensors
+    }
+
+    fn actuators(&self) -> usize {
+        self.actuators
+    }
+
+    /// The number of the state, whether it was entered before this step, and how many steps the robot still turns.
+    fn state_length(&self) -> usize {
+        3
+    }
+
+    fn scratch_length(&self) -> usize {
+        0
+    }
+
+    #[inline]
+    fn step(
+        &self,
+        weights: &[f32],
+        state: &mut [f32],
+        _scratch: &mut [f32],
+        sensors: &[f32],
+        actuators: &mut [f32],
+    ) {
+        let [current, settled, turn] = state else {
+            return;
+        };
+        let sensed = Sensed::new(sensors);
+        let random = Random::new(sensors[SENSORS - 1]);
+        let row = &weights[1 + *current as usize * self.row_length()..][..self.row_length()];
+        let behaviour = BEHAVIOURS[limited(row[0], STATE_LIMITS[0]) as usize].1;
+        actuators.copy_from_slice(&act(behaviour, row, &sensed, turn, &random));
+        if *settled == 0.0 {
+            *settled = 1.0;
+            return;
+        }
+        let count = (limited(row[3], STATE_LIMITS[3]) as usize).min(self.transitions);
+        let mut holding = [0; MOST_TRANSITIONS];
+        let mut held = 0;
+        for (index, transition) in row[OF_STATE..]
+            .chunks_exact(OF_TRANSITION)
+            .take(count)
+            .enumerate()
+        {
+            if random.unit(index) < probability(transition, &sensed) {
+                holding[held] = index;
+                held += 1;
+            }
+        }
+        if held > 0 {
+            let chosen = holding[random.choice(held as u32) as usize];
+            let target = limited(row[OF_STATE + chosen * OF_TRANSITION], TRANSITION_LIMITS[0]);
+            let last = limited(weights[0], (1.0, self.states as f32, false)) - 1.0;
+            *current = if target > last { last } else { target };
+            *settled = 0.0;
+            *turn = 0.0;
+        }
+    }
+}

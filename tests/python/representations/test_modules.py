@@ -1,0 +1,188 @@
+"""Machines of modules as a representation."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pydantic import ValidationError
+
+from swarmwright import Experiment, InputError
+from swarmwright.core import modules
+from swarmwright.core.random_numbers import Stream, Streams
+from swarmwright.representations.modules import Modules, ModulesOptions
+from swarmwright.testing import check_representation
+
+MACHINE: dict[str, Any] = {
+    "states": [
+        {
+            "name": "walk",
+            "behaviour": "exploration",
+            "rwm": 7,
+            "transitions": [
+                {"to": "stay", "condition": "black_floor", "probability": 0.75},
+                {"to": 2, "condition": "few_neighbours", "xi": 3, "eta": 1.5},
+            ],
+        },
+        {
+            "name": "stay",
+            "behaviour": "stop",
+            "transitions": [{"to": "walk", "condition": "fixed_probability", "probability": 0.125}],
+        },
+        {"behaviour": "attraction", "alpha": 4},
+    ]
+}
+
+
+def machines(**options: Any) -> Modules:
+    return Modules(ModulesOptions(**options), sensors=9, actuators=2)
+
+
+def test_it_is_a_representation() -> None:
+    check_representation("modules")
+    check_representation("modules", {"states": 1})
+    check_representation("modules", {"states": 6, "transitions": 1})
+    check_representation("modules", {"states": 1, "transitions": 1})
+
+
+def test_random_machines_have_every_module_and_every_target() -> None:
+    subject = machines()
+    assert subject.genome_size == 97
+    genomes = subject.initials(Streams(1, "x", 0, range(2000)))
+    found = [subject.states(genome) for genome in genomes]
+    counts = np.bincount([len(states) for states in found], minlength=5)[1:]
+    assert (np.abs(counts - 500) < 100).all()
+    of_four = [states for states in found if len(states) == 4]
+    behaviours = [state.behaviour for states in of_four for state in states]
+    transitions = [(i, one) for states in of_four for i, s in enumerate(states) for one in s.transitions]
+    for name in modules.BEHAVIOURS:
+        assert 0.12 < behaviours.count(name) / len(behaviours) < 0.22
+    for name in modules.CONDITIONS:
+        share = sum(one.condition == name for _, one in transitions) / len(transitions)
+        assert 0.12 < share < 0.22
+    assert all(one.target != source for source, one in transitions)
+    targets = np.bincount([one.target for source, one in transitions if source == 3], minlength=4)
+    assert (np.abs(targets[:3] / targets.sum() - 1 / 3) < 0.06).all()
+    assert {len(s.transitions) for states in of_four for s in states} == {1, 2, 3, 4}
+    assert {len(s.transitions) for states in found if len(states) == 1 for s in states} == {0}
+    for states in of_four:
+        for name, (low, high, whole) in modules.RANGES.items():
+            values = [s.parameters[name] for s in states if name in s.parameters]
+            assert all(low <= value <= high and (not whole or value == int(value)) for value in values)
+
+
+@given(seed=st.integers(0, 2**60), severity=st.floats(0, 3))
+def test_a_change_changes_one_part_of_a_machine(seed: int, severity: float) -> None:
+    subject = machines()
+    genome = subject.initial(Stream(seed, "initial"))
+    changed = genome.astype(np.float64)
+    subject._change(changed, Stream(seed, "change"), severity)
+    assert (changed != genome).sum() <= 1
+    lower, upper = subject.bounds
+    assert ((lower <= changed) & (changed <= upper)).all()
+    one, other = subject.states(genome), subject.states(changed.astype(np.float32))
+    if len(one) == len(other):
+        pairs = zip(one, other, strict=True)
+        different = [(a, b) for a, b in pairs if a != b]
+        assert len(different) <= 1
+    else:
+        assert abs(len(one) - len(other)) == 1
+
+
+def test_mutations_are_small_and_reach_everything() -> None:
+    subject = machines()
+    genome = subject.initial(Stream(3, "initial"))
+    streams = Streams(1, "mutate", 0, range(400))
+    parents = np.repeat(genome[np.newaxis], 400, axis=0)
+    mutants = subject.mutations(parents, streams, severity=0.3, probability=1.0)
+    changes = (mutants != genome).sum(axis=1)
+    assert 1.0 < changes.mean() < 1.8
+    assert changes.max() <= 8
+    assert len({str(subject.states(mutant)) for mutant in mutants}) > 40
+
+
+def test_a_given_machine_is_where_evolution_starts() -> None:
+    subject = machines(machine=MACHINE)
+    genomes = subject.initials(Streams(1, "x", 0, range(60)))
+    expected = modules.states_from(MACHINE, 4, 4)
+    found = [subject.states(genome) == expected for genome in genomes]
+    assert 2 <= sum(found) <= 30
+    again = modules.states_from(modules.mapping_of(expected), 4, 4)
+    assert again == expected
+    weights = modules.weights_of(expected, 4, 4)
+    assert modules.states_of({**subject.architecture(), "weights": weights}) == expected
+    check_representation("modules", {"machine": MACHINE})
+
+
+def test_machines_can_be_read() -> None:
+    states = modules.states_from(MACHINE, 4, 4)
+    assert modules.as_text(states) == (
+        "state 0: exploration (rwm 7)\n"
+        "  to state 1: black floor (probability 0.75)\n"
+        "  to state 2: few neighbours (xi 3, eta 1.5)\n"
+        "state 1: stop\n"
+        "  to state 0: fixed probability (probability 0.125)\n"
+        "state 2: attraction (alpha 4)"
+    )
+    dot = modules.as_diagram(states, "dot")
+    assert dot.startswith("digraph machine {")
+    assert 's0 -> s1 [label="black floor (probability 0.75)"];' in dot
+    mermaid = modules.as_diagram(states, "mermaid")
+    assert mermaid.startswith("stateDiagram-v2\n    [*] --> s0")
+    assert "    s1 --> s0: fixed probability (probability 0.125)" in mermaid
+
+
+def changed(*path: Any, value: Any) -> dict[str, Any]:
+    """The machine with another value somewhere; None removes it."""
+    import copy
+
+    machine = copy.deepcopy(MACHINE)
+    part: Any = machine
+    for key in path[:-1]:
+        part = part[key]
+    if value is None:
+        del part[path[-1]]
+    else:
+        part[path[-1]] = value
+    return machine
+
+
+@pytest.mark.parametrize(
+    ("machine", "words"),
+    [
+        (changed("states", value=[]), "machine: states: 0 entries found, expected a list of 1 to 4 entries"),
+        (changed("colour", value="red"), "machine: machine.colour: is not known here; known are states"),
+        (changed("states", 0, "behaviour", value="fly"), "states[0].behaviour: 'fly' found, expected one of"),
+        (
+            changed("states", 0, "rwm", value=None),
+            "states[0].rwm: None found, expected an integer from 1 to 100",
+        ),
+        (changed("states", 0, "rwm", value=7.5), "states[0].rwm: 7.5 found"),
+        (changed("states", 1, "rwm", value=7), "states[1].rwm: is not known here"),
+        (changed("states", 1, "name", value="walk"), "states[1].name: 'walk' is given twice"),
+        (
+            changed("states", 0, "transitions", 0, "to", value="walk"),
+            "states[0].transitions[0].to: 'walk' found, expected one of the other states: 1, 2, stay",
+        ),
+        (changed("states", 0, "transitions", 0, "to", value=7), "states[0].transitions[0].to: 7 found"),
+        (
+            changed("states", 0, "transitions", 0, "probability", value=1.5),
+            "states[0].transitions[0].probability: 1.5 found, expected a number from 0 to 1",
+        ),
+        (changed("states", 0, "transitions", 1, "xi", value=True), "transitions[1].xi: True found"),
+        (changed("states", 2, value=[]), "states[2]: [] found, expected a mapping"),
+    ],
+)
+def test_what_is_wrong_with_a_machine_is_named(machine: dict[str, Any], words: str) -> None:
+    with pytest.raises(ValidationError) as caught:
+        ModulesOptions(machine=machine)
+    assert words in str(caught.value)
+
+
+def test_other_sensors_are_refused_with_what_is_needed() -> None:
+    with pytest.raises(InputError, match=r"modules needs 9 sensors .* but the simulation has 4 and 1"):
+        Modules(ModulesOptions(), sensors=4, actuators=1)
+    experiment = Experiment.from_mapping({"simulation": "elsewhere", "controller": {"kind": "modules"}})
+    with pytest.raises(InputError, match=r"take a robot such as e-puck-rm1\.2"):
+        experiment.representation(4, 1)
