@@ -6,6 +6,9 @@ use crate::Stream;
 use crate::differential::within;
 use crate::polynomial::mutate;
 
+/// 2^-32, the distance of two neighbouring shares.
+const SHARE: f64 = 1.0 / 4_294_967_296.0;
+
 /// Flights that leave the box are drawn again so often, before they end between the bound and where they began.
 const ATTEMPTS: usize = 20;
 
@@ -40,6 +43,9 @@ pub struct Flight<'a> {
 impl Swarm<'_> {
     /// Moves a particle: changes its velocity, and returns in `to` where it then is.
     ///
+    /// Each gene takes a word of the stream: its upper half, a multiple of 2^-32, is the share of the own pull, its lower half
+    /// that of the common one.
+    ///
     /// # Panics
     ///
     /// When lengths do not fit together.
@@ -50,13 +56,13 @@ impl Swarm<'_> {
         velocity: &mut [f64],
         to: &mut [f64],
     ) {
-        self.fly_in(&mut Vec::new(), flight, stream, velocity, to);
+        self.fly_in(&mut Room::default(), flight, stream, velocity, to);
     }
 
     /// As [`fly`](Self::fly), with room for numbers that is used again.
     pub(crate) fn fly_in(
         &self,
-        room: &mut Vec<f64>,
+        room: &mut Room,
         flight: Flight<'_>,
         stream: &mut Stream,
         velocity: &mut [f64],
@@ -69,16 +75,16 @@ impl Swarm<'_> {
         for row in [self.fastest, self.lower, self.upper, velocity] {
             assert_eq!(row.len(), genes);
         }
-        room.resize(3 * genes, 0.0);
-        let (units, before) = room.split_at_mut(2 * genes);
-        before.copy_from_slice(velocity);
+        room.words.resize(genes, 0);
+        room.before.clear();
+        room.before.extend_from_slice(velocity);
         for _ in 0..=ATTEMPTS {
-            stream.units(units);
+            stream.fill(&mut room.words);
             let inside = Level::best().run(Attempt {
                 swarm: self,
                 flight,
-                units,
-                before,
+                words: &room.words,
+                before: &room.before,
                 velocity,
                 to,
             });
@@ -102,11 +108,18 @@ impl Swarm<'_> {
     }
 }
 
+/// Room for numbers of a flight.
+#[derive(Debug, Default)]
+pub(crate) struct Room {
+    words: Vec<u64>,
+    before: Vec<f64>,
+}
+
 /// One flight of a particle, with two random shares for each gene.
 struct Attempt<'a, 'b> {
     swarm: &'a Swarm<'b>,
     flight: Flight<'a>,
-    units: &'a [f64],
+    words: &'a [u64],
     /// The velocity that the particle has.
     before: &'a [f64],
     /// The one that it gets.
@@ -119,6 +132,7 @@ impl Kernel for Attempt<'_, '_> {
     type Output = bool;
 
     /// Lanes of binary64 are left to the compiler: no gene depends on another.
+    #[expect(clippy::cast_possible_truncation, reason = "halves of words are meant")]
     #[inline(always)]
     fn run<L: Lanes>(self) -> bool {
         let genes = self.to.len();
@@ -131,13 +145,15 @@ impl Kernel for Attempt<'_, '_> {
         let (lower, upper) = (&swarm.lower[..genes], &swarm.upper[..genes]);
         let (fastest, before) = (&swarm.fastest[..genes], &self.before[..genes]);
         let (velocity, to) = (&mut self.velocity[..genes], &mut self.to[..genes]);
-        let (units, _) = self.units.as_chunks::<2>();
-        let units = &units[..genes];
+        let words = &self.words[..genes];
+        // A power of two changes no bit of the products.
+        let (pull_own, pull_social) = (swarm.own * SHARE, swarm.social * SHARE);
         let mut outside = 0_u64;
         for gene in 0..genes {
             let at = f64::from(from[gene]);
-            let toward_own = swarm.own * units[gene][0] * (f64::from(own[gene]) - at);
-            let toward_best = swarm.social * units[gene][1] * (f64::from(social[gene]) - at);
+            let (upper_half, lower_half) = ((words[gene] >> 32) as u32, words[gene] as u32);
+            let toward_own = pull_own * f64::from(upper_half) * (f64::from(own[gene]) - at);
+            let toward_best = pull_social * f64::from(lower_half) * (f64::from(social[gene]) - at);
             let most = fastest[gene];
             let speed = swarm.inertia * before[gene] + toward_own + toward_best;
             let speed = if speed < -most { -most } else { speed };

@@ -29,10 +29,14 @@ fn a_flight_follows_the_formula() {
     };
     let (mut velocity, mut to) = ([4.0, -1.0], [0.0; 2]);
     swarm().fly(flight, &mut stream(1), &mut velocity, &mut to);
-    let mut units = stream(1);
-    let mut unit = || units.unit();
-    let first = 0.5 * 4.0 + 2.0 * unit() * 2.0 + unit() * 0.0;
-    let second = -0.5 + 2.0 * unit() * 2.0 + unit() * 10.0;
+    let mut words = stream(1);
+    let mut shares = || {
+        let word = words.word();
+        [word >> 32, word & 0xffff_ffff].map(|half| half as f64 / 2.0_f64.powi(32))
+    };
+    let ([own, social], [other_own, other_social]) = (shares(), shares());
+    let first = 0.5 * 4.0 + 2.0 * own * 2.0 + social * 0.0;
+    let second = -0.5 + 2.0 * other_own * 2.0 + other_social * 10.0;
     assert_eq!(velocity, [first, second]);
     assert_eq!(to, [1.0 + first, -2.0 + second]);
 }

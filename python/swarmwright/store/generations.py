@@ -163,10 +163,18 @@ class Generations:
         if of_columns(total.columns(), row.first, row.generation, row.count) != row.evaluations_digest:
             raise self.damaged(_DISAGREE, row.generation)
 
-    def by_fitness(self, first: int) -> NDArray[np.int64]:
-        """Return the numbers of the evaluations from `first` on that did not fail, the best first.
+    def seeds(self) -> set[str]:
+        """Return the seeds of all generations, JSON each, compared with nothing."""
+        return {str(text) for (text,) in self._connection.execute("SELECT DISTINCT seeds FROM generation")}
+
+    def by_fitness(self, first: int, most: int) -> NDArray[np.int64]:
+        """Return the numbers of the best evaluations from `first` on that did not fail, the best first.
 
         Of equals, the first one comes first. Only their fitness is read, and compared with nothing.
+
+        Args:
+            first: number of the first evaluation that counts.
+            most: how many are returned, at most.
         """
         cursor = self._connection.execute(
             "SELECT first, fitness FROM block WHERE first + evaluations > ? ORDER BY first", (first,)
@@ -180,9 +188,13 @@ class Generations:
         except _WRONG as error:
             raise self.damaged(_DISAGREE) from error
         number, value = np.concatenate(numbers), np.concatenate(values)
-        order = best_first(value)
-        chosen: NDArray[np.int64] = number[order]
-        return chosen[np.isfinite(value[order]) & (chosen >= first)]
+        counts = np.isfinite(value) & (number >= first)
+        number, value = number[counts], value[counts]
+        if len(value) > most:  # to sort all of them would take longer than to read them
+            least = np.partition(value, len(value) - most)[len(value) - most]
+            number, value = number[value >= least], value[value >= least]
+        chosen: NDArray[np.int64] = number[best_first(value)]
+        return chosen[:most]
 
     def checked_evaluations(self, row: Row) -> Iterator[Record]:
         """Yield the evaluations of a generation, all of which have been compared before."""

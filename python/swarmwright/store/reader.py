@@ -161,9 +161,9 @@ class StoreReader:
             yield self._evaluated(row)
 
     def used_seeds(self) -> set[int]:
-        """Return every simulation seed of the finished generations."""
+        """Return every simulation seed of the finished generations, compared with nothing."""
         with self._generations() as generations:
-            texts = {row.seeds for row in generations.rows()}
+            texts = generations.seeds()
         return {seed for text in texts for seed in self._parsed(text)}
 
     def ended(self) -> str:
@@ -213,26 +213,31 @@ class StoreReader:
             last_only: whether those beside the best are of the last generation only.
             key: the same for genomes that count as one, such as those of the same controller.
         """
-        best = self.evaluation(None, None)
-        found, known = [best], {key(best.genome)}
         with self._generations() as generations:
+            best = self._evaluation(generations, None, None)
+            found, known = [best], {key(best.genome)}
             row = generations.last()
             first = row.first if last_only and row is not None else 0
-            numbers = generations.by_fitness(first) if count > 1 else ()
-        for number in numbers[: _LOOKED_AT * count]:
-            if len(found) >= count:
-                break
-            one = self.evaluation(int(number), None)
-            if key(one.genome) not in known:
-                known.add(key(one.genome))
-                found.append(one)
+            numbers = generations.by_fitness(first, _LOOKED_AT * count) if count > 1 else ()
+            for number in numbers:
+                if len(found) >= count:
+                    break
+                one = self._evaluation(generations, int(number), None)
+                if key(one.genome) not in known:
+                    known.add(key(one.genome))
+                    found.append(one)
         return found
 
     def evaluation(self, candidate: int | None, generation: int | None) -> Evaluation:
         """Return one evaluation; None as in `Run.evaluation`."""
         with self._generations() as generations:
-            row, number = self._place(generations, candidate, generation)
-            part = self._joined(list(generations.evaluations(row)))
+            return self._evaluation(generations, candidate, generation)
+
+    def _evaluation(
+        self, generations: Generations, candidate: int | None, generation: int | None
+    ) -> Evaluation:
+        row, number = self._place(generations, candidate, generation)
+        part = self._joined(list(generations.evaluations(row)))
         index = int(best_first(part.fitness)[0]) if number is None else number - row.first
         return Evaluation(
             row.first + index,
@@ -283,7 +288,7 @@ class StoreReader:
         with self._generations() as generations:
             if generations.last() is None:
                 return None
-        one = self.evaluation(None, None)
+            one = self._evaluation(generations, None, None)
         return Best(one.fitness, one.generation, one.candidate, one.genome)
 
     def sessions(self) -> list[Session]:

