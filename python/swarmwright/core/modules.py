@@ -125,19 +125,17 @@ def states_from(machine: Any, most_states: int, most_transitions: int) -> tuple[
                 raise InputError(f"states[{index}].name: {entry['name']!r} is given twice")
             names[entry["name"]] = index
     return tuple(
-        _state(entry, f"states[{index}]", (index, names), most_transitions)
-        for index, entry in enumerate(entries)
+        _state(entry, f"states[{index}]", names, most_transitions) for index, entry in enumerate(entries)
     )
 
 
 def _state(
     entry: Any,  # noqa: ANN401 - a file's
     where: str,
-    among: tuple[int, Mapping[Any, int]],
+    names: Mapping[Any, int],
     most: int,
 ) -> State:
-    """Return a state; among: its own number, and the numbers of all by their names."""
-    own, names = among
+    """Return a state; names: the numbers of all states by their names and numbers."""
     behaviour = _name(_keys(entry, where, None).get("behaviour"), f"{where}.behaviour", BEHAVIOURS)
     needed = [BEHAVIOUR_PARAMETERS[behaviour]] if behaviour in BEHAVIOUR_PARAMETERS else []
     known = _keys(entry, where, {"name", "behaviour", "transitions", *needed})
@@ -150,9 +148,9 @@ def _state(
         wanted = CONDITION_PARAMETERS[condition]
         values = _keys(part, here, {"to", "condition", *wanted})
         to = values.get("to")
-        if not isinstance(to, int | str) or isinstance(to, bool) or names.get(to, own) == own:
-            shown = ", ".join(str(name) for name, state in names.items() if state != own)
-            raise InputError(f"{here}.to: {to!r} found, expected one of the other states: {shown or 'none'}")
+        if not isinstance(to, int | str) or isinstance(to, bool) or to not in names:
+            shown = ", ".join(map(str, names))
+            raise InputError(f"{here}.to: {to!r} found, expected one of the states {shown}")
         chosen = {name: _value(values, name, here) for name in wanted}
         transitions.append(Transition(names[to], condition, chosen))
     return State(behaviour, parameters, tuple(transitions))
@@ -213,14 +211,19 @@ def _words(name: str, parameters: Mapping[str, float]) -> str:
     return name.replace("_", " ") + (f" ({values})" if values else "")
 
 
+def words_of(part: State | Transition) -> str:
+    """Return a state's behaviour or a transition's condition in words, with its parameters."""
+    if isinstance(part, State):
+        return _words(part.behaviour, part.parameters)
+    return f"to state {part.target}: {_words(part.condition, part.parameters)}"
+
+
 def as_text(states: Sequence[State]) -> str:
     """Return a machine in words, a line for each state and transition."""
     lines = []
     for index, state in enumerate(states):
-        lines.append(f"state {index}: {_words(state.behaviour, state.parameters)}")
-        lines += [
-            f"  to state {one.target}: {_words(one.condition, one.parameters)}" for one in state.transitions
-        ]
+        lines.append(f"state {index}: {words_of(state)}")
+        lines += [f"  {words_of(one)}" for one in state.transitions]
     return "\n".join(lines)
 
 

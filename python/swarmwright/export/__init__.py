@@ -12,6 +12,7 @@ EXPORTERS: Registry[Exporter] = Registry(
     {
         "c": "swarmwright.export.c:C",
         "cpp": "swarmwright.export.cpp:Cpp",
+        "machine": "swarmwright.export.machine:Machine",
         "micropython": "swarmwright.export.micropython:MicroPython",
         "onnx": "swarmwright.export.onnx:Onnx",
         "python": "swarmwright.export.python:Python",

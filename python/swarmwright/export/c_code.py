@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmwright.core import modules
 from swarmwright.core.errors import InputError
 from swarmwright.core.evostick import STEEP, as_layered
 from swarmwright.export.subject import Subject
@@ -227,9 +228,53 @@ def _mealy_fsm(subject: Subject, language: dict[str, str]) -> Code:
     return Code(tuple(tables), "", step, f"    {_TYPES[bits]} state;", "the number of the state")
 
 
+def machine_weights(subject: Subject) -> NDArray[np.float32]:
+    """Return the weights of a machine of modules within their limits; those that are not used are 0."""
+    specification = subject.specification
+    sizes = (int(specification["states"]), int(specification["transitions"]))
+    return np.array(modules.weights_of(modules.states_of(specification), *sizes), np.float32)
+
+
+def _modules(subject: Subject, language: dict[str, str]) -> Code:
+    states, most = modules.states_of(subject.specification), int(subject.specification["transitions"])
+    weights = machine_weights(subject)
+    texts = literals(weights)
+    width = modules.OF_STATE + most * modules.OF_TRANSITION
+    lines = ["    /* number of states */", wrapped(texts[:1])]
+    for index in range(int(subject.specification["states"])):
+        row = texts[1 + index * width :][:width]
+        words = modules.words_of(states[index]) if index < len(states) else "not used"
+        lines.append(f"    /* state {index}, {words}: behaviour, rwm, alpha, transitions */")
+        lines.append(wrapped(row[: modules.OF_STATE]))
+        for k in range(most):
+            here = modules.OF_STATE + k * modules.OF_TRANSITION
+            used = index < len(states) and k < len(states[index].transitions)
+            words = modules.words_of(states[index].transitions[k]) if used else "not used"
+            lines.append(f"    /* {words}: target, condition, probability, xi, eta */")
+            lines.append(wrapped(row[here : here + modules.OF_TRANSITION]))
+    activation = "\n".join(render(f"c_{name}.txt", language) for name in ("tanh", "activation_sigmoid"))
+    step = render(
+        "c_step_modules.txt",
+        {
+            **language,
+            "words": f"{len(states)} states",
+            "width": str(width),
+            "transitions": str(most),
+        },
+    )
+    return Code(
+        (Table("weights", "float", len(texts), "\n".join(lines), weights),),
+        render("c_modules.txt", {**language, "activation": activation.rstrip()}),
+        step,
+        "    uint8_t state;\n    uint8_t settled;\n    int8_t turn;",
+        "the number of the state, whether it was entered before, and how long the robot still turns",
+    )
+
+
 _KINDS: dict[str, Callable[[Subject, dict[str, str]], Code]] = {
     "evostick": _evostick,
     "fully_meshed": _fully_meshed,
     "layered": _layered,
     "mealy_fsm": _mealy_fsm,
+    "modules": _modules,
 }

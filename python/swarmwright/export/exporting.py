@@ -46,7 +46,7 @@ def export_controller(
 
     Args:
         run: a run, or its folder.
-        to: "c", "cpp", "micropython", "onnx", "python", "ros1", "ros2", or what an installed
+        to: "c", "cpp", "machine", "micropython", "onnx", "python", "ros1", "ros2", or what an installed
             package adds.
         output: folder that is written to; by default one named like `prefix`, here.
         generation: of the candidate, from 0; as in `Run.evaluation`.

@@ -12,9 +12,10 @@ from textwrap import indent
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmwright.core import modules
 from swarmwright.core.errors import InputError
 from swarmwright.core.evostick import STEEP, STEEPNESS, as_layered
-from swarmwright.export.c_code import machine_tables
+from swarmwright.export.c_code import machine_tables, machine_weights
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Subject
 from swarmwright.export.text import decimals, render, wrapped
@@ -42,6 +43,8 @@ class PythonCode:
     reset: str
     step: str
     state_words: str
+    imports: str = ""
+    """Lines, besides those that every module has."""
 
 
 def python_code(subject: Subject, numbers: Numbers) -> PythonCode:
@@ -115,14 +118,18 @@ def _indented(lines: list[str]) -> str:
 def _constants(subject: Subject, numbers: Numbers) -> list[str]:
     lines = []
     if subject.specification["activation"] in {"tanh", "sigmoid", STEEP}:
-        values = np.array(list(_TANH.values()), np.float32)
-        lines.append(f"{', '.join(f'_{name}' for name in _TANH)} = {numbers(values)}")
+        lines += _tanh_constants(numbers)
     if subject.specification["activation"] == STEEP:
         lines.append(f"(_STEEPNESS,) = {numbers(np.array([STEEPNESS], np.float32))}")
     low, high = np.array(subject.specification["output_range"], np.float32)
     if (low, high) not in ((-1, 1), (0, 1)):
         lines.append(f"_LOW, _WIDTH = {numbers(np.array([low, high - low], np.float32))}")
     return lines
+
+
+def _tanh_constants(numbers: Numbers) -> list[str]:
+    values = np.array(list(_TANH.values()), np.float32)
+    return [f"{', '.join(f'_{name}' for name in _TANH)} = {numbers(values)}"]
 
 
 def _network(subject: Subject, numbers: Numbers) -> str:  # noqa: ARG001 - as the others
@@ -197,11 +204,63 @@ def _mealy_fsm(subject: Subject, numbers: Numbers) -> PythonCode:
     )
 
 
+def _modules(subject: Subject, numbers: Numbers) -> PythonCode:
+    weights, most = machine_weights(subject), int(subject.specification["transitions"])
+    states = modules.states_of(subject.specification)
+    limits = np.array([0.1, 0.1, 0.95, 1 - 2**-24], np.float32)
+    lines = [
+        *_tanh_constants(numbers),
+        f"_SHORT, _BLACK, _WHITE, _MOST = {numbers(limits)}",
+        "",
+        "# States: behaviour, rwm, alpha; then transitions: target, condition, probability, xi, eta.",
+        "_STATES = (",
+    ]
+    at = 1
+    for index, state in enumerate(states):
+        lines.append(f"    # state {index}: {modules.words_of(state)}")
+        lines += ["    (", indent(f"{numbers(weights[at : at + 3])},", " " * 8), "        ("]
+        for k, one in enumerate(state.transitions):
+            here = at + modules.OF_STATE + k * modules.OF_TRANSITION
+            lines.append(f"            # {modules.words_of(one)}")
+            lines.append(indent(f"{numbers(weights[here : here + modules.OF_TRANSITION])},", " " * 12))
+        lines += ["        ),", "    ),"]
+        at += modules.OF_STATE + most * modules.OF_TRANSITION
+    parts = [render("python_tanh.txt", {}), f"def _activation(a, cell):\n{_ACTIVATIONS['sigmoid']}\n"]
+    parts.append(render("python_modules.txt", {}))
+    step = [
+        "state, transitions = _STATES[self._state]",
+        "words = _words(values[8])",
+        "actuators = self._act(state, values, words, cell)",
+        "if not self._settled:",
+        "    self._settled = True",
+        "    return actuators",
+        "holding = []",
+        "for transition, word in zip(transitions, words):",
+        "    if (word >> 8) / 16777216.0 < _probability(transition, values, cell):",
+        "        holding.append(transition)",
+        "if holding:",
+        "    self._state = int(holding[_below(words[2], words[3], len(holding))][0])",
+        "    self._settled = False",
+        "    self._turn = 0",
+        "return actuators",
+    ]
+    return PythonCode(
+        "\n".join([*lines, ")"]),
+        "\n\n".join(parts).rstrip("\n"),
+        "",
+        _indented(["self._state = 0", "self._settled = False", "self._turn = 0"]),
+        _indented(step) + "\n\n" + render("python_modules_act.txt", {}).rstrip("\n"),
+        "the state, whether it was entered before, and how long the robot still turns are kept",
+        "from math import sqrt",
+    )
+
+
 _KINDS: dict[str, Callable[[Subject, Numbers], PythonCode]] = {
     "evostick": _evostick,
     "fully_meshed": _fully_meshed,
     "layered": _layered,
     "mealy_fsm": _mealy_fsm,
+    "modules": _modules,
 }
 
 

@@ -31,6 +31,7 @@ def modules(subject: Subject, prefix: str, numbers: Numbers, dialect: dict[str, 
         {
             **values,
             **dialect,
+            "imports": "\n".join(filter(None, [dialect["imports"], code.imports])),
             "sensor_names": _names(subject.sensors),
             "actuator_names": _names(subject.actuators),
             "numbers": code.numbers,

@@ -54,7 +54,13 @@ class ModulesOptions(Options):
         """Return the machine to start from. Raises InputError when it is wrong."""
         if self.machine is None:
             return None
-        return modules.states_from(self.machine, self.states, self.transitions)
+        states = modules.states_from(self.machine, self.states, self.transitions)
+        for index, state in enumerate(states):
+            for k, one in enumerate(state.transitions):
+                if one.target == index:
+                    where = f"states[{index}].transitions[{k}].to"
+                    raise InputError(f"{where}: a transition must lead to another state")
+        return states
 
 
 class Modules(Representation):

@@ -55,6 +55,21 @@ def machine(thresholds: list[list[float]], states: int = 3, actuators: int = 2) 
     return {**made, "weights": [float(text) for text in table.reshape(-1).astype(str)]}
 
 
+def modules(states: int, transitions: int, seed: int) -> Specification:
+    """A machine of modules; some of its weights are beyond their limits."""
+    made = {
+        "version": 1, "kind": "modules", "sensors": 9, "actuators": 2,
+        "states": states, "transitions": transitions,
+    }  # fmt: skip
+    numbers = np.random.default_rng(seed)
+    weights = [float(states)]
+    for _ in range(states):
+        weights += [*numbers.uniform([-0.5, 0, 0, 1], [6.5, 12, 6, 5])]
+        for _ in range(transitions):
+            weights += [*numbers.uniform([0, -0.5, 0, 0, 0], [states, 6.5, 1, 11, 2])]
+    return {**made, "weights": [float(text) for text in np.array(weights, np.float32).astype(str)]}
+
+
 ALL = {
     **{
         f"{kind}-{activation}-{index}": network(kind, activation, output_range, seed=index)
@@ -67,6 +82,10 @@ ALL = {
     "layered-deep": network("layered", "sigmoid", [0.0, 1.0], hidden=[2, 7, 1, 4]),
     "layered-wide": network("layered", "tanh", [-1.0, 1.0], sensors=40, actuators=9, hidden=[30]),
     "fully_meshed-bare": network("fully_meshed", "tanh", [-1.0, 1.0], hidden=0, iterations=3),
+    "modules": modules(4, 4, 1),
+    "modules-other": modules(4, 4, 2),
+    "modules-two": modules(2, 1, 3),
+    "modules-one": modules(1, 1, 4),
     "mealy_fsm": machine([[-0.5, 0.25], [], [0.1]]),
     "mealy_fsm-blind": machine([[], []], states=5, actuators=1),
     "mealy_fsm-one": machine([[0.0]], states=1),

@@ -94,7 +94,16 @@ def test_any_network(exporter: Exporter, specification: Specification, tmp_path:
 
 
 @pytest.mark.parametrize(
-    "name", ["layered-sigmoid-5", "fully_meshed-tanh-8", "mealy_fsm", "mealy_fsm-blind", "layered-direct"]
+    "name",
+    [
+        "layered-sigmoid-5",
+        "fully_meshed-tanh-8",
+        "mealy_fsm",
+        "mealy_fsm-blind",
+        "layered-direct",
+        "modules",
+        "evostick",
+    ],
 )
 def test_every_kind_in_cpp(name: str, tmp_path: Path) -> None:
     made = subject(ALL[name])

@@ -163,9 +163,12 @@ def changed(*path: Any, value: Any) -> dict[str, Any]:
         (changed("states", 1, "name", value="walk"), "states[1].name: 'walk' is given twice"),
         (
             changed("states", 0, "transitions", 0, "to", value="walk"),
-            "states[0].transitions[0].to: 'walk' found, expected one of the other states: 1, 2, stay",
+            "states[0].transitions[0].to: a transition must lead to another state",
         ),
-        (changed("states", 0, "transitions", 0, "to", value=7), "states[0].transitions[0].to: 7 found"),
+        (
+            changed("states", 0, "transitions", 0, "to", value=7),
+            "transitions[0].to: 7 found, expected one of the states 0, 1, 2, walk, stay",
+        ),
         (
             changed("states", 0, "transitions", 0, "probability", value=1.5),
             "states[0].transitions[0].probability: 1.5 found, expected a number from 0 to 1",

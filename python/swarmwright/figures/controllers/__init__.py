@@ -42,6 +42,10 @@ def figure(
         from swarmwright.figures.controllers.state_machine import draw as draw_machine
 
         return draw_machine(specification, Names.of(specification, simulation), title)
+    if kind == "modules":
+        from swarmwright.figures.controllers.modules import draw as draw_modules
+
+        return draw_modules(specification, title)
     if kind == "parameter_set":
         from swarmwright.figures.controllers.parameters import draw as draw_parameters
 

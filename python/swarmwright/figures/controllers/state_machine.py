@@ -21,7 +21,7 @@ _LONGEST = 4
 """Sensors in an example of a condition; longer ones are not informative."""
 _WIDTH = 78
 """Characters in a line of the list."""
-_R = 0.17  # of a state, where the circle of states has 1
+RADIUS = 0.17  # of a state, where the circle of states has 1
 _LINE = 0.18  # inches
 
 
@@ -54,10 +54,7 @@ def draw(specification: Mapping[str, Any], names: Names, title: str) -> "Figure"
 def _circle(axes: "Axes", found: list[Transition], states: int) -> None:
     from matplotlib.patches import Circle, FancyArrowPatch
 
-    places = [
-        (math.sin(2 * math.pi * i / states), math.cos(2 * math.pi * i / states)) if states > 1 else (0.0, 0.0)
-        for i in range(states)
-    ]
+    places = [place_of(index, states) for index in range(states)]
     reached = reachable(found)
     for one in found:
         share = one.rows / one.of
@@ -69,10 +66,10 @@ def _circle(axes: "Axes", found: list[Transition], states: int) -> None:
             "alpha": 0.75 if alive else 0.3, "zorder": 2,
         }  # fmt: skip
         if one.source == one.target:
-            path, label = _loop(places[one.source])
+            path, label = loop(places[one.source])
             axes.add_patch(FancyArrowPatch(path=path, **arrow))
         else:
-            path, label = _arc(places[one.source], places[one.target])
+            path, label = arc(places[one.source], places[one.target])
             axes.add_patch(FancyArrowPatch(path=path, **arrow))
         if not alive:
             continue
@@ -84,7 +81,7 @@ def _circle(axes: "Axes", found: list[Transition], states: int) -> None:
         alive = index in reached
         axes.add_patch(
             Circle(
-                place, _R, facecolor=PAPER, edgecolor=INK if alive else SOFT, zorder=5,
+                place, RADIUS, facecolor=PAPER, edgecolor=INK if alive else SOFT, zorder=5,
                 linewidth=2.6 if index == 0 else 1.4, linestyle="-" if alive else "--",
             )
         )  # fmt: skip
@@ -100,7 +97,14 @@ def _circle(axes: "Axes", found: list[Transition], states: int) -> None:
     )  # fmt: skip
 
 
-def _arc(source: tuple[float, float], target: tuple[float, float]) -> tuple[Any, tuple[float, float]]:
+def place_of(index: int, states: int) -> tuple[float, float]:
+    """Return where a state is on the circle, state 0 on top; a single one is in the middle."""
+    if states == 1:
+        return 0.0, 0.0
+    return math.sin(2 * math.pi * index / states), math.cos(2 * math.pi * index / states)
+
+
+def arc(source: tuple[float, float], target: tuple[float, float]) -> tuple[Any, tuple[float, float]]:
     """Return a way that keeps to its right, the way back lies beside it, and the position of its label."""
     from matplotlib.path import Path
 
@@ -119,11 +123,11 @@ def _arc(source: tuple[float, float], target: tuple[float, float]) -> tuple[Any,
 def _towards(place: tuple[float, float], other: tuple[float, float]) -> tuple[float, float]:
     """Return the point on a state's border in the direction of another place."""
     length = math.hypot(other[0] - place[0], other[1] - place[1])
-    share = (_R + 0.015) / length
+    share = (RADIUS + 0.015) / length
     return place[0] + share * (other[0] - place[0]), place[1] + share * (other[1] - place[1])
 
 
-def _loop(place: tuple[float, float]) -> tuple[Any, tuple[float, float]]:
+def loop(place: tuple[float, float]) -> tuple[Any, tuple[float, float]]:
     """Return a way from a state outwards and back, and the position of its label."""
     from matplotlib.path import Path
 
@@ -133,7 +137,7 @@ def _loop(place: tuple[float, float]) -> tuple[Any, tuple[float, float]]:
     def point(angle: float, radius: float) -> tuple[float, float]:
         return x + radius * math.cos(direction + angle), y + radius * math.sin(direction + angle)
 
-    ways = [point(0.55, _R), point(0.75, 0.62), point(-0.75, 0.62), point(-0.55, _R + 0.015)]
+    ways = [point(0.55, RADIUS), point(0.75, 0.62), point(-0.75, 0.62), point(-0.55, RADIUS + 0.015)]
     return Path(ways, [Path.MOVETO, Path.CURVE4, Path.CURVE4, Path.CURVE4]), point(0, 0.46)
 
 

@@ -15,10 +15,12 @@ from matplotlib.patches import FancyArrowPatch
 from PIL import Image
 
 from swarmwright import InputError
+from swarmwright.core.modules import states_of, words_of
 from swarmwright.figures.controllers import Names, figure
 from swarmwright.figures.controllers.transitions import transitions
 from swarmwright.figures.style import save
 from swarmwright.simulations.catalogue import description
+from tests.python.export.specifications import modules
 
 Specification = dict[str, Any]
 
@@ -233,3 +235,29 @@ def test_parameters_lie_on_their_ranges(tmp_path: Path, caplog: pytest.LogCaptur
 def test_other_kinds_are_refused() -> None:
     with pytest.raises(InputError, match="'magic' cannot be drawn"):
         figure({"kind": "magic"})
+
+
+def test_evosticks_network() -> None:
+    weights = [float(number) for number in np.random.default_rng(3).uniform(-5, 5, 50)]
+    drawn = figure({"version": 1, "kind": "evostick", "sensors": 24, "actuators": 2, "weights": weights})
+    text = said(drawn)
+    for name in ("evostick 24-2", "sensor 23", "actuator 1"):
+        assert name in text
+
+
+@pytest.mark.parametrize(("states", "seed"), [(4, 1), (1, 2), (16, 3)])
+def test_machines_of_modules(
+    states: int, seed: int, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    specification = modules(states, 4, seed)
+    drawn = figure(specification, title="a $title")
+    found = states_of(specification)
+    assert len(found) == states
+    arrows = sum(len({one.target for one in state.transitions}) for state in found)
+    assert len(drawn.findobj(FancyArrowPatch)) == arrows
+    text = flat(drawn)
+    for state in found:
+        assert words_of(state) in text
+        for transition in state.transitions:
+            assert words_of(transition) in text
+    written(drawn, tmp_path, caplog)

@@ -1,0 +1,38 @@
+"""Machines of modules as YAML, Graphviz and Mermaid: what is written is the machine."""
+
+from pathlib import Path
+
+import pytest
+
+from swarmwright import InputError
+from swarmwright.core import modules
+from swarmwright.core.yaml import read
+from swarmwright.export.machine import Machine
+from swarmwright.export.sequences import difference
+from swarmwright.export.writing import write
+from tests.python.export.specifications import ALL, few, subject
+
+
+@pytest.mark.parametrize("name", [name for name in ALL if name.startswith("modules")])
+def test_what_is_written_is_the_machine(name: str, tmp_path: Path) -> None:
+    exporter = Machine()
+    write(exporter.files(subject(ALL[name]), "robot"), tmp_path)
+    sequences = few(ALL[name], 300)
+    assert difference(sequences, exporter.run(tmp_path, "robot", sequences)) == (0.0, 0)
+    states = modules.states_of(ALL[name])
+    assert modules.states_from(read(tmp_path / "robot.yaml").values, 16, 4) == states
+    transitions = sum(len(state.transitions) for state in states)
+    assert (tmp_path / "robot.dot").read_text().count(" -> ") == transitions
+    assert (tmp_path / "robot.mmd").read_text().count(" --> ") == transitions + 1
+
+
+def test_another_machine_would_be_found_out(tmp_path: Path) -> None:
+    exporter = Machine()
+    write(exporter.files(subject(ALL["modules-other"]), "robot"), tmp_path)
+    sequences = few(ALL["modules"], 300)
+    assert difference(sequences, exporter.run(tmp_path, "robot", sequences))[1] > 0
+
+
+def test_others_are_refused() -> None:
+    with pytest.raises(InputError, match="one of the kind 'layered' is no machine of behaviours"):
+        Machine().files(subject(ALL["layered-direct"]), "robot")
