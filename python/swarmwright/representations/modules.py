@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from pydantic import Field, field_validator, model_validator
 
 from swarmwright.core import modules
+from swarmwright.core.automode import machine_of
 from swarmwright.core.errors import InputError
 from swarmwright.core.modules import OF_STATE, OF_TRANSITION, RANGES
 from swarmwright.core.options import Options
@@ -32,10 +33,11 @@ class ModulesOptions(Options):
     """States that a machine has at most; every episode begins in the first."""
     transitions: int = Field(default=4, ge=1, le=modules.MOST_TRANSITIONS)
     """Transitions that a state has at most."""
-    machine: dict[str, Any] | None = None
+    machine: dict[str, Any] | str | None = None
     """A machine to start from: {states: [{behaviour, transitions: [{to, condition}]}]}, with the parameters
-    of each behaviour and condition beside it. Evolution begins with it and with mutants of it, of up to 8
-    changes each. Default: random machines."""
+    of each behaviour and condition beside it; or the text that AutoMoDe's programs are called with,
+    --nstates 2 --s0 4 --att0 5 .. Evolution begins with it and with mutants of it, of up to 8 changes each.
+    Default: random machines."""
 
     @field_validator("machine", mode="before")
     @classmethod
@@ -54,7 +56,8 @@ class ModulesOptions(Options):
         """Return the machine to start from. Raises InputError when it is wrong."""
         if self.machine is None:
             return None
-        states = modules.states_from(self.machine, self.states, self.transitions)
+        machine = machine_of(self.machine) if isinstance(self.machine, str) else self.machine
+        states = modules.states_from(machine, self.states, self.transitions)
         for index, state in enumerate(states):
             for k, one in enumerate(state.transitions):
                 if one.target == index:

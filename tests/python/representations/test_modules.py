@@ -10,6 +10,7 @@ from pydantic import ValidationError
 
 from swarmwright import Experiment, InputError
 from swarmwright.core import modules
+from swarmwright.core.automode import machine_of
 from swarmwright.core.random_numbers import Stream, Streams
 from swarmwright.representations.modules import Modules, ModulesOptions
 from swarmwright.testing import check_representation
@@ -180,6 +181,51 @@ def changed(*path: Any, value: Any) -> dict[str, Any]:
 def test_what_is_wrong_with_a_machine_is_named(machine: dict[str, Any], words: str) -> None:
     with pytest.raises(ValidationError) as caught:
         ModulesOptions(machine=machine)
+    assert words in str(caught.value)
+
+
+AUTOMODE = (
+    "--nstates 4 --s0 2 --n0 3 --n0x0 0 --c0x0 0 --p0x0 0.5 --n0x1 1 --c0x1 2 --p0x1 0.4 --n0x2 2 --c0x2 5 "
+    "--p0x2 0.02 --s1 1 --n1 2 --n1x0 0 --c1x0 4 --p1x0 2 --w1x0 3.5 --n1x1 2 --c1x1 1 --p1x1 0.6 --s2 0 "
+    "--rwm2 20.9 --n2 2 --n2x0 0 --c2x0 1 --p2x0 0.05 --n2x1 9 --c2x1 3 --p2x1 1 --w2x1 8 --s3 5 --rep3 3.7"
+)
+
+
+def test_machines_in_automodes_form() -> None:
+    states = modules.states_from(machine_of(AUTOMODE), 4, 4)
+    assert modules.as_text(states) == (
+        "state 0: phototaxis\n"
+        "  to state 1: black floor (probability 0.5)\n"
+        "  to state 2: white floor (probability 0.4)\n"
+        "  to state 3: fixed probability (probability 0.02)\n"
+        "state 1: stop\n"
+        "  to state 0: few neighbours (xi 2, eta 3.5)\n"
+        "  to state 3: grey floor (probability 0.6)\n"
+        "state 2: exploration (rwm 20)\n"
+        "  to state 0: grey floor (probability 0.05)\n"
+        "state 3: repulsion (alpha 3)"
+    )
+    subject = machines(machine=AUTOMODE)
+    assert any(subject.states(genome) == states for genome in subject.initials(Streams(1, "x", 0, range(40))))
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("--nstates 2 --s0", "expected pairs such as"),
+        ("nstates 2", "expected pairs such as"),
+        ("--nstates 1 --s0 1 --s0 1", "a parameter is given twice"),
+        ("--nstates 0", "states: 0 entries found"),
+        ("--nstates 1 --s0 6", "--s0: expected an integer from 0 to 5, and found 6"),
+        ("--nstates 1 --s0 0", "--rwm0: is missing; expected a number"),
+        ("--nstates 1 --s0 x", "--s0: 'x' found, expected a number"),
+        ("--nstates 1 --s0 1 --s1 1", "--s1: is not a part of this machine"),
+        ("--nstates 2 --s0 1 --s1 1 --n0 1 --n0x0 0 --c0x0 5 --p0x0 2", "probability: 2.0 found"),
+    ],
+)
+def test_what_is_wrong_in_automodes_form_is_named(text: str, words: str) -> None:
+    with pytest.raises(ValidationError) as caught:
+        ModulesOptions(machine=text)
     assert words in str(caught.value)
 
 
