@@ -101,6 +101,12 @@ def _store(scale: Scale) -> Suite:
     return StoreSuite(scale.smaller)
 
 
+def _long(scale: Scale) -> Suite:
+    from benchmarks.long import LongSuite
+
+    return LongSuite(scale.smaller)
+
+
 def _wrappers(scale: Scale) -> Suite:
     from benchmarks.wrappers import WrapperSuite
 
@@ -141,6 +147,7 @@ SUITES: dict[str, Callable[[Scale], Suite]] = {
     "tasks": _tasks,
     "methods": _methods,
     "store": _store,
+    "long": _long,
     "wrappers": _wrappers,
     "commands": _commands,
     "busy": _busy,

@@ -506,6 +506,9 @@ class Search:
     def tell(self, fitness: NDArray[np.float64]) -> None:
         """Learn from (n,) fitness, NaN where an evaluation failed. Raises InputError when it was not asked for."""
 
+    def retell(self, genomes: NDArray[np.float32], fitness: NDArray[np.float64]) -> bool:
+        """Ask, and tell the fitness of these genomes if they are those asked for, to the bit; return whether they are."""
+
     def rescore(self, fitness: NDArray[np.float64]) -> None:
         """Take new fitness of the members."""
 
@@ -538,15 +541,19 @@ class Search:
 class Producer:
     """Evolves in a thread of its own, generation after generation, up to 64 of them and 32 MiB ahead.
 
-    search: goes on here and nowhere else. seed: of the first episode in the first generation. growth: by how much it grows from
-    one generation to the next. aggregate, level: how the episodes of a candidate become its fitness, see `aggregates`.
-    generations: so many at most. Raises InputError when search and evaluator do not fit together.
+    search: goes on here and nowhere else. evaluator: a pool is in use until `close`. architecture: of the controllers. seed: of the
+    first episode in the first generation. growth: by how much it grows from one generation to the next. aggregate, level: how the
+    episodes of a candidate become its fitness, see `aggregates`. generations: so many at most. evaluations: how many the run may
+    have, and has had; a generation that does not fit is not evaluated, unless it is the first. target: the first generation that
+    reaches it is the last. run, generation: for those who watch a pool: name of the run, number of the first generation. Raises
+    InputError when search and evaluator do not fit together.
     """
 
     def __new__(
         cls,
         search: Search,
-        evaluator: Evaluator,
+        evaluator: Evaluator | Pool,
+        architecture: dict[str, Any],
         *,
         seed: int,
         growth: int,
@@ -554,6 +561,10 @@ class Producer:
         aggregate: str,
         level: float,
         generations: int,
+        evaluations: tuple[int, int] | None = None,
+        target: float | None = None,
+        run: str = "",
+        generation: int = 0,
     ) -> Producer: ...
     def next(
         self, on_progress: Callable[[int, int, str], None]
@@ -567,15 +578,21 @@ class Producer:
             tuple[float, float, float, float, float],
             tuple[int, int],
             Digests,
+            list[AttemptRow],
+            list[str],
         ]
         | None
     ):
         """Wait for the next generation; None when there is no further one.
 
         Genomes (n, genes), results (n, episodes), metrics (n, episodes, metrics), fitness (n,), that of the method's population
-        (k,), the figures of the latter, see `figures`, the outcome of the fitness, see `outcome`, and the digests of all. on_progress: called ten times a second while it takes longer. Raises
-        what has kept the thread from going on.
+        (k,), the figures of the latter, see `figures`, the outcome of the fitness, see `outcome`, the digests of all, and attempts
+        and warnings as from `Pool.evaluate`. on_progress: called ten times a second while it takes longer. Raises what has kept
+        the thread from going on.
         """
+
+    def expect(self, generations: int) -> None:
+        """Say, for those who watch a pool, how many generations the run is expected to have."""
 
     def close(self) -> None:
         """End the thread; what has not been taken is lost."""

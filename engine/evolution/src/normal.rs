@@ -125,7 +125,7 @@ pub(crate) fn of_units(units: &mut [f64]) {
 }
 
 /// Numbers that are computed together.
-const TOGETHER: usize = 64;
+const TOGETHER: usize = 256;
 
 struct Center<'a>(&'a mut [f64]);
 

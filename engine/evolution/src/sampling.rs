@@ -1,6 +1,7 @@
 //! Samples of evolution strategies, and what is learnt from them, in a written-down order of operations.
 
 use rayon::prelude::*;
+use swarmwright_lanes::{Kernel, Lanes, Level};
 
 /// Numbers of samples that are made in less time than another thread takes to begin.
 const FEW: usize = 16384;
@@ -51,14 +52,14 @@ pub fn samples(
         return;
     }
     let part = |directions: &[f64], genomes: &mut [f32]| {
-        let made = genomes.chunks_exact_mut(each * genes);
-        for (direction, made) in directions.chunks_exact(genes).zip(made) {
-            let (plus, minus) = made.split_at_mut(genes);
-            sample::<false>(direction, center, deviation, scale, plus);
-            if mirrored {
-                sample::<true>(direction, center, deviation, scale, minus);
-            }
-        }
+        Level::best().run(Samples {
+            directions,
+            center,
+            deviation,
+            scale,
+            mirrored,
+            genomes,
+        });
     };
     if directions.len() <= FEW {
         return part(directions, genomes);
@@ -70,7 +71,40 @@ pub fn samples(
         .for_each(|(directions, genomes)| part(directions, genomes));
 }
 
+/// Some rows of [`samples`], in vectors.
+struct Samples<'a> {
+    directions: &'a [f64],
+    center: &'a [f64],
+    deviation: &'a [f64],
+    scale: Scale<'a>,
+    mirrored: bool,
+    genomes: &'a mut [f32],
+}
+
+impl Kernel for Samples<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self) {
+        let genes = self.center.len();
+        let directions = self.directions.chunks_exact(genes);
+        let (center, deviation, scale) = (self.center, self.deviation, self.scale);
+        if !self.mirrored {
+            for (direction, genome) in directions.zip(self.genomes.chunks_exact_mut(genes)) {
+                sample::<false>(direction, center, deviation, scale, genome);
+            }
+            return;
+        }
+        for (direction, pair) in directions.zip(self.genomes.chunks_exact_mut(2 * genes)) {
+            let (plus, minus) = pair.split_at_mut(genes);
+            sample::<false>(direction, center, deviation, scale, plus);
+            sample::<true>(direction, center, deviation, scale, minus);
+        }
+    }
+}
+
 #[expect(clippy::cast_possible_truncation, reason = "genomes are binary32")]
+#[inline(always)]
 fn sample<const OPPOSITE: bool>(
     direction: &[f64],
     center: &[f64],
@@ -78,13 +112,25 @@ fn sample<const OPPOSITE: bool>(
     scale: Scale<'_>,
     genome: &mut [f32],
 ) {
-    for (gene, place) in genome.iter_mut().enumerate() {
+    // Slices of one length need no checks, so that the loop is one over vectors.
+    let genes = genome.len();
+    let [direction, center, deviation] = [direction, center, deviation].map(|row| &row[..genes]);
+    let [middle, reach] = [scale.middle, scale.reach].map(|row| &row[..genes]);
+    let [lower, upper] = [scale.lower, scale.upper].map(|row| &row[..genes]);
+    for gene in 0..genes {
         let away = deviation[gene] * direction[gene];
         let point = center[gene] + if OPPOSITE { -away } else { away };
-        let value = scale.middle[gene] + scale.reach[gene] * point;
-        let (lower, upper) = (scale.lower[gene], scale.upper[gene]);
-        let value = if value >= lower { value } else { lower };
-        *place = (if value <= upper { value } else { upper }) as f32;
+        let value = middle[gene] + reach[gene] * point;
+        let value = if value >= lower[gene] {
+            value
+        } else {
+            lower[gene]
+        };
+        genome[gene] = (if value <= upper[gene] {
+            value
+        } else {
+            upper[gene]
+        }) as f32;
     }
 }
 

@@ -2,9 +2,10 @@
 
 use rayon::prelude::*;
 use sha2::{Digest, Sha256};
+use swarmwright_lanes::{Kernel, Lanes, Level};
 
 use crate::normal::{of_unit, of_units};
-use crate::philox::words;
+use crate::philox::{SIDE, are_wide, blocks, side_by_side, words};
 
 const WORDS: usize = 4;
 /// Numbers that are made in little more time than another thread takes to begin.
@@ -70,12 +71,9 @@ impl Stream {
         head.copy_from_slice(&self.block[self.used..self.used + rest]);
         self.used += rest;
         let (whole, rest) = body.as_chunks_mut::<WORDS>();
-        // A copy of the address, so that what is the same in all blocks is computed once.
-        let (at, first) = (self.clone(), self.blocks);
-        for (block, part) in (1..).zip(whole.iter_mut()) {
-            *part = at.at(first.wrapping_add(block));
-        }
-        self.blocks = first.wrapping_add(whole.len() as u64);
+        let first = self.blocks.wrapping_add(1);
+        blocks([first, self.candidate, self.generation, 0], self.key, whole);
+        self.blocks = self.blocks.wrapping_add(whole.len() as u64);
         for place in rest {
             *place = self.word();
         }
@@ -189,11 +187,81 @@ pub fn normal_rows(
     let together = (TOGETHER / length).max(1) * length;
     let mut candidate = first;
     for part in numbers.chunks_mut(together) {
-        for row in part.chunks_mut(length) {
-            Stream::new(seed, purpose, generation, candidate).units(row);
-            candidate = candidate.wrapping_add(1);
-        }
+        let rows = Rows {
+            key: [seed, purpose],
+            generation,
+            first: candidate,
+            length,
+            numbers: &mut *part,
+        };
+        Level::best().run(rows);
+        candidate = candidate.wrapping_add((together / length) as u64);
         of_units(part);
+    }
+}
+
+/// Rows of units, each from the stream of its own candidate.
+struct Rows<'a> {
+    key: [u64; 2],
+    generation: u64,
+    first: u64,
+    length: usize,
+    numbers: &'a mut [f64],
+}
+
+impl Kernel for Rows<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self) {
+        let Self {
+            key: [seed, purpose],
+            generation,
+            first,
+            length,
+            numbers,
+        } = self;
+        if !are_wide::<L>() {
+            for (candidate, row) in numbers.chunks_mut(length).enumerate() {
+                let candidate = first.wrapping_add(candidate as u64);
+                Stream::new(seed, purpose, generation, candidate).units(row);
+            }
+            return;
+        }
+        // Blocks of several rows side by side: what is left of a row fills no vector.
+        let (mut candidate, mut row, mut block) = (first, 0, 0);
+        while row < numbers.len() {
+            let (mut counters, mut candidates) = ([0; SIDE], [0; SIDE]);
+            let mut places = [(0, 0); SIDE];
+            for lane in 0..SIDE {
+                let start = row + WORDS * block;
+                let end = (start + WORDS).min(row + length).min(numbers.len());
+                (counters[lane], candidates[lane]) = (1 + block as u64, candidate);
+                places[lane] = (start.min(end), end);
+                block += 1;
+                if block * WORDS >= length {
+                    (row, block) = (row + length, 0);
+                    candidate = candidate.wrapping_add(1);
+                }
+            }
+            let rest = [candidates, [generation; SIDE], [0; SIDE]];
+            let words = side_by_side(counters, rest, [seed, purpose]);
+            let mut units = [[0.0; WORDS]; SIDE];
+            for (place, words) in words.iter().enumerate() {
+                for lane in 0..SIDE {
+                    units[lane][place] = unit(words[lane]);
+                }
+            }
+            for (units, (start, end)) in units.iter().zip(places) {
+                match numbers
+                    .get_mut(start..start + WORDS)
+                    .filter(|_| end - start == WORDS)
+                {
+                    Some(whole) => whole.copy_from_slice(units),
+                    None => numbers[start..end].copy_from_slice(&units[..end - start]),
+                }
+            }
+        }
     }
 }
 
@@ -257,4 +325,30 @@ pub(crate) fn rows_of_two<T: Send, U: Send, R>(
         .for_each_init(room, |room, (index, ((stream, one), other))| {
             make(room, index, stream, one, other);
         });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn rows_are_the_units_of_their_streams_with_every_instruction_set(
+            seed in any::<u64>(), purpose in any::<u64>(), generation in any::<u64>(), first in any::<u64>(),
+            length in 1usize..70, rows in 0usize..9, cut in 0usize..70,
+        ) {
+            let mut expected = vec![0.0; (rows * length).saturating_sub(cut)];
+            for (candidate, row) in expected.chunks_mut(length).enumerate() {
+                let candidate = first.wrapping_add(candidate as u64);
+                Stream::new(seed, purpose, generation, candidate).units(row);
+            }
+            for level in Level::available() {
+                let mut numbers = vec![f64::NAN; expected.len()];
+                let key = [seed, purpose];
+                level.run(Rows { key, generation, first, length, numbers: &mut numbers });
+                prop_assert_eq!(&numbers, &expected, "{}", level.name());
+            }
+        }
+    }
 }

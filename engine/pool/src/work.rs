@@ -131,15 +131,16 @@ impl Work {
     /// # Errors
     /// As [`new`](Self::new).
     pub fn of(
-        architecture: Architecture,
+        architecture: impl Into<Arc<Architecture>>,
         mut specification: Map<String, Value>,
         genomes: Vec<f32>,
         seeds: Vec<u64>,
     ) -> Result<Self, WorkError> {
+        let architecture = architecture.into();
         check_work(&architecture, &genomes, &seeds)?;
         specification.remove("weights");
         Ok(Self {
-            architecture: Arc::new(architecture),
+            architecture,
             specification,
             genomes,
             forgotten: 0,
@@ -220,6 +221,12 @@ impl Work {
             candidates.end - self.forgotten,
         );
         &self.genomes[start * weights..end * weights]
+    }
+
+    /// The genomes of all candidates that are not forgotten.
+    #[must_use]
+    pub fn into_genomes(self) -> Vec<f32> {
+        self.genomes
     }
 
     /// Number of candidates, forgotten ones included.

@@ -14,6 +14,7 @@ mod methods;
 mod operators;
 mod pool;
 mod producer;
+mod remote;
 mod results;
 mod sampling;
 mod selection;

@@ -71,6 +71,40 @@ impl Conversation {
         Ok(asked)
     }
 
+    /// As [`ask`](Self::ask), handed over until [`told`](Self::told).
+    pub fn take(&mut self) -> PyResult<Vec<f32>> {
+        self.ask()?;
+        Ok(self.asked.take().unwrap_or_default())
+    }
+
+    /// As [`tell`](Self::tell), for genomes that were taken.
+    pub fn told(&mut self, genomes: Vec<f32>, fitness: &[f64]) -> PyResult<Vec<f32>> {
+        self.asked = Some(genomes);
+        self.tell(fitness)
+    }
+
+    /// What so many genomes asked for last were made from, where servers can make them from it, too.
+    pub fn sample(&self, count: usize) -> Option<Sample> {
+        let drawn = self.search.drawn().filter(|_| count > 0)?;
+        let row = |row: &[f64]| F64s(row.to_vec());
+        let sample = Sample {
+            distribution: GAUSSIAN.to_owned(),
+            seed: drawn.seed,
+            purpose: drawn.purpose.to_owned(),
+            generation: drawn.generation,
+            first: 0,
+            count: count as u64,
+            mirrored: drawn.mirrored,
+            center: row(drawn.center),
+            deviation: row(drawn.deviation),
+            middle: row(drawn.scale.middle),
+            reach: row(drawn.scale.reach),
+            lower: row(drawn.scale.lower),
+            upper: row(drawn.scale.upper),
+        };
+        sample.problem().is_none().then_some(sample)
+    }
+
     /// Fitness of the members that stay; None where there are no such.
     pub fn members(&self) -> Option<Vec<f64>> {
         Some(self.search.members()?.fitness.to_vec())
@@ -107,6 +141,20 @@ impl PySearch {
     pub fn take(&mut self) -> PyResult<Conversation> {
         self.search.take().ok_or_else(elsewhere)
     }
+}
+
+/// Whether numbers have the same bits.
+fn are_same(one: &[f32], other: &[f32]) -> bool {
+    // A loop without a way out is one that the compiler can do in vectors.
+    let differ = |(one, other): (&[f32], &[f32])| {
+        let pairs = one.iter().zip(other);
+        pairs.fold(0, |bits, (one, other)| {
+            bits | (one.to_bits() ^ other.to_bits())
+        })
+    };
+    one.chunks(1024)
+        .zip(other.chunks(1024))
+        .all(|parts| differ(parts) == 0)
 }
 
 fn elsewhere() -> PyErr {
@@ -379,6 +427,25 @@ impl PySearch {
         py.detach(|| here.tell(fitness)).map(|_| ())
     }
 
+    /// Asks, and tells the fitness of these genomes if they are those asked for; returns whether they are.
+    fn retell(
+        &mut self,
+        py: Python<'_>,
+        genomes: PyReadonlyArray2<'_, f32>,
+        fitness: Row<'_>,
+    ) -> PyResult<bool> {
+        let here = self.here()?;
+        let (genomes, fitness) = (genomes.as_slice()?, fitness.as_slice()?);
+        py.detach(|| {
+            let asked = here.ask()?;
+            let same = asked.len() == genomes.len() && are_same(asked, genomes);
+            if same {
+                here.tell(fitness)?;
+            }
+            Ok(same)
+        })
+    }
+
     fn rescore(&mut self, fitness: Row<'_>) -> PyResult<()> {
         let here = self.here()?;
         let members = here.members().unwrap_or_default().len();
@@ -413,26 +480,7 @@ impl PySearch {
     fn sample(&mut self) -> PyResult<Option<PySample>> {
         let here = self.here()?;
         let asked = here.asked.as_ref().map_or(0, Vec::len) / here.genes.max(1);
-        let Some(drawn) = here.search.drawn().filter(|_| asked > 0) else {
-            return Ok(None);
-        };
-        let row = |row: &[f64]| F64s(row.to_vec());
-        let sample = Sample {
-            distribution: GAUSSIAN.to_owned(),
-            seed: drawn.seed,
-            purpose: drawn.purpose.to_owned(),
-            generation: drawn.generation,
-            first: 0,
-            count: asked as u64,
-            mirrored: drawn.mirrored,
-            center: row(drawn.center),
-            deviation: row(drawn.deviation),
-            middle: row(drawn.scale.middle),
-            reach: row(drawn.scale.reach),
-            lower: row(drawn.scale.lower),
-            upper: row(drawn.scale.upper),
-        };
-        Ok(sample.problem().is_none().then_some(PySample(sample)))
+        Ok(here.sample(asked).map(PySample))
     }
 
     fn state<'py>(&mut self, py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyArray1<f64>>> {

@@ -15,7 +15,7 @@ use crate::supervision::PySupervision;
 use crate::values::{object, section, to_python};
 
 /// An [`Attempt`], its fields in their order.
-type AttemptRow = (
+pub type AttemptRow = (
     &'static str,
     usize,
     usize,
@@ -38,11 +38,13 @@ type Evaluated<'py> = (Fitness<'py>, Metrics<'py>, Vec<AttemptRow>, Vec<String>)
 pub struct PyPool {
     /// None once it is closed.
     pool: Option<Pool>,
+    /// A producer has it.
+    lent: bool,
     /// Number of metrics that are needed of every episode.
     metrics: usize,
 }
 
-fn error(error: &PoolError) -> PyErr {
+pub fn error(error: &PoolError) -> PyErr {
     match error {
         PoolError::Settings(_) | PoolError::Topic(_) | PoolError::NoSizes | PoolError::Work(_) => {
             input(error)
@@ -107,6 +109,7 @@ impl PyPool {
         py.detach(|| Pool::connect(options))
             .map(|pool| Self {
                 pool: Some(pool),
+                lent: false,
                 metrics,
             })
             .map_err(|failed| error(&failed))
@@ -302,7 +305,7 @@ fn progress(
 }
 
 /// Attempts as rows.
-fn rows(attempts: Vec<Attempt>) -> Vec<AttemptRow> {
+pub fn rows(attempts: Vec<Attempt>) -> Vec<AttemptRow> {
     let row = |attempt: Attempt| {
         (
             attempt.mode,
@@ -339,8 +342,33 @@ fn further(py: Python<'_>, returned: &Py<PyAny>, columns: usize) -> PyResult<Opt
 
 impl PyPool {
     fn pool(&mut self) -> PyResult<&mut Pool> {
-        self.pool
-            .as_mut()
-            .ok_or_else(|| input("the pool is closed"))
+        let why = self.why_not();
+        self.pool.as_mut().ok_or_else(|| input(why))
+    }
+
+    fn why_not(&self) -> &'static str {
+        match self.lent {
+            true => "the pool is in use: a producer has it until it is closed",
+            false => "the pool is closed",
+        }
+    }
+
+    /// Number of metrics that are needed of every episode.
+    pub fn metrics(&self) -> usize {
+        self.metrics
+    }
+
+    /// Hands it over to a producer.
+    pub fn lend(&mut self) -> PyResult<Pool> {
+        let why = self.why_not();
+        let pool = self.pool.take().ok_or_else(|| input(why))?;
+        self.lent = true;
+        Ok(pool)
+    }
+
+    /// Takes it back.
+    pub fn give_back(&mut self, pool: Pool) {
+        self.pool = Some(pool);
+        self.lent = false;
     }
 }

@@ -1,19 +1,25 @@
 //! Evolution in a thread of its own, some generations ahead of what Python has stored and reported.
 
 use std::collections::VecDeque;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
 use swarmwright_evolution::{Aggregate, Figures, Outcome};
+use swarmwright_mqtt::Waker;
+use swarmwright_pool::{Attempt, Pool};
 
 use crate::digests::{Columns, PyDigests, columns};
 use crate::errors::{engine, input};
+use crate::genomes::architecture;
 use crate::local::{Evaluation, PyEvaluator, REPORT, lock};
 use crate::methods::{Conversation, PySearch};
+use crate::pool::{AttemptRow, PyPool, rows};
+use crate::remote::{Evaluated, Servers};
 use crate::results::{Fitness, Metrics, apart, arrays};
 use crate::statistics::aggregate;
 
@@ -25,10 +31,26 @@ const BYTES: usize = 1 << 25;
 #[pyclass(name = "Producer", module = "swarmwright._engine")]
 pub struct PyProducer {
     shared: Arc<Shared>,
-    thread: Option<JoinHandle<()>>,
+    /// Returns the pool where there is one.
+    thread: Option<JoinHandle<Option<Pool>>>,
+    /// Who gets the pool back.
+    lender: Option<Py<PyPool>>,
+    waker: Option<Waker>,
     genes: usize,
     episodes: usize,
     metrics: usize,
+}
+
+/// What evaluates.
+#[derive(FromPyObject)]
+enum Evaluator<'py> {
+    Engine(PyRef<'py, PyEvaluator>),
+    Pool(Bound<'py, PyPool>),
+}
+
+enum Place {
+    Here(Arc<Evaluation>),
+    Servers(Box<Servers>),
 }
 
 /// A generation that the method has been told of.
@@ -43,6 +65,8 @@ struct Produced {
     outcome: Outcome,
     /// Those of its columns, where they are known.
     digests: Option<Columns>,
+    attempts: Vec<Attempt>,
+    warnings: Vec<String>,
 }
 
 impl Produced {
@@ -68,6 +92,10 @@ struct Shared {
     /// Episodes of the generation under way that are done, and all.
     done: AtomicUsize,
     total: AtomicUsize,
+    /// What is waited for.
+    waits: Mutex<String>,
+    /// Generations that the run is expected to have.
+    expected: Arc<AtomicU64>,
 }
 
 #[derive(Default)]
@@ -139,26 +167,52 @@ impl Shared {
 /// What the thread works on.
 struct Work {
     conversation: Conversation,
-    evaluation: Arc<Evaluation>,
+    place: Place,
     /// Seed of the first episode of the first generation, and by how much it grows from one to the next.
     seed: u64,
     growth: u64,
     episodes: usize,
     aggregate: Aggregate,
+    limits: Limits,
+}
+
+/// Where the thread ends by itself.
+struct Limits {
     generations: u64,
+    /// Evaluations that the whole run may have, and those that it has had.
+    evaluations: Option<(u64, u64)>,
+    target: Option<f64>,
+}
+
+impl Limits {
+    /// Whether a generation of so many candidates is not to be evaluated any more.
+    fn excludes(&self, candidates: usize) -> bool {
+        let full = |(most, used)| used > 0 && used + candidates as u64 > most;
+        self.evaluations.is_some_and(full)
+    }
+
+    /// Takes what came out of a generation; returns whether to go on.
+    fn counted(&mut self, fitness: &[f64]) -> bool {
+        if let Some((_, used)) = &mut self.evaluations {
+            *used += fitness.len() as u64;
+        }
+        let reached = |target| fitness.iter().any(|value| *value >= target);
+        !self.target.is_some_and(reached)
+    }
 }
 
 impl Work {
-    fn run(mut self, shared: &Shared) -> PyResult<()> {
+    fn run(&mut self, shared: &Shared) -> PyResult<()> {
         let mut seeds: Vec<u64> = (self.seed..).take(self.episodes).collect();
-        for _ in 0..self.generations {
+        for _ in 0..self.limits.generations {
             let Some(mut produced) = self.next(&seeds, shared)? else {
                 break;
             };
+            let go_on = self.limits.counted(&produced.fitness);
             if shared.is_ahead() {
                 produced.digested(); // so that who takes it, and has more to do, need not
             }
-            if !shared.put(produced) {
+            if !shared.put(produced) || !go_on {
                 break;
             }
             for seed in &mut seeds {
@@ -168,36 +222,68 @@ impl Work {
         Ok(())
     }
 
-    /// A generation; None when it was interrupted.
+    /// A generation; None when it was interrupted, or the budget ends before it.
     fn next(&mut self, seeds: &[u64], shared: &Shared) -> PyResult<Option<Produced>> {
-        let genomes = self.conversation.ask()?;
-        let block = self
-            .evaluation
-            .block(genomes, seeds, Some(&shared.stopped))?;
-        shared.done.store(0, Ordering::Relaxed);
-        shared.total.store(block.len(), Ordering::Relaxed);
-        let go_on = |done: usize, _: bool| {
-            shared.done.store(done, Ordering::Relaxed);
-            !shared.stopped.load(Ordering::Relaxed)
-        };
-        let none: Option<fn() -> bool> = None;
-        let results = self.evaluation.in_parts(&block, true, none, go_on)?;
-        if shared.stopped.load(Ordering::Relaxed) {
+        let genomes = self.conversation.take()?;
+        let candidates = genomes.len() / self.conversation.genes().max(1);
+        if self.limits.excludes(candidates) {
             return Ok(None);
         }
-        let (episodes, metrics) = apart(results, block.numbers());
-        let fitness = self.aggregate.of_rows(episodes.clone(), seeds.len());
-        let genomes = self.conversation.tell(&fitness)?;
+        shared.done.store(0, Ordering::Relaxed);
+        let total = candidates * seeds.len();
+        shared.total.store(total, Ordering::Relaxed);
+        let Some(found) = self.evaluate(genomes, candidates, seeds, shared)? else {
+            return Ok(None);
+        };
+        let fitness = self.aggregate.of_rows(found.fitness.clone(), seeds.len());
+        let genomes = self.conversation.told(found.genomes, &fitness)?;
         let population = self.conversation.members();
         Ok(Some(Produced {
             figures: Figures::of(population.as_deref().unwrap_or(&fitness)),
             outcome: Outcome::of(&fitness),
             digests: None,
             genomes,
-            episodes,
-            metrics,
+            episodes: found.fitness,
+            metrics: found.metrics,
             fitness,
             population,
+            attempts: found.attempts,
+            warnings: found.warnings,
+        }))
+    }
+
+    /// What came out of a generation; None when it was interrupted.
+    fn evaluate(
+        &mut self,
+        genomes: Vec<f32>,
+        candidates: usize,
+        seeds: &[u64],
+        shared: &Shared,
+    ) -> PyResult<Option<Evaluated>> {
+        let go_on = || !shared.stopped.load(Ordering::Relaxed);
+        let evaluation = match &mut self.place {
+            Place::Here(evaluation) => evaluation,
+            Place::Servers(servers) => {
+                let sample = self.conversation.sample(candidates);
+                return servers.evaluate(genomes, sample, seeds, go_on, |done, waiting_for| {
+                    waiting_for.clone_into(&mut lock(&shared.waits));
+                    shared.done.store(done, Ordering::Relaxed);
+                });
+            }
+        };
+        let block = evaluation.block(&genomes, seeds, Some(&shared.stopped))?;
+        let none: Option<fn() -> bool> = None;
+        let results = evaluation.in_parts(&block, true, none, |done, _| {
+            shared.done.store(done, Ordering::Relaxed);
+            go_on()
+        })?;
+        let (fitness, metrics) = apart(results, block.numbers());
+        Ok(go_on().then_some(Evaluated {
+            genomes,
+            fitness,
+            metrics,
+            attempts: Vec::new(),
+            warnings: Vec::new(),
         }))
     }
 }
@@ -221,29 +307,40 @@ type Generation<'py> = (
     (f64, f64, f64, f64, f64),
     (usize, usize),
     PyDigests,
+    Vec<AttemptRow>,
+    Vec<String>,
 );
 
 #[pymethods]
 impl PyProducer {
     #[new]
-    #[pyo3(signature = (search, evaluator, *, seed, growth, episodes, aggregate, level, generations))]
+    #[pyo3(signature = (search, evaluator, architecture, *, seed, growth, episodes, aggregate, level, generations,
+        evaluations=None, target=None, run="", generation=0))]
     #[expect(
         clippy::too_many_arguments,
         reason = "pyo3 hands arguments over by value, keywords in Python"
     )]
     fn new(
         search: &mut PySearch,
-        evaluator: &PyEvaluator,
+        evaluator: Evaluator<'_>,
+        architecture: &Bound<'_, PyDict>,
         seed: u64,
         growth: u64,
         episodes: usize,
         aggregate: &str,
         level: f64,
         generations: u64,
+        evaluations: Option<(u64, u64)>,
+        target: Option<f64>,
+        run: &str,
+        generation: u64,
     ) -> PyResult<Self> {
         let aggregate = self::aggregate(aggregate, level)?;
-        let evaluation = evaluator.0.clone();
-        let (metrics, weights) = (evaluation.metrics(), evaluation.genes());
+        let (read, specification) = self::architecture(architecture)?;
+        let weights = match &evaluator {
+            Evaluator::Engine(evaluator) => evaluator.0.genes(),
+            Evaluator::Pool(_) => read.weight_count(),
+        };
         let conversation = search.take()?;
         let genes = conversation.genes();
         if genes != weights || episodes == 0 {
@@ -251,27 +348,59 @@ impl PyProducer {
                 "expected genomes of {weights} genes and at least one episode, found {genes} and {episodes}"
             )));
         }
-        let work = Work {
+        let shared = Arc::new(Shared::default());
+        let mut lender = None;
+        let (place, metrics, waker) = match evaluator {
+            Evaluator::Engine(evaluator) => {
+                let evaluation = evaluator.0.clone();
+                let metrics = evaluation.metrics();
+                (Place::Here(evaluation), metrics, None)
+            }
+            Evaluator::Pool(lent) => {
+                let pool = lent.borrow_mut().lend()?;
+                let (metrics, waker) = (lent.borrow().metrics(), pool.waker());
+                lender = Some(lent.unbind());
+                let servers = Servers {
+                    pool,
+                    architecture: Arc::new(read),
+                    specification,
+                    run: run.to_owned(),
+                    generation,
+                    expected: shared.expected.clone(),
+                };
+                (Place::Servers(Box::new(servers)), metrics, Some(waker))
+            }
+        };
+        let mut work = Work {
             conversation,
-            evaluation,
+            place,
             seed,
             growth,
             episodes,
             aggregate,
-            generations,
+            limits: Limits {
+                generations,
+                evaluations,
+                target,
+            },
         };
-        let shared = Arc::new(Shared::default());
         let there = shared.clone();
         let thread = std::thread::Builder::new()
             .name("generations".into())
             .spawn(move || {
                 let mut end = End(&there, Some(engine("the engine's thread has ended early")));
                 end.1 = work.run(&there).err();
+                match work.place {
+                    Place::Here(_) => None,
+                    Place::Servers(servers) => Some(servers.pool),
+                }
             })
             .map_err(|error| engine(format!("no thread can be started: {error}")))?;
         Ok(Self {
             shared,
             thread: Some(thread),
+            lender,
+            waker,
             genes,
             episodes,
             metrics,
@@ -297,22 +426,38 @@ impl PyProducer {
             let [done, total] =
                 [&self.shared.done, &self.shared.total].map(|count| count.load(Ordering::Relaxed));
             if done < total {
-                on_progress.call1((done, total, ""))?;
+                let waits = lock(&self.shared.waits).clone();
+                on_progress.call1((done, total, waits))?;
             }
         }
     }
 
+    /// For those who watch: how many generations the run is expected to have.
+    fn expect(&self, generations: u64) {
+        self.shared.expected.store(generations, Ordering::Relaxed);
+    }
+
     /// Ends the thread; generations that wait are lost.
     fn close(&mut self, py: Python<'_>) {
-        self.shared.stop();
+        self.stop();
         if let Some(thread) = self.thread.take() {
             // How it ended was said by `next`, or nobody wants to know.
-            let _ = py.detach(|| thread.join());
+            let ended = py.detach(|| thread.join());
+            if let (Ok(Some(pool)), Some(lender)) = (ended, self.lender.take()) {
+                lender.borrow_mut(py).give_back(pool);
+            }
         }
     }
 }
 
 impl PyProducer {
+    fn stop(&self) {
+        self.shared.stop();
+        if let Some(waker) = &self.waker {
+            waker.wake();
+        }
+    }
+
     fn arrays<'py>(&self, py: Python<'py>, mut produced: Produced) -> PyResult<Generation<'py>> {
         let digests = py.detach(|| produced.digested());
         let candidates = produced.fitness.len();
@@ -334,14 +479,24 @@ impl PyProducer {
         );
         let outcome = (produced.outcome.leader, produced.outcome.failed);
         let digests = PyDigests::known(digests);
+        let attempts = rows(produced.attempts);
         Ok((
-            genomes, episodes, metrics, fitness, population, figures, outcome, digests,
+            genomes,
+            episodes,
+            metrics,
+            fitness,
+            population,
+            figures,
+            outcome,
+            digests,
+            attempts,
+            produced.warnings,
         ))
     }
 }
 
 impl Drop for PyProducer {
     fn drop(&mut self) {
-        self.shared.stop();
+        self.stop();
     }
 }

@@ -238,6 +238,13 @@ fn evaluate_part(
     }
     match guarded(|| simulation.evaluate(part.block, means)) {
         Ok(Some(Ok(results))) if results.len() == part.block.len() * numbers => {
+            if numbers == 1 && results.iter().all(|fitness| fitness.is_finite()) {
+                evaluation.fitness.extend(results);
+                if let Some(progress) = part.progress {
+                    progress.ended(part.block.len());
+                }
+                return Ok(());
+            }
             for (index, results) in results.chunks_exact(numbers).enumerate() {
                 evaluation.push(part, index, all_finite(results, part.names));
             }

@@ -90,6 +90,12 @@ class Backend(Protocol):
     def evaluator(self, architecture: dict[str, Any]) -> _engine.Evaluator | None:
         """Return what the engine evaluates such controllers with; None where Python or a server does it."""
 
+    def ahead(self, architecture: dict[str, Any]) -> _engine.Evaluator | _engine.Pool | None:
+        """Return what a thread of the engine evaluates with by itself; None where Python has a part in it."""
+
+    def check(self) -> None:
+        """Raise RunError when what evaluates has ended for good."""
+
     def count_failed(self, results: Results) -> None:
         """Count failed episodes of what the engine has evaluated by itself."""
 

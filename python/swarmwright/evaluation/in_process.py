@@ -72,6 +72,10 @@ class InProcessBackend:
         """Return what the engine evaluates with; None where the experiment has its own fitness."""
         return self._evaluator_of(architecture) if self._expression is None else None
 
+    def ahead(self, architecture: dict[str, Any]) -> _engine.Evaluator | None:
+        """Return what the engine evaluates with; None where Python has a part in it."""
+        return self.evaluator(architecture)
+
     def _evaluator_of(self, architecture: dict[str, Any]) -> _engine.Evaluator:
         if self._evaluator is None or self._evaluator[0] != architecture:
             evaluator = _engine.Evaluator(
@@ -91,6 +95,9 @@ class InProcessBackend:
         evaluator = self._evaluator_of(controllers.architecture)
         fitness, metrics = evaluator.evaluate(controllers.weights, list(seeds), on_progress, meanwhile)
         return Results(fitness, metrics, Journal())
+
+    def check(self) -> None:
+        """Do nothing: there is no other process."""
 
     def about(
         self,

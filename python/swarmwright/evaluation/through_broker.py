@@ -53,7 +53,7 @@ class BrokerBackend:
             with engine_errors():
                 self.sensors, self.actuators = pool.wait_for_server(sizes=experiment.steers)
         except RunError as error:
-            self._check_servers()
+            self.check()
             known = catalogue.titles()
             title = experiment.simulation
             hint = "" if catalogue.is_here(title) else did_you_mean(title, known)
@@ -72,6 +72,10 @@ class BrokerBackend:
 
     def evaluator(self, architecture: dict[str, Any]) -> None:
         """Return None: servers evaluate."""
+
+    def ahead(self, architecture: dict[str, Any]) -> _engine.Pool | None:  # noqa: ARG002 - any
+        """Return the pool; None where the experiment has its own fitness."""
+        return self._pool if self._expression is None else None
 
     def count_failed(self, results: Results) -> None:
         """Do nothing: the pool counts."""
@@ -115,7 +119,7 @@ class BrokerBackend:
         """Return the results, NaN where it failed, and what the pool did for them."""
 
         def progress(done: int, total: int, waiting_for: str) -> None:
-            self._check_servers()
+            self.check()
             on_progress(done, total, waiting_for)
 
         with engine_errors():
@@ -127,7 +131,7 @@ class BrokerBackend:
                 meanwhile,
                 controllers.sample,
             )
-        self._check_servers()
+        self.check()
         results = Results(fitness, metrics, Journal.of(attempts, warnings))
         return self._valued(results, range(len(fitness)))
 
@@ -143,17 +147,18 @@ class BrokerBackend:
             attempts: list[AttemptRow],
             warnings: list[str],
         ) -> NDArray[np.float32] | None:
-            self._check_servers()
+            self.check()
             results = Results(fitness, metrics, Journal.of(attempts, warnings))
             return feed(candidates, self._valued(results, candidates))
 
         def progress(done: int, total: int, waiting_for: str) -> None:
-            self._check_servers()
+            self.check()
             on_progress(done, total, waiting_for)
 
         with engine_errors():
             self._pool.stream(controllers.architecture, controllers.weights, list(seeds), take, progress)
 
-    def _check_servers(self) -> None:
+    def check(self) -> None:
+        """Log servers that have been given up; raise RunError when none is left."""
         if self._servers is not None:
             self._servers.check()

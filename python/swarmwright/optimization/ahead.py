@@ -51,13 +51,16 @@ class Ahead:
 
     Args:
         producer: the thread.
+        backend: what it evaluates with.
         on_progress: called while a generation is waited for.
     """
 
-    def __init__(self, producer: _engine.Producer, on_progress: Progress) -> None:
+    def __init__(self, producer: _engine.Producer, backend: Backend, on_progress: Progress) -> None:
         self._producer = producer
+        self._backend = backend
         self._on_progress = on_progress
         self._next: Produced | None = None
+        self._expected = 0
 
     @classmethod
     def of(
@@ -69,51 +72,79 @@ class Ahead:
         on_progress: Progress,
         *,
         first_seed: int,
+        run: str,
     ) -> Self | None:
-        """Begin where the method is; None where Python, or a server, has a part in a generation."""
-        known = isinstance(method, SearchMethod) and method.ahead
-        ranked = type(ranking) is Absolute and not ranking.options.reevaluate
-        if not (known and ranked and _genes_are_weights(representation)):
+        """Begin where the method is; None where Python has a part in a generation."""
+        if not (can_be_ahead(method, ranking) and _genes_are_weights(representation)):
             return None
         assert isinstance(method, SearchMethod)
         assert isinstance(ranking, Absolute)
-        evaluator = backend.evaluator(dict(representation.architecture()))
+        architecture = dict(representation.architecture())
+        evaluator = backend.ahead(architecture)
         if evaluator is None:
             return None
         options, seeds = ranking.options, ranking.seeds(first_seed, method.generation)
+        most = method.options.evaluations
         with engine_errors():
             producer = _engine.Producer(
                 method.search,
                 evaluator,
+                architecture,
                 seed=seeds[0],
                 growth=len(seeds) if options.seeds == "new" else 0,
                 episodes=len(seeds),
                 aggregate=options.aggregate,
                 level=options.level,
                 generations=method.options.generations - method.generation,
+                evaluations=None if most is None else (most, method.evaluations),
+                target=method.options.target,
+                run=run,
+                generation=method.generation,
             )
-        return cls(producer, on_progress)
+        return cls(producer, backend, on_progress)
 
-    def peek(self) -> Produced:
-        """Return the next generation, as soon as it is there; raise what has kept it from coming."""
+    def fits(self) -> bool:
+        """Wait for the next generation; return whether there is one within the budget of evaluations."""
         if self._next is None:
             with engine_errors():
-                found = self._producer.next(self._on_progress)
-            assert found is not None, "the method is done when no generation is left"
-            genomes, episodes, metrics, fitness, population, figures, outcome, digests = found
-            results = Results(episodes, metrics, Journal())
+                found = self._producer.next(self._progress)
+            self._backend.check()
+            if found is None:
+                return False
+            genomes, episodes, metrics, fitness, population, figures, outcome, digests, attempts, warnings = (
+                found
+            )
+            results = Results(episodes, metrics, Journal.of(attempts, warnings))
             self._next = Produced(genomes, results, fitness, population, *outcome, figures, digests)
-        return self._next
+        return True
 
     def take(self) -> Produced:
-        """Return the next generation and go on to the one behind it."""
-        found = self.peek()
-        self._next = None
+        """Return the next generation and go on to the one behind it; raise what has kept it from coming."""
+        fits = self.fits()
+        assert fits, "the method is done when no generation is left"
+        assert self._next is not None
+        found, self._next = self._next, None
         return found
+
+    def expect(self, generations: int) -> None:
+        """Tell those who watch servers how many generations the run is expected to have."""
+        if generations != self._expected:
+            self._expected = generations
+            self._producer.expect(generations)
 
     def close(self) -> None:
         """End the thread."""
         self._producer.close()
+
+    def _progress(self, done: int, total: int, waiting_for: str) -> None:
+        self._backend.check()
+        self._on_progress(done, total, waiting_for)
+
+
+def can_be_ahead(method: Method, ranking: Ranking) -> bool:
+    """Return whether the engine knows all that happens between asking and telling, but for the evaluation."""
+    known = isinstance(method, SearchMethod) and method.ahead
+    return known and type(ranking) is Absolute and not ranking.options.reevaluate
 
 
 def _genes_are_weights(representation: Representation) -> bool:

@@ -20,7 +20,8 @@ from swarmwright.evaluation.base import Backend, Controllers, Progress, Results
 from swarmwright.experiment.budget import Ended, Limit
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.methods import Method
-from swarmwright.optimization.ahead import Ahead, Produced
+from swarmwright.methods._search import SearchMethod
+from swarmwright.optimization.ahead import Ahead, Produced, can_be_ahead
 from swarmwright.optimization.memory import LARGE, candidates, progress
 from swarmwright.rankings._base import Ranking
 from swarmwright.representations import Representation
@@ -148,19 +149,19 @@ class Loop:
             return None
         if self._time_is_over():
             return "seconds"
-        return "evaluations" if most is not None and self._evaluations + self._coming() > most else None
+        return "evaluations" if most is not None and not self._fits(most) else None
 
     def _used_up(self) -> Ended:
         """Return which budget a method that is done has used."""
         return "generations"
 
-    def _coming(self) -> int:
-        """Return how many candidates the next generation has."""
+    def _fits(self, most: int) -> bool:
+        """Return whether no more than so many candidates are evaluated with the next generation."""
         if self._ahead is not None:
-            return len(self._ahead.peek().genomes)
+            return self._ahead.fits()
         if self._next is None:
             self._next = self._ask()
-        return len(self._next[0])
+        return self._evaluations + len(self._next[0]) <= most
 
     def _time_is_over(self) -> bool:
         limit = self._budget.seconds
@@ -182,14 +183,34 @@ class Loop:
                 raise InputError(
                     f"{reader.file}: holds more generations than its experiment has; it was changed by hand"
                 )
-            genomes, seeds = self._ask()
-            results = Results(evaluated.episodes, evaluated.metrics, Journal())
-            if genomes.tobytes() != evaluated.genomes.tobytes() or seeds != evaluated.seeds:
-                raise RunError(strayed(reader, evaluated.generation))
-            again = self._tell(genomes, seeds, results)
-            if again.found.fitness.tobytes() != evaluated.fitness.tobytes():
+            if not self._again(evaluated):
                 raise RunError(strayed(reader, evaluated.generation))
         self._continue_from(reader)
+
+    def _again(self, evaluated: Evaluated) -> bool:
+        """Tell the method a generation that is stored; return whether it is what the method asks for."""
+        results = Results(evaluated.episodes, evaluated.metrics, Journal())
+        if can_be_ahead(self._method, self._ranking):
+            return self._again_in_engine(evaluated, results)
+        genomes, seeds = self._ask()
+        if genomes.tobytes() != evaluated.genomes.tobytes() or seeds != evaluated.seeds:
+            return False
+        again = self._tell(genomes, seeds, results)
+        return again.found.fitness.tobytes() == evaluated.fitness.tobytes()
+
+    def _again_in_engine(self, evaluated: Evaluated, results: Results) -> bool:
+        """As `_again`, where the engine compares the genomes: with those of long runs, each copy counts."""
+        assert isinstance(self._method, SearchMethod)
+        number, genomes = self._method.generation, evaluated.genomes
+        seeds = self._ranking.seeds(self._first_seed, number)
+        fitness = self._ranking.score(results.fitness, genomes)
+        same = fitness.tobytes() == evaluated.fitness.tobytes() and seeds == evaluated.seeds
+        if not same or not self._method.search.retell(genomes, fitness):
+            return False
+        self._check(fitness, number)
+        self._method.passed(fitness)
+        self._told(number, seeds, Produced.of(genomes, results, fitness, fitness))
+        return True
 
     def _continue_from(self, reader: StoreReader) -> None:
         """Note what earlier sessions have used."""
@@ -224,6 +245,7 @@ class Loop:
             self._ahead = Ahead.of(
                 *(self._method, self._ranking, self._representation, backend, watched),
                 first_seed=self._first_seed,
+                run=self._name,
             )
         if self._ahead is not None:
             with closing(self._ahead):
@@ -259,19 +281,23 @@ class Loop:
     ) -> bool:
         """Store and report what the engine evolves meanwhile; return whether a callback ended it."""
         self._next = None  # the engine knows what has been asked for
+        ahead.expect(self._budget.expected_generations(self._stored, self._evaluations))
         while self.ended is None:
             number = self._method.generation
             found = ahead.take()
             self._check_first(len(found.genomes))
+            self._waiting_for = ""
             if on_progress is not None:
                 episodes = found.results.fitness.size
                 on_progress(episodes, episodes, "")
             if found.failed:
                 backend.count_failed(found.results)
-                self._check(found.fitness, number)
+                with self._kept(number, found.results.journal):
+                    self._check(found.fitness, number)
             seeds = self._ranking.seeds(self._first_seed, number)
             self._method.passed(found.fitness)
             self._unstored = self._told(number, seeds, found)
+            ahead.expect(self._budget.expected_generations(number + 1, self._evaluations))
             if on_generation is None:
                 self._store_last()
             elif not self._report_last(on_generation):

@@ -124,9 +124,9 @@ class SteadyLoop(Loop):
         whole = last is not None and self._method.evaluations >= last * self._method.generation_size
         return "generations" if whole else "evaluations"
 
-    def _coming(self) -> int:
-        """Return how many candidates follow at least: the method itself keeps to whole generations."""
-        return 0
+    def _fits(self, most: int) -> bool:
+        """Return whether there are no more candidates than so many; the method keeps to whole generations."""
+        return self._evaluations <= most
 
     def _complete(self, on_generation: OnGeneration | None) -> bool:
         """Store a generation; return whether to go on."""

@@ -107,6 +107,59 @@ def test_members_that_stay_are_the_same(
         same_record(in_two_parts(made, tmp_path / f"at-{at}", at), whole)
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_servers_give_the_same_record(
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, used: list[Ahead]
+) -> None:
+    made = experiment({"kind": kind, "population": 20, "generations": 30})
+    whole = ordinary(made, tmp_path / "whole", monkeypatch)
+    run = optimize(made, out=tmp_path / "run", servers=2)
+    assert len(used) == 1
+    same_record(run, whole)
+    assert run.digest == whole.digest
+    attempts = list(run.attempts())
+    assert [one.generation for one in attempts] == sorted(one.generation for one in attempts)
+    for generation, row in enumerate(run.history):
+        done = sum(one.candidates for one in attempts if one.generation == generation and not one.error)
+        before = run.history[generation - 1].evaluations if generation else 0
+        assert done >= row.evaluations - before > 0
+
+
+def test_a_run_on_servers_ends_and_goes_on_as_one_without(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, used: list[Ahead]
+) -> None:
+    method = {"kind": "openai_es", "population": 20, "generations": 500, "evaluations": 700}
+    made = experiment(method)
+    whole = ordinary(made, tmp_path / "whole", monkeypatch)
+    assert whole.generations == 35
+    part = optimize(made, lambda now: now.generation + 1 < 3, out=tmp_path / "run", servers=2)
+    assert (part.state, part.generations) == ("stopped", 3)
+
+    def interrupting(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    again = resume(part, on_progress=interrupting, servers=2)
+    assert again.interrupted
+    assert 3 <= again.generations < whole.generations
+    run = resume(again, servers=2)
+    assert len(used) == 3
+    same_record(run, whole)
+    assert StoreReader(run.path).ended() == StoreReader(whole.path).ended()
+
+
+def test_what_follows_a_run_has_the_same_servers(tmp_path: Path, used: list[Ahead]) -> None:
+    made = experiment(
+        {"kind": "snes", "population": 10, "generations": 5},
+        parameters={"placement": "random"},
+        ranking={"episodes": 2, "seeds": "new"},
+        validate={"episodes": 12},
+    )
+    run = optimize(made, out=tmp_path / "run", servers=1)
+    assert len(used) == 1
+    assert run.unseen is not None
+    assert len(run.unseen.episodes) == 12
+
+
 @pytest.mark.parametrize("method", RESTARTS, ids=str)
 def test_new_starts_are_the_same(
     method: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -255,11 +308,11 @@ def test_a_method_changed_by_a_subclass_is_asked_and_told_in_python(
         {"ranking": {"kind": "absolute", "episodes": 2, "reevaluate": True}, "method": {"kind": "pso"}},
         {"method": {"kind": "nnga"}, "controller": {"kind": "mealy_fsm", "states": 2}},
         {"method": {"kind": "cea2d", "width": 3, "height": 3}},
-        {"servers": 1},
+        {"servers": 1, "fitness": "fitness"},
     ],
     ids=str,
 )
-def test_where_python_or_a_server_has_a_part_it_is_the_ordinary_loop(
+def test_where_python_has_a_part_it_is_the_ordinary_loop(
     other: dict[str, Any], tmp_path: Path, used: list[Ahead]
 ) -> None:
     method = {"kind": "de", "population": 10, "generations": 3, **other.get("method", {})}

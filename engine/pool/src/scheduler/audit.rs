@@ -94,6 +94,11 @@ impl Audits {
         self.0.contains_key(&evaluation)
     }
 
+    /// Whether no result waits for another one.
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
     /// A result waits for another server's, or two that differ for a third one's.
     pub fn wait(&mut self, evaluation: usize, first: Found, second: Option<Found>) {
         self.0.insert(evaluation, Check { first, second });

@@ -192,6 +192,11 @@ impl Scheduler {
 
     /// What came out for every candidate in every episode, once all have ended.
     pub fn take_results(&mut self) -> Results {
+        self.take_all().0
+    }
+
+    /// As [`take_results`](Self::take_results), and the work that was submitted last.
+    pub fn take_all(&mut self) -> (Results, Option<Work>) {
         self.hands_out();
         self.ledger.take_results()
     }

@@ -39,6 +39,17 @@ impl Scheduler {
         self.count(evaluation, &found, now);
     }
 
+    /// As [`settle_proven`](Self::settle_proven) for a whole piece without metrics. False, and nothing is done, where its
+    /// evaluations have to be looked at one by one.
+    pub(super) fn settle_whole(&mut self, piece: &Piece, server: u64, fitness: &[f64]) -> bool {
+        let audits = self.config.faults.audit > 0.0 || !self.audits.is_empty();
+        piece.purpose == Purpose::Work
+            && !audits
+            && self
+                .ledger
+                .settle_whole(&piece.evaluations, server, fitness)
+    }
+
     /// A result counts: copies of its evaluation are not needed any more.
     pub(super) fn count(&mut self, evaluation: usize, found: &Found, now: Instant) {
         let shared = self.ledger.is_shared(evaluation);

@@ -58,6 +58,14 @@ fn shape(what: &str, found: usize, expected: usize) -> Result<(), DecodeError> {
 }
 
 fn finite(what: &str, numbers: &[f32]) -> Result<(), DecodeError> {
+    // A loop without a way out is one that the compiler can do in vectors.
+    let all = |part: &[f32]| {
+        let sound = part.iter().map(|number| number.is_finite());
+        sound.fold(true, |all, one| all & one)
+    };
+    if numbers.chunks(1024).all(all) {
+        return Ok(());
+    }
     match numbers.iter().position(|number| !number.is_finite()) {
         Some(index) => Err(DecodeError::value(format!(
             "\"{what}\"[{index}] is NaN or infinite"

@@ -140,6 +140,10 @@ impl Scheduler {
             if times > 0 {
                 self.server_succeeded(request.server, times);
             }
+            if failed == 0 && self.settle_whole(&request.piece, request.server, &message.fitness.0)
+            {
+                return;
+            }
             for (offset, &fitness) in finite {
                 let evaluation = request.piece.first() + offset;
                 let found = Found::new(request.server, fitness, Vec::new());

@@ -40,6 +40,30 @@ impl Pool {
         Ok(self.scheduler.take_results())
     }
 
+    /// As [`evaluate`](Self::evaluate), for a thread of its own: `go_on` is asked whenever something may have come, which a
+    /// [`waker`](Self::waker) brings about. Also returns the genomes.
+    ///
+    /// # Errors
+    /// As [`evaluate`](Self::evaluate).
+    pub fn evaluate_while(
+        &mut self,
+        work: Work,
+        go_on: impl Fn() -> bool,
+        mut on_progress: impl FnMut(usize, &str),
+    ) -> Result<(Results, Vec<f32>), PoolError> {
+        self.drive(
+            work,
+            || true,
+            |_| go_on().then_some(true).ok_or(PoolError::Interrupted),
+            |_, done, waiting_for| {
+                on_progress(done, waiting_for);
+                true
+            },
+        )?;
+        let (results, work) = self.scheduler.take_all();
+        Ok((results, work.map(Work::into_genomes).unwrap_or_default()))
+    }
+
     /// Evaluates candidates as they come. `feed` gets those of which all episodes have ended (none when there is only
     /// something to warn of) and how that went, and returns the genomes of further ones, (candidates, weights) row-major, or none to stop. The end is reached when all
     /// have ended and `feed` had no more. `on_progress(done, total, waiting_for)` as for [`evaluate`](Self::evaluate).

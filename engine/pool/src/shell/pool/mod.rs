@@ -6,7 +6,7 @@ mod telling;
 
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
-use swarmwright_mqtt::{Connection, Event, QoS, Subscription};
+use swarmwright_mqtt::{Connection, Event, QoS, Subscription, Waker};
 use swarmwright_protocol::{Topic, Topics};
 
 use crate::config::Config;
@@ -205,6 +205,12 @@ impl Pool {
     pub fn watch(&mut self, servers: impl IntoIterator<Item = u64>) -> Supervision {
         self.scheduler.watch(servers);
         self.supervision.clone()
+    }
+
+    /// A handle by which another thread has the work that is under way ask whether to go on.
+    #[must_use]
+    pub fn waker(&self) -> Waker {
+        self.connection.waker()
     }
 
     /// Sets the listener that is told what happens, as it happens.

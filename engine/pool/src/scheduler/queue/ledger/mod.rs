@@ -232,6 +232,40 @@ impl Ledger {
         true
     }
 
+    /// Evaluations without metrics have ended with the results of a server. False, and nothing is done, if one of them has ended
+    /// before, is in more than one place, or something is attributed to any evaluation.
+    pub fn settle_whole(
+        &mut self,
+        evaluations: &Range<usize>,
+        server: u64,
+        fitness: &[f64],
+    ) -> bool {
+        let Some(first) = evaluations.start.checked_sub(self.forgotten) else {
+            return false;
+        };
+        let places = first..first + evaluations.len();
+        let open = !self.settled[places.clone()].contains(&true);
+        let alone = self.holders[places.clone()].iter().all(|count| *count <= 1);
+        if !(open && alone && self.metrics == 0 && self.attribution.is_empty()) || places.is_empty()
+        {
+            return false;
+        }
+        self.results.fitness[places.clone()].copy_from_slice(fitness);
+        self.by[places.clone()].fill(server);
+        self.settled[places.clone()].fill(true);
+        self.good = Some(evaluations.end - 1);
+        self.done += places.len();
+        let (episodes, forgotten) = (self.episodes(), self.forgotten);
+        for candidate in places.start / episodes..places.end.div_ceil(episodes) {
+            let (start, end) = (candidate * episodes, (candidate + 1) * episodes);
+            self.open[candidate] -= end.min(places.end) - start.max(places.start);
+            if self.open[candidate] == 0 {
+                self.fresh.push(forgotten / episodes + candidate);
+            }
+        }
+        true
+    }
+
     /// An evaluation has failed for good, its numbers stay NaN. Whether it has: unless it is to be `everywhere`, another
     /// server that is at it may still have a result.
     pub fn give_up(&mut self, evaluation: usize, everywhere: bool) -> bool {
@@ -309,9 +343,10 @@ impl Ledger {
         (reopened, lost)
     }
 
-    /// The results of all evaluations, once all have ended.
-    pub fn take_results(&mut self) -> Results {
-        std::mem::take(self).results
+    /// The results of all evaluations, once all have ended, and the work that they are of.
+    pub fn take_results(&mut self) -> (Results, Option<Work>) {
+        let ended = std::mem::take(self);
+        (ended.results, ended.work)
     }
 }
 

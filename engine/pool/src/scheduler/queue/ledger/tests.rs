@@ -109,3 +109,40 @@ fn what_failed_goes_to_others_first_and_in_ever_smaller_parts() {
     // No server is left that has not failed it; the rest waits for the other one.
     assert_eq!(ledger.take(2, &[1, 2], 64).unwrap().evaluations, 1..2);
 }
+
+#[test]
+fn a_piece_that_is_settled_as_a_whole_is_settled_as_one_by_one() {
+    for (candidates, episodes, most) in [(7, 3, 1), (7, 3, 2), (7, 3, 7), (5, 1, 2), (1, 10, 4)] {
+        let [mut whole, mut single] = [0; 2].map(|_| ledger(candidates, episodes));
+        for server in 1.. {
+            let Some(piece) = whole.take(server, &[server], most) else {
+                break;
+            };
+            assert_eq!(single.take(server, &[server], most), Some(piece.clone()));
+            let fitness: Vec<f64> = piece
+                .evaluations
+                .clone()
+                .map(|one| f64::from(u32::try_from(one).unwrap()))
+                .collect();
+            assert!(whole.settle_whole(&piece.evaluations, server, &fitness));
+            assert!(!whole.settle_whole(&piece.evaluations, server, &fitness));
+            for (index, fitness) in piece.evaluations.clone().zip(fitness) {
+                assert!(single.settle(index, server, fitness, &[]));
+            }
+            assert_eq!(format!("{whole:?}"), format!("{single:?}"));
+        }
+        assert!(whole.finished());
+    }
+}
+
+#[test]
+fn a_piece_of_which_another_server_has_a_part_is_not_settled_as_a_whole() {
+    let mut ledger = ledger(8, 1);
+    let piece = ledger.take(1, &[1, 2], 8).unwrap();
+    ledger.hold(&piece.part(3..4));
+    let before = format!("{ledger:?}");
+    assert!(!ledger.settle_whole(&piece.evaluations, 1, &[1.0; 8]));
+    assert_eq!(format!("{ledger:?}"), before);
+    assert!(ledger.settle_whole(&(4..8), 1, &[1.0; 4]));
+    assert!(!ledger.settle_whole(&(3..5), 1, &[1.0; 2]));
+}
