@@ -400,3 +400,18 @@ def test_it_is_exported_as_a_table(tmp_path: Path) -> None:
         assert float(fitness) == float(arrived) - 0.1 * float(distance)
     with pytest.raises(InputError, match="the table of a validation ends with"):
         run.validation.export(tmp_path / "table.parquet")
+
+
+@pytest.mark.parametrize("block", [64, 1 << 22])
+def test_the_best_are_found_whatever_the_blocks_and_equals(
+    block: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("swarmwright.store.blocks._BLOCK", block)
+    run = run_of(tmp_path, validate=False, fitness="arrived + caught", method={"kind": "random_search"})
+    fitness = run.record.fitness
+    assert len(np.unique(fitness)) < len(fitness) / 2
+    order = np.argsort(-fitness, kind="stable")
+    with StoreReader(run.path)._generations() as generations:
+        for most in (1, 7, 50, 10_000):
+            assert generations.by_fitness(0, most).tolist() == order[:most].tolist()
+        assert generations.by_fitness(33, 9).tolist() == order[order >= 33][:9].tolist()
