@@ -20,15 +20,31 @@ PATIENCE = 20.0
 
 def output(*command: str, cwd: Path) -> str:
     """Run a command to its end, as users have it; return its standard output."""
-    # Modules are compiled once, not at every start.
-    environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
-    environment |= {"PYTHONPATH": ""}
     result = subprocess.run(
-        command, check=False, capture_output=True, text=True, timeout=300, cwd=cwd, env=environment
+        command, check=False, capture_output=True, text=True, timeout=300, cwd=cwd, env=_environment()
     )
     if result.returncode != 0:
         raise SystemExit(f"{' '.join(command)}: {result.stderr}")
     return result.stdout
+
+
+def seconds_until(word: str, *command: str, cwd: Path) -> tuple[float, str]:
+    """Run a command to its end; return the seconds until it had printed a line with a word, and the line."""
+    start = time.perf_counter()
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=cwd, env=_environment()) as process:
+        assert process.stdout is not None
+        for line in process.stdout:
+            if word in line:
+                seconds = time.perf_counter() - start
+                process.communicate(timeout=300)
+                return seconds, line
+    raise SystemExit(f"{' '.join(command)}: ended with {process.returncode} before it printed {word}")
+
+
+def _environment() -> dict[str, str]:
+    # Modules are compiled once, not at every start.
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    return environment | {"PYTHONPATH": ""}
 
 
 @dataclass(frozen=True)

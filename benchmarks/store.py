@@ -13,11 +13,16 @@ from unittest.mock import patch
 from benchmarks.measurement import Samples
 from benchmarks.processes import ROOT
 from swarmwright import Experiment, optimize
+from swarmwright.evaluation.base import Controllers
+from swarmwright.evaluation.opening import open_backend
+from swarmwright.runs import picture
 from swarmwright.store import StoreWriter
 
 CANDIDATES = 1000
 EVALUATION = 1e-3
 """Seconds that an evaluation is to take, at least."""
+LARGE = 4_096
+"""Candidates of a run whose evaluations take next to no time."""
 LENGTHS = (100, 1000)
 """Generations of the runs whose memory is compared."""
 
@@ -68,6 +73,11 @@ class StoreSuite:
         )
         long.against, long.aim = short, "<= 1.1"
         self._wall, self._share, self._peaks = wall, share, (short, long)
+        self._large = max(LARGE // smaller, 16)
+        shape = f"openai_es, {self._large:,} x 100 of Minisim, processor time"
+        self._bare = Samples(f"{shape}, nothing kept", "s")
+        self._whole = Samples(f"{shape}, with the record", "s", self._bare)
+        self._cost = Samples("the record, share of it", "%", aim="<= 25 %")
 
     def repeat(self) -> None:
         """Take one sample of the store's share; memory is measured once, for it does not vary."""
@@ -77,6 +87,10 @@ class StoreSuite:
             wall, commit = _shares(slow(self._steps, self._candidates, 3), Path(name) / "run")
             self._wall.add(wall * 1e3)
             self._share.add(commit / wall * 100)
+            bare, whole = _bare_and_whole(self._large, Path(name) / "large")
+            self._bare.add(bare)
+            self._whole.add(whole)
+            self._cost.add((whole - bare) / whole * 100)
             if not self._peaks[0].values:
                 for samples, length in zip(self._peaks, self._lengths, strict=True):
                     samples.add(_peak(self._candidates, length, Path(name) / f"peak-{length}"))
@@ -89,7 +103,7 @@ class StoreSuite:
 
     def samples(self) -> list[Samples]:
         """Everything measured, in the order of the table."""
-        return [self._wall, self._share, *self._peaks]
+        return [self._wall, self._share, self._bare, self._whole, self._cost, *self._peaks]
 
     def close(self) -> None:
         """Nothing is left open."""
@@ -111,6 +125,28 @@ def _shares(experiment: Experiment, folder: Path) -> tuple[float, float]:
         optimize(experiment, out=folder)
     spans = [after - before for before, after in itertools.pairwise(ends)]
     return statistics.median(spans), statistics.median(commits[1:])
+
+
+def _bare_and_whole(candidates: int, folder: Path) -> tuple[float, float]:
+    """Return the processor time of a run of which nothing is kept, and of `optimize`."""
+    method = {"kind": "openai_es", "population": candidates, "generations": 100}
+    experiment = Experiment.from_mapping(
+        {"simulation": "minisim", "servers": "in-process", "method": method, "validate": False}
+    )
+    start = time.process_time()
+    with open_backend(experiment) as backend:
+        representation = experiment.representation(backend.sensors, backend.actuators)
+        search, ranking = experiment.new_method(representation), experiment.new_ranking()
+        seeds = ranking.seeds(experiment.first_seed)
+        while not search.done:
+            controllers = Controllers.of(representation, search.ask())
+            search.tell(ranking.score(backend.evaluate(controllers, seeds, lambda *_: None).fitness))
+    bare = time.process_time() - start
+    start = time.process_time()
+    optimize(experiment, out=folder)
+    whole = time.process_time() - start
+    picture.wait()
+    return bare, whole
 
 
 def _peak(candidates: int, generations: int, folder: Path) -> float:
