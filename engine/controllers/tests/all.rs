@@ -4,6 +4,7 @@ mod controller;
 mod functions;
 mod kinds;
 mod lanes;
+mod modules;
 mod parameter_set;
 mod specification;
 mod vectors;
