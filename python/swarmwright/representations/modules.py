@@ -2,6 +2,7 @@
 
 import json
 from functools import cached_property
+from pathlib import Path
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -14,6 +15,7 @@ from swarmwright.core.errors import InputError
 from swarmwright.core.modules import OF_STATE, OF_TRANSITION, RANGES
 from swarmwright.core.options import Options
 from swarmwright.core.random_numbers import Stream
+from swarmwright.core.yaml import read
 from swarmwright.representations._base import Representation
 from swarmwright.typing import Genome, Genomes, Limits
 
@@ -35,13 +37,20 @@ class ModulesOptions(Options):
     """Transitions that a state has at most."""
     machine: dict[str, Any] | str | None = None
     """A machine to start from: {states: [{behaviour, transitions: [{to, condition}]}]}, with the parameters
-    of each behaviour and condition beside it; or the text that AutoMoDe's programs are called with,
-    --nstates 2 --s0 4 --att0 5 .. Evolution begins with it and with mutants of it, of up to 8 changes each.
-    Default: random machines."""
+    of each behaviour and condition beside it; the path of a YAML file with that, as `swarmwright export --to
+    machine` writes it; or the text that AutoMoDe's programs are called with, --nstates 2 --s0 4 --att0 5 ..
+    Evolution begins with it and with mutants of it, of up to 8 changes each. Default: random machines."""
 
     @field_validator("machine", mode="before")
     @classmethod
     def _plain(cls, value: Any) -> Any:  # noqa: ANN401 - whatever the file says
+        if isinstance(value, str) and not value.lstrip().startswith("--"):
+            try:
+                value = read(Path(value)).values
+            except InputError as error:
+                raise ValueError(
+                    f"{error}; expected a mapping, such a file, or AutoMoDe's --nstates .."
+                ) from None
         return json.loads(json.dumps(value)) if isinstance(value, dict) else value
 
     @model_validator(mode="after")

@@ -1,5 +1,6 @@
 """Machines of modules as a representation."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from swarmwright import Experiment, InputError
 from swarmwright.core import modules
 from swarmwright.core.automode import machine_of
 from swarmwright.core.random_numbers import Stream, Streams
+from swarmwright.core.yaml import dump
 from swarmwright.representations.modules import Modules, ModulesOptions
 from swarmwright.testing import check_representation
 
@@ -116,6 +118,17 @@ def test_a_given_machine_is_where_evolution_starts() -> None:
     check_representation("modules", {"machine": MACHINE})
 
 
+def test_a_machine_may_be_in_a_file(tmp_path: Path) -> None:
+    file = tmp_path / "machine.yaml"
+    file.write_text(dump(MACHINE))
+    options = ModulesOptions(machine=str(file))
+    assert options.machine == MACHINE
+    file.unlink()
+    with pytest.raises(ValidationError, match=r"machine\.yaml") as caught:
+        ModulesOptions(machine=str(file))
+    assert "expected a mapping, such a file, or AutoMoDe's --nstates" in str(caught.value)
+
+
 def test_machines_can_be_read() -> None:
     states = modules.states_from(MACHINE, 4, 4)
     assert modules.as_text(states) == (
@@ -213,7 +226,7 @@ def test_machines_in_automodes_form() -> None:
     ("text", "words"),
     [
         ("--nstates 2 --s0", "expected pairs such as"),
-        ("nstates 2", "expected pairs such as"),
+        ("nstates 2", "expected a mapping, such a file, or AutoMoDe's --nstates"),
         ("--nstates 1 --s0 1 --s0 1", "a parameter is given twice"),
         ("--nstates 0", "states: 0 entries found"),
         ("--nstates 1 --s0 6", "--s0: expected an integer from 0 to 5, and found 6"),
