@@ -1,5 +1,6 @@
 """What callbacks have in common."""
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from types import TracebackType
@@ -54,4 +55,18 @@ def figures(generation: "Generation") -> dict[str, float]:
         "evaluations/total": float(generation.evaluations),
         "evaluations/failed": float(generation.failed),
         "evaluations/per_second": generation.evaluations_per_second,
+    }
+
+
+def held_out(run: "Run") -> dict[str, float]:
+    """Return the fitness of a run's best on held-out seeds, and its 95 % interval; empty without any."""
+    found = run.unseen
+    if found is None:
+        return {}
+    fitness = found.fitness
+    values = {"": fitness.mean, "_low": fitness.low, "_high": fitness.high}
+    return {
+        f"fitness/held_out{name}": value
+        for name, value in values.items()
+        if value is not None and math.isfinite(value)
     }

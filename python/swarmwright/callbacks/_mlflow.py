@@ -7,7 +7,7 @@ import time
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
-from swarmwright.callbacks._base import Callback, figures
+from swarmwright.callbacks._base import Callback, figures, held_out
 from swarmwright.core.errors import InputError, RunError
 from swarmwright.core.flatten import flat
 from swarmwright.runs import picture
@@ -110,7 +110,13 @@ class MLflow(Callback):
         self._sent = time.monotonic()
 
     def conclude(self, run: "Run") -> None:
-        """Send the files, and how it ended."""
+        """Send the fitness on held-out seeds and the files, and how it ended."""
+        from mlflow.entities import Metric
+
+        now = time.time_ns() // 1_000_000
+        self._waiting += [
+            Metric(name, value, now, run.generations - 1) for name, value in held_out(run).items()
+        ]
         self._send()
         picture.wait()
         try:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from swarmwright.callbacks._base import Callback, figures
+from swarmwright.callbacks._base import Callback, figures, held_out
 from swarmwright.core.errors import InputError
 from swarmwright.core.yaml import dump
 
@@ -49,8 +49,10 @@ class TensorBoard(Callback):
             self._writer.add_scalar(name, value, generation.generation)
 
     def conclude(self, run: "Run") -> None:
-        """Add the fitness of the last population's members as a histogram."""
+        """Add the fitness of the last population's members as a histogram, and that on held-out seeds."""
         if run.generations:
+            for name, value in held_out(run).items():
+                self._writer.add_scalar(name, value, run.generations - 1)
             last = run.record.fitness[run.record.generation == run.generations - 1]
             last = last[np.isfinite(last)]
             if len(last):

@@ -313,6 +313,12 @@ class Run:
         best = self.best
         where = f"generation {best.generation}, candidate {best.candidate}, both from 0"
         rows.append(("best fitness", f"{best.fitness + 0.0:.6g} ({where})"))
+        if self.unseen is not None:
+            held_out, count = self.unseen.fitness, len(self.unseen.episodes)
+            interval = ""
+            if held_out.low is not None:
+                interval = f", 95 % confidence interval {held_out.low:.4g} to {held_out.high:.4g}"
+            rows.append(("on held-out seeds", f"{held_out.mean:.4g} ({count} episodes{interval})"))
         from swarmwright.figures.run import fitness
 
         return facts(f"Run {self.path}", rows) + picture(

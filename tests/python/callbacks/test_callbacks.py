@@ -50,6 +50,31 @@ def test_tensorboard_has_the_curves(tmp_path: Path) -> None:
     assert found["evaluations/total"][-1] == (4, run.evaluations)
 
 
+NOISY = EXPERIMENT.replace(
+    parameters={"placement": "random", "numAgents": 3}, validate={"episodes": 20, "candidates": 1}
+)
+
+
+def held_out(run: Run) -> dict[str, float]:
+    assert run.unseen is not None
+    fitness = run.unseen.fitness
+    assert fitness.low is not None
+    assert fitness.high is not None
+    names = ("fitness/held_out", "fitness/held_out_low", "fitness/held_out_high")
+    return dict(zip(names, (fitness.mean, fitness.low, fitness.high), strict=True))
+
+
+def test_tensorboard_has_the_fitness_on_held_out_seeds(tmp_path: Path) -> None:
+    with callbacks.TensorBoard(tmp_path / "logs", NOISY) as board:
+        run = optimize(NOISY, board, out=tmp_path / "run")
+        board.conclude(run)
+    found = scalars(tmp_path / "logs")
+    for name, value in held_out(run).items():
+        ((step, sent),) = found[name]
+        assert step == 4
+        assert sent == pytest.approx(value, rel=1e-6)
+
+
 @pytest.fixture(scope="module")
 def empty(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """MLflow's database without runs: making its tables takes seconds."""
@@ -101,6 +126,16 @@ def test_mlflow_has_the_run(uri: str, tmp_path: Path) -> None:
         "experiment.yaml",
         "fitness.png",
     }
+
+
+def test_mlflow_has_the_fitness_on_held_out_seeds(uri: str, tmp_path: Path) -> None:
+    from mlflow import MlflowClient
+
+    with callbacks.MLflow(uri, NOISY) as told:
+        run = optimize(NOISY, told, out=tmp_path / "run")
+        told.conclude(run)
+    sent = MlflowClient(tracking_uri=uri).get_run(told.run_id).data.metrics
+    assert {name: sent[name] for name in held_out(run)} == held_out(run)
 
 
 def test_a_run_that_fails_has_failed_there_too(uri: str) -> None:

@@ -415,3 +415,10 @@ def test_the_best_are_found_whatever_the_blocks_and_equals(
         for most in (1, 7, 50, 10_000):
             assert generations.by_fitness(0, most).tolist() == order[:most].tolist()
         assert generations.by_fitness(33, 9).tolist() == order[order >= 33][:9].tolist()
+
+
+def test_a_notebook_shows_it(tmp_path: Path) -> None:
+    run = run_of(tmp_path)
+    assert run.unseen is not None
+    assert f"{run.unseen.fitness.mean:.4g} (30 episodes, 95 % confidence interval" in run._repr_html_()
+    assert "held-out" not in run_of(tmp_path, validate=False)._repr_html_()

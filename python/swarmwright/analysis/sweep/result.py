@@ -51,8 +51,9 @@ class SweepResult:
     def table(self) -> list[dict[str, Any]]:
         """Return a row for each run, for `pandas.DataFrame(result.table())` and the like.
 
-        Keys: variant, seed, fitness (the best of the run), evaluations, generations, seconds, run (its
-        folder), then what the experiments differ in, such as method.population.
+        Keys: variant, seed, fitness (the best of the run), held_out (its fitness on held-out seeds; None
+        where it was not validated, or where fitness does not depend on the seed), evaluations, generations,
+        seconds, run (its folder), then what the experiments differ in, such as method.population.
         """
         experiments = [flattened_of(run) for run in self.runs]
         differing = distinguishing(experiments)
@@ -61,6 +62,7 @@ class SweepResult:
                 "variant": label,
                 "seed": run.experiment.seed,
                 "fitness": run.history[-1].best_so_far,
+                "held_out": None if run.unseen is None else run.unseen.fitness.mean,
                 "evaluations": run.evaluations,
                 "generations": run.generations,
                 "seconds": run.seconds,

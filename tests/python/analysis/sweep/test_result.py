@@ -7,6 +7,7 @@ import pytest
 
 import swarmwright
 from swarmwright import Experiment, InputError, Run, sweep
+from swarmwright.store import StoreWriter
 
 BASE: dict[str, Any] = {
     "simulation": "minisim", "servers": "local", "parameters": {"maxSteps": 5},
@@ -42,6 +43,30 @@ def test_a_mapping_becomes_runs_a_table_a_comparison_and_a_figure(tmp_path: Path
     assert [run.sessions for run in again.runs] == [run.sessions for run in result.runs]
     others = sweep(source, out=tmp_path / "others", jobs=2)
     assert [run.digest for run in others.runs] == [run.digest for run in result.runs]
+
+
+def test_a_validation_that_was_interrupted_is_finished(tmp_path: Path) -> None:
+    noisy = {
+        **BASE,
+        "parameters": {"placement": "random", "numAgents": 2},
+        "validate": {"episodes": 30, "candidates": 2},
+    }
+    source = {"experiment": noisy, "grid": {"method.population": [6, 8]}, "seeds": 1}
+    result = sweep(source, out=tmp_path / "out", jobs=1)
+    first, other = result.runs
+    assert first.unseen is not None
+    assert result.table()[0]["held_out"] == first.unseen.fitness.mean
+    whole = first.store.validation()
+    assert whole is not None
+    part = [
+        {**one, "episodes": one["episodes"][:10], "values": one["values"][:10]} for one in whole["candidates"]
+    ]
+    with StoreWriter.resume(first.path) as store:
+        store.note_validation({**whole, "state": "due", "candidates": part})
+    assert Run.open(first.path).validation_is_due
+    again = sweep(source, out=tmp_path / "out", jobs=1).runs
+    assert again[0].store.validation() == whole
+    assert [len(run.sessions) for run in again] == [len(first.sessions) + 1, len(other.sessions)]
 
 
 def test_a_file_is_taken_and_its_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
