@@ -39,8 +39,9 @@ def test_the_record_is_that_of_the_built_in_server(
     [
         "{kind: layered, hidden: [5, 3], activation: sigmoid}",
         "{kind: mealy_fsm, states: 3, levels: 3}",
+        "{kind: evostick}",
     ],
-    ids=["layered", "mealy_fsm"],
+    ids=["layered", "mealy_fsm", "evostick"],
 )
 def test_other_controllers_are_evaluated_to_the_bit(
     embedded: BrokerProcess, serve_java: ServeJava, launch: Launch, experiment: Experiment, controller: str

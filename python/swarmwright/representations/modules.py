@@ -16,7 +16,7 @@ from swarmwright.core.modules import OF_STATE, OF_TRANSITION, RANGES
 from swarmwright.core.options import Options
 from swarmwright.core.random_numbers import Stream
 from swarmwright.core.yaml import read
-from swarmwright.representations._base import Representation
+from swarmwright.representations._base import Representation, in_parts
 from swarmwright.typing import Genome, Genomes, Limits
 
 _MOST_CHANGES = 8
@@ -177,8 +177,8 @@ class Modules(Representation):
         return modules.states_of(self.specification(genome))
 
     @cached_property
-    def _start(self) -> Genome | None:
-        """The genome of the machine to start from."""
+    def start(self) -> Genome | None:
+        """The genome of the machine to start from; None without one."""
         start = self.options.start()
         if start is None:
             return None
@@ -203,8 +203,8 @@ class Modules(Representation):
 
     def initial(self, stream: Stream) -> Genome:
         """Return a random machine, or the given one after 0 to 8 changes."""
-        if self._start is not None:
-            genome = self._start.astype(np.float64)
+        if self.start is not None:
+            genome = self.start.astype(np.float64)
             for _ in range(stream.integer(_MOST_CHANGES + 1)):
                 self._change(genome, stream, 0.3)
             return genome.astype(np.float32)
@@ -316,11 +316,36 @@ class Modules(Representation):
 
     def distance(self, one: Genome, other: Genome) -> float:
         """Return behaviours, targets and conditions that differ, and shares of ranges, added in order."""
+        return float(self.distances(one, other[np.newaxis])[0])
+
+    def distances(self, one: Genome, others: Genomes) -> NDArray[np.float64]:
+        """Return the distance of one genome to each row of others, (k, D) to (k,)."""
+        weights = self.weights(np.concatenate([one[np.newaxis], others])).astype(np.float64)
+        return self._distances(weights[0], weights[1:])
+
+    def distances_among(
+        self, genomes: Genomes, ones: NDArray[np.int64], others: NDArray[np.int64]
+    ) -> NDArray[np.float64]:
+        """Return the distances of genomes that are named by their index."""
+        weights = self.weights(genomes).astype(np.float64)
+        found = np.empty(others.shape)
+        for part in in_parts(len(ones), others.shape[1] * self.genome_size):
+            found[part] = self._distances(weights[ones[part]][:, np.newaxis], weights[others[part]])
+        return found
+
+    def _distances(self, ones: NDArray[np.float64], others: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the distances of weights."""
         lower, upper = self.bounds
-        ones, others = (self.weights(genome[np.newaxis])[0].astype(np.float64) for genome in (one, other))
         differences = np.abs(ones - others) / (upper - lower)
-        rows = np.arange(self.options.states) * self._width + 1
-        chosen = np.concatenate([rows, self._targets(), self._targets() + 1])
-        differences[chosen] = ones[chosen] != others[chosen]
+        # Of what is chosen, all differences count the same.
+        chosen = self._choices
+        differences[..., chosen] = differences[..., chosen] != 0
         # accumulate adds strictly one after another; sum() would add in an order that NumPy chooses.
-        return float(np.add.accumulate(differences)[-1])
+        sums: NDArray[np.float64] = np.add.accumulate(differences, axis=-1)[..., -1]
+        return sums
+
+    @cached_property
+    def _choices(self) -> NDArray[np.intp]:
+        """Where behaviours, targets and conditions are in a genome."""
+        rows = np.arange(self.options.states) * self._width + 1
+        return np.concatenate([rows, self._targets(), self._targets() + 1])
