@@ -170,7 +170,8 @@ class Generations:
     def by_fitness(self, first: int, most: int) -> NDArray[np.int64]:
         """Return the numbers of the best evaluations from `first` on that did not fail, the best first.
 
-        Of equals, the first one comes first. Only their fitness is read, and compared with nothing.
+        Of equals, the first one comes first. Only their fitness is read, a block at a time, and compared with
+        nothing.
 
         Args:
             first: number of the first evaluation that counts.
@@ -179,22 +180,22 @@ class Generations:
         cursor = self._connection.execute(
             "SELECT first, fitness FROM block WHERE first + evaluations > ? ORDER BY first", (first,)
         )
-        numbers, values = [np.zeros(0, np.int64)], [np.zeros(0)]
+        number, value = np.zeros(0, np.int64), np.zeros(0)
         try:
             for begin, column in cursor:
                 fitness = np.frombuffer(column, dtype="<f8")
-                numbers.append(np.arange(begin, begin + len(fitness), dtype=np.int64))
-                values.append(fitness)
+                counts = np.isfinite(fitness)
+                counts[: max(first - begin, 0)] = False
+                if len(value) >= most:  # one that comes later has to be better
+                    counts &= fitness > value[most - 1]
+                places = np.flatnonzero(counts)
+                number = np.concatenate([number, begin + places])
+                value = np.concatenate([value, fitness[places]])
+                chosen = best_first(value)[:most]
+                number, value = number[chosen], value[chosen]
         except _WRONG as error:
             raise self.damaged(_DISAGREE) from error
-        number, value = np.concatenate(numbers), np.concatenate(values)
-        counts = np.isfinite(value) & (number >= first)
-        number, value = number[counts], value[counts]
-        if len(value) > most:  # to sort all of them would take longer than to read them
-            least = np.partition(value, len(value) - most)[len(value) - most]
-            number, value = number[value >= least], value[value >= least]
-        chosen: NDArray[np.int64] = number[best_first(value)]
-        return chosen[:most]
+        return number
 
     def checked_evaluations(self, row: Row) -> Iterator[Record]:
         """Yield the evaluations of a generation, all of which have been compared before."""
