@@ -93,10 +93,12 @@ class InputError(ValueError):
 def simulations() -> list[str]:
     """Titles of the built-in simulations, sorted."""
 
-def describe(title: str) -> Description:
+def describe(title: str, parameters: dict[str, Any] | None = None) -> Description:
     """The description of a built-in simulation; parameters and metrics in alphabetical order.
 
-    Raises InputError for an unknown title.
+    Sensors, actuators and metrics are those with these parameters (default: with the default ones); `varies` says
+    whether they depend on them.
+    Raises InputError for an unknown title, and for parameters that the simulation refuses.
     """
 
 def check_parameters(title: str, parameters: dict[str, Any]) -> None:

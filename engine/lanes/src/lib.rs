@@ -24,12 +24,15 @@
 //! ```
 
 mod level;
+mod number;
 mod pair;
 mod portable;
+mod scalar;
 #[cfg(target_arch = "x86_64")]
 mod x86;
 
 pub use level::{INSTRUCTIONS, Kernel, Level};
+pub use number::{Number, number};
 pub use pair::{Pair, PairInt, PairMask};
 
 /// Most lanes of a vector of any instruction set that is not a [`Pair`].
@@ -90,6 +93,10 @@ pub trait Lanes: Copy {
     fn floor(self) -> Self::Int;
     /// The integers as binary32.
     fn from_int(int: Self::Int) -> Self;
+    /// The bits of the numbers as integers.
+    fn pattern(self) -> Self::Int;
+    /// The numbers with these bits.
+    fn from_pattern(pattern: Self::Int) -> Self;
     /// Numbers that lie in rows, one for each lane, from the index `from` on: lane l of `columns[i]` becomes
     /// `rows[l][from + i]`. Panics when there are fewer rows than lanes or a row is too short.
     #[inline(always)]

@@ -93,6 +93,14 @@ impl<L: Lanes> Lanes for Pair<L> {
         Self(L::from_int(int.0), L::from_int(int.1))
     }
     #[inline(always)]
+    fn pattern(self) -> PairInt<L> {
+        PairInt(self.0.pattern(), self.1.pattern())
+    }
+    #[inline(always)]
+    fn from_pattern(pattern: PairInt<L>) -> Self {
+        Self(L::from_pattern(pattern.0), L::from_pattern(pattern.1))
+    }
+    #[inline(always)]
     fn transpose(rows: &[&[f32]], from: usize, columns: &mut [Self]) {
         const TILE: usize = 16;
         let (low, high) = rows.split_at(L::WIDTH);

@@ -112,6 +112,16 @@ impl Lanes for F32s {
     fn from_int(int: I32s) -> Self {
         Self(int.0.map(|a| a as f32))
     }
+    #[inline(always)]
+    #[expect(clippy::cast_possible_wrap, reason = "bits")]
+    fn pattern(self) -> I32s {
+        I32s(self.0.map(|a| a.to_bits() as i32))
+    }
+    #[inline(always)]
+    #[expect(clippy::cast_sign_loss, reason = "bits")]
+    fn from_pattern(pattern: I32s) -> Self {
+        Self(pattern.0.map(|a| f32::from_bits(a as u32)))
+    }
 }
 
 impl Mask for Conditions {

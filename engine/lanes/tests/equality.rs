@@ -57,6 +57,7 @@ impl All<'_> {
                 a.select(b, a.le(b)),
                 a.select(b, a.is_nan()),
                 L::from_int(i),
+                L::from_pattern(i),
                 a.select(b, a.lt(b).and(i.lt(j))),
                 a.select(b, a.lt(b).or(i.lt(j))),
                 a.select(b, a.lt(b).and_not(i.lt(j))),
@@ -84,6 +85,7 @@ impl All<'_> {
                     .lookup_where(&[7, -5, 1 << 30, 0], j, i.lt(j)),
                 i.and(L::Int::splat(3)).lookup_bytes(&BYTES),
                 i.lookup_eight(&EIGHT),
+                a.at_least(b).select(b, a.le(a)).pattern(),
             ];
             let mut lanes = vec![0.0; L::WIDTH];
             for value in floats {
@@ -139,7 +141,7 @@ fn number_in_table(row: usize, column: usize) -> f32 {
 
 /// The same with one number at a time.
 fn scalar(a: &[f32], b: &[f32], i: &[i32], j: &[i32]) -> Vec<u32> {
-    let mut columns: Vec<Vec<u32>> = vec![Vec::new(); 33 + COLUMNS];
+    let mut columns: Vec<Vec<u32>> = vec![Vec::new(); 35 + COLUMNS];
     for lane in 0..32 {
         let (a, b, i, j) = (a[lane], b[lane], i[lane], j[lane]);
         let choose = |condition: bool| if condition { a } else { b };
@@ -159,6 +161,7 @@ fn scalar(a: &[f32], b: &[f32], i: &[i32], j: &[i32]) -> Vec<u32> {
             choose(a <= b),
             choose(a.is_nan()),
             i as f32,
+            f32::from_bits(i as u32),
             choose(a < b && i < j),
             choose(a < b || i < j),
             choose(a < b && i >= j),
@@ -186,6 +189,7 @@ fn scalar(a: &[f32], b: &[f32], i: &[i32], j: &[i32]) -> Vec<u32> {
             },
             i32::from_le_bytes(std::array::from_fn(|byte| BYTES[(i & 3) as usize + byte])),
             EIGHT[(i & 7) as usize],
+            (if a < b || a.is_nan() { b } else { a }).to_bits() as i32,
         ];
         let column = floats
             .map(|value| {
@@ -239,6 +243,8 @@ proptest! {
                 prop_assert_eq!(&level.run(all), &expected, "{} paired: {}", level.name(), paired);
             }
         }
+        let all = All { numbers: [&a, &b], integers: [&i, &j], table: &table, paired: false };
+        prop_assert_eq!(&all.collect::<f32>(), &expected, "one lane");
     }
 }
 

@@ -62,7 +62,9 @@ impl Demand {
             })
             .or_else(|| {
                 let names = announced.map_or(&[][..], |announced| &announced.metrics);
-                unannounced(&self.metrics, names)
+                // Where sensors depend on parameters metrics may, too: the server says what is wrong.
+                let known = announced.is_none_or(|a| a.sensors.is_some() || !names.is_empty());
+                known.then(|| unannounced(&self.metrics, names)).flatten()
             })
             .or_else(|| self.way(capabilities).err())
     }

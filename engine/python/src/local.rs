@@ -94,12 +94,13 @@ impl PyEvaluator {
         level: &str,
         threads: usize,
     ) -> PyResult<Self> {
+        let parameters = object("parameters", parameters)?;
         Ok(Self(Arc::new(Evaluation {
-            metrics: known(title)?
+            metrics: known(title, &parameters)?
                 .metrics_named(&metrics.unwrap_or_default())
                 .map_err(input)?,
             title: title.to_owned(),
-            parameters: object("parameters", parameters)?,
+            parameters,
             architecture: self::architecture(architecture)?.0,
             means: means(level, threads)?,
             most: AtomicUsize::new(FIRST),

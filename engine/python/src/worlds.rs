@@ -1,10 +1,12 @@
 //! Built-in simulations in this process.
 
+use std::borrow::Cow;
+
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use swarmwright_controllers::{Controller, Specification};
-use swarmwright_worlds::{self as worlds, Description, Simulation};
+use swarmwright_worlds::{self as worlds, Description, Parameters, Simulation};
 
 use swarmwright_wrapper::guarded;
 
@@ -23,9 +25,11 @@ pub fn create(title: &str) -> PyResult<Box<dyn Simulation>> {
     worlds::create(title).ok_or_else(|| unknown(title))
 }
 
-/// What a built-in simulation says of itself; refuses other titles.
-pub fn known(title: &str) -> PyResult<&'static Description> {
-    worlds::description(title).ok_or_else(|| unknown(title))
+/// What a built-in simulation says of itself with these parameters; refuses other titles.
+pub fn known(title: &str, parameters: &Parameters) -> PyResult<Cow<'static, Description>> {
+    worlds::described(title, parameters)
+        .ok_or_else(|| unknown(title))?
+        .map_err(input)
 }
 
 fn unknown(title: &str) -> PyErr {
@@ -35,10 +39,20 @@ fn unknown(title: &str) -> PyErr {
     ))
 }
 
-/// The description of a built-in simulation.
+/// The description of a built-in simulation, with default parameters or these.
 #[pyfunction]
-pub fn describe<'py>(py: Python<'py>, title: &str) -> PyResult<Bound<'py, PyAny>> {
-    let description = worlds::describe(title).ok_or_else(|| unknown(title))?;
+#[pyo3(signature = (title, parameters=None))]
+pub fn describe<'py>(
+    py: Python<'py>,
+    title: &str,
+    parameters: Option<&Bound<'_, PyDict>>,
+) -> PyResult<Bound<'py, PyAny>> {
+    let parameters = parameters
+        .map(|parameters| object("parameters", parameters))
+        .transpose()?;
+    let description = worlds::describe(title, parameters.as_ref())
+        .ok_or_else(|| unknown(title))?
+        .map_err(input)?;
     to_python(py, &description)
 }
 

@@ -104,11 +104,23 @@ impl<'a> Block<'a> {
 
 /// A simulation whose episodes can be computed in lanes, made for the episodes of one block.
 pub(crate) trait LaneWorld: Sync + Sized {
-    /// Most vectors of lanes side by side: 2 or 4.
+    /// Most vectors of lanes side by side: 1, 2 or 4.
     const MOST_VECTORS: usize;
 
     /// Vectors side by side for these episodes: `MOST_VECTORS`, or 1 where their memory would leave the caches.
-    fn vectors(&self) -> usize;
+    fn vectors(&self) -> usize {
+        Self::MOST_VECTORS
+    }
+
+    /// Whether the portable instruction set is of use, too; else episodes are computed one at a time there.
+    const PORTABLE: bool = true;
+
+    /// Evaluates episodes from `first` on, as many as `results` has room for. Those who never have vectors side by side
+    /// have [`groups`] instead, so that nothing is compiled for pairs. False as soon as a weight is not a finite number.
+    #[inline(always)]
+    fn part<L: Lanes>(&self, block: &Block<'_>, first: usize, results: &mut [f64]) -> bool {
+        side_by_side::<L, Self>(self, block, first, results)
+    }
 
     /// Room for the state of as many episodes as there are lanes.
     type Room<L: Lanes>;
@@ -147,27 +159,38 @@ impl<W: LaneWorld> Kernel for Part<'_, W> {
 
     #[inline(always)]
     fn run<L: Lanes>(self) -> bool {
-        // Many vectors side by side while there are episodes for them.
-        let vectors = self.world.vectors();
-        let (wide, numbers) = (vectors * L::WIDTH, self.block.numbers());
-        let episodes = self.results.len() / numbers;
-        let rest = episodes % wide;
-        let single = if rest > wide / 2 { 0 } else { rest };
-        let behind = self.first + episodes - single;
-        let (many, single) = self.results.split_at_mut((episodes - single) * numbers);
-        let finite = match (vectors, W::MOST_VECTORS) {
-            (4, 4) => groups::<Pair<Pair<L>>, W>(self.world, self.block, self.first, many),
-            (2, 2) => groups::<Pair<L>, W>(self.world, self.block, self.first, many),
-            _ => groups::<L, W>(self.world, self.block, self.first, many),
-        };
-        finite && groups::<L, W>(self.world, self.block, behind, single)
+        self.world.part::<L>(self.block, self.first, self.results)
     }
+}
+
+/// Evaluates episodes from `first` on, as many as `results` has room for: many vectors side by side while there are
+/// episodes for them. False as soon as a weight is not a finite number.
+#[inline(always)]
+fn side_by_side<L: Lanes, W: LaneWorld>(
+    world: &W,
+    block: &Block<'_>,
+    first: usize,
+    results: &mut [f64],
+) -> bool {
+    let vectors = world.vectors();
+    let (wide, numbers) = (vectors * L::WIDTH, block.numbers());
+    let episodes = results.len() / numbers;
+    let rest = episodes % wide;
+    let single = if rest > wide / 2 { 0 } else { rest };
+    let behind = first + episodes - single;
+    let (many, single) = results.split_at_mut((episodes - single) * numbers);
+    let finite = match (vectors, W::MOST_VECTORS) {
+        (4, 4) => groups::<Pair<Pair<L>>, W>(world, block, first, many),
+        (2, 2) => groups::<Pair<L>, W>(world, block, first, many),
+        _ => groups::<L, W>(world, block, first, many),
+    };
+    finite && groups::<L, W>(world, block, behind, single)
 }
 
 /// Evaluates episodes from `first` on, as many as `results` has room for, a vector of lanes at a time; false as soon as a
 /// weight is not a finite number.
 #[inline(always)]
-fn groups<L: Lanes, W: LaneWorld>(
+pub(crate) fn groups<L: Lanes, W: LaneWorld>(
     world: &W,
     block: &Block<'_>,
     first: usize,
@@ -286,7 +309,10 @@ pub(crate) fn evaluate<W: LaneWorld>(
     create: fn() -> Box<dyn Simulation>,
 ) -> Result<Vec<f64>, RolloutError> {
     let world = W::new(block)?;
-    if let (Some(level), Some(world)) = (means.level, &world) {
+    let level = means
+        .level
+        .filter(|level| W::PORTABLE || *level != Level::Portable);
+    if let (Some(level), Some(world)) = (level, &world) {
         let numbers = block.numbers();
         let mut results = vec![0.0; block.len() * numbers];
         let all_finite = AtomicBool::new(true);

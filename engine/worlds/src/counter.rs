@@ -1,7 +1,7 @@
 //! Random numbers that depend on a counter alone, never on what was drawn before.
 
 /// SplitMix64 (Steele, Lea and Flood 2014): the output for the state `x`.
-fn splitmix(x: u64) -> u64 {
+pub(crate) fn splitmix(x: u64) -> u64 {
     let z = x.wrapping_add(0x9E37_79B9_7F4A_7C15);
     let z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
     let z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);

@@ -1,5 +1,6 @@
 //! Built-in simulations and the trait that every simulation implements.
 
+mod arena;
 mod block;
 mod counter;
 mod emergency_exit;
@@ -12,12 +13,13 @@ mod simulation;
 mod text;
 mod together;
 
+pub use arena::Arena;
 pub use block::{Block, Means};
 pub use emergency_exit::EmergencyExit;
 pub use failure::{Failure, fail};
 pub use minisim::Minisim;
 pub use parameters::ParameterReader;
-pub use registry::{create, describe, description, evaluate, titles};
+pub use registry::{create, describe, described, evaluate, titles};
 pub use rollout::{Episode, RolloutError, rollout, rollout_until};
 pub use simulation::{
     Body, Description, Determinism, MetricInfo, ParameterError, ParameterInfo, Parameters, Scene,

@@ -4,49 +4,78 @@ use crate::block::{self, Block, Means};
 use crate::emergency_exit::EmergencyExitLanes;
 use crate::minisim::MinisimLanes;
 use crate::rollout::{RolloutError, check_sizes};
-use crate::{Description, EmergencyExit, Minisim, Simulation};
+use crate::{Arena, Description, EmergencyExit, Minisim, ParameterError, Parameters, Simulation};
 use serde_json::{Map, Value, json};
+use std::borrow::Cow;
 use std::sync::LazyLock;
 
 type Create = fn() -> Box<dyn Simulation>;
-type Evaluate = fn(&Block<'_>, Means, Create) -> Result<Vec<f64>, RolloutError>;
 
-/// Title, constructor and evaluation of blocks, sorted by title.
-const SIMULATIONS: [(&str, Create, Evaluate); 2] = [
-    (
-        "emergency_exit",
-        || Box::<EmergencyExit>::default(),
-        block::evaluate::<EmergencyExitLanes>,
-    ),
-    (
-        "minisim",
-        || Box::<Minisim>::default(),
-        block::evaluate::<MinisimLanes>,
-    ),
+/// What the registry knows of a simulation.
+struct Entry {
+    title: &'static str,
+    create: Create,
+    evaluate: fn(&Block<'_>, Means, Create) -> Result<Vec<f64>, RolloutError>,
+    /// Whether sensors and metrics depend on parameters.
+    varies: bool,
+}
+
+/// All of them, sorted by title.
+const SIMULATIONS: [Entry; 3] = [
+    Entry {
+        title: "arena",
+        create: || Box::<Arena>::default(),
+        evaluate: block::one_by_one,
+        varies: true,
+    },
+    Entry {
+        title: "emergency_exit",
+        create: || Box::<EmergencyExit>::default(),
+        evaluate: block::evaluate::<EmergencyExitLanes>,
+        varies: false,
+    },
+    Entry {
+        title: "minisim",
+        create: || Box::<Minisim>::default(),
+        evaluate: block::evaluate::<MinisimLanes>,
+        varies: false,
+    },
 ];
 
 /// What they say of themselves, in the same order: asked once, since it takes a simulation to ask.
 static DESCRIPTIONS: LazyLock<[Description; SIMULATIONS.len()]> =
-    LazyLock::new(|| SIMULATIONS.map(|(_, create, _)| create().description()));
+    LazyLock::new(|| std::array::from_fn(|index| (SIMULATIONS[index].create)().description()));
 
 /// The index of a simulation.
 fn find(title: &str) -> Option<usize> {
-    SIMULATIONS.iter().position(|(known, ..)| *known == title)
+    SIMULATIONS.iter().position(|entry| entry.title == title)
 }
 
 /// Titles of the built-in simulations, sorted.
 pub fn titles() -> Vec<&'static str> {
-    SIMULATIONS.iter().map(|(title, ..)| *title).collect()
+    SIMULATIONS.iter().map(|entry| entry.title).collect()
 }
 
-/// What a simulation says of itself; None for an unknown title.
-pub fn description(title: &str) -> Option<&'static Description> {
-    find(title).map(|index| &DESCRIPTIONS[index])
+/// What a simulation says of itself with these parameters; None for an unknown title.
+///
+/// # Errors
+/// A parameter that the simulation refuses, where it depends on parameters.
+pub fn described(
+    title: &str,
+    parameters: &Parameters,
+) -> Option<Result<Cow<'static, Description>, ParameterError>> {
+    let index = find(title)?;
+    let entry = &SIMULATIONS[index];
+    Some(if entry.varies {
+        (entry.create)().described(parameters).map(Cow::Owned)
+    } else {
+        Ok(Cow::Borrowed(&DESCRIPTIONS[index]))
+    })
 }
 
 /// A simulation at the start of an episode with default parameters; None for an unknown title.
 pub fn create(title: &str) -> Option<Box<dyn Simulation>> {
-    find(title).map(|index| SIMULATIONS[index].1())
+    find(title).map(|index| (SIMULATIONS[index].create)())
 }
 
 /// Evaluates a block of controllers in this process: the fitness of every candidate in every episode, each followed by
@@ -59,24 +88,42 @@ pub fn evaluate(
     block: &Block<'_>,
     means: Means,
 ) -> Option<Result<Vec<f64>, RolloutError>> {
-    let index = find(title)?;
-    let (_, create, evaluate) = SIMULATIONS[index];
+    let Entry {
+        create, evaluate, ..
+    } = SIMULATIONS[find(title)?];
     let architecture = block.architecture;
     if !architecture.steers() {
         return Some(block::one_by_one(block, means, create));
     }
-    let fits = check_sizes(
-        &DESCRIPTIONS[index],
-        architecture.sensors(),
-        architecture.actuators(),
-    );
+    let fits = described(title, block.parameters)?
+        .map_err(RolloutError::from)
+        .and_then(|description| {
+            check_sizes(
+                &description,
+                architecture.sensors(),
+                architecture.actuators(),
+            )
+        });
     Some(fits.and_then(|()| evaluate(block, means, create)))
 }
 
 /// A JSON object: title, dimensions, max_agents (null: no limit), sensors, actuators, their names and units,
-/// parameters (name to type, default, description), metrics (name to unit, description); None for an unknown title.
-pub fn describe(title: &str) -> Option<Value> {
-    let simulation = create(title)?;
+/// parameters (name to type, default, description), metrics (name to unit, description), varies (whether sensors, actuators
+/// and metrics depend on parameters); None for an unknown title. It is that of these parameters, or of the default ones.
+///
+/// # Errors
+/// A parameter that the simulation refuses.
+pub fn describe(
+    title: &str,
+    parameters: Option<&Parameters>,
+) -> Option<Result<Value, ParameterError>> {
+    let entry = &SIMULATIONS[find(title)?];
+    let mut simulation = (entry.create)();
+    if let Some(parameters) = parameters
+        && let Err(error) = simulation.reset(parameters)
+    {
+        return Some(Err(error));
+    }
     let description = simulation.description();
     let parameters: Map<String, Value> = simulation
         .parameters()
@@ -88,7 +135,7 @@ pub fn describe(title: &str) -> Option<Value> {
         .iter()
         .map(|m| (m.name.to_string(), json!(m)))
         .collect();
-    Some(json!({
+    Some(Ok(json!({
         "title": description.title,
         "dimensions": description.dimensions,
         "max_agents": description.max_agents,
@@ -101,5 +148,6 @@ pub fn describe(title: &str) -> Option<Value> {
         "parameters": parameters,
         "metrics": metrics,
         "determinism": description.determinism.name(),
-    }))
+        "varies": entry.varies,
+    })))
 }

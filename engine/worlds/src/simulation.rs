@@ -129,7 +129,7 @@ pub struct ParameterInfo {
     /// The name in a parameters message.
     #[serde(skip)]
     pub name: &'static str,
-    /// integer, number, string, position ([x, y]), positions ([[x, y], ..]) or object.
+    /// integer, number, string, position ([x, y]), positions ([[x, y], ..]), object, or name or object.
     #[serde(rename = "type")]
     pub kind: &'static str,
     /// What it is when left out; null where that depends on other parameters, as the description says.
@@ -150,8 +150,23 @@ pub struct ParameterError {
 
 /// An environment that can be reset and stepped. One object runs one episode at a time, any number in turn.
 pub trait Simulation: Send {
-    /// What this simulation offers; the same at any time.
+    /// What this simulation offers; the same at any time, but for those whose sensors, actuators and metrics depend on
+    /// parameters: then as after the last [`reset`](Self::reset).
     fn description(&self) -> Description;
+
+    /// Whether sensors, actuators and metrics depend on parameters: of built-in simulations alone.
+    fn varies(&self) -> bool {
+        false
+    }
+
+    /// What this simulation offers with these parameters.
+    ///
+    /// # Errors
+    /// As [`reset`](Self::reset), for those where it depends on parameters.
+    fn described(&self, parameters: &Parameters) -> Result<Description, ParameterError> {
+        let _ = parameters;
+        Ok(self.description())
+    }
 
     /// Every parameter that `reset` understands, for documentation and checks.
     fn parameters(&self) -> Vec<ParameterInfo> {
@@ -159,13 +174,13 @@ pub trait Simulation: Send {
     }
 
     /// Names of an agent's sensors, in their order, for drawings; empty where the simulation has no names for them.
-    fn sensor_names(&self) -> &'static [&'static str] {
-        &[]
+    fn sensor_names(&self) -> Vec<String> {
+        Vec::new()
     }
 
     /// Names of an agent's actuators, as [`sensor_names`](Self::sensor_names).
-    fn actuator_names(&self) -> &'static [&'static str] {
-        &[]
+    fn actuator_names(&self) -> Vec<String> {
+        Vec::new()
     }
 
     /// Gets the controller of the episode that [`reset`](Self::reset) begins next, where both are in one process: for
@@ -175,13 +190,13 @@ pub trait Simulation: Send {
     }
 
     /// Units of an agent's sensors, in their order, as text; empty where the simulation says nothing about them.
-    fn sensor_units(&self) -> &'static [&'static str] {
-        &[]
+    fn sensor_units(&self) -> Vec<String> {
+        Vec::new()
     }
 
     /// Units of an agent's actuators, as [`sensor_units`](Self::sensor_units).
-    fn actuator_units(&self) -> &'static [&'static str] {
-        &[]
+    fn actuator_units(&self) -> Vec<String> {
+        Vec::new()
     }
 
     /// Goes to the start of an episode. Parameters left out take their defaults, unknown ones are ignored.
@@ -266,6 +281,11 @@ pub trait Simulation: Send {
     fn step_size(&self) -> u64 {
         250
     }
+}
+
+/// Names or units in the form of [`Simulation::sensor_names`].
+pub(crate) fn texts(texts: &[&str]) -> Vec<String> {
+    texts.iter().map(|text| (*text).to_owned()).collect()
 }
 
 /// Writes the metrics with these indices in the description; NaN for what the simulation does not give.

@@ -142,6 +142,13 @@ fn emergency_exit() -> impl Strategy<Value = Value> {
     })
 }
 
+fn arena() -> impl Strategy<Value = Value> {
+    // With 64 robots and more there are no lanes.
+    let robots = prop_oneof![6 => 1u32..24, 1 => 60u32..70];
+    (robots, 0.1f64..12.0)
+        .prop_map(|(robots, duration)| json!({"robots": robots, "duration": duration}))
+}
+
 /// Stadium: the field of FREVO's result files.
 fn stadium() -> Value {
     let path = concat!(
@@ -168,6 +175,14 @@ proptest! {
     ) {
         let seeds: Vec<u64> = (0..episodes).map(|episode| u64::from(first) + episode).collect();
         check("emergency_exit", &network, &parameters, &genomes, &seeds);
+    }
+
+    #[test]
+    fn arena_is_the_same_however_it_is_computed(
+        network in network(24, 2), parameters in arena(), genomes in weights(), first in any::<u32>(), episodes in 1u64..5,
+    ) {
+        let seeds: Vec<u64> = (0..episodes).map(|episode| u64::from(first) + episode).collect();
+        check("arena", &network, &parameters, &genomes, &seeds);
     }
 
     #[test]
@@ -313,6 +328,7 @@ fn what_is_not_wanted_any_more_ends_within_a_step() {
             json!({"maxSteps": 10_000_000, "numAgents": 100, "numDefenders": 0, "speedAgents": 0}),
         ),
         ("emergency_exit", json!({"steps": 10_000_000})),
+        ("arena", json!({"duration": 26_000, "robots": 60})),
     ];
     for (title, parameters) in cases {
         let description = create(title).unwrap().description();

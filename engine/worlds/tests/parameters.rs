@@ -201,13 +201,13 @@ fn a_refused_reset_does_not_break_the_next_one() {
 fn every_built_in_simulation_describes_itself() {
     let titles = titles();
     assert!(titles.is_sorted() && titles.contains(&"minisim"));
-    assert!(create("minisym").is_none() && describe("minisym").is_none());
+    assert!(create("minisym").is_none() && describe("minisym", None).is_none());
     for title in titles {
         let simulation = create(title).unwrap();
         let text = simulation.description();
         assert_eq!(text.title, title);
         assert!(!simulation.acting().is_empty(), "{title} is at a start");
-        let description = describe(title).unwrap();
+        let description = describe(title, None).unwrap().unwrap();
         assert_eq!(
             description["sensors"].as_u64().unwrap(),
             text.sensors as u64

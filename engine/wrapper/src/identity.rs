@@ -35,6 +35,7 @@ impl Identity {
     pub fn capabilities(
         &self,
         simulation: &Description,
+        varies: bool,
         batch: usize,
         lanes: usize,
     ) -> Capabilities {
@@ -48,11 +49,13 @@ impl Identity {
                 batch: Some(batch),
                 lanes: Some(lanes).filter(|lanes| *lanes > 1),
                 distributions: texts(&[GAUSSIAN]),
-                sensors: Some(simulation.sensors),
-                actuators: Some(simulation.actuators),
+                // What depends on parameters is not known before them.
+                sensors: Some(simulation.sensors).filter(|_| !varies),
+                actuators: Some(simulation.actuators).filter(|_| !varies),
                 metrics: simulation
                     .metrics
                     .iter()
+                    .filter(|_| !varies)
                     .map(|metric| metric.name.to_string())
                     .collect(),
                 determinism: simulation.determinism.name().map(str::to_owned),

@@ -9,13 +9,14 @@ from swarmwright.cli._output import document
 @click.command(
     "new",
     cls=Command,
-    example="swarmwright new minisim > my.yaml\nswarmwright new emergency_exit > exit.yaml",
+    example="swarmwright new minisim > my.yaml\nswarmwright new emergency_exit > exit.yaml\n"
+    "swarmwright new arena > swarm.yaml",
 )
 @click.argument("template", metavar="NAME")
 def command(template: str) -> None:
     """Print a commented experiment file to start from.
 
-    NAME is the template: minisim or emergency_exit.
+    NAME is the template: arena, emergency_exit or minisim.
     """
     from swarmwright import InputError, templates
 

@@ -242,6 +242,7 @@ class Description(TypedDict):
     parameters: dict[str, ParameterDescription]
     metrics: dict[str, MetricDescription]
     determinism: str | None
+    varies: bool
 
 
 class BodyFields(TypedDict):

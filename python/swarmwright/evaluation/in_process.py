@@ -23,7 +23,7 @@ class InProcessBackend:
     """
 
     def __init__(self, experiment: Experiment, metrics: Sequence[str] = ()) -> None:
-        announced = catalogue.description(experiment.simulation)
+        announced = catalogue.description(experiment.simulation, experiment.parameters)
         self.sensors: int = announced["sensors"]
         self.actuators: int = announced["actuators"]
         self.description = "in this process"

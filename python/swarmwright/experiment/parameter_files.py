@@ -1,15 +1,17 @@
-"""Parameters that are too large for an experiment file: the path of a JSON file stands in their place."""
+"""Parameters that are too large for an experiment file: the path of a JSON or YAML file stands for them."""
 
 import json
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NoReturn
 
+from swarmwright.core import yaml
 from swarmwright.core.errors import InputError
 from swarmwright.core.files import read_bytes
 from swarmwright.simulations import catalogue
 
 _LARGEST = 1 << 26  # bytes
+_YAML = (".yaml", ".yml")
 
 
 def resolve(
@@ -20,6 +22,8 @@ def resolve(
 ) -> dict[str, Any]:
     """Return the parameters with files read: text in the place of an object is the path of a file with it.
 
+    Where a parameter may be a name, too, only text that ends in .yaml, .yml or .json is a path.
+
     Args:
         simulation: title; only those of built-in simulations are known to be objects.
         parameters: as they stand in the experiment.
@@ -27,12 +31,15 @@ def resolve(
         report: called with name and message for every file that cannot be read.
     """
     result = dict(parameters)
-    for name in _objects(simulation):
+    for name, named in _objects(simulation):
         value = result.get(name)
         if not isinstance(value, str):
             continue
+        path = Path(value)
+        if named and path.suffix not in (*_YAML, ".json"):
+            continue
         try:
-            result[name] = read_object(folder(name) / value)
+            result[name] = (_read_yaml if path.suffix in _YAML else read_object)(folder(name) / value)
         except InputError as error:
             report(name, str(error))
             del result[name]
@@ -64,11 +71,21 @@ def read_object(path: Path) -> dict[str, Any]:
     return value
 
 
-def _objects(simulation: str) -> Iterator[str]:
+def _read_yaml(path: Path) -> dict[str, Any]:
+    source = yaml.read(path)
+    if source.problems:
+        raise InputError("\n".join(str(problem) for problem in source.problems))
+    if not isinstance(source.values, Mapping):
+        raise InputError(f"{path}: holds {_kind(source.values)}; expected keys and values")
+    return dict(source.values)
+
+
+def _objects(simulation: str) -> Iterator[tuple[str, bool]]:
+    """Yield the names of parameters that are objects, each with whether it may be a name instead."""
     if simulation in catalogue.titles():
         for name, parameter in catalogue.description(simulation)["parameters"].items():
-            if parameter["type"] == "object":
-                yield name
+            if parameter["type"] in ("object", "name or object"):
+                yield name, parameter["type"] != "object"
 
 
 def _kind(value: Any) -> str:  # noqa: ANN401 - any JSON value

@@ -367,7 +367,10 @@ def _fill_in(checked: Checked, here: bool, report: Report) -> None:
     if not here:
         checked["requirements"] = checked["requirements"] or Requirements(dimensions=2)
         return
-    announced = catalogue.description(checked["simulation"])
+    try:
+        announced = catalogue.description(checked["simulation"], checked["parameters"])
+    except InputError:  # has been reported
+        return
     for name in ("sensors", "actuators"):
         if checked[name] is None:
             checked[name] = announced[name]

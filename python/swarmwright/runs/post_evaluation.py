@@ -209,7 +209,7 @@ def _asked(experiment: Experiment, metrics: Sequence[str]) -> list[str]:
                 f"metrics: those of {experiment.label}, which is not here, are not known; give their names"
             )
         return list(metrics)
-    there = list(catalogue.description(experiment.simulation)["metrics"])
+    there = list(catalogue.description(experiment.simulation, experiment.parameters)["metrics"])
     if metrics == "all":
         return there
     for name in metrics:

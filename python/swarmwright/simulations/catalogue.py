@@ -78,18 +78,22 @@ def title(simulation: str) -> str:
     return str(_python_description(simulation).title) if is_python(simulation) else simulation
 
 
-def description(simulation: str) -> dict[str, Any]:
-    """Return the description of a simulation that is available here.
+def description(simulation: str, parameters: dict[str, Any] | None = None) -> dict[str, Any]:
+    """Return the description of a simulation that is available here, with default parameters or with these.
 
     Title, dimensions, max_agents, sensors, actuators, their names (sensor_names, actuator_names) and units
     (sensor_units, actuator_units; empty where the simulation has none), parameters, and metrics (name ->
     unit, description).
-    Raises InputError for a class that cannot be loaded.
+    Raises InputError for a class that cannot be loaded, and for parameters that the simulation refuses.
     """
     if is_python(simulation):
         plain: dict[str, Any] = _python_description(simulation).plain()
         return plain
-    return {**_built_in(simulation)}
+    announced = _built_in(simulation)
+    if announced["varies"] and parameters:
+        with engine_errors():
+            announced = _engine.describe(simulation, parameters)
+    return {**announced}
 
 
 @cache

@@ -30,3 +30,8 @@ def minisim() -> str:
 def emergency_exit() -> str:
     """Return Emergency Exit on ten of FREVO's random fields: ten agents, five exits, twenty blockades."""
     return text("emergency_exit")
+
+
+def arena() -> str:
+    """Return aggregation with ambient cues in the arena: e-pucks gather on a black spot."""
+    return text("arena")

@@ -101,6 +101,14 @@ impl Lanes for F32s {
     fn from_int(int: I32s) -> Self {
         Self(simd!(_mm256_cvtepi32_ps(int.0)))
     }
+    #[inline(always)]
+    fn pattern(self) -> I32s {
+        I32s(simd!(_mm256_castps_si256(self.0)))
+    }
+    #[inline(always)]
+    fn from_pattern(pattern: I32s) -> Self {
+        Self(simd!(_mm256_castsi256_ps(pattern.0)))
+    }
 }
 
 impl Mask for Conditions {

@@ -113,6 +113,14 @@ impl Lanes for F32s {
         Self(simd!(_mm512_cvtepi32_ps(int.0)))
     }
     #[inline(always)]
+    fn pattern(self) -> I32s {
+        I32s(simd!(_mm512_castps_si512(self.0)))
+    }
+    #[inline(always)]
+    fn from_pattern(pattern: I32s) -> Self {
+        Self(simd!(_mm512_castsi512_ps(pattern.0)))
+    }
+    #[inline(always)]
     fn transpose(rows: &[&[f32]], from: usize, columns: &mut [Self]) {
         for (tile, columns) in columns.chunks_mut(WIDTH).enumerate() {
             let mask = u16::MAX >> (WIDTH - columns.len());

@@ -27,6 +27,7 @@ mod nearest;
 mod random;
 mod settings;
 
+use crate::simulation::texts;
 use crate::{
     Block, Body, Description, Determinism, Means, MetricInfo, ParameterError, ParameterInfo,
     Parameters, RolloutError, Scene, Simulation,
@@ -229,23 +230,23 @@ impl Simulation for EmergencyExit {
         settings::parameters()
     }
 
-    fn sensor_names(&self) -> &'static [&'static str] {
-        &[
+    fn sensor_names(&self) -> Vec<String> {
+        texts(&[
             "exit x", "exit y", "N free", "NE free", "E free", "SE free", "S free", "SW free",
             "W free", "NW free",
-        ]
+        ])
     }
 
-    fn actuator_names(&self) -> &'static [&'static str] {
-        &["move x", "move y"]
+    fn actuator_names(&self) -> Vec<String> {
+        texts(&["move x", "move y"])
     }
 
-    fn sensor_units(&self) -> &'static [&'static str] {
-        &["cells", "cells", "", "", "", "", "", "", "", ""]
+    fn sensor_units(&self) -> Vec<String> {
+        texts(&["cells", "cells", "", "", "", "", "", "", "", ""])
     }
 
-    fn actuator_units(&self) -> &'static [&'static str] {
-        &["cells", "cells"]
+    fn actuator_units(&self) -> Vec<String> {
+        texts(&["cells", "cells"])
     }
 
     fn reset(&mut self, parameters: &Parameters) -> Result<(), ParameterError> {

@@ -32,6 +32,7 @@ mod points;
 mod rule;
 mod settings;
 
+use crate::simulation::texts;
 use crate::{
     Block, Body, Description, Determinism, Means, MetricInfo, ParameterError, ParameterInfo,
     Parameters, RolloutError, Scene, Simulation,
@@ -199,20 +200,20 @@ impl Simulation for Minisim {
         settings::parameters()
     }
 
-    fn sensor_names(&self) -> &'static [&'static str] {
-        &["goal x", "goal y", "defender x", "defender y"]
+    fn sensor_names(&self) -> Vec<String> {
+        texts(&["goal x", "goal y", "defender x", "defender y"])
     }
 
-    fn actuator_names(&self) -> &'static [&'static str] {
-        &["heading"]
+    fn actuator_names(&self) -> Vec<String> {
+        texts(&["heading"])
     }
 
-    fn sensor_units(&self) -> &'static [&'static str] {
-        &["map widths", "map heights", "map widths", "map heights"]
+    fn sensor_units(&self) -> Vec<String> {
+        texts(&["map widths", "map heights", "map widths", "map heights"])
     }
 
-    fn actuator_units(&self) -> &'static [&'static str] {
-        &["half turns"]
+    fn actuator_units(&self) -> Vec<String> {
+        texts(&["half turns"])
     }
 
     fn reset(&mut self, parameters: &Parameters) -> Result<(), ParameterError> {

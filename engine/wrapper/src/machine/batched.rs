@@ -81,8 +81,10 @@ impl Machine {
                 offer.batch
             )));
         }
+        let description = offer
+            .described(&message.parameters)
+            .map_err(|error| invalid(error.to_string()))?;
         let simulations = offer.gather(if offer.together { 1 } else { wanted })?;
-        let description = offer.description.clone();
         Batch::start(message, index, &description, simulations, now).map_err(
             |(refusal, simulations)| {
                 self.offers[index].put_back(simulations);

@@ -214,7 +214,9 @@ impl Machine {
         let text = controller.to_string();
         let architecture =
             Architecture::from_json(&text).map_err(|error| invalid(error.to_string()))?;
-        let description = &self.offers[index].description;
+        let description = &self.offers[index]
+            .described(&message.parameters)
+            .map_err(|error| invalid(error.to_string()))?;
         let steers = architecture.steers();
         for (field, found, expected) in [
             ("sensors", architecture.sensors(), description.sensors),

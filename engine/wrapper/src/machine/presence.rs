@@ -30,7 +30,7 @@ impl Machine {
 
     pub(super) fn capabilities(&self, offer: &Offer) -> Capabilities {
         self.identity
-            .capabilities(&offer.description, offer.batch, offer.lanes)
+            .capabilities(&offer.description, offer.varies, offer.batch, offer.lanes)
     }
 
     /// Whether no tool holds the server.

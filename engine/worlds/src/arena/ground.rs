@@ -1,0 +1,76 @@
+//! The colour of the floor, as the reference model filters it.
+
+use swarmwright_lanes::{Lanes, Number, number};
+
+use super::place::Place;
+use super::random::{halves, noise};
+use super::robot::GroundSensors;
+use super::swarm::Bodies;
+
+/// Ticks whose readings count.
+const WINDOW: usize = 5;
+/// Readings that a colour needs more than.
+const ENOUGH: f32 = 10.0;
+/// A reading below is black.
+const BLACK: f32 = 0.03;
+/// A reading above is white.
+const WHITE: f32 = 0.85;
+
+/// Readings of the last ticks.
+pub(super) struct GroundWindow<L> {
+    /// By robot and tick of the window: readings that were black, and white.
+    counts: Vec<[[Number<L>; 2]; WINDOW]>,
+    /// By robot: 0 black, 0.5 grey, 1 white.
+    pub seen: Vec<Number<L>>,
+}
+
+impl<L: Lanes> GroundWindow<L> {
+    pub(super) fn new(robots: usize) -> Self {
+        Self {
+            counts: vec![[[number(0.0); 2]; WINDOW]; robots],
+            seen: vec![number(0.5); robots],
+        }
+    }
+
+    #[inline(always)]
+    pub(super) fn clear(&mut self) {
+        self.counts.fill([[number(0.0); 2]; WINDOW]);
+    }
+
+    /// A robot looks at the floor.
+    #[inline(always)]
+    pub(super) fn read(
+        &mut self,
+        sensors: &GroundSensors,
+        (place, colors): (&Place, &[Number<L>]),
+        bodies: &Bodies<L>,
+        index: usize,
+        tick: u32,
+        draw: [L::Int; 4],
+    ) {
+        let (x, y) = (bodies.x[index], bodies.y[index]);
+        let (cos, sin) = (bodies.cos[index], bodies.sin[index]);
+        let [first, second] = [halves::<L>(draw[0]), halves::<L>(draw[1])];
+        let units = [first[0], first[1], second[0], second[1]];
+        let (mut black, mut white) = (number(0.0), number(0.0));
+        for (point, unit) in sensors.points.iter().zip(units) {
+            let grey = place.floor(
+                x + (cos * point[0] - sin * point[1]),
+                y + (sin * point[0] + cos * point[1]),
+                colors,
+            );
+            let reading = (grey + noise(unit, sensors.noise)).within(0.0, 1.0);
+            black = black.add_where(number(1.0), reading.lt(number(BLACK)));
+            white = white.add_where(number(1.0), number(WHITE).lt(reading));
+        }
+        let counts = &mut self.counts[index];
+        counts[tick as usize % WINDOW] = [black, white];
+        let (mut black, mut white) = (number(0.0), number(0.0));
+        for count in counts.iter() {
+            black += count[0];
+            white += count[1];
+        }
+        let seen = number::<L>(1.0).select(number(0.5), number(ENOUGH).lt(white));
+        self.seen[index] = number::<L>(0.0).select(seen, number(ENOUGH).lt(black));
+    }
+}

@@ -1,0 +1,117 @@
+//! Counts of robots in a tick, a vector of lanes at a time.
+
+use swarmwright_lanes::{Lanes, Mask, Number, number};
+
+use super::super::functions::absolute;
+use super::super::place::{Place, Shape};
+use super::super::swarm::Bodies;
+use super::one_where;
+
+/// Robots on a patch.
+#[inline(always)]
+pub(super) fn on<L: Lanes>(bodies: &Bodies<L>, place: &Place, patch: &str) -> Number<L> {
+    let mut count = number(0.0);
+    if let Some(patch) = place.patch(patch) {
+        for index in 0..bodies.len() {
+            let on = patch.shape.holds(bodies.x[index], bodies.y[index]);
+            count = count.add_where(number(1.0), on);
+        }
+    }
+    count
+}
+
+/// Robots that have come to the nest; `carries` is 1 for those that have been at a source.
+#[inline(always)]
+pub(super) fn returns<L: Lanes>(
+    bodies: &Bodies<L>,
+    place: &Place,
+    sources: &[String],
+    nest: &str,
+    carries: &mut [Number<L>],
+) -> Number<L> {
+    let mut count = number(0.0);
+    for (index, carries) in carries.iter_mut().enumerate() {
+        let (x, y) = (bodies.x[index], bodies.y[index]);
+        let mut at_source = L::Mask::from_bits(0);
+        for source in sources.iter().filter_map(|name| place.patch(name)) {
+            at_source = at_source.or(source.shape.holds(x, y));
+        }
+        let home = place
+            .patch(nest)
+            .map_or(L::Mask::from_bits(0), |nest| nest.shape.holds(x, y));
+        let home = home.and_not(at_source);
+        count += carries.only_where(home);
+        *carries = number(0.0).select(number(1.0).select(*carries, at_source), home);
+    }
+    count
+}
+
+/// Robots that are on a patch, or in its extent in x, and have crossed its middle, southward minus northward.
+#[inline(always)]
+pub(super) fn crossings<L: Lanes>(
+    bodies: &Bodies<L>,
+    place: &Place,
+    patch: &str,
+    before: &[[Number<L>; 2]],
+) -> Number<L> {
+    let mut count = number(0.0);
+    let Some(Shape::Box { low, high }) = place.patch(patch).map(|patch| &patch.shape) else {
+        return count;
+    };
+    let middle = number(low[1] + (high[1] - low[1]) * 0.5);
+    for (index, [_, old]) in before.iter().enumerate() {
+        let (x, y) = (bodies.x[index], bodies.y[index]);
+        let inside = number(low[0]).lt(x).and(x.lt(number(high[0])));
+        let south = middle.lt(*old).and(y.lt(middle)).and(inside);
+        let north = old.lt(middle).and(middle.lt(y)).and(inside);
+        count += one_where(south);
+        count -= one_where(north);
+    }
+    count
+}
+
+/// Robots at or below y = 0 where the colour is black, at or above it elsewhere.
+#[inline(always)]
+pub(super) fn wrong_half<L: Lanes>(bodies: &Bodies<L>, color: Number<L>) -> Number<L> {
+    let black = color.lt(number(0.5));
+    let mut count = number(0.0);
+    for y in &bodies.y {
+        let below = y.le(number(0.0)).and(black);
+        let above = number(0.0).le(*y).and_not(black);
+        count = count.add_where(number(1.0), below.or(above));
+    }
+    count
+}
+
+/// A robot that moves less than this in a tick stands, metres.
+const STANDS: f32 = 0.005;
+
+/// Until a robot has been on the patch: all robots, and once more those that stand beside it; then those that move in x and
+/// in y. `found` becomes 1.
+#[inline(always)]
+pub(super) fn stop<L: Lanes>(
+    bodies: &Bodies<L>,
+    place: &Place,
+    patch: &str,
+    before: &[[Number<L>; 2]],
+    found: &mut Number<L>,
+) -> Number<L> {
+    let Some(patch) = place.patch(patch) else {
+        return number(0.0);
+    };
+    let after = number(0.5).lt(*found);
+    let (mut early, mut late) = (number(0.0), number(0.0));
+    let mut here = L::Mask::from_bits(0);
+    for (index, [x, y]) in before.iter().enumerate() {
+        let (nx, ny) = (bodies.x[index], bodies.y[index]);
+        let on = patch.shape.holds(nx, ny);
+        here = here.or(on);
+        let (dx, dy) = (absolute(nx - *x), absolute(ny - *y));
+        let least = number(STANDS);
+        let stands = dx.lt(least).and(dy.lt(least)).and_not(on);
+        early = early + number(1.0) + one_where(stands);
+        late += one_where(least.lt(dx).and(least.lt(dy)));
+    }
+    *found = number(1.0).select(*found, here);
+    late.select(early, after)
+}

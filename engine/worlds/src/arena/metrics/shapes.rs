@@ -1,0 +1,169 @@
+//! Areas and distances of the robots of one episode. Means over points are taken over fixed ones.
+
+use super::super::place::{Patch, Shape};
+
+/// Distance of the points of a grid, metres.
+const GRID: f64 = 0.02;
+/// Points along a line or a circle.
+const POINTS: u32 = 64;
+
+fn square(a: [f64; 2], b: [f32; 2]) -> f64 {
+    let (dx, dy) = (a[0] - f64::from(b[0]), a[1] - f64::from(b[1]));
+    dx * dx + dy * dy
+}
+
+/// The distance from a point to the nearest robot, at most `most`.
+fn nearest(point: [f64; 2], robots: &[[f32; 2]], most: f32) -> f64 {
+    let most = f64::from(most);
+    let least = robots
+        .iter()
+        .fold(most * most, |least, robot| square(point, *robot).min(least));
+    least.sqrt()
+}
+
+/// Points of a circle by their place on it in 0..1.
+fn on_circle(center: [f32; 2], radius: f64, place: f64) -> [f64; 2] {
+    // The fixed functions, so that all machines have the same points.
+    let half_turns = (2.0 * place - 1.0) as f32;
+    let cos = f64::from(swarmwright_controllers::functions::cos_pi(half_turns));
+    let sin = f64::from(swarmwright_controllers::functions::sin_pi(half_turns));
+    [
+        f64::from(center[0]) + radius * cos,
+        f64::from(center[1]) + radius * sin,
+    ]
+}
+
+/// The area that the largest group covers.
+pub(super) fn group_area(robots: &[[f32; 2]], link: f32, disc: f32, within: f32) -> f64 {
+    let group = largest_group(robots, link);
+    let (disc, within) = (f64::from(disc), f64::from(within));
+    let cells = (2.0 * within / GRID).ceil() as i64;
+    let mut covered = 0_u64;
+    for row in 0..cells {
+        for column in 0..cells {
+            let point = [row, column].map(|cell| (cell as f64 + 0.5) * GRID - within);
+            if square(point, [0.0; 2]) < within * within
+                && group
+                    .iter()
+                    .any(|robot| square(point, *robot) <= disc * disc)
+            {
+                covered += 1;
+            }
+        }
+    }
+    covered as f64 * GRID * GRID
+}
+
+/// The largest set of robots that are connected by links; the first one on ties.
+fn largest_group(robots: &[[f32; 2]], link: f32) -> Vec<[f32; 2]> {
+    let link = f64::from(link) * f64::from(link);
+    let mut seen = vec![false; robots.len()];
+    let mut best = Vec::new();
+    for first in 0..robots.len() {
+        if seen[first] {
+            continue;
+        }
+        let mut group = vec![first];
+        seen[first] = true;
+        let mut next = 0;
+        while let Some(&robot) = group.get(next) {
+            let at = robots[robot].map(f64::from);
+            for (other, place) in robots.iter().enumerate() {
+                if !seen[other] && square(at, *place) < link {
+                    seen[other] = true;
+                    group.push(other);
+                }
+            }
+            next += 1;
+        }
+        if group.len() > best.len() {
+            best = group;
+        }
+    }
+    best.into_iter().map(|robot| robots[robot]).collect()
+}
+
+/// The mean distance from points around the origin to the nearest robot outside of patches.
+pub(super) fn distance_around(
+    robots: &[[f32; 2]],
+    radius: f32,
+    most: f32,
+    outside: &[&Patch],
+) -> f64 {
+    let on = |robot: &[f32; 2]| {
+        let [x, y] = robot.map(swarmwright_lanes::Number);
+        outside.iter().any(|patch| patch.shape.holds::<f32>(x, y))
+    };
+    let robots: Vec<[f32; 2]> = robots.iter().filter(|robot| !on(robot)).copied().collect();
+    let parts = f64::from(POINTS);
+    let mut sum = 0.0;
+    for ring in 0..POINTS {
+        let far = f64::from(radius) * (f64::from(ring) + 0.5) / parts;
+        for place in 0..POINTS {
+            let point = on_circle([0.0; 2], far, (f64::from(place) + 0.5) / parts);
+            sum += nearest(point, &robots, most);
+        }
+    }
+    sum / (parts * parts)
+}
+
+/// The mean distance from points of a rectangle to the nearest robot in it.
+pub(super) fn distance_inside(robots: &[[f32; 2]], shape: &Shape, most: f32) -> f64 {
+    let Shape::Box { low, high } = shape else {
+        return f64::from(most);
+    };
+    let inside = |robot: &&[f32; 2]| {
+        (0..2).all(|axis| low[axis] <= robot[axis] && robot[axis] <= high[axis])
+    };
+    let robots: Vec<[f32; 2]> = robots.iter().filter(inside).copied().collect();
+    let parts = f64::from(POINTS);
+    let at = |axis: usize, step: u32| {
+        let (low, high) = (f64::from(low[axis]), f64::from(high[axis]));
+        low + (high - low) * (f64::from(step) + 0.5) / parts
+    };
+    let mut sum = 0.0;
+    for row in 0..POINTS {
+        for column in 0..POINTS {
+            sum += nearest([at(0, column), at(1, row)], &robots, most);
+        }
+    }
+    sum / (parts * parts)
+}
+
+/// The mean distance from points of a circle's rim to the nearest robot that is near the rim.
+pub(super) fn distance_rim(robots: &[[f32; 2]], shape: &Shape, near: f32, most: f32) -> f64 {
+    let Shape::Circle { center, radius } = shape else {
+        return f64::from(most);
+    };
+    let on_rim = |robot: &&[f32; 2]| {
+        let away = square(center.map(f64::from), **robot).sqrt() - f64::from(*radius);
+        away.abs() <= f64::from(near)
+    };
+    let robots: Vec<[f32; 2]> = robots.iter().filter(on_rim).copied().collect();
+    let points = 16 * POINTS;
+    let mut sum = 0.0;
+    for place in 0..points {
+        let place = (f64::from(place) + 0.5) / f64::from(points);
+        sum += nearest(on_circle(*center, f64::from(*radius), place), &robots, most);
+    }
+    sum / f64::from(points)
+}
+
+/// The mean age of the cells now; afterwards all are a tick older.
+pub(super) fn age(robots: &[[f32; 2]], side: f32, cells: u32, ages: &mut [u32]) -> f64 {
+    let width = cells as usize;
+    for robot in robots {
+        let cell = |at: f32| {
+            let cell = ((at / side + 0.5) * cells as f32).floor();
+            (cell >= 0.0 && cell < cells as f32).then_some(cell as usize)
+        };
+        if let (Some(column), Some(row)) = (cell(robot[0]), cell(robot[1])) {
+            ages[row * width + column] = 0;
+        }
+    }
+    let sum: u64 = ages.iter().map(|age| u64::from(*age)).sum();
+    for age in ages.iter_mut() {
+        *age += 1;
+    }
+    sum as f64 / ages.len() as f64
+}

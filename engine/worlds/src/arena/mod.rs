@@ -1,0 +1,234 @@
+//! Arena: a swarm of robots like the e-puck among walls, on a floor with colours, under lights.
+
+mod contacts;
+mod functions;
+mod grey;
+mod ground;
+mod light;
+mod links;
+mod metrics;
+mod mission;
+mod neighbours;
+mod place;
+mod proximity;
+mod random;
+mod robot;
+mod senses;
+mod settings;
+mod start;
+mod swarm;
+
+use crate::simulation::texts;
+use crate::{
+    Block, Body, Description, Determinism, Means, MetricInfo, ParameterError, ParameterInfo,
+    Parameters, RolloutError, Scene, Simulation,
+};
+use metrics::Tally;
+use settings::{MOST_ROBOTS, Settings};
+use swarm::Swarm;
+
+/// Wheels: left and right.
+const ACTUATORS: usize = 2;
+
+/// The simulation; see the module for its arithmetic.
+pub struct Arena {
+    settings: Settings,
+    swarm: Swarm<f32>,
+    tallies: Vec<Tally<f32>>,
+    acting: Vec<u32>,
+}
+
+impl Arena {
+    fn new(settings: Settings) -> Result<Self, ParameterError> {
+        let swarm = Swarm::new(settings.robots, &settings.robot);
+        let mut arena = Self {
+            settings,
+            swarm,
+            tallies: Vec::new(),
+            acting: Vec::new(),
+        };
+        arena.start()?;
+        Ok(arena)
+    }
+
+    fn start(&mut self) -> Result<(), ParameterError> {
+        let settings = &self.settings;
+        let (mission, robot) = (&settings.mission, &settings.robot);
+        let poses = settings.poses()?;
+        self.swarm.start(
+            robot,
+            &mission.place,
+            |_| settings.seed,
+            |_, index| poses[index],
+        );
+        self.tallies.clear();
+        self.tallies
+            .extend(mission.metrics.iter().map(|_| Tally::new()));
+        self.acting.clear();
+        self.acting.extend(0..settings.robots as u32);
+        self.count();
+        self.end();
+        Ok(())
+    }
+
+    /// Measures.
+    fn count(&mut self) {
+        let mission = &self.settings.mission;
+        let last = self.swarm.tick == self.settings.ticks;
+        for ((_, metric), tally) in mission.metrics.iter().zip(&mut self.tallies) {
+            tally.update(
+                metric,
+                &self.swarm.bodies,
+                &mission.place,
+                &self.swarm.colors,
+                last,
+            );
+        }
+    }
+
+    fn end(&mut self) {
+        if self.swarm.tick >= self.settings.ticks {
+            self.acting.clear();
+        }
+    }
+}
+
+impl Default for Arena {
+    #[expect(clippy::expect_used, reason = "tests read all built-in missions")]
+    fn default() -> Self {
+        let settings = Settings::read(&Parameters::new()).expect("the default mission is sound");
+        Self::new(settings).expect("twenty robots fit")
+    }
+}
+
+fn describe(settings: &Settings) -> Description {
+    let metrics = settings.mission.metrics.iter();
+    Description {
+        title: "arena".to_owned(),
+        dimensions: 2,
+        max_agents: Some(MOST_ROBOTS),
+        sensors: settings.robot.sensors(),
+        actuators: ACTUATORS,
+        metrics: metrics
+            .map(|(name, metric)| MetricInfo {
+                name: name.clone().into(),
+                unit: metric.unit().into(),
+                description: metric.description().into(),
+            })
+            .collect(),
+        determinism: Determinism::Bitwise,
+    }
+}
+
+impl Simulation for Arena {
+    fn description(&self) -> Description {
+        describe(&self.settings)
+    }
+
+    fn varies(&self) -> bool {
+        true
+    }
+
+    fn described(&self, parameters: &Parameters) -> Result<Description, ParameterError> {
+        Settings::read(parameters).map(|settings| describe(&settings))
+    }
+
+    fn parameters(&self) -> Vec<ParameterInfo> {
+        settings::parameters()
+    }
+
+    fn sensor_names(&self) -> Vec<String> {
+        self.settings.robot.sensor_names()
+    }
+
+    fn sensor_units(&self) -> Vec<String> {
+        vec![String::new(); self.settings.robot.sensors()]
+    }
+
+    fn actuator_units(&self) -> Vec<String> {
+        vec![String::new(); ACTUATORS]
+    }
+
+    fn actuator_names(&self) -> Vec<String> {
+        texts(&["left wheel", "right wheel"])
+    }
+
+    fn reset(&mut self, parameters: &Parameters) -> Result<(), ParameterError> {
+        let settings = Settings::read(parameters)?;
+        if settings.robots != self.settings.robots || settings.robot != self.settings.robot {
+            self.swarm = Swarm::new(settings.robots, &settings.robot);
+        }
+        self.settings = settings;
+        self.start()
+    }
+
+    fn acting(&self) -> &[u32] {
+        &self.acting
+    }
+
+    fn sense(&self, agent: u32, sensors: &mut [f32]) {
+        let width = sensors.len();
+        let outputs = &self.swarm.senses.outputs;
+        if let Some(numbers) = outputs.get(agent as usize * width..(agent as usize + 1) * width) {
+            sensors.copy_from_slice(numbers);
+        }
+    }
+
+    fn step(&mut self, actuators: &[f32]) {
+        if self.acting.is_empty() {
+            return;
+        }
+        let mission = &self.settings.mission;
+        self.swarm
+            .step(&self.settings.robot, &mission.place, actuators);
+        self.count();
+        self.end();
+    }
+
+    fn fitness(&self) -> f64 {
+        self.settings
+            .mission
+            .fitness(|metric| self.tallies[metric].values[0])
+    }
+
+    fn metrics(&self) -> Vec<f64> {
+        self.tallies.iter().map(|tally| tally.values[0]).collect()
+    }
+
+    fn evaluate(
+        &mut self,
+        block: &Block<'_>,
+        means: Means,
+    ) -> Option<Result<Vec<f64>, RolloutError>> {
+        crate::evaluate("arena", block, means)
+    }
+
+    fn duplicate(&self) -> Option<Box<dyn Simulation>> {
+        Self::new(self.settings.clone())
+            .ok()
+            .map(|arena| Box::new(arena) as Box<dyn Simulation>)
+    }
+
+    fn scene(&self) -> Option<Scene> {
+        let bodies = &self.swarm.bodies;
+        let robots = (0..bodies.len()).map(|index| Body {
+            kind: "agent".into(),
+            x: bodies.x[index].0 + 1.3,
+            y: bodies.y[index].0 + 1.3,
+            state: "free".into(),
+            radius: self.settings.robot.radius,
+        });
+        Some(Scene {
+            width: 2.6,
+            height: 2.6,
+            grid: false,
+            step: self.swarm.tick,
+            message: self.settings.mission.title.clone(),
+            bodies: robots.collect(),
+        })
+    }
+
+    fn step_size(&self) -> u64 {
+        u64::from(self.settings.step_size)
+    }
+}

@@ -1,0 +1,144 @@
+//! Where robots are: walls, floor and lights.
+
+use swarmwright_lanes::{Lanes, Mask, Number, number};
+
+use crate::counter::uniform;
+
+/// The stream of random numbers of colours.
+const COLORS: u64 = 0x636F_6C6F_7273;
+
+/// A face of a wall. Robots are in front of it, where the normal points to, or pass its ends.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Face {
+    /// Middle, metres.
+    pub middle: [f32; 2],
+    /// Unit vector from one end to the other.
+    pub along: [f32; 2],
+    /// Half of the length, metres.
+    pub half: f32,
+    /// Metres; it hides what lies lower.
+    pub height: f32,
+    /// Whether it is a side of a convex arena: nobody is behind it, and nobody sees another robot through it.
+    pub outer: bool,
+}
+
+impl Face {
+    pub(super) fn new(from: [f32; 2], to: [f32; 2], height: f32, outer: bool) -> Self {
+        let [dx, dy] = [to[0] - from[0], to[1] - from[1]];
+        let length = (dx * dx + dy * dy).sqrt();
+        Self {
+            middle: [(from[0] + to[0]) / 2.0, (from[1] + to[1]) / 2.0],
+            along: [dx / length, dy / length],
+            half: length / 2.0,
+            height,
+            outer,
+        }
+    }
+}
+
+/// A shape on the floor.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Shape {
+    Circle {
+        center: [f32; 2],
+        radius: f32,
+    },
+    /// Lower left and upper right corner; infinite where it does not end.
+    Box {
+        low: [f32; 2],
+        high: [f32; 2],
+    },
+    /// Convex, corners counter-clockwise.
+    Polygon {
+        corners: Vec<[f32; 2]>,
+    },
+}
+
+impl Shape {
+    /// Whether points lie in it, the edge included.
+    #[inline(always)]
+    pub(super) fn holds<L: Lanes>(&self, x: Number<L>, y: Number<L>) -> L::Mask {
+        match self {
+            Self::Circle { center, radius } => {
+                let (dx, dy) = (x - center[0], y - center[1]);
+                (dx * dx + dy * dy).le(number(radius * radius))
+            }
+            Self::Box { low, high } => {
+                let x_in = number(low[0]).le(x).and(x.le(number(high[0])));
+                let y_in = number(low[1]).le(y).and(y.le(number(high[1])));
+                x_in.and(y_in)
+            }
+            Self::Polygon { corners } => {
+                let mut inside = L::Mask::from_bits(u64::MAX);
+                for (index, [ax, ay]) in corners.iter().enumerate() {
+                    let [bx, by] = corners[(index + 1) % corners.len()];
+                    let left = (y - *ay) * (bx - ax) - (x - *ax) * (by - ay);
+                    inside = inside.and(number(0.0).le(left));
+                }
+                inside
+            }
+        }
+    }
+}
+
+/// A part of the floor with a colour of its own.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Patch {
+    pub name: String,
+    pub shape: Shape,
+    /// 0 black to 1 white; none for black or white by the seed of the episode.
+    pub grey: Option<f32>,
+}
+
+/// A lamp.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Light {
+    /// x, y, z, metres.
+    pub at: [f32; 3],
+    pub intensity: f32,
+}
+
+/// Everything that does not move.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub(super) struct Place {
+    pub faces: Vec<Face>,
+    pub patches: Vec<Patch>,
+    /// Of the floor beside the patches.
+    pub grey: f32,
+    pub lights: Vec<Light>,
+}
+
+impl Place {
+    /// The patch with this name.
+    pub(super) fn patch(&self, name: &str) -> Option<&Patch> {
+        self.patches.iter().find(|patch| patch.name == name)
+    }
+
+    /// Its index.
+    pub(super) fn index(&self, name: &str) -> Option<usize> {
+        self.patches.iter().position(|patch| patch.name == name)
+    }
+
+    /// The colours of the patches in an episode.
+    pub(super) fn colors(&self, seed: u64) -> impl Iterator<Item = f32> + '_ {
+        self.patches.iter().enumerate().map(move |(index, patch)| {
+            let drawn = || f32::from(u8::from(uniform(seed, COLORS, index as u64) < 0.5));
+            patch.grey.unwrap_or_else(drawn)
+        })
+    }
+
+    /// The colour of the floor at points: that of the last patch that holds them. `colors`: of the patches.
+    #[inline(always)]
+    pub(super) fn floor<L: Lanes>(
+        &self,
+        x: Number<L>,
+        y: Number<L>,
+        colors: &[Number<L>],
+    ) -> Number<L> {
+        let mut grey = number(self.grey);
+        for (patch, color) in self.patches.iter().zip(colors) {
+            grey = color.select(grey, patch.shape.holds(x, y));
+        }
+        grey
+    }
+}

@@ -1,0 +1,127 @@
+//! Parameters of the arena.
+
+use serde_json::{Value, json};
+
+use super::mission::Mission;
+use super::random::MOST_TICKS;
+use super::robot::Robot;
+use super::start::{self, Pose};
+use crate::parameters::wrong;
+use crate::{ParameterError, ParameterInfo, ParameterReader, Parameters};
+
+/// Most robots.
+pub(super) const MOST_ROBOTS: u32 = 100_000;
+
+/// Checked parameters.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Settings {
+    pub mission: Mission,
+    pub robot: Robot,
+    pub robots: usize,
+    /// Ticks of 0.1 s; the first one is the start.
+    pub ticks: u32,
+    pub seed: u64,
+    pub step_size: u32,
+}
+
+impl Settings {
+    pub(super) fn read(parameters: &Parameters) -> Result<Self, ParameterError> {
+        let read = ParameterReader::new(parameters);
+        let mission = Mission::read(parameters.get("mission"))?;
+        let robots = read
+            .integer("robots", 1, MOST_ROBOTS)?
+            .unwrap_or(mission.robots);
+        let longest = f64::from(MOST_TICKS - 1) / 10.0;
+        let duration = read
+            .number("duration", 0.1, longest)?
+            .unwrap_or(mission.duration);
+        let model = match parameters.get("robot") {
+            None => mission.robot.as_str(),
+            Some(Value::String(name)) => name.as_str(),
+            Some(other) => {
+                return Err(wrong(
+                    "robot",
+                    format!("{other} found, expected {}", Robot::PRESETS.join(" or ")),
+                ));
+            }
+        };
+        let Some(robot) = Robot::preset(model) else {
+            return Err(wrong(
+                "robot",
+                format!("{model:?} found, expected {}", Robot::PRESETS.join(" or ")),
+            ));
+        };
+        Ok(Self {
+            robot,
+            robots: robots as usize,
+            ticks: (duration * 10.0).round() as u32,
+            seed: read.seed("seed")?.unwrap_or(0),
+            step_size: read.integer("stepSize", 0, 3_600_000)?.unwrap_or(100),
+            mission,
+        })
+    }
+}
+
+impl Settings {
+    /// Where the robots start.
+    pub(super) fn poses(&self) -> Result<Vec<Pose>, ParameterError> {
+        let (mission, robots) = (&self.mission, self.robots);
+        start::draw(&mission.start, robots, &self.robot, &mission.place, self.seed).ok_or_else(|| {
+            wrong(
+                "robots",
+                format!("{robots} robots do not fit where they are to start; take fewer of them, or a larger place"),
+            )
+        })
+    }
+}
+
+/// Every parameter, in the order of the documentation.
+pub(super) fn parameters() -> Vec<ParameterInfo> {
+    [
+        (
+            "mission",
+            "name or object",
+            json!("aac"),
+            "The name of a built-in mission, or a mission as an object; in an experiment file also the path of a YAML file.",
+        ),
+        (
+            "robots",
+            "integer",
+            Value::Null,
+            "Number of robots, 1 to 100,000; left out: what the mission says.",
+        ),
+        (
+            "duration",
+            "number",
+            Value::Null,
+            "Length of an episode in seconds, in ticks of 0.1 s; left out: what the mission says.",
+        ),
+        (
+            "robot",
+            "string",
+            Value::Null,
+            "Model of the robots: e-puck-rm1.1 (the inputs of EvoStick) or e-puck-rm1.2 (those of Chocolate's modules); \
+             left out: what the mission says.",
+        ),
+        (
+            "seed",
+            "integer",
+            json!(0),
+            "Decides where robots start, and all noise.",
+        ),
+        (
+            "stepSize",
+            "integer",
+            json!(100),
+            "Milliseconds between two frames when shown.",
+        ),
+    ]
+    .into_iter()
+    .map(|(name, kind, default, description)| ParameterInfo {
+        name,
+        kind,
+        default,
+        description,
+    })
+    .collect()
+}

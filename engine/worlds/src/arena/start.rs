@@ -1,0 +1,100 @@
+//! Where robots stand at the start of an episode.
+
+use swarmwright_controllers::functions::{cos_pi, sin_pi};
+
+use super::contacts::to_face;
+use super::place::Place;
+use super::robot::Robot;
+use crate::counter::uniform;
+
+/// Where a robot stands and looks.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Pose {
+    /// Metres.
+    pub at: [f32; 2],
+    /// Half turns, -1..1.
+    pub heading: f32,
+}
+
+/// Where robots may stand: in a disc, in a rectangle, or in the part of the disc that lies in the rectangle.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Start {
+    /// Middle and radius.
+    pub disc: Option<([f32; 2], f32)>,
+    /// Lower left and upper right corner.
+    pub rectangle: Option<([f32; 2], [f32; 2])>,
+}
+
+/// Draws for a robot before it is said that it does not fit.
+const TRIES: u64 = 2_000;
+/// The stream of random numbers of the start.
+const STREAM: u64 = 0x0073_7461_7274;
+
+/// Draws a pose for each robot; those who overlap another robot or a wall are drawn again. None if a robot finds no place.
+pub(super) fn draw(
+    start: &Start,
+    robots: usize,
+    robot: &Robot,
+    place: &Place,
+    seed: u64,
+) -> Option<Vec<Pose>> {
+    let mut poses: Vec<Pose> = Vec::with_capacity(robots);
+    for index in 0..robots as u64 {
+        let pose = (0..TRIES)
+            .map(|attempt| {
+                let number =
+                    |part: u64| uniform(seed, STREAM, (index * TRIES + attempt) * 4 + part);
+                pose(start, [number(0), number(1), number(2)])
+            })
+            .find(|pose| within(pose.at, start) && fits(*pose, &poses, robot, place))?;
+        poses.push(pose);
+    }
+    Some(poses)
+}
+
+fn pose(start: &Start, [a, b, c]: [f32; 3]) -> Pose {
+    let at = match (start.disc, start.rectangle) {
+        (Some((center, radius)), _) => {
+            // Uniform in the disc: the larger of two numbers as radius, their quotient as angle.
+            let (low, high) = if a < b { (a, b) } else { (b, a) };
+            let angle = if high > 0.0 { 2.0 * (low / high) } else { 0.0 };
+            let angle = if angle > 1.0 { angle - 2.0 } else { angle };
+            let far = radius * high;
+            [
+                center[0] + far * cos_pi(angle),
+                center[1] + far * sin_pi(angle),
+            ]
+        }
+        (None, Some((low, high))) => [
+            low[0] + (high[0] - low[0]) * a,
+            low[1] + (high[1] - low[1]) * b,
+        ],
+        (None, None) => [0.0; 2],
+    };
+    Pose {
+        at,
+        heading: 2.0 * c - 1.0,
+    }
+}
+
+fn within(at: [f32; 2], start: &Start) -> bool {
+    start.rectangle.is_none_or(|(low, high)| {
+        (0..2).all(|axis| low[axis] <= at[axis] && at[axis] <= high[axis])
+    })
+}
+
+fn fits(pose: Pose, others: &[Pose], robot: &Robot, place: &Place) -> bool {
+    let [x, y] = pose.at;
+    let apart =
+        |way: [f32; 2], distance: f32| way[0] * way[0] + way[1] * way[1] >= distance * distance;
+    place.faces.iter().all(|face| {
+        let way = to_face::<f32>(
+            face,
+            swarmwright_lanes::Number(x),
+            swarmwright_lanes::Number(y),
+        );
+        apart(way.map(|number| number.0), robot.radius)
+    }) && others
+        .iter()
+        .all(|other| apart([other.at[0] - x, other.at[1] - y], 2.0 * robot.radius))
+}

@@ -1,0 +1,187 @@
+//! The robots of as many episodes as there are lanes: where they are, and a tick.
+
+use swarmwright_controllers::functions::lanes::{cos_pi, sin_pi};
+use swarmwright_lanes::{Lanes, MOST_LANES, Number, number};
+
+use super::contacts::Contacts;
+use super::functions::normal;
+use super::neighbours::Neighbours;
+use super::place::Place;
+use super::random::{Keys, Purpose, halves, key};
+use super::robot::Robot;
+use super::senses::Senses;
+use super::start::Pose;
+
+/// Substeps of a tick.
+pub(super) const SUBSTEPS: u32 = 10;
+/// Length of a substep, seconds.
+pub(super) const SUBSTEP: f32 = 0.01;
+
+/// Robots by index, a vector of lanes for each quantity.
+#[derive(Debug, Clone)]
+pub(super) struct Bodies<L> {
+    /// Position, metres.
+    pub x: Vec<Number<L>>,
+    pub y: Vec<Number<L>>,
+    /// Heading in half turns, -1..=1, with its cosine and sine.
+    pub heading: Vec<Number<L>>,
+    pub cos: Vec<Number<L>>,
+    pub sin: Vec<Number<L>>,
+    /// Velocity, m/s.
+    pub vx: Vec<Number<L>>,
+    pub vy: Vec<Number<L>>,
+    /// Rotation, rad/s.
+    pub spin: Vec<Number<L>>,
+}
+
+impl<L: Lanes> Bodies<L> {
+    fn new(robots: usize) -> Self {
+        let zeros = || vec![number(0.0); robots];
+        Self {
+            x: zeros(),
+            y: zeros(),
+            heading: zeros(),
+            cos: zeros(),
+            sin: zeros(),
+            vx: zeros(),
+            vy: zeros(),
+            spin: zeros(),
+        }
+    }
+
+    /// Number of robots.
+    #[inline(always)]
+    pub(super) fn len(&self) -> usize {
+        self.x.len()
+    }
+
+    /// From one robot to another.
+    #[inline(always)]
+    pub(super) fn between(&self, from: usize, to: usize) -> [Number<L>; 2] {
+        [self.x[to] - self.x[from], self.y[to] - self.y[from]]
+    }
+}
+
+/// The robots and all that they carry.
+pub(super) struct Swarm<L: Lanes> {
+    pub bodies: Bodies<L>,
+    pub neighbours: Neighbours,
+    pub senses: Senses<L>,
+    contacts: Contacts<L>,
+    keys: Keys<L>,
+    /// Of the patches of the floor.
+    pub colors: Vec<Number<L>>,
+    /// The tick that the robots are in, from 1.
+    pub tick: u32,
+}
+
+impl<L: Lanes> Swarm<L> {
+    /// Room for robots; [`start`](Self::start) puts them somewhere.
+    #[inline(always)]
+    pub(super) fn new(robots: usize, robot: &Robot) -> Self {
+        Self {
+            bodies: Bodies::new(robots),
+            neighbours: Neighbours::new(robots, robot),
+            senses: Senses::new(robots, robot),
+            contacts: Contacts::new(robots),
+            keys: Keys::new(|_| key(0)),
+            colors: Vec::new(),
+            tick: 1,
+        }
+    }
+
+    /// The first tick of an episode in each lane: nobody moves, all look.
+    #[inline(always)]
+    pub(super) fn start(
+        &mut self,
+        robot: &Robot,
+        place: &Place,
+        seed: impl Fn(usize) -> u64,
+        mut pose: impl FnMut(usize, usize) -> Pose,
+    ) {
+        self.keys = Keys::new(|lane| key(seed(lane)));
+        let mut colors = vec![[0.0; MOST_LANES]; place.patches.len()];
+        for lane in 0..L::WIDTH {
+            for (lanes, color) in colors.iter_mut().zip(place.colors(seed(lane))) {
+                lanes[lane] = color;
+            }
+        }
+        self.colors.clear();
+        self.colors
+            .extend(colors.iter().map(|lanes| Number::load(lanes)));
+        self.tick = 1;
+        let bodies = &mut self.bodies;
+        for index in 0..bodies.len() {
+            let mut lanes = [[0.0; MOST_LANES]; 3];
+            let [x, y, heading] = &mut lanes;
+            for lane in 0..L::WIDTH {
+                let pose = pose(lane, index);
+                [x[lane], y[lane]] = pose.at;
+                heading[lane] = pose.heading;
+            }
+            bodies.x[index] = Number::load(x);
+            bodies.y[index] = Number::load(y);
+            bodies.heading[index] = Number::load(heading);
+            bodies.cos[index] = Number(cos_pi(bodies.heading[index].0));
+            bodies.sin[index] = Number(sin_pi(bodies.heading[index].0));
+            bodies.vx[index] = number(0.0);
+            bodies.vy[index] = number(0.0);
+            bodies.spin[index] = number(0.0);
+        }
+        self.senses.forget();
+        self.sense(robot, place);
+    }
+
+    /// One tick: all drive with these actuators, wheel speeds left and right of each robot in -1..=1, then all look.
+    #[inline(always)]
+    pub(super) fn step(&mut self, robot: &Robot, place: &Place, actuators: &[L]) {
+        self.tick += 1;
+        self.drive(robot, actuators);
+        self.contacts
+            .resolve(&mut self.bodies, &self.neighbours, robot, place);
+        let bodies = &mut self.bodies;
+        for index in 0..bodies.len() {
+            bodies.cos[index] = Number(cos_pi(bodies.heading[index].0));
+            bodies.sin[index] = Number(sin_pi(bodies.heading[index].0));
+        }
+        self.sense(robot, place);
+    }
+
+    /// What the drives aim at, with the noise of the wheels; turns the robots.
+    #[inline(always)]
+    fn drive(&mut self, robot: &Robot, actuators: &[L]) {
+        let bodies = &mut self.bodies;
+        for (index, wheels) in actuators.chunks_exact(2).enumerate() {
+            let [a, b, ..] = self.keys.draw(self.tick, index, Purpose::Wheels);
+            let noise = normal(halves(a)[0], halves(b)[0]);
+            let wheel = |side: usize| {
+                let speed = Number(wheels[side]) * robot.top_speed;
+                speed * (noise[side] * robot.wheel_noise + 1.0)
+            };
+            let (left, right) = (wheel(0), wheel(1));
+            let ahead = (left + right) * 0.5;
+            self.contacts.aim[index] = [ahead * bodies.cos[index], ahead * bodies.sin[index]];
+            let spin = (right - left) * (1.0 / robot.wheel_base);
+            // The first substep still turns as in the tick before.
+            let turn = (bodies.spin[index] + spin * (SUBSTEPS - 1) as f32)
+                * (SUBSTEP * std::f32::consts::FRAC_1_PI);
+            let heading = bodies.heading[index] + turn;
+            let heading = (heading - number(2.0)).select(heading, heading.gt(number(1.0)));
+            bodies.heading[index] = (heading + 2.0).select(heading, heading.lt(number(-1.0)));
+            bodies.spin[index] = spin;
+        }
+    }
+
+    #[inline(always)]
+    fn sense(&mut self, robot: &Robot, place: &Place) {
+        self.neighbours.update(&self.bodies);
+        self.senses.update(
+            &self.bodies,
+            &self.neighbours,
+            robot,
+            (place, &self.colors),
+            self.keys,
+            self.tick,
+        );
+    }
+}

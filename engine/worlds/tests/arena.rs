@@ -1,0 +1,211 @@
+//! The arena: motion as measured in ARGoS, missions, and what is refused.
+#![allow(clippy::unwrap_used)] // helpers of tests
+
+use serde_json::{Value, json};
+use swarmwright_controllers::{Architecture, Controller};
+use swarmwright_worlds::{Arena, Scene, Simulation, rollout};
+
+fn arena(parameters: &Value) -> Result<Arena, String> {
+    let mut arena = Arena::default();
+    arena
+        .reset(parameters.as_object().unwrap())
+        .map_err(|error| error.to_string())?;
+    Ok(arena)
+}
+
+fn positions(scene: &Scene) -> Vec<[f32; 2]> {
+    let agents = scene.bodies.iter().filter(|body| body.kind == "agent");
+    agents.map(|body| [body.x, body.y]).collect()
+}
+
+/// A mission in a large empty room.
+fn room() -> Value {
+    json!({"walls": {"rectangle": [20, 20]}, "start": {"rectangle": {"x": [-1, 1], "y": [-1, 1]}},
+        "metrics": {}, "fitness": {"factors": {}}})
+}
+
+/// How far robots go in each tick with these actuators.
+fn ways(actuators: [f32; 2], ticks: u32, seed: u64) -> Vec<f64> {
+    let mut arena =
+        arena(&json!({"mission": room(), "robots": 1, "duration": 60, "seed": seed})).unwrap();
+    let mut at = positions(&arena.scene().unwrap())[0];
+    (0..ticks)
+        .map(|_| {
+            arena.step(&actuators);
+            let now = positions(&arena.scene().unwrap())[0];
+            let way = (f64::from(now[0] - at[0])).hypot(f64::from(now[1] - at[1]));
+            at = now;
+            way
+        })
+        .collect()
+}
+
+#[test]
+fn a_robot_drives_as_measured() {
+    // With noise of 5 % on both wheels: the means over seeds.
+    let runs: Vec<Vec<f64>> = (0..200).map(|seed| ways([1.0, 1.0], 3, seed)).collect();
+    let mean = |tick: usize| runs.iter().map(|run| run[tick]).sum::<f64>() / runs.len() as f64;
+    // 9.45 mm from rest, then 12 mm a tick.
+    assert!((mean(0) - 0.00945).abs() < 6e-5, "{}", mean(0));
+    assert!((mean(1) - 0.012).abs() < 1e-4, "{}", mean(1));
+    assert!((mean(2) - 0.012).abs() < 1e-4, "{}", mean(2));
+    // Standing robots stand: noise is relative.
+    assert_eq!(ways([0.0, 0.0], 5, 1), [0.0; 5]);
+}
+
+#[test]
+fn robots_neither_leave_nor_run_through_each_other() {
+    for (mission, robots) in [
+        ("aac", 40),
+        ("sca", 30),
+        ("guided_shelter", 30),
+        ("directional_gate", 30),
+    ] {
+        let parameters = json!({"mission": mission, "robots": robots, "duration": 40, "seed": 7});
+        let mut arena = arena(&parameters).unwrap();
+        let mut step = 0_u32;
+        while !arena.done() {
+            // All drive ahead, now and then they turn.
+            let turn = if step % 40 < 30 { 1.0 } else { 0.2 };
+            let actuators = [turn, 1.0].repeat(arena.acting().len());
+            arena.step(&actuators);
+            step += 1;
+        }
+        let robots = positions(&arena.scene().unwrap());
+        for (index, a) in robots.iter().enumerate() {
+            let from_middle = (a[0] - 1.3).hypot(a[1] - 1.3);
+            assert!(from_middle < 1.24, "{mission}: {from_middle}");
+            for b in &robots[..index] {
+                let apart = (a[0] - b[0]).hypot(a[1] - b[1]);
+                assert!(apart > 0.066, "{mission}: {apart}");
+            }
+        }
+    }
+}
+
+#[test]
+fn every_mission_runs_and_its_fitness_is_a_number() {
+    let missions = [
+        "aac",
+        "cfa",
+        "decision",
+        "directional_gate",
+        "foraging",
+        "grid_exploration",
+        "guided_shelter",
+        "homing",
+        "lcn",
+        "sca",
+        "spc",
+        "stop",
+        "two_spots",
+        "two_spots_sum",
+    ];
+    for mission in missions {
+        for (robot, sensors) in [("e-puck-rm1.1", 24), ("e-puck-rm1.2", 9)] {
+            let parameters = json!({"mission": mission, "robot": robot, "duration": 5, "seed": 3});
+            let mut arena = arena(&parameters).unwrap();
+            assert_eq!(arena.description().sensors, sensors);
+            assert_eq!(arena.sensor_names().len(), sensors);
+            let mut numbers = vec![0.0; sensors];
+            while !arena.done() {
+                for agent in arena.acting() {
+                    arena.sense(*agent, &mut numbers);
+                    assert!(numbers.iter().all(|number| number.is_finite()), "{mission}");
+                }
+                arena.step(&[0.9, 1.0].repeat(arena.acting().len()));
+            }
+            assert!(arena.fitness().is_finite(), "{mission}");
+            assert_eq!(arena.metrics().len(), arena.description().metrics.len());
+        }
+    }
+}
+
+/// Means and deviations over 30 seeds in ARGoS 3 (e-puck plug-in v59), 120 s: shared/data/argos.
+#[test]
+fn objectives_agree_with_those_of_argos() {
+    let hand = [
+        -1.5, -3.0, -0.5, -2.0, 0.0, -0.8, 0.0, 0.0, 0.0, 0.0, -0.8, 0.0, -2.0, -0.5, -3.0, -1.5,
+        -0.2, 0.4, -0.4, 0.4, -0.5, 0.4, -0.2, 0.2, 0.2, -0.2, 0.4, -0.5, 0.4, -0.4, 0.4, -0.2,
+        0.4, 0.4, 0.4, 0.4, 0.4, 0.4, -0.1, -0.1, -0.6, 0.6, -0.8, 0.8, 0.8, -0.8, 0.6, -0.6, 0.05,
+        0.05,
+    ];
+    let architecture = json!({"kind": "evostick", "version": 1, "sensors": 24, "actuators": 2});
+    let architecture = Architecture::from_json(&architecture.to_string())
+        .unwrap()
+        .into();
+    let controller = Controller::with_weights(&architecture, hand.as_slice().into()).unwrap();
+    for (mission, mean, deviation) in [("aac", 1190.0, 937.0), ("lcn", 0.500, 0.0329)] {
+        let mut arena = Arena::default();
+        let scores: Vec<f64> = (1..=30)
+            .map(|seed| {
+                let parameters = json!({"mission": mission, "seed": seed});
+                rollout(&mut arena, parameters.as_object().unwrap(), &controller).unwrap()
+            })
+            .collect();
+        let ours = scores.iter().sum::<f64>() / 30.0;
+        let error = deviation * (2.0_f64 / 30.0).sqrt();
+        assert!(
+            (ours - mean).abs() < 3.0 * error,
+            "{mission}: {ours}, ARGoS {mean}"
+        );
+    }
+}
+
+#[test]
+fn mistakes_name_the_place() {
+    let with = |path: &[&str], value: Value| {
+        let mut mission = room();
+        let mut place = &mut mission;
+        for key in path {
+            place = &mut place[*key];
+        }
+        *place = value;
+        arena(&json!({"mission": mission})).err().unwrap()
+    };
+    let cases = [
+        (
+            with(&["walls"], json!({"sides": 2, "apothem": 1})),
+            "mission.walls.sides",
+        ),
+        (with(&["walls"], json!({"heigth": 2})), "mission.walls"),
+        (
+            with(
+                &["floor"],
+                json!({"patches": [{"name": "a", "color": "black"}]}),
+            ),
+            "mission.floor.patches[0]",
+        ),
+        (
+            with(
+                &["floor"],
+                json!({"patches": [{"name": "a", "color": "blue", "circle": {"radius": 1}}]}),
+            ),
+            "mission.floor.patches[0]",
+        ),
+        (
+            with(
+                &["metrics"],
+                json!({"m": {"kind": "robots_on", "patch": "black"}}),
+            ),
+            "no patch of the floor is named \"black\"",
+        ),
+        (with(&["fitness"], json!("n")), "no metric is named \"n\""),
+        (with(&["start"], json!({})), "mission.start"),
+        (
+            arena(&json!({"mission": "aggregation"})).err().unwrap(),
+            "\"aggregation\" found, expected the name of a mission (aac, ",
+        ),
+        (
+            arena(&json!({"robot": "e-puck"})).err().unwrap(),
+            "e-puck-rm1.1 or e-puck-rm1.2",
+        ),
+        (
+            arena(&json!({"robots": 2000})).err().unwrap(),
+            "2000 robots do not fit",
+        ),
+    ];
+    for (message, expected) in cases {
+        assert!(message.contains(expected), "{message:?} lacks {expected:?}");
+    }
+}
