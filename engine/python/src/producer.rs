@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::thread::JoinHandle;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
@@ -26,6 +26,9 @@ use crate::statistics::aggregate;
 /// Generations that wait at most, and how many bytes of them, unless it is a single one.
 const WAITING: usize = 64;
 const BYTES: usize = 1 << 25;
+/// So many are handed over together, where each takes less time than `QUICK`: waking a thread takes as long as a tenth of a small one.
+const TOGETHER: usize = 8;
+const QUICK: Duration = Duration::from_micros(500);
 
 /// Evolves in a thread of its own.
 #[pyclass(name = "Producer", module = "swarmwright._engine")]
@@ -102,49 +105,84 @@ struct Shared {
 struct Queue {
     waiting: VecDeque<Produced>,
     bytes: usize,
+    /// There are enough to take them, until there is none.
+    ready: bool,
+    /// The one or the other waits for a change.
+    taker_waits: bool,
+    producer_waits: bool,
     /// Nothing more comes; perhaps because of an error.
     over: bool,
     failed: Option<PyErr>,
 }
 
+impl Queue {
+    fn is_full(&self, bytes: usize) -> bool {
+        !self.waiting.is_empty() && (self.waiting.len() >= WAITING || self.bytes + bytes > BYTES)
+    }
+
+    /// Whether there is room for several, so that the producer need not be woken for each.
+    fn has_room(&self) -> bool {
+        self.waiting.len() <= WAITING / 2 && self.bytes <= BYTES / 2
+    }
+}
+
 impl Shared {
-    /// Adds a generation when there is room; returns whether to go on.
-    fn put(&self, produced: Produced) -> bool {
+    /// Adds a generation when there is room; returns whether to go on. `soon`: it is not to wait for others.
+    fn put(&self, produced: Produced, soon: bool) -> bool {
         let bytes = produced.bytes();
         let mut queue = lock(&self.queue);
-        while !self.stopped.load(Ordering::Relaxed)
-            && !queue.waiting.is_empty()
-            && (queue.waiting.len() >= WAITING || queue.bytes + bytes > BYTES)
-        {
+        if queue.is_full(bytes) {
+            self.call(&mut queue);
+            queue.producer_waits = true;
             queue = self
                 .changed
-                .wait(queue)
+                .wait_while(queue, |queue| {
+                    !self.stopped.load(Ordering::Relaxed)
+                        && !queue.waiting.is_empty()
+                        && !queue.has_room()
+                })
                 .unwrap_or_else(PoisonError::into_inner);
+            queue.producer_waits = false;
         }
         queue.bytes += bytes;
         queue.waiting.push_back(produced);
-        self.changed.notify_all();
+        if soon || queue.waiting.len() >= TOGETHER {
+            self.call(&mut queue);
+        }
         !self.stopped.load(Ordering::Relaxed)
     }
 
-    /// Whether a generation waits.
+    /// Says that there are enough to take them.
+    fn call(&self, queue: &mut Queue) {
+        queue.ready = true;
+        if queue.taker_waits {
+            self.changed.notify_all();
+        }
+    }
+
+    /// Whether more wait than are handed over together, so that who takes them has more to do.
     fn is_ahead(&self) -> bool {
-        !lock(&self.queue).waiting.is_empty()
+        lock(&self.queue).waiting.len() > 2 * TOGETHER
     }
 
     /// Waits for a generation; returns it, and whether nothing more comes.
     fn take(&self, patience: Duration) -> (Option<Produced>, bool) {
-        let queue = lock(&self.queue);
-        let (mut queue, _) = self
-            .changed
-            .wait_timeout_while(queue, patience, |queue| {
-                queue.waiting.is_empty() && !queue.over
-            })
-            .unwrap_or_else(PoisonError::into_inner);
+        let mut queue = lock(&self.queue);
+        if !queue.ready && !queue.over {
+            queue.taker_waits = true;
+            (queue, _) = self
+                .changed
+                .wait_timeout_while(queue, patience, |queue| !queue.ready && !queue.over)
+                .unwrap_or_else(PoisonError::into_inner);
+            queue.taker_waits = false;
+        }
         let produced = queue.waiting.pop_front();
+        queue.ready = !queue.waiting.is_empty();
         if let Some(produced) = &produced {
             queue.bytes -= produced.bytes();
-            self.changed.notify_all();
+            if queue.producer_waits && (queue.waiting.is_empty() || queue.has_room()) {
+                self.changed.notify_all();
+            }
         }
         let over = produced.is_none() && queue.over;
         (produced, over)
@@ -205,6 +243,7 @@ impl Work {
     fn run(&mut self, shared: &Shared) -> PyResult<()> {
         let mut seeds: Vec<u64> = (self.seed..).take(self.episodes).collect();
         for _ in 0..self.limits.generations {
+            let began = Instant::now();
             let Some(mut produced) = self.next(&seeds, shared)? else {
                 break;
             };
@@ -212,7 +251,7 @@ impl Work {
             if shared.is_ahead() {
                 produced.digested(); // so that who takes it, and has more to do, need not
             }
-            if !shared.put(produced) || !go_on {
+            if !shared.put(produced, began.elapsed() > QUICK) || !go_on {
                 break;
             }
             for seed in &mut seeds {
@@ -348,6 +387,8 @@ impl PyProducer {
                 "expected genomes of {weights} genes and at least one episode, found {genes} and {episodes}"
             )));
         }
+        // The engine's threads begin here at the latest, so that they do not have the name of the one that begins now.
+        rayon::current_num_threads();
         let shared = Arc::new(Shared::default());
         let mut lender = None;
         let (place, metrics, waker) = match evaluator {

@@ -6,7 +6,7 @@ import subprocess
 import sys
 from contextlib import suppress
 from pathlib import Path
-from threading import Lock
+from threading import Lock, Timer
 
 from swarmwright.core.errors import InputError
 
@@ -14,9 +14,13 @@ FILE = "fitness.png"
 _LONGEST = 60.0
 """Seconds until a drawing process is abandoned."""
 
+_DELAY = 0.05
+"""Seconds until a process is started to draw: its start takes milliseconds from what is going on."""
+
 _lock = Lock()
 _waiting: list[Path] = []
 _process: subprocess.Popen[bytes] | None = None
+_timer: Timer | None = None
 
 
 def wanted() -> bool:
@@ -29,17 +33,24 @@ def draw_later(folder: Path) -> None:
 
     This process draws all before it ends, see `wait`.
     """
+    global _timer  # noqa: PLW0603 - there is one, as there is one interpreter
     if not wanted():
         return
     with _lock:
         _waiting.append(folder.absolute())
-        if _process is None or _process.poll() is not None:
-            _start()
+        if _timer is None or not _timer.is_alive():
+            _timer = Timer(_DELAY, _start_now)
+            _timer.daemon = True
+            _timer.start()
 
 
 def wait() -> None:
     """Wait until all plots are drawn. Errors are printed on standard error."""
     with _lock:
+        if _timer is not None:
+            _timer.cancel()
+        if _process is None:
+            _start()
         while _process is not None:
             try:
                 _process.wait(_LONGEST)
@@ -53,6 +64,15 @@ def wait() -> None:
 def _at_exit() -> None:
     with suppress(KeyboardInterrupt):  # the process continues by itself
         wait()
+
+
+def _start_now() -> None:
+    """Draw all waiting runs, unless a process is drawing others; they are drawn after those then."""
+    global _timer  # noqa: PLW0603 - there is one, as there is one interpreter
+    with _lock:
+        _timer = None
+        if _process is None or _process.poll() is not None:
+            _start()
 
 
 def _start() -> None:

@@ -120,9 +120,11 @@ class Generations:
     def of_evaluation(self, number: int) -> Row | None:
         """Return the generation that an evaluation belongs to; None when there is none of that number."""
         found = self._connection.execute(
-            "SELECT generation FROM generation WHERE first <= ? AND ? < evaluations", (number, number)
+            "SELECT generation, evaluations FROM generation WHERE first <= ? "
+            "ORDER BY generation DESC LIMIT 1",
+            (number,),
         ).fetchone()
-        return None if found is None else self.row(int(found[0]))
+        return None if found is None or found[1] <= number else self.row(int(found[0]))
 
     def check(self, row: Row, previous: str) -> None:
         """Compare a line of the table with its digest."""

@@ -41,6 +41,8 @@ _EVENT = "INSERT INTO event VALUES (?, ?, ?, ?, ?)"
 
 _TOGETHER = 0.02
 """Seconds within which generations are written in one transaction."""
+_MUCH = 1 << 20
+"""Bytes of genomes that are written at once all the same: memory that is used again soon is in the cache."""
 _DRAFT = 1.0
 """Seconds for which a new store is a draft, which the end of the process at any moment would take."""
 
@@ -84,6 +86,7 @@ class StoreWriter:
         self._outcome: str | None = None
         self._ended: float | None = None
         self._finished: list[_Finished] = []
+        self._bytes = 0  # of genomes, in what is finished
         self._seeds = _Seeds()
 
     @classmethod
@@ -217,7 +220,8 @@ class StoreWriter:
         """
         now = time.monotonic()
         self._finished.append(_Finished(evaluated, journal, now - self._started))
-        if now - self._written >= _TOGETHER:
+        self._bytes += evaluated.genomes.nbytes
+        if self._bytes >= _MUCH or now - self._written >= _TOGETHER:
             self._flush()
         self.keep_soon()
 
@@ -233,7 +237,7 @@ class StoreWriter:
 
     def _flush(self) -> None:
         """Write what is finished; where the disk is nearly full, as many generations as there is room for."""
-        finished = self._finished
+        finished, self._bytes = self._finished, 0
         try:
             self._write_now()
         except RunError:

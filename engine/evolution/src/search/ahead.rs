@@ -1,7 +1,8 @@
-//! Normal numbers of generation after generation; those of the next one are drawn while this one is used.
+//! Normal numbers of generation after generation; those of some to come are drawn while this one is used.
 
-use std::sync::Mutex;
-use std::sync::mpsc::{Receiver, channel};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::{Arc, Mutex};
 
 use rayon::prelude::*;
 
@@ -13,12 +14,14 @@ const MOST: usize = 1 << 23;
 /// Numbers that are made in little more time than another thread takes to begin.
 const FEW: usize = 1 << 14;
 
+/// Numbers that are drawn ahead: of as many generations as have so many, at least of one.
+const AHEAD: usize = 1 << 16;
+
 /// See the module.
 #[derive(Debug)]
 pub(super) struct Ahead {
     address: Address,
-    /// A generation, and where its numbers arrive.
-    next: Option<(u64, Mutex<Receiver<Vec<f64>>>)>,
+    batch: Option<Batch>,
 }
 
 /// Which numbers.
@@ -32,30 +35,81 @@ pub(super) struct Address {
     pub(super) length: usize,
 }
 
+/// Generations that another thread draws, and this one where the other has not begun with them.
+#[derive(Debug)]
+struct Batch {
+    /// The next generation that no thread has begun with.
+    free: Arc<AtomicU64>,
+    end: u64,
+    drawn: Mutex<Receiver<(u64, Vec<f64>)>>,
+}
+
 impl Ahead {
     pub(super) fn new(address: Address) -> Self {
         Self {
             address,
-            next: None,
+            batch: None,
         }
     }
 
     /// Rows of numbers of a generation.
     pub(super) fn draw(&mut self, generation: u64) -> Vec<f64> {
-        let ready = self.next.take().filter(|(of, _)| *of == generation);
-        let drawn = ready
-            .and_then(|(_, numbers)| numbers.into_inner().ok()?.recv().ok())
-            .unwrap_or_else(|| self.address.drawn(generation));
-        if drawn.len() <= MOST {
-            let (send, receive) = channel();
-            let address = self.address;
-            rayon::spawn(move || drop(send.send(address.drawn(generation + 1))));
-            self.next = Some((generation + 1, Mutex::new(receive)));
+        let found = self.batch.as_mut().and_then(|batch| batch.take(generation));
+        let drawn = found.unwrap_or_else(|| self.address.drawn(generation));
+        let next = generation.wrapping_add(1);
+        let used = self.batch.as_ref().is_none_or(|batch| batch.end <= next);
+        if used && drawn.len() <= MOST {
+            let generations = (AHEAD / drawn.len().max(1)).max(1) as u64;
+            self.batch = Some(Batch::begin(
+                self.address,
+                next,
+                next.saturating_add(generations),
+            ));
         }
         drawn
     }
 }
 
+impl Batch {
+    fn begin(address: Address, first: u64, end: u64) -> Self {
+        let free = Arc::new(AtomicU64::new(first));
+        let (send, drawn) = channel();
+        let begun = free.clone();
+        rayon::spawn(move || draw_free(address, &begun, end, &send));
+        Self {
+            free,
+            end,
+            drawn: Mutex::new(drawn),
+        }
+    }
+
+    /// The numbers of a generation of these, as soon as the other thread has drawn them; None where it has not begun.
+    fn take(&mut self, generation: u64) -> Option<Vec<f64>> {
+        let next = generation + 1;
+        if generation >= self.end
+            || self
+                .free
+                .compare_exchange(generation, next, Ordering::Relaxed, Ordering::Relaxed)
+                .is_ok()
+        {
+            return None;
+        }
+        // Those before, if they were not wanted, are thrown away.
+        let drawn = self.drawn.get_mut().ok()?;
+        let found = drawn.iter().find(|(of, _)| *of >= generation);
+        found.and_then(|(of, drawn)| (of == generation).then_some(drawn))
+    }
+}
+
+/// Draws generations until `end`, or until nobody wants them.
+fn draw_free(address: Address, free: &AtomicU64, end: u64, drawn: &Sender<(u64, Vec<f64>)>) {
+    loop {
+        let generation = free.fetch_add(1, Ordering::Relaxed);
+        if generation >= end || drawn.send((generation, address.drawn(generation))).is_err() {
+            return;
+        }
+    }
+}
 impl Address {
     fn drawn(self, generation: u64) -> Vec<f64> {
         let length = self.length.max(1);

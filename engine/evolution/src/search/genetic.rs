@@ -7,10 +7,12 @@ use crate::distance::Farthest;
 use crate::distinct::distinct;
 use crate::network::NodeNetwork;
 use crate::ranking::survivors;
-use crate::stream::{Stream, purpose_key, rows};
+use crate::stream::{Stream, purpose_key, rows, rows_of_two};
 
 /// Crossovers that a generation may repeat because the child exists already.
 const TRIALS: usize = 100;
+/// Genes that are made in little more time than another thread takes to begin.
+const FEW: usize = 1 << 14;
 
 /// How genomes come about, vary, and combine.
 pub trait Operators: Send + Sync {
@@ -101,14 +103,21 @@ impl Operators for NodeNetwork {
         children: &mut [f32],
     ) -> Result<(), NoStart> {
         let (genes, columns) = (self.genes(), partners.len() / mothers.len().max(1));
-        rows(streams, children, genes, |index, stream, child| {
+        let mate = |farthest: &mut Farthest,
+                    index: usize,
+                    stream: &mut Stream,
+                    child: &mut [f32],
+                    _: &mut [()]| {
             let mother = row(genomes, mothers[index], genes);
             let its = &partners[index * columns..(index + 1) * columns];
             let others = its.iter().map(|partner| row(genomes, *partner, genes));
-            let father = Farthest::default().find(mother, others);
+            let father = farthest.find(mother, others);
             let father = father.map_or(mother, |found| row(genomes, its[found], genes));
             self.crossover(mother, father, stream, child);
-        });
+        };
+        let mut none = vec![(); children.len()];
+        let places = (children, &mut none[..]);
+        rows_of_two(streams, places, genes, FEW, Farthest::default, mate);
         Ok(())
     }
 }
@@ -335,6 +344,10 @@ impl Genetic {
         Ok(())
     }
 
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "drawn numbers are below a usize"
+    )]
     fn crossovers(
         &self,
         number: usize,
@@ -346,6 +359,7 @@ impl Genetic {
         let mut streams = self.streams(self.purposes.crossover, addresses.clone());
         let mut mothers = Vec::with_capacity(streams.len());
         let mut partners = Vec::with_capacity(streams.len() * self.settings.partners);
+        let mut drawn_partners = vec![0; self.settings.partners];
         let exchanging = self.is_exchanging();
         for (address, stream) in addresses.zip(&mut streams) {
             mothers.push(drawn(stream, &places[number]));
@@ -357,7 +371,9 @@ impl Genetic {
                     home = other;
                 }
             }
-            partners.extend((0..self.settings.partners).map(|_| drawn(stream, home)));
+            stream.integers(home.len() as u64, &mut drawn_partners);
+            let placed = |drawn: &u64| home.start + *drawn as usize;
+            partners.extend(drawn_partners.iter().map(placed));
         }
         self.operators
             .matings(&self.genomes, &mothers, &partners, &mut streams, children)
