@@ -1,5 +1,6 @@
 //! The built-in simulations: one line each.
 
+use crate::arena::ArenaLanes;
 use crate::block::{self, Block, Means};
 use crate::emergency_exit::EmergencyExitLanes;
 use crate::minisim::MinisimLanes;
@@ -25,7 +26,7 @@ const SIMULATIONS: [Entry; 3] = [
     Entry {
         title: "arena",
         create: || Box::<Arena>::default(),
-        evaluate: block::one_by_one,
+        evaluate: block::evaluate::<ArenaLanes>,
         varies: true,
     },
     Entry {

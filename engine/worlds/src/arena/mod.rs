@@ -4,6 +4,7 @@ mod contacts;
 mod functions;
 mod grey;
 mod ground;
+mod lanes;
 mod light;
 mod links;
 mod metrics;
@@ -23,6 +24,7 @@ use crate::{
     Block, Body, Description, Determinism, Means, MetricInfo, ParameterError, ParameterInfo,
     Parameters, RolloutError, Scene, Simulation,
 };
+pub(crate) use lanes::ArenaLanes;
 use metrics::Tally;
 use settings::{MOST_ROBOTS, Settings};
 use swarm::Swarm;

@@ -1,0 +1,118 @@
+//! The arena in lanes: the operations of the module above, one episode per lane.
+
+use std::sync::atomic::AtomicBool;
+
+use swarmwright_controllers::LaneController;
+use swarmwright_lanes::Lanes;
+
+use super::metrics::Tally;
+use super::settings::Settings;
+use super::start::Pose;
+use super::swarm::Swarm;
+use crate::ParameterError;
+use crate::block::{Block, LaneWorld, groups};
+use crate::rollout::stopped;
+
+/// With more robots the stepper's cells are faster than vectors that look at all others.
+const MOST_IN_LANES: usize = 64;
+
+/// The episodes of a block. They differ in the seed alone.
+pub(crate) struct ArenaLanes {
+    settings: Settings,
+    /// For each episode.
+    starts: Vec<(u64, Vec<Pose>)>,
+}
+
+pub(crate) struct Room<L: Lanes> {
+    swarm: Swarm<L>,
+    tallies: Vec<Tally<L>>,
+    /// State of the robots' controllers, one after another.
+    states: Vec<L>,
+    actuators: Vec<L>,
+}
+
+impl LaneWorld for ArenaLanes {
+    const MOST_VECTORS: usize = 1;
+    const PORTABLE: bool = false;
+    type Room<L: Lanes> = Room<L>;
+
+    fn new(block: &Block<'_>) -> Result<Option<Self>, ParameterError> {
+        let mut settings = Settings::read(block.parameters)?;
+        if settings.robots > MOST_IN_LANES {
+            return Ok(None);
+        }
+        let mut starts = Vec::with_capacity(block.seeds.len());
+        for seed in block.seeds {
+            settings.seed = *seed;
+            starts.push((*seed, settings.poses()?));
+        }
+        Ok(Some(Self { settings, starts }))
+    }
+
+    #[inline(always)]
+    fn part<L: Lanes>(&self, block: &Block<'_>, first: usize, results: &mut [f64]) -> bool {
+        // In four portable lanes it is slower than one at a time.
+        L::WIDTH > 4 && groups::<L, Self>(self, block, first, results)
+    }
+
+    fn room<L: Lanes>(&self, controllers: &LaneController<'_, L>) -> Room<L> {
+        let robots = self.settings.robots;
+        Room {
+            swarm: Swarm::new(robots, &self.settings.robot),
+            tallies: Vec::new(),
+            states: vec![L::splat(0.0); robots * controllers.state_length()],
+            actuators: vec![L::splat(0.0); robots * super::ACTUATORS],
+        }
+    }
+
+    #[inline(always)]
+    fn rollout<L: Lanes>(
+        &self,
+        room: &mut Room<L>,
+        controllers: &mut LaneController<'_, L>,
+        episodes: &[usize],
+        stop: Option<&AtomicBool>,
+        fitness: &mut [f64],
+    ) {
+        let Settings { mission, robot, .. } = &self.settings;
+        let place = &mission.place;
+        room.states.fill(L::splat(0.0));
+        room.tallies.clear();
+        room.tallies
+            .extend(mission.metrics.iter().map(|_| Tally::new()));
+        let starts = |lane: usize| &self.starts[episodes[lane]];
+        room.swarm.start(
+            robot,
+            place,
+            |lane| starts(lane).0,
+            |lane, index| starts(lane).1[index],
+        );
+        loop {
+            let last = room.swarm.tick >= self.settings.ticks;
+            for ((_, metric), tally) in mission.metrics.iter().zip(&mut room.tallies) {
+                tally.update(metric, &room.swarm.bodies, place, &room.swarm.colors, last);
+            }
+            if last || stopped(stop) {
+                break;
+            }
+            let state = controllers.state_length();
+            let sensors = robot.sensors();
+            for index in 0..self.settings.robots {
+                controllers.step_slice(
+                    &mut room.states[index * state..][..state],
+                    &room.swarm.senses.outputs[index * sensors..][..sensors],
+                    &mut room.actuators[index * super::ACTUATORS..][..super::ACTUATORS],
+                );
+            }
+            room.swarm.step(robot, place, &room.actuators);
+        }
+        for (lane, fitness) in fitness.iter_mut().enumerate() {
+            *fitness = mission.fitness(|metric| room.tallies[metric].values[lane]);
+        }
+    }
+
+    #[inline(always)]
+    fn metric<L: Lanes>(&self, room: &Room<L>, index: usize, values: &mut [f64]) {
+        values.copy_from_slice(&room.tallies[index].values[..values.len()]);
+    }
+}
