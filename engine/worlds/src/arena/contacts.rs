@@ -90,6 +90,8 @@ pub(super) struct Contacts<L: Lanes> {
     /// In which lanes something can touch a robot.
     near: Vec<L::Mask>,
     involved: Vec<u32>,
+    /// In which lanes something touches a robot in this substep.
+    touched: Vec<L::Mask>,
     pairs: Vec<([u32; 2], Contact<L>)>,
     walls: Vec<(u32, u32, Contact<L>)>,
     /// By robot: position, velocity, and what the drive has given in this substep.
@@ -128,6 +130,7 @@ impl<L: Lanes> Contacts<L> {
             aim: vec![zero; robots],
             near: vec![L::Mask::from_bits(0); robots],
             involved: Vec::new(),
+            touched: vec![L::Mask::from_bits(0); robots],
             pairs: Vec::new(),
             walls: Vec::new(),
             moved: vec![moved; robots],
@@ -238,6 +241,7 @@ impl<L: Lanes> Contacts<L> {
         let Self {
             aim,
             involved,
+            touched,
             pairs,
             walls,
             moved,
@@ -248,19 +252,34 @@ impl<L: Lanes> Contacts<L> {
             moved.at[0] += moved.velocity[0] * SUBSTEP;
             moved.at[1] += moved.velocity[1] * SUBSTEP;
             moved.driven = [number(0.0); 2];
+            touched[*index as usize] = L::Mask::from_bits(0);
         }
+        let mut active = false;
         for ([first, second], contact) in pairs.iter_mut() {
             let (from, to) = (moved[*first as usize].at, moved[*second as usize].at);
             let way = [to[0] - from[0], to[1] - from[1]];
             contact.at(way, square(way), 2.0 * robot.radius);
+            if contact.active {
+                active = true;
+                for index in [*first, *second] {
+                    let touched = &mut touched[index as usize];
+                    *touched = touched.or(contact.touches);
+                }
+            }
         }
         for (index, face, contact) in walls.iter_mut() {
             let [x, y] = moved[*index as usize].at;
             let way = to_face(&place.faces[*face as usize], x, y);
             contact.at(way, square(way), robot.radius);
+            if contact.active {
+                active = true;
+                let touched = &mut touched[*index as usize];
+                *touched = touched.or(contact.touches);
+            }
         }
         let most = robot.acceleration * SUBSTEP;
-        for _ in 0..PASSES {
+        // Where nothing touches a robot the first pass is all.
+        for pass in 0..if active { PASSES } else { 1 } {
             for ([first, second], contact) in pairs.iter_mut().filter(|(_, c)| c.active) {
                 let (i, j) = (*first as usize, *second as usize);
                 let [nx, ny] = contact.normal;
@@ -285,6 +304,9 @@ impl<L: Lanes> Contacts<L> {
             }
             for index in involved.iter() {
                 let index = *index as usize;
+                if pass > 0 && !touched[index].any() {
+                    continue;
+                }
                 let Moved {
                     velocity, driven, ..
                 } = &mut moved[index];
@@ -299,7 +321,12 @@ impl<L: Lanes> Contacts<L> {
                 } else {
                     number(1.0)
                 };
-                let given = [wanted[0] * factor, wanted[1] * factor];
+                let mut given = [wanted[0] * factor, wanted[1] * factor];
+                if pass > 0 {
+                    for axis in 0..2 {
+                        given[axis] = given[axis].select(driven[axis], touched[index]);
+                    }
+                }
                 velocity[0] += given[0] - driven[0];
                 velocity[1] += given[1] - driven[1];
                 *driven = given;
