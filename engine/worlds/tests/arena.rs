@@ -71,9 +71,10 @@ fn robots_neither_leave_nor_run_through_each_other() {
             arena.step(&actuators);
             step += 1;
         }
-        let robots = positions(&arena.scene().unwrap());
+        let scene = arena.scene().unwrap();
+        let (robots, middle) = (positions(&scene), [scene.width / 2.0, scene.height / 2.0]);
         for (index, a) in robots.iter().enumerate() {
-            let from_middle = (a[0] - 1.3).hypot(a[1] - 1.3);
+            let from_middle = (a[0] - middle[0]).hypot(a[1] - middle[1]);
             assert!(from_middle < 1.24, "{mission}: {from_middle}");
             for b in &robots[..index] {
                 let apart = (a[0] - b[0]).hypot(a[1] - b[1]);

@@ -32,6 +32,9 @@ use swarm::Swarm;
 /// Wheels: left and right.
 const ACTUATORS: usize = 2;
 
+/// Walls are shown as points that are this far apart, metres.
+const WALL_POINTS: f32 = 0.05;
+
 /// The simulation; see the module for its arithmetic.
 pub struct Arena {
     settings: Settings,
@@ -212,21 +215,29 @@ impl Simulation for Arena {
     }
 
     fn scene(&self) -> Option<Scene> {
+        let place = &self.settings.mission.place;
+        let [low, high] = place.extent();
+        let body = |kind: &'static str, [x, y]: [f32; 2], state: &'static str, radius: f32| Body {
+            kind: kind.into(),
+            x: x - low[0],
+            y: y - low[1],
+            state: state.into(),
+            radius,
+        };
+        let walls = place.faces.iter().flat_map(|face| face.points(WALL_POINTS));
+        let walls = walls.map(|point| body("obstacle", point, "", WALL_POINTS / 4.0));
         let bodies = &self.swarm.bodies;
-        let robots = (0..bodies.len()).map(|index| Body {
-            kind: "agent".into(),
-            x: bodies.x[index].0 + 1.3,
-            y: bodies.y[index].0 + 1.3,
-            state: "free".into(),
-            radius: self.settings.robot.radius,
+        let robots = (0..bodies.len()).map(|index| {
+            let at = [bodies.x[index].0, bodies.y[index].0];
+            body("agent", at, "free", self.settings.robot.radius)
         });
         Some(Scene {
-            width: 2.6,
-            height: 2.6,
+            width: high[0] - low[0],
+            height: high[1] - low[1],
             grid: false,
             step: self.swarm.tick,
             message: self.settings.mission.title.clone(),
-            bodies: robots.collect(),
+            bodies: walls.chain(robots).collect(),
         })
     }
 

@@ -7,6 +7,9 @@ use crate::counter::uniform;
 /// The stream of random numbers of colours.
 const COLORS: u64 = 0x636F_6C6F_7273;
 
+/// What is shown around the walls, metres.
+const MARGIN: f32 = 0.05;
+
 /// A face of a wall. Robots are in front of it, where the normal points to, or pass its ends.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Face {
@@ -33,6 +36,20 @@ impl Face {
             height,
             outer,
         }
+    }
+}
+
+impl Face {
+    /// Points on it, about so far apart.
+    pub(super) fn points(&self, apart: f32) -> impl Iterator<Item = [f32; 2]> + '_ {
+        let parts = (2.0 * self.half / apart).ceil().max(1.0);
+        (0..parts as u32).map(move |part| {
+            let at = (2.0 * part as f32 / parts - 1.0) * self.half;
+            [
+                self.middle[0] + at * self.along[0],
+                self.middle[1] + at * self.along[1],
+            ]
+        })
     }
 }
 
@@ -109,6 +126,21 @@ pub(super) struct Place {
 }
 
 impl Place {
+    /// Lower left and upper right corner of all walls, with a margin.
+    pub(super) fn extent(&self) -> [[f32; 2]; 2] {
+        let (mut low, mut high) = ([f32::INFINITY; 2], [f32::NEG_INFINITY; 2]);
+        for face in &self.faces {
+            for axis in 0..2 {
+                for end in [-face.half, face.half] {
+                    let at = face.middle[axis] + end * face.along[axis];
+                    low[axis] = low[axis].min(at - MARGIN);
+                    high[axis] = high[axis].max(at + MARGIN);
+                }
+            }
+        }
+        [low, high]
+    }
+
     /// The patch with this name.
     pub(super) fn patch(&self, name: &str) -> Option<&Patch> {
         self.patches.iter().find(|patch| patch.name == name)
