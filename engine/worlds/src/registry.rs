@@ -1,22 +1,18 @@
 //! The built-in simulations: one line each.
 
-use crate::arena::ArenaLanes;
-use crate::block::{self, Block, Means};
+use crate::block::{self, Block, Create, Evaluate, Means};
 use crate::emergency_exit::EmergencyExitLanes;
 use crate::minisim::MinisimLanes;
-use crate::rollout::{RolloutError, check_sizes};
-use crate::{Arena, Description, EmergencyExit, Minisim, ParameterError, Parameters, Simulation};
+use crate::{Arena, Description, EmergencyExit, Minisim, ParameterError, Parameters, RolloutError};
 use serde_json::{Map, Value, json};
 use std::borrow::Cow;
 use std::sync::LazyLock;
-
-type Create = fn() -> Box<dyn Simulation>;
 
 /// What the registry knows of a simulation.
 struct Entry {
     title: &'static str,
     create: Create,
-    evaluate: fn(&Block<'_>, Means, Create) -> Result<Vec<f64>, RolloutError>,
+    evaluate: Evaluate,
     /// Whether sensors and metrics depend on parameters.
     varies: bool,
 }
@@ -26,7 +22,7 @@ const SIMULATIONS: [Entry; 3] = [
     Entry {
         title: "arena",
         create: || Box::<Arena>::default(),
-        evaluate: block::evaluate::<ArenaLanes>,
+        evaluate: swarmwright_arena::evaluate,
         varies: true,
     },
     Entry {
@@ -65,17 +61,24 @@ pub fn described(
     title: &str,
     parameters: &Parameters,
 ) -> Option<Result<Cow<'static, Description>, ParameterError>> {
-    let index = find(title)?;
+    find(title).map(|index| description(index, parameters))
+}
+
+/// As [`described`], by index.
+fn description(
+    index: usize,
+    parameters: &Parameters,
+) -> Result<Cow<'static, Description>, ParameterError> {
     let entry = &SIMULATIONS[index];
-    Some(if entry.varies {
+    if entry.varies {
         (entry.create)().described(parameters).map(Cow::Owned)
     } else {
         Ok(Cow::Borrowed(&DESCRIPTIONS[index]))
-    })
+    }
 }
 
 /// A simulation at the start of an episode with default parameters; None for an unknown title.
-pub fn create(title: &str) -> Option<Box<dyn Simulation>> {
+pub fn create(title: &str) -> Option<Box<dyn crate::Simulation>> {
     find(title).map(|index| (SIMULATIONS[index].create)())
 }
 
@@ -89,23 +92,15 @@ pub fn evaluate(
     block: &Block<'_>,
     means: Means,
 ) -> Option<Result<Vec<f64>, RolloutError>> {
-    let Entry {
-        create, evaluate, ..
-    } = SIMULATIONS[find(title)?];
-    let architecture = block.architecture;
-    if !architecture.steers() {
-        return Some(block::one_by_one(block, means, create));
-    }
-    let fits = described(title, block.parameters)?
-        .map_err(RolloutError::from)
-        .and_then(|description| {
-            check_sizes(
-                &description,
-                architecture.sensors(),
-                architecture.actuators(),
-            )
-        });
-    Some(fits.and_then(|()| evaluate(block, means, create)))
+    let index = find(title)?;
+    let entry = &SIMULATIONS[index];
+    Some(block::evaluate_fitting(
+        block,
+        means,
+        entry.create,
+        entry.evaluate,
+        || description(index, block.parameters),
+    ))
 }
 
 /// A JSON object: title, dimensions, max_agents (null: no limit), sensors, actuators, their names and units,

@@ -1,6 +1,5 @@
 //! The integration tests of this crate as one program: each program links the whole engine anew.
 
-mod arena;
 mod emergency_exit;
 mod emergency_exit_parts;
 mod emergency_exit_vectors;

@@ -16,9 +16,9 @@ use swarmwright_lanes::Lanes;
 
 use crate::ParameterError;
 use crate::block::{Block, LaneWorld};
-use crate::rollout::stopped;
 use prepared::Prepared;
 use room::Room;
+use swarmwright_simulation::rollout::stopped;
 
 /// Two vectors: with four, the agents leave the nearest cache.
 const MOST_LANES: usize = 2 * swarmwright_lanes::MOST_LANES_UNPAIRED;

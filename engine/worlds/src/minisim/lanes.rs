@@ -10,7 +10,7 @@ use super::STEPS;
 use super::settings::Settings;
 use crate::ParameterError;
 use crate::block::{Block, LaneWorld};
-use crate::rollout::stopped;
+use swarmwright_simulation::rollout::stopped;
 
 /// With more defenders every agent looks at all of them in vain; the stepper's grid is faster then.
 const MOST_DEFENDERS: usize = 256;

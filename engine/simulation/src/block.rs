@@ -1,5 +1,6 @@
 //! Blocks of evaluations in this process: candidates x episodes, in lanes and threads.
 
+use std::borrow::Borrow;
 use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -7,8 +8,8 @@ use rayon::prelude::*;
 use swarmwright_controllers::{Architecture, Controller, ControllerError, LaneController};
 use swarmwright_lanes::{Kernel, Lanes, Level, MOST_LANES, Pair};
 
-use crate::rollout::{rollout_until, stopped};
-use crate::{ParameterError, Parameters, RolloutError, Simulation, measure};
+use crate::rollout::{check_sizes, rollout_until, stopped};
+use crate::{Description, ParameterError, Parameters, RolloutError, Simulation, measure};
 
 /// Many controllers of one architecture, each to be run in the same episodes.
 #[derive(Debug, Clone, Copy)]
@@ -103,7 +104,7 @@ impl<'a> Block<'a> {
 }
 
 /// A simulation whose episodes can be computed in lanes, made for the episodes of one block.
-pub(crate) trait LaneWorld: Sync + Sized {
+pub trait LaneWorld: Sync + Sized {
     /// Most vectors of lanes side by side: 1, 2 or 4.
     const MOST_VECTORS: usize;
 
@@ -126,6 +127,9 @@ pub(crate) trait LaneWorld: Sync + Sized {
     type Room<L: Lanes>;
 
     /// Checks the parameters of every episode; none where lanes do not pay or are not possible.
+    ///
+    /// # Errors
+    /// A parameter that the simulation refuses.
     fn new(block: &Block<'_>) -> Result<Option<Self>, ParameterError>;
 
     /// Room for lanes.
@@ -190,7 +194,7 @@ fn side_by_side<L: Lanes, W: LaneWorld>(
 /// Evaluates episodes from `first` on, as many as `results` has room for, a vector of lanes at a time; false as soon as a
 /// weight is not a finite number.
 #[inline(always)]
-pub(crate) fn groups<L: Lanes, W: LaneWorld>(
+pub fn groups<L: Lanes, W: LaneWorld>(
     world: &W,
     block: &Block<'_>,
     first: usize,
@@ -303,10 +307,13 @@ fn in_parts(
 }
 
 /// Evaluates a block in lanes, or one episode at a time where lanes are not wanted or do not pay.
-pub(crate) fn evaluate<W: LaneWorld>(
+///
+/// # Errors
+/// Parameters that the simulation refuses, weights that are no numbers.
+pub fn evaluate<W: LaneWorld>(
     block: &Block<'_>,
     means: Means,
-    create: fn() -> Box<dyn Simulation>,
+    create: Create,
 ) -> Result<Vec<f64>, RolloutError> {
     let world = W::new(block)?;
     let level = means
@@ -339,11 +346,43 @@ pub(crate) fn evaluate<W: LaneWorld>(
     one_by_one(block, means, create)
 }
 
-/// Evaluates a block one episode at a time.
-pub(crate) fn one_by_one(
+/// Makes a simulation at the start of an episode with default parameters.
+pub type Create = fn() -> Box<dyn Simulation>;
+
+/// Evaluates a block of controllers that fit the simulation.
+pub type Evaluate = fn(&Block<'_>, Means, Create) -> Result<Vec<f64>, RolloutError>;
+
+/// Evaluates a block with `evaluate`, or one episode at a time where its controllers do not steer.
+///
+/// # Errors
+/// Parameters that the simulation refuses, controllers that do not fit its `description`.
+pub fn evaluate_fitting<D: Borrow<Description>>(
     block: &Block<'_>,
     means: Means,
-    create: fn() -> Box<dyn Simulation>,
+    create: Create,
+    evaluate: Evaluate,
+    description: impl FnOnce() -> Result<D, ParameterError>,
+) -> Result<Vec<f64>, RolloutError> {
+    let architecture = block.architecture;
+    if !architecture.steers() {
+        return one_by_one(block, means, create);
+    }
+    check_sizes(
+        description()?.borrow(),
+        architecture.sensors(),
+        architecture.actuators(),
+    )?;
+    evaluate(block, means, create)
+}
+
+/// Evaluates a block one episode at a time.
+///
+/// # Errors
+/// Parameters that the simulation refuses, controllers that do not fit it.
+pub fn one_by_one(
+    block: &Block<'_>,
+    means: Means,
+    create: Create,
 ) -> Result<Vec<f64>, RolloutError> {
     let parameters: Vec<Parameters> = (0..block.seeds.len())
         .map(|episode| block.parameters_of(episode))

@@ -2,7 +2,7 @@
 
 use swarmwright_lanes::{Lanes, Mask, Number, number};
 
-use crate::counter::uniform;
+use swarmwright_simulation::counter::uniform;
 
 /// The stream of random numbers of colours.
 const COLORS: u64 = 0x636F_6C6F_7273;

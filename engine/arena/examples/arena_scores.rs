@@ -2,8 +2,9 @@
 //! `weights` by the name of the controller; prints a JSON list, an objective for each seed from 1 on.
 
 use serde_json::{Value, json};
+use swarmwright_arena::Arena;
 use swarmwright_controllers::{Architecture, Controller};
-use swarmwright_worlds::{create, rollout};
+use swarmwright_simulation::rollout;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let arguments: Vec<String> = std::env::args().collect();
@@ -15,7 +16,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let architecture = json!({"kind": "evostick", "version": 1, "sensors": 24, "actuators": 2});
     let architecture = Architecture::from_json(&architecture.to_string())?;
     let controller = Controller::with_weights(&architecture.into(), weights.into())?;
-    let mut arena = create("arena").ok_or("no arena")?;
+    let mut arena = Arena::default();
     let mut parameters: Value = match more {
         [text, ..] => serde_json::from_str(text)?,
         [] => json!({}),
@@ -27,7 +28,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let parameters = parameters
             .as_object()
             .ok_or("parameters: expected an object")?;
-        scores.push(rollout(&mut *arena, parameters, &controller)?);
+        scores.push(rollout(&mut arena, parameters, &controller)?);
     }
     println!("{}", json!(scores));
     Ok(())

@@ -19,21 +19,30 @@ mod settings;
 mod start;
 mod swarm;
 
-use crate::simulation::texts;
-use crate::{
-    Block, Body, Description, Determinism, Means, MetricInfo, ParameterError, ParameterInfo,
-    Parameters, RolloutError, Scene, Simulation,
-};
-pub(crate) use lanes::ArenaLanes;
+use lanes::ArenaLanes;
 use metrics::Tally;
 use settings::{MOST_ROBOTS, Settings};
 use swarm::Swarm;
+use swarmwright_simulation::block::{self, Create};
+use swarmwright_simulation::simulation::texts;
+use swarmwright_simulation::{
+    Block, Body, Description, Determinism, Means, MetricInfo, ParameterError, ParameterInfo,
+    Parameters, RolloutError, Scene, Simulation,
+};
 
 /// Wheels: left and right.
 const ACTUATORS: usize = 2;
 
 /// Walls are shown as points that are this far apart, metres.
 const WALL_POINTS: f32 = 0.05;
+
+/// Evaluates a block of controllers that fit the robots.
+///
+/// # Errors
+/// Parameters that are refused, weights that are no numbers.
+pub fn evaluate(block: &Block<'_>, means: Means, create: Create) -> Result<Vec<f64>, RolloutError> {
+    block::evaluate::<ArenaLanes>(block, means, create)
+}
 
 /// The simulation; see the module for its arithmetic.
 pub struct Arena {
@@ -205,7 +214,15 @@ impl Simulation for Arena {
         block: &Block<'_>,
         means: Means,
     ) -> Option<Result<Vec<f64>, RolloutError>> {
-        crate::evaluate("arena", block, means)
+        let description = || self.described(block.parameters);
+        let create = || Box::<Self>::default() as Box<dyn Simulation>;
+        Some(block::evaluate_fitting(
+            block,
+            means,
+            create,
+            evaluate,
+            description,
+        ))
     }
 
     fn duplicate(&self) -> Option<Box<dyn Simulation>> {

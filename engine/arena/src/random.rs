@@ -6,7 +6,7 @@
 
 use swarmwright_lanes::{Int, Lanes, Number, number};
 
-use crate::counter::splitmix;
+use swarmwright_simulation::counter::splitmix;
 
 /// What the numbers of a robot are for. Each purpose has four 32-bit words.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -284,7 +284,8 @@ pub trait Simulation: Send {
 }
 
 /// Names or units in the form of [`Simulation::sensor_names`].
-pub(crate) fn texts(texts: &[&str]) -> Vec<String> {
+#[must_use]
+pub fn texts(texts: &[&str]) -> Vec<String> {
     texts.iter().map(|text| (*text).to_owned()).collect()
 }
 

@@ -9,9 +9,9 @@ use super::metrics::Tally;
 use super::settings::Settings;
 use super::start::Pose;
 use super::swarm::Swarm;
-use crate::ParameterError;
-use crate::block::{Block, LaneWorld, groups};
-use crate::rollout::stopped;
+use swarmwright_simulation::ParameterError;
+use swarmwright_simulation::block::{Block, LaneWorld, groups};
+use swarmwright_simulation::rollout::stopped;
 
 /// With more robots the stepper's cells are faster than vectors that look at all others.
 const MOST_IN_LANES: usize = 64;

@@ -8,7 +8,7 @@ use serde_json::Value;
 pub struct ParameterReader<'a>(&'a Parameters);
 
 /// A complaint about one parameter.
-pub(crate) fn wrong(name: &str, reason: impl Into<String>) -> ParameterError {
+pub fn wrong(name: &str, reason: impl Into<String>) -> ParameterError {
     ParameterError {
         name: name.to_owned(),
         reason: reason.into(),

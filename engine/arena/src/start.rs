@@ -5,7 +5,7 @@ use swarmwright_controllers::functions::{cos_pi, sin_pi};
 use super::contacts::to_face;
 use super::place::Place;
 use super::robot::Robot;
-use crate::counter::uniform;
+use swarmwright_simulation::counter::uniform;
 
 /// Where a robot stands and looks.
 #[derive(Debug, Clone, Copy, PartialEq)]

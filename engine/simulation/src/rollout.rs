@@ -65,7 +65,10 @@ struct AgentControllers {
 }
 
 /// Whether a controller of these sizes fits a simulation.
-pub(crate) fn check_sizes(
+///
+/// # Errors
+/// [`RolloutError::Mismatch`] where it does not.
+pub fn check_sizes(
     description: &Description,
     sensors: usize,
     actuators: usize,
@@ -178,7 +181,8 @@ pub fn rollout_until(
 }
 
 /// Whether results are not wanted any more.
-pub(crate) fn stopped(stop: Option<&AtomicBool>) -> bool {
+#[must_use]
+pub fn stopped(stop: Option<&AtomicBool>) -> bool {
     stop.is_some_and(|stop| stop.load(Ordering::Relaxed))
 }
 

@@ -8,8 +8,8 @@ use serde_json::Value;
 use super::metrics::Metric;
 use super::place::{Face, Light, Patch, Place, Shape};
 use super::start::Start;
-use crate::ParameterError;
-use crate::parameters::wrong;
+use swarmwright_simulation::ParameterError;
+use swarmwright_simulation::parameters::wrong;
 
 /// Built-in missions: a file each.
 const MISSIONS: [(&str, &str); 14] = [

@@ -6,8 +6,8 @@ use super::mission::Mission;
 use super::random::MOST_TICKS;
 use super::robot::Robot;
 use super::start::{self, Pose};
-use crate::parameters::wrong;
-use crate::{ParameterError, ParameterInfo, ParameterReader, Parameters};
+use swarmwright_simulation::parameters::wrong;
+use swarmwright_simulation::{ParameterError, ParameterInfo, ParameterReader, Parameters};
 
 /// Most robots.
 pub(super) const MOST_ROBOTS: u32 = 100_000;

@@ -2,8 +2,9 @@
 #![allow(clippy::unwrap_used)] // helpers of tests
 
 use serde_json::{Value, json};
+use swarmwright_arena::Arena;
 use swarmwright_controllers::{Architecture, Controller};
-use swarmwright_worlds::{Arena, Scene, Simulation, rollout};
+use swarmwright_simulation::{Scene, Simulation, rollout};
 
 fn arena(parameters: &Value) -> Result<Arena, String> {
     let mut arena = Arena::default();

@@ -1,0 +1,3 @@
+//! The integration tests of this crate as one program: each program links the whole engine anew.
+
+mod arena;
