@@ -26,6 +26,7 @@ METHODS = [
     "openai_es",
     "pgpe",
     "pso",
+    "racing",
     "random_search",
     "sep_cma_es",
     "snes",

@@ -14,6 +14,7 @@ import click
 from swarmwright.cli._observing import Observing, observed
 from swarmwright.cli._output import Output, complain
 from swarmwright.cli._progress import Progress, progress
+from swarmwright.cli._runs import saved_lines
 from swarmwright.cli._signals import INTERRUPTED, check
 from swarmwright.cli._validation import unseen_facts, validation_facts, validation_lines
 from swarmwright.core.formatting import duration
@@ -167,6 +168,7 @@ def _conclude(output: Output, run: "Run") -> None:
             "seconds": run.seconds,
             "run": str(run.path),
         }
+        | ({"episodes_saved": run.episodes_saved} if run.episodes_saved else {})
         | ({} if unseen is None else {"unseen": unseen_facts(unseen)})
         | ({} if validation is None else {"validation": validation_facts(validation)})
     )
@@ -177,6 +179,8 @@ def _conclude(output: Output, run: "Run") -> None:
     whose = f"generation {best.generation}, candidate {best.candidate}, both from 0"
     output.text(f"Best fitness {best.fitness + 0.0:.6g} ({whose}).")
     for line in () if validation is None else validation_lines(validation):
+        output.text(line)
+    for line in saved_lines(run):
         output.text(line)
     values = best.controller.parameters
     if values:

@@ -1,5 +1,6 @@
 """Output of the commands of `swarmwright runs`."""
 
+from collections.abc import Iterator
 from datetime import datetime
 from typing import TYPE_CHECKING, Any
 
@@ -91,6 +92,7 @@ def describe(output: Output, run: "Run") -> None:
         | {
             "best": best,
             "ended": run.ended,
+            "episodes_saved": run.episodes_saved,
             "unseen": None if unseen is None else unseen_facts(unseen),
             "validation": None if validation is None else validation_facts(validation),
             "digest": run.digest,
@@ -154,6 +156,8 @@ def _summary(output: Output, run: "Run", facts: dict[str, Any]) -> None:
     output.text(
         f"  {run.generations}{whole} generations, {run.evaluations} evaluations, {duration(run.seconds)}"
     )
+    for line in saved_lines(run):
+        output.text(f"  {line[0].lower()}{line[1:]}".removesuffix("."))
     if run.ended is not None:
         output.text(f"  ended since {run.experiment.budget.words(run.ended)}")
     if run.experiment.method.operation == "steady_state":
@@ -172,6 +176,16 @@ def _summary(output: Output, run: "Run", facts: dict[str, Any]) -> None:
     if run.validation_is_due and facts["state"] in {"done", "stopped"}:
         output.text("  its best candidates are not validated yet: `swarmwright resume` goes on with that")
     output.text(f"  record SHA-256 {run.digest}")
+
+
+def saved_lines(run: "Run") -> Iterator[str]:
+    """Yield a line: how many episodes races have saved; none where there were no races."""
+    from swarmwright.rankings.race import RaceOptions
+
+    if isinstance(run.experiment.ranking, RaceOptions):
+        every, saved = run.evaluations * run.experiment.ranking.episodes, run.episodes_saved
+        share = 100 * saved / max(every, 1)
+        yield f"Races saved {saved:,} of {every:,} episodes ({share:.0f} %), of clearly worse candidates."
 
 
 def verified_line(output: Output, run: "Path", found: "Verified") -> None:

@@ -19,7 +19,9 @@ def validation_lines(found: "Validation") -> Iterator[str]:
         return
     options = best.ranking.options
     made_of = f"generation {best.generation}"
-    if not options.reevaluate:
+    if found.by_instance:
+        made_of = f"the mean of its instances up to generation {best.generation}"
+    elif not options.reevaluate:
         made_of = f"{_episodes(options.episodes)} of {made_of}"
     failed = f", of which {best.failed} failed" if best.failed else ""
     yield (

@@ -23,6 +23,7 @@ from swarmwright.experiment.start_from import entries, genomes_of
 from swarmwright.methods import METHODS, MethodOptions
 from swarmwright.plug_ins import REGISTRIES
 from swarmwright.rankings import RankingOptions
+from swarmwright.rankings.race import RaceOptions
 from swarmwright.representations import Representation
 from swarmwright.representations.parameter_set import ParameterSetOptions
 from swarmwright.simulations import catalogue
@@ -221,6 +222,9 @@ def _check_reevaluation(checked: Checked, report: Report) -> None:
     ranking, method = checked.get("ranking"), checked.get("method")
     if not (isinstance(ranking, RankingOptions) and isinstance(method, MethodOptions)):
         return
+    kind: str = method.kind  # type: ignore[attr-defined] # every kind's options have it
+    if isinstance(ranking, RaceOptions):
+        _check_race(method, kind, report)
     if method.operation == "steady_state":
         for key, unwanted in (("reevaluate", ranking.reevaluate), ("seeds", ranking.seeds == "new")):
             if unwanted:
@@ -230,13 +234,23 @@ def _check_reevaluation(checked: Checked, report: Report) -> None:
                     "take operation: generational",
                 )
         return
-    kind: str = method.kind  # type: ignore[attr-defined] # every kind's options have it
     if ranking.reevaluate and not METHODS.get(kind).keeps_members:
         report(
             ("ranking", "reevaluate"),
             f"{kind} keeps no members from one generation to the next, so there are none to evaluate again; "
             "leave the key out, or take a method that does, such as nnga",
         )
+
+
+def _check_race(method: MethodOptions, kind: str, report: Report) -> None:
+    """Check that there are generations of candidates that can race."""
+    if method.operation == "steady_state":
+        reason = "in steady state there is no generation to race; take operation: generational"
+    elif METHODS.get(kind).by_instance:
+        reason = f"{kind} races its candidates itself, over many generations"
+    else:
+        return
+    report(("ranking", "kind"), f"{reason}, or take kind: absolute")
 
 
 def _as_written(path: Path_, message: str, values: Any) -> Path_:  # noqa: ANN401 - any values of a file

@@ -17,6 +17,7 @@ METHODS: Registry[Method] = Registry(
         "openai_es": "swarmwright.methods.openai_es:OpenaiEs",
         "pgpe": "swarmwright.methods.pgpe:Pgpe",
         "pso": "swarmwright.methods.pso:Pso",
+        "racing": "swarmwright.methods.racing:Racing",
         "random_search": "swarmwright.methods.random_search:RandomSearch",
         "sep_cma_es": "swarmwright.methods.sep_cma_es:SepCmaEs",
         "snes": "swarmwright.methods.snes:Snes",

@@ -3,7 +3,7 @@
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,6 +63,14 @@ class MethodOptions(Options):
         )
 
 
+class Incumbent(NamedTuple):
+    """The candidate that a method takes for the best."""
+
+    evaluation: int
+    """Number of its last evaluation in the whole run, from 0."""
+    fitness: float
+
+
 class Method(SteadyState):
     """Optimization is a conversation: `ask` for genomes, evaluate them in any way, `tell` their fitness.
 
@@ -97,6 +105,12 @@ class Method(SteadyState):
     """How it starts from given controllers, see `start_from`. members: they are among its first candidates,
     which come from `initials` or `initial_of`. center: its distribution begins at the first one, `start[0]`.
     None: it cannot."""
+    by_instance: ClassVar[bool] = False
+    """Whether it asks for the same candidates again on one instance after the other, see `instance`. Its
+    record has their mean so far as fitness, and its best candidate is `incumbent`."""
+    spreads_evaluations: ClassVar[bool] = False
+    """Whether what it asks for depends on `evaluations` of the options from the start, so that a run with
+    more of them would be another one."""
     libraries: ClassVar[tuple[str, ...]] = ()
     """Packages that the method computes with, besides NumPy; the record of a run names their versions."""
     generational_because: ClassVar[str] = "it learns from whole generations"
@@ -117,6 +131,8 @@ class Method(SteadyState):
         """Candidates told so far."""
         self.done = False
         """Whether the budget is used up or the target is reached."""
+        self.reached = False
+        """Whether the target is reached; not in steady state."""
         self.start: Genomes = np.empty((0, representation.genome_size), dtype=np.float32)
         """Genomes to start from, (k, genome_size); none unless `start_from` was called."""
         self._asked: Genomes | None = None
@@ -206,6 +222,29 @@ class Method(SteadyState):
         """What all genomes asked for last were made from, where servers can make them from it, too."""
         return None
 
+    @property
+    def instance(self) -> int:
+        """Number, from 0, of the seeds for those asked for, where generations have new ones.
+
+        Default: the generation. With `by_instance` the seeds are new in any case.
+        """
+        return self.generation
+
+    @property
+    def contenders(self) -> int:
+        """With `by_instance`: candidates that may be the best one, among them those asked for."""
+        return 0
+
+    @property
+    def told_means(self) -> Fitness:
+        """With `by_instance`: mean fitness on all instances so far of those told last, in their order."""
+        raise NotImplementedError
+
+    @property
+    def incumbent(self) -> Incumbent | None:
+        """With `by_instance`: the best candidate after the last `tell`; None when all have failed."""
+        raise NotImplementedError
+
     def kept(self) -> Genomes:
         """Return the members that stay, (k, genome_size), after `ask`; none with most methods.
 
@@ -234,10 +273,14 @@ class Method(SteadyState):
         self._asked = None
         self.evaluations += len(values)
         target = self.options.target
-        reached = target is not None and bool((values >= target).any())
-        self.done = reached or self._exhausted()
+        self.reached = target is not None and self._reaches(values, target)
+        self.done = self.reached or self._exhausted()
         if not self.done:
             self.generation += 1
+
+    def _reaches(self, values: Fitness, target: float) -> bool:
+        """Return whether the target is reached with the fitness told last."""
+        return bool((values >= target).any())
 
     def _rescore(self, fitness: Fitness) -> None:
         """Take new fitness of the members that stay; finite or NaN. Methods that keep members have it."""

@@ -21,7 +21,7 @@ def center_and_reach(representation: Representation) -> tuple[NDArray[np.float64
 
 
 DISCRETE = (
-    "its genes are choices, not numbers to compute with; take nnga, cea2d or random_search, "
+    "its genes are choices, not numbers to compute with; take nnga, cea2d, racing or random_search, "
     "which leave variation to the representation"
 )
 """Why methods that add and scale genes refuse a representation that is not continuous."""

@@ -23,7 +23,9 @@ from swarmwright.methods import Method
 from swarmwright.methods._search import SearchMethod
 from swarmwright.optimization.ahead import Ahead, Produced, can_be_ahead
 from swarmwright.optimization.memory import LARGE, candidates, progress
+from swarmwright.optimization.raced import race
 from swarmwright.rankings._base import Ranking
+from swarmwright.rankings.race import Race
 from swarmwright.representations import Representation
 from swarmwright.store import Evaluated, Journal, StoreReader, StoreWriter
 from swarmwright.typing import Fitness, Genomes
@@ -144,6 +146,8 @@ class Loop:
         target, most = self._method.options.target, self._budget.evaluations
         if self._method.done:
             reached = target is not None and self._best_seen >= target
+            if self._method.by_instance:
+                reached = self._method.reached
             return "target" if reached else self._used_up()
         if self._evaluations == 0:
             return None
@@ -153,6 +157,9 @@ class Loop:
 
     def _used_up(self) -> Ended:
         """Return which budget a method that is done has used."""
+        last = self._budget.generations
+        if self._method.by_instance and (last is None or self._method.generation + 1 < last):
+            return "evaluations"
         return "generations"
 
     def _fits(self, most: int) -> bool:
@@ -258,12 +265,11 @@ class Loop:
             self._check_first(len(genomes))
             self._announce(backend, number)
             self._say(f"generation {number}: evaluating {len(genomes):,} candidates")
-            results = backend.evaluate(
-                Controllers.of(self._representation, genomes, self._method.sample),
-                seeds,
-                watched,
-                self._store_last,
-            )
+            controllers = Controllers.of(self._representation, genomes, self._method.sample)
+            if isinstance(self._ranking, Race):
+                results = race(self._ranking, backend, controllers, seeds, watched, self._store_last)
+            else:
+                results = backend.evaluate(controllers, seeds, watched, self._store_last)
             self._say(f"generation {number}: ranking and storing them")
             with self._kept(number, results.journal):
                 told = self._tell(genomes, seeds, results)
@@ -365,6 +371,8 @@ class Loop:
         self._asked = len(genomes)
         if self._ranking.options.reevaluate:
             genomes = np.concatenate([genomes, self._method.kept()])
+        if self._method.by_instance:
+            return genomes, self._ranking.seeds_of(self._first_seed, self._method.instance)
         return genomes, self._ranking.seeds(self._first_seed, number)
 
     def _announce(
@@ -392,6 +400,8 @@ class Loop:
         self._check(fitness, number)
         kept = fitness[self._asked :] if self._ranking.options.reevaluate else None
         self._method.tell(fitness[: self._asked], kept)
+        if self._method.by_instance:
+            fitness = self._method.told_means
         population = self._method.population_fitness
         return self._told(number, seeds, Produced.of(genomes, results, fitness, population))
 
@@ -410,7 +420,7 @@ class Loop:
 
     def _check(self, fitness: Fitness, generation: int) -> None:
         failed = np.flatnonzero(np.isnan(fitness))
-        if len(failed) == len(fitness):
+        if len(failed) == len(fitness) >= self._method.contenders:
             raise RunError(f"every candidate of generation {generation} failed")
         if len(failed) and self._ranking.options.failed == "stop":
             raise RunError(
@@ -419,6 +429,11 @@ class Loop:
 
     def _lead(self, found: Produced) -> None:
         """Note the best evaluation so far; with re-evaluation, of this generation."""
+        if self._method.by_instance:
+            incumbent = self._method.incumbent
+            if incumbent is not None:
+                self._best_so_far, self._leader = incumbent.fitness, incumbent.evaluation
+            return
         value = float(found.fitness[found.leader])
         self._best_seen = max(self._best_seen, value)
         if value > self._best_so_far or self._ranking.options.reevaluate:

@@ -12,6 +12,7 @@ from swarmwright.core.errors import InputError, RunError
 from swarmwright.evaluation.base import Backend, Progress, Servers
 from swarmwright.evaluation.opening import open_backend
 from swarmwright.experiment.experiment import ELSEWHERE, Experiment
+from swarmwright.methods import METHODS
 from swarmwright.optimization.loop import Generation, Loop, OnGeneration
 from swarmwright.optimization.memory import check_memory, stored
 from swarmwright.optimization.notebook_progress import shown
@@ -327,6 +328,11 @@ def prolonged(
     old = experiment.method
     if new.method.model_dump(exclude=set(limits)) != old.model_dump(exclude=set(limits)):
         raise InputError("method: only its budget can be changed: generations, evaluations, seconds")
+    if METHODS.get(old.kind).spreads_evaluations and limits["evaluations"] != experiment.budget.evaluations:  # type: ignore[attr-defined] # every kind's options have it
+        raise InputError(
+            "method.evaluations: cannot be changed, because the method has planned the whole run with them; "
+            f"begin a new run with more, from the best of this one: --set start_from={run.path}"
+        )
     used = {"generations": run.generations, "evaluations": run.evaluations, "seconds": 0}
     for name, before in vars(experiment.budget).items():
         if limits[name] is not None and limits[name] < (used[name] if before is None else before):

@@ -8,7 +8,10 @@ __all__ = ["RANKINGS", "Ranking", "RankingOptions"]
 RANKINGS: Registry[Ranking] = Registry(
     "ranking",
     "swarmwright.rankings",
-    {"absolute": "swarmwright.rankings.absolute:Absolute"},
+    {
+        "absolute": "swarmwright.rankings.absolute:Absolute",
+        "race": "swarmwright.rankings.race:Race",
+    },
     "swarmwright.rankings:Ranking",
 )
 """All rankings, by the `kind` of an experiment's `ranking`."""

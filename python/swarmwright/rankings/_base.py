@@ -52,7 +52,11 @@ class Ranking(ABC):
 
     def seeds(self, first: int, generation: int = 0) -> list[int]:
         """Return the simulation seed of each episode; `first` is the experiment's parameters.seed."""
-        begin = first if self.options.seeds == "same" else first + generation * self.options.episodes
+        return self.seeds_of(first, 0 if self.options.seeds == "same" else generation)
+
+    def seeds_of(self, first: int, number: int) -> list[int]:
+        """Return the seeds of each number from 0 on, which have none in common; see `seeds`."""
+        begin = first + number * self.options.episodes
         return [begin + episode for episode in range(self.options.episodes)]
 
     def score(self, episodes: NDArray[np.float64], genomes: NDArray[np.float32] | None = None) -> Fitness:

@@ -12,12 +12,14 @@ from swarmwright.typing import Genome, Genomes, Limits
 
 MANY = 1 << 22
 """So many numbers may be drawn at once: they take 32 MB."""
+_DRAWS = 16
+"""A number beyond its bounds is drawn again so often; then the bound counts."""
 FEW = 1 << 15
 """So many are computed with at once: arrays of them stay in the processor's caches."""
 
 _MADE_OF = {
     "initial": {"initials"},
-    "mutate": {"mutations"},
+    "mutate": {"mutations", "perturbations"},
     "crossover": {"crossovers", "matings"},
     "crossovers": {"matings"},
     "distance": {"distances", "distances_among", "matings"},
@@ -160,6 +162,48 @@ class Representation(ABC):
             ]
         )
 
+    def perturbations(
+        self,
+        parents: Genomes,
+        streams: Streams,
+        *,
+        spread: NDArray[np.float64],
+        fresh: NDArray[np.float64],
+    ) -> Genomes:
+        """Return a genome around each of n parents, as iterated racing samples them.
+
+        By default numbers come from a normal distribution around the parent's, within `bounds`. Genes that
+        are choices are mutated with the probability `fresh` and the severity `spread`.
+
+        Args:
+            parents: (n, genome_size).
+            streams: one for each parent.
+            spread: (n,), 0 to 1: the standard deviation of numbers, as a share of half of `initial_range`.
+            fresh: (n,), 0 to 1: the probability with which a choice is drawn anew.
+        """
+        if self.continuous:
+            low, high = self.initial_range
+            return around(parents, streams, spread[:, np.newaxis] * (high / 2 - low / 2), self.bounds)
+        rows = zip(parents, streams, spread.tolist(), fresh.tolist(), strict=True)
+        return self._rows(
+            [
+                self.mutate(parent, stream, severity=severity, probability=probability)
+                for parent, stream, severity, probability in rows
+            ]
+        )
+
+    def likeness(self, genomes: Genomes) -> NDArray[np.float64]:
+        """Return numbers by which genomes are compared: those of equal controllers are equal.
+
+        Args:
+            genomes: (n, genome_size).
+
+        Returns:
+            (n, numbers). By default genes, in units of their initial range where they are numbers.
+        """
+        low, high = self.initial_range
+        return genomes.astype(np.float64) / ((high - low) if self.continuous else 1.0)
+
     def crossovers(self, mothers: Genomes, fathers: Genomes, streams: Streams) -> Genomes:
         """Return a child of each of n pairs, made with the stream of the same index; see `mutations`."""
         pairs = zip(mothers, fathers, streams, strict=True)
@@ -200,6 +244,25 @@ class Representation(ABC):
 
     def _rows(self, genomes: list[Genome]) -> Genomes:
         return np.array(genomes, dtype=np.float32).reshape(len(genomes), self.genome_size)
+
+
+def around(centers: Genomes, streams: Streams, deviations: NDArray[np.float64], bounds: Limits) -> Genomes:
+    """Return numbers of normal distributions, drawn again while they are beyond the bounds.
+
+    Args:
+        centers: (n, numbers), within the bounds.
+        streams: one for each row.
+        deviations: standard deviations, (n, numbers).
+        bounds: lowest and highest values, (numbers,) each.
+    """
+    (lower, upper), begin = bounds, centers.astype(np.float64)
+    found = begin + deviations * streams.normals(centers.shape[1])
+    for _ in range(_DRAWS):
+        beyond = (found < lower) | (found > upper)
+        if not beyond.any():
+            break
+        found = np.where(beyond, begin + deviations * streams.normals(centers.shape[1]), found)
+    return np.clip(found, lower, upper).astype(np.float32)
 
 
 def in_parts(count: int, each: int) -> list[slice]:

@@ -14,7 +14,7 @@ from swarmwright.core.automode import machine_of
 from swarmwright.core.errors import InputError
 from swarmwright.core.modules import OF_STATE, OF_TRANSITION, RANGES
 from swarmwright.core.options import Options
-from swarmwright.core.random_numbers import Stream
+from swarmwright.core.random_numbers import Stream, Streams
 from swarmwright.core.yaml import read
 from swarmwright.representations._base import Representation, in_parts
 from swarmwright.typing import Genome, Genomes, Limits
@@ -22,6 +22,11 @@ from swarmwright.typing import Genome, Genomes, Limits
 _MOST_CHANGES = 8
 """Of one mutation."""
 _BEHAVIOURS, _CONDITIONS = len(modules.BEHAVIOURS), len(modules.CONDITIONS)
+_HAS_RWM, _HAS_ALPHA = (
+    np.array([modules.BEHAVIOUR_PARAMETERS.get(one) == name for one in modules.BEHAVIOURS])
+    for name in ("rwm", "alpha")
+)
+_COUNTS_NEIGHBOURS = np.array(["xi" in modules.CONDITION_PARAMETERS[one] for one in modules.CONDITIONS])
 
 
 class ModulesOptions(Options):
@@ -235,6 +240,54 @@ class Modules(Representation):
             self._change(mutant, stream, severity)
             chance = severity
         return mutant.astype(np.float32)
+
+    def perturbations(
+        self,
+        parents: Genomes,
+        streams: Streams,
+        *,
+        spread: NDArray[np.float64],
+        fresh: NDArray[np.float64],
+    ) -> Genomes:
+        """Return each machine after 1 to 8 changes.
+
+        After a change there is another one with the probability `fresh`, and parameters move by up to
+        `spread` times their range.
+        """
+        made = []
+        rows = zip(parents, streams, spread.tolist(), fresh.tolist(), strict=True)
+        for parent, stream, severity, chance in rows:
+            genome = parent.astype(np.float64)
+            for _ in range(_MOST_CHANGES):
+                self._change(genome, stream, severity)
+                if stream.unit(1)[0] >= chance:
+                    break
+            made.append(genome.astype(np.float32))
+        return self._rows(made)
+
+    def likeness(self, genomes: Genomes) -> NDArray[np.float64]:
+        """Return the machines' numbers in units of their ranges, choices as they are, those not used as 0."""
+        weights = self.weights(genomes).astype(np.float64)
+        lower, upper = self.bounds
+        ranges = upper - lower
+        ranges[self._choices] = 1.0
+        used = np.zeros(weights.shape, dtype=np.bool_)
+        used[:, 0] = True
+        rows = self._rows_of(weights)
+        there = np.arange(self.options.states) < weights[:, :1]
+        parts = used[:, 1:].reshape(len(weights), self.options.states, self._width)
+        behaviours = rows[..., 0].astype(np.int64)
+        parts[..., 0] = parts[..., 3] = there
+        parts[..., 1] = there & _HAS_RWM[behaviours]
+        parts[..., 2] = there & _HAS_ALPHA[behaviours]
+        for k in range(self.options.transitions):
+            at = OF_STATE + k * OF_TRANSITION
+            taken = there & (rows[..., 3] > k)
+            neighbours = _COUNTS_NEIGHBOURS[rows[..., at + 1].astype(np.int64)]
+            parts[..., at] = parts[..., at + 1] = taken
+            parts[..., at + 2] = taken & ~neighbours
+            parts[..., at + 3] = parts[..., at + 4] = taken & neighbours
+        return np.where(used, weights / ranges, 0.0)
 
     def _change(self, genome: NDArray[np.float64], stream: Stream, severity: float) -> None:
         """Make one change, in place: one of all that are possible."""

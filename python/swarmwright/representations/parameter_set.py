@@ -12,7 +12,7 @@ from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
 from swarmwright.core.options import Options
 from swarmwright.core.problems import shown
 from swarmwright.core.random_numbers import Stream, Streams
-from swarmwright.representations._base import Representation, in_parts
+from swarmwright.representations._base import Representation, around, in_parts
 from swarmwright.typing import Genome, Genomes, Limits
 
 _LARGEST_INTEGER = 1 << 24
@@ -215,6 +215,24 @@ class ParameterSet(Representation):
         moved = np.where(categorical, (another + 0.5) / many, np.clip(moved, 0, 1))
         rate = np.where(categorical, probability * severity, probability)
         return np.where(which < rate, moved, genomes).astype(np.float32)
+
+    def perturbations(
+        self, parents: Genomes, streams: Streams, *, spread: Numbers, fresh: Numbers
+    ) -> Genomes:
+        """Return a genome around each parent: numbers by a normal distribution, categoricals drawn anew."""
+        drawn = [streams.units(self.genome_size) for _ in range(2)]
+        numbers = around(
+            parents, streams, np.repeat(spread[:, np.newaxis] / 2, self.genome_size, axis=1), self.bounds
+        )
+        many = np.maximum(self._categories, 1)
+        another = (np.floor(drawn[1] * many) + 0.5) / many
+        chosen = np.where(drawn[0] < fresh[:, np.newaxis], another, parents)
+        return np.where(self._categories > 0, chosen, numbers).astype(np.float32)
+
+    def likeness(self, genomes: Genomes) -> Numbers:
+        """Return genes of numbers and indices of categoricals."""
+        genes, choices = genomes.astype(np.float64), self._categories
+        return np.where(choices > 0, _part(genes, np.maximum(choices, 1)), genes)
 
     def crossover(self, mother: Genome, father: Genome, stream: Stream) -> Genome:
         """Return a mixture of both, see the class."""

@@ -12,6 +12,7 @@ from swarmwright.core.html import facts, picture, png_of
 from swarmwright.core.statistics import Summary
 from swarmwright.experiment.budget import Ended
 from swarmwright.experiment.experiment import Experiment
+from swarmwright.rankings.race import RaceOptions
 from swarmwright.representations.controller import Controller
 from swarmwright.runs.export import write_table
 from swarmwright.store import Attempt, Evaluation, Event, Session, StoreReader
@@ -140,6 +141,11 @@ class Run:
         from swarmwright.runs.validation import of_run
 
         return of_run(self) if self.generations else None
+
+    @cached_property
+    def episodes_saved(self) -> int:
+        """Episodes that candidates did not go through because a race had dropped them: `ranking: race`."""
+        return self.store.episodes_left_out() if isinstance(self.experiment.ranking, RaceOptions) else 0
 
     @property
     def validation_is_due(self) -> bool:

@@ -23,6 +23,7 @@ from swarmwright.core.statistics import Estimate, estimate
 from swarmwright.evaluation.base import Backend, Progress
 from swarmwright.experiment.document import AUTO
 from swarmwright.experiment.experiment import Experiment
+from swarmwright.methods import METHODS
 from swarmwright.rankings import Ranking
 from swarmwright.runs.post_evaluation import (
     EPISODES,
@@ -60,6 +61,8 @@ class Validation:
     never empty."""
     depends_on_seed: bool
     """Whether fitness depends on the seed, as far as it was tried; if not, the trial was all."""
+    by_instance: bool = False
+    """Whether recorded fitness is the mean of a candidate's generations so far, one instance in each."""
 
     @property
     def best(self) -> PostEvaluation:
@@ -114,11 +117,12 @@ class Validation:
         write_text(path, "\n".join([*lines, ""]))
 
     @classmethod
-    def of_store(cls, values: dict[str, Any], ranking: Ranking) -> Self:
+    def of_store(cls, values: dict[str, Any], ranking: Ranking, *, by_instance: bool = False) -> Self:
         """Return a validation from what a store keeps of it."""
         shared = {key: values[key] for key in ("seeds", "seen", "metrics")}
         candidates = [PostEvaluation.of_store({**shared, **one}, ranking) for one in values["candidates"]]
-        return cls(candidates=candidates, depends_on_seed=values["state"] != "same")
+        depends = values["state"] != "same"
+        return cls(candidates=candidates, depends_on_seed=depends, by_instance=by_instance)
 
 
 def of_run(run: "Run") -> Validation | None:
@@ -128,7 +132,13 @@ def of_run(run: "Run") -> Validation | None:
         return None
     if values["candidates"][0]["number"] != run.evaluation().number:
         return None  # the run went on, and another one is the best
-    return Validation.of_store(values, run.experiment.new_ranking())
+    experiment = run.experiment
+    return Validation.of_store(values, experiment.new_ranking(), by_instance=_by_instance(experiment))
+
+
+def _by_instance(experiment: Experiment) -> bool:
+    kind: str = experiment.method.kind  # type: ignore[attr-defined] # every kind's options have it
+    return METHODS.get(kind).by_instance
 
 
 @dataclass(frozen=True)
@@ -327,6 +337,7 @@ def _planned(experiment: Experiment, reader: StoreReader) -> _Plan | None:
     candidates = reader.leading(
         most,
         last_only=ranking.reevaluate,
+        by_instance=_by_instance(experiment),
         key=lambda genome: json.dumps(representation.specification(genome), sort_keys=True),
     )
     seeds = unseen_seeds(experiment.first_seed, reader.used_seeds(), count, options.seed)

@@ -1,5 +1,6 @@
 """Generations in a store, compared with their digests as they are read."""
 
+import hashlib
 import math
 import sqlite3
 from collections.abc import Iterator
@@ -201,6 +202,31 @@ class Generations:
         except _WRONG as error:
             raise self.damaged(_DISAGREE) from error
         return number
+
+    def by_instances(self, most: int) -> list[int]:
+        """Return the numbers of the last evaluations of genomes, those with the most evaluations first.
+
+        Of equally many, that with the higher fitness comes first, then the earlier one; genomes whose last
+        evaluation failed are left out. It is compared with nothing.
+        """
+        cursor = self._connection.execute(
+            "SELECT first, evaluations, fitness, genomes FROM block ORDER BY first"
+        )
+        known: dict[bytes, list[float]] = {}  # evaluations, fitness and number of the last
+        try:
+            for first, count, column, genomes in cursor:
+                size = len(genomes) // count
+                for index, value in enumerate(np.frombuffer(column, dtype="<f8").tolist()):
+                    genome = genomes[index * size : (index + 1) * size]
+                    entry = known.setdefault(hashlib.blake2b(genome, digest_size=16).digest(), [0, 0, 0])
+                    entry[:] = entry[0] + 1, value, first + index
+        except _WRONG as error:
+            raise self.damaged(_DISAGREE) from error
+        entries = sorted(
+            (entry for entry in known.values() if math.isfinite(entry[1])),
+            key=lambda entry: (-entry[0], -entry[1], entry[2]),
+        )
+        return [int(number) for _, _, number in entries[:most]]
 
     def checked_evaluations(self, row: Row) -> Iterator[Record]:
         """Yield the evaluations of a generation, all of which have been compared before."""

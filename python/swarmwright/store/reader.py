@@ -3,7 +3,7 @@
 import hashlib
 import json
 import sqlite3
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from functools import cached_property
@@ -197,6 +197,10 @@ class StoreReader:
             for row in generations.rows():
                 yield from generations.checked_evaluations(row)
 
+    def episodes_left_out(self) -> int:
+        """Return how many episodes candidates did not go through that have not failed: dropped in a race."""
+        return sum(int(np.isnan(part.episodes[np.isfinite(part.fitness)]).sum()) for part in self.rows())
+
     def seeds(self, generation: int) -> list[int]:
         """Return the simulation seed of each episode of a generation."""
         with self._generations() as generations:
@@ -204,13 +208,20 @@ class StoreReader:
         return seeds
 
     def leading(
-        self, count: int, *, last_only: bool = False, key: Callable[[Genome], object] = bytes
+        self,
+        count: int,
+        *,
+        last_only: bool = False,
+        by_instance: bool = False,
+        key: Callable[[Genome], object] = bytes,
     ) -> list[Evaluation]:
         """Return the best evaluation of the run, and the next best with other genomes, the best first.
 
         Args:
             count: how many, at most. Fewer where there are fewer genomes whose evaluation has not failed.
             last_only: whether those beside the best are of the last generation only.
+            by_instance: whether genomes were evaluated on one instance after the other, so that those with
+                the most evaluations are the best.
             key: the same for genomes that count as one, such as those of the same controller.
         """
         with self._generations() as generations:
@@ -218,11 +229,15 @@ class StoreReader:
             found, known = [best], {key(best.genome)}
             row = generations.last()
             first = row.first if last_only and row is not None else 0
-            numbers = generations.by_fitness(first, _LOOKED_AT * count) if count > 1 else ()
+            numbers: Sequence[int] = ()
+            if count > 1 and by_instance:
+                numbers = generations.by_instances(_LOOKED_AT * count)
+            elif count > 1:
+                numbers = generations.by_fitness(first, _LOOKED_AT * count).tolist()
             for number in numbers:
                 if len(found) >= count:
                     break
-                one = self._evaluation(generations, int(number), None)
+                one = self._evaluation(generations, number, None)
                 if key(one.genome) not in known:
                     known.add(key(one.genome))
                     found.append(one)

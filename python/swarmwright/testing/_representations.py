@@ -34,6 +34,7 @@ def check_representation(kind: str, options: Mapping[str, Any] | None = None) ->
         _check_crossover(subject)
         _check_distance(subject)
         _check_many(subject)
+        _check_perturbations(subject)
 
 
 def _genomes(subject: Representation, count: int) -> list[Genome]:
@@ -199,6 +200,35 @@ def _check_many(subject: Representation) -> None:
         assert found.tolist() == expected, "distances_among must be those of two genomes each"
     _check_matings(subject, genomes)
     assert subject.initials(Streams(1, "check", 0, [])).shape == (0, subject.genome_size)
+
+
+def _check_perturbations(subject: Representation) -> None:
+    """Iterated racing samples around genomes, wide at first and then narrower."""
+    parent = _genomes(subject, 1)[0]
+    parents = np.repeat(parent[np.newaxis], 30, axis=0)
+
+    def around(spread: float, fresh: float, first: int = 0) -> Genomes:
+        drawn = Streams(5, "check", 1, range(first, 30))
+        count = len(drawn)
+        given = {"spread": np.full(count, spread), "fresh": np.full(count, fresh)}
+        return subject.perturbations(parents[first:], drawn, **given)
+
+    wide = around(1.0, 1.0)
+    assert wide.shape == parents.shape, f"perturbations returns the shape {wide.shape}"
+    for one in wide:
+        _is_genome(subject, one, "perturbations")
+    assert (parents == parent).all(), "perturbations must not change its argument"
+    assert {one.tobytes() for one in wide} - {parent.tobytes()}, "perturbations must change something"
+    assert around(1.0, 1.0, 20).tobytes() == wide[20:].tobytes(), "each must depend on its stream alone"
+    narrow = around(0.01, 0.01)
+    apart, near = (subject.distances(parent, rows).sum() for rows in (wide, narrow))
+    assert near < apart, "perturbations with a small spread must be nearer to their parents"
+    rows = subject.likeness(np.stack([parent, parent, *wide]))
+    assert rows.dtype == np.float64, f"likeness returns {rows.dtype}, not float64"
+    assert rows.shape[0] == 2 + len(wide), f"likeness returns the shape {rows.shape}"
+    assert np.isfinite(rows).all(), "likeness returns numbers that are not finite"
+    assert (rows[0] == rows[1]).all(), "likeness of equal genomes must be equal"
+    assert len(np.unique(rows, axis=0)) > 1, "likeness must tell genomes apart"
 
 
 def _check_matings(subject: Representation, genomes: Genomes) -> None:

@@ -45,7 +45,7 @@ def test_an_experiment_is_refused_with_file_and_line(kind: str, tmp_path: Any) -
         Experiment.load(path)
     expected = f"x.yaml:4: method.kind: {kind} cannot evolve layered: its genes are choices"
     assert expected in str(caught.value)
-    assert "take nnga, cea2d or random_search" in str(caught.value)
+    assert "take nnga, cea2d, racing or random_search" in str(caught.value)
 
 
 @pytest.mark.usefixtures("table")

@@ -1,0 +1,355 @@
+"""Iterated racing, as in irace."""
+
+import math
+from typing import ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from swarmwright.core.race_tests import Test
+from swarmwright.core.random_numbers import Stream, Streams
+from swarmwright.methods._base import NO_LIMIT, Incumbent, Method, MethodOptions
+from swarmwright.methods._race import Entrant, Race, Rules
+from swarmwright.representations._base import Representation
+from swarmwright.typing import Fitness, Genomes
+
+_SAME = 1e-4
+"""Two candidates are practically the same when no number of theirs differs by more of its range."""
+_RARELY = 0.2
+"""How often a candidate of choices alone may equal its parent, at most."""
+
+
+class RacingOptions(MethodOptions):
+    """Iterated racing with irace's defaults. An instance is a seed, or ranking.episodes of them."""
+
+    kind: Literal["racing"] = "racing"
+    generations: int = Field(default=NO_LIMIT, ge=1, le=NO_LIMIT)
+    """Instances on which candidates are evaluated, one in each generation. Default: no limit."""
+    evaluations: int = Field(default=10_000, ge=1, le=10**15)
+    """Evaluations, each of a candidate on an instance. They are spread over the races, so a run cannot be
+    prolonged. Where not even one race fits in, the least number that does is named."""
+    races: int | None = Field(default=None, ge=1, le=10_000)
+    """Races over which the evaluations are spread. What is left then is used for more of them. Default: the
+    whole part of 2 + log2(genes)."""
+    candidates: int = Field(default=1024, ge=2, le=100_000)
+    """Candidates that a race begins with, at most."""
+    survivors: int | None = Field(default=None, ge=1, le=10_000)
+    """A race ends when so many candidates are left; so many of the best are the elites, which take part in
+    the next race and have candidates sampled around them. Default: the whole part of 2 + log2(genes)."""
+    first_test: int = Field(default=5, ge=2, le=100_000)
+    """Instances before the first test of a race."""
+    each_test: int = Field(default=1, ge=1, le=100_000)
+    """Instances between two tests."""
+    test: Test = "friedman"
+    """friedman: Friedman's test and Conover's comparisons with the best, by ranks. t, t_holm, t_bonferroni:
+    paired t-tests with the best mean, without or with a correction for their number; for fitness whose sums
+    count more than its order."""
+    level: float = Field(default=0.05, gt=0, lt=1)
+    """Of significance, for each test."""
+    new_instances: int = Field(default=1, ge=0, le=100_000)
+    """Unseen instances with which a race begins, before those of former races."""
+    patience: int = Field(default=2, ge=0, le=100_000)
+    """Tests in a row that drop no candidate after which a race ends; counted when it has come through the
+    instances of former races. 0: any number."""
+    soft_restart: bool = True
+    """Whether sampling becomes wider again where candidates are practically the same."""
+
+
+class Racing(Method):
+    """Races over instances, and sampling around the elites that survive them.
+
+    A generation is an instance, with seeds of its own, whatever `ranking.seeds` says. All candidates of a
+    race that are left and have not been evaluated on it are. From `first_test` instances on, those that are
+    significantly worse than the best are dropped. What survives is an elite. The next race has the elites and
+    new candidates, and begins with an unseen instance; then come those of former races, in random order,
+    where the elites need not be evaluated again, and none is dropped before it was compared on all of them.
+
+    A new candidate is sampled around an elite, which is drawn with a probability that falls linearly with its
+    rank. Numbers are drawn from a normal distribution within their bounds, whose deviation is half of the
+    initial range at first and is multiplied by (1 / n) ** (1 / genes) before each race with n new candidates.
+    Choices are drawn anew with a probability that is 1 at first and multiplied by 1 - (j - 1) / races before
+    race j. How a representation applies both: its `perturbations`. Where two candidates of a race are
+    practically the same, their parents' distributions become wider, about as they were two races before, and
+    all new candidates are sampled anew.
+
+    A candidate's recorded fitness is the mean of its scores on all instances so far. The best one is that
+    with the most instances; of equals, that with the smallest sum of ranks.
+
+    Source: López-Ibáñez, Dubois-Lacoste, Pérez Cáceres, Birattari and Stützle, "The irace package: iterated
+    racing for automatic algorithm configuration", Operations Research Perspectives 3, 2016. Differences: the
+    first candidates are random ones of the representation and not a Sobol sequence; a choice keeps no
+    probabilities of former ancestors; and where a race's share of the budget is too small for one, it may
+    have all that is left.
+    """
+
+    kind: ClassVar[str] = "racing"
+    options_model = RacingOptions
+    options: RacingOptions
+    start_as = "members"
+    by_instance = True
+    spreads_evaluations = True
+    generational_because = "it tests candidates together"
+
+    def __init__(self, options: RacingOptions, representation: Representation, *, seed: int) -> None:
+        super().__init__(options, representation, seed=seed)
+        self._races = self._planned_races(options, representation)
+        self._rules = _rules(options, representation)
+        self._number = 0  # of the race, from 1
+        self._elites: list[Entrant] = []
+        self._unseen = 0
+        self._widened = 0
+        self._race: Race | None = None
+        self._missing: list[Entrant] | None = None
+        self._means: Fitness = np.empty(0)
+
+    @classmethod
+    def problems(cls, options: MethodOptions, representation: Representation | None) -> dict[str, str]:
+        """Return which options are invalid for this representation: option -> reason."""
+        found = super().problems(options, representation)
+        if representation is None or found or not isinstance(options, RacingOptions):
+            return found
+        rules = _rules(options, representation)
+        least = (rules.survivors + 1) * (rules.first_test + rules.each_test)
+        if options.evaluations < least:
+            found["evaluations"] = (
+                f"{options.evaluations} are too few for a race: one of {rules.survivors + 1} candidates, of "
+                f"which {rules.survivors} survive, on {rules.first_test + rules.each_test} instances takes "
+                f"{least}; take as many, or smaller survivors or first_test"
+            )
+        elif options.candidates <= rules.survivors:
+            found["candidates"] = (
+                f"{options.candidates} are too few for a race that ends when {rules.survivors} are left; "
+                "take more, or smaller survivors"
+            )
+        return found
+
+    @classmethod
+    def no_start(cls, options: MethodOptions, count: int) -> str | None:
+        """Return why it cannot start from so many controllers; None if it can."""
+        most = options.candidates if isinstance(options, RacingOptions) else count
+        if count > most:
+            return f"{count} controllers are more than the {most} candidates of a race"
+        return super().no_start(options, count)
+
+    @staticmethod
+    def _planned_races(options: RacingOptions, representation: Representation) -> int:
+        """Return over how many races the budget is spread: fewer where each would have too little."""
+        rules = _rules(options, representation)
+        races = options.races or _logarithm(representation)
+        while races > 1:
+            if options.evaluations // races // (rules.first_test + rules.each_test) > rules.survivors:
+                break
+            races -= 1
+        return races
+
+    @property
+    def budget(self) -> int:
+        """Number of evaluations of the whole run, at most."""
+        return self.options.evaluations
+
+    @property
+    def population_fitness(self) -> Fitness:
+        """Mean scores of the candidates that are left in the race; NaN when none is."""
+        alive = [] if self._race is None else self._race.alive
+        return np.array([one.mean for one in alive]) if alive else np.full(1, np.nan)
+
+    @property
+    def instance(self) -> int:
+        """Number of the instance that candidates are asked for, or were last."""
+        return 0 if self._race is None else self._race.instance
+
+    @property
+    def contenders(self) -> int:
+        """Candidates that are left in the race."""
+        return 0 if self._race is None else len(self._race.alive)
+
+    @property
+    def told_means(self) -> Fitness:
+        """Mean scores of the candidates told last, in their order; NaN of those that failed."""
+        return self._means
+
+    @property
+    def incumbent(self) -> Incumbent | None:
+        """The best candidate."""
+        best = None if self._race is None else self._race.best()
+        return None if best is None else Incumbent(best.evaluation, best.mean)
+
+    @property
+    def race(self) -> int:
+        """Number of the race, from 1; 0 before the first."""
+        return self._number
+
+    @property
+    def widened(self) -> int:
+        """How often sampling became wider again."""
+        return self._widened
+
+    def _ask(self) -> Genomes:
+        if self._race is None:
+            self._go_on(0)
+        assert self._missing is not None, "a race that is asked for has somebody to evaluate"
+        return np.array([one.genome for one in self._missing], dtype=np.float32)
+
+    def _tell(self, genomes: Genomes, fitness: Fitness) -> None:  # noqa: ARG002 - the race knows them
+        assert self._race is not None
+        assert self._missing is not None
+        told = self._missing
+        for row, one in enumerate(told):
+            one.evaluation = self.evaluations + row
+        self._race.tell(told, fitness)
+        means = [one.mean for one in told]
+        self._means = np.where(np.isfinite(fitness), means, np.nan)
+
+    def passed(self, values: Fitness) -> None:
+        """Count an instance, and go on to the next one."""
+        super().passed(values)
+        if not self.done:
+            self._go_on(self.evaluations)
+            self.done = self._missing is None
+
+    def _reaches(self, values: Fitness, target: float) -> bool:  # noqa: ARG002 - one instance says little
+        best = None if self._race is None else self._race.best()
+        return best is not None and len(best.scores) >= self.options.first_test and best.mean >= target
+
+    def _go_on(self, used: int) -> None:
+        """Find who is to be evaluated next, in this race or in the next one; none when the budget is used."""
+        left = self.options.evaluations - used
+        self._missing = None
+        while self._missing is None:
+            if self._race is not None:
+                self._missing = self._race.missing(left)
+            if self._missing is None and not self._begin_race(left):
+                return
+
+    def _begin_race(self, left: int) -> bool:
+        """Begin the next race; return whether there is one."""
+        if self._race is not None:
+            self._elites = self._race.ranked()[: self._rules.survivors]
+            for one in self._elites:
+                one.parent = None
+            self._unseen = self._race.unseen
+        number = self._number + 1
+        self._races = max(self._races, number)
+        found = self._size(number, left // (self._races - number + 1)) or self._size(number, left)
+        if found is None:
+            return False
+        budget, count, new_instances = found
+        self._number = number
+        entrants = [*self._elites, *self._new(count - len(self._elites))]
+        fresh = range(self._unseen, self._unseen + new_instances)
+        old = sorted({instance for one in self._elites for instance in one.scores})
+        order = Stream(self.seed, "racing.order", number)
+        for last in range(len(old) - 1, 0, -1):
+            other = order.integer(last + 1)
+            old[last], old[other] = old[other], old[last]
+        unseen = self._unseen + new_instances
+        self._race = Race(entrants, [*fresh, *old], unseen, budget, self._rules)
+        return True
+
+    def _size(self, number: int, budget: int) -> tuple[int, int, int] | None:
+        """Return evaluations, candidates and new instances of a race; None where too few would race."""
+        rules, elites = self._rules, len(self._elites)
+        seen = len({instance for one in self._elites for instance in one.scores})
+        new = self.options.new_instances if elites else 0
+        # With less than enough: no new instance, then as short as a race can be.
+        for first, growth, unseen in (
+            (rules.first_test, min(5, number), new),
+            (rules.first_test, min(5, number), 0),
+            (1, 1, 0),
+        ):
+            length = max(first + rules.each_test * growth, _multiple(seen + unseen, rules.each_test))
+            count = min((budget + elites * seen) // length, self.options.candidates)
+            if count > rules.survivors and count > elites:
+                needed = (count - elites) * rules.first_test + elites * min(unseen, rules.first_test)
+                return (budget, count, unseen) if needed <= budget else None
+        return None
+
+    def _new(self, count: int) -> list[Entrant]:
+        """Return new candidates: random ones, or around the elites."""
+        if not self._elites:
+            if self._number == 1:
+                genomes = self.initials(range(count))
+            else:  # all have failed
+                genomes = self.representation.initials(self._streams("racing.initial", count))
+            return [Entrant(genome) for genome in genomes]
+        genes = self.representation.genome_size
+        for one in self._elites:
+            one.spread *= (1 / count) ** (1 / genes)
+            one.fresh = max(one.fresh * (1 - (self._number - 1) / self._races), 1 - _RARELY ** (1 / genes))
+        new = self._sampled("racing.sample", count)
+        if self.options.soft_restart and self._widen(new):
+            new = self._sampled("racing.again", count)
+        return new
+
+    def _streams(self, purpose: str, count: int) -> Streams:
+        return Streams(self.seed, purpose, self._number, range(count))
+
+    def _sampled(self, purpose: str, count: int) -> list[Entrant]:
+        """Return candidates around the elites, better ones more often."""
+        elites, streams = self._elites, self._streams(purpose, count)
+        bounds = np.cumsum(np.arange(len(elites), 0, -1))
+        drawn = streams.integers(int(bounds[-1]), 1)[:, 0]
+        parents = [elites[index] for index in np.searchsorted(bounds, drawn, side="right").tolist()]
+        genomes = self.representation.perturbations(
+            np.array([one.genome for one in parents], dtype=np.float32),
+            streams,
+            spread=np.array([one.spread for one in parents]),
+            fresh=np.array([one.fresh for one in parents]),
+        )
+        pairs = zip(genomes, parents, strict=True)
+        return [Entrant(genome, parent.spread, parent.fresh, parent=parent) for genome, parent in pairs]
+
+    def _widen(self, new: list[Entrant]) -> bool:
+        """Sample wider around elites whose descendants, or that themselves, are practically the same."""
+        entrants = [*self._elites, *new]
+        rows = self.representation.likeness(np.array([one.genome for one in entrants], dtype=np.float32))
+        same = alike(rows)
+        if not len(same):
+            return False
+        genes, count = self.representation.genome_size, len(new)
+        chosen = {entrants[index].parent or entrants[index] for index in same.tolist()}
+        for one in chosen:
+            one.spread = min(one.spread * count ** (2 / genes), (1 / count) ** (1 / genes))
+            one.fresh = 0.9 * one.fresh + 0.1
+        self._widened += 1
+        return True
+
+
+def alike(rows: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Return which rows are practically the same as another one, (n, numbers) in units of their ranges."""
+    if len(rows) < 2 or not rows.shape[1]:
+        return np.empty(0, dtype=np.intp)
+    # Rows that are alike have sums that are near each other. accumulate adds in order, sum() as it likes.
+    sums = np.add.accumulate(rows, axis=1)[:, -1]
+    order = np.argsort(sums, kind="stable")
+    reach = _SAME * rows.shape[1] * (1 + 1e-9)
+    found: set[int] = set()
+    ends = np.searchsorted(sums[order], sums[order] + reach, side="right")
+    for place, end in enumerate(ends.tolist()):
+        others = order[place + 1 : end]
+        near = others[(np.abs(rows[others] - rows[order[place]]) <= _SAME).all(axis=1)]
+        if len(near):
+            found.update([int(order[place]), *near.tolist()])
+    return np.array(sorted(found), dtype=np.intp)
+
+
+def _rules(options: RacingOptions, representation: Representation) -> Rules:
+    return Rules(
+        test=options.test,
+        level=options.level,
+        first_test=options.first_test,
+        each_test=options.each_test,
+        patience=options.patience,
+        survivors=options.survivors or _logarithm(representation),
+    )
+
+
+def _logarithm(representation: Representation) -> int:
+    """Return the whole part of 2 + log2(genes)."""
+    return 2 + math.frexp(representation.genome_size)[1] - 1
+
+
+def _multiple(value: int, of: int) -> int:
+    """Return the next multiple that is not smaller."""
+    return -(-value // of) * of

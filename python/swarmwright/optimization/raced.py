@@ -1,0 +1,69 @@
+"""A generation whose ranking is a race: evaluated in rounds, of which each has fewer candidates."""
+
+import re
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from swarmwright.evaluation.base import Backend, Controllers, Progress, Results
+from swarmwright.rankings.race import Race
+from swarmwright.store import Journal
+
+_EPISODE = re.compile(r"^episode (\d+)")
+
+
+def race(
+    ranking: Race,
+    backend: Backend,
+    controllers: Controllers,
+    seeds: Sequence[int],
+    on_progress: Progress,
+    meanwhile: Callable[[], None] | None,
+) -> Results:
+    """Evaluate a generation; NaN where an episode failed, or the candidate did not go through it.
+
+    Arguments as those of `Backend.evaluate`.
+    """
+    count = len(controllers.weights)
+    fitness = np.full((count, len(seeds)), np.nan)
+    metrics = np.full((count, len(seeds), len(backend.metrics)), np.nan)
+    journal = Journal()
+    rounds = ranking.rounds(count)
+    who, which = next(rounds)
+    while True:
+        whole = len(who) == count
+        part = Controllers(
+            controllers.architecture,
+            controllers.weights if whole else np.ascontiguousarray(controllers.weights[who]),
+            controllers.sample if whole else None,
+        )
+        before = which.start * count
+
+        def progress(done: int, total: int, waiting_for: str, before: int = before) -> None:  # noqa: ARG001
+            on_progress(before + done, count * len(seeds), waiting_for)
+
+        results = backend.evaluate(part, seeds[which], progress, meanwhile)
+        meanwhile = None
+        fitness[who, which] = results.fitness
+        metrics[who, which] = results.metrics
+        _extend(journal, results.journal, who.tolist(), which.start)
+        try:
+            who, which = rounds.send(results.fitness)
+        except StopIteration:
+            on_progress(count * len(seeds), count * len(seeds), "")
+            return Results(fitness, metrics, journal)
+
+
+def _extend(journal: Journal, part: Journal, who: list[int], first: int) -> None:
+    """Add what was done for some candidates, in episodes that are counted from `first` on."""
+
+    def text(line: str) -> str:
+        return _EPISODE.sub(lambda found: f"episode {first + int(found[1])}", line)
+
+    for attempt in part.attempts:
+        place, episode = who[attempt.candidate], first + attempt.episode
+        journal.attempts.append(attempt._replace(candidate=place, episode=episode))
+    for warning in part.warnings:
+        candidate = None if warning.candidate is None else who[warning.candidate]
+        error = None if warning.error is None else text(warning.error)
+        journal.warnings.append(warning._replace(text=text(warning.text), candidate=candidate, error=error))

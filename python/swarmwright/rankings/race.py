@@ -1,0 +1,129 @@
+"""A race in each generation: candidates that are clearly worse go through no more episodes."""
+
+from collections.abc import Generator, Sequence
+from typing import ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from swarmwright.core.race_tests import Test, survivors
+from swarmwright.rankings._base import Ranking, RankingOptions
+from swarmwright.typing import Fitness
+
+Episodes = NDArray[np.float64]
+Rounds = Generator[tuple[NDArray[np.intp], slice], Episodes, Fitness]
+"""Yields candidates and the episodes that they go through, takes what came out; returns their fitness."""
+
+
+class RaceOptions(RankingOptions):
+    """Candidates that are significantly worse than the best of their generation get no more episodes."""
+
+    kind: Literal["race"] = "race"
+    first_test: int = Field(default=5, ge=2, le=100_000)
+    """Episodes of all candidates, after which the first test is made."""
+    each_test: int = Field(default=1, ge=1, le=100_000)
+    """Episodes between two tests."""
+    test: Test = "friedman"
+    """friedman: Friedman's test and Conover's comparisons with the best, by ranks. t, t_holm, t_bonferroni:
+    paired t-tests with the best mean, without or with a correction for their number."""
+    level: float = Field(default=0.05, gt=0, lt=1)
+    """Of significance, for each test."""
+
+    @model_validator(mode="after")
+    def _members(self) -> "RaceOptions":
+        if self.reevaluate:
+            raise ValueError(
+                "reevaluate: members that stay have other episodes than new candidates, which cannot race "
+                "with them; leave it out, or take kind: absolute"
+            )
+        return self
+
+
+class Race(Ranking):
+    """The mean of a candidate's episodes, of which the clearly worse have fewer.
+
+    After `first_test` episodes of all candidates, and then every `each_test` ones, those that are
+    significantly worse than the best of the generation are dropped: they go through no more episodes. A
+    candidate of which an episode fails is dropped at once.
+
+    The fitness of a candidate with all episodes is their mean. For one that was dropped it is the mean of
+    those that it has, plus how much higher the mean of all episodes is than that of the same ones among the
+    candidates that have them all, so that easy seeds do not count; and no more than the least fitness of
+    those that were dropped later.
+
+    Source: Birattari, Stützle, Paquete and Varrentrapp, "A racing algorithm for configuring metaheuristics",
+    GECCO 2002.
+    """
+
+    kind: ClassVar[str] = "race"
+    options_model = RaceOptions
+    options: RaceOptions
+
+    def rounds(self, candidates: int) -> Rounds:
+        """Race so many candidates, at least one; see `Rounds`. NaN or infinite: the episode has failed."""
+        options, count = self.options, self.options.episodes
+        episodes = np.full((candidates, count), np.nan)
+        alive = np.arange(candidates)
+        length = np.zeros(candidates, dtype=np.int64)
+        done, failed = 0, np.zeros(candidates, dtype=np.bool_)
+        while done < count and len(alive):
+            upto = min(options.first_test if not done else done + options.each_test, count)
+            values = yield alive, slice(done, upto)
+            episodes[alive, done:upto] = values
+            length[alive] = upto
+            whole = np.isfinite(values).all(axis=1)
+            failed[alive[~whole]] = True
+            alive, done = alive[whole], upto
+            if done < count and len(alive) > 1:
+                alive = alive[survivors(episodes[alive, :done].T, options.test, options.level)]
+        return self._fitness(episodes, length, failed)
+
+    def score(self, episodes: Episodes, genomes: NDArray[np.float32] | None = None) -> Fitness:  # noqa: ARG002
+        """Return (candidates,) fitness of (candidates, episodes) results; NaN where a candidate failed.
+
+        Episodes that a candidate does not go through, because it is dropped before, do not count.
+        """
+        if not len(episodes):
+            return np.empty(0)
+        rounds = self.rounds(len(episodes))
+        try:
+            who, which = next(rounds)
+            while True:
+                who, which = rounds.send(episodes[who, which])
+        except StopIteration as end:
+            fitness: Fitness = end.value
+            return fitness
+
+    def samples(self, episodes: Sequence[float]) -> Fitness:
+        """Return fitness values of one candidate: every episode makes one."""
+        return np.array(episodes, dtype=np.float64)
+
+    def _fitness(self, episodes: Episodes, length: NDArray[np.int64], failed: NDArray[np.bool_]) -> Fitness:
+        fitness = np.full(len(episodes), np.nan)
+        leading = ~failed & (length == length[~failed].max(initial=0))
+        with np.errstate(over="ignore", invalid="ignore"):  # what overflows has failed
+            reference = _mean(episodes[leading, : int(length.max(initial=0))])
+            least = np.inf
+            for upto in sorted(set(length[~failed].tolist()), reverse=True):
+                rows = np.flatnonzero(~failed & (length == upto))
+                own = _mean(episodes[rows, :upto])
+                if leading[rows[0]]:
+                    values = own
+                else:
+                    easier = reference - _mean(episodes[leading, :upto])
+                    values = np.minimum(own + _mean(easier[np.newaxis])[0], least)
+                fitness[rows] = values + 0.0
+                least = min(least, float(np.min(values)))
+        fitness[~np.isfinite(fitness)] = np.nan
+        return fitness
+
+    def _score(self, episodes: Sequence[Sequence[float]]) -> Fitness:
+        """Return the means: what candidates have that no others raced with."""
+        return np.array([_mean(np.array([row]))[0] for row in episodes])
+
+
+def _mean(rows: Episodes) -> Fitness:
+    """Return the mean of each row, added one after the other."""
+    found: Fitness = np.add.accumulate(rows, axis=1)[:, -1] / rows.shape[1]
+    return found
