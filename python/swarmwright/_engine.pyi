@@ -371,7 +371,31 @@ class Cma:
 
 @final
 class Sample:
-    """What the candidates of a generation are made from, for servers that make them themselves."""
+    """What the candidates of a generation are made from, for servers that make them themselves and for the store."""
+
+    @staticmethod
+    def read(address: str, numbers: bytes) -> Sample:
+        """A sample as the store has it. Raises InputError for what it is not."""
+
+    @property
+    def address(self) -> str:
+        """JSON: distribution, seed, purpose, generation, count, mirrored."""
+
+    @property
+    def numbers(self) -> bytes:
+        """(6, genes) binary64, little-endian: center, deviation, middle, reach, lower, upper."""
+
+    @property
+    def genes(self) -> int:
+        """Of each genome."""
+
+    @property
+    def is_shorter(self) -> bool:
+        """Whether it has fewer bytes than the genomes."""
+
+    def __len__(self) -> int: ...
+    def genomes(self, first: int, count: int) -> NDArray[np.float32]:
+        """The genomes of `count` candidates from `first` on, (count, genes). Raises InputError where there are not so many."""
 
 @final
 class Search:
@@ -508,8 +532,11 @@ class Search:
     def tell(self, fitness: NDArray[np.float64]) -> None:
         """Learn from (n,) fitness, NaN where an evaluation failed. Raises InputError when it was not asked for."""
 
-    def retell(self, genomes: NDArray[np.float32], fitness: NDArray[np.float64]) -> bool:
-        """Ask, and tell the fitness of these genomes if they are those asked for, to the bit; return whether they are."""
+    def retell(self, genomes: NDArray[np.float32] | Sample, fitness: NDArray[np.float64]) -> bool:
+        """Ask, and tell the fitness of these genomes if they are those asked for, to the bit; return whether they are.
+
+        Of a sample no genomes are made where the search learns without them.
+        """
 
     def rescore(self, fitness: NDArray[np.float64]) -> None:
         """Take new fitness of the members."""
@@ -547,8 +574,8 @@ class Producer:
     first episode in the first generation. growth: by how much it grows from one generation to the next. aggregate, level: how the
     episodes of a candidate become its fitness, see `aggregates`. generations: so many at most. evaluations: how many the run may
     have, and has had; a generation that does not fit is not evaluated, unless it is the first. target: the first generation that
-    reaches it is the last. run, generation: for those who watch a pool: name of the run, number of the first generation. Raises
-    InputError when search and evaluator do not fit together.
+    reaches it is the last. run, generation: for those who watch a pool: name of the run, number of the first generation. samples:
+    whether samples are handed over instead of genomes. Raises InputError when search and evaluator do not fit together.
     """
 
     def __new__(
@@ -567,12 +594,13 @@ class Producer:
         target: float | None = None,
         run: str = "",
         generation: int = 0,
+        samples: bool = True,
     ) -> Producer: ...
     def next(
         self, on_progress: Callable[[int, int, str], None]
     ) -> (
         tuple[
-            NDArray[np.float32],
+            NDArray[np.float32] | Sample,
             NDArray[np.float64],
             NDArray[np.float64],
             NDArray[np.float64],
@@ -587,7 +615,7 @@ class Producer:
     ):
         """Wait for the next generation; None when there is no further one.
 
-        Genomes (n, genes), results (n, episodes), metrics (n, episodes, metrics), fitness (n,), that of the method's population
+        Genomes (n, genes), or what they are made from where that is shorter, results (n, episodes), metrics (n, episodes, metrics), fitness (n,), that of the method's population
         (k,), the figures of the latter, see `figures`, the outcome of the fitness, see `outcome`, the digests of all, and attempts
         and warnings as from `Pool.evaluate`. on_progress: called ten times a second while it takes longer. Raises what has kept
         the thread from going on.
@@ -603,7 +631,7 @@ class Producer:
 class Digests:
     """SHA-256 of the columns of a generation, little-endian; begun in another thread, with one NaN and one zero in `fitness`.
 
-    fitness: (n,). episodes: (n, episodes). metrics: (n, episodes, metrics). genomes: (n, genes).
+    fitness: (n,). episodes: (n, episodes). metrics: (n, episodes, metrics). genomes: (n, genes), or what they are made from.
     """
 
     def __new__(
@@ -611,7 +639,7 @@ class Digests:
         fitness: NDArray[np.float64],
         episodes: NDArray[np.float64],
         metrics: NDArray[np.float64],
-        genomes: NDArray[np.float32],
+        genomes: NDArray[np.float32] | Sample,
     ) -> Digests: ...
     def columns(self) -> list[bytes]:
         """Wait for them: of fitness, episodes, metrics and genomes."""

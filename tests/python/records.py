@@ -80,9 +80,18 @@ def of_evaluations(store: sqlite3.Connection) -> dict[int, str]:
                 f"SELECT {column} FROM block WHERE generation = ? ORDER BY first",
                 (generation,),
             )
-            whole.update(hashlib.sha256(b"".join(data for (data,) in blocks)).digest())
+            content = b"".join(data for (data,) in blocks)
+            if column == "genomes":
+                content = sample(store, generation) + content
+            whole.update(hashlib.sha256(content).digest())
         digests[generation] = whole.hexdigest()
     return digests
+
+
+def sample(store: sqlite3.Connection, generation: int) -> bytes:
+    """What the genomes of a generation are made from; nothing where its blocks have them."""
+    rows = store.execute("SELECT address, numbers FROM sample WHERE generation = ?", (generation,))
+    return b"".join(address.encode() + numbers for address, numbers in rows)
 
 
 def of_generations(store: sqlite3.Connection) -> dict[int, str]:

@@ -7,9 +7,12 @@ use numpy::{PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 use sha2::{Digest, Sha256};
+use swarmwright_protocol::Sample;
 
 use crate::errors::engine;
 use crate::local::lock;
+use crate::methods::Kept;
+use crate::sample;
 
 /// Of fitness, episodes, metrics and genomes.
 pub type Columns = [[u8; 32]; 4];
@@ -41,8 +44,8 @@ impl PyDigests {
         fitness: PyReadonlyArray1<'_, f64>,
         episodes: PyReadonlyArray2<'_, f64>,
         metrics: PyReadonlyArray3<'_, f64>,
-        genomes: PyReadonlyArray2<'_, f32>,
-    ) -> Self {
+        genomes: Kept<'_>,
+    ) -> PyResult<Self> {
         // One representation of each value: NaN has many, and zero has two.
         let one = |value: &f64| {
             if value.is_nan() {
@@ -54,13 +57,20 @@ impl PyDigests {
         let fitness: Vec<f64> = fitness.as_array().iter().map(one).collect();
         let episodes: Vec<f64> = episodes.as_array().iter().copied().collect();
         let metrics: Vec<f64> = metrics.as_array().iter().copied().collect();
-        let genomes: Vec<f32> = genomes.as_array().iter().copied().collect();
+        let genomes = match genomes {
+            Kept::Sample(sample) => Genes::Sample(of_sample(&sample.get().0)?),
+            Kept::Genomes(genomes) => Genes::Genomes(genomes.as_array().iter().copied().collect()),
+        };
         let (send, receive) = channel();
         rayon::spawn(move || {
             // Nobody waits for it where the run has ended meanwhile.
-            let _ = send.send(columns(&fitness, &episodes, &metrics, &genomes));
+            let genomes = match genomes {
+                Genes::Sample(digest) => digest,
+                Genes::Genomes(genomes) => of_genomes(&genomes),
+            };
+            let _ = send.send(columns(&fitness, &episodes, &metrics, genomes));
         });
-        Self(Mutex::new(State::Coming(receive)))
+        Ok(Self(Mutex::new(State::Coming(receive))))
     }
 
     fn columns<'py>(&self, py: Python<'py>) -> PyResult<[Bound<'py, PyBytes>; 4]> {
@@ -77,15 +87,34 @@ impl PyDigests {
     }
 }
 
-/// SHA-256 of columns, little-endian, as the store has them.
-pub fn columns(fitness: &[f64], episodes: &[f64], metrics: &[f64], genomes: &[f32]) -> Columns {
+/// Genomes, or the digest of the sample that they are made from.
+enum Genes {
+    Genomes(Vec<f32>),
+    Sample([u8; 32]),
+}
+
+/// SHA-256 of columns, little-endian, as the store has them; with that of the genomes.
+pub fn columns(fitness: &[f64], episodes: &[f64], metrics: &[f64], genomes: [u8; 32]) -> Columns {
     let of_doubles = |numbers| digest(numbers, f64::to_le_bytes);
     [
         of_doubles(fitness),
         of_doubles(episodes),
         of_doubles(metrics),
-        digest(genomes, f32::to_le_bytes),
+        genomes,
     ]
+}
+
+/// SHA-256 of genomes, little-endian.
+pub fn of_genomes(genomes: &[f32]) -> [u8; 32] {
+    digest(genomes, f32::to_le_bytes)
+}
+
+/// SHA-256 of what genomes are made from, as the store has it.
+pub fn of_sample(sample: &Sample) -> PyResult<[u8; 32]> {
+    let mut total = Sha256::new();
+    total.update(sample::address(sample)?);
+    total.update(sample::numbers(sample));
+    Ok(total.finalize().into())
 }
 
 /// Numbers whose bytes are put in order together.

@@ -16,6 +16,7 @@ mod pool;
 mod producer;
 mod remote;
 mod results;
+mod sample;
 mod sampling;
 mod selection;
 mod server;
@@ -70,7 +71,7 @@ fn _engine(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<selection::PyTorus>()?;
     module.add_function(wrap_pyfunction!(selection::distinct, module)?)?;
     module.add_function(wrap_pyfunction!(selection::survivors, module)?)?;
-    module.add_class::<methods::PySample>()?;
+    module.add_class::<sample::PySample>()?;
     module.add_function(wrap_pyfunction!(sampling::centered_ranks, module)?)?;
     module.add_function(wrap_pyfunction!(sampling::utilities, module)?)?;
     module.add_function(wrap_pyfunction!(sampling::exp, module)?)?;

@@ -21,10 +21,7 @@ use swarmwright_protocol::{F64s, GAUSSIAN, Sample};
 use crate::errors::{engine, input};
 use crate::local::lock;
 use crate::operators::operators;
-
-/// What the candidates of a generation are made from, for servers that make them themselves.
-#[pyclass(name = "Sample", module = "swarmwright._engine", frozen)]
-pub struct PySample(pub Sample);
+use crate::sample::{self, PySample};
 
 type Row<'py> = PyReadonlyArray1<'py, f64>;
 
@@ -105,6 +102,30 @@ impl Conversation {
         sample.problem().is_none().then_some(sample)
     }
 
+    /// As [`sample`](Self::sample), where the store keeps it instead of the genomes.
+    pub fn short_sample(&self, count: usize) -> Option<Sample> {
+        self.sample(count).filter(sample::is_shorter)
+    }
+
+    /// Takes the fitness of the next genomes if they are those of this sample; returns whether they are.
+    fn retell_sample(&mut self, sample: &Sample, fitness: &[f64]) -> PyResult<bool> {
+        let drawn = match self.asked {
+            Some(_) => None,
+            None => self.search.draw().map_err(|error| self.reason(error))?,
+        };
+        let count = match drawn {
+            Some(count) => count,
+            None => self.ask()?.len() / self.genes.max(1),
+        };
+        let same = count == fitness.len() && self.sample(count).as_ref() == Some(sample);
+        if !same {
+            return Ok(false);
+        }
+        let genomes = self.asked.take().unwrap_or_default();
+        let told = self.search.tell(&genomes, fitness);
+        told.map_err(|error| self.reason(error)).map(|()| true)
+    }
+
     /// Fitness of the members that stay; None where there are no such.
     pub fn members(&self) -> Option<Vec<f64>> {
         Some(self.search.members()?.fitness.to_vec())
@@ -141,6 +162,13 @@ impl PySearch {
     pub fn take(&mut self) -> PyResult<Conversation> {
         self.search.take().ok_or_else(elsewhere)
     }
+}
+
+/// Genomes as the store has them.
+#[derive(FromPyObject)]
+pub enum Kept<'py> {
+    Sample(Bound<'py, PySample>),
+    Genomes(PyReadonlyArray2<'py, f32>),
 }
 
 /// Whether numbers have the same bits.
@@ -428,14 +456,16 @@ impl PySearch {
     }
 
     /// Asks, and tells the fitness of these genomes if they are those asked for; returns whether they are.
-    fn retell(
-        &mut self,
-        py: Python<'_>,
-        genomes: PyReadonlyArray2<'_, f32>,
-        fitness: Row<'_>,
-    ) -> PyResult<bool> {
+    fn retell(&mut self, py: Python<'_>, genomes: Kept<'_>, fitness: Row<'_>) -> PyResult<bool> {
         let here = self.here()?;
-        let (genomes, fitness) = (genomes.as_slice()?, fitness.as_slice()?);
+        let fitness = fitness.as_slice()?;
+        let genomes = match &genomes {
+            Kept::Sample(sample) => {
+                let sample = &sample.get().0;
+                return py.detach(|| here.retell_sample(sample, fitness));
+            }
+            Kept::Genomes(genomes) => genomes.as_slice()?,
+        };
         py.detach(|| {
             let asked = here.ask()?;
             let same = asked.len() == genomes.len() && are_same(asked, genomes);

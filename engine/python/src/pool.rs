@@ -9,8 +9,8 @@ use swarmwright_protocol::Requirements;
 
 use crate::errors::{engine, input, unconnected};
 use crate::genomes::work;
-use crate::methods::PySample;
 use crate::results::{Fitness, Metrics, arrays};
+use crate::sample::PySample;
 use crate::supervision::PySupervision;
 use crate::values::{object, section, to_python};
 

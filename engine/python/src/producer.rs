@@ -6,14 +6,15 @@ use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use numpy::{PyArray1, PyArray2, PyArrayMethods};
+use numpy::{PyArray1, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use swarmwright_evolution::{Aggregate, Figures, Outcome};
 use swarmwright_mqtt::Waker;
 use swarmwright_pool::{Attempt, Pool};
+use swarmwright_protocol::Sample;
 
-use crate::digests::{Columns, PyDigests, columns};
+use crate::digests::{Columns, PyDigests, columns, of_genomes, of_sample};
 use crate::errors::{engine, input};
 use crate::genomes::architecture;
 use crate::local::{Evaluation, PyEvaluator, REPORT, lock};
@@ -21,6 +22,7 @@ use crate::methods::{Conversation, PySearch};
 use crate::pool::{AttemptRow, PyPool, rows};
 use crate::remote::{Evaluated, Servers};
 use crate::results::{Fitness, Metrics, apart, arrays};
+use crate::sample::PySample;
 use crate::statistics::aggregate;
 
 /// Generations that wait at most, and how many bytes of them, unless it is a single one.
@@ -56,9 +58,15 @@ enum Place {
     Servers(Box<Servers>),
 }
 
+/// Genomes as the store keeps them.
+enum Kept {
+    Genomes(Vec<f32>),
+    Sample(Box<Sample>),
+}
+
 /// A generation that the method has been told of.
 struct Produced {
-    genomes: Vec<f32>,
+    genomes: Kept,
     episodes: Vec<f64>,
     metrics: Vec<f64>,
     fitness: Vec<f64>,
@@ -74,15 +82,26 @@ struct Produced {
 
 impl Produced {
     /// The digests of its columns.
-    fn digested(&mut self) -> Columns {
-        *self.digests.get_or_insert_with(|| {
-            columns(&self.fitness, &self.episodes, &self.metrics, &self.genomes)
-        })
+    fn digested(&mut self) -> PyResult<Columns> {
+        if let Some(known) = self.digests {
+            return Ok(known);
+        }
+        let genomes = match &self.genomes {
+            Kept::Genomes(genomes) => of_genomes(genomes),
+            Kept::Sample(sample) => of_sample(sample)?,
+        };
+        let found = columns(&self.fitness, &self.episodes, &self.metrics, genomes);
+        self.digests = Some(found);
+        Ok(found)
     }
 
     fn bytes(&self) -> usize {
         let numbers = self.episodes.len() + self.metrics.len() + 2 * self.fitness.len();
-        4 * self.genomes.len() + 8 * numbers
+        let genomes = match &self.genomes {
+            Kept::Genomes(genomes) => size_of_val(&genomes[..]),
+            Kept::Sample(sample) => sample.rows().iter().map(|(_, row)| size_of_val(*row)).sum(),
+        };
+        genomes + 8 * numbers
     }
 }
 
@@ -212,6 +231,8 @@ struct Work {
     episodes: usize,
     aggregate: Aggregate,
     limits: Limits,
+    /// Whether the store keeps samples instead of the genomes that are made from them.
+    samples: bool,
 }
 
 /// Where the thread ends by itself.
@@ -249,7 +270,7 @@ impl Work {
             };
             let go_on = self.limits.counted(&produced.fitness);
             if shared.is_ahead() {
-                produced.digested(); // so that who takes it, and has more to do, need not
+                produced.digested()?; // so that who takes it, and has more to do, need not
             }
             if !shared.put(produced, began.elapsed() > QUICK) || !go_on {
                 break;
@@ -275,7 +296,15 @@ impl Work {
             return Ok(None);
         };
         let fitness = self.aggregate.of_rows(found.fitness.clone(), seeds.len());
+        let sample = if self.samples {
+            self.conversation.short_sample(candidates)
+        } else {
+            None
+        };
         let genomes = self.conversation.told(found.genomes, &fitness)?;
+        let genomes = sample.map_or(Kept::Genomes(genomes), |sample| {
+            Kept::Sample(Box::new(sample))
+        });
         let population = self.conversation.members();
         Ok(Some(Produced {
             figures: Figures::of(population.as_deref().unwrap_or(&fitness)),
@@ -338,7 +367,7 @@ impl Drop for End<'_> {
 
 type Numbers<'py> = Bound<'py, PyArray1<f64>>;
 type Generation<'py> = (
-    Bound<'py, PyArray2<f32>>,
+    Bound<'py, PyAny>,
     Fitness<'py>,
     Metrics<'py>,
     Numbers<'py>,
@@ -354,7 +383,7 @@ type Generation<'py> = (
 impl PyProducer {
     #[new]
     #[pyo3(signature = (search, evaluator, architecture, *, seed, growth, episodes, aggregate, level, generations,
-        evaluations=None, target=None, run="", generation=0))]
+        evaluations=None, target=None, run="", generation=0, samples=true))]
     #[expect(
         clippy::too_many_arguments,
         reason = "pyo3 hands arguments over by value, keywords in Python"
@@ -373,6 +402,7 @@ impl PyProducer {
         target: Option<f64>,
         run: &str,
         generation: u64,
+        samples: bool,
     ) -> PyResult<Self> {
         let aggregate = self::aggregate(aggregate, level)?;
         let (read, specification) = self::architecture(architecture)?;
@@ -424,6 +454,7 @@ impl PyProducer {
                 evaluations,
                 target,
             },
+            samples,
         };
         let there = shared.clone();
         let thread = std::thread::Builder::new()
@@ -500,11 +531,16 @@ impl PyProducer {
     }
 
     fn arrays<'py>(&self, py: Python<'py>, mut produced: Produced) -> PyResult<Generation<'py>> {
-        let digests = py.detach(|| produced.digested());
+        let digests = py.detach(|| produced.digested())?;
         let candidates = produced.fitness.len();
         let shape = [candidates, self.episodes, self.metrics];
         let (episodes, metrics) = arrays(py, produced.episodes, produced.metrics, shape)?;
-        let genomes = PyArray1::from_vec(py, produced.genomes).reshape([candidates, self.genes])?;
+        let genomes = match produced.genomes {
+            Kept::Genomes(genomes) => PyArray1::from_vec(py, genomes)
+                .reshape([candidates, self.genes])?
+                .into_any(),
+            Kept::Sample(sample) => Bound::new(py, PySample(*sample))?.into_any(),
+        };
         let fitness = PyArray1::from_vec(py, produced.fitness);
         let population = match produced.population {
             Some(population) => PyArray1::from_vec(py, population),

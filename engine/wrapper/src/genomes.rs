@@ -72,20 +72,7 @@ impl Genomes {
             }
             Self::Sample(sample) => sample,
         };
-        let gaussian = GaussianSample {
-            seed: sample.seed,
-            purpose: &sample.purpose,
-            generation: sample.generation,
-            mirrored: sample.mirrored,
-            center: &sample.center.0,
-            deviation: &sample.deviation.0,
-            scale: Scale {
-                middle: &sample.middle.0,
-                reach: &sample.reach.0,
-                lower: &sample.lower.0,
-                upper: &sample.upper.0,
-            },
-        };
+        let gaussian = gaussian(sample);
         made.resize(candidates.len() * weights, 0.0);
         let first = sample.first + candidates.start as u64;
         if threads == 1 {
@@ -94,5 +81,24 @@ impl Genomes {
             gaussian.genomes_parallel(first, made);
         }
         made
+    }
+}
+
+/// What the genomes of a sound sample are made from.
+#[must_use]
+pub fn gaussian(sample: &Sample) -> GaussianSample<'_> {
+    GaussianSample {
+        seed: sample.seed,
+        purpose: &sample.purpose,
+        generation: sample.generation,
+        mirrored: sample.mirrored,
+        center: &sample.center.0,
+        deviation: &sample.deviation.0,
+        scale: Scale {
+            middle: &sample.middle.0,
+            reach: &sample.reach.0,
+            lower: &sample.lower.0,
+            upper: &sample.upper.0,
+        },
     }
 }

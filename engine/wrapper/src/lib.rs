@@ -23,6 +23,7 @@ mod progress;
 mod run;
 mod server;
 
+pub use genomes::gaussian;
 pub use guard::guarded;
 pub use identity::Identity;
 pub use job::{Done, Job};

@@ -21,7 +21,8 @@ from swarmwright.typing import Fitness, Genomes
 class Produced(NamedTuple):
     """What came out of a generation that was asked for, evaluated, ranked and told."""
 
-    genomes: Genomes
+    genomes: Genomes | _engine.Sample
+    """Or what they are made from, where the store keeps that."""
     results: Results
     fitness: Fitness
     population: Fitness
@@ -36,7 +37,9 @@ class Produced(NamedTuple):
     """Of its columns in the store, where somebody has begun to compute them."""
 
     @classmethod
-    def of(cls, genomes: Genomes, results: Results, fitness: Fitness, population: Fitness) -> Self:
+    def of(
+        cls, genomes: Genomes | _engine.Sample, results: Results, fitness: Fitness, population: Fitness
+    ) -> Self:
         """Return what has come out; population: fitness of the method's population."""
         return cls(genomes, results, fitness, population, *_engine.outcome(fitness))
 
@@ -73,8 +76,12 @@ class Ahead:
         *,
         first_seed: int,
         run: str,
+        samples: bool,
     ) -> Self | None:
-        """Begin where the method is; None where Python has a part in a generation."""
+        """Begin where the method is; None where Python has a part in a generation.
+
+        samples: whether the store keeps what genomes are made from instead of them.
+        """
         if not (can_be_ahead(method, ranking) and _genes_are_weights(representation)):
             return None
         assert isinstance(method, SearchMethod)
@@ -100,6 +107,7 @@ class Ahead:
                 target=method.options.target,
                 run=run,
                 generation=method.generation,
+                samples=samples,
             )
         return cls(producer, backend, on_progress)
 

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from swarmwright import _engine
 from swarmwright.core.errors import InputError, RunError
 from swarmwright.core.statistics import Summary, figures_of, summarize
 from swarmwright.core.untrusted import one_line
@@ -200,7 +201,7 @@ class Loop:
         if can_be_ahead(self._method, self._ranking):
             return self._again_in_engine(evaluated, results)
         genomes, seeds = self._ask()
-        if genomes.tobytes() != evaluated.genomes.tobytes() or seeds != evaluated.seeds:
+        if genomes.tobytes() != evaluated.made().tobytes() or seeds != evaluated.seeds:
             return False
         again = self._tell(genomes, seeds, results)
         return again.found.fitness.tobytes() == evaluated.fitness.tobytes()
@@ -210,7 +211,7 @@ class Loop:
         assert isinstance(self._method, SearchMethod)
         number, genomes = self._method.generation, evaluated.genomes
         seeds = self._ranking.seeds(self._first_seed, number)
-        fitness = self._ranking.score(results.fitness, genomes)
+        fitness = self._ranking.score(results.fitness)
         same = fitness.tobytes() == evaluated.fitness.tobytes() and seeds == evaluated.seeds
         if not same or not self._method.search.retell(genomes, fitness):
             return False
@@ -253,6 +254,7 @@ class Loop:
                 *(self._method, self._ranking, self._representation, backend, watched),
                 first_seed=self._first_seed,
                 run=self._name,
+                samples=self._store.samples,
             )
         if self._ahead is not None:
             with closing(self._ahead):
@@ -265,7 +267,8 @@ class Loop:
             self._check_first(len(genomes))
             self._announce(backend, number)
             self._say(f"generation {number}: evaluating {len(genomes):,} candidates")
-            controllers = Controllers.of(self._representation, genomes, self._method.sample)
+            sample = self._method.sample
+            controllers = Controllers.of(self._representation, genomes, sample)
             if isinstance(self._ranking, Race):
                 results = race(self._ranking, backend, controllers, seeds, watched, self._store_last)
             else:
@@ -273,10 +276,16 @@ class Loop:
             self._say(f"generation {number}: ranking and storing them")
             with self._kept(number, results.journal):
                 told = self._tell(genomes, seeds, results)
+            if sample is not None and self._keeps(sample, genomes):
+                told = told._replace(found=told.found._replace(genomes=sample))
             self._unstored = told._replace(found=told.found.digested())
             if on_generation is not None and not self._report_last(on_generation):
                 return True
         return False
+
+    def _keeps(self, sample: _engine.Sample, genomes: Genomes) -> bool:
+        """Return whether the store keeps a sample instead of the genomes that are made from it."""
+        return self._store.samples and sample.is_shorter and len(sample) == len(genomes)
 
     def _continue_ahead(
         self,

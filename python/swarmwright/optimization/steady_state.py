@@ -51,7 +51,7 @@ class SteadyLoop(Loop):
     def replay(self, reader: StoreReader) -> None:
         """Go through the generations in a store; see `Loop.replay`."""
         for evaluated in reader.generations():
-            rows = zip(evaluated.genomes, evaluated.episodes, evaluated.metrics, strict=True)
+            rows = zip(evaluated.made(), evaluated.episodes, evaluated.metrics, strict=True)
             for genome, episodes, metrics in rows:
                 self._ask_all()
                 if not self._flying or self._flying[0].tobytes() != genome.tobytes():

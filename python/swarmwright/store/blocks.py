@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmwright import _engine
 from swarmwright.store.rows import Evaluated
 
 _BLOCK = 1 << 22
@@ -23,6 +24,8 @@ COLUMNS = "first, generation, evaluations, fitness, episodes, metrics, genomes"
 Column = bytes | memoryview
 Block = tuple[int, int, int, Column, Column, Column, Column]
 """A row of the table."""
+Sample = tuple[str, bytes]
+"""What the genomes of a generation are made from: address and numbers of the table `sample`."""
 
 
 @dataclass(frozen=True)
@@ -61,10 +64,17 @@ def joined(parts: list[Record], metrics: int) -> Record:
 
 
 class EvaluationsDigest:
-    """SHA-256 of the evaluations of a generation, whatever the blocks that they are in."""
+    """SHA-256 of the evaluations of a generation, whatever the blocks that they are in.
 
-    def __init__(self) -> None:
+    sample: what its genomes are made from; None where the blocks have them.
+    """
+
+    def __init__(self, sample: Sample | None = None) -> None:
         self._sums = [hashlib.sha256() for _ in _COLUMNS]
+        if sample is not None:
+            address, numbers = sample
+            self._sums[-1].update(address.encode())
+            self._sums[-1].update(numbers)
 
     def add(self, block: Block) -> None:
         """Take in the next block of the generation. Raises TypeError for what is no block."""
@@ -94,7 +104,7 @@ def encoded(evaluated: Evaluated, first: int) -> Iterator[Block]:
         np.ascontiguousarray(fitness, dtype=_KINDS[0]),
         np.ascontiguousarray(evaluated.episodes, dtype=_KINDS[1]),
         np.ascontiguousarray(evaluated.metrics, dtype=_KINDS[2]),
-        np.ascontiguousarray(evaluated.genomes, dtype=_KINDS[3]),
+        _genomes(evaluated),
     ]
     count = len(fitness)
     size = max(1, _BLOCK * count // max(sum([column.nbytes for column in columns]), 1))
@@ -106,16 +116,25 @@ def encoded(evaluated: Evaluated, first: int) -> Iterator[Block]:
         )
 
 
+def _genomes(evaluated: Evaluated) -> NDArray[Any]:
+    """Return the genomes that blocks have: none of them where they are made from a sample."""
+    genomes = evaluated.genomes
+    if isinstance(genomes, _engine.Sample):
+        return np.empty((len(genomes), 0), dtype=_KINDS[3])
+    return np.ascontiguousarray(genomes, dtype=_KINDS[3])
+
+
 def _column(part: NDArray[Any]) -> Column:
     return part.data if part.size else b""  # no copy; but there is none of what is empty
 
 
-def decoded(block: Block, first: int) -> Record:
+def decoded(block: Block, first: int, sample: _engine.Sample | None = None) -> Record:
     """Return a block's evaluations.
 
     Args:
         block: as it is stored.
         first: number of the first evaluation of its generation.
+        sample: what the genomes of the generation are made from, where the block has none.
 
     Raises:
         ValueError, TypeError: it is not what the store writes.
@@ -127,6 +146,8 @@ def decoded(block: Block, first: int) -> Record:
     ]
     fitness, episodes, values, genomes = columns
     episodes = episodes.reshape(count, -1)
+    if sample is not None:
+        genomes = sample.genomes(begin - first, count)
     return Record(
         np.full(count, generation, dtype=np.int64),
         np.arange(begin - first, begin - first + count, dtype=np.int64),

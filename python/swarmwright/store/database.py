@@ -13,8 +13,11 @@ FILE = "run.sqlite"
 """Name of the store in a run folder."""
 NEW = f"{FILE}.new"
 """What it is called while it is made."""
-FORMAT = 3
-"""Version of the run folder: 1 had text files only, 2 a row for each evaluation."""
+FORMAT = 4
+"""Version of the run folder: 1 had text files only, 2 a row for each evaluation, 3 no samples."""
+SAMPLES = 4
+"""From this version on there are samples."""
+_OLDEST = 3
 _PAGES = ((1 << 20, 65536), (3 << 14, 16384), (0, 4096))
 """Least bytes of a generation, and bytes of a page: larger pages take half the time, but make the file larger
 where generations do not fill them."""
@@ -30,6 +33,7 @@ CREATE TABLE generation (
 CREATE TABLE block (
     first INTEGER PRIMARY KEY, generation INTEGER NOT NULL, evaluations INTEGER NOT NULL,
     fitness BLOB NOT NULL, episodes BLOB NOT NULL, metrics BLOB NOT NULL, genomes BLOB NOT NULL);
+CREATE TABLE sample (generation INTEGER PRIMARY KEY, address TEXT NOT NULL, numbers BLOB NOT NULL);
 CREATE TABLE session (
     session INTEGER PRIMARY KEY, started TEXT NOT NULL, place TEXT NOT NULL, host TEXT NOT NULL,
     machine TEXT NOT NULL, versions TEXT NOT NULL, seconds REAL, outcome TEXT,
@@ -165,18 +169,24 @@ def _connect_to_read(file: Path) -> sqlite3.Connection:
 
 def _check(connection: sqlite3.Connection, file: Path) -> None:
     (application,) = connection.execute("PRAGMA application_id").fetchone()
-    (version,) = connection.execute("PRAGMA user_version").fetchone()
+    version = version_of(connection)
     if application != _APPLICATION:
         raise InputError(f"{file}: is not a Swarmwright run store")
     if version > FORMAT:
         raise InputError(
             f"{file}: has format {version}; this Swarmwright knows formats up to {FORMAT}: update it"
         )
-    if version < FORMAT:
+    if version < _OLDEST:
         raise InputError(
             f"{file}: has format {version}, which this version of Swarmwright does not read; to compute the "
             f"run again: swarmwright optimize {file.with_name('experiment.yaml')} --out NEW"
         )
+
+
+def version_of(connection: sqlite3.Connection) -> int:
+    """Return the version of a store."""
+    (version,) = connection.execute("PRAGMA user_version").fetchone()
+    return int(version)
 
 
 def _settle(connection: sqlite3.Connection) -> None:

@@ -12,21 +12,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmwright import _engine
 from swarmwright.core.errors import InputError
 from swarmwright.core.statistics import Summary
 from swarmwright.rankings._base import best_first
 from swarmwright.store import digests
-from swarmwright.store.blocks import COLUMNS, EvaluationsDigest, Record, decoded, of_columns
+from swarmwright.store.blocks import COLUMNS, EvaluationsDigest, Record, Sample, decoded, of_columns
+from swarmwright.store.database import SAMPLES, version_of
 
 _COLUMNS = (
     "generation, first, seeds, evaluations, best, mean, best_so_far, lower_quartile, median, upper_quartile, "
     "failed, leader, evaluations_digest, digest"
 )
+_SAMPLE = "SELECT address, numbers FROM sample WHERE generation = ?"
 _BLOCKS = f"SELECT {COLUMNS} FROM block WHERE first >= ? AND first < ? ORDER BY first"  # noqa: S608 - our own names
 MISSING = "it is missing in the table generation"
 ROW_DISAGREES = "the table generation disagrees with its digest"
 _WRONG = (*digests.WRONG_TYPES, ValueError)
 _DISAGREE = "the table block disagrees with its digest"
+_BOTH_DISAGREE = "the tables block and sample disagree with their digest"
 
 
 class DamageError(InputError):
@@ -86,6 +90,7 @@ class Generations:
     def __init__(self, connection: sqlite3.Connection, file: Path) -> None:
         self._connection = connection
         self._file = file
+        self._samples = version_of(connection) >= SAMPLES
 
     def rows(self) -> list[Row]:
         """Return every finished generation."""
@@ -149,25 +154,49 @@ class Generations:
         if most is not None and most > evaluations:
             raise self.damaged(f"evaluations from {evaluations} to {most - 1} belong to no generation")
 
-    def evaluations(self, row: Row) -> Iterator[Record]:
-        """Yield the evaluations of a generation, block by block; at the end they are compared."""
+    def sample(self, row: Row) -> _engine.Sample | None:
+        """Return what the genomes of a generation are made from; None where the blocks have them."""
+        found = self._sample(row)
+        if found is None:
+            return None
+        try:
+            sample = _engine.Sample.read(*found)
+        except _WRONG as error:
+            raise self.damaged(_BOTH_DISAGREE, row.generation) from error
+        if len(sample) != row.count:
+            raise self.damaged(_BOTH_DISAGREE, row.generation)
+        return sample
+
+    def _sample(self, row: Row) -> Sample | None:
+        if not self._samples:
+            return None
+        found: Sample | None = self._connection.execute(_SAMPLE, (row.generation,)).fetchone()
+        return found
+
+    def evaluations(self, row: Row, *, made: bool = True) -> Iterator[Record]:
+        """Yield the evaluations of a generation, block by block; at the end they are compared.
+
+        made: whether genomes are made where there is a sample; otherwise they have no genes there.
+        """
         cursor = self._connection.execute(_BLOCKS, (row.first, row.summary.evaluations))
-        total, next_ = EvaluationsDigest(), row.first
+        stored, sample, next_ = self._sample(row), self.sample(row), row.first
+        disagree = _DISAGREE if sample is None else _BOTH_DISAGREE
+        total = EvaluationsDigest(stored)
         for block in cursor:
             try:
                 if block[0] != next_ or block[1] != row.generation:
                     break
                 total.add(block)
-                part = decoded(block, row.first)
+                part = decoded(block, row.first, sample if made else None)
             except _WRONG as error:
-                raise self.damaged(_DISAGREE, row.generation) from error
+                raise self.damaged(disagree, row.generation) from error
             next_ += len(part.fitness)
             yield part
         missing = row.summary.evaluations - next_
         if missing:
             raise self.damaged(f"{missing} evaluations are missing", row.generation)
         if of_columns(total.columns(), row.first, row.generation, row.count) != row.evaluations_digest:
-            raise self.damaged(_DISAGREE, row.generation)
+            raise self.damaged(disagree, row.generation)
 
     def seeds(self) -> set[str]:
         """Return the seeds of all generations, JSON each, compared with nothing."""
@@ -235,7 +264,7 @@ class Generations:
         if len(first) < 2:
             yield from first
             return
-        for _ in parts:
+        for _ in self.evaluations(row, made=False):
             pass
         yield from self.evaluations(row)
 

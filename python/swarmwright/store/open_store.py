@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Self
 
 from swarmwright.core.errors import RunError
-from swarmwright.store.database import FILE, NEW, connect, create, errors, reopen
+from swarmwright.store.database import FILE, NEW, SAMPLES, connect, create, errors, reopen, version_of
 
 
 class OpenStore:
@@ -23,6 +23,7 @@ class OpenStore:
         self.draft = draft
         """Whether it is a draft."""
         self._connection = connection
+        self._samples: bool | None = None  # not known yet
 
     @classmethod
     def create(cls, file: Path, facts: Mapping[str, str], generation: int) -> Self:
@@ -40,6 +41,14 @@ class OpenStore:
         if not _is_open(self._connection):
             self._go_on()
         return self._connection
+
+    @property
+    def samples(self) -> bool:
+        """Whether it has samples; one that an earlier version began goes on with genomes."""
+        if self._samples is None:
+            with errors(self.file, RunError):
+                self._samples = version_of(self.connection) >= SAMPLES
+        return self._samples
 
     @property
     def name(self) -> str:

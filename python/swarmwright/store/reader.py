@@ -133,7 +133,7 @@ class StoreReader:
         return hashlib.sha256().hexdigest() if row is None else row.digest
 
     def generations(self) -> Iterator[Evaluated]:
-        """Yield the generations in order, one in memory at a time."""
+        """Yield the generations in order, one in memory at a time; genomes as the store has them."""
         with self._generations() as generations:
             rows = generations.rows()
         for row in rows:
@@ -141,11 +141,12 @@ class StoreReader:
 
     def _evaluated(self, row: Row) -> Evaluated:
         with self._generations() as generations:
-            record = self._joined(list(generations.evaluations(row)))
+            sample = generations.sample(row)
+            record = self._joined(list(generations.evaluations(row, made=False)))
         return Evaluated(
             generation=row.generation,
             seeds=self._parsed(row.seeds),
-            genomes=record.genomes,
+            genomes=record.genomes if sample is None else sample,
             episodes=record.episodes,
             metrics=record.metrics,
             fitness=record.fitness,
@@ -252,7 +253,8 @@ class StoreReader:
         self, generations: Generations, candidate: int | None, generation: int | None
     ) -> Evaluation:
         row, number = self._place(generations, candidate, generation)
-        part = self._joined(list(generations.evaluations(row)))
+        sample = generations.sample(row)
+        part = self._joined(list(generations.evaluations(row, made=False)))
         index = int(best_first(part.fitness)[0]) if number is None else number - row.first
         return Evaluation(
             row.first + index,
@@ -262,7 +264,7 @@ class StoreReader:
             self._parsed(row.seeds),
             part.episodes[index],
             part.metrics[index],
-            part.genomes[index],
+            part.genomes[index] if sample is None else sample.genomes(index, 1)[0],
         )
 
     def _place(

@@ -21,8 +21,8 @@ class Evaluated:
     generation: int
     seeds: list[int]
     """Simulation seed of each episode."""
-    genomes: Genomes
-    """(candidates, genome_size)"""
+    genomes: Genomes | _engine.Sample
+    """(candidates, genome_size), or what they are made from."""
     episodes: NDArray[np.float64]
     """(candidates, episodes) fitness, NaN where an episode failed."""
     metrics: NDArray[np.float64]
@@ -35,6 +35,11 @@ class Evaluated:
     """Number, counted over the whole run from 0, of the evaluation that is best after this generation."""
     digests: _engine.Digests | None = None
     """Of its columns in the store, where somebody has begun to compute them."""
+
+    def made(self) -> Genomes:
+        """Return the genomes, (candidates, genome_size)."""
+        genomes = self.genomes
+        return genomes.genomes(0, len(genomes)) if isinstance(genomes, _engine.Sample) else genomes
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -103,7 +103,7 @@ def _generations(connection: sqlite3.Connection, generations: Generations, found
             before = row.digest if row.digest in wanted else wanted[0]
             if row.digest not in wanted:
                 raise generations.damaged(ROW_DISAGREES, number)
-            for _ in generations.evaluations(row):
+            for _ in generations.evaluations(row, made=False):
                 pass
         except _UNREADABLE as error:
             found.add(error.what if isinstance(error, DamageError) else str(error), number)

@@ -11,11 +11,12 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
+from swarmwright import _engine
 from swarmwright.core.errors import InputError, RunError
 from swarmwright.core.files import write_text
 from swarmwright.core.yaml import dump
 from swarmwright.representations import Representation
-from swarmwright.store.blocks import EvaluationsDigest, encoded, of_columns
+from swarmwright.store.blocks import EvaluationsDigest, Sample, encoded, of_columns
 from swarmwright.store.database import FILE, NEW, code_of, seal_facts, transaction
 from swarmwright.store.folder import EXPERIMENT, check_folder, without_store
 from swarmwright.store.generations import Row, digest_before
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
     from swarmwright.experiment.experiment import Experiment
 
 _BLOCK = "INSERT INTO block VALUES (?, ?, ?, ?, ?, ?, ?)"
+_SAMPLE = "INSERT INTO sample VALUES (?, ?, ?)"
 _GENERATION = "INSERT INTO generation VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)"
 _ATTEMPT = "INSERT INTO attempt VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)"
 _EVENT = "INSERT INTO event VALUES (?, ?, ?, ?, ?)"
@@ -42,7 +44,7 @@ _EVENT = "INSERT INTO event VALUES (?, ?, ?, ?, ?)"
 _TOGETHER = 0.02
 """Seconds within which generations are written in one transaction."""
 _MUCH = 1 << 20
-"""Bytes of genomes that are written at once all the same: memory that is used again soon is in the cache."""
+"""Bytes of genomes and results that are written at once all the same: memory used soon again is cached."""
 _DRAFT = 1.0
 """Seconds for which a new store is a draft, which the end of the process at any moment would take."""
 
@@ -86,7 +88,7 @@ class StoreWriter:
         self._outcome: str | None = None
         self._ended: float | None = None
         self._finished: list[_Finished] = []
-        self._bytes = 0  # of genomes, in what is finished
+        self._bytes = 0  # of genomes and results, in what is finished
         self._seeds = _Seeds()
 
     @classmethod
@@ -220,10 +222,17 @@ class StoreWriter:
         """
         now = time.monotonic()
         self._finished.append(_Finished(evaluated, journal, now - self._started))
-        self._bytes += evaluated.genomes.nbytes
+        self._bytes += evaluated.episodes.nbytes + evaluated.metrics.nbytes
+        if not isinstance(evaluated.genomes, _engine.Sample):
+            self._bytes += evaluated.genomes.nbytes
         if self._bytes >= _MUCH or now - self._written >= _TOGETHER:
             self._flush()
         self.keep_soon()
+
+    @property
+    def samples(self) -> bool:
+        """Whether it keeps what genomes are made from instead of them."""
+        return self._store.samples
 
     def keep_soon(self) -> None:
         """End the draft when its time is over; called from time to time. Raises RunError as `commit`."""
@@ -285,7 +294,10 @@ class StoreWriter:
         if journal.attempts or journal.warnings:
             self._note(number, journal)
         connection = self._store.connection
-        total = EvaluationsDigest() if evaluated.digests is None else None
+        sample = _sample(evaluated)
+        if sample is not None:
+            connection.execute(_SAMPLE, (number, *sample))
+        total = EvaluationsDigest(sample) if evaluated.digests is None else None
         for block in encoded(evaluated, first):
             if total is not None:
                 total.add(block)
@@ -442,6 +454,12 @@ class StoreWriter:
             if not _in_use(error):  # an open reader keeps the log, which does no harm
                 failed = failed or error
         return failed
+
+
+def _sample(evaluated: Evaluated) -> Sample | None:
+    """Return what the genomes are made from, as it is stored."""
+    genomes = evaluated.genomes
+    return (genomes.address, genomes.numbers) if isinstance(genomes, _engine.Sample) else None
 
 
 def _in_use(error: RunError) -> bool:

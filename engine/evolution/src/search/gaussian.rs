@@ -301,6 +301,11 @@ impl Search for Gaussian {
             .genomes(&self.sample.directions, &self.deviation))
     }
 
+    fn draw(&mut self) -> Result<Option<usize>, NoStart> {
+        self.sample.draw();
+        Ok(Some(self.sample.population))
+    }
+
     fn tell(&mut self, _genomes: &[f32], fitness: &[f64]) -> Result<(), NoStart> {
         assert_eq!(fitness.len(), self.sample.population);
         if fitness.iter().any(|value| !value.is_nan()) {

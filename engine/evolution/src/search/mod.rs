@@ -35,6 +35,15 @@ pub trait Search: Send + Sync {
     /// There is no place for a new start, or somebody else has not made the genomes.
     fn ask(&mut self) -> Result<Vec<f32>, NoStart>;
 
+    /// As [`ask`](Self::ask) without making the genomes, which are [`drawn`](Self::drawn) then: returns how many there are. None,
+    /// and nothing is done, where they are needed.
+    ///
+    /// # Errors
+    /// As of [`ask`](Self::ask).
+    fn draw(&mut self) -> Result<Option<usize>, NoStart> {
+        Ok(None)
+    }
+
     /// Takes the fitness of the genomes asked for last, in their order; NaN where an evaluation failed.
     ///
     /// # Errors
@@ -42,7 +51,7 @@ pub trait Search: Send + Sync {
     ///
     /// # Panics
     ///
-    /// When there are not as many values as genomes.
+    /// When there are not as many values as genomes. The genomes are not needed where [`draw`](Self::draw) stood in for asking.
     fn tell(&mut self, genomes: &[f32], fitness: &[f64]) -> Result<(), NoStart>;
 
     /// Fitness of the members that stay, where there are such: what the figures of a generation describe. None: those told last.

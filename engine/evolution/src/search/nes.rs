@@ -176,6 +176,14 @@ impl Search for Nes {
         })
     }
 
+    fn draw(&mut self) -> Result<Option<usize>, NoStart> {
+        if let Shape::Full(..) = self.shape {
+            return Ok(None);
+        }
+        self.sample.draw();
+        Ok(Some(self.sample.population))
+    }
+
     fn tell(&mut self, _genomes: &[f32], fitness: &[f64]) -> Result<(), NoStart> {
         assert_eq!(fitness.len(), self.sample.population);
         if fitness.iter().all(|value| value.is_nan()) {
