@@ -1,31 +1,40 @@
 //! Motion and collisions in a tick, after the rigid discs of Chipmunk 6 as ARGoS uses them.
 //!
-//! A drive pulls the velocity towards its aim by at most `acceleration` x substep in a substep; positions move before
-//! velocities change. Bodies that overlap are not pushed apart: what is cancelled is their approach, with Coulomb friction
-//! at the rims, in a fixed number of passes over the contacts in order. Robots that nothing can touch in the tick move in
-//! closed form.
+//! A drive pulls the velocity towards its aim by at most `acceleration` x time, and Coulomb friction acts at the rims.
+//! Bodies are not pushed apart: what contacts end is the approach, after the substep in which two begin to overlap. Robots
+//! that nothing can touch in the tick move in closed form. For the others a tick has `PARTS` parts; in each of them all
+//! drives and all contacts are solved `PASSES` times, in order, beginning with the impulses of the part before. Chipmunk
+//! solves each of ten substeps ten times; beginning with its impulses fewer are enough (docs/decisions/019-arena.md).
 
 use swarmwright_lanes::{Lanes, Mask, Number, number};
 
-use super::neighbours::Neighbours;
 use super::place::{Face, Place};
 use super::robot::Robot;
+use super::senses::Close;
 use super::swarm::{Bodies, SUBSTEP, SUBSTEPS};
 
-/// Passes over contacts and drives in a substep.
-const PASSES: usize = 10;
-/// Two bodies that are further apart than this at the beginning of a tick do not touch in it, metres.
-const REACH: f32 = 0.04;
+/// Parts of a tick, each of two substeps of free motion.
+const PARTS: usize = 5;
+/// How often drives and contacts are solved in a part.
+const PASSES: usize = 2;
+/// Length of a part, seconds.
+const PART: f32 = 2.0 * SUBSTEP;
+/// Robots whose rims are further apart at the beginning of a tick do not touch in it, metres.
+const REACH: f32 = 0.03;
+/// No two bodies approach each other faster, m/s.
+const FASTEST: f32 = 0.3;
 
-/// An impulse divided by the mass of a robot.
+/// What a contact has for the solver. Impulses are divided by the mass of a robot.
 #[derive(Clone, Copy)]
 struct Contact<L: Lanes> {
     /// From the first robot to the other, or into the wall.
     normal: [Number<L>; 2],
-    /// Impulse along the normal so far in this substep, and along the tangent.
+    /// The speed of approach at which nothing happens in this part.
+    slack: Number<L>,
+    /// Impulse of a part along the normal and along the tangent.
     pressed: Number<L>,
     rubbed: Number<L>,
-    touches: L::Mask,
+    /// Whether anything can happen in this part, in any lane.
     active: bool,
 }
 
@@ -34,53 +43,148 @@ impl<L: Lanes> Contact<L> {
     fn none() -> Self {
         Self {
             normal: [number(0.0); 2],
+            slack: number(0.0),
             pressed: number(0.0),
             rubbed: number(0.0),
-            touches: L::Mask::from_bits(0),
             active: false,
         }
     }
 
-    /// Between points whose squared distance is known.
+    /// At the beginning of a part: `way` between points that touch at a distance of `limit` and move with `speed` along it
+    /// and across. Returns the impulse that the part begins with.
     #[inline(always)]
-    fn at(&mut self, way: [Number<L>; 2], square: Number<L>, limit: f32) {
+    fn begin(&mut self, way: [Number<L>; 2], speed: [Number<L>; 2], limit: f32) -> [Number<L>; 2] {
+        let square = square(way);
+        let far = limit + FASTEST * PART;
         // Middles that lie on each other press in no direction.
-        let positive = number(0.0).lt(square);
-        self.touches = square.lt(number(limit * limit)).and(positive);
-        self.active = self.touches.any();
-        if self.active {
-            let inverse = number::<L>(1.0) / square.sqrt().select(number(1.0), positive);
-            self.normal = [way[0] * inverse, way[1] * inverse];
+        let possible = square.lt(number(far * far)).and(number(0.0).lt(square));
+        self.active = possible.any();
+        if !self.active {
             self.pressed = number(0.0);
             self.rubbed = number(0.0);
+            return [number(0.0); 2];
         }
+        let length = square.sqrt();
+        let inverse = (number::<L>(1.0) / length).only_where(possible);
+        self.normal = [way[0] * inverse, way[1] * inverse];
+        let gap = length - number(limit);
+        let closing = -(speed[0] * self.normal[0] + speed[1] * self.normal[1]);
+        // Who overlaps after the first of two substeps approaches in that one alone; who does not, at least so fast that it
+        // just touches.
+        let first = gap.lt(closing * SUBSTEP);
+        let slack = (closing * 0.5)
+            .select(closing, first)
+            .at_least(gap * (1.0 / PART));
+        let slack = number::<L>(0.0).select(slack, gap.le(number(0.0)));
+        self.slack = slack.select(number(f32::MAX), possible);
+        self.pressed = self.pressed.only_where(possible);
+        self.rubbed = self.rubbed.only_where(possible);
+        self.along(self.pressed, self.rubbed)
     }
 
-    /// The change of impulse that ends the approach and what friction adds; `approach` and `slip` are the relative
+    /// The change of impulse that ends the approach, and what friction adds; `approach` and `slip` are the relative
     /// velocities along normal and tangent, `share` is the part of them that each body takes.
     #[inline(always)]
-    fn push(
+    fn solve(
         &mut self,
         approach: Number<L>,
         slip: Number<L>,
         share: f32,
         friction: f32,
     ) -> [Number<L>; 2] {
-        let pressed = (self.pressed - approach * share).at_least(number(0.0));
+        let pressed = (self.pressed - (approach + self.slack) * share).at_least(number(0.0));
         let limit = pressed * friction;
         let rubbed = (self.rubbed - slip * share).at_most(limit).at_least(-limit);
-        let change = [
-            (pressed - self.pressed).only_where(self.touches),
-            (rubbed - self.rubbed).only_where(self.touches),
-        ];
-        self.pressed += change[0];
-        self.rubbed += change[1];
-        let [nx, ny] = self.normal;
-        [
-            nx * change[0] - ny * change[1],
-            ny * change[0] + nx * change[1],
-        ]
+        let change = self.along(pressed - self.pressed, rubbed - self.rubbed);
+        self.pressed = pressed;
+        self.rubbed = rubbed;
+        change
     }
+
+    #[inline(always)]
+    fn along(&self, pressed: Number<L>, rubbed: Number<L>) -> [Number<L>; 2] {
+        let [nx, ny] = self.normal;
+        [nx * pressed - ny * rubbed, ny * pressed + nx * rubbed]
+    }
+
+    #[inline(always)]
+    fn touches(&self) -> L::Mask {
+        number(0.0).lt(self.pressed)
+    }
+}
+
+/// Two robots.
+#[derive(Clone, Copy)]
+struct Meeting<L: Lanes> {
+    robots: [u32; 2],
+    contact: Contact<L>,
+}
+
+/// A robot and, in each lane, a face of a wall.
+#[derive(Clone, Copy)]
+struct Leaning<L: Lanes> {
+    robot: u32,
+    /// Index of the face; negative in lanes without one.
+    face: Number<L>,
+    middle: [Number<L>; 2],
+    along: [Number<L>; 2],
+    half: Number<L>,
+    contact: Contact<L>,
+}
+
+impl<L: Lanes> Leaning<L> {
+    #[inline(always)]
+    fn none(robot: u32) -> Self {
+        Self {
+            robot,
+            face: number(-1.0),
+            // Far away.
+            middle: [number(1e6); 2],
+            along: [number(1.0), number(0.0)],
+            half: number(0.0),
+            contact: Contact::none(),
+        }
+    }
+
+    /// Takes a face in these lanes.
+    #[inline(always)]
+    fn take(&mut self, index: u32, face: &Face, lanes: L::Mask) {
+        self.face = number::<L>(index as f32).select(self.face, lanes);
+        for axis in 0..2 {
+            self.middle[axis] = number::<L>(face.middle[axis]).select(self.middle[axis], lanes);
+            self.along[axis] = number::<L>(face.along[axis]).select(self.along[axis], lanes);
+        }
+        self.half = number::<L>(face.half).select(self.half, lanes);
+    }
+
+    /// Takes over the impulses of the tick before, where the face is the same.
+    #[inline(always)]
+    fn inherit(&mut self, before: &Self) {
+        let same = self.face.le(before.face).and(before.face.le(self.face));
+        let (contact, before) = (&mut self.contact, &before.contact);
+        contact.pressed = before.pressed.select(contact.pressed, same);
+        contact.rubbed = before.rubbed.select(contact.rubbed, same);
+    }
+
+    /// From a point to the nearest one of the face.
+    #[inline(always)]
+    fn way(&self, [x, y]: [Number<L>; 2]) -> [Number<L>; 2] {
+        let (dx, dy) = (x - self.middle[0], y - self.middle[1]);
+        let s = dx * self.along[0] + dy * self.along[1];
+        let s = s.at_most(self.half).at_least(-self.half);
+        [s * self.along[0] - dx, s * self.along[1] - dy]
+    }
+}
+
+/// A robot that something may touch in the tick.
+#[derive(Clone, Copy)]
+struct Moved<L> {
+    at: [Number<L>; 2],
+    velocity: [Number<L>; 2],
+    /// The velocity before this part, how far the drive alone gets in it, and what the drive gives.
+    before: [Number<L>; 2],
+    free: [Number<L>; 2],
+    load: [Number<L>; 2],
 }
 
 /// The work of a tick.
@@ -90,19 +194,23 @@ pub(super) struct Contacts<L: Lanes> {
     /// In which lanes something can touch a robot.
     near: Vec<L::Mask>,
     involved: Vec<u32>,
-    /// In which lanes something touches a robot in this substep.
+    /// In which lanes something touches a robot in this part.
     touched: Vec<L::Mask>,
-    pairs: Vec<([u32; 2], Contact<L>)>,
-    walls: Vec<(u32, u32, Contact<L>)>,
-    /// By robot: position, velocity, and what the drive has given in this substep.
+    /// Ascending by robots, and those of the tick before.
+    meetings: [Vec<Meeting<L>>; 2],
+    leanings: [Vec<Leaning<L>>; 2],
     moved: Vec<Moved<L>>,
 }
 
-#[derive(Clone, Copy)]
-struct Moved<L> {
-    at: [Number<L>; 2],
-    velocity: [Number<L>; 2],
-    driven: [Number<L>; 2],
+/// Middles that are further apart at the beginning of a tick do not touch in it, metres.
+pub(super) fn reach(robot: &Robot) -> f32 {
+    2.0 * robot.radius + REACH
+}
+
+/// Lines of walls that are further away at the beginning of a tick matter neither to contacts nor to rays, metres.
+pub(super) fn reach_of_walls(robot: &Robot) -> f32 {
+    let rays = robot.proximity.as_ref().map_or(0.0, |p| p.start + p.range);
+    rays.max(robot.radius + REACH / 2.0)
 }
 
 /// From a point to the nearest point of a face.
@@ -124,17 +232,26 @@ impl<L: Lanes> Contacts<L> {
         let moved = Moved {
             at: zero,
             velocity: zero,
-            driven: zero,
+            before: zero,
+            free: zero,
+            load: zero,
         };
         Self {
             aim: vec![zero; robots],
             near: vec![L::Mask::from_bits(0); robots],
             involved: Vec::new(),
             touched: vec![L::Mask::from_bits(0); robots],
-            pairs: Vec::new(),
-            walls: Vec::new(),
+            meetings: [Vec::new(), Vec::new()],
+            leanings: [Vec::new(), Vec::new()],
             moved: vec![moved; robots],
         }
+    }
+
+    /// Goes to the start of an episode.
+    #[inline(always)]
+    pub(super) fn forget(&mut self) {
+        self.meetings[0].clear();
+        self.leanings[0].clear();
     }
 
     /// Moves all robots by a tick.
@@ -142,77 +259,119 @@ impl<L: Lanes> Contacts<L> {
     pub(super) fn resolve(
         &mut self,
         bodies: &mut Bodies<L>,
-        neighbours: &Neighbours,
+        close: &Close,
         robot: &Robot,
         place: &Place,
     ) {
-        self.find(bodies, neighbours, robot, place);
-        for index in 0..self.involved.len() {
-            let robot = self.involved[index] as usize;
-            self.moved[robot] = Moved {
-                at: [bodies.x[robot], bodies.y[robot]],
-                velocity: [bodies.vx[robot], bodies.vy[robot]],
-                driven: [number(0.0); 2],
-            };
+        self.near.fill(L::Mask::from_bits(0));
+        self.find_meetings(bodies, &close.robots, robot);
+        self.find_leanings(bodies, &close.faces, robot, place);
+        self.involved.clear();
+        for index in 0..bodies.len() {
+            if self.near[index].any() {
+                self.involved.push(index as u32);
+                let moved = &mut self.moved[index];
+                moved.at = [bodies.x[index], bodies.y[index]];
+                moved.velocity = [bodies.vx[index], bodies.vy[index]];
+            }
         }
         self.move_freely(bodies, robot);
         if self.involved.is_empty() {
             return;
         }
-        for _ in 0..SUBSTEPS {
-            self.substep(bodies, robot, place);
+        for _ in 0..PARTS {
+            self.part(bodies, robot);
         }
-        for index in 0..self.involved.len() {
-            let robot = self.involved[index] as usize;
-            let (near, moved) = (self.near[robot], self.moved[robot]);
-            bodies.x[robot] = moved.at[0].select(bodies.x[robot], near);
-            bodies.y[robot] = moved.at[1].select(bodies.y[robot], near);
-            bodies.vx[robot] = moved.velocity[0].select(bodies.vx[robot], near);
-            bodies.vy[robot] = moved.velocity[1].select(bodies.vy[robot], near);
+        for index in &self.involved {
+            let index = *index as usize;
+            let (near, moved) = (self.near[index], self.moved[index]);
+            bodies.x[index] = moved.at[0].select(bodies.x[index], near);
+            bodies.y[index] = moved.at[1].select(bodies.y[index], near);
+            bodies.vx[index] = moved.velocity[0].select(bodies.vx[index], near);
+            bodies.vy[index] = moved.velocity[1].select(bodies.vy[index], near);
         }
     }
 
-    /// Finds who may touch what in this tick.
+    /// Finds which robots may touch each other in this tick.
     #[inline(always)]
-    fn find(&mut self, bodies: &Bodies<L>, neighbours: &Neighbours, robot: &Robot, place: &Place) {
-        self.near.fill(L::Mask::from_bits(0));
-        self.pairs.clear();
-        self.walls.clear();
-        self.involved.clear();
-        let reach = 2.0 * robot.radius + REACH;
-        let reach = number(reach * reach);
-        for first in 0..bodies.len() {
-            for other in neighbours.of(first) {
-                let second = *other as usize;
-                if second < first {
-                    continue;
-                }
-                let close = square(bodies.between(first, second)).lt(reach);
-                if close.any() {
-                    self.near[first] = self.near[first].or(close);
-                    self.near[second] = self.near[second].or(close);
-                    self.pairs.push(([first as u32, *other], Contact::none()));
-                }
+    fn find_meetings(&mut self, bodies: &Bodies<L>, pairs: &[[u32; 2]], robot: &Robot) {
+        let [now, old] = &mut self.meetings;
+        std::mem::swap(now, old);
+        now.clear();
+        let mut at = 0;
+        let reach = number(reach(robot) * reach(robot));
+        for pair in pairs {
+            let (i, j) = (pair[0] as usize, pair[1] as usize);
+            let close = square(bodies.between(i, j)).lt(reach);
+            self.near[i] = self.near[i].or(close);
+            self.near[j] = self.near[j].or(close);
+            let mut contact = Contact::none();
+            while at < old.len() && old[at].robots < *pair {
+                at += 1;
             }
-        }
-        let reach = robot.radius + REACH / 2.0;
-        let reach = number(reach * reach);
-        for index in 0..bodies.len() {
-            for (face, wall) in place.faces.iter().enumerate() {
-                let close = square(to_face(wall, bodies.x[index], bodies.y[index])).lt(reach);
-                if close.any() {
-                    self.near[index] = self.near[index].or(close);
-                    self.walls
-                        .push((index as u32, face as u32, Contact::none()));
-                }
+            if at < old.len() && old[at].robots == *pair {
+                let before = &old[at].contact;
+                contact.pressed = before.pressed.only_where(close);
+                contact.rubbed = before.rubbed.only_where(close);
             }
-            if self.near[index].any() {
-                self.involved.push(index as u32);
-            }
+            now.push(Meeting {
+                robots: *pair,
+                contact,
+            });
         }
     }
 
-    /// Ten substeps of robots that touch nothing, at once.
+    /// Finds which walls a robot may touch in this tick.
+    #[inline(always)]
+    fn find_leanings(
+        &mut self,
+        bodies: &Bodies<L>,
+        pairs: &[[u32; 2]],
+        robot: &Robot,
+        place: &Place,
+    ) {
+        let [now, old] = &mut self.leanings;
+        std::mem::swap(now, old);
+        now.clear();
+        let (mut first, mut at) = (0, 0);
+        let reach = robot.radius + REACH / 2.0;
+        for (number_of_pair, [index, face_index]) in pairs.iter().enumerate() {
+            let robot = *index as usize;
+            let face = &place.faces[*face_index as usize];
+            let way = to_face(face, bodies.x[robot], bodies.y[robot]);
+            let close = square(way).lt(number(reach * reach));
+            if close.any() {
+                self.near[robot] = self.near[robot].or(close);
+                let mut lanes = close;
+                for leaning in &mut now[first..] {
+                    let taken = lanes.and(leaning.face.lt(number(0.0)));
+                    if taken.any() {
+                        leaning.take(*face_index, face, taken);
+                        lanes = lanes.and_not(taken);
+                    }
+                }
+                if lanes.any() {
+                    let mut leaning = Leaning::none(*index);
+                    leaning.take(*face_index, face, lanes);
+                    now.push(leaning);
+                }
+            }
+            if number_of_pair + 1 < pairs.len() && pairs[number_of_pair + 1][0] == *index {
+                continue;
+            }
+            while at < old.len() && old[at].robot <= *index {
+                if old[at].robot == *index {
+                    for leaning in &mut now[first..] {
+                        leaning.inherit(&old[at]);
+                    }
+                }
+                at += 1;
+            }
+            first = now.len();
+        }
+    }
+
+    /// A tick of robots that touch nothing, at once.
     #[inline(always)]
     fn move_freely(&mut self, bodies: &mut Bodies<L>, robot: &Robot) {
         let most = number::<L>(robot.acceleration * SUBSTEP);
@@ -237,51 +396,65 @@ impl<L: Lanes> Contacts<L> {
     }
 
     #[inline(always)]
-    fn substep(&mut self, bodies: &Bodies<L>, robot: &Robot, place: &Place) {
+    fn part(&mut self, bodies: &Bodies<L>, robot: &Robot) {
         let Self {
             aim,
             involved,
             touched,
-            pairs,
-            walls,
+            meetings: [meetings, _],
+            leanings: [leanings, _],
             moved,
             ..
         } = self;
         for index in involved.iter() {
-            let moved = &mut moved[*index as usize];
-            moved.at[0] += moved.velocity[0] * SUBSTEP;
-            moved.at[1] += moved.velocity[1] * SUBSTEP;
-            moved.driven = [number(0.0); 2];
-            touched[*index as usize] = L::Mask::from_bits(0);
+            let index = *index as usize;
+            moved[index].before = moved[index].velocity;
+            touched[index] = L::Mask::from_bits(0);
         }
-        let mut active = false;
-        for ([first, second], contact) in pairs.iter_mut() {
-            let (from, to) = (moved[*first as usize].at, moved[*second as usize].at);
-            let way = [to[0] - from[0], to[1] - from[1]];
-            contact.at(way, square(way), 2.0 * robot.radius);
+        for meeting in meetings.iter_mut() {
+            let contact = &mut meeting.contact;
+            let (i, j) = (meeting.robots[0] as usize, meeting.robots[1] as usize);
+            let (a, b) = (&moved[i], &moved[j]);
+            let way = [b.at[0] - a.at[0], b.at[1] - a.at[1]];
+            let speed = [b.before[0] - a.before[0], b.before[1] - a.before[1]];
+            let impulse = contact.begin(way, speed, 2.0 * robot.radius);
             if contact.active {
-                active = true;
-                for index in [*first, *second] {
-                    let touched = &mut touched[index as usize];
-                    *touched = touched.or(contact.touches);
+                pull(&mut moved[i], impulse);
+                push(&mut moved[j], impulse);
+                let touches = contact.touches();
+                touched[i] = touched[i].or(touches);
+                touched[j] = touched[j].or(touches);
+            }
+        }
+        for leaning in leanings.iter_mut() {
+            let i = leaning.robot as usize;
+            let way = leaning.way(moved[i].at);
+            let speed = [-moved[i].before[0], -moved[i].before[1]];
+            let impulse = leaning.contact.begin(way, speed, robot.radius);
+            if leaning.contact.active {
+                pull(&mut moved[i], impulse);
+                touched[i] = touched[i].or(leaning.contact.touches());
+            }
+        }
+        for index in involved.iter() {
+            let index = *index as usize;
+            drive(&mut moved[index], aim[index], robot.acceleration);
+        }
+        for pass in 0..PASSES {
+            if pass > 0 {
+                for index in involved.iter() {
+                    let index = *index as usize;
+                    if touched[index].any() {
+                        drive_on(&mut moved[index], aim[index], robot.acceleration);
+                    }
                 }
             }
-        }
-        for (index, face, contact) in walls.iter_mut() {
-            let [x, y] = moved[*index as usize].at;
-            let way = to_face(&place.faces[*face as usize], x, y);
-            contact.at(way, square(way), robot.radius);
-            if contact.active {
-                active = true;
-                let touched = &mut touched[*index as usize];
-                *touched = touched.or(contact.touches);
-            }
-        }
-        let most = robot.acceleration * SUBSTEP;
-        // Where nothing touches a robot the first pass is all.
-        for pass in 0..if active { PASSES } else { 1 } {
-            for ([first, second], contact) in pairs.iter_mut().filter(|(_, c)| c.active) {
-                let (i, j) = (*first as usize, *second as usize);
+            for meeting in meetings.iter_mut() {
+                let contact = &mut meeting.contact;
+                if !contact.active {
+                    continue;
+                }
+                let (i, j) = (meeting.robots[0] as usize, meeting.robots[1] as usize);
                 let [nx, ny] = contact.normal;
                 let (u, v) = (moved[i].velocity, moved[j].velocity);
                 let relative = [v[0] - u[0], v[1] - u[1]];
@@ -289,48 +462,74 @@ impl<L: Lanes> Contacts<L> {
                 let slip = relative[1] * nx
                     - relative[0] * ny
                     - (bodies.spin[i] + bodies.spin[j]) * robot.radius;
-                let [px, py] = contact.push(approach, slip, 0.5, robot.friction[0]);
-                moved[i].velocity = [u[0] - px, u[1] - py];
-                moved[j].velocity = [v[0] + px, v[1] + py];
+                let impulse = contact.solve(approach, slip, 0.5, robot.friction[0]);
+                pull(&mut moved[i], impulse);
+                push(&mut moved[j], impulse);
+                let touches = contact.touches();
+                touched[i] = touched[i].or(touches);
+                touched[j] = touched[j].or(touches);
             }
-            for (index, _, contact) in walls.iter_mut().filter(|(_, _, c)| c.active) {
-                let i = *index as usize;
+            for leaning in leanings.iter_mut() {
+                let (i, contact) = (leaning.robot as usize, &mut leaning.contact);
+                if !contact.active {
+                    continue;
+                }
                 let [nx, ny] = contact.normal;
                 let u = moved[i].velocity;
                 let approach = -(u[0] * nx + u[1] * ny);
                 let slip = u[0] * ny - u[1] * nx - bodies.spin[i] * robot.radius;
-                let [px, py] = contact.push(approach, slip, 1.0, robot.friction[1]);
-                moved[i].velocity = [u[0] - px, u[1] - py];
+                let impulse = contact.solve(approach, slip, 1.0, robot.friction[1]);
+                pull(&mut moved[i], impulse);
+                touched[i] = touched[i].or(contact.touches());
             }
-            for index in involved.iter() {
-                let index = *index as usize;
-                if pass > 0 && !touched[index].any() {
-                    continue;
-                }
-                let Moved {
-                    velocity, driven, ..
-                } = &mut moved[index];
-                let wanted = [
-                    driven[0] + (aim[index][0] - velocity[0]),
-                    driven[1] + (aim[index][1] - velocity[1]),
-                ];
-                let length = square(wanted);
-                let long = number(most * most).lt(length);
-                let factor = if long.any() {
-                    (number::<L>(most) / length.sqrt()).select(number(1.0), long)
-                } else {
-                    number(1.0)
-                };
-                let mut given = [wanted[0] * factor, wanted[1] * factor];
-                if pass > 0 {
-                    for axis in 0..2 {
-                        given[axis] = given[axis].select(driven[axis], touched[index]);
-                    }
-                }
-                velocity[0] += given[0] - driven[0];
-                velocity[1] += given[1] - driven[1];
-                *driven = given;
+        }
+        for index in involved.iter() {
+            let (moved, touched) = (&mut moved[*index as usize], touched[*index as usize]);
+            for axis in 0..2 {
+                let way = (moved.velocity[axis] * PART).select(moved.free[axis], touched);
+                moved.at[axis] += way;
             }
         }
     }
+}
+
+#[inline(always)]
+fn push<L: Lanes>(moved: &mut Moved<L>, [x, y]: [Number<L>; 2]) {
+    moved.velocity[0] += x;
+    moved.velocity[1] += y;
+}
+
+#[inline(always)]
+fn pull<L: Lanes>(moved: &mut Moved<L>, [x, y]: [Number<L>; 2]) {
+    moved.velocity[0] -= x;
+    moved.velocity[1] -= y;
+}
+
+/// The drive pulls the velocity to its aim. `velocity` has the impulses of the contacts already: it works against them.
+#[inline(always)]
+fn drive<L: Lanes>(moved: &mut Moved<L>, aim: [Number<L>; 2], acceleration: f32) {
+    let [x, y] = moved.velocity;
+    let wanted = [aim[0] - x, aim[1] - y];
+    let inverse = number::<L>(1.0) / square(wanted).sqrt();
+    let whole = (inverse * (acceleration * PART)).at_most(number(1.0));
+    // Of two substeps the first one still has the velocity of before.
+    let half = (inverse * (acceleration * SUBSTEP)).at_most(number(1.0));
+    let [vx, vy] = moved.before;
+    moved.free = [
+        vx * PART + wanted[0] * half * SUBSTEP,
+        vy * PART + wanted[1] * half * SUBSTEP,
+    ];
+    moved.load = [wanted[0] * whole, wanted[1] * whole];
+    push(moved, moved.load);
+}
+
+/// The drive once more, after contacts: it gives no more than it can in all.
+#[inline(always)]
+fn drive_on<L: Lanes>(moved: &mut Moved<L>, aim: [Number<L>; 2], acceleration: f32) {
+    let (load, [x, y]) = (moved.load, moved.velocity);
+    let wanted = [load[0] + (aim[0] - x), load[1] + (aim[1] - y)];
+    let inverse = number::<L>(acceleration * PART) / square(wanted).sqrt();
+    let whole = inverse.at_most(number(1.0));
+    moved.load = [wanted[0] * whole, wanted[1] * whole];
+    push(moved, [moved.load[0] - load[0], moved.load[1] - load[1]]);
 }

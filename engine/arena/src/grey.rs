@@ -2,8 +2,6 @@
 
 use swarmwright_lanes::{Int, Lanes, Mask, Number, number};
 
-use super::random::halves;
-
 /// Quantiles of a table, ends included.
 const KNOTS: usize = 65;
 
@@ -37,35 +35,37 @@ const QUANTILES: [[f32; KNOTS]; 3] = [
     ],
 ];
 
-/// The bits of the quantiles, for vectors to look up.
-static PATTERNS: [[i32; KNOTS]; 3] = {
-    let mut patterns = [[0; KNOTS]; 3];
+/// Each quantile in the lower half of a word and the next one in the upper half, in units of 1e-4, for vectors to look up.
+static PAIRS: [[i32; KNOTS - 1]; 3] = {
+    let mut pairs = [[0; KNOTS - 1]; 3];
     let mut sensor = 0;
     while sensor < 3 {
         let mut knot = 0;
-        while knot < KNOTS {
-            patterns[sensor][knot] = QUANTILES[sensor][knot].to_bits() as i32;
+        while knot + 1 < KNOTS {
+            let low = (QUANTILES[sensor][knot] * 1e4 + 0.5) as i32;
+            let high = (QUANTILES[sensor][knot + 1] * 1e4 + 0.5) as i32;
+            pairs[sensor][knot] = low | high << 16;
             knot += 1;
         }
         sensor += 1;
     }
-    patterns
+    pairs
 };
 
 /// The inputs for a filtered colour: 0 on black, 1 on white, draws on grey.
 #[inline(always)]
-pub(super) fn drawn<L: Lanes>(seen: Number<L>, draw: [L::Int; 4]) -> [Number<L>; 3] {
+pub(super) fn drawn<L: Lanes>(seen: Number<L>, units: [Number<L>; 3]) -> [Number<L>; 3] {
     let grey = number(0.25).lt(seen).and(seen.lt(number(0.75)));
     let mut inputs = [seen; 3];
     if grey.any() {
         for (sensor, input) in inputs.iter_mut().enumerate() {
-            let place = halves::<L>(draw[sensor])[0] * 64.0;
+            let place = units[sensor] * (KNOTS - 1) as f32;
             let whole = place.0.floor();
-            let table = &PATTERNS[sensor];
-            let low = Number(L::from_pattern(whole.lookup(table)));
-            let next = whole.add(L::Int::splat(1));
-            let high = Number(L::from_pattern(next.lookup(table)));
-            let between = low + (high - low) * (place - Number(L::from_int(whole)));
+            let pair = whole.lookup(&PAIRS[sensor]);
+            let low = Number(L::from_int(pair.and(L::Int::splat(0xFFFF))));
+            let high = Number(L::from_int(pair.shr(L::Int::splat(16))));
+            let part = place - Number(L::from_int(whole));
+            let between = (low + (high - low) * part) * 1e-4;
             *input = between.select(*input, grey);
         }
     }

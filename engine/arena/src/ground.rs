@@ -3,7 +3,7 @@
 use swarmwright_lanes::{Lanes, Number, number};
 
 use super::place::Place;
-use super::random::{halves, noise};
+use super::random::noise;
 use super::robot::GroundSensors;
 use super::swarm::Bodies;
 
@@ -46,14 +46,13 @@ impl<L: Lanes> GroundWindow<L> {
         bodies: &Bodies<L>,
         index: usize,
         tick: u32,
-        draw: [L::Int; 4],
+        units: [Number<L>; 3],
     ) {
         let (x, y) = (bodies.x[index], bodies.y[index]);
         let (cos, sin) = (bodies.cos[index], bodies.sin[index]);
-        let [first, second] = [halves::<L>(draw[0]), halves::<L>(draw[1])];
-        let units = [first[0], first[1], second[0], second[1]];
         let (mut black, mut white) = (number(0.0), number(0.0));
-        for (point, unit) in sensors.points.iter().zip(units) {
+        for (index, point) in sensors.points.iter().enumerate() {
+            let unit = units[index];
             let grey = place.floor(
                 x + (cos * point[0] - sin * point[1]),
                 y + (sin * point[0] + cos * point[1]),

@@ -6,15 +6,13 @@ use swarmwright_controllers::LaneController;
 use swarmwright_lanes::Lanes;
 
 use super::metrics::Tally;
+use super::neighbours::MOST_IN_LANES;
 use super::settings::Settings;
 use super::start::Pose;
 use super::swarm::Swarm;
 use swarmwright_simulation::ParameterError;
 use swarmwright_simulation::block::{Block, LaneWorld, groups};
 use swarmwright_simulation::rollout::stopped;
-
-/// With more robots the stepper's cells are faster than vectors that look at all others.
-const MOST_IN_LANES: usize = 64;
 
 /// The episodes of a block. They differ in the seed alone.
 pub(crate) struct ArenaLanes {

@@ -1,5 +1,10 @@
 //! Arena: a swarm of robots like the e-puck among walls, on a floor with colours, under lights.
 
+#![allow(
+    clippy::needless_range_loop,
+    reason = "what iterators call is not always inlined into kernels"
+)]
+
 mod contacts;
 mod functions;
 mod grey;
@@ -16,6 +21,7 @@ mod random;
 mod robot;
 mod senses;
 mod settings;
+mod slots;
 mod start;
 mod swarm;
 

@@ -19,8 +19,13 @@ pub(super) fn read<L: Lanes>(
     others: &[Other<L>],
     readings: &mut [Number<L>],
 ) {
-    readings.fill(number(0.0));
-    for light in place.lights.iter().filter(|light| light.intensity > 0.0) {
+    for index in 0..readings.len() {
+        readings[index] = number(0.0);
+    }
+    for light in &place.lights {
+        if light.intensity <= 0.0 {
+            continue;
+        }
         let (dx, dy) = (
             number(light.at[0]) - bodies.x[index],
             number(light.at[1]) - bodies.y[index],
@@ -33,10 +38,7 @@ pub(super) fn read<L: Lanes>(
             continue;
         }
         let distance = square.sqrt();
-        // In the frame of the robot.
-        let (cos, sin) = (bodies.cos[index], bodies.sin[index]);
-        let (x, y) = (dx * cos + dy * sin, dy * cos - dx * sin);
-        let hidden = behind_robot(robot, light, [x, y], distance, others).or(behind_wall(
+        let hidden = behind_robot(robot, light, [dx, dy], distance, others).or(behind_wall(
             place,
             light,
             bodies.x[index],
@@ -47,9 +49,12 @@ pub(super) fn read<L: Lanes>(
             continue;
         }
         let strength = exp((far * -2.0).at_least(number(-80.0))).only_where(seen);
-        let angle = bearing(x, y);
-        for (sensor, reading) in sensors.angles.iter().zip(readings.iter_mut()) {
-            let off = absolute(angle - *sensor);
+        // In the frame of the robot.
+        let (cos, sin) = (bodies.cos[index], bodies.sin[index]);
+        let angle = bearing(dx * cos + dy * sin, dy * cos - dx * sin);
+        for index in 0..sensors.angles.len() {
+            let reading = &mut readings[index];
+            let off = absolute(angle - sensors.angles[index]);
             let off = (number(2.0) - off).select(off, number(1.0).lt(off));
             let facing = (number(1.0) - off - off).at_least(number(0.0));
             *reading += strength * facing;
@@ -82,6 +87,9 @@ fn behind_robot<L: Lanes>(
         let along = other.x * ux + other.y * uy;
         let aside = other.x * uy - other.y * ux;
         let depth = radius - aside * aside;
+        if !number(0.0).lt(depth).and(other.square.lt(reach)).any() {
+            continue;
+        }
         // Where the line enters the body: not before its start, since a body around the start does not hide.
         let entry = along - depth.at_least(number(0.0)).sqrt();
         hidden = hidden.or(number(0.0)

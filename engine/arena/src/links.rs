@@ -6,19 +6,33 @@ use super::place::Place;
 use super::random::{Keys, LINKS};
 use super::robot::{Links, Robot};
 use super::senses::Other;
+use super::slots::Slots;
 use super::swarm::Bodies;
 
 /// Ticks whose messages count for the attraction.
 const WINDOW: usize = 11;
+/// Messages that are looked at at a time.
+const AT_A_TIME: usize = 4;
 
 /// Messages of the last ticks.
-pub(super) struct LinkWindow<L> {
+pub(super) struct LinkWindow<L: Lanes> {
     /// By robot and tick of the window: the sum over its messages, in the frame that the robot then had.
     sums: Vec<[[Number<L>; 2]; WINDOW]>,
     /// By robot: messages of this tick.
     pub heard: Vec<Number<L>>,
     /// By robot: the sum over the window.
     pub attraction: Vec<[Number<L>; 2]>,
+    sent: Sent<L>,
+}
+
+/// Messages that were not lost: the way to their sender.
+type Sent<L> = Slots<L, 2, AT_A_TIME>;
+
+/// Those that arrive: their number, and their sum.
+#[derive(Clone, Copy)]
+struct Arrived<L> {
+    count: Number<L>,
+    sum: [Number<L>; 2],
 }
 
 impl<L: Lanes> LinkWindow<L> {
@@ -27,6 +41,7 @@ impl<L: Lanes> LinkWindow<L> {
             sums: vec![[[number(0.0); 2]; WINDOW]; robots],
             heard: vec![number(0.0); robots],
             attraction: vec![[number(0.0); 2]; robots],
+            sent: Sent::new([0.0; 2]),
         }
     }
 
@@ -51,10 +66,16 @@ impl<L: Lanes> LinkWindow<L> {
     ) {
         let lost = L::Int::splat((links.loss * 65536.0) as i32 - 1);
         let range = number::<L>(links.range * links.range);
-        let (mut heard, mut sum) = (number::<L>(0.0), [number(0.0); 2]);
+        let mut arrived = Arrived {
+            count: number(0.0),
+            sum: [number(0.0); 2],
+        };
         let mut block = usize::MAX;
         let mut words = [L::Int::splat(0); 4];
-        for (at, other) in others.iter().enumerate() {
+        let slots = &mut self.sent;
+        slots.clear();
+        let at = [bodies.x[index], bodies.y[index]];
+        for other in others {
             let sender = other.index as usize;
             if sender / LINKS != block {
                 block = sender / LINKS;
@@ -66,25 +87,21 @@ impl<L: Lanes> LinkWindow<L> {
             } else {
                 word.shr(L::Int::splat(16))
             };
-            let mut arrives = lost.lt(half).and(other.square.lt(range));
-            if !arrives.any() {
-                continue;
+            let sent = lost.lt(half).and(other.square.lt(range));
+            if sent.any() {
+                let rest = slots.put([other.x, other.y], sent);
+                if rest.any() {
+                    receive(links, robot, place, at, others, slots, &mut arrived);
+                    slots.clear();
+                    slots.put([other.x, other.y], rest);
+                }
             }
-            arrives = arrives.and_not(hidden_by_robot(robot, others, at));
-            arrives = arrives.and_not(hidden_by_wall(place, bodies, index, sender));
-            if !arrives.any() {
-                continue;
-            }
-            let distance = other.square.sqrt();
-            let weight = number::<L>(1.0) / (distance * 100.0 + (1.0 - links.offset));
-            let weight = (weight / distance).only_where(arrives);
-            heard = heard.add_where(number(1.0), arrives);
-            sum[0] += other.x * weight;
-            sum[1] += other.y * weight;
         }
-        self.heard[index] = heard;
+        receive(links, robot, place, at, others, slots, &mut arrived);
+        self.heard[index] = arrived.count;
         let sums = &mut self.sums[index];
-        sums[tick as usize % WINDOW] = sum;
+        let ([x, y], cos, sin) = (arrived.sum, bodies.cos[index], bodies.sin[index]);
+        sums[tick as usize % WINDOW] = [x * cos + y * sin, y * cos - x * sin];
         let mut total = [number(0.0); 2];
         for sum in sums.iter() {
             total[0] += sum[0];
@@ -94,19 +111,47 @@ impl<L: Lanes> LinkWindow<L> {
     }
 }
 
+/// Adds the messages that nothing hides.
+#[inline(always)]
+fn receive<L: Lanes>(
+    links: &Links,
+    robot: &Robot,
+    place: &Place,
+    at: [Number<L>; 2],
+    others: &[Other<L>],
+    slots: &Sent<L>,
+    arrived: &mut Arrived<L>,
+) {
+    for place_of in 0..slots.used() {
+        let (way, nothing) = slots.get(place_of);
+        // As the product of the ways below, so that the sender itself does not stand between.
+        let square = way[0] * way[0] + way[1] * way[1];
+        let hidden = nothing
+            .or(behind_robot(robot, way, square, others))
+            .or(behind_wall(place, at, way));
+        let distance = square.sqrt();
+        let weight = number::<L>(1.0) / ((distance * 100.0 + (1.0 - links.offset)) * distance);
+        let weight = number::<L>(0.0).select(weight, hidden);
+        arrived.count += number::<L>(0.0).select(number(1.0), hidden);
+        arrived.sum[0] += way[0] * weight;
+        arrived.sum[1] += way[1] * weight;
+    }
+}
+
 /// Whether a third robot stands between.
 #[inline(always)]
-fn hidden_by_robot<L: Lanes>(robot: &Robot, others: &[Other<L>], at: usize) -> L::Mask {
+fn behind_robot<L: Lanes>(
+    robot: &Robot,
+    [x, y]: [Number<L>; 2],
+    square: Number<L>,
+    others: &[Other<L>],
+) -> L::Mask {
     let mut hidden = L::Mask::from_bits(0);
-    let goal = others[at];
-    let width = goal.square * (robot.radius * robot.radius);
-    for (index, other) in others.iter().enumerate() {
-        if index == at {
-            continue;
-        }
-        let cross = goal.x * other.y - goal.y * other.x;
-        let dot = goal.x * other.x + goal.y * other.y;
-        let between = number(0.0).lt(dot).and(dot.lt(goal.square));
+    let width = square * (robot.radius * robot.radius);
+    for other in others {
+        let cross = x * other.y - y * other.x;
+        let dot = x * other.x + y * other.y;
+        let between = number(0.0).lt(dot).and(dot.lt(square));
         hidden = hidden.or((cross * cross).lt(width).and(between));
     }
     hidden
@@ -114,21 +159,20 @@ fn hidden_by_robot<L: Lanes>(robot: &Robot, others: &[Other<L>], at: usize) -> L
 
 /// Whether a wall stands between.
 #[inline(always)]
-fn hidden_by_wall<L: Lanes>(place: &Place, bodies: &Bodies<L>, from: usize, to: usize) -> L::Mask {
+fn behind_wall<L: Lanes>(place: &Place, [x, y]: [Number<L>; 2], way: [Number<L>; 2]) -> L::Mask {
     let mut hidden = L::Mask::from_bits(0);
-    for face in place.faces.iter().filter(|face| !face.outer) {
+    for face in &place.faces {
+        if face.outer {
+            continue;
+        }
         let [ax, ay] = face.along;
-        let offset = |index: usize| {
-            let (dx, dy) = (
-                bodies.x[index] - face.middle[0],
-                bodies.y[index] - face.middle[1],
-            );
-            [dx * ax + dy * ay, dy * ax - dx * ay]
-        };
-        let ([s, a], [t, b]) = (offset(from), offset(to));
-        let crosses = (a * b).lt(number(0.0));
+        let front = face.ahead(x, y);
+        let goal = front + (way[1] * ax - way[0] * ay);
+        let crosses = (front * goal).lt(number(0.0));
         if crosses.any() {
-            let at = s + (t - s) * (a / (a - b));
+            let side = (x - face.middle[0]) * ax + (y - face.middle[1]) * ay;
+            let part = front / (front - goal);
+            let at = side + (way[0] * ax + way[1] * ay) * part;
             let inside = at.le(number(face.half)).and(number(-face.half).le(at));
             hidden = hidden.or(crosses.and(inside));
         }

@@ -40,6 +40,12 @@ impl Face {
 }
 
 impl Face {
+    /// How far points are in front of its line.
+    #[inline(always)]
+    pub(super) fn ahead<L: Lanes>(&self, x: Number<L>, y: Number<L>) -> Number<L> {
+        (y - self.middle[1]) * self.along[0] - (x - self.middle[0]) * self.along[1]
+    }
+
     /// Points on it, about so far apart.
     pub(super) fn points(&self, apart: f32) -> impl Iterator<Item = [f32; 2]> + '_ {
         let parts = (2.0 * self.half / apart).ceil().max(1.0);
@@ -168,8 +174,8 @@ impl Place {
         colors: &[Number<L>],
     ) -> Number<L> {
         let mut grey = number(self.grey);
-        for (patch, color) in self.patches.iter().zip(colors) {
-            grey = color.select(grey, patch.shape.holds(x, y));
+        for (index, patch) in self.patches.iter().enumerate() {
+            grey = colors[index].select(grey, patch.shape.holds(x, y));
         }
         grey
     }

@@ -2,12 +2,40 @@
 
 use swarmwright_lanes::{Lanes, Mask, Number, number};
 
+use super::functions::absolute;
 use super::place::Place;
 use super::robot::{Proximity, Robot};
 use super::senses::Other;
+use super::slots::Slots;
 use super::swarm::Bodies;
 
+/// Robots, or walls, that a lane has in reach at a time; more of them are looked at in several turns.
+const AT_A_TIME: usize = 4;
+/// Nothing that is so far away is seen, metres.
+const FAR: f32 = 1e6;
+
+/// What the rays of a robot may meet.
+pub(super) struct Seen<L: Lanes> {
+    /// The ways to robots.
+    robots: Slots<L, 2, AT_A_TIME>,
+    /// How far the robot is in front of a face and beside its middle, half its length, its direction.
+    faces: Slots<L, 5, AT_A_TIME>,
+}
+
+impl<L: Lanes> Seen<L> {
+    pub(super) fn new() -> Self {
+        Self {
+            robots: Slots::new([FAR; 2]),
+            faces: Slots::new([FAR, 0.0, 0.0, 0.0, 0.0]),
+        }
+    }
+}
+
 /// Writes the readings of a robot, without noise. A ray that begins inside of a body does not see it.
+#[expect(
+    clippy::too_many_arguments,
+    reason = "what rays meet, and where they look"
+)]
 #[inline(always)]
 pub(super) fn read<L: Lanes>(
     sensors: &Proximity,
@@ -15,72 +43,151 @@ pub(super) fn read<L: Lanes>(
     place: &Place,
     bodies: &Bodies<L>,
     index: usize,
-    others: &[Other<L>],
+    (others, faces): (&[Other<L>], &[[u32; 2]]),
+    seen: &mut Seen<L>,
     readings: &mut [Number<L>],
 ) {
-    let zero = number(0.0);
     // While rays are followed, a reading is the distance from the start of the ray.
-    readings.fill(number(sensors.range));
+    for index in 0..readings.len() {
+        readings[index] = number(sensors.range);
+    }
+    let turn = [bodies.cos[index], bodies.sin[index]];
     let reach = sensors.start + sensors.range + robot.radius;
+    let slots = &mut seen.robots;
+    slots.clear();
     for other in others {
-        if !other.square.lt(number(reach * reach)).any() {
-            continue;
-        }
-        let radius = number(robot.radius * robot.radius);
-        for (ray, nearest) in sensors.rays.iter().zip(readings.iter_mut()) {
-            let along = other.x * ray.along[0] + other.y * ray.along[1];
-            let aside = other.x * ray.along[1] - other.y * ray.along[0];
-            let depth = radius - aside * aside;
-            let meets = zero.lt(depth);
-            if meets.any() {
-                let distance = along - depth.sqrt() - number(sensors.start);
-                let seen = meets.and(zero.le(distance)).and(distance.lt(*nearest));
-                *nearest = distance.select(*nearest, seen);
+        let near = other.square.lt(number(reach * reach));
+        if near.any() {
+            let rest = slots.put([other.x, other.y], near);
+            if rest.any() {
+                to_robots(sensors, robot, turn, slots, readings);
+                slots.clear();
+                slots.put([other.x, other.y], rest);
             }
         }
     }
+    to_robots(sensors, robot, turn, slots, readings);
     let (x, y) = (bodies.x[index], bodies.y[index]);
-    let (cos, sin) = (bodies.cos[index], bodies.sin[index]);
     let reach = number(sensors.start + sensors.range);
-    for face in &place.faces {
-        let (dx, dy) = (x - face.middle[0], y - face.middle[1]);
+    let slots = &mut seen.faces;
+    slots.clear();
+    for [_, face] in faces {
+        let face = &place.faces[*face as usize];
         // In front of the face: its normal is `along` turned left.
-        let ahead = dy * face.along[0] - dx * face.along[1];
-        let side = dx * face.along[0] + dy * face.along[1];
-        let far = (side - number(face.half)).at_least(-(side + face.half));
-        let near = ahead.lt(reach).and(zero.lt(ahead)).and(far.lt(reach));
+        let ahead = face.ahead(x, y);
+        let near = ahead.lt(reach).and(number(0.0).lt(ahead));
         if !near.any() {
             continue;
         }
-        let normal = [-face.along[1], face.along[0]];
-        let normal = [
-            cos * normal[0] + sin * normal[1],
-            cos * normal[1] - sin * normal[0],
-        ];
-        for (ray, nearest) in sensors.rays.iter().zip(readings.iter_mut()) {
-            // How fast the ray comes nearer.
-            let towards = -(normal[0] * ray.along[0] + normal[1] * ray.along[1]);
-            let distance = ahead / towards - number(sensors.start);
-            let hits = zero
-                .lt(towards)
-                .and(zero.le(distance))
-                .and(distance.lt(*nearest));
-            if hits.any() {
-                // `along` in the frame of the robot is the normal turned right.
-                let drift = normal[1] * ray.along[0] - normal[0] * ray.along[1];
-                let place = side + (distance + sensors.start) * drift;
-                let hits = hits
-                    .and(place.le(number(face.half)))
-                    .and(number(-face.half).le(place));
-                *nearest = distance.select(*nearest, hits);
-            }
+        let side = (x - face.middle[0]) * face.along[0] + (y - face.middle[1]) * face.along[1];
+        let beyond = (side - number(face.half)).at_least(-(side + face.half));
+        let near = near.and(beyond.lt(reach));
+        if !near.any() {
+            continue;
+        }
+        let [ax, ay] = face.along;
+        let wall = [ahead, side, number(face.half), number(ax), number(ay)];
+        let rest = slots.put(wall, near);
+        if rest.any() {
+            to_walls(sensors, turn, slots, readings);
+            slots.clear();
+            slots.put(wall, rest);
         }
     }
+    to_walls(sensors, turn, slots, readings);
     let range = number(sensors.range);
     let [c0, c1, c2] = sensors.response;
     for reading in readings {
         let distance = *reading;
         let value = ((distance * c2 + c1) * distance + c0).within(0.0, 1.0);
         *reading = value.only_where(distance.lt(range));
+    }
+}
+
+/// A vector in the frame of a robot with this cosine and sine.
+#[inline(always)]
+fn turned<L: Lanes>([cos, sin]: [Number<L>; 2], [x, y]: [Number<L>; 2]) -> [Number<L>; 2] {
+    [x * cos + y * sin, y * cos - x * sin]
+}
+
+/// Shortens a ray, and the one opposite to it if there is one. `distance` holds for the ray in the lanes `forward`, else for
+/// the opposite one, and where something is `seen`.
+#[inline(always)]
+fn shorten<L: Lanes>(
+    readings: &mut [Number<L>],
+    (ray, opposite): (usize, Option<usize>),
+    distance: Number<L>,
+    seen: L::Mask,
+    forward: L::Mask,
+) {
+    if !seen.any() {
+        return;
+    }
+    let nearest = readings[ray];
+    readings[ray] = distance.select(nearest, seen.and(forward)).at_most(nearest);
+    if let Some(opposite) = opposite {
+        let nearest = readings[opposite];
+        readings[opposite] = distance
+            .select(nearest, seen.and_not(forward))
+            .at_most(nearest);
+    }
+}
+
+#[inline(always)]
+fn to_robots<L: Lanes>(
+    sensors: &Proximity,
+    robot: &Robot,
+    turn: [Number<L>; 2],
+    slots: &Slots<L, 2, AT_A_TIME>,
+    readings: &mut [Number<L>],
+) {
+    let zero = number(0.0);
+    let radius = number(robot.radius * robot.radius);
+    for place in 0..slots.used() {
+        let [x, y] = turned(turn, slots.get(place).0);
+        for index in 0..sensors.halves() {
+            let ray = &sensors.rays[index];
+            let along = x * ray.along[0] + y * ray.along[1];
+            let aside = x * ray.along[1] - y * ray.along[0];
+            let depth = radius - aside * aside;
+            let meets = zero.lt(depth);
+            if meets.any() {
+                let entry = absolute(along) - depth.at_least(zero).sqrt();
+                let distance = entry - number(sensors.start);
+                let seen = meets.and(zero.le(distance));
+                let rays = (index, sensors.opposite(index));
+                shorten(readings, rays, distance, seen, zero.lt(along));
+            }
+        }
+    }
+}
+
+#[inline(always)]
+fn to_walls<L: Lanes>(
+    sensors: &Proximity,
+    turn: [Number<L>; 2],
+    slots: &Slots<L, 5, AT_A_TIME>,
+    readings: &mut [Number<L>],
+) {
+    let zero = number(0.0);
+    for place in 0..slots.used() {
+        let ([ahead, side, half, ax, ay], _) = slots.get(place);
+        let [nx, ny] = turned(turn, [-ay, ax]);
+        for index in 0..sensors.halves() {
+            let ray = &sensors.rays[index];
+            // How fast the ray comes nearer, and how it drifts along the wall: the normal turned right.
+            let towards = -(nx * ray.along[0] + ny * ray.along[1]);
+            let drift = ny * ray.along[0] - nx * ray.along[1];
+            let whole = ahead / absolute(towards);
+            let distance = whole - number(sensors.start);
+            let forward = zero.lt(towards);
+            let place = side + whole.select(-whole, forward) * drift;
+            let seen = zero
+                .le(distance)
+                .and(distance.lt(number(sensors.range)))
+                .and(absolute(place).le(half));
+            let rays = (index, sensors.opposite(index));
+            shorten(readings, rays, distance, seen, forward);
+        }
     }
 }

@@ -11,18 +11,15 @@ use swarmwright_simulation::counter::splitmix;
 /// What the numbers of a robot are for. Each purpose has four 32-bit words.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Purpose {
-    /// Noise of both wheels.
+    /// Noise of both wheels of four robots, a word each.
     Wheels,
     /// Noise of the first eight and of the other proximity readings.
     Proximity(u32),
     /// Noise of the light readings.
     Light(u32),
-    /// Noise of the ground readings.
+    /// Noise of the ground readings (three halves), what EvoStick reads on grey (three halves), and the number that
+    /// controllers get (a word).
     Ground,
-    /// What EvoStick reads on grey.
-    Grey,
-    /// The number that controllers get.
-    Given,
 }
 
 impl Purpose {
@@ -31,8 +28,6 @@ impl Purpose {
         match self {
             Self::Wheels => 0,
             Self::Ground => 1,
-            Self::Grey => 2,
-            Self::Given => 3,
             Self::Proximity(block) => 16 + block,
             Self::Light(block) => 32 + block,
         }
@@ -48,6 +43,11 @@ pub(super) const LINKS: usize = 8;
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Keys<L: Lanes>([L::Int; 2]);
 
+/// A step of a linear congruential generator.
+const fn step(word: i32) -> i32 {
+    word.wrapping_mul(1_664_525).wrapping_add(1_013_904_223)
+}
+
 /// The two words of an episode.
 pub(super) fn key(seed: u64) -> [i32; 2] {
     let bits = splitmix(splitmix(seed) ^ 0x0061_7265_6e61);
@@ -61,7 +61,8 @@ impl<L: Lanes> Keys<L> {
         let mut words = [[0; swarmwright_lanes::MOST_LANES]; 2];
         let [first, second] = &mut words;
         for (lane, (first, second)) in first.iter_mut().zip(second).enumerate().take(L::WIDTH) {
-            [*first, *second] = of_lane(lane);
+            let [a, b] = of_lane(lane);
+            [*first, *second] = [step(a), step(b)];
         }
         Self([L::Int::load(&words[0]), L::Int::load(&words[1])])
     }
@@ -80,14 +81,10 @@ impl<L: Lanes> Keys<L> {
 
     #[inline(always)]
     fn hash(self, z: u32, w: u32) -> [L::Int; 4] {
-        let step = |v: L::Int| {
-            v.mul(L::Int::splat(1_664_525))
-                .add(L::Int::splat(1_013_904_223))
-        };
-        let [x, y] = self.0;
-        let (mut x, mut y) = (step(x), step(y));
-        let mut z = step(L::Int::splat(z as i32));
-        let mut w = step(L::Int::splat(w as i32));
+        // The step of the generator is done for the key in advance; one number for all lanes needs no vector.
+        let [mut x, mut y] = self.0;
+        let mut z = L::Int::splat(step(z as i32));
+        let mut w = L::Int::splat(step(w as i32));
         for round in 0..2 {
             x = x.add(y.mul(w));
             y = y.add(z.mul(x));
@@ -105,10 +102,15 @@ impl<L: Lanes> Keys<L> {
     }
 }
 
+/// An uneven multiple of 2^-17 in 0..1 from 16 bits.
+#[inline(always)]
+fn unit<L: Lanes>(half: L::Int) -> Number<L> {
+    Number(L::from_int(half)) * (1.0 / 65536.0) + 0.5 / 65536.0
+}
+
 /// Two numbers in 0..1, uneven multiples of 2^-17, from the halves of a word.
 #[inline(always)]
 pub(super) fn halves<L: Lanes>(word: L::Int) -> [Number<L>; 2] {
-    let unit = |half: L::Int| Number(L::from_int(half)) * (1.0 / 65536.0) + 0.5 / 65536.0;
     [
         unit(word.and(L::Int::splat(0xFFFF))),
         unit(word.shr(L::Int::splat(16))),

@@ -13,6 +13,8 @@ pub(super) struct Ray {
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Proximity {
     pub rays: Vec<Ray>,
+    /// Whether each ray of the first half has its opposite in the second one: what one of them meets the other does not.
+    pub opposed: bool,
     /// Where rays begin, metres from the middle.
     pub start: f32,
     /// How far they see from there, metres.
@@ -21,6 +23,24 @@ pub(super) struct Proximity {
     pub response: [f32; 3],
     /// Uniform noise of +-this, after which the reading is limited again.
     pub noise: f32,
+}
+
+impl Proximity {
+    /// Rays of which one in each pair of opposites is, else all.
+    #[inline(always)]
+    pub(super) fn halves(&self) -> usize {
+        if self.opposed {
+            self.rays.len() / 2
+        } else {
+            self.rays.len()
+        }
+    }
+
+    /// The ray opposite to one of the first half.
+    #[inline(always)]
+    pub(super) fn opposite(&self, ray: usize) -> Option<usize> {
+        self.opposed.then_some(ray + self.rays.len() / 2)
+    }
 }
 
 /// Light sensors.
@@ -121,10 +141,12 @@ impl Robot {
     /// The e-puck with reference model RM1.1 or, with what Chocolate's modules get, RM1.2 (`../shared/data/argos`).
     pub(super) fn e_puck(outputs: Vec<Output>) -> Self {
         let rays = (0..8).map(|index| {
-            let angle = f64::from(index) * 45.0 + 11.25;
+            // Opposites are so to the last bit.
+            let angle = f64::from(index % 4) * 45.0 + 11.25;
             let (sin, cos) = angle.to_radians().sin_cos();
+            let sign = if index < 4 { 1.0 } else { -1.0 };
             Ray {
-                along: [cos as f32, sin as f32],
+                along: [cos as f32 * sign, sin as f32 * sign],
                 reported: half_turns(E_PUCK_ANGLES[index as usize]),
             }
         });
@@ -138,6 +160,7 @@ impl Robot {
             friction: [0.49, 0.07],
             proximity: Some(Proximity {
                 rays: rays.collect(),
+                opposed: true,
                 start: 0.036,
                 range: 0.05,
                 response: [1.08212, -36.8961, 298.701],

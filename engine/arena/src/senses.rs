@@ -7,12 +7,13 @@ use super::ground::GroundWindow;
 use super::links::LinkWindow;
 use super::neighbours::Neighbours;
 use super::place::Place;
+use super::proximity::Seen;
 use super::random::{Keys, Purpose, halves, noise, uniform};
 use super::robot::{Output, Robot};
 use super::swarm::Bodies;
-use super::{grey, light, proximity};
+use super::{contacts, grey, light, proximity};
 
-/// Another robot in the frame of the one that looks: x ahead, y to the left.
+/// The way to another robot, along the axes of the arena.
 #[derive(Clone, Copy)]
 pub(super) struct Other<L> {
     pub index: u32,
@@ -21,26 +22,47 @@ pub(super) struct Other<L> {
     pub square: Number<L>,
 }
 
+/// What may touch in the next tick, in any lane.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Close {
+    /// Two robots, ascending.
+    pub robots: Vec<[u32; 2]>,
+    /// A robot and a face of a wall, ascending.
+    pub faces: Vec<[u32; 2]>,
+}
+
 /// Readings of the robot that looks, and the numbers of all robots.
 pub(super) struct Senses<L: Lanes> {
     /// Numbers for controllers, robot after robot.
     pub outputs: Vec<L>,
+    pub close: Close,
     ground: GroundWindow<L>,
     links: LinkWindow<L>,
     others: Vec<Other<L>>,
     proximity: Vec<Number<L>>,
     light: Vec<Number<L>>,
+    /// Which controllers are told of them, half turns.
+    angles: [Vec<f32>; 2],
+    seen: Seen<L>,
 }
 
 impl<L: Lanes> Senses<L> {
     pub(super) fn new(robots: usize, robot: &Robot) -> Self {
+        let rays = robot.proximity.as_ref().map_or(&[][..], |p| &p.rays);
+        let lights = robot.light.as_ref().map_or(&[][..], |l| &l.angles);
         Self {
             outputs: vec![L::splat(0.0); robots * robot.sensors()],
+            close: Close::default(),
             ground: GroundWindow::new(robots),
             links: LinkWindow::new(robots),
             others: Vec::new(),
-            proximity: vec![number(0.0); robot.proximity.as_ref().map_or(0, |p| p.rays.len())],
-            light: vec![number(0.0); robot.light.as_ref().map_or(0, |l| l.angles.len())],
+            proximity: vec![number(0.0); rays.len()],
+            light: vec![number(0.0); lights.len()],
+            angles: [
+                rays.iter().map(|ray| ray.reported).collect(),
+                lights.to_vec(),
+            ],
+            seen: Seen::new(),
         }
     }
 
@@ -63,8 +85,20 @@ impl<L: Lanes> Senses<L> {
         tick: u32,
     ) {
         let width = robot.sensors();
+        self.close.robots.clear();
+        self.close.faces.clear();
         for index in 0..bodies.len() {
             self.look_around(bodies, neighbours, robot, index);
+            let first = self.close.faces.len();
+            let (x, y) = (bodies.x[index], bodies.y[index]);
+            let reach = number(contacts::reach_of_walls(robot));
+            for (face, wall) in place.faces.iter().enumerate() {
+                let ahead = wall.ahead(x, y);
+                if ahead.lt(reach).and((-reach).lt(ahead)).any() {
+                    self.close.faces.push([index as u32, face as u32]);
+                }
+            }
+            let faces = &self.close.faces[first..];
             if let Some(sensors) = &robot.proximity {
                 proximity::read(
                     sensors,
@@ -72,12 +106,14 @@ impl<L: Lanes> Senses<L> {
                     place,
                     bodies,
                     index,
-                    &self.others,
+                    (&self.others, faces),
+                    &mut self.seen,
                     &mut self.proximity,
                 );
-                add_noise(&mut self.proximity, sensors.noise, |block| {
-                    keys.draw(tick, index, Purpose::Proximity(block))
-                });
+                for (block, readings) in self.proximity.chunks_mut(8).enumerate() {
+                    let words = keys.draw(tick, index, Purpose::Proximity(block as u32));
+                    add_noise(readings, sensors.noise, words);
+                }
             }
             if let Some(sensors) = &robot.light {
                 light::read(
@@ -89,14 +125,16 @@ impl<L: Lanes> Senses<L> {
                     &self.others,
                     &mut self.light,
                 );
-                add_noise(&mut self.light, sensors.noise, |block| {
-                    keys.draw(tick, index, Purpose::Light(block))
-                });
+                for (block, readings) in self.light.chunks_mut(8).enumerate() {
+                    let words = keys.draw(tick, index, Purpose::Light(block as u32));
+                    add_noise(readings, sensors.noise, words);
+                }
             }
+            let [first, second, third, given] = keys.draw(tick, index, Purpose::Ground);
+            let ([a, b], [c, d], [e, f]) = (halves(first), halves(second), halves(third));
             if let Some(sensors) = &robot.ground {
-                let draw = keys.draw(tick, index, Purpose::Ground);
                 self.ground
-                    .read(sensors, (place, colors), bodies, index, tick, draw);
+                    .read(sensors, (place, colors), bodies, index, tick, [a, b, c]);
             }
             if let Some(links) = &robot.links {
                 self.links
@@ -111,17 +149,14 @@ impl<L: Lanes> Senses<L> {
                     Output::Proximity => copy(&self.proximity, numbers),
                     Output::Light => copy(&self.light, numbers),
                     Output::ProximityVector => {
-                        let rays = robot.proximity.as_ref().map_or(&[][..], |p| &p.rays);
-                        let angles = rays.iter().map(|ray| ray.reported);
-                        let [x, y] = sum_along(angles, &self.proximity);
+                        let [x, y] = sum_along(&self.angles[0], &self.proximity);
                         let length = (x * x + y * y).sqrt();
                         let long = number(1.0).lt(length);
                         let factor = (number::<L>(1.0) / length).select(number(1.0), long);
                         copy(&[x * factor, y * factor], numbers);
                     }
                     Output::LightDirection => {
-                        let angles = robot.light.as_ref().map_or(&[][..], |l| &l.angles);
-                        let [x, y] = sum_along(angles.iter().copied(), &self.light);
+                        let [x, y] = sum_along(&self.angles[1], &self.light);
                         let mut seen = L::Mask::from_bits(0);
                         for reading in &self.light {
                             seen = seen.or(number(0.2).lt(*reading));
@@ -136,8 +171,7 @@ impl<L: Lanes> Senses<L> {
                     }
                     Output::Ground => copy(&[self.ground.seen[index]], numbers),
                     Output::GroundDrawn => {
-                        let draw = keys.draw(tick, index, Purpose::Grey);
-                        copy(&grey::drawn(self.ground.seen[index], draw), numbers);
+                        copy(&grey::drawn(self.ground.seen[index], [d, e, f]), numbers);
                     }
                     Output::Neighbours => copy(&[self.links.heard[index]], numbers),
                     Output::NeighboursSquashed => {
@@ -148,17 +182,14 @@ impl<L: Lanes> Senses<L> {
                     Output::AttractionParts => {
                         copy(&parts(self.links.attraction[index]), numbers);
                     }
-                    Output::Random => {
-                        let [word, ..] = keys.draw(tick, index, Purpose::Given);
-                        copy(&[uniform(word)], numbers);
-                    }
+                    Output::Random => copy(&[uniform(given)], numbers),
                 }
                 at += width;
             }
         }
     }
 
-    /// Fills `others` with the robots around one, in its frame.
+    /// Fills `others` with the robots around one.
     #[inline(always)]
     fn look_around(
         &mut self,
@@ -168,18 +199,21 @@ impl<L: Lanes> Senses<L> {
         index: usize,
     ) {
         self.others.clear();
-        let range = robot.range();
-        let (cos, sin) = (bodies.cos[index], bodies.sin[index]);
+        let range = robot.range().max(contacts::reach(robot));
+        let reach = contacts::reach(robot);
         for other in neighbours.of(index) {
-            let [dx, dy] = bodies.between(index, *other as usize);
-            let square = dx * dx + dy * dy;
+            let [x, y] = bodies.between(index, *other as usize);
+            let square = x * x + y * y;
             if square.lt(number(range * range)).any() {
                 self.others.push(Other {
                     index: *other,
-                    x: dx * cos + dy * sin,
-                    y: dy * cos - dx * sin,
+                    x,
+                    y,
                     square,
                 });
+                if *other as usize > index && square.lt(number(reach * reach)).any() {
+                    self.close.robots.push([index as u32, *other]);
+                }
             }
         }
     }
@@ -187,38 +221,31 @@ impl<L: Lanes> Senses<L> {
 
 #[inline(always)]
 fn copy<L: Lanes>(from: &[Number<L>], to: &mut [L]) {
-    for (to, from) in to.iter_mut().zip(from) {
-        *to = from.0;
+    for index in 0..to.len() {
+        to[index] = from[index].0;
     }
 }
 
-/// Adds uniform noise, eight readings for each draw, and limits the readings to 0..=1.
+/// Adds uniform noise to up to eight readings, and limits them to 0..=1.
 #[inline(always)]
-fn add_noise<L: Lanes>(
-    readings: &mut [Number<L>],
-    extent: f32,
-    mut draw: impl FnMut(u32) -> [L::Int; 4],
-) {
-    for (block, readings) in readings.chunks_mut(8).enumerate() {
-        let words = draw(block as u32);
-        for (word, readings) in words.into_iter().zip(readings.chunks_mut(2)) {
-            for (unit, reading) in halves::<L>(word).into_iter().zip(readings) {
-                *reading = (*reading + noise(unit, extent)).within(0.0, 1.0);
-            }
+fn add_noise<L: Lanes>(readings: &mut [Number<L>], extent: f32, words: [L::Int; 4]) {
+    let mut units = [number(0.0); 2];
+    for (index, reading) in readings.iter_mut().enumerate() {
+        if index % 2 == 0 {
+            units = halves::<L>(words[index / 2]);
         }
+        *reading = (*reading + noise(units[index % 2], extent)).within(0.0, 1.0);
     }
 }
 
 /// The sum of readings along their angles.
 #[inline(always)]
-fn sum_along<L: Lanes>(
-    angles: impl Iterator<Item = f32>,
-    readings: &[Number<L>],
-) -> [Number<L>; 2] {
+fn sum_along<L: Lanes>(angles: &[f32], readings: &[Number<L>]) -> [Number<L>; 2] {
     let (mut x, mut y) = (number(0.0), number(0.0));
-    for (angle, reading) in angles.zip(readings) {
-        x += *reading * swarmwright_controllers::functions::cos_pi(angle);
-        y += *reading * swarmwright_controllers::functions::sin_pi(angle);
+    for index in 0..angles.len() {
+        let reading = readings[index];
+        x += reading * swarmwright_controllers::functions::cos_pi(angles[index]);
+        y += reading * swarmwright_controllers::functions::sin_pi(angles[index]);
     }
     [x, y]
 }
@@ -231,5 +258,11 @@ fn parts<L: Lanes>([x, y]: [Number<L>; 2]) -> [Number<L>; 4] {
     let factor = (Number(tanh((length * 0.5).0)) / length).only_where(some);
     let half = factor * std::f32::consts::FRAC_1_SQRT_2;
     let (sum, difference) = ((x + y) * half, (y - x) * half);
-    [sum, difference, -sum, -difference].map(|part| part.at_least(number(0.0)))
+    let none = number(0.0);
+    [
+        sum.at_least(none),
+        difference.at_least(none),
+        (-sum).at_least(none),
+        (-difference).at_least(none),
+    ]
 }

@@ -39,6 +39,7 @@ pub(super) fn draw(
     seed: u64,
 ) -> Option<Vec<Pose>> {
     let mut poses: Vec<Pose> = Vec::with_capacity(robots);
+    let mut taken = Taken::new(start, robots, robot);
     for index in 0..robots as u64 {
         let pose = (0..TRIES)
             .map(|attempt| {
@@ -46,7 +47,8 @@ pub(super) fn draw(
                     |part: u64| uniform(seed, STREAM, (index * TRIES + attempt) * 4 + part);
                 pose(start, [number(0), number(1), number(2)])
             })
-            .find(|pose| within(pose.at, start) && fits(*pose, &poses, robot, place))?;
+            .find(|pose| within(pose.at, start) && fits(*pose, &poses, &taken, robot, place))?;
+        taken.add(pose.at, index as u32);
         poses.push(pose);
     }
     Some(poses)
@@ -83,7 +85,73 @@ fn within(at: [f32; 2], start: &Start) -> bool {
     })
 }
 
-fn fits(pose: Pose, others: &[Pose], robot: &Robot, place: &Place) -> bool {
+/// Robots in the cells of a grid, so that a robot is compared with those around it alone.
+struct Taken {
+    low: [f32; 2],
+    side: f32,
+    counts: [usize; 2],
+    /// The newest robot of each cell, and for each robot the one before it in its cell.
+    newest: Vec<u32>,
+    before: Vec<u32>,
+}
+
+/// No robot.
+const NONE: u32 = u32::MAX;
+
+impl Taken {
+    fn new(start: &Start, robots: usize, robot: &Robot) -> Self {
+        let (low, high) = match (start.disc, start.rectangle) {
+            (Some((center, radius)), _) => (
+                center.map(|middle| middle - radius),
+                center.map(|middle| middle + radius),
+            ),
+            (None, Some(corners)) => corners,
+            (None, None) => ([0.0; 2], [0.0; 2]),
+        };
+        let extent = [high[0] - low[0], high[1] - low[1]];
+        let side = (extent[0] * extent[1] / robots as f32)
+            .sqrt()
+            .max(extent[0].max(extent[1]) / robots as f32)
+            .max(robot.radius * 2.001);
+        let counts = extent.map(|extent| (extent / side) as usize + 1);
+        Self {
+            low,
+            side,
+            counts,
+            newest: vec![NONE; counts[0] * counts[1]],
+            before: vec![NONE; robots],
+        }
+    }
+
+    fn cell(&self, at: [f32; 2]) -> [usize; 2] {
+        let of = |axis: usize| {
+            let cell = ((at[axis] - self.low[axis]) / self.side) as usize;
+            cell.min(self.counts[axis] - 1)
+        };
+        [of(0), of(1)]
+    }
+
+    fn add(&mut self, at: [f32; 2], robot: u32) {
+        let [column, row] = self.cell(at);
+        let newest = &mut self.newest[row * self.counts[0] + column];
+        self.before[robot as usize] = std::mem::replace(newest, robot);
+    }
+
+    /// Robots in the cell of a place and in those around.
+    fn around(&self, at: [f32; 2]) -> impl Iterator<Item = u32> + '_ {
+        let [column, row] = self.cell(at);
+        let rows = row.saturating_sub(1)..=(row + 1).min(self.counts[1] - 1);
+        let last = (column + 1).min(self.counts[0] - 1);
+        rows.flat_map(move |row| (column.saturating_sub(1)..=last).map(move |column| (column, row)))
+            .flat_map(move |(column, row)| {
+                let known = |robot: u32| (robot != NONE).then_some(robot);
+                let newest = known(self.newest[row * self.counts[0] + column]);
+                std::iter::successors(newest, move |robot| known(self.before[*robot as usize]))
+            })
+    }
+}
+
+fn fits(pose: Pose, others: &[Pose], taken: &Taken, robot: &Robot, place: &Place) -> bool {
     let [x, y] = pose.at;
     let apart =
         |way: [f32; 2], distance: f32| way[0] * way[0] + way[1] * way[1] >= distance * distance;
@@ -94,7 +162,8 @@ fn fits(pose: Pose, others: &[Pose], robot: &Robot, place: &Place) -> bool {
             swarmwright_lanes::Number(y),
         );
         apart(way.map(|number| number.0), robot.radius)
-    }) && others
-        .iter()
-        .all(|other| apart([other.at[0] - x, other.at[1] - y], 2.0 * robot.radius))
+    }) && taken.around(pose.at).all(|other| {
+        let [ox, oy] = others[other as usize].at;
+        apart([ox - x, oy - y], 2.0 * robot.radius)
+    })
 }

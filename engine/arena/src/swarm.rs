@@ -1,9 +1,9 @@
 //! The robots of as many episodes as there are lanes: where they are, and a tick.
 
 use swarmwright_controllers::functions::lanes::{cos_pi, sin_pi};
-use swarmwright_lanes::{Lanes, MOST_LANES, Number, number};
+use swarmwright_lanes::{Int, Lanes, MOST_LANES, Number, number};
 
-use super::contacts::Contacts;
+use super::contacts::{self, Contacts};
 use super::functions::normal;
 use super::neighbours::Neighbours;
 use super::place::Place;
@@ -81,7 +81,7 @@ impl<L: Lanes> Swarm<L> {
     pub(super) fn new(robots: usize, robot: &Robot) -> Self {
         Self {
             bodies: Bodies::new(robots),
-            neighbours: Neighbours::new(robots, robot),
+            neighbours: Neighbours::new(robots, robot, contacts::reach(robot)),
             senses: Senses::new(robots, robot),
             contacts: Contacts::new(robots),
             keys: Keys::new(|_| key(0)),
@@ -128,6 +128,7 @@ impl<L: Lanes> Swarm<L> {
             bodies.vy[index] = number(0.0);
             bodies.spin[index] = number(0.0);
         }
+        self.contacts.forget();
         self.senses.forget();
         self.sense(robot, place);
     }
@@ -138,7 +139,7 @@ impl<L: Lanes> Swarm<L> {
         self.tick += 1;
         self.drive(robot, actuators);
         self.contacts
-            .resolve(&mut self.bodies, &self.neighbours, robot, place);
+            .resolve(&mut self.bodies, &self.senses.close, robot, place);
         let bodies = &mut self.bodies;
         for index in 0..bodies.len() {
             bodies.cos[index] = Number(cos_pi(bodies.heading[index].0));
@@ -151,14 +152,15 @@ impl<L: Lanes> Swarm<L> {
     #[inline(always)]
     fn drive(&mut self, robot: &Robot, actuators: &[L]) {
         let bodies = &mut self.bodies;
+        let mut words = [L::Int::splat(0); 4];
         for (index, wheels) in actuators.chunks_exact(2).enumerate() {
-            let [a, b, ..] = self.keys.draw(self.tick, index, Purpose::Wheels);
-            let noise = normal(halves(a)[0], halves(b)[0]);
-            let wheel = |side: usize| {
-                let speed = Number(wheels[side]) * robot.top_speed;
-                speed * (noise[side] * robot.wheel_noise + 1.0)
-            };
-            let (left, right) = (wheel(0), wheel(1));
+            if index % 4 == 0 {
+                words = self.keys.draw(self.tick, index / 4, Purpose::Wheels);
+            }
+            let [length, angle] = halves(words[index % 4]);
+            let noise = normal(length, angle);
+            let left = wheel(robot, wheels[0], noise[0]);
+            let right = wheel(robot, wheels[1], noise[1]);
             let ahead = (left + right) * 0.5;
             self.contacts.aim[index] = [ahead * bodies.cos[index], ahead * bodies.sin[index]];
             let spin = (right - left) * (1.0 / robot.wheel_base);
@@ -184,4 +186,10 @@ impl<L: Lanes> Swarm<L> {
             self.tick,
         );
     }
+}
+
+/// The speed of a wheel, m/s.
+#[inline(always)]
+fn wheel<L: Lanes>(robot: &Robot, actuator: L, noise: Number<L>) -> Number<L> {
+    Number(actuator) * robot.top_speed * (noise * robot.wheel_noise + 1.0)
 }

@@ -124,6 +124,7 @@ pub trait Mask: Copy {
     /// This holds and the other does not.
     fn and_not(self, other: Self) -> Self;
     /// Whether it holds in any lane.
+    #[inline(always)]
     fn any(self) -> bool {
         self.bits() != 0
     }

@@ -1,0 +1,46 @@
+//! What the arena costs: `arena_speed CANDIDATES LEVEL PARAMETERS`, with EvoStick and weights from -2 to 2. LEVEL: scalar, or an
+//! instruction set. Prints the
+//! time of the clock, and the sum of all fitness.
+
+use serde_json::{Value, json};
+use swarmwright_arena::Arena;
+use swarmwright_controllers::Architecture;
+use swarmwright_lanes::Level;
+use swarmwright_simulation::counter::uniform;
+use swarmwright_simulation::{Block, Means, Simulation};
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let arguments: Vec<String> = std::env::args().collect();
+    let [_, candidates, level, parameters] = arguments.as_slice() else {
+        return Err("usage: arena_speed CANDIDATES LEVEL PARAMETERS".into());
+    };
+    let candidates: usize = candidates.parse()?;
+    let architecture = json!({"kind": "evostick", "version": 1, "sensors": 24, "actuators": 2});
+    let architecture = Architecture::from_json(&architecture.to_string())?;
+    let parameters: Value = serde_json::from_str(parameters)?;
+    let parameters = parameters.as_object().ok_or("expected an object")?;
+    let count = candidates * architecture.weight_count();
+    let weight = |index| uniform(1, 2, index as u64) * 4.0 - 2.0;
+    let genomes: Vec<f32> = (0..count).map(weight).collect();
+    let block = Block {
+        architecture: &architecture,
+        genomes: &genomes,
+        parameters,
+        seeds: &[0],
+        metrics: &[],
+        stop: None,
+    };
+    let level = Level::available()
+        .into_iter()
+        .find(|known| known.name() == level);
+    let mut arena = Arena::default();
+    let start = std::time::Instant::now();
+    let fitness = arena.evaluate(&block, Means { level, threads: 1 });
+    let fitness = fitness.ok_or("no evaluation")??;
+    println!(
+        "{} s, fitness sum {}",
+        start.elapsed().as_secs_f64(),
+        fitness.iter().sum::<f64>()
+    );
+    Ok(())
+}
