@@ -24,6 +24,9 @@ def main() -> None:
     gc.set_threshold(100_000, 50, 50)
     # pydantic would look through all installed packages for plug-ins of pydantic.
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
+    # NumPy's OpenBLAS starts a thread for each processor, which loops for 2^26 cycles before it sleeps: half
+    # as long as the import of NumPy takes. With 2^10 cycles it is woken where it has work as well.
+    os.environ.setdefault("OPENBLAS_THREAD_TIMEOUT", "10")
     try:
         from swarmwright.cli import run  # noqa: PLC0415 - after the signals are set
 

@@ -43,9 +43,14 @@ pub fn address(sample: &Sample) -> PyResult<String> {
 
 /// The rows of numbers, little-endian.
 pub fn numbers(sample: &Sample) -> Vec<u8> {
-    let rows = sample.rows();
-    let each = rows.iter().flat_map(|(_, row)| row.iter());
-    each.flat_map(|number| number.to_le_bytes()).collect()
+    let genes = sample.center.0.len();
+    let mut made = vec![[0; size_of::<f64>()]; ROWS * genes];
+    for (places, (_, row)) in made.chunks_exact_mut(genes.max(1)).zip(sample.rows()) {
+        for (place, number) in places.iter_mut().zip(row) {
+            *place = number.to_le_bytes();
+        }
+    }
+    made.into_flattened()
 }
 
 /// Whether it has fewer bytes than the genomes that are made from it.

@@ -3,7 +3,7 @@
 import hashlib
 import math
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -26,6 +26,8 @@ _COLUMNS = (
 )
 _SAMPLE = "SELECT address, numbers FROM sample WHERE generation = ?"
 _BLOCKS = f"SELECT {COLUMNS} FROM block WHERE first >= ? AND first < ? ORDER BY first"  # noqa: S608 - our own names
+_JOINED = 1 << 18
+"""Bytes of fitness that are looked through at once."""
 MISSING = "it is missing in the table generation"
 ROW_DISAGREES = "the table generation disagrees with its digest"
 _WRONG = (*digests.WRONG_TYPES, ValueError)
@@ -217,8 +219,7 @@ class Generations:
         )
         number, value = np.zeros(0, np.int64), np.zeros(0)
         try:
-            for begin, column in cursor:
-                fitness = np.frombuffer(column, dtype="<f8")
+            for begin, fitness in _side_by_side(cursor):
                 counts = np.isfinite(fitness)
                 counts[: max(first - begin, 0)] = False
                 if len(value) >= most:  # one that comes later has to be better
@@ -226,6 +227,9 @@ class Generations:
                 places = np.flatnonzero(counts)
                 number = np.concatenate([number, begin + places])
                 value = np.concatenate([value, fitness[places]])
+                if len(value) > most > 0:  # only what may be chosen is sorted
+                    least = np.partition(value, -most)[-most]
+                    number, value = number[value >= least], value[value >= least]
                 chosen = best_first(value)[:most]
                 number, value = number[chosen], value[chosen]
         except _WRONG as error:
@@ -276,6 +280,25 @@ class Generations:
         """Return lines of the table, not compared with anything."""
         cursor = self._connection.execute(f"SELECT {_COLUMNS} FROM generation {which}", values)  # noqa: S608
         return [_row(found) for found in cursor]
+
+
+def _side_by_side(blocks: Iterable[tuple[int, bytes]]) -> Iterator[tuple[int, NDArray[np.float64]]]:
+    """Yield number of the first and fitness of many evaluations at once: small blocks joined.
+
+    blocks: number of the first evaluation and column of fitness of each.
+    """
+    parts: list[bytes] = []
+    begin, size = 0, 0
+    for first, column in blocks:
+        if parts and (size >= _JOINED or first != begin + size // 8):
+            yield begin, np.frombuffer(b"".join(parts), dtype="<f8")
+            parts, size = [], 0
+        if not parts:
+            begin = first
+        parts.append(column)
+        size += len(column)
+    if parts:
+        yield begin, np.frombuffer(b"".join(parts), dtype="<f8")
 
 
 def digest_before(connection: sqlite3.Connection, generation: int) -> str:

@@ -402,11 +402,12 @@ def test_it_is_exported_as_a_table(tmp_path: Path) -> None:
         run.validation.export(tmp_path / "table.parquet")
 
 
-@pytest.mark.parametrize("block", [64, 1 << 22])
+@pytest.mark.parametrize(("block", "joined"), [(64, 1), (64, 200), (64, 1 << 18), (1 << 22, 1 << 18)])
 def test_the_best_are_found_whatever_the_blocks_and_equals(
-    block: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    block: int, joined: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("swarmwright.store.blocks._BLOCK", block)
+    monkeypatch.setattr("swarmwright.store.generations._JOINED", joined)
     run = run_of(tmp_path, validate=False, fitness="arrived + caught", method={"kind": "random_search"})
     fitness = run.record.fitness
     assert len(np.unique(fitness)) < len(fitness) / 2
