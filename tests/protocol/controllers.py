@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from tests.protocol.machines import Machine
+from tests.protocol.machines import Machine, Tree
 
 Single = np.float32
 Json = dict[str, Any]
@@ -94,7 +94,7 @@ class Controller:
 
     def reset(self) -> None:
         self.state = 0
-        self.machine: Machine | None = None
+        self.machine: Machine | Tree | None = None
         parts = ("sensors", "hidden", "actuators") if self.specification["kind"] == "fully_meshed" else ()
         self.outputs = [ZERO] * sum(self.specification[part] for part in parts)
 
@@ -157,7 +157,10 @@ class Controller:
     def _modules(self, sensors: list[Single]) -> list[Single]:
         if self.machine is None:
             sizes = (self.specification["states"], self.specification["transitions"])
-            self.machine = Machine(self.weights, *sizes, sigmoid)
+            if self.specification.get("form") == "tree":
+                self.machine = Tree(self.weights, sizes[0], sigmoid)
+            else:
+                self.machine = Machine(self.weights, *sizes, sigmoid)
         return self.machine.step(sensors)
 
     def _mealy_fsm(self, sensors: list[Single]) -> list[Single]:

@@ -37,6 +37,27 @@ def _length(x: Single, y: Single) -> Single:
     return np.sqrt(x * x + y * y)  # type: ignore[no-any-return] # a float32
 
 
+class Tree:
+    """A behaviour tree at work, for one robot."""
+
+    def __init__(self, weights: Sequence[Single], subtrees: int, sigmoid: Callable[[Single], Single]) -> None:
+        self.machine = Machine(weights, subtrees, 1, sigmoid)
+        self.running = 0
+
+    def step(self, sensors: Sequence[Single]) -> list[Single]:
+        """The speeds of both wheels."""
+        machine = self.machine
+        words = machine.words(sensors)
+        for index in range(self.running, machine.count):
+            row = machine.rows[index]
+            if not Single((words[index] >> 8) * 2**-24) < machine.probability(row[4:], sensors):
+                self.running = index
+                return machine.act(row, sensors, _sixteen(words[0], words[1]))
+            machine.turn = 0
+        self.running, machine.turn = 0, 0
+        return [ZERO, ZERO]
+
+
 class Machine:
     """A machine at work, for one robot."""
 
@@ -53,9 +74,8 @@ class Machine:
     def step(self, sensors: Sequence[Single]) -> list[Single]:
         """The speeds of both wheels."""
         row = self.rows[self.state]
-        within = min(max(sensors[8], ZERO), Single(1 - 2**-24))
-        words = pcg4d([int(float(within) * 2**24), 1, 2, 3])
-        speeds = self._act(row, sensors, _sixteen(words[0], words[1]))
+        words = self.words(sensors)
+        speeds = self.act(row, sensors, _sixteen(words[0], words[1]))
         if self.entered:
             self.entered = False
             return speeds
@@ -63,7 +83,7 @@ class Machine:
         holding = [
             transition
             for transition, word in zip([row[4 + 5 * k :][:5] for k in range(count)], words, strict=False)
-            if Single((word >> 8) * 2**-24) < self._probability(transition, sensors)
+            if Single((word >> 8) * 2**-24) < self.probability(transition, sensors)
         ]
         if holding:
             chosen = holding[_sixteen(words[2], words[3]) * len(holding) >> 16]
@@ -71,7 +91,13 @@ class Machine:
             self.entered, self.turn = True, 0
         return speeds
 
-    def _act(self, row: Sequence[Single], sensors: Sequence[Single], sixteen: int) -> list[Single]:
+    def words(self, sensors: Sequence[Single]) -> list[int]:
+        """The random numbers of a step."""
+        within = min(max(sensors[8], ZERO), Single(1 - 2**-24))
+        return pcg4d([int(float(within) * 2**24), 1, 2, 3])
+
+    def act(self, row: Sequence[Single], sensors: Sequence[Single], sixteen: int) -> list[Single]:
+        """What the behaviour of a state does."""
         behaviour = int(_limited(row[0], 0, 5))
         near = sensors[:2]
         if behaviour == 1:
@@ -101,7 +127,8 @@ class Machine:
         inner = ZERO if np.isnan(inner) else _limited(inner, -1, 1)
         return [inner, ONE] if y > 0 else [ONE, inner]
 
-    def _probability(self, transition: Sequence[Single], sensors: Sequence[Single]) -> Single:
+    def probability(self, transition: Sequence[Single], sensors: Sequence[Single]) -> Single:
+        """How probable it is that a condition holds."""
         condition = int(_limited(transition[1], 0, 5))
         fixed = _limited(transition[2], 0, 1)
         if condition in {3, 4}:

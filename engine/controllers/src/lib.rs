@@ -17,7 +17,7 @@ mod specification;
 pub use activation::Activation;
 pub use controller::{Controller, ControllerError};
 pub use kinds::{
-    Architecture, BEHAVIOUR_NAMES, CONDITION_NAMES, Evostick, FullyMeshed, KINDS, Layered,
+    Architecture, BEHAVIOUR_NAMES, CONDITION_NAMES, Evostick, Form, FullyMeshed, KINDS, Layered,
     MealyFsm, Modules, Parameter, ParameterKind, ParameterSet,
 };
 pub use lanes::LaneController;

@@ -82,6 +82,22 @@ impl<'a> Reader<'a> {
         self.read(field, expected)
     }
 
+    /// The place of a field's text among those allowed; the first one where the field is left out.
+    pub(crate) fn choice(
+        &mut self,
+        field: &str,
+        allowed: &[&str],
+    ) -> Result<usize, SpecificationError> {
+        let expected = format!("one of {}", allowed.join(", "));
+        if !self.fields.contains_key(field) {
+            self.known.push(field.to_owned());
+            return Ok(0);
+        }
+        let found: String = self.read(field, &expected)?;
+        let place = allowed.iter().position(|one| *one == found);
+        place.ok_or_else(|| wrong(field, format!("{found:?} found, expected {expected}")))
+    }
+
     /// A whole number in `low..=high`; 8.0 counts as 8.
     pub(crate) fn count(
         &mut self,

@@ -111,8 +111,12 @@ fn architecture(sensors: usize) -> impl Strategy<Value = serde_json::Value> {
         |(states, thresholds)| json!({"kind": "mealy_fsm", "states": states, "thresholds": thresholds}),
     );
     let evostick = Just(json!({"kind": "evostick"}));
-    let modules = (1usize..6, 1usize..5)
+    let machines = (1usize..6, 1usize..5)
         .prop_map(|(states, transitions)| json!({"kind": "modules", "states": states, "transitions": transitions}));
+    let trees = (1usize..5).prop_map(
+        |states| json!({"kind": "modules", "form": "tree", "states": states, "transitions": 1}),
+    );
+    let modules = prop_oneof![machines, trees];
     let any = prop_oneof![4 => network, 2 => machine, 1 => evostick, 5 => modules];
     (any, 1usize..4).prop_map(move |(mut specification, actuators)| {
         let mut actuators = actuators;
@@ -255,6 +259,24 @@ proptest! {
         let specification = |weights: &Vec<f32>| {
             let document = json!({"version": 1, "kind": "modules", "sensors": 9, "actuators": 2, "states": 4, "transitions": 4,
                 "weights": weights});
+            Specification::from_json(&document.to_string()).unwrap()
+        };
+        let specifications: Vec<Specification> = machines.iter().map(specification).collect();
+        let sensors: Vec<Vec<Vec<f32>>> = sensed.chunks_exact(16).map(<[Vec<f32>]>::to_vec).collect();
+        agree((9, 0), &specifications, &sensors)?;
+    }
+
+    #[test]
+    fn trees_of_modules_agree_over_many_steps(
+        machines in prop::collection::vec(machine_of_modules(), 16),
+        sensed in prop::collection::vec(sensed(), 16 * 60),
+    ) {
+        let specification = |machine: &Vec<f32>| {
+            // The first transition of each state.
+            let rows = machine[1..].chunks_exact(24).flat_map(|row| row[..9].iter().copied());
+            let weights: Vec<f32> = std::iter::once(machine[0]).chain(rows).collect();
+            let document = json!({"version": 1, "kind": "modules", "form": "tree", "sensors": 9, "actuators": 2, "states": 4,
+                "transitions": 1, "weights": weights});
             Specification::from_json(&document.to_string()).unwrap()
         };
         let specifications: Vec<Specification> = machines.iter().map(specification).collect();

@@ -2,7 +2,9 @@
 #![allow(clippy::unwrap_used)] // helpers of tests
 
 use serde_json::json;
-use swarmwright_controllers::{BEHAVIOUR_NAMES, CONDITION_NAMES, Controller, Specification};
+use swarmwright_controllers::{
+    BEHAVIOUR_NAMES, CONDITION_NAMES, Controller, Specification, SpecificationError,
+};
 
 const STRAIGHT: [f32; 2] = [1.0, 1.0];
 
@@ -301,4 +303,114 @@ fn vectors_are_followed_with_the_outer_wheel_at_full_speed() {
             );
         }
     }
+}
+
+/// A tree: of each subtree the condition with its probability, and the behaviour.
+fn tree(subtrees: &[(&str, f32, &str)]) -> Controller {
+    let mut weights = vec![subtrees.len() as f32];
+    for (condition, probability, behaviour) in subtrees {
+        let (behaviour, condition) = (
+            number(&BEHAVIOUR_NAMES, behaviour),
+            number(&CONDITION_NAMES, condition),
+        );
+        weights.extend([behaviour, 10.0, 1.0, 0.0]);
+        weights.extend([7.0, condition, *probability, 1.0, 0.0]);
+    }
+    let document = json!({"version": 1, "kind": "modules", "form": "tree", "sensors": 9, "actuators": 2,
+        "states": subtrees.len(), "transitions": 1, "weights": weights});
+    Controller::new(&Specification::from_json(&document.to_string()).unwrap())
+}
+
+#[test]
+fn a_tree_goes_on_with_the_subtree_that_acted_and_begins_again_after_the_last() {
+    const TO_THE_LIGHT: [f32; 2] = [0.0, 1.0];
+    const STOPPED: [f32; 2] = [0.0, 0.0];
+    let mut controller = tree(&[
+        ("black_floor", 1.0, "exploration"),
+        ("white_floor", 1.0, "phototaxis"),
+        ("fixed_probability", 1.0, "stop"),
+    ]);
+    let mut sensed = Sensed::new();
+    (sensed.values[2], sensed.values[3]) = (0.0, 1.0);
+    for (ground, expected) in [
+        (0.5, STRAIGHT),
+        (1.0, STRAIGHT),
+        // The first condition holds, and the second subtree acts in the same step.
+        (0.0, TO_THE_LIGHT),
+        (0.5, TO_THE_LIGHT),
+        (0.0, TO_THE_LIGHT),
+        // All conditions hold: no action.
+        (1.0, STOPPED),
+        (0.5, STRAIGHT),
+    ] {
+        sensed.values[4] = ground;
+        assert_eq!(sensed.step(&mut controller), expected, "{ground}");
+    }
+}
+
+#[test]
+fn a_tree_of_one_subtree_stops_as_often_as_its_condition_holds() {
+    let mut controller = tree(&[("fixed_probability", 0.25, "exploration")]);
+    let mut sensed = Sensed::new();
+    let steps = 40_000;
+    let stops = (0..steps).filter(|_| sensed.step(&mut controller) == [0.0, 0.0]);
+    close(stops.count() as f64 / f64::from(steps), 0.25, 40_000);
+}
+
+#[test]
+fn conditions_of_a_tree_draw_random_numbers_of_their_own() {
+    let half = ("fixed_probability", 0.5, "exploration");
+    let mut controller = tree(&[half, half, half, ("fixed_probability", 0.5, "phototaxis")]);
+    let mut sensed = Sensed::new();
+    (sensed.values[2], sensed.values[3]) = (0.0, 1.0);
+    let (mut stops, steps) = (0, 40_000);
+    for _ in 0..steps {
+        stops += usize::from(sensed.step(&mut controller) == [0.0, 0.0]);
+    }
+    // Each of four conditions fails once on average, which is a step, and then comes the stop.
+    close(stops as f64 / f64::from(steps), 0.2, 15_000);
+}
+
+#[test]
+fn a_turn_ends_with_its_subtree() {
+    let mut controller = tree(&[
+        ("black_floor", 1.0, "exploration"),
+        ("white_floor", 1.0, "exploration"),
+    ]);
+    let mut sensed = Sensed::new();
+    for _ in 0..200 {
+        (sensed.values[0], sensed.values[1], sensed.values[4]) = (0.5, 0.1, 0.5);
+        sensed.step(&mut controller);
+        (sensed.values[0], sensed.values[1]) = (0.0, 0.0);
+        assert_ne!(sensed.step(&mut controller), STRAIGHT);
+        sensed.values[4] = 0.0;
+        assert_eq!(sensed.step(&mut controller), STRAIGHT);
+        // Both conditions cannot hold at a time: from the second back to the first over the end.
+        sensed.values[4] = 1.0;
+        assert_eq!(sensed.step(&mut controller), [0.0, 0.0]);
+    }
+}
+
+#[test]
+fn a_tree_has_four_subtrees_and_one_condition_each() {
+    let read = |form: &str, states: usize, transitions: usize| {
+        let document = json!({"version": 1, "kind": "modules", "form": form, "sensors": 9, "actuators": 2,
+            "states": states, "transitions": transitions});
+        swarmwright_controllers::Architecture::from_json(&document.to_string())
+    };
+    let wrong = |found: Result<swarmwright_controllers::Architecture, SpecificationError>| {
+        found.map_or_else(|error| error.to_string(), |_| String::new())
+    };
+    assert!(read("tree", 4, 1).is_ok());
+    assert_eq!(read("machine", 5, 2).unwrap(), {
+        let document = json!({"version": 1, "kind": "modules", "sensors": 9, "actuators": 2, "states": 5, "transitions": 2});
+        swarmwright_controllers::Architecture::from_json(&document.to_string()).unwrap()
+    });
+    assert!(
+        wrong(read("tree", 5, 1)).contains("states: 5 found, expected a whole number from 1 to 4")
+    );
+    assert!(wrong(read("tree", 4, 2)).contains("transitions: 2 found, expected 1"));
+    assert!(
+        wrong(read("bush", 4, 1)).contains("form: \"bush\" found, expected one of machine, tree")
+    );
 }

@@ -1,4 +1,7 @@
-"""Machines of modules in readable form: states with behaviours, transitions with conditions."""
+"""Machines and trees of modules in readable form: states with behaviours, transitions with conditions.
+
+A subtree of a tree is a state with one transition, of which the condition counts.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -19,6 +22,7 @@ CONDITIONS = (
 """In the order of their numbers."""
 SENSORS, ACTUATORS = 9, 2
 MOST_STATES, MOST_TRANSITIONS = 16, 4
+MOST_SUBTREES = 4
 OF_STATE, OF_TRANSITION = 4, 5
 """Weights of a state without its transitions, and of a transition."""
 
@@ -58,8 +62,14 @@ class State:
     transitions: tuple[Transition, ...]
 
 
+def is_tree(specification: Mapping[str, Any]) -> bool:
+    """Return whether a controller of the kind `modules` is a behaviour tree."""
+    return specification.get("form") == "tree"
+
+
 def states_of(specification: Mapping[str, Any]) -> tuple[State, ...]:
-    """Return the states of a controller of the kind `modules`, state 0 first."""
+    """Return the states of a controller of the kind `modules`, state 0 first; of a tree the subtrees."""
+    tree = is_tree(specification)
     weights = [float(weight) for weight in specification["weights"]]
     most = int(specification["transitions"])
     width = OF_STATE + most * OF_TRANSITION
@@ -71,8 +81,10 @@ def states_of(specification: Mapping[str, Any]) -> tuple[State, ...]:
         names = [BEHAVIOUR_PARAMETERS[behaviour]] if behaviour in BEHAVIOUR_PARAMETERS else []
         transitions = tuple(
             _transition(row[OF_STATE + k * OF_TRANSITION :][:OF_TRANSITION], count)
-            for k in range(_whole(row[3], 0, most))
+            for k in range(1 if tree else _whole(row[3], 0, most))
         )
+        if tree:
+            transitions = (Transition(0, transitions[0].condition, transitions[0].parameters),)
         found.append(State(behaviour, _parameters(row, names), transitions))
     return tuple(found)
 
@@ -127,6 +139,41 @@ def states_from(machine: Any, most_states: int, most_transitions: int) -> tuple[
     return tuple(
         _state(entry, f"states[{index}]", names, most_transitions) for index, entry in enumerate(entries)
     )
+
+
+def subtrees_from(tree: Any, most: int) -> tuple[State, ...]:  # noqa: ANN401 - a file's
+    """Return the subtrees of a tree as files hold it: the mapping that `tree_mapping_of` returns.
+
+    Raises InputError with what is wrong, and where in the tree.
+    """
+    entries = _list(_keys(tree, "tree", {"subtrees"}).get("subtrees"), "subtrees", 1, most)
+    found = []
+    for index, entry in enumerate(entries):
+        here = f"subtrees[{index}]"
+        condition = _name(_keys(entry, here, None).get("condition"), f"{here}.condition", CONDITIONS)
+        behaviour = _name(entry.get("behaviour"), f"{here}.behaviour", BEHAVIOURS)
+        wanted = CONDITION_PARAMETERS[condition]
+        needed = [BEHAVIOUR_PARAMETERS[behaviour]] if behaviour in BEHAVIOUR_PARAMETERS else []
+        known = _keys(entry, here, {"condition", "behaviour", *wanted, *needed})
+        transition = Transition(0, condition, {name: _value(known, name, here) for name in wanted})
+        found.append(State(behaviour, {name: _value(known, name, here) for name in needed}, (transition,)))
+    return tuple(found)
+
+
+def tree_mapping_of(subtrees: Sequence[State]) -> dict[str, Any]:
+    """Return a tree as files hold it."""
+    entries = []
+    for subtree in subtrees:
+        (one,) = subtree.transitions
+        entries.append(
+            {
+                "condition": one.condition,
+                **one.parameters,
+                "behaviour": subtree.behaviour,
+                **subtree.parameters,
+            }
+        )
+    return {"subtrees": entries}
 
 
 def _state(
@@ -244,3 +291,48 @@ def as_diagram(states: Sequence[State], language: Literal["dot", "mermaid"]) -> 
     lines += [f'    s{index} [label="{label}"];' for index, label in enumerate(labels)]
     lines += [f'    s{source} -> s{target} [label="{label}"];' for source, target, label in edges]
     return "\n".join([*lines, "}"])
+
+
+def condition_words(subtree: State) -> str:
+    """Return the condition of a subtree in words, with its parameters."""
+    (one,) = subtree.transitions
+    return _words(one.condition, one.parameters)
+
+
+def tree_text(subtrees: Sequence[State]) -> str:
+    """Return a tree in words, two lines for each subtree."""
+    lines = ["sequence with memory, goes on where it was:"]
+    for index, subtree in enumerate(subtrees):
+        lines.append(f"  subtree {index}: next one if {condition_words(subtree)}")
+        lines.append(f"    else {words_of(subtree)}")
+    return "\n".join(lines)
+
+
+def tree_diagram(subtrees: Sequence[State], language: Literal["dot", "mermaid"]) -> str:
+    """Return a tree as text of Graphviz (`dot`) or of Mermaid."""
+    leaves = [(condition_words(one), words_of(one)) for one in subtrees]
+    if language == "mermaid":
+        lines = ["flowchart TD", '    root["sequence*"]']
+        for index, (condition, action) in enumerate(leaves):
+            lines.append(f'    root --> s{index}["?"]')
+            lines.append(f'    s{index} --> c{index}(["{condition}"])')
+            lines.append(f'    s{index} --> a{index}["{action}"]')
+        return "\n".join(lines)
+    lines = ["digraph tree {", "    node [shape=box]; ordering=out;", '    root [label="sequence*"];']
+    for index, (condition, action) in enumerate(leaves):
+        lines.append(f'    s{index} [label="?"]; root -> s{index};')
+        lines.append(f'    c{index} [label="{condition}", shape=ellipse]; s{index} -> c{index};')
+        lines.append(f'    a{index} [label="{action}"]; s{index} -> a{index};')
+    return "\n".join([*lines, "}"])
+
+
+def controller_text(specification: Mapping[str, Any]) -> str:
+    """Return a controller of the kind `modules` in words."""
+    states = states_of(specification)
+    return tree_text(states) if is_tree(specification) else as_text(states)
+
+
+def controller_diagram(specification: Mapping[str, Any], language: Literal["dot", "mermaid"]) -> str:
+    """Return a controller of the kind `modules` as text of Graphviz (`dot`) or of Mermaid."""
+    states = states_of(specification)
+    return tree_diagram(states, language) if is_tree(specification) else as_diagram(states, language)

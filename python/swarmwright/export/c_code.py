@@ -229,7 +229,7 @@ def _mealy_fsm(subject: Subject, language: dict[str, str]) -> Code:
 
 
 def machine_weights(subject: Subject) -> NDArray[np.float32]:
-    """Return the weights of a machine of modules within their limits; those that are not used are 0."""
+    """Return the weights of a machine or tree of modules within their limits; those not used are 0."""
     specification = subject.specification
     sizes = (int(specification["states"]), int(specification["transitions"]))
     return np.array(modules.weights_of(modules.states_of(specification), *sizes), np.float32)
@@ -237,37 +237,44 @@ def machine_weights(subject: Subject) -> NDArray[np.float32]:
 
 def _modules(subject: Subject, language: dict[str, str]) -> Code:
     states, most = modules.states_of(subject.specification), int(subject.specification["transitions"])
+    tree = modules.is_tree(subject.specification)
     weights = machine_weights(subject)
     texts = literals(weights)
+    name = "subtree" if tree else "state"
     width = modules.OF_STATE + most * modules.OF_TRANSITION
-    lines = ["    /* number of states */", wrapped(texts[:1])]
+    lines = [f"    /* number of {name}s */", wrapped(texts[:1])]
     for index in range(int(subject.specification["states"])):
         row = texts[1 + index * width :][:width]
         words = modules.words_of(states[index]) if index < len(states) else "not used"
-        lines.append(f"    /* state {index}, {words}: behaviour, rwm, alpha, transitions */")
+        lines.append(f"    /* {name} {index}, {words}: behaviour, rwm, alpha, transitions */")
         lines.append(wrapped(row[: modules.OF_STATE]))
         for k in range(most):
             here = modules.OF_STATE + k * modules.OF_TRANSITION
             used = index < len(states) and k < len(states[index].transitions)
             words = modules.words_of(states[index].transitions[k]) if used else "not used"
+            if used and tree:
+                words = f"next one if {modules.condition_words(states[index])}"
             lines.append(f"    /* {words}: target, condition, probability, xi, eta */")
             lines.append(wrapped(row[here : here + modules.OF_TRANSITION]))
     activation = "\n".join(render(f"c_{name}.txt", language) for name in ("tanh", "activation_sigmoid"))
     step = render(
-        "c_step_modules.txt",
+        "c_step_tree.txt" if tree else "c_step_modules.txt",
         {
             **language,
-            "words": f"{len(states)} states",
+            "words": f"{len(states)} {name}s",
             "width": str(width),
-            "transitions": str(most),
+            **({"count": str(len(states))} if tree else {"transitions": str(most)}),
         },
     )
+    kept = ("    uint8_t state;", "    uint8_t settled;", "    int8_t turn;")
     return Code(
         (Table("weights", "float", len(texts), "\n".join(lines), weights),),
         render("c_modules.txt", {**language, "activation": activation.rstrip()}),
         step,
-        "    uint8_t state;\n    uint8_t settled;\n    int8_t turn;",
-        "the number of the state, whether it was entered before, and how long the robot still turns",
+        "\n".join((kept[0], kept[2]) if tree else kept),
+        "the number of the subtree, and how long the robot still turns"
+        if tree
+        else "the number of the state, whether it was entered before, and how long the robot still turns",
     )
 
 

@@ -1,4 +1,4 @@
-"""Machines of modules to read, and to start from: `--to machine`."""
+"""Machines and trees of modules to read, and to start from: `--to machine`."""
 
 from pathlib import Path
 from typing import ClassVar
@@ -29,29 +29,45 @@ class Machine(Exporter):
                 f"controller: one of the kind {subject.kind!r} is no machine of behaviours and conditions; "
                 "only modules is"
             )
-        states = modules.states_of(subject.specification)
-        text = "\n".join(f"# {line}" for line in modules.as_text(states).splitlines())
+        specification = subject.specification
+        states = modules.states_of(specification)
+        text = "\n".join(f"# {line}" for line in modules.controller_text(specification).splitlines())
+        content = _tree_yaml(states) if modules.is_tree(specification) else _yaml(states)
+        dot, mermaid = (modules.controller_diagram(specification, one) for one in ("dot", "mermaid"))
         return {
-            f"{prefix}.yaml": f"{facts(subject, '# ')}\n#\n{text}\n\n{_yaml(states)}",
-            f"{prefix}.dot": f"{facts(subject, '// ')}\n{modules.as_diagram(states, 'dot')}\n",
-            f"{prefix}.mmd": f"{facts(subject, '%% ')}\n{modules.as_diagram(states, 'mermaid')}\n",
+            f"{prefix}.yaml": f"{facts(subject, '# ')}\n#\n{text}\n\n{content}",
+            f"{prefix}.dot": f"{facts(subject, '// ')}\n{dot}\n",
+            f"{prefix}.mmd": f"{facts(subject, '%% ')}\n{mermaid}\n",
         }
 
     def run(self, folder: Path, prefix: str, sequences: Sequences) -> NDArray[np.float32]:
         """Read the machine, and run it by the engine."""
-        states = modules.states_from(
-            read(folder / f"{prefix}.yaml").values, modules.MOST_STATES, modules.MOST_TRANSITIONS
-        )
+        values = read(folder / f"{prefix}.yaml").values
+        tree = "subtrees" in values
+        most = 1 if tree else modules.MOST_TRANSITIONS
+        if tree:
+            states = modules.subtrees_from(values, modules.MOST_SUBTREES)
+        else:
+            states = modules.states_from(values, modules.MOST_STATES, most)
         specification = {
             "version": 1,
             "kind": "modules",
+            "form": "tree" if tree else "machine",
             "sensors": modules.SENSORS,
             "actuators": modules.ACTUATORS,
             "states": len(states),
-            "transitions": modules.MOST_TRANSITIONS,
-            "weights": modules.weights_of(states, len(states), modules.MOST_TRANSITIONS),
+            "transitions": most,
+            "weights": modules.weights_of(states, len(states), most),
         }
         return Sequences.computed(specification, sequences.first, sequences.sensors).actuators
+
+
+def _tree_yaml(subtrees: tuple[modules.State, ...]) -> str:
+    rows = (
+        f"  - {{{', '.join(f'{name}: {part}' for name, part in entry.items())}}}"
+        for entry in modules.tree_mapping_of(subtrees)["subtrees"]
+    )
+    return "\n".join(["subtrees:", *rows]) + "\n"
 
 
 def _yaml(states: tuple[modules.State, ...]) -> str:

@@ -206,22 +206,23 @@ def _mealy_fsm(subject: Subject, numbers: Numbers) -> PythonCode:
 
 def _modules(subject: Subject, numbers: Numbers) -> PythonCode:
     weights, most = machine_weights(subject), int(subject.specification["transitions"])
-    states = modules.states_of(subject.specification)
+    states, tree = modules.states_of(subject.specification), modules.is_tree(subject.specification)
     limits = np.array([0.1, 0.1, 0.95, 1 - 2**-24], np.float32)
     lines = [
         *_tanh_constants(numbers),
         f"_SHORT, _BLACK, _WHITE, _MOST = {numbers(limits)}",
         "",
-        "# States: behaviour, rwm, alpha; then transitions: target, condition, probability, xi, eta.",
+        f"# {'Subtrees' if tree else 'States'}: behaviour, rwm, alpha; transitions: target, condition, ..",
         "_STATES = (",
     ]
     at = 1
     for index, state in enumerate(states):
-        lines.append(f"    # state {index}: {modules.words_of(state)}")
+        lines.append(f"    # {'subtree' if tree else 'state'} {index}: {modules.words_of(state)}")
         lines += ["    (", indent(f"{numbers(weights[at : at + 3])},", " " * 8), "        ("]
         for k, one in enumerate(state.transitions):
             here = at + modules.OF_STATE + k * modules.OF_TRANSITION
-            lines.append(f"            # {modules.words_of(one)}")
+            words = f"next one if {modules.condition_words(state)}" if tree else modules.words_of(one)
+            lines.append(f"            # {words}")
             lines.append(indent(f"{numbers(weights[here : here + modules.OF_TRANSITION])},", " " * 12))
         lines += ["        ),", "    ),"]
         at += modules.OF_STATE + most * modules.OF_TRANSITION
@@ -244,13 +245,30 @@ def _modules(subject: Subject, numbers: Numbers) -> PythonCode:
         "    self._turn = 0",
         "return actuators",
     ]
+    reset = ["self._state = 0", "self._settled = False", "self._turn = 0"]
+    kept = "the state, whether it was entered before, and how long the robot still turns are kept"
+    if tree:
+        step = [
+            "words = _words(values[8])",
+            "while self._state < len(_STATES):",
+            "    state, (transition,) = _STATES[self._state]",
+            "    drawn = (words[self._state] >> 8) / 16777216.0",
+            "    if not drawn < _probability(transition, values, cell):",
+            "        return self._act(state, values, words, cell)",
+            "    self._state += 1",
+            "    self._turn = 0",
+            "self._state = 0",
+            "self._turn = 0",
+            "return [0.0, 0.0]",
+        ]
+        reset, kept = [reset[0], reset[2]], "the subtree and how long the robot still turns are kept"
     return PythonCode(
         "\n".join([*lines, ")"]),
         "\n\n".join(parts).rstrip("\n"),
         "",
-        _indented(["self._state = 0", "self._settled = False", "self._turn = 0"]),
+        _indented(reset),
         _indented(step) + "\n\n" + render("python_modules_act.txt", {}).rstrip("\n"),
-        "the state, whether it was entered before, and how long the robot still turns are kept",
+        kept,
         "from math import sqrt",
     )
 

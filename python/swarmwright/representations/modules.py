@@ -1,6 +1,7 @@
-"""Probabilistic finite-state machines of given behaviours and conditions."""
+"""Probabilistic finite-state machines, and behaviour trees, of given behaviours and conditions."""
 
 import json
+from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar, Literal
@@ -30,21 +31,34 @@ _COUNTS_NEIGHBOURS = np.array(["xi" in modules.CONDITION_PARAMETERS[one] for one
 
 
 class ModulesOptions(Options):
-    """A probabilistic finite-state machine of behaviours and conditions, as AutoMoDe-Chocolate designs them.
+    """A machine (AutoMoDe-Chocolate) or a tree (AutoMoDe-Maple) of given behaviours and conditions.
 
     For robots with two wheels that sense what the preset e-puck-rm1.2 of `arena` does.
     """
 
     kind: Literal["modules"] = "modules"
+    form: Literal["machine", "tree"] = "machine"
+    """machine: a probabilistic finite-state machine. tree: a behaviour tree, whose root is a sequence with
+    memory of subtrees; each selects between a condition and a behaviour. If the condition of a subtree holds,
+    the next one is tried in the same step, else its behaviour acts, and the next step begins with it. After
+    the last one the robot stops for a step and begins again."""
     states: int = Field(default=4, ge=1, le=modules.MOST_STATES)
-    """States that a machine has at most; every episode begins in the first."""
+    """States that a machine has at most; every episode begins in the first. Of a tree: subtrees, up to 4."""
     transitions: int = Field(default=4, ge=1, le=modules.MOST_TRANSITIONS)
-    """Transitions that a state has at most."""
+    """Transitions that a state has at most. Of a tree: 1."""
     machine: dict[str, Any] | str | None = None
     """A machine to start from: {states: [{behaviour, transitions: [{to, condition}]}]}, with the parameters
     of each behaviour and condition beside it; the path of a YAML file with that, as `swarmwright export --to
     machine` writes it; or the text that AutoMoDe's programs are called with, --nstates 2 --s0 4 --att0 5 ..
-    Evolution begins with it and with mutants of it, of up to 8 changes each. Default: random machines."""
+    A tree is {subtrees: [{condition, behaviour}]}, or such a file. Evolution begins with it and with mutants
+    of it, of up to 8 changes each. Default: random ones."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _one_condition(cls, values: Any) -> Any:  # noqa: ANN401 - whatever the file says
+        if isinstance(values, Mapping) and values.get("form") == "tree" and "transitions" not in values:
+            return {**values, "transitions": 1}
+        return values
 
     @field_validator("machine", mode="before")
     @classmethod
@@ -60,6 +74,12 @@ class ModulesOptions(Options):
 
     @model_validator(mode="after")
     def _valid(self) -> "ModulesOptions":
+        if self.form == "tree" and self.states > modules.MOST_SUBTREES:
+            raise ValueError(
+                f"states: a tree has {modules.MOST_SUBTREES} subtrees at most, not {self.states}"
+            )
+        if self.form == "tree" and self.transitions != 1:
+            raise ValueError("transitions: a subtree has one condition; leave it out")
         try:
             self.start()
         except InputError as error:
@@ -70,6 +90,10 @@ class ModulesOptions(Options):
         """Return the machine to start from. Raises InputError when it is wrong."""
         if self.machine is None:
             return None
+        if self.form == "tree":
+            if isinstance(self.machine, str):
+                raise InputError("AutoMoDe's command describes a machine; a tree is a mapping or a file")
+            return modules.subtrees_from(self.machine, self.states)
         machine = machine_of(self.machine) if isinstance(self.machine, str) else self.machine
         states = modules.states_from(machine, self.states, self.transitions)
         for index, state in enumerate(states):
@@ -96,8 +120,13 @@ class Modules(Representation):
     father. The distance counts behaviours, targets and conditions that differ, and shares of the ranges of
     all other genes.
 
-    Source: Francesca et al., "AutoMoDe-Chocolate: automatic design of control software for robot swarms",
-    Swarm Intelligence 9(2-3), 2015.
+    A tree has the same genes, of one transition for each state: a state is a subtree, and of its transition
+    the condition counts. What there is of targets and numbers of transitions means nothing.
+
+    Sources: Francesca et al., "AutoMoDe-Chocolate: automatic design of control software for robot swarms",
+    Swarm Intelligence 9(2-3), 2015; Kuckling, Ligot, Bozhinoski and Birattari, "Behavior trees as a control
+    architecture in the automatic modular design of robot swarms", ANTS 2018. Where AutoMoDe's tree comes back
+    to an exploration that it left while the robot turned, the turn goes on; here it does not.
     """
 
     kind: ClassVar[str] = "modules"
@@ -118,7 +147,16 @@ class Modules(Representation):
 
     @property
     def _width(self) -> int:
-        return OF_STATE + self.options.transitions * OF_TRANSITION
+        return OF_STATE + self._most * OF_TRANSITION
+
+    @property
+    def _tree(self) -> bool:
+        return self.options.form == "tree"
+
+    @property
+    def _most(self) -> int:
+        """Transitions of a state for which there are genes."""
+        return self.options.transitions
 
     @property
     def genome_size(self) -> int:
@@ -128,7 +166,7 @@ class Modules(Representation):
     @cached_property
     def bounds(self) -> Limits:
         """From the lowest to one more than the highest value of what is counted, else to the highest."""
-        most, others = self.options.transitions, max(1, self.options.states - 1)
+        most, others = self._most, max(1, self.options.states - 1)
         ranges = {name: (low, high + 1 if whole else high) for name, (low, high, whole) in RANGES.items()}
         transition = [(0, others), (0, _CONDITIONS), ranges["probability"], ranges["xi"], ranges["eta"]]
         state = [(0, _BEHAVIOURS), ranges["rwm"], ranges["alpha"], (0, most + 1), *(transition * most)]
@@ -140,10 +178,11 @@ class Modules(Representation):
         return {
             "version": 1,
             "kind": self.kind,
+            **({"form": "tree"} if self._tree else {}),
             "sensors": self.sensors,
             "actuators": self.actuators,
             "states": self.options.states,
-            "transitions": self.options.transitions,
+            "transitions": self._most,
         }
 
     def weights(self, genomes: Genomes) -> NDArray[np.float32]:
@@ -156,12 +195,14 @@ class Modules(Representation):
         for place, most in ((0, _BEHAVIOURS - 1), (1, RANGES["rwm"][1]), (2, RANGES["alpha"][1])):
             rows[..., place] = self._whole(rows[..., place], 0, most)
         alone = (states == 1)[..., np.newaxis]
-        rows[..., 3] = np.where(alone, 0, self._whole(rows[..., 3], 0, self.options.transitions))
-        parts = rows[..., OF_STATE:].reshape(*rows.shape[:-1], self.options.transitions, OF_TRANSITION)
+        rows[..., 3] = np.where(alone, 0, self._whole(rows[..., 3], 0, self._most))
+        parts = rows[..., OF_STATE:].reshape(*rows.shape[:-1], self._most, OF_TRANSITION)
         others = np.maximum(states - 1, 1)[..., np.newaxis, np.newaxis]
         target = np.floor(parts[..., 0]) % others
         own = np.arange(self.options.states)[:, np.newaxis]
         parts[..., 0] = np.where(alone[..., np.newaxis], 0, target + (target >= own))
+        if self._tree:
+            rows[..., 3], parts[..., 0] = 1, 0
         parts[..., 1] = self._whole(parts[..., 1], 0, _CONDITIONS - 1)
         parts[..., 3] = self._whole(parts[..., 3], 1, RANGES["xi"][1])
         rows[..., OF_STATE:] = parts.reshape(*rows.shape[:-1], self._width - OF_STATE)
@@ -189,7 +230,7 @@ class Modules(Representation):
             return None
         lower, upper = self.bounds
         genome = lower + (upper - lower) / 2
-        weights = np.array(modules.weights_of(start, self.options.states, self.options.transitions))
+        weights = np.array(modules.weights_of(start, self.options.states, self._most))
         genome[0] = weights[0] + 0.5
         for index, state in enumerate(start):
             at = 1 + index * self._width
@@ -221,13 +262,13 @@ class Modules(Representation):
         share = (genome[targets] - lower[targets]) / (upper[targets] - lower[targets])
         genome[targets] = np.minimum(share * others, upper[targets])
         counts = 1 + self._width * np.arange(self.options.states) + 3
-        genome[counts] = 1 + genome[counts] / upper[counts] * self.options.transitions
+        genome[counts] = 1 + genome[counts] / upper[counts] * self._most
         return genome.astype(np.float32)
 
     def _targets(self) -> NDArray[np.intp]:
         """Return where the targets of all transitions are in a genome."""
         rows = 1 + self._width * np.arange(self.options.states)[:, np.newaxis]
-        found: NDArray[np.intp] = rows + OF_STATE + OF_TRANSITION * np.arange(self.options.transitions)
+        found: NDArray[np.intp] = rows + OF_STATE + OF_TRANSITION * np.arange(self._most)
         return found.ravel()
 
     def mutate(self, genome: Genome, stream: Stream, *, severity: float, probability: float) -> Genome:
@@ -280,7 +321,7 @@ class Modules(Representation):
         parts[..., 0] = parts[..., 3] = there
         parts[..., 1] = there & _HAS_RWM[behaviours]
         parts[..., 2] = there & _HAS_ALPHA[behaviours]
-        for k in range(self.options.transitions):
+        for k in range(self._most):
             at = OF_STATE + k * OF_TRANSITION
             taken = there & (rows[..., 3] > k)
             neighbours = _COUNTS_NEIGHBOURS[rows[..., at + 1].astype(np.int64)]
@@ -303,7 +344,7 @@ class Modules(Representation):
             parameter = modules.BEHAVIOUR_PARAMETERS.get(behaviour)
             if parameter is not None:
                 changes.append(("move", at + (1 if parameter == "rwm" else 2), 0))
-            if states > 1:
+            if states > 1 or self._tree:
                 changes += self._of_transitions(genome, at, states)
         kind, at, most = changes[stream.integer(len(changes))]
         lower, upper = (float(limit[at]) for limit in self.bounds)
@@ -320,12 +361,14 @@ class Modules(Representation):
         self, genome: NDArray[np.float64], at: int, states: int
     ) -> list[tuple[str, int, int]]:
         """Return what can be changed at the transitions of the state whose genes begin at `at`."""
-        most = self.options.transitions
-        count = self._count(genome[at + 3], most)
-        changes = [("more", at + 3, most)] * (count < most) + [("less", at + 3, most)] * (count > 1)
+        most = self._most
+        count = 1 if self._tree else self._count(genome[at + 3], most)
+        changes: list[tuple[str, int, int]] = []
+        if not self._tree:
+            changes = [("more", at + 3, most)] * (count < most) + [("less", at + 3, most)] * (count > 1)
         for k in range(count):
             here = at + OF_STATE + k * OF_TRANSITION
-            if states > 2:
+            if states > 2 and not self._tree:
                 changes.append(("choice", here, states - 1))
             changes.append(("choice", here + 1, _CONDITIONS))
             condition = modules.CONDITIONS[min(int(genome[here + 1]), _CONDITIONS - 1)]

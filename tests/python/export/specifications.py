@@ -70,6 +70,11 @@ def modules(states: int, transitions: int, seed: int) -> Specification:
     return {**made, "weights": [float(text) for text in np.array(weights, np.float32).astype(str)]}
 
 
+def tree(subtrees: int, seed: int) -> Specification:
+    """A behaviour tree of modules; some of its weights are beyond their limits."""
+    return {**modules(subtrees, 1, seed), "form": "tree"}
+
+
 ALL = {
     **{
         f"{kind}-{activation}-{index}": network(kind, activation, output_range, seed=index)
@@ -86,6 +91,9 @@ ALL = {
     "modules-other": modules(4, 4, 2),
     "modules-two": modules(2, 1, 3),
     "modules-one": modules(1, 1, 4),
+    "modules-tree": tree(4, 5),
+    "modules-tree-two": tree(2, 6),
+    "modules-tree-one": tree(1, 7),
     "mealy_fsm": machine([[-0.5, 0.25], [], [0.1]]),
     "mealy_fsm-blind": machine([[], []], states=5, actuators=1),
     "mealy_fsm-one": machine([[0.0]], states=1),

@@ -102,6 +102,7 @@ def test_any_network(exporter: Exporter, specification: Specification, tmp_path:
         "mealy_fsm-blind",
         "layered-direct",
         "modules",
+        "modules-tree",
         "evostick",
     ],
 )

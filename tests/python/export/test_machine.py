@@ -20,6 +20,11 @@ def test_what_is_written_is_the_machine(name: str, tmp_path: Path) -> None:
     sequences = few(ALL[name], 300)
     assert difference(sequences, exporter.run(tmp_path, "robot", sequences)) == (0.0, 0)
     states = modules.states_of(ALL[name])
+    if modules.is_tree(ALL[name]):
+        assert modules.subtrees_from(read(tmp_path / "robot.yaml").values, 4) == states
+        for file, arrow in (("robot.dot", " -> "), ("robot.mmd", " --> ")):
+            assert (tmp_path / file).read_text().count(arrow) == 3 * len(states)
+        return
     assert modules.states_from(read(tmp_path / "robot.yaml").values, 16, 4) == states
     transitions = sum(len(state.transitions) for state in states)
     assert (tmp_path / "robot.dot").read_text().count(" -> ") == transitions

@@ -15,7 +15,7 @@ pub use evostick::Evostick;
 pub use fully_meshed::FullyMeshed;
 pub use layered::Layered;
 pub use mealy_fsm::MealyFsm;
-pub use modules::{BEHAVIOUR_NAMES, CONDITION_NAMES, Modules};
+pub use modules::{BEHAVIOUR_NAMES, CONDITION_NAMES, Form, Modules};
 pub use parameter_set::{Parameter, ParameterKind, ParameterSet};
 
 use crate::SpecificationError;
@@ -157,7 +157,7 @@ kinds! { ($)
     "mealy_fsm" => MealyFsm,
     /// EvoStick's network.
     "evostick" => Evostick,
-    /// A probabilistic finite-state machine of modules.
+    /// A probabilistic finite-state machine, or a behaviour tree, of modules.
     "modules" => Modules,
     /// Parameters of a simulation that steers its agents itself.
     "parameter_set" => ParameterSet,

@@ -1,10 +1,10 @@
-"""Machines of modules: states on a circle, an arrow for each transition, and all of it in words."""
+"""Machines of modules: states on a circle, an arrow for each transition, all of it in words; and trees."""
 
 import textwrap
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from swarmwright.core.modules import State, states_of, words_of
+from swarmwright.core.modules import State, condition_words, is_tree, states_of, words_of
 from swarmwright.figures.controllers.state_machine import RADIUS, arc, loop, place_of
 from swarmwright.figures.style import COLORS, INK, PAPER, SOFT, new_figure
 
@@ -18,8 +18,10 @@ _LINE = 0.2  # inches
 
 
 def draw(specification: Mapping[str, Any], title: str) -> "Figure":
-    """Return the figure of a machine of `modules`."""
+    """Return the figure of a machine or tree of `modules`."""
     states = states_of(specification)
+    if is_tree(specification):
+        return _tree(states, title)
     lines = _list(states)
     figure = new_figure(12.0, min(max(5.6, 1.4 + _LINE * len(lines)), 20.0))
     left, right = figure.subplots(1, 2, width_ratios=[1, 1])
@@ -34,6 +36,39 @@ def draw(specification: Mapping[str, Any], title: str) -> "Figure":
     plural = "s" if len(states) > 1 else ""
     left.set_title(
         f"modules, {len(states)} state{plural}, {count} transitions; numbers of transitions as in the list",
+        loc="left", fontsize=10, color=SOFT,
+    )  # fmt: skip
+    return figure
+
+
+def _tree(subtrees: tuple[State, ...], title: str) -> "Figure":
+    """Return the figure of a tree: the root, a selector for each subtree, its condition and its behaviour."""
+    count = len(subtrees)
+    figure = new_figure(max(9.0, 3.4 * count), 4.6)
+    axes = figure.subplots()
+    root = ((count - 1) / 2, 2.0)
+    box: dict[str, Any] = {"boxstyle": "round,pad=0.35", "facecolor": PAPER, "edgecolor": INK}
+    text: dict[str, Any] = {"ha": "center", "va": "center", "color": INK, "fontsize": 9.5, "zorder": 5}
+    axes.text(*root, "sequence*", bbox=box, **text)
+    for index, subtree in enumerate(subtrees):
+        select = (float(index), 1.15)
+        axes.plot([root[0], select[0]], [root[1], select[1]], color=SOFT, linewidth=1.4, zorder=1)
+        axes.text(*select, "?", bbox=box, **text)
+        for side, words, color in (
+            (-0.22, condition_words(subtree), COLORS[0]),
+            (0.22, words_of(subtree), COLORS[1]),
+        ):
+            leaf = (index + side, 0.2)
+            axes.plot([select[0], leaf[0]], [select[1], leaf[1]], color=SOFT, linewidth=1.4, zorder=1)
+            axes.text(*leaf, textwrap.fill(words, 13), bbox={**box, "edgecolor": color}, **text)
+    axes.set_xlim(-0.6, count - 0.4)
+    axes.set_ylim(-0.35, 2.3)
+    axes.axis("off")
+    figure.suptitle(title, x=0.012, ha="left", fontsize=13, fontweight="bold", color=INK, parse_math=False)
+    plural = "s" if count > 1 else ""
+    axes.set_title(
+        f"modules, tree of {count} subtree{plural}: the next one if the condition on the left holds, "
+        "else the behaviour on the right",
         loc="left", fontsize=10, color=SOFT,
     )  # fmt: skip
     return figure

@@ -15,12 +15,12 @@ from matplotlib.patches import FancyArrowPatch
 from PIL import Image
 
 from swarmwright import InputError
-from swarmwright.core.modules import states_of, words_of
+from swarmwright.core.modules import condition_words, states_of, words_of
 from swarmwright.figures.controllers import Names, figure
 from swarmwright.figures.controllers.transitions import transitions
 from swarmwright.figures.style import save
 from swarmwright.simulations.catalogue import description
-from tests.python.export.specifications import modules
+from tests.python.export.specifications import modules, tree
 
 Specification = dict[str, Any]
 
@@ -260,4 +260,16 @@ def test_machines_of_modules(
         assert words_of(state) in text
         for transition in state.transitions:
             assert words_of(transition) in text
+    written(drawn, tmp_path, caplog)
+
+
+@pytest.mark.parametrize(("subtrees", "seed"), [(4, 1), (1, 2)])
+def test_trees_of_modules(subtrees: int, seed: int, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    specification = tree(subtrees, seed)
+    drawn = figure(specification, title="a $title")
+    text = flat(drawn)
+    for subtree in states_of(specification):
+        assert words_of(subtree) in text
+        assert condition_words(subtree) in text
+    assert f"tree of {len(states_of(specification))} subtree" in text
     written(drawn, tmp_path, caplog)

@@ -5,8 +5,8 @@ use swarmwright_lanes::{Int, Lanes, Mask};
 use super::catalogue::{BEHAVIOURS, Behaviour, CONDITIONS, Condition, Ground};
 use super::random::LaneRandom;
 use super::{
-    BLACK, MOST_STATES, MOST_TRANSITIONS, Modules, NEAR, OF_STATE, OF_TRANSITION, SENSORS, SHORT,
-    STATE_LIMITS, TRANSITION_LIMITS, WHITE,
+    BLACK, Form, MOST_STATES, MOST_TRANSITIONS, Modules, NEAR, OF_STATE, OF_TRANSITION, SENSORS,
+    SHORT, STATE_LIMITS, TRANSITION_LIMITS, WHITE,
 };
 use crate::functions::lanes::sigmoid;
 use crate::kinds::{Kind, LaneKind};
@@ -145,9 +145,64 @@ impl Modules {
             row.is[index] = current.eq(L::Int::splat(index as i32));
         }
         let random = LaneRandom::new(sensors[SENSORS - 1]);
+        if self.form == Form::Tree {
+            self.tick_lanes(weights, state, sensors, random, actuators);
+            return;
+        }
         let [left, right] = act(&row, &mut state[2], sensors, random);
         (actuators[0], actuators[1]) = (left, right);
         self.change(&row, state, sensors, random);
+    }
+
+    /// A step of trees: each lane goes on from its subtree to the first whose condition does not hold, which acts.
+    #[inline(always)]
+    fn tick_lanes<L: Lanes>(
+        &self,
+        weights: &[L],
+        state: &mut [L],
+        sensors: &[L],
+        random: LaneRandom<L>,
+        actuators: &mut [L],
+    ) {
+        let (zero, none) = (L::splat(0.0), L::Mask::from_bits(0));
+        let mut row = Row {
+            weights: &weights[1..],
+            length: self.row_length(),
+            states: self.states,
+            is: [none; MOST_STATES],
+        };
+        let count = weights[0].floor();
+        let ground = ground(sensors[4]);
+        let mut current = state[0].floor();
+        let mut going = current.lt(count);
+        for index in 0..self.states {
+            let number = L::Int::splat(index as i32);
+            let here = current.eq(number).and(going).and(number.lt(count));
+            if !here.any() {
+                continue;
+            }
+            let only = Row {
+                weights: &row.weights[index * row.length..],
+                length: row.length,
+                states: 1,
+                is: row.is,
+            };
+            let probability = probability(&only, OF_STATE, ground, sensors[5]);
+            let holds = random.unit(index).lt(probability).and(here);
+            going = going.and_not(here.and_not(holds));
+            current = current.add(one_where::<L>(holds));
+            state[2] = zero.select(state[2], holds);
+        }
+        for index in 1..self.states {
+            row.is[index] = current.eq(L::Int::splat(index as i32));
+        }
+        // Those that have come to the end do what some subtree does, which does not count.
+        let ended = count.eq(current);
+        let [left, right] = act(&row, &mut state[2], sensors, random);
+        actuators[0] = zero.select(left, ended);
+        actuators[1] = zero.select(right, ended);
+        state[0] = zero.select(L::from_int(current), ended);
+        state[2] = zero.select(state[2], ended);
     }
 
     /// Makes transitions.

@@ -1,4 +1,4 @@
-//! Probabilistic finite-state machines of given behaviours and conditions.
+//! Probabilistic finite-state machines, and behaviour trees, of given behaviours and conditions.
 
 mod catalogue;
 mod lanes;
@@ -55,6 +55,24 @@ const SHORT: f32 = 0.1;
 const BLACK: f32 = 0.1;
 const WHITE: f32 = 0.95;
 
+/// How states follow each other.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Form {
+    /// A finite-state machine.
+    #[default]
+    Machine,
+    /// A behaviour tree.
+    Tree,
+}
+
+impl Form {
+    #[allow(clippy::trivially_copy_pass_by_ref)] // serde's form
+    fn is_machine(&self) -> bool {
+        *self == Self::Machine
+    }
+}
+
 /// A probabilistic finite-state machine as AutoMoDe-Chocolate designs them (G. Francesca et al., "AutoMoDe-Chocolate:
 /// automatic design of control software for robot swarms", Swarm Intelligence 9, 2015), for differential drives.
 ///
@@ -68,8 +86,17 @@ const WHITE: f32 = 0.95;
 /// Weights: the number of states; for each state its behaviour, rwm, alpha, and the number of its transitions; and for each of
 /// these its target, condition, probability, xi and eta. Of numbers and counts the whole part counts, and all are limited to
 /// what is possible, so that any weights are a machine.
+///
+/// Or a behaviour tree as AutoMoDe-Maple designs them (J. Kuckling et al., "Behavior trees as a control architecture in the
+/// automatic modular design of robot swarms", ANTS 2018): a sequence with memory of subtrees, each of which selects between
+/// a condition and an action. A state is a subtree, with its one transition's condition. A step goes on with the subtree of the
+/// last one: if its condition holds, with the next; else its behaviour acts. After the last the robot stops for a step, and
+/// begins again with the first.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Modules {
+    /// Machine or tree.
+    #[serde(skip_serializing_if = "Form::is_machine")]
+    pub form: Form,
     /// Numbers in: 9.
     pub sensors: usize,
     /// Numbers out: 2.
@@ -84,6 +111,31 @@ impl Modules {
     /// Weights of one state and its transitions.
     fn row_length(&self) -> usize {
         OF_STATE + self.transitions * OF_TRANSITION
+    }
+}
+
+impl Modules {
+    /// A step of a tree from this subtree on: the subtree of the next step, and the speeds.
+    fn tick(
+        &self,
+        weights: &[f32],
+        first: usize,
+        sensed: &Sensed,
+        turn: &mut f32,
+        random: &Random<u32>,
+    ) -> (usize, [f32; 2]) {
+        let count = limited(weights[0], (1.0, self.states as f32, false)) as usize;
+        let rows = weights[1..].chunks_exact(self.row_length()).enumerate();
+        for (index, row) in rows.take(count).skip(first) {
+            if random.unit(index) < probability(&row[OF_STATE..], sensed) {
+                *turn = 0.0;
+            } else {
+                let behaviour = BEHAVIOURS[limited(row[0], STATE_LIMITS[0]) as usize].1;
+                return (index, act(behaviour, row, sensed, turn, random));
+            }
+        }
+        *turn = 0.0;
+        (0, [0.0, 0.0])
     }
 }
 
@@ -241,6 +293,12 @@ impl Kind for Modules {
         };
         let sensed = Sensed::new(sensors);
         let random = Random::new(sensors[SENSORS - 1]);
+        if self.form == Form::Tree {
+            let (next, speeds) = self.tick(weights, *current as usize, &sensed, turn, &random);
+            *current = next as f32;
+            actuators.copy_from_slice(&speeds);
+            return;
+        }
         let row = &weights[1 + *current as usize * self.row_length()..][..self.row_length()];
         let behaviour = BEHAVIOURS[limited(row[0], STATE_LIMITS[0]) as usize].1;
         actuators.copy_from_slice(&act(behaviour, row, &sensed, turn, &random));

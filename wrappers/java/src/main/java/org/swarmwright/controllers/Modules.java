@@ -1,8 +1,8 @@
 package org.swarmwright.controllers;
 
 /**
- * A probabilistic finite-state machine of given behaviours and conditions, for robots with two
- * wheels. Its random numbers come from a sensor.
+ * A probabilistic finite-state machine, or a behaviour tree, of given behaviours and conditions,
+ * for robots with two wheels. Its random numbers come from a sensor.
  *
  * <p>Weights: the number of states; for each state its behaviour, rwm, alpha and number of
  * transitions, and for each of these its target, condition, probability, xi and eta.
@@ -33,21 +33,28 @@ final strictfp class Modules extends Architecture {
   private static final float WHITE = 0.95f;
   private static final float UNIT = 1f / 16777216f;
 
+  private final boolean tree;
   private final int states;
   private final int transitions;
 
-  private Modules(int sensors, int actuators, int states, int transitions) {
+  private Modules(boolean tree, int sensors, int actuators, int states, int transitions) {
     super(sensors, actuators);
+    this.tree = tree;
     this.states = states;
     this.transitions = transitions;
   }
 
   static Modules read(SpecificationReader reader) {
+    boolean tree = "tree".equals(reader.choice("form", "machine", "tree"));
+    // Each subtree draws a random number of its own.
+    int mostStates = tree ? MOST_TRANSITIONS : MOST_STATES;
+    int mostTransitions = tree ? 1 : MOST_TRANSITIONS;
     return new Modules(
+        tree,
         reader.count("sensors", SENSORS, SENSORS),
         reader.count("actuators", ACTUATORS, ACTUATORS),
-        reader.count("states", 1, MOST_STATES),
-        reader.count("transitions", 1, MOST_TRANSITIONS));
+        reader.count("states", 1, mostStates),
+        reader.count("transitions", 1, mostTransitions));
   }
 
   private int rowLength() {
@@ -86,6 +93,10 @@ final strictfp class Modules extends Architecture {
       float[] scratch,
       float[] sensors,
       float[] actuators) {
+    if (tree) {
+      tick(weights, first, state, sensors, actuators);
+      return;
+    }
     int row = first + 1 + (int) state[0] * rowLength();
     int[] words = words(sensors[8]);
     act(weights, row, state, words, sensors, actuators);
@@ -112,6 +123,27 @@ final strictfp class Modules extends Architecture {
       state[1] = 0f;
       state[2] = 0f;
     }
+  }
+
+  /** A step of a tree: from the subtree of the last step to the first whose condition fails. */
+  private void tick(
+      float[] weights, int first, float[] state, float[] sensors, float[] actuators) {
+    int[] words = words(sensors[8]);
+    int count = (int) limited(weights[first], 1f, states);
+    for (int k = (int) state[0]; k < count; k++) {
+      int row = first + 1 + k * rowLength();
+      float drawn = (words[k] >>> 8) * UNIT;
+      if (!(drawn < probability(weights, row + OF_STATE, sensors))) {
+        state[0] = k;
+        act(weights, row, state, words, sensors, actuators);
+        return;
+      }
+      state[2] = 0f;
+    }
+    state[0] = 0f;
+    state[2] = 0f;
+    actuators[0] = 0f;
+    actuators[1] = 0f;
   }
 
   private static void act(

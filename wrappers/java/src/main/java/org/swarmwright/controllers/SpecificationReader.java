@@ -49,6 +49,20 @@ final class SpecificationReader {
     return value.getAsString();
   }
 
+  /** One of the texts allowed; the first one where the field is left out. */
+  String choice(String field, String... allowed) {
+    if (!fields.has(field)) {
+      known.add(field);
+      return allowed[0];
+    }
+    String expected = "one of " + String.join(", ", allowed);
+    String found = text(field, expected);
+    if (!Arrays.asList(allowed).contains(found)) {
+      throw new SpecificationException(field, "\"" + found + "\" found, expected " + expected);
+    }
+    return found;
+  }
+
   /** A whole number in low..high; 8.0 counts as 8. */
   int count(String field, int low, int high) {
     String expected = low == high ? "" + low : "a whole number from " + low + " to " + high;
