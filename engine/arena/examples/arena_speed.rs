@@ -1,4 +1,5 @@
-//! What the arena costs: `arena_speed CANDIDATES LEVEL PARAMETERS`, with EvoStick and weights from -2 to 2. LEVEL: scalar, or an
+//! What the arena costs: `arena_speed CANDIDATES LEVEL PARAMETERS [modules]`, with EvoStick and weights from -2 to 2, or with
+//! random machines of modules. LEVEL: scalar, or an
 //! instruction set. Prints the
 //! time of the clock, and the sum of all fitness.
 
@@ -11,16 +12,39 @@ use swarmwright_simulation::{Block, Means, Simulation};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let arguments: Vec<String> = std::env::args().collect();
-    let [_, candidates, level, parameters] = arguments.as_slice() else {
-        return Err("usage: arena_speed CANDIDATES LEVEL PARAMETERS".into());
+    let [_, candidates, level, parameters, kind @ ..] = arguments.as_slice() else {
+        return Err("usage: arena_speed CANDIDATES LEVEL PARAMETERS [modules]".into());
     };
     let candidates: usize = candidates.parse()?;
-    let architecture = json!({"kind": "evostick", "version": 1, "sensors": 24, "actuators": 2});
+    let machines = kind.first().is_some_and(|kind| kind == "modules");
+    let architecture = if machines {
+        json!({"kind": "modules", "version": 1, "sensors": 9, "actuators": 2, "states": 4, "transitions": 4})
+    } else {
+        json!({"kind": "evostick", "version": 1, "sensors": 24, "actuators": 2})
+    };
     let architecture = Architecture::from_json(&architecture.to_string())?;
-    let parameters: Value = serde_json::from_str(parameters)?;
+    let mut parameters: Value = serde_json::from_str(parameters)?;
+    if machines {
+        parameters["robot"] = json!("e-puck-rm1.2");
+    }
     let parameters = parameters.as_object().ok_or("expected an object")?;
     let count = candidates * architecture.weight_count();
-    let weight = |index| uniform(1, 2, index as u64) * 4.0 - 2.0;
+    // Genes of the number of states, of a state, and of a transition, up to these limits.
+    let (state, transition) = ([6.0, 100.0, 5.0, 5.0], [4.0, 6.0, 1.0, 10.0, 20.0]);
+    let most = |gene: usize| match gene.checked_sub(1).map(|gene| gene % 24) {
+        None => 5.0,
+        Some(gene @ 0..4) => state[gene],
+        Some(gene) => transition[(gene - 4) % 5],
+    };
+    let length = architecture.weight_count();
+    let weight = |index: usize| {
+        let number = uniform(1, 2, index as u64);
+        if machines {
+            number * most(index % length)
+        } else {
+            number * 4.0 - 2.0
+        }
+    };
     let genomes: Vec<f32> = (0..count).map(weight).collect();
     let block = Block {
         architecture: &architecture,

@@ -445,7 +445,8 @@ impl<L: Lanes> Contacts<L> {
                 for index in involved.iter() {
                     let index = *index as usize;
                     if touched[index].any() {
-                        drive_on(&mut moved[index], aim[index], robot.acceleration);
+                        let limit = robot.acceleration * PART;
+                        drive_on(&mut moved[index], aim[index], limit, touched[index]);
                     }
                 }
             }
@@ -523,13 +524,15 @@ fn drive<L: Lanes>(moved: &mut Moved<L>, aim: [Number<L>; 2], acceleration: f32)
     push(moved, moved.load);
 }
 
-/// The drive once more, after contacts: it gives no more than it can in all.
+/// The drive once more, after contacts, in the lanes that have some: it gives no more than it can in all.
 #[inline(always)]
-fn drive_on<L: Lanes>(moved: &mut Moved<L>, aim: [Number<L>; 2], acceleration: f32) {
+fn drive_on<L: Lanes>(moved: &mut Moved<L>, aim: [Number<L>; 2], limit: f32, lanes: L::Mask) {
     let (load, [x, y]) = (moved.load, moved.velocity);
     let wanted = [load[0] + (aim[0] - x), load[1] + (aim[1] - y)];
-    let inverse = number::<L>(acceleration * PART) / square(wanted).sqrt();
-    let whole = inverse.at_most(number(1.0));
-    moved.load = [wanted[0] * whole, wanted[1] * whole];
+    let part = (number::<L>(limit) / square(wanted).sqrt()).at_most(number(1.0));
+    moved.load = [
+        (wanted[0] * part).select(load[0], lanes),
+        (wanted[1] * part).select(load[1], lanes),
+    ];
     push(moved, [moved.load[0] - load[0], moved.load[1] - load[1]]);
 }

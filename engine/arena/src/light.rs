@@ -78,24 +78,23 @@ fn behind_robot<L: Lanes>(
     let inverse = number::<L>(1.0) / distance.at_least(number(f32::MIN_POSITIVE));
     let (ux, uy) = (way[0] * inverse, way[1] * inverse);
     let radius = number::<L>(robot.radius * robot.radius);
-    let reach = below + robot.radius;
+    let reach = (below + robot.radius).at_most(number(robot.range()));
     let reach = reach * reach;
     for other in others {
-        if !other.square.lt(reach).any() {
+        let near = other.square.lt(reach);
+        if !near.any() {
             continue;
         }
         let along = other.x * ux + other.y * uy;
         let aside = other.x * uy - other.y * ux;
         let depth = radius - aside * aside;
-        if !number(0.0).lt(depth).and(other.square.lt(reach)).any() {
+        let meets = near.and(number(0.0).lt(depth)).and(number(0.0).lt(along));
+        if !meets.any() {
             continue;
         }
         // Where the line enters the body: not before its start, since a body around the start does not hide.
         let entry = along - depth.at_least(number(0.0)).sqrt();
-        hidden = hidden.or(number(0.0)
-            .lt(depth)
-            .and(number(0.0).le(entry))
-            .and(entry.le(below)));
+        hidden = hidden.or(meets.and(number(0.0).le(entry)).and(entry.le(below)));
     }
     hidden
 }

@@ -124,7 +124,7 @@ fn receive<L: Lanes>(
 ) {
     for place_of in 0..slots.used() {
         let (way, nothing) = slots.get(place_of);
-        // As the product of the ways below, so that the sender itself does not stand between.
+        // As of all others, so that the sender itself does not stand between.
         let square = way[0] * way[0] + way[1] * way[1];
         let hidden = nothing
             .or(behind_robot(robot, way, square, others))
@@ -151,7 +151,7 @@ fn behind_robot<L: Lanes>(
     for other in others {
         let cross = x * other.y - y * other.x;
         let dot = x * other.x + y * other.y;
-        let between = number(0.0).lt(dot).and(dot.lt(square));
+        let between = number(0.0).lt(dot).and(other.square.lt(square));
         hidden = hidden.or((cross * cross).lt(width).and(between));
     }
     hidden

@@ -2,14 +2,15 @@
 
 use swarmwright_lanes::{Lanes, Number};
 
-use super::robot::Robot;
 use super::swarm::Bodies;
 
-/// Up to so many robots all others are looked at.
-pub(super) const MOST_IN_LANES: usize = 64;
+/// With more robots one episode at a time is faster, as it looks at the cells around a robot.
+pub(super) const MOST_IN_LANES: usize = 512;
+/// Up to so many robots it is faster to look at all others.
+const FEW: usize = 48;
 
-/// For each robot a list of others. With few robots all others are in it, with many those within reach, so that work for a
-/// robot does not grow with their number. What is not in it is too far to matter, so that the lists decide nothing.
+/// For each robot a list of others. With few robots, and in lanes, all are in it, with many those within reach, so that work
+/// for a robot does not grow with their number. What is not in it is too far to matter, so that the lists decide nothing.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Neighbours {
     /// Where each robot's list begins, and where the last one ends.
@@ -21,25 +22,22 @@ pub(super) struct Neighbours {
 }
 
 impl Neighbours {
-    /// Lists for robots of which things within `reach` metres matter.
-    pub(super) fn new(robots: usize, robot: &Robot, reach: f32) -> Self {
-        let mut lists = Self::default();
-        if robots > MOST_IN_LANES {
-            lists.reach = Some(robot.range().max(reach));
-            return lists;
+    /// Lists for robots of which others within `reach` metres matter.
+    pub(super) fn new<L: Lanes>(robots: usize, reach: f32) -> Self {
+        let alone = L::WIDTH == 1 && robots > FEW;
+        Self {
+            reach: alone.then_some(reach),
+            others: (0..robots as u32).collect(),
+            ..Self::default()
         }
-        for robot in 0..robots as u32 {
-            lists.starts.push(lists.others.len() as u32);
-            lists.others.extend(0..robot);
-            lists.others.extend(robot + 1..robots as u32);
-        }
-        lists.starts.push(lists.others.len() as u32);
-        lists
     }
 
-    /// The others that may be near a robot, ascending.
+    /// The robots that may be near one, ascending; it may be among them itself.
     #[inline(always)]
     pub(super) fn of(&self, robot: usize) -> &[u32] {
+        if self.reach.is_none() {
+            return &self.others;
+        }
         &self.others[self.starts[robot] as usize..self.starts[robot + 1] as usize]
     }
 
@@ -47,11 +45,6 @@ impl Neighbours {
     #[inline(always)]
     pub(super) fn update<L: Lanes>(&mut self, bodies: &Bodies<L>) {
         if let Some(reach) = self.reach {
-            debug_assert_eq!(
-                L::WIDTH,
-                1,
-                "many robots are computed one episode at a time"
-            );
             let number = |number: &Number<L>| {
                 let mut lanes = [0.0; swarmwright_lanes::MOST_LANES];
                 number.store(&mut lanes[..L::WIDTH]);

@@ -202,6 +202,9 @@ impl<L: Lanes> Senses<L> {
         let range = robot.range().max(contacts::reach(robot));
         let reach = contacts::reach(robot);
         for other in neighbours.of(index) {
+            if *other as usize == index {
+                continue;
+            }
             let [x, y] = bodies.between(index, *other as usize);
             let square = x * x + y * y;
             if square.lt(number(range * range)).any() {

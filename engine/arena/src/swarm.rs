@@ -81,7 +81,7 @@ impl<L: Lanes> Swarm<L> {
     pub(super) fn new(robots: usize, robot: &Robot) -> Self {
         Self {
             bodies: Bodies::new(robots),
-            neighbours: Neighbours::new(robots, robot, contacts::reach(robot)),
+            neighbours: Neighbours::new::<L>(robots, contacts::reach(robot).max(robot.range())),
             senses: Senses::new(robots, robot),
             contacts: Contacts::new(robots),
             keys: Keys::new(|_| key(0)),

@@ -143,10 +143,12 @@ fn emergency_exit() -> impl Strategy<Value = Value> {
 }
 
 fn arena() -> impl Strategy<Value = Value> {
-    // With 64 robots and more there are no lanes.
-    let robots = prop_oneof![6 => 1u32..24, 1 => 60u32..70];
-    (robots, 0.1f64..12.0)
-        .prop_map(|(robots, duration)| json!({"robots": robots, "duration": duration}))
+    // One at a time, more than 48 robots are sorted into cells.
+    let robots = prop_oneof![6 => 1u32..24, 1 => 44u32..70];
+    let missions = ["aac", "cfa", "sca", "directional_gate", "guided_shelter"];
+    (robots, 0.1f64..12.0, prop::sample::select(missions.to_vec())).prop_map(
+        |(robots, duration, mission)| json!({"robots": robots, "duration": duration, "mission": mission}),
+    )
 }
 
 /// Stadium: the field of FREVO's result files.
@@ -317,6 +319,21 @@ fn what_was_prepared_for_one_block_is_not_used_for_another() {
     assert_eq!(seen[0], seen[6]);
     assert_eq!(seen[1], seen[7]);
     assert_eq!(seen[4], seen[9]);
+}
+
+/// Robots that push each other for long: what differs in the last bit of a position soon differs in all. The fitness is a mean
+/// of distances to them.
+#[test]
+fn arenas_full_of_robots_are_the_same_however_they_are_computed() {
+    let network = json!({"kind": "evostick", "version": 1, "sensors": 24, "actuators": 2});
+    let weight = |index: u32| (index.wrapping_mul(2_654_435_769) >> 8) as f32 / 4_194_304.0 - 2.0;
+    let genomes: Vec<f32> = (0..20 * 50).map(weight).collect();
+    for (robots, duration, gain) in [(40, 25.0, 1.0), (20, 40.0, 3.0)] {
+        let parameters = json!({"robots": robots, "duration": duration, "mission": "cfa"});
+        let genomes: Vec<f32> = genomes.iter().map(|weight| weight * gain).collect();
+        let fitness = check("arena", &network, &parameters, &genomes, &[1, 2]);
+        assert!(fitness.iter().any(|one| *one != fitness[0]));
+    }
 }
 
 /// Ten million steps of many agents would take many minutes.
