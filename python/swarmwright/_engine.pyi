@@ -15,6 +15,7 @@ from swarmwright.core.engine_types import (
     Presence,
     Report,
     Requirements,
+    SceneArrays,
     SceneFields,
     ServerEvent,
     Timeouts,
@@ -158,8 +159,18 @@ class Episode:
     def step(self) -> None: ...
     def step_observed(self) -> tuple[NDArray[np.uint32], NDArray[np.float32], NDArray[np.float32]]:
         """Step; (n,) agents, (n, sensors) what they sensed, (n, actuators) what they did, in the order of acting."""
+    @property
+    def metric_names(self) -> list[str]:
+        """Names of all metrics of the simulation."""
     def scene(self) -> SceneFields:
         """What it looks like; y points up, metres or cells. Raises EngineError when there is nothing to show."""
+    def scene_arrays(self) -> SceneArrays:
+        """The same as arrays, for swarms of thousands."""
+    def machine_states(self) -> NDArray[np.uint32] | None:
+        """(agents,), the state in which the state machine of each makes its next step; None for other kinds.
+
+        Agents after the last one that has acted are left out: they are in state 0.
+        """
     def text(self, columns: int, color: bool, rows: int = 24, unicode: bool = True) -> str:
         """The scene as at most `rows` lines of at most `columns` characters."""
 

@@ -19,6 +19,7 @@ mod place;
 mod proximity;
 mod random;
 mod robot;
+mod scene;
 mod senses;
 mod settings;
 mod slots;
@@ -32,15 +33,12 @@ use swarm::Swarm;
 use swarmwright_simulation::block::{self, Create};
 use swarmwright_simulation::simulation::texts;
 use swarmwright_simulation::{
-    Block, Body, Description, Determinism, Means, MetricInfo, ParameterError, ParameterInfo,
+    Block, Description, Determinism, Means, MetricInfo, ParameterError, ParameterInfo,
     Parameters, RolloutError, Scene, Simulation,
 };
 
 /// Wheels: left and right.
 const ACTUATORS: usize = 2;
-
-/// Walls are shown as points that are this far apart, metres.
-const WALL_POINTS: f32 = 0.05;
 
 /// Evaluates a block of controllers that fit the robots.
 ///
@@ -238,30 +236,7 @@ impl Simulation for Arena {
     }
 
     fn scene(&self) -> Option<Scene> {
-        let place = &self.settings.mission.place;
-        let [low, high] = place.extent();
-        let body = |kind: &'static str, [x, y]: [f32; 2], state: &'static str, radius: f32| Body {
-            kind: kind.into(),
-            x: x - low[0],
-            y: y - low[1],
-            state: state.into(),
-            radius,
-        };
-        let walls = place.faces.iter().flat_map(|face| face.points(WALL_POINTS));
-        let walls = walls.map(|point| body("obstacle", point, "", WALL_POINTS / 4.0));
-        let bodies = &self.swarm.bodies;
-        let robots = (0..bodies.len()).map(|index| {
-            let at = [bodies.x[index].0, bodies.y[index].0];
-            body("agent", at, "free", self.settings.robot.radius)
-        });
-        Some(Scene {
-            width: high[0] - low[0],
-            height: high[1] - low[1],
-            grid: false,
-            step: self.swarm.tick,
-            message: self.settings.mission.title.clone(),
-            bodies: walls.chain(robots).collect(),
-        })
+        Some(scene::scene(&self.settings, &self.swarm))
     }
 
     fn step_size(&self) -> u64 {

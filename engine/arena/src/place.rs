@@ -46,15 +46,11 @@ impl Face {
         (y - self.middle[1]) * self.along[0] - (x - self.middle[0]) * self.along[1]
     }
 
-    /// Points on it, about so far apart.
-    pub(super) fn points(&self, apart: f32) -> impl Iterator<Item = [f32; 2]> + '_ {
-        let parts = (2.0 * self.half / apart).ceil().max(1.0);
-        (0..parts as u32).map(move |part| {
-            let at = (2.0 * part as f32 / parts - 1.0) * self.half;
-            [
-                self.middle[0] + at * self.along[0],
-                self.middle[1] + at * self.along[1],
-            ]
+    /// Both ends.
+    pub(super) fn ends(&self) -> [[f32; 2]; 2] {
+        [-self.half, self.half].map(|end| {
+            let [x, y] = self.middle;
+            [x + end * self.along[0], y + end * self.along[1]]
         })
     }
 }
@@ -137,10 +133,9 @@ impl Place {
         let (mut low, mut high) = ([f32::INFINITY; 2], [f32::NEG_INFINITY; 2]);
         for face in &self.faces {
             for axis in 0..2 {
-                for end in [-face.half, face.half] {
-                    let at = face.middle[axis] + end * face.along[axis];
-                    low[axis] = low[axis].min(at - MARGIN);
-                    high[axis] = high[axis].max(at + MARGIN);
+                for end in face.ends() {
+                    low[axis] = low[axis].min(end[axis] - MARGIN);
+                    high[axis] = high[axis].max(end[axis] + MARGIN);
                 }
             }
         }

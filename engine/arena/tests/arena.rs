@@ -73,7 +73,11 @@ fn robots_neither_leave_nor_run_through_each_other() {
             step += 1;
         }
         let scene = arena.scene().unwrap();
-        let (robots, middle) = (positions(&scene), [scene.width / 2.0, scene.height / 2.0]);
+        let robots = positions(&scene);
+        // The arena is a regular polygon; a lamp beside it is in the picture, too.
+        let corners = scene.floor.unwrap().points;
+        let middle =
+            [0, 1].map(|axis| corners.iter().map(|p| p[axis]).sum::<f32>() / corners.len() as f32);
         for (index, a) in robots.iter().enumerate() {
             let from_middle = (a[0] - middle[0]).hypot(a[1] - middle[1]);
             assert!(from_middle < 1.24, "{mission}: {from_middle}");
@@ -209,5 +213,51 @@ fn mistakes_name_the_place() {
     ];
     for (message, expected) in cases {
         assert!(message.contains(expected), "{message:?} lacks {expected:?}");
+    }
+}
+
+#[test]
+fn the_scene_has_all_that_the_mission_has() {
+    let mission = json!({"walls": {"rectangle": [3, 2]},
+        "obstacles": [{"center": [0.5, 0], "size": [0.1, 0.8], "angle": 10, "height": 0.08}],
+        "floor": {"color": "grey", "patches": [
+            {"name": "west", "circle": {"center": [-1.2, 0.6], "radius": 0.25}, "color": "black"},
+            {"name": "east", "rectangle": {"x": [1, 9], "y": [-1, -0.5]}, "color": "white"}]},
+        "lights": [{"at": [0, 1.2, 0.4], "intensity": 2}],
+        "start": {"rectangle": {"x": [-1.4, 0], "y": [-0.9, 0.9]}},
+        "metrics": {}, "fitness": {"factors": {}}});
+    let arena = arena(&json!({"mission": mission, "robots": 12, "seed": 5})).unwrap();
+    let scene = arena.scene().unwrap();
+    // The lamp stands behind the wall.
+    assert_eq!((scene.width, scene.height, scene.step), (3.1, 2.35, 0));
+    let near = |a: [f32; 2], b: [f32; 2]| (a[0] - b[0]).abs() < 1e-5 && (a[1] - b[1]).abs() < 1e-5;
+    let corners = [[0.05, 0.05], [3.05, 0.05], [3.05, 2.05], [0.05, 2.05]];
+    let floor = scene.floor.as_ref().unwrap();
+    assert!(floor.points.iter().zip(corners).all(|(a, b)| near(*a, b)));
+    assert_eq!(floor.points.len(), 4);
+    assert!((floor.grey - 0.5).abs() < 0.002, "a level of 8 bits");
+    let [around, obstacle] = &scene.walls[..] else {
+        panic!("{:?}", scene.walls)
+    };
+    assert_eq!((around.points.len(), around.solid), (5, false));
+    assert!(near(around.points[4], corners[0]), "it is closed");
+    assert_eq!((obstacle.points.len(), obstacle.solid), (4, true));
+    let west = &scene.patches[0];
+    assert!(near(west.points[0], [0.35, 1.65]));
+    assert_eq!(
+        (west.name.as_str(), west.radius, west.grey),
+        ("west", 0.25, 0.0)
+    );
+    let east: Vec<f32> = scene.patches[1].points.iter().map(|p| p[0]).collect();
+    assert!(east.iter().all(|x| (2.5..=3.11).contains(x)), "{east:?}");
+    assert!(near([scene.lights[0].x, scene.lights[0].y], [1.55, 2.25]));
+    assert_eq!(scene.rays.len(), 12 * 8);
+    assert!(scene.bodies.iter().all(|body| body.heading.is_some()));
+    // Whoever hears a robot is heard by it: robots are alike and see as far.
+    assert!(!scene.links.is_empty());
+    for [from, to] in &scene.links {
+        assert!(scene.links.contains(&[*to, *from]), "{from} {to}");
+        let [a, b] = [from, to].map(|index| &scene.bodies[*index as usize]);
+        assert!((a.x - b.x).hypot(a.y - b.y) < 0.7);
     }
 }

@@ -189,14 +189,7 @@ impl Simulation for Foreign {
                 return None;
             }
         }
-        Some(Scene {
-            width: 0.0,
-            height: 0.0,
-            grid: false,
-            step: 0,
-            message: String::new(),
-            bodies: Vec::new(),
-        })
+        Some(Scene::default())
     }
 
     fn step_size(&self) -> u64 {

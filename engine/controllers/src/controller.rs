@@ -145,6 +145,11 @@ impl Controller {
         self.state.fill(0.0);
     }
 
+    /// The state in which a state machine makes its next step, from 0; none for other kinds of controllers.
+    pub fn current(&self) -> Option<u32> {
+        of_kind!(&*self.architecture, kind => kind.current(&self.state))
+    }
+
     /// One step: writes the actuators, each in -1..=1, for `sensors`. Allocates nothing.
     ///
     /// An overflow inside the network that ends in a NaN gives the actuator 0.

@@ -1,5 +1,6 @@
 //! Python bindings of the engine: the module `swarmwright._engine`, described in `_engine.pyi`.
 
+mod arrays;
 mod broker;
 mod cma;
 mod controller;

@@ -10,6 +10,7 @@ use swarmwright_worlds::{self as worlds, Description, Parameters, Simulation};
 
 use swarmwright_wrapper::guarded;
 
+use crate::arrays;
 use crate::errors::{engine, input};
 use crate::simulation::any;
 use crate::values::{object, to_python};
@@ -135,6 +136,15 @@ impl PyEpisode {
     }
 
     #[getter]
+    fn metric_names(&self) -> Vec<String> {
+        let metrics = self.0.simulation().description().metrics;
+        metrics
+            .iter()
+            .map(|metric| metric.name.to_string())
+            .collect()
+    }
+
+    #[getter]
     fn step_size(&self) -> f64 {
         std::time::Duration::from_millis(self.0.simulation().step_size()).as_secs_f64()
     }
@@ -165,6 +175,23 @@ impl PyEpisode {
 
     fn scene<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         to_python(py, &self.shown()?)
+    }
+
+    fn scene_arrays<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let mut scene = self.shown()?;
+        let bodies = arrays::bodies(py, &std::mem::take(&mut scene.bodies))?;
+        let rays = arrays::rays(py, &std::mem::take(&mut scene.rays))?;
+        let links = arrays::links(py, &std::mem::take(&mut scene.links))?;
+        let fields = PyDict::new(py);
+        fields.set_item("scene", to_python(py, &scene)?)?;
+        fields.set_item("bodies", bodies)?;
+        fields.set_item("rays", rays)?;
+        fields.set_item("links", links)?;
+        Ok(fields)
+    }
+
+    fn machine_states<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray1<u32>>> {
+        Some(self.0.machine_states()?.into_pyarray(py))
     }
 
     #[pyo3(signature = (columns, color, rows=24, unicode=true))]

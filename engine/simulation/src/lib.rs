@@ -5,6 +5,7 @@ pub mod counter;
 mod failure;
 pub mod parameters;
 pub mod rollout;
+mod scene;
 pub mod simulation;
 mod together;
 
@@ -12,8 +13,9 @@ pub use block::{Block, Means};
 pub use failure::{Failure, fail};
 pub use parameters::ParameterReader;
 pub use rollout::{Episode, RolloutError, rollout, rollout_until};
+pub use scene::{Body, Light, Patch, Ray, Scale, Scene, Style, Wall};
 pub use simulation::{
-    Body, Description, Determinism, MetricInfo, ParameterError, ParameterInfo, Parameters, Scene,
-    Simulation, UnknownMetric, measure,
+    Description, Determinism, MetricInfo, ParameterError, ParameterInfo, Parameters, Simulation,
+    UnknownMetric, measure,
 };
 pub use together::Together;

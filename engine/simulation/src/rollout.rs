@@ -238,6 +238,14 @@ impl Episode {
         Ok(())
     }
 
+    /// The state in which the state machine of each agent makes its next step, by agent; none for other kinds of
+    /// controllers. Agents that have not acted yet, after the last of those that have, are left out: state 0.
+    pub fn machine_states(&self) -> Option<Vec<u32>> {
+        self.agents.prototype.current()?;
+        let controllers = self.agents.controllers.iter();
+        controllers.map(Controller::current).collect()
+    }
+
     /// The simulation, to ask for fitness, scene and step size.
     pub fn simulation(&self) -> &dyn Simulation {
         self.simulation.as_ref()

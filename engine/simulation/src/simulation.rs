@@ -1,12 +1,12 @@
-//! The trait that every simulation implements, and the scene by which it is shown.
+//! The trait that every simulation implements.
 
 use std::borrow::Cow;
 
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 use serde_json::{Map, Value};
 use swarmwright_controllers::Controller;
 
-use crate::{Block, Means, RolloutError, Together};
+use crate::{Block, Means, RolloutError, Scene, Together};
 
 /// Problem-specific parameters, as in a parameters message (D6.1, Schema 10).
 pub type Parameters = Map<String, Value>;
@@ -298,37 +298,4 @@ pub fn measure(simulation: &dyn Simulation, wanted: &[usize], values: &mut [f64]
     for (index, value) in wanted.iter().zip(values) {
         *value = all.get(*index).copied().unwrap_or(f64::NAN);
     }
-}
-
-/// A picture of a two-dimensional world: what stands where.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Scene {
-    /// Extent in x, metres or cells.
-    pub width: f32,
-    /// Extent in y, metres or cells.
-    pub height: f32,
-    /// Whether it is a grid of cells, which people number from (0, 0) at the top left. Positions have y pointing
-    /// up from the bottom left all the same.
-    pub grid: bool,
-    /// Steps done.
-    pub step: u32,
-    /// A line to show above.
-    pub message: String,
-    /// Everything there is, what lies below first.
-    pub bodies: Vec<Body>,
-}
-
-/// One thing in a scene.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Body {
-    /// What it is: agent, defender, goal, exit, blockade, ...
-    pub kind: Cow<'static, str>,
-    /// Position in x.
-    pub x: f32,
-    /// Position in y.
-    pub y: f32,
-    /// How it fares: free, arrived, caught, out, or empty.
-    pub state: Cow<'static, str>,
-    /// Radius, same unit as the position; 0 for a point.
-    pub radius: f32,
 }

@@ -10,9 +10,9 @@ pub use minisim::Minisim;
 pub use registry::{create, describe, described, evaluate, titles};
 pub use swarmwright_arena::Arena;
 pub use swarmwright_simulation::{
-    Block, Body, Description, Determinism, Episode, Failure, Means, MetricInfo, ParameterError,
-    ParameterInfo, ParameterReader, Parameters, RolloutError, Scene, Simulation, Together,
-    UnknownMetric, fail, measure, rollout, rollout_until,
+    Block, Body, Description, Determinism, Episode, Failure, Light, Means, MetricInfo,
+    ParameterError, ParameterInfo, ParameterReader, Parameters, Patch, Ray, RolloutError, Scale,
+    Scene, Simulation, Style, Together, UnknownMetric, Wall, fail, measure, rollout, rollout_until,
 };
 use swarmwright_simulation::{block, counter, parameters, simulation};
 pub use text::{TextStyle, render};

@@ -2,6 +2,7 @@
 
 mod canvas;
 mod glyphs;
+mod ground;
 
 use crate::Scene;
 use canvas::Canvas;
@@ -50,10 +51,11 @@ pub fn render(scene: &Scene, style: TextStyle) -> Vec<String> {
     lines.push(heading(scene, line_width.max(style.columns.min(40))));
     if drawn {
         let mut canvas = Canvas::new(width, height);
+        ground::draw(&mut canvas, scene, style.unicode);
         canvas.draw(scene, &looks, style.unicode);
         lines.extend(canvas.framed(style));
     }
-    lines.push(legend(&looks, style));
+    lines.push(legend(scene, &looks, style));
     lines
 }
 
@@ -94,12 +96,9 @@ fn heading(scene: &Scene, columns: usize) -> String {
     format!("{message}{}{step}", " ".repeat(gap))
 }
 
-/// Symbol, name and number of every kind of body, as many as fit.
-fn legend(looks: &Looks<'_>, style: TextStyle) -> String {
-    let mut line = String::new();
-    let mut used = 0;
-    for entry in looks.entries() {
-        let Glyph { symbol, color } = entry.glyph;
+/// Symbol, name and number of every kind of body, then what lies and stands below them, as many as fit.
+fn legend(scene: &Scene, looks: &Looks<'_>, style: TextStyle) -> String {
+    let bodies = looks.entries().iter().map(|entry| {
         let name = match (entry.kind, entry.state) {
             (kind, "") => kind.to_owned(),
             ("agent", state) => state.to_owned(),
@@ -111,6 +110,14 @@ fn legend(looks: &Looks<'_>, style: TextStyle) -> String {
         } else {
             format!("{name} {}", entry.count)
         };
+        (entry.glyph, words)
+    });
+    let below = ground::legend(scene, style.unicode).into_iter();
+    let mut line = String::new();
+    let mut used = 0;
+    for (Glyph { symbol, color }, words) in
+        bodies.chain(below.map(|(glyph, name)| (glyph, name.to_owned())))
+    {
         let gap = if used == 0 { 0 } else { 3 };
         let length = gap + 2 + words.chars().count();
         if used + length > style.columns {

@@ -3,7 +3,9 @@
 
 use proptest::prelude::*;
 use serde_json::json;
-use swarmwright_worlds::{Body, Minisim, Scene, Simulation, TextStyle, render};
+use swarmwright_worlds::{
+    Body, Light, Minisim, Patch, Scene, Simulation, Style, TextStyle, Wall, render,
+};
 
 fn example() -> Scene {
     Minisim::default().scene().unwrap()
@@ -107,6 +109,7 @@ fn states_have_symbols_of_their_own() {
         y: 3.0,
         state: state.into(),
         radius: 0.0,
+        ..Body::default()
     };
     let bodies = vec![body("free", 1.0), body("arrived", 3.0), body("caught", 5.0)];
     let lines = render(
@@ -129,6 +132,7 @@ fn kinds_and_states_without_a_look_of_their_own_get_one() {
         y: 3.0,
         state: state.into(),
         radius: 0.0,
+        ..Body::default()
     };
     let bodies = vec![
         body("door", "open", 1.0),
@@ -193,4 +197,117 @@ proptest! {
             prop_assert!(lines.iter().any(|line| line.contains('┌')), "a map is drawn");
         }
     }
+}
+
+#[test]
+fn headings_walls_floor_and_lights_are_drawn() {
+    let headings = [0.0, 1.0, -1.0, 0.5].map(|half_turns| half_turns * std::f32::consts::PI);
+    let bodies = (1_u16..).zip(headings).map(|(x, heading)| Body {
+        kind: "agent".into(),
+        x: 2.0 * f32::from(x),
+        y: 5.0,
+        heading: Some(heading),
+        ..Body::default()
+    });
+    let square = |x: f32, y: f32, side: f32| {
+        vec![[x, y], [x + side, y], [x + side, y + side], [x, y + side]]
+    };
+    let scene = Scene {
+        width: 10.0,
+        height: 10.0,
+        bodies: bodies.collect(),
+        floor: Some(Patch {
+            grey: 1.0,
+            ..Patch::default()
+        }),
+        patches: vec![
+            Patch {
+                points: vec![[7.5, 7.5]],
+                radius: 2.0,
+                ..Patch::default()
+            },
+            Patch {
+                points: square(0.0, 0.0, 3.0),
+                grey: 0.5,
+                ..Patch::default()
+            },
+        ],
+        walls: vec![
+            Wall {
+                points: square(5.0, 1.0, 2.0),
+                solid: true,
+            },
+            Wall {
+                points: vec![[0.0, 9.9], [10.0, 9.9]],
+                solid: false,
+            },
+        ],
+        lights: vec![Light {
+            x: 7.5,
+            y: 7.5,
+            intensity: 1.0,
+        }],
+        ..Scene::default()
+    };
+    let style = TextStyle {
+        columns: 42,
+        ..TextStyle::default()
+    };
+    let lines = render(&scene, style);
+    let map: Vec<Vec<char>> = lines[2..lines.len() - 2]
+        .iter()
+        .map(|line| line.chars().skip(1).take(40).collect())
+        .collect();
+    assert_eq!((map.len(), map[0].len()), (20, 40));
+    assert_eq!(map[0], ['█'; 40], "a wall along the upper edge");
+    assert_eq!(map[19][0], ' ', "grey floor at the lower left");
+    assert_eq!(map[10][39], '·', "white floor elsewhere");
+    assert_eq!((map[5][30], map[5][24]), ('☼', '░'), "a light above black");
+    assert_eq!(
+        (map[15][24], map[12][24]),
+        ('█', '·'),
+        "a solid block, and above it"
+    );
+    let arrows: String = [8, 16, 24, 32]
+        .map(|column| map[10][column])
+        .iter()
+        .collect();
+    assert_eq!(arrows, "→←←↑");
+    assert_eq!(lines[23], "● agent 4   ░ black floor   · white floor");
+    let plain = render(
+        &scene,
+        TextStyle {
+            unicode: false,
+            columns: 80,
+            ..style
+        },
+    );
+    assert!(plain.iter().all(|line| line.is_ascii()), "{plain:#?}");
+    assert_eq!(
+        plain[23],
+        "o agent 4   : black floor   . white floor   # wall   * light"
+    );
+}
+
+#[test]
+fn styles_choose_colours() {
+    let style = Style {
+        kind: "agent".to_owned(),
+        state: "free".to_owned(),
+        color: "#102030".to_owned(),
+        shape: String::new(),
+    };
+    let scene = Scene {
+        styles: vec![style],
+        ..example()
+    };
+    let painted = TextStyle {
+        color: true,
+        ..TextStyle::default()
+    };
+    let legend = render(&scene, painted)[23].clone();
+    assert!(
+        legend.starts_with("\x1b[38;2;16;32;48m●\x1b[0m free 1"),
+        "{legend:?}"
+    );
 }

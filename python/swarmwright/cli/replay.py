@@ -1,8 +1,9 @@
 """`swarmwright replay`: watch a candidate of a run."""
 
+import re
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -19,6 +20,8 @@ from swarmwright.cli._options import (
 from swarmwright.cli._output import Output, show_warnings
 
 if TYPE_CHECKING:
+    from swarmwright import Run
+    from swarmwright.display import Shown
     from swarmwright.runs.replay import Replay
 
 
@@ -27,7 +30,8 @@ if TYPE_CHECKING:
     cls=Command,
     example="swarmwright replay runs/minisim-1 --speed 2\n"
     "swarmwright replay runs/minisim-1 --generation 0 --candidate 7 --save early.gif\n"
-    "swarmwright replay runs/minisim-1 --save best.html",
+    "swarmwright replay runs/minisim-1 --save best.html\n"
+    "swarmwright replay runs/minisim-1 --beside 0:7 --beside runs/minisim-2 --save several.html",
 )
 @click.argument("run", type=ExistingPath(folder=True), metavar="RUN")
 @click.option(
@@ -45,6 +49,22 @@ if TYPE_CHECKING:
     show_default=True,
     metavar="FACTOR",
     help="How many times faster than the simulation's step size.",
+)
+@click.option(
+    "--show",
+    "parts",
+    metavar="WHAT",
+    default="trails,labels",
+    show_default=True,
+    help="What is drawn beside bodies, with commas: trails, rays (of sensors), links (who hears whom), "
+    "labels; or none. A page draws it at first.",
+)
+@click.option(
+    "--beside",
+    multiple=True,
+    metavar="WHICH",
+    help="Another candidate that a page shows beside it, in the same episode: GENERATION:CANDIDATE of RUN, "
+    "or another run's folder, of which the best one is shown. Can be given several times.",
 )
 @candidate_options
 @click.option(
@@ -73,6 +93,8 @@ def command(
     run: Path,
     file: Path | None,
     speed: float,
+    parts: str,
+    beside: tuple[str, ...],
     generation: int | None,
     candidate: int | None,
     controller: Path | None,
@@ -95,23 +117,28 @@ def command(
         raise click.UsageError("--episode is one of the run's, --seed another one; give one of them.")
     if file is not None:
         _check_file(file)
+    if beside and (file is None or file.suffix.lower() != ".html"):
+        raise click.UsageError("--beside is shown by a page: --save FILE.html.")
+    shown = _shown(parts)
     from swarmwright import Run
     from swarmwright.runs.replay import Replay
 
     output = Output(as_json=as_json)
     show_warnings()
+    opened = Run.open(run)
+    how: dict[str, Any] = {"simulation": simulation, "settings": settings}
     replay = Replay.of(
-        Run.open(run),
+        opened,
         generation=generation,
         candidate=candidate,
         controller=controller,
         episode=episode,
         seed=seed,
-        simulation=simulation,
-        settings=settings,
+        **how,
     )
     if file is not None:
-        _save(output, replay, file, speed)
+        others = [_beside(opened, which, replay.seed, how) for which in beside]
+        _save(output, replay, file, speed, shown, others)
     elif as_json:
         _print_scenes(output, replay)
     else:
@@ -132,7 +159,41 @@ def _check_file(file: Path) -> None:
         raise click.UsageError(f"--save {file}: there is no folder '{file.parent}'; create it first.")
 
 
-def _save(output: Output, replay: "Replay", file: Path, speed: float) -> None:
+def _shown(parts: str) -> "Shown":
+    from swarmwright.display import PARTS, Shown
+
+    given = [part.strip() for part in parts.split(",") if part.strip()]
+    if given == ["none"]:
+        given = []
+    for part in given:
+        if part not in PARTS:
+            raise click.UsageError(f"--show: '{part}' found, expected {', '.join(PARTS)} or none.")
+    return Shown(**{part: part in given for part in PARTS})
+
+
+def _beside(run: "Run", which: str, seed: int, how: dict[str, Any]) -> "Replay":
+    """Return what `--beside` names, in the episode with the same seed."""
+    from swarmwright import Run
+    from swarmwright.runs.replay import Replay
+
+    numbers = re.fullmatch(r"(\d{1,18}):(\d{1,18})", which)
+    if numbers is not None:
+        return Replay.of(run, generation=int(numbers[1]), candidate=int(numbers[2]), seed=seed, **how)
+    if not Path(which).is_dir():
+        raise click.UsageError(
+            f"--beside {which}: expected GENERATION:CANDIDATE such as 0:7, or the folder of a run."
+        )
+    return Replay.of(Run.open(Path(which)), seed=seed, **how)
+
+
+def _save(
+    output: Output,
+    replay: "Replay",
+    file: Path,
+    speed: float,
+    shown: "Shown",
+    others: list["Replay"],
+) -> None:
     from swarmwright import InputError
     from swarmwright.display import Recording, record
     from swarmwright.display.files import save
@@ -142,11 +203,15 @@ def _save(output: Output, replay: "Replay", file: Path, speed: float) -> None:
     recording: Recording | PictureRecording
     try:
         if replay.pictured:
+            if others:
+                raise InputError("--beside: this simulation draws pictures, which are shown alone")
             recording = pictures = replay.pictures()
             save_pictures(pictures, file, caption=replay.caption(), speed=speed)
         else:
             recording = scenes = record(replay.episode())
-            save(scenes, file, caption=replay.caption(), speed=speed)
+            parts = [replay.part(scenes, replay.name if others else "")]
+            parts += [other.part(record(other.episode()), other.name) for other in others]
+            save(parts, file, caption=replay.caption(), speed=speed, shown=shown)
     except OSError as error:
         raise InputError(f"{file}: cannot be written: {error.strerror or error}") from error
     output.text(f"{replay.outcome(recording.fitness)} {_what(file)} is in {file}")

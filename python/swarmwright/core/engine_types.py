@@ -2,6 +2,9 @@
 
 from typing import Any, Literal, NotRequired, TypeAlias, TypedDict
 
+import numpy as np
+from numpy.typing import NDArray
+
 
 class Timeouts(TypedDict, total=False):
     """How long to wait, in seconds; see an experiment file. What is missing has its default."""
@@ -253,10 +256,66 @@ class BodyFields(TypedDict):
     y: float
     state: str
     radius: float
+    heading: NotRequired[float]
+    value: NotRequired[float]
+    label: NotRequired[str]
+    agent: NotRequired[int]
+
+
+class RayFields(TypedDict):
+    """The line of sight of a sensor; see `swarmwright.display.Ray`."""
+
+    body: int
+    """Index of the body that it belongs to."""
+    angle: float
+    start: float
+    length: float
+    reading: NotRequired[float]
+
+
+class PatchFields(TypedDict):
+    """A part of the floor; see `swarmwright.display.Patch`."""
+
+    grey: float
+    points: list[list[float]]
+    radius: float
+    name: str
+
+
+class WallFields(TypedDict):
+    """A wall; see `swarmwright.display.Wall`."""
+
+    points: list[list[float]]
+    solid: bool
+
+
+class LightFields(TypedDict):
+    """A lamp; see `swarmwright.display.Light`."""
+
+    x: float
+    y: float
+    intensity: float
+
+
+class StyleFields(TypedDict):
+    """The look of a kind and state; see `swarmwright.display.Style`."""
+
+    kind: str
+    state: str
+    color: str
+    shape: str
+
+
+class ScaleFields(TypedDict):
+    """What the values of bodies are; see `swarmwright.display.Scale`."""
+
+    name: str
+    low: float
+    high: float
 
 
 class SceneFields(TypedDict):
-    """A world at one step; see `swarmwright.display.Scene`."""
+    """A world at one step; see `swarmwright.display.Scene`. What it does not have is left out."""
 
     width: float
     height: float
@@ -264,3 +323,47 @@ class SceneFields(TypedDict):
     step: int
     message: str
     bodies: list[BodyFields]
+    floor: NotRequired[PatchFields]
+    patches: NotRequired[list[PatchFields]]
+    walls: NotRequired[list[WallFields]]
+    lights: NotRequired[list[LightFields]]
+    rays: NotRequired[list[RayFields]]
+    links: NotRequired[list[list[int]]]
+    styles: NotRequired[list[StyleFields]]
+    scale: NotRequired[ScaleFields]
+
+
+class BodyArrays(TypedDict):
+    """The bodies of a scene as arrays; NaN stands for no heading and no value, -1 for no agent."""
+
+    looks: list[tuple[str, str]]
+    """Kinds and states that there are."""
+    look: NDArray[np.uint16]
+    """(bodies,), indices of `looks`."""
+    x: NDArray[np.float32]
+    y: NDArray[np.float32]
+    radius: NDArray[np.float32]
+    heading: NDArray[np.float32]
+    value: NDArray[np.float32]
+    agent: NDArray[np.int64]
+    labels: list[str] | None
+
+
+class RayArrays(TypedDict):
+    """The rays of a scene as arrays."""
+
+    body: NDArray[np.uint32]
+    """(rays,)"""
+    numbers: NDArray[np.float32]
+    """(rays, 4): angle, start, length, reading or NaN."""
+
+
+class SceneArrays(TypedDict):
+    """A scene of which bodies, rays and links are arrays."""
+
+    scene: SceneFields
+    """All else; without bodies, rays and links."""
+    bodies: BodyArrays
+    rays: RayArrays
+    links: NDArray[np.uint32]
+    """(links, 2)"""

@@ -1,7 +1,29 @@
 """Pictures of episodes: in the terminal, as a still, an animation, a film, a page to play."""
 
+from swarmwright.display._bodies import Bodies
 from swarmwright.display._caption import Caption
 from swarmwright.display._episode import Playable, Recording, record
-from swarmwright.display._scene import Body, Scene
+from swarmwright.display._part import Part
+from swarmwright.display._scene import Body, Light, Patch, Ray, Scale, Scene, Style, Wall
+from swarmwright.display._shown import PARTS, Shown
+from swarmwright.display._trace import Trace
 
-__all__ = ["Body", "Caption", "Playable", "Recording", "Scene", "record"]
+__all__ = [
+    "PARTS",
+    "Bodies",
+    "Body",
+    "Caption",
+    "Light",
+    "Part",
+    "Patch",
+    "Playable",
+    "Ray",
+    "Recording",
+    "Scale",
+    "Scene",
+    "Shown",
+    "Style",
+    "Trace",
+    "Wall",
+    "record",
+]

@@ -4,8 +4,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from swarmwright.display import _robots
+from swarmwright.display._bodies import Bodies
 from swarmwright.display._episode import Recording
-from swarmwright.display._ground import frame
+from swarmwright.display._ground import frame, ground_of, lay
+from swarmwright.display._key import Key
 from swarmwright.display._look import (
     BORDER,
     CELLS,
@@ -15,10 +18,11 @@ from swarmwright.display._look import (
     PAPER,
     Looks,
     agent_size,
-    label,
-    mixed,
+    rgb,
+    value_colors,
 )
-from swarmwright.display._scene import Body, Scene
+from swarmwright.display._scene import Scene
+from swarmwright.display._shown import Shown
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -29,43 +33,56 @@ if TYPE_CHECKING:
 
 TRAIL_STEPS = 12
 """Length of a trail in an animation, in steps."""
+LONG_TRAIL_STEPS, LONG = 60, 300
+"""The same in episodes of more steps than this, where steps are short."""
+MOST_TRAILS = 1000
+"""With more moving bodies there are no trails: they would hide everything."""
+MOST_POINTS = 400
+"""Points of the trail of a whole episode."""
 
 WIDTH, LEFT, RIGHT, TOP, BOTTOM = 7.0, 0.42, 0.2, 0.45, 0.72
 """Inches: of the picture, and around the map for numbers, title and legend."""
 STATUS = 2.6
 """Inches beside the title that step and fitness need."""
 LONGEST_MESSAGE = 100
-LEGEND_ROW, LEGEND_LETTER, LEGEND_MARK = 0.22, 0.088, 0.45
-"""Inches of the legend: a row, a letter, a marker with its margin; about."""
 
 
 class Picture:
     """A figure on which scene after scene of one recording is drawn.
 
-    dpi: pixels an inch; a picture is 7 inches wide.
+    dpi: pixels an inch; a picture is 7 inches wide. shown: what is drawn of it.
     """
 
-    def __init__(self, recording: Recording, *, dpi: int) -> None:
+    def __init__(self, recording: Recording, *, dpi: int, shown: Shown | None = None) -> None:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
 
         self._recording = recording
-        self._size = _marker_area(recording.scenes[0])
-        self._paths = _paths(recording.scenes)
-        self._looks = Looks(recording.scenes)
+        self._shown = shown or Shown()
         first = recording.scenes[0]
+        self._size = _marker_area(first)
+        self._looks = Looks(recording.scenes)
+        self._colors = {look: np.array(rgb(self._looks.color(look))) / 255 for look in self._looks.all()}
+        self._key = Key(recording, self._looks, self._size)
         # The map fills the width; the height follows, within limits.
         inside = (WIDTH - LEFT - RIGHT) * min(max(first.height / first.width, 0.25), 1.1)
-        self._columns, rows = _legend_size(self._looks)
-        bottom = BOTTOM + (rows - 1) * LEGEND_ROW
+        bottom = BOTTOM + self._key.more
         height = inside + TOP + bottom
         self.figure = Figure(figsize=(WIDTH, height), dpi=dpi, facecolor=PAPER)
         self._canvas = FigureCanvasAgg(self.figure)
         box = (LEFT / WIDTH, bottom / height, (WIDTH - LEFT - RIGHT) / WIDTH, inside / height)
         self._axes = self.figure.add_axes(box)
         frame(self._axes, first)
+        self._pixel = 72.0 / dpi
+        # Points of a picture for each metre or cell.
+        self._scale = 72 * min((WIDTH - LEFT - RIGHT) / first.width, inside / first.height) / 1.024
+        ground = ground_of(first)
+        self._still = all(ground_of(scene) == ground for scene in recording.scenes)
+        if self._still:
+            lay(self._axes, first)
+        self._paths = _paths(recording.scenes) if self._shown.trails else {}
         self._title(first)
-        self._legend()
+        self._key.draw(self.figure)
         self._ground: Any = None  # what never changes, drawn once
 
     def image(self, scene: Scene, time: float) -> "Image":
@@ -76,7 +93,8 @@ class Picture:
             self._canvas.draw()  # type: ignore[no-untyped-call]
             self._ground = self._canvas.copy_from_bbox(self.figure.bbox)  # type: ignore[no-untyped-call]
         self._canvas.restore_region(self._ground)  # type: ignore[no-untyped-call]
-        artists = self.draw(scene, time, trail=TRAIL_STEPS)
+        steps = LONG_TRAIL_STEPS if len(self._recording.scenes) > LONG else TRAIL_STEPS
+        artists = self.draw(scene, time, trail=steps)
         for artist in sorted(artists, key=lambda a: a.get_zorder()):
             self.figure.draw_artist(artist)
         pixels = np.asarray(self._canvas.buffer_rgba())[:, :, :3].copy()  # type: ignore[no-untyped-call]
@@ -95,25 +113,44 @@ class Picture:
         text = f"step {scene.step} of {steps}   fitness {so_far:.3g}"
         artists: list[Artist] = [
             self._axes.text(
-                1,
-                1.0,
-                text,
-                transform=self._axes.transAxes,
-                ha="right",
-                va="bottom",
-                fontsize=11,
+                1, 1.0, text, transform=self._axes.transAxes, ha="right", va="bottom", fontsize=11,
                 color=BORDER,
             )
-        ]
-        artists += self._trails(scene, time, trail)
+        ]  # fmt: skip
+        if not self._still:
+            artists += lay(self._axes, scene)
+        bodies = Bodies.of(scene.bodies)
+        colors = self._colors_of(bodies)
+        artists += self._trails(bodies, colors, time, trail)
         if trail is None:
             artists += self._beginnings()
-        groups: dict[str, list[Body]] = {}
-        for body in scene.bodies:
-            groups.setdefault(label(body.kind, body.state), []).append(body)
-        for bodies in groups.values():
-            artists += self._group(bodies)
+        if self._shown.rays:
+            artists += _robots.rays(self._axes, bodies, colors)
+        if self._shown.links and len(scene.links):
+            artists += _robots.links(self._axes, bodies, np.asarray(scene.links))
+        directed = ~np.isnan(bodies.heading)
+        for index, look in enumerate(bodies.looks):
+            of_look = bodies.look == index
+            if of_look[~directed].any():
+                artists += self._group(bodies, of_look & ~directed, look, colors)
+            if of_look[directed].any():
+                chosen = of_look & directed
+                valued = bool(~np.isnan(bodies.value[chosen]).all())
+                artists += _robots.robots(
+                    self._axes, bodies, chosen, colors[chosen], self._scale, valued=valued
+                )
+        if self._shown.labels and bodies.labels:
+            artists += _robots.labels(self._axes, bodies, self._scale)
         return artists
+
+    def _colors_of(self, bodies: Bodies) -> "NDArray[np.float64]":
+        """Colours of all bodies, (bodies, 3): of kind and state, or of the value."""
+        by_look = np.array([self._colors[look] for look in bodies.looks]).reshape(-1, 3)
+        colors = by_look[bodies.look]
+        valued = ~np.isnan(bodies.value)
+        if valued.any():
+            colors[valued] = value_colors(self._key.shares(bodies.value[valued]))
+        return colors
 
     def _title(self, scene: Scene) -> None:
         # The message is plain text: a dollar sign in it does not begin a formula.
@@ -127,96 +164,90 @@ class Picture:
             message = message[:-1]
             title.set_text(f"{message.rstrip()}…")
 
-    def _legend(self) -> None:
-        """All labels of the recording, so that the legend does not change between frames."""
-        from matplotlib.lines import Line2D
-
-        seen = {
-            label(body.kind, body.state): body for scene in self._recording.scenes for body in scene.bodies
-        }
-        handles = []
-        for name, body in seen.items():
-            color, marker, _, _ = self._looks.marker(body, self._size)
-            size = 12 if marker == "*" else 9
-            handles.append(
-                Line2D(
-                    [],
-                    [],
-                    color=color,
-                    marker=marker,
-                    linestyle="",
-                    markersize=size,
-                    markeredgecolor=PAPER,
-                    label=name,
-                )
-            )
-        self.figure.legend(
-            handles=handles, loc="lower center", ncols=self._columns, frameon=False, fontsize=10,
-            handletextpad=0.2, columnspacing=1.4, borderaxespad=0.2,
-        )  # fmt: skip
-
-    def _trails(self, scene: Scene, time: float, trail: int | None) -> "list[Artist]":
+    def _trails(
+        self, bodies: Bodies, colors: "NDArray[np.float64]", time: float, trail: int | None
+    ) -> "list[Artist]":
         from matplotlib.collections import LineCollection
 
         newest = int(time)
         oldest = 0 if trail is None else max(0, newest - trail)
+        stride = 1 if trail is not None else -(-(newest + 1) // MOST_POINTS)
         pieces: list[NDArray[np.float64]] = []
-        colors: list[str] = []
+        shades: list[NDArray[np.float64]] = []
+        ground = np.array(rgb(FIELD)) / 255
         for index, way in self._paths.items():
-            body = scene.bodies[index]
-            passed = np.vstack([way[oldest : newest + 1], [[body.x, body.y]]])
-            color = self._looks.color(body)
-            shades = (
-                np.full(len(passed) - 1, 0.65) if trail is None else np.linspace(0.1, 0.65, len(passed) - 1)
-            )
+            passed = np.vstack([way[oldest : newest + 1 : stride], [[bodies.x[index], bodies.y[index]]]])
+            count = len(passed) - 1
+            share = np.full(count, 0.65) if trail is None else np.linspace(0.1, 0.65, count)
             pieces.extend(np.stack([passed[:-1], passed[1:]], axis=1))
             # Opaque: where pieces overlap at their round ends, transparent ones would show dots.
-            colors.extend(mixed(color, FIELD, float(shade)) for shade in shades)
+            shades.append(share[:, None] * colors[index] + (1 - share[:, None]) * ground)
         if not pieces:
             return []
-        lines = LineCollection(pieces, colors=colors, linewidths=1.8, capstyle="round", zorder=2)
+        # Robots that run for minutes would cover the floor.
+        width = 1.8 if len(self._paths) * newest < 4000 or trail is not None else 0.7
+        lines = LineCollection(
+            pieces,
+            colors=np.round(np.vstack(shades) * 255) / 255,
+            linewidths=width,
+            capstyle="round",
+            zorder=1.2,
+        )
         return [self._axes.add_collection(lines)]
 
     def _beginnings(self) -> "list[Artist]":
         """Small rings where everything that moves came from."""
         if not self._paths:
             return []
-        first = self._recording.scenes[0].bodies
+        first = Bodies.of(self._recording.scenes[0].bodies)
         places = np.array([way[0] for way in self._paths.values()])
-        colors = [self._looks.color(first[index]) for index in self._paths]
+        colors = self._colors_of(first)[list(self._paths)]
         size = min(max(6.0, self._size / 5), 20.0)
         return [
             self._axes.scatter(
-                places[:, 0], places[:, 1], s=size, c=FIELD, edgecolors=colors, linewidths=1.0, zorder=2.2
+                places[:, 0],
+                places[:, 1],
+                s=size,
+                c=FIELD,
+                edgecolors=colors.tolist(),
+                linewidths=1.0,
+                zorder=1.3,
             )
         ]
 
-    def _group(self, bodies: list[Body]) -> "list[Artist]":
+    def _group(
+        self,
+        bodies: Bodies,
+        chosen: "NDArray[np.bool_]",
+        look: tuple[str, str],
+        colors: "NDArray[np.float64]",
+    ) -> "list[Artist]":
+        """Draw bodies of one kind and state without a heading."""
         from matplotlib.collections import EllipseCollection
-        from matplotlib.colors import to_rgba
 
         axes = self._axes
-        positions = np.array([(body.x, body.y) for body in bodies])
-        diameters = np.array([2 * body.radius for body in bodies])
-        color, marker, size, layer = self._looks.marker(bodies[0], self._size)
-        if bodies[0].kind in CELLS:
+        positions = np.stack([bodies.x[chosen], bodies.y[chosen]], axis=1)
+        diameters = 2 * bodies.radius[chosen]
+        color, marker, size, layer = self._looks.marker(look, self._size)
+        if look[0] in CELLS:
             return [self._squares(positions, color, layer)]
         artists: list[Artist] = []
         if diameters.any():
-            filled = 0.5 if bodies[0].kind == "obstacle" else 0.13
+            filled = 0.5 if look[0] == "obstacle" else 0.13
+            faces = np.column_stack([colors[chosen], np.full(len(diameters), filled)])
             discs = EllipseCollection(
-                diameters, diameters, np.zeros(len(bodies)), units="xy", offsets=positions,
-                offset_transform=axes.transData, facecolors=to_rgba(color, filled), edgecolors=color,
+                diameters, diameters, np.zeros(len(diameters)), units="xy", offsets=positions,
+                offset_transform=axes.transData, facecolors=faces, edgecolors=colors[chosen],
                 linewidths=1.0, zorder=1.5,
             )  # fmt: skip
             artists.append(axes.add_collection(discs))
         points = axes.scatter(
-            positions[:, 0], positions[:, 1], s=size, c=color, marker=marker, edgecolors=PAPER,
+            positions[:, 0], positions[:, 1], s=size, c=colors[chosen], marker=marker, edgecolors=PAPER,
             linewidths=0.8, zorder=layer,
         )  # fmt: skip
         return [*artists, points]
 
-    def _squares(self, middles: "NDArray[np.float64]", color: str, layer: float) -> "Artist":
+    def _squares(self, middles: "NDArray[np.float32]", color: str, layer: float) -> "Artist":
         from matplotlib.collections import PolyCollection
 
         corners = np.array([(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)])
@@ -230,14 +261,6 @@ class Picture:
         return self._axes.add_collection(squares)
 
 
-def _legend_size(looks: Looks) -> tuple[int, int]:
-    """Return columns and rows of a legend that fits below the map."""
-    names = list(looks.plain())
-    widest = max((len(name) for name in names), default=0) * LEGEND_LETTER + LEGEND_MARK
-    columns = min(max(int(WIDTH / widest), 1), max(len(names), 1))
-    return columns, max(-(-len(names) // columns), 1)
-
-
 def _marker_area(scene: Scene) -> float:
     """Return the area of an agent's marker in points squared; in a grid it fills most of its cell."""
     if not scene.grid:
@@ -248,13 +271,11 @@ def _marker_area(scene: Scene) -> float:
 
 def _paths(scenes: "Sequence[Scene]") -> "dict[int, NDArray[np.float64]]":
     """Positions over time, (scenes, 2), of every moving body; none when bodies appear or disappear."""
-    first = scenes[0].bodies
-    if any(len(scene.bodies) != len(first) for scene in scenes):
+    every = [Bodies.of(scene.bodies) for scene in scenes]
+    first = every[0]
+    moving = np.flatnonzero(first.has(*MOVING) | ~np.isnan(first.heading))
+    if len(moving) > MOST_TRAILS or any(len(bodies) != len(first) for bodies in every):
         return {}
-    return {
-        index: np.array(
-            [(scene.bodies[index].x, scene.bodies[index].y) for scene in scenes], dtype=np.float64
-        )
-        for index, body in enumerate(first)
-        if body.kind in MOVING
-    }
+    xs = np.array([bodies.x[moving] for bodies in every], dtype=np.float64)
+    ys = np.array([bodies.y[moving] for bodies in every], dtype=np.float64)
+    return {int(body): np.stack([xs[:, k], ys[:, k]], axis=1) for k, body in enumerate(moving)}

@@ -1,10 +1,12 @@
 """Episodes as the display sees them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 from swarmwright.core.engine_types import SceneFields
+from swarmwright.display._bodies import Bodies, scene_of
 from swarmwright.display._scene import Scene
+from swarmwright.display._trace import Trace, Tracer
 
 
 class Playable(Protocol):
@@ -40,11 +42,20 @@ class Recording:
     """A whole episode: the scene before the first step and after each.
 
     fitness_so_far: at each scene, more is better. step_size: seconds between two scenes when shown.
+    trace: what agents sensed and did, where that is known.
     """
 
     scenes: tuple[Scene, ...]
     fitness_so_far: tuple[float, ...]
     step_size: float
+    trace: Trace | None = None
+
+    def __post_init__(self) -> None:
+        arrays = tuple(
+            scene if isinstance(scene.bodies, Bodies) else replace(scene, bodies=Bodies.of(scene.bodies))
+            for scene in self.scenes
+        )
+        object.__setattr__(self, "scenes", arrays)
 
     @property
     def fitness(self) -> float:
@@ -53,11 +64,21 @@ class Recording:
 
 
 def record(episode: Playable) -> Recording:
-    """Step an episode to its end and keep every scene."""
-    scenes = [Scene.of(episode.scene())]
+    """Step an episode to its end and keep every scene, and what agents sensed and did where it says so."""
+    tracer = Tracer.of(episode)
+    scenes = [_scene(episode)]
     fitness_so_far = [episode.fitness]
     while not episode.done:
-        episode.step()
-        scenes.append(Scene.of(episode.scene()))
+        if tracer is None:
+            episode.step()
+        else:
+            tracer.step()
+        scenes.append(_scene(episode))
         fitness_so_far.append(episode.fitness)
-    return Recording(tuple(scenes), tuple(fitness_so_far), episode.step_size)
+    trace = None if tracer is None else tracer.trace()
+    return Recording(tuple(scenes), tuple(fitness_so_far), episode.step_size, trace)
+
+
+def _scene(episode: Playable) -> Scene:
+    arrays = getattr(episode, "scene_arrays", None)
+    return Scene.of(episode.scene()) if arrays is None else scene_of(arrays())

@@ -4,7 +4,11 @@ from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
 
-from swarmwright.display._scene import Body, Scene
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmwright.display._bodies import Bodies
+from swarmwright.display._scene import Scene
 
 
 def pace(scenes: int, step_seconds: float, *, frame_seconds: float, most: int) -> tuple[float, float]:
@@ -46,8 +50,12 @@ def between(before: Scene, after: Scene, share: float) -> Scene:
     """Return the scene a share (0..1) of the way to the next one; states change at the end of the step."""
     if len(before.bodies) != len(after.bodies):
         return before
-    bodies = tuple(
-        Body(a.kind, a.x + share * (b.x - a.x), a.y + share * (b.y - a.y), a.state, a.radius)
-        for a, b in zip(before.bodies, after.bodies, strict=True)
-    )
-    return replace(before, bodies=bodies)
+    a, b = Bodies.of(before.bodies), Bodies.of(after.bodies)
+    # The shorter way around.
+    turn = (b.heading - a.heading + np.pi) % (2 * np.pi) - np.pi
+    x, y = (_way(getattr(a, axis), getattr(b, axis), share) for axis in ("x", "y"))
+    return replace(before, bodies=a.moved(x, y, a.heading + np.float32(share) * turn))
+
+
+def _way(before: NDArray[np.float32], after: NDArray[np.float32], share: float) -> NDArray[np.float32]:
+    return (before.astype(np.float64) * (1 - share) + after * share).astype(np.float32)

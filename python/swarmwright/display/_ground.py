@@ -1,12 +1,14 @@
 """The background of a picture: the map with its border, grid and numbers."""
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from swarmwright.display._look import BORDER, FIELD, GRID
-from swarmwright.display._scene import Scene
+from swarmwright.display._look import BORDER, FIELD, GRID, ORANGE, floor_color, whole
+from swarmwright.display._scene import Patch, Scene
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
+    from matplotlib.patches import Patch as Drawn
     from matplotlib.patches import Rectangle
 
 _NUMBERS = 12
@@ -31,7 +33,8 @@ def frame(axes: "Axes", scene: Scene) -> None:
         (0, 0), scene.width, scene.height, fill=False, edgecolor=BORDER, linewidth=1.6, zorder=1.9
     )
     axes.add_patch(field)
-    axes.add_patch(border)
+    if not len(scene.walls):
+        axes.add_patch(border)
     axes.set_axisbelow(True)
     if scene.grid:
         _number_cells(axes, scene, field)
@@ -61,3 +64,57 @@ def cell_step(cells: int) -> int:
             if cells / (factor * power) <= _NUMBERS:
                 return factor * power
         power *= 10
+
+
+def ground_of(scene: Scene) -> tuple[object, ...]:
+    """Return all that lies and stands in a scene, to compare it with another's."""
+    return (scene.floor, tuple(scene.patches), tuple(scene.walls), tuple(scene.lights))
+
+
+def lay(axes: "Axes", scene: Scene) -> "list[Artist]":
+    """Draw floor, walls and lamps; return what was drawn."""
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Circle, Polygon
+
+    drawn: list[Artist] = []
+    edge: Drawn | None = None
+    floor = [] if scene.floor is None else [whole(scene)]
+    for patch in [*floor, *scene.patches]:
+        shape = _shape(patch)
+        shape.set(facecolor=floor_color(patch.grey), edgecolor="none", zorder=0.2)
+        axes.add_patch(shape)
+        if edge is None and floor:
+            edge = shape
+        elif edge is not None:
+            shape.set_clip_path(edge)
+        drawn.append(shape)
+    for light in scene.lights:
+        on = light.intensity > 0
+        glow = 0.05 * max(scene.width, scene.height)
+        for share in (1.0, 0.7, 0.45) if on else ():
+            circle = Circle((light.x, light.y), glow * share, color=ORANGE, alpha=0.14, lw=0, zorder=0.4)
+            drawn.append(axes.add_patch(circle))
+        style: dict[str, Any] = {
+            "color": ORANGE if on else FIELD,
+            "markeredgecolor": BORDER,
+            "markeredgewidth": 0.8,
+        }
+        lamp = Line2D([light.x], [light.y], marker="o", markersize=6, linestyle="", zorder=1.7, **style)
+        drawn.append(axes.add_line(lamp))
+    for wall in scene.walls:
+        if wall.solid:
+            solid = Polygon(list(wall.points), facecolor=BORDER, edgecolor=BORDER, zorder=1.7, lw=1.0)
+            drawn.append(axes.add_patch(solid))
+        else:
+            xs, ys = zip(*wall.points, strict=True)
+            line = Line2D(xs, ys, color=BORDER, linewidth=2.4, zorder=1.8, solid_joinstyle="round")
+            drawn.append(axes.add_line(line))
+    return drawn
+
+
+def _shape(patch: Patch) -> "Drawn":
+    from matplotlib.patches import Circle, Polygon
+
+    if len(patch.points) == 1:
+        return Circle(patch.points[0], patch.radius)
+    return Polygon(list(patch.points))

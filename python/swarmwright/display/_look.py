@@ -1,9 +1,13 @@
 """How things look: the one table of shapes and colours for pages, stills, animations and films."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
-from swarmwright.display._scene import Body, Scene
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmwright.display._bodies import Bodies
+from swarmwright.display._scene import Patch, Scene, Style
 
 # Okabe and Ito's palette, safe for colour-blind readers.
 BLUE, ORANGE, GREEN, RED, GREY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#8C8C8C"
@@ -34,6 +38,10 @@ DARK = {
     "other-4": "#ECEFF1",
 }
 """The same on a dark ground."""
+FLOOR = {"light": ("#2E2E2E", "#D0D0C9", "#FFFFFF"), "dark": ("#000000", "#3D444B", "#D5D9DC")}
+"""Black, middle grey and white floor on a light and a dark ground, such that robots show on all."""
+VALUES = ("#440154", "#3B528B", "#21918C", "#5EC962", "#FDE725")
+"""From the least to the greatest value (viridis)."""
 OTHERS = ("other-1", "other-2", "other-3", "other-4")
 """Colours of unknown kinds and states, in the order in which they are seen."""
 
@@ -94,40 +102,66 @@ class Marker(NamedTuple):
 class Looks:
     """How the bodies of an episode look, the same in all its scenes and on everything that shows it.
 
-    Kinds and states of KNOWN look as there. A kind that is not there gets a shape, and a state that is not
-    there a colour, in the order in which they are first seen, so that no two look alike as long as there
-    are shapes and colours.
+    Styles of the scenes come first; then kinds and states of KNOWN look as there. A kind that is not there
+    gets a shape, and a state that is not there a colour, in the order in which they are first seen, so that
+    no two look alike as long as there are shapes and colours.
+
+    own: the colours of styles by the names that they have here, on a light and on a dark ground.
     """
 
     def __init__(self, scenes: Iterable[Scene]) -> None:
         self._looks: dict[tuple[str, str], Look] = {}
         self._shapes = {kind: shape for (kind, _), (shape, _) in reversed(KNOWN.items())}
         self._unknown = 0
+        self._styles: dict[tuple[str, str], Style] = {}
+        self.own: dict[str, tuple[str, str]] = {}
+        known: tuple[object, object] = (None, None)
         for scene in scenes:
-            for body in scene.bodies:
-                self._add(body.kind, body.state)
+            for style in scene.styles:
+                self._styles[style.kind, style.state] = style
+            bodies = Bodies.of(scene.bodies)
+            if (bodies.looks, len(self._styles)) == known:
+                continue
+            known = (bodies.looks, len(self._styles))
+            for kind, state in bodies.looks:
+                self._add(kind, state)
 
     def _add(self, kind: str, state: str) -> None:
         if (kind, state) in self._looks:
             return
+        style = self._styles.get((kind, state)) or self._styles.get((kind, ""))
+        color = self._named(style.color) if style is not None and style.color else None
+        shape = style.shape if style is not None else ""
         known = KNOWN.get((kind, state))
         if known is not None:
-            self._looks[kind, state] = Look(*known)
+            self._looks[kind, state] = Look(shape or known[0], color or known[1])
             return
-        if kind not in self._shapes:
+        if not shape and kind not in self._shapes:
             strangers = len(self._shapes) - len({kind for kind, _ in KNOWN})
             self._shapes[kind] = _FREE_SHAPES[strangers % len(_FREE_SHAPES)]
-        color = OTHERS[self._unknown % len(OTHERS)]
-        self._unknown += 1
-        self._looks[kind, state] = Look(self._shapes[kind], color)
+        if color is None:
+            color = OTHERS[self._unknown % len(OTHERS)]
+            self._unknown += 1
+        self._looks[kind, state] = Look(shape or self._shapes[kind], color)
 
-    def __getitem__(self, body: Body) -> Look:
-        """Return the look of a body of the episode."""
-        return self._looks[body.kind, body.state]
+    def _named(self, color: str) -> str:
+        """Return the name of a style's colour."""
+        light = color.upper()
+        for name, (known, _) in self.own.items():
+            if known == light:
+                return name
+        name = f"own-{len(self.own) + 1}"
+        self.own[name] = (light, lightened(light))
+        return name
 
-    def color(self, body: Body) -> str:
-        """Return a body's colour on a light ground, as '#0072B2'."""
-        return LIGHT[self[body].color]
+    def __getitem__(self, look: tuple[str, str]) -> Look:
+        """Return the look of a kind and state of the episode."""
+        return self._looks[look]
+
+    def color(self, look: tuple[str, str]) -> str:
+        """Return the colour of a kind and state on a light ground, as '#0072B2'."""
+        name = self._looks[look].color
+        return LIGHT[name] if name in LIGHT else self.own[name][0]
 
     def plain(self) -> dict[str, dict[str, str]]:
         """Return label -> shape and name of the colour, in the order in which they are seen."""
@@ -136,9 +170,12 @@ class Looks:
             for (kind, state), look in self._looks.items()
         }
 
-    def marker(self, body: Body, agent_size: float) -> Marker:
-        """Return how matplotlib draws a body."""
-        look = self[body]
+    def all(self) -> list[tuple[str, str]]:
+        """Return kinds and states, in the order in which they are seen."""
+        return list(self._looks)
+
+    def marker(self, look: tuple[str, str], agent_size: float) -> Marker:
+        """Return how matplotlib draws bodies of a kind and state."""
         size, layer = {
             "agent": (agent_size, 4.0),
             "defender": (max(agent_size, 30.0), 3.0),
@@ -146,19 +183,23 @@ class Looks:
             "exit": (60.0, 1.6),
             "blockade": (45.0, 1.6),
             "obstacle": (12.0, 1.6),
-        }.get(body.kind, (40.0, 2.5))
-        return Marker(LIGHT[look.color], SHAPES[look.shape][0], size, layer)
+        }.get(look[0], (40.0, 2.5))
+        return Marker(self.color(look), SHAPES[self._looks[look].shape][0], size, layer)
 
 
-def css() -> str:
-    """Return the colours of bodies as CSS, for light and dark."""
+def css(own: Mapping[str, tuple[str, str]] | None = None) -> str:
+    """Return the colours of bodies and floors as CSS, for light and dark; own: see `Looks`."""
+    own = own or {}
 
-    def variables(colors: dict[str, str]) -> str:
-        return " ".join(f"--{name}: {value.lower()};" for name, value in colors.items())
+    def variables(theme: str, colors: dict[str, str], place: int) -> str:
+        floor = {f"floor-{index}": color for index, color in enumerate(FLOOR[theme])}
+        values = {f"value-{index}": color for index, color in enumerate(VALUES)}
+        mine = {name: pair[place] for name, pair in own.items()}
+        return " ".join(f"--{n}: {v.lower()};" for n, v in {**colors, **floor, **values, **mine}.items())
 
-    dark = variables(DARK)
+    dark = variables("dark", DARK, 1)
     return (
-        f":root {{ {variables(LIGHT)} }}\n"
+        f":root {{ {variables('light', LIGHT, 0)} }}\n"
         f'@media (prefers-color-scheme: dark) {{ :root:not([data-theme="light"]) {{ {dark} }} }}\n'
         f':root[data-theme="dark"] {{ {dark} }}'
     )
@@ -166,7 +207,8 @@ def css() -> str:
 
 def agent_size(scene: Scene) -> float:
     """Marker area of an agent in points squared: smaller the more there are."""
-    return min(max(1800.0 / max(len(scene.of_kind("agent")), 1), 8.0), 90.0)
+    agents = int(Bodies.of(scene.bodies).has("agent").sum())
+    return min(max(1800.0 / max(agents, 1), 8.0), 90.0)
 
 
 def label(kind: str, state: str) -> str:
@@ -185,9 +227,81 @@ def mixed(color: str, ground: str, share: float) -> str:
     return "#" + "".join(f"{channel:02X}" for channel in channels)
 
 
-def palette() -> list[int]:
-    """Every colour of a picture with its shades, as red, green, blue, red, ... (0..255)."""
-    shaded: Sequence[str] = list(dict.fromkeys([*LIGHT.values(), INK, BORDER]))
-    colors = [rgb(mixed(color, FIELD, 1 - i / SHADES)) for color in shaded for i in range(SHADES)]
-    colors += [rgb(PAPER), rgb(FIELD), rgb(GRID), rgb(mixed(GRID, FIELD, 0.5))]
-    return [channel for color in colors for channel in color]
+def floor_color(grey: float) -> str:
+    """Return what a grey value (0 black to 1 white) of the floor is drawn as, on a light ground."""
+    black, middle, white = FLOOR["light"]
+    return mixed(middle, black, 2 * grey) if grey < 0.5 else mixed(white, middle, 2 * grey - 1)
+
+
+_NEAR_GREY = 0.01
+"""Levels of pictures with 8 bits are not exactly one half."""
+
+
+def floor_words(grey: float, names: Iterable[str]) -> str:
+    """Return what legends call parts of the floor with one grey value."""
+    named = ((0.0, "black floor"), (0.5, "grey floor"), (1.0, "white floor"))
+    near = (name for level, name in named if abs(grey - level) < _NEAR_GREY)
+    color = next(near, f"floor, grey {grey:.3g}")
+    given = ", ".join(dict.fromkeys(name for name in names if name))
+    return f"{color} ({given})" if given else color
+
+
+def floors(scene: Scene) -> dict[float, str]:
+    """Return what legends call the floor and its parts, by grey value."""
+    parts = ([] if scene.floor is None else [whole(scene)]) + list(scene.patches)
+    named: dict[float, list[str]] = {}
+    for part in parts:
+        named.setdefault(round(float(part.grey), 3), []).append(part.name)
+    return {grey: floor_words(grey, names) for grey, names in sorted(named.items())}
+
+
+def whole(scene: Scene) -> Patch:
+    """Return the floor of a scene that has one, with its edge."""
+    floor = scene.floor if isinstance(scene.floor, Patch) else Patch(float(scene.floor or 0.0))
+    if len(floor.points):
+        return floor
+    return Patch.rectangle((0.0, 0.0), (scene.width, scene.height), floor.grey, floor.name)
+
+
+def value_colors(shares: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Return colours of shares (0..1) of the range of values: (n, 3), 0..1."""
+    anchors = np.array([rgb(color) for color in VALUES]) / 255
+    at = np.linspace(0, 1, len(anchors))
+    clipped = np.clip(shares, 0, 1)
+    return np.stack([np.interp(clipped, at, anchors[:, channel]) for channel in range(3)], axis=1)
+
+
+def lightened(color: str) -> str:
+    """Return a colour with enough contrast on a dark ground."""
+    share = 1.0
+    while share > 0.1 and _luminance(mixed(color, PAPER, share)) < _DARK_LEAST:
+        share -= 0.05
+    return mixed(color, PAPER, share)
+
+
+_DARK_LEAST = 0.22
+"""Relative luminance that is seen well on a dark ground."""
+
+
+def _luminance(color: str) -> float:
+    """Return the relative luminance of WCAG 2, 0..1."""
+    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in np.array(rgb(color)) / 255]
+    return float(0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2])
+
+
+def palette(own: Iterable[str] = (), grounds: Iterable[str] = (), *, values: bool = False) -> list[int]:
+    """Every colour of a picture with its shades, as red, green, blue, red, ... (0..255); at most 256.
+
+    own: colours of styles. grounds: colours of the floor. values: whether bodies are coloured by values.
+    """
+    grounds, own = list(grounds)[:24], list(own)[:16]
+    shaded: Sequence[str] = list(dict.fromkeys([*LIGHT.values(), INK, BORDER, *own]))
+    exact = [PAPER, FIELD, GRID, mixed(GRID, FIELD, 0.5), *grounds]
+    if values:
+        exact += ["#" + "".join(f"{round(255 * c):02X}" for c in color) for color in value_colors(_RAMP)]
+    shades = min(SHADES, (256 - len(exact)) // len(shaded))
+    colors = [rgb(mixed(color, FIELD, 1 - i / shades)) for color in shaded for i in range(shades)]
+    return [channel for color in [*colors, *map(rgb, exact)] for channel in color]
+
+
+_RAMP = np.linspace(0, 1, 24)

@@ -7,7 +7,9 @@ from swarmwright.display._caption import Caption
 from swarmwright.display._drawing import Picture
 from swarmwright.display._episode import Recording
 from swarmwright.display._frames import in_between, pace
-from swarmwright.display._look import palette
+from swarmwright.display._key import scale_of
+from swarmwright.display._look import Looks, floor_color, floors, palette
+from swarmwright.display._shown import Shown
 
 FRAME_SECONDS = 0.06
 """Seconds that a frame is shown, about; viewers show nothing faster than 0.02."""
@@ -16,16 +18,26 @@ MOST_FRAMES = 400
 LAST_FRAME_SECONDS = 2.0
 
 
-def write(recording: Recording, path: Path, *, caption: Caption, speed: float = 1.0) -> None:  # noqa: ARG001
+def write(
+    recording: Recording,
+    path: Path,
+    *,
+    caption: Caption,  # noqa: ARG001
+    speed: float = 1.0,
+    shown: Shown | None = None,
+) -> None:
     """Write a GIF of 560 pixels in width. Raises OSError."""
     from PIL import Image
 
     step_seconds = max(recording.step_size, 0.02) / speed
-    picture = Picture(recording, dpi=80)
+    picture = Picture(recording, dpi=80, shown=shown)
     frames: list[Image.Image] = []
     # One palette, without dithering: still areas stay the same from frame to frame, nothing flickers.
     colors = Image.new("P", (1, 1))
-    colors.putpalette(palette())
+    looks = Looks(recording.scenes)
+    own = [light for light, _ in looks.own.values()]
+    greys = {floor_color(grey) for scene in recording.scenes for grey in floors(scene)}
+    colors.putpalette(palette(own, sorted(greys), values=scale_of(recording) is not None))
     count, seconds = pace(len(recording.scenes), step_seconds, frame_seconds=FRAME_SECONDS, most=MOST_FRAMES)
     for scene, time in in_between(recording.scenes, count):
         frames.append(picture.image(scene, time).quantize(palette=colors, dither=Image.Dither.NONE))

@@ -1,12 +1,15 @@
 """Episodes as files, by the ending of the name."""
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
 
+from swarmwright.core.errors import InputError
 from swarmwright.display._caption import Caption
 from swarmwright.display._episode import Recording
+from swarmwright.display._part import Part
+from swarmwright.display._shown import Shown
 
 _WRITERS = {".html": "page", ".gif": "animation", ".mp4": "film", ".png": "still"}
 
@@ -14,27 +17,43 @@ FORMATS = tuple(_WRITERS)
 """Endings that `save` knows."""
 
 
-def save(recording: Recording, path: Path, *, caption: Caption | None = None, speed: float = 1.0) -> None:
+def save(
+    shows: Recording | Sequence[Part],
+    path: Path,
+    *,
+    caption: Caption | None = None,
+    speed: float = 1.0,
+    shown: Shown | None = None,
+) -> None:
     """Write an episode.
 
     .html is a page to play and step through, .gif and .mp4 move, .png shows all trajectories.
 
     Args:
-        recording: the episode.
+        shows: the episode, or several that a page shows beside each other.
         path: is written over.
         caption: the text on the page, and the title of a film; pictures have the simulation's message.
         speed: how many times faster than the simulation's step size it runs, for a page at first.
+        shown: what is drawn beside bodies, on a page at first.
 
     Raises:
         ValueError: another ending.
-        InputError: a film is wanted and what encodes it is not installed.
+        InputError: a film is wanted and what encodes it is not installed, or a picture of several episodes.
         OSError: the file cannot be written.
     """
     ending = path.suffix.lower()
     if ending not in _WRITERS:
         raise ValueError(f"'{path}': files end with {', '.join(FORMATS[:-1])} or {FORMATS[-1]}.")
-    write: Callable[..., None] = import_module(f"swarmwright.display.{_WRITERS[ending]}").write
+    if ending != ".html" and not isinstance(shows, Recording):
+        if len(shows) != 1:
+            raise InputError(f"{path}: several episodes are shown beside each other by a page, FILE.html")
+        shows = shows[0].recording
+    module = import_module(f"swarmwright.display.{_WRITERS[ending]}")
     with warnings.catch_warnings():
         # A message in a script that the font lacks is shown as boxes.
         warnings.filterwarnings("ignore", message="Glyph .* missing", category=UserWarning)
-        write(recording, path, caption=caption or Caption(), speed=speed)
+        if ending == ".html":
+            text = module.page(shows, caption=caption or Caption(), speed=speed, shown=shown)
+            path.write_text(text, encoding="utf-8")
+            return
+        module.write(shows, path, caption=caption or Caption(), speed=speed, shown=shown)

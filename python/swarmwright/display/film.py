@@ -15,6 +15,7 @@ from swarmwright.display._caption import Caption
 from swarmwright.display._drawing import Picture
 from swarmwright.display._episode import Recording
 from swarmwright.display._frames import in_between, pace
+from swarmwright.display._shown import Shown
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -24,14 +25,21 @@ MOST_FRAMES = 3000
 LAST_FRAME_SECONDS = 2.0
 
 
-def write(recording: Recording, path: Path, *, caption: Caption, speed: float = 1.0) -> None:
+def write(
+    recording: Recording,
+    path: Path,
+    *,
+    caption: Caption,
+    speed: float = 1.0,
+    shown: Shown | None = None,
+) -> None:
     """Write an MP4 of 980 pixels in width that every browser plays.
 
     Raises InputError when there is no ffmpeg, RunError when it fails, OSError.
     """
     step_seconds = max(recording.step_size, 0.02) / speed
     count, seconds = pace(len(recording.scenes), step_seconds, frame_seconds=FRAME_SECONDS, most=MOST_FRAMES)
-    picture = Picture(recording, dpi=140)
+    picture = Picture(recording, dpi=140, shown=shown)
     images = (picture.image(scene, time) for scene, time in in_between(recording.scenes, count))
     encode(images, seconds, path, title=caption.title)
 

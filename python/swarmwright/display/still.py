@@ -6,11 +6,19 @@ from pathlib import Path
 from swarmwright.display._caption import Caption
 from swarmwright.display._drawing import Picture
 from swarmwright.display._episode import Recording
+from swarmwright.display._shown import Shown
 
 
-def write(recording: Recording, path: Path, *, caption: Caption, speed: float = 1.0) -> None:  # noqa: ARG001
+def write(
+    recording: Recording,
+    path: Path,
+    *,
+    caption: Caption,  # noqa: ARG001
+    speed: float = 1.0,  # noqa: ARG001
+    shown: Shown | None = None,
+) -> None:
     """Write a PNG of 1008 pixels in width. Raises OSError."""
-    picture = Picture(recording, dpi=144)
+    picture = Picture(recording, dpi=144, shown=shown)
     picture.draw(recording.scenes[-1], len(recording.scenes) - 1)
     buffer = io.BytesIO()
     picture.figure.savefig(buffer, format="png")

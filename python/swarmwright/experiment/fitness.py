@@ -29,7 +29,7 @@ from swarmwright.experiment.expression import (
 
 if TYPE_CHECKING:
     from swarmwright._engine import Episode
-    from swarmwright.core.engine_types import SceneFields
+    from swarmwright.core.engine_types import SceneArrays, SceneFields
 
 OWN = "fitness"
 """The name of the simulation's own fitness."""
@@ -122,9 +122,30 @@ class JudgedEpisode:
         """Move on by one step."""
         self._episode.step()
 
+    def step_observed(self) -> tuple[NDArray[np.uint32], NDArray[np.float32], NDArray[np.float32]]:
+        """Move on by one step; agents, what they sensed and what they did."""
+        return self._episode.step_observed()
+
+    def machine_states(self) -> NDArray[np.uint32] | None:
+        """The state of each agent's state machine; None for other controllers."""
+        return self._episode.machine_states()
+
+    def metrics(self, names: list[str]) -> list[float]:
+        """The named metrics so far."""
+        return self._episode.metrics(names)
+
+    @property
+    def metric_names(self) -> list[str]:
+        """Names of all metrics of the simulation."""
+        return self._episode.metric_names
+
     def scene(self) -> "SceneFields":
         """The scene."""
         return self._episode.scene()
+
+    def scene_arrays(self) -> "SceneArrays":
+        """The scene as arrays."""
+        return self._episode.scene_arrays()
 
     def text(self, columns: int, color: bool, rows: int = 24, unicode: bool = True) -> str:
         """The scene as lines of text."""

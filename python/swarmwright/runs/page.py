@@ -30,7 +30,11 @@ class ReplayPage:
         """Play the episode; see `Run.replay`."""
         replay = Replay.of(run, **which)
         recording = record(replay.episode())
-        return cls(replay.title, recording.fitness, page(recording, caption=replay.caption(), speed=speed))
+        return cls(
+            replay.title,
+            recording.fitness,
+            page([replay.part(recording)], caption=replay.caption(), speed=speed),
+        )
 
     def save(self, path: str | Path) -> None:
         """Write the page, for a browser. Raises InputError when the file cannot be written."""

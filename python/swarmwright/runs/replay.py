@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from swarmwright import _engine
 from swarmwright.core.errors import InputError, engine_errors
-from swarmwright.display import Caption, Playable
+from swarmwright.display import Caption, Part, Playable, Recording
 from swarmwright.experiment.fitness import JudgedEpisode
 from swarmwright.representations.controller import Controller, controller_words
 from swarmwright.runs.choice import Choice, choose
@@ -121,6 +121,22 @@ class Replay:
         parameters = {**self.experiment.parameters, **evolved, "seed": self.seed}
         with engine_errors():
             return _engine.Episode(simulation, parameters, self.controller.json)
+
+    @property
+    def name(self) -> str:
+        """The run and the candidate, where several are shown beside each other."""
+        return f"{self.run.path.name}: {self._who}"
+
+    def part(self, recording: Recording, name: str = "") -> Part:
+        """Return a recording of the episode with what is known of its controller."""
+        try:
+            described = catalogue.description(self.experiment.simulation, self.experiment.parameters)
+        except InputError:  # sensors and actuators are numbered
+            described = None
+        sensors, actuators = (
+            (described["sensor_names"], described["actuator_names"]) if described is not None else ((), ())
+        )
+        return Part(recording, name, self.controller.specification, sensors, actuators)
 
     @property
     def title(self) -> str:

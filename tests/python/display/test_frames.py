@@ -1,3 +1,5 @@
+import math
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -31,4 +33,14 @@ def test_frames_go_from_the_first_scene_to_the_last(scenes: int, seconds: float)
 def test_between_is_on_the_way(share: float, x: float, y: float) -> None:
     before, after = (Scene(100, 100, 0, "", (Body("agent", at, 50.0, "free", 0.0),)) for at in (x, y))
     middle = between(before, after, share).bodies[0]
-    assert min(x, y) - 1e-9 <= middle.x <= max(x, y) + 1e-9
+    rounded = 1e-5  # binary32
+    assert min(x, y) - rounded <= middle.x <= max(x, y) + rounded
+
+
+@given(share=st.floats(0, 1), start=st.floats(-3, 3), turn=st.floats(-3, 3))
+def test_headings_turn_the_shorter_way(share: float, start: float, turn: float) -> None:
+    after = math.remainder(start + turn, 2 * math.pi)
+    scenes = (Scene(9, 9, 0, "", (Body("agent", 1, 1, heading=at),)) for at in (start, after))
+    heading = between(*scenes, share).bodies[0].heading
+    assert heading is not None
+    assert abs(math.remainder(heading - start - share * turn, 2 * math.pi)) < 1e-5

@@ -1,5 +1,6 @@
 """The page is opened from a file in a real browser, and played as a person would."""
 
+import base64
 import json
 import re
 import time
@@ -9,6 +10,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 from selenium.webdriver import ActionChains, Chrome, Keys
 from selenium.webdriver.common.by import By
 from selenium.webdriver.support.ui import Select
@@ -16,6 +20,7 @@ from selenium.webdriver.support.ui import Select
 from swarmwright.display import Body, Caption, Recording, Scene, pictures, record
 from swarmwright.display.files import save
 from swarmwright.display.page import page
+from swarmwright.display.page._series import packed
 from tests.python.display.browser import chromium
 
 CAPTION = Caption("minisim: <best> & {{facts}}", (("controller", "layered, 4-8-1, tanh"), ("seed", "1")))
@@ -141,7 +146,7 @@ def test_keys_and_buttons_step(opened: Chrome) -> None:
     press(opened, "+")
     assert opened.find_element(By.ID, "speed").get_attribute("value") == "2"
     press(opened, "t")
-    assert opened.find_element(By.ID, "trail").get_attribute("value") == "-1"
+    assert opened.find_element(By.ID, "trail").get_attribute("value") == "100"
     press(opened, "r")
     assert opened.find_element(By.ID, "repeat").is_selected()
 
@@ -230,16 +235,54 @@ def test_odd_episodes_can_be_opened(browser: Chrome, tmp_path: Path) -> None:
         assert log(browser, "browser") == [], name
 
 
-def test_what_never_moves_is_written_once(crossing: Any) -> None:
-    document = page(record(crossing), caption=Caption())
+def data_of(document: str) -> dict[str, Any]:
+    """The plain values of a page."""
     found = re.search(r'<script type="application/json" id="episode">(.*?)</script>', document, re.DOTALL)
     assert found
-    episode = json.loads(found[1])
-    goal, defender, agent = episode["bodies"]
-    assert (goal["x"], goal["y"], defender["x"]) == (12.5, 3.5, 8.0)
-    assert agent["x"] == [step + 0.5 for step in range(13)]
-    assert agent["states"] == [[0, "free"], [12, "arrived"]]
+    data: dict[str, Any] = json.loads(found[1])
+    return data
+
+
+def unpacked(packed: dict[str, Any]) -> Any:
+    """Numbers as the page's script reads them."""
+    types = {"f4": "<f4", "i4": "<i4", "u1": "u1", "q1": "u1", "q2": "<u2"}
+    raw = np.frombuffer(base64.b64decode(packed["data"]), types[packed["type"]])
+    if packed["type"] not in {"q1", "q2"}:
+        return raw
+    none = 255 if packed["type"] == "q1" else 65535
+    values = packed["low"] + raw / (none - 1) * (packed["high"] - packed["low"])
+    return np.where(raw == none, np.nan, values)
+
+
+def test_what_never_moves_is_written_once(crossing: Any) -> None:
+    (episode,) = data_of(page(record(crossing), caption=Caption()))["episodes"]
+    assert episode["bodies"]["looks"] == [
+        ["goal", ""],
+        ["defender", ""],
+        ["agent", "free"],
+        ["agent", "arrived"],
+    ]
+    x, y, look = (episode["bodies"]["series"][name] for name in ("x", "y", "look"))
+    assert unpacked(x["base"]).tolist() == [12.5, 8.0, 0.5]
+    assert unpacked(x["which"]).tolist() == [2]
+    assert unpacked(x["data"]).tolist() == [step + 0.5 for step in range(13)]
+    assert unpacked(y["which"]).tolist() == []
+    assert "data" not in y
+    assert unpacked(look["data"]).tolist() == [2] * 12 + [3]
     assert episode["fitness"] == [-float(12 - step) for step in range(12)] + [0.0]
+
+
+@given(
+    values=arrays(np.float32, (7, 5), elements=st.floats(-1000, 1000, width=32) | st.just(float("nan"))),
+    kind=st.sampled_from(["f4", "q1", "q2"]),
+)
+def test_numbers_survive_packing(values: Any, kind: str) -> None:
+    back = unpacked(packed(values.reshape(-1), kind)).reshape(values.shape)
+    assert (np.isnan(back) == np.isnan(values)).all()
+    finite = values[np.isfinite(values)]
+    extent = float(np.ptp(finite)) if len(finite) else 0.0
+    exact = {"f4": 0.0, "q1": extent / 508, "q2": extent / 131068}[kind]
+    np.testing.assert_allclose(back, values, atol=exact * 1.001 + 1e-4, equal_nan=True)
 
 
 def test_the_last_numbers_of_the_axes_are_not_cut(browser: Chrome, tmp_path: Path) -> None:

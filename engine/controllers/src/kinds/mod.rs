@@ -62,6 +62,11 @@ pub(crate) trait Kind: Sized {
         actuators: &mut [f32],
     );
 
+    /// The state that a state machine is in, from 0; none for other kinds. `state` is what is kept between steps.
+    fn current(&self, _state: &[f32]) -> Option<u32> {
+        None
+    }
+
     /// Values of parameters of the simulation, by name.
     fn values(&self, _weights: &[f32]) -> Map<String, Value> {
         Map::new()

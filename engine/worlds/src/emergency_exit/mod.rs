@@ -347,6 +347,7 @@ impl Simulation for EmergencyExit {
             y: top - y as f32 - 0.5,
             state: state.into(),
             radius: 0.0,
+            ..Body::default()
         };
         let agents = self.places.iter().zip(&self.out).map(|(place, out)| {
             let state = if *out { "out" } else { "free" };
@@ -365,6 +366,7 @@ impl Simulation for EmergencyExit {
             step: self.step,
             message: "Emergency Exit".to_owned(),
             bodies: blockades.chain(exits).chain(agents).collect(),
+            ..Scene::default()
         })
     }
 

@@ -322,6 +322,7 @@ impl Simulation for Minisim {
             y: position[1],
             state: state.into(),
             radius,
+            ..Body::default()
         };
         let defenders = self
             .defenders
@@ -349,6 +350,7 @@ impl Simulation for Minisim {
                 .chain(defenders)
                 .chain(agents)
                 .collect(),
+            ..Scene::default()
         })
     }
 

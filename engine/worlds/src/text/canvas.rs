@@ -1,6 +1,6 @@
 //! A grid of characters over the map.
 
-use super::glyphs::{Glyph, Looks, fills_cell, halo};
+use super::glyphs::{Glyph, Looks, arrow, fills_cell, halo};
 use super::{TextStyle, paint};
 use crate::{Body, Scene};
 
@@ -30,18 +30,49 @@ impl Canvas {
             if fills_cell(&body.kind) {
                 self.square(scene, body, mark);
             }
-            let column = cell(body.x / scene.width, self.width);
-            let row = cell(1.0 - body.y / scene.height, self.height);
-            self.cells[row * self.width + column] = Some(mark);
+            let mark = body
+                .heading
+                .map_or(mark, |heading| arrow(mark, heading, unicode));
+            self.point(scene, [body.x, body.y], mark);
         }
+    }
+
+    /// Marks the character at a place, or the nearest one of places outside.
+    pub(super) fn point(&mut self, scene: &Scene, [x, y]: [f32; 2], mark: Glyph) {
+        let column = cell(x / scene.width, self.width);
+        let row = cell(1.0 - y / scene.height, self.height);
+        self.cells[row * self.width + column] = Some(mark);
+    }
+
+    /// Marks the characters whose middle is at a place that `inside` accepts; none: empties them.
+    pub(super) fn fill(
+        &mut self,
+        scene: &Scene,
+        mark: Option<Glyph>,
+        inside: impl Fn([f32; 2]) -> bool,
+    ) {
+        let [w, h] = self.character(scene);
+        for row in 0..self.height {
+            for column in 0..self.width {
+                let y = scene.height - (row as f32 + 0.5) * h;
+                if inside([(column as f32 + 0.5) * w, y]) {
+                    self.cells[row * self.width + column] = mark;
+                }
+            }
+        }
+    }
+
+    /// Width and height of a character in the world.
+    pub(super) fn character(&self, scene: &Scene) -> [f32; 2] {
+        [
+            scene.width / self.width as f32,
+            scene.height / self.height as f32,
+        ]
     }
 
     /// Marks the characters whose middle lies within the cell of a grid that the body is in the middle of.
     fn square(&mut self, scene: &Scene, body: &Body, mark: Glyph) {
-        let (w, h) = (
-            scene.width / self.width as f32,
-            scene.height / self.height as f32,
-        );
+        let [w, h] = self.character(scene);
         for row in within(scene.height - body.y, h, self.height) {
             for column in within(body.x, w, self.width) {
                 self.cells[row * self.width + column] = Some(mark);
@@ -51,10 +82,7 @@ impl Canvas {
 
     /// Marks the cells whose middle lies within the body's radius.
     fn disc(&mut self, scene: &Scene, body: &Body, mark: Glyph) {
-        let (w, h) = (
-            scene.width / self.width as f32,
-            scene.height / self.height as f32,
-        );
+        let [w, h] = self.character(scene);
         let columns = span(body.x, body.radius, w, self.width);
         let top = scene.height - body.y;
         for row in span(top, body.radius, h, self.height) {

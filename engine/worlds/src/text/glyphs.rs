@@ -35,12 +35,15 @@ pub(super) enum Color {
     Other2,
     Other3,
     Other4,
+    /// What a style says.
+    Rgb(u8, u8, u8),
 }
 
 impl Color {
     /// ANSI "select graphic rendition" code: of 256 colours the nearest to the table's that shows on any ground.
-    pub(super) fn code(self) -> &'static str {
-        match self {
+    pub(super) fn code(self) -> String {
+        let code = match self {
+            Self::Rgb(red, green, blue) => return format!("38;2;{red};{green};{blue}"),
             Self::Free => "38;5;32",
             Self::Good => "38;5;36",
             Self::Lost => "38;5;245",
@@ -51,7 +54,16 @@ impl Color {
             Self::Other2 => "38;5;74",
             Self::Other3 => "38;5;142",
             Self::Other4 => "1",
-        }
+        };
+        code.to_owned()
+    }
+
+    /// Of `#rrggbb`.
+    fn read(text: &str) -> Option<Self> {
+        let digits = text.strip_prefix('#').filter(|digits| digits.len() == 6)?;
+        let number = u32::from_str_radix(digits, 16).ok()?;
+        let [_, red, green, blue] = number.to_be_bytes();
+        Some(Self::Rgb(red, green, blue))
     }
 }
 
@@ -90,7 +102,7 @@ impl<'a> Looks<'a> {
                 continue;
             }
             let known = KNOWN.iter().find(|k| k.0 == kind && k.1 == state);
-            let glyph = if let Some(&(_, _, fancy, ascii, color)) = known {
+            let mut glyph = if let Some(&(_, _, fancy, ascii, color)) = known {
                 Glyph {
                     symbol: pick(fancy, ascii),
                     color,
@@ -112,6 +124,14 @@ impl<'a> Looks<'a> {
                     color,
                 }
             };
+            let of = |state: &str| {
+                let mut styles = scene.styles.iter();
+                styles.find(|style| style.kind == kind && style.state == state)
+            };
+            let style = of(state).or_else(|| of(""));
+            if let Some(color) = style.and_then(|style| Color::read(&style.color)) {
+                glyph.color = color;
+            }
             entries.push(Entry {
                 kind,
                 state,
@@ -158,6 +178,33 @@ pub(super) fn fills_cell(kind: &str) -> bool {
 pub(super) fn halo(glyph: Glyph, unicode: bool) -> Glyph {
     Glyph {
         symbol: if unicode { '·' } else { '.' },
+        color: glyph.color,
+    }
+}
+
+/// East and on counter-clockwise, with their ASCII.
+const ARROWS: [(char, char); 8] = [
+    ('→', '>'),
+    ('↗', '/'),
+    ('↑', '^'),
+    ('↖', '\\'),
+    ('←', '<'),
+    ('↙', '/'),
+    ('↓', 'v'),
+    ('↘', '\\'),
+];
+
+/// Where a body looks, of a circle; other shapes say what it is.
+pub(super) fn arrow(glyph: Glyph, heading: f32, unicode: bool) -> Glyph {
+    if !matches!(glyph.symbol, '●' | 'o') {
+        return glyph;
+    }
+    let turn = f64::from(heading) / std::f64::consts::TAU;
+    // The cast makes NaN 0.
+    let eighth = ((turn - turn.floor()) * 8.0).round() as usize % ARROWS.len();
+    let (fancy, ascii) = ARROWS[eighth];
+    Glyph {
+        symbol: if unicode { fancy } else { ascii },
         color: glyph.color,
     }
 }

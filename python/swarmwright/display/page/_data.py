@@ -1,22 +1,36 @@
-"""An episode as the page's script reads it."""
+"""Episodes as the page's script reads them."""
 
 import base64
 import io
 import math
 from collections.abc import Sequence
+from itertools import chain
 from typing import TYPE_CHECKING, Any
 
-from swarmwright.display._episode import Recording
-from swarmwright.display._look import CELLS, MOVING, SHAPES, Looks
-from swarmwright.display._scene import Body, Scene
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmwright.display._bodies import Bodies
+from swarmwright.display._key import scale_of
+from swarmwright.display._look import CELLS, MOVING, SHAPES, Looks, floors, whole
+from swarmwright.display._part import Part
+from swarmwright.display._scene import Patch, Scene
+from swarmwright.display._shown import Shown
+from swarmwright.display._trace import Trace
+from swarmwright.display.page._machine import machine_data
+from swarmwright.display.page._series import number_kind, packed, series
 
 if TYPE_CHECKING:
     from PIL.Image import Image
 
     from swarmwright.display.pictures import PictureRecording
 
-_DIGITS = 5
-"""Significant digits of a position: finer than a pixel of any screen."""
+_MOST_PLACES = 4_000_000
+"""Places of moving bodies on a page; of longer episodes every second, third, .. scene is on it."""
+_MOST_TRACED = 3_000_000
+"""Sensors and actuators on a page; with more, those of the first agents are."""
+_MOST_LINKS = 1_000_000
+_MOST_RAYS = 2_000_000
 _MOST_PICTURES = 300
 """Pictures on a page."""
 _LARGEST_PICTURE = (560, 560)
@@ -30,33 +44,215 @@ _TABLES = {
 """What is the same on all pages."""
 
 
-def episode_data(recording: Recording, *, speed: float) -> dict[str, Any]:
-    """Return the episode as plain values.
+def page_data(parts: Sequence[Part], *, speed: float, shown: Shown) -> tuple[dict[str, Any], Looks]:
+    """Return episodes that are shown beside each other as plain values, and how their bodies look.
 
-    width, height, grid and message of the world; step_seconds and speed; fitness so far at each scene, null
-    where it is not finite; looks: shape and colour by label; shapes as paths; cells, moving: the kinds
-    that fill a cell of a grid, and that leave trails; and bodies: kind, radius, x and y at each scene (one
-    number for what never moves, null where it is not there), and states as [scene from which, state].
+    step_seconds and speed; looks: shape and colour by label; shapes as paths; cells, moving: the kinds that
+    fill a cell of a grid, and that leave trails; scale: what values of bodies are; shown; floors: what
+    legends call grey values; and episodes, see `_episode`.
     """
+    every = list(chain.from_iterable(part.recording.scenes for part in parts))
+    looks = Looks(every)
+    scales = [found for part in parts if (found := scale_of(part.recording)) is not None]
+    greys: dict[float, str] = {}
+    known: list[object] = []
+    for scene in every:
+        if scene.patches not in known or scene.floor not in known:
+            known = [*known[-8:], scene.patches, scene.floor]
+            greys.update(floors(scene))
+    data = {
+        "step_seconds": max(parts[0].recording.step_size, 0.02),
+        "speed": speed,
+        "looks": looks.plain(),
+        "scale": None
+        if not scales
+        else {
+            "name": scales[0].name,
+            "low": min(scale.low for scale in scales),
+            "high": max(scale.high for scale in scales),
+        },
+        "shown": {name: bool(value) for name, value in vars(shown).items()},
+        "floors": sorted(greys.items()),
+        **_TABLES,
+        "episodes": [_episode(part) for part in parts],
+    }
+    return data, looks
+
+
+def _episode(part: Part) -> dict[str, Any]:
+    """Return an episode as plain values.
+
+    name, width, height, grid and message of the world; fitness so far at each scene, and metrics by name,
+    null where it is not finite; keys: scenes that are kept, `stride` apart; bodies; ground: [scene from
+    which, floor, patches, walls, lights]; and, where there are any, rays, links, trace and machine.
+    """
+    recording = part.recording
     scenes = recording.scenes
     first = scenes[0]
-    count = max(len(scene.bodies) for scene in scenes)
+    every = [Bodies.of(scene.bodies) for scene in scenes]
+    moving = int(np.count_nonzero(every[0].has(*MOVING) | ~np.isnan(every[0].heading)))
+    stride = max(1, -(-len(scenes) * moving // _MOST_PLACES))
+    keys = list(range(0, len(scenes), stride))
+    if keys[-1] != len(scenes) - 1:
+        keys.append(len(scenes) - 1)
+    kept = [every[key] for key in keys]
+    trace = recording.trace
     return {
+        "name": part.name,
         "message": first.message,
         "width": first.width,
         "height": first.height,
         "grid": first.grid,
-        "step_seconds": max(recording.step_size, 0.02),
-        "speed": speed,
         "fitness": [_number(value, 9) for value in recording.fitness_so_far],
-        "bodies": [_body(scenes, index) for index in range(count)],
-        "looks": Looks(scenes).plain(),
-        **_TABLES,
+        "metrics": {
+            name: [_number(value, 6) for value in values.tolist()]
+            for name, values in (trace.metrics if trace else {}).items()
+        },
+        "stride": stride,
+        "keys": packed(np.array(keys), "i4"),
+        "bodies": _bodies(kept),
+        "ground": _grounds(scenes),
+        "rays": _rays(kept),
+        "links": _links([scenes[key] for key in keys]),
+        "trace": None if trace is None else _trace(trace, keys, part),
+        "machine": None if trace is None else machine_data(trace, keys, part),
+    }
+
+
+def _bodies(kept: Sequence[Bodies]) -> dict[str, Any]:
+    """Return bodies; `most`: of each look, in a scene."""
+    count = max(len(bodies) for bodies in kept)
+    looks = list(dict.fromkeys(look for bodies in kept for look in bodies.looks))
+    index = {look: number for number, look in enumerate(looks)}
+    most = dict.fromkeys(looks, 0)
+    look = np.zeros((len(kept), count), dtype=np.uint8 if len(looks) < 256 else np.int32)
+    numbers = {
+        name: np.full((len(kept), count), np.nan, dtype=np.float32)
+        for name in ("x", "y", "radius", "heading", "value")
+    }
+    for row, bodies in enumerate(kept):
+        own = np.array([index[one] for one in bodies.looks], dtype=look.dtype)
+        look[row, : len(bodies)] = own[bodies.look] if len(own) else 0
+        for number, amount in zip(own, np.bincount(bodies.look, minlength=len(own)), strict=True):
+            most[looks[number]] = max(most[looks[number]], int(amount))
+        for name, values in numbers.items():
+            values[row, : len(bodies)] = getattr(bodies, name)
+    longest = max(kept, key=len)
+    kinds = {"heading": "q1"}
+    return {
+        "count": count,
+        "looks": looks,
+        "most": [most[one] for one in looks],
+        "agents": packed(longest.agents(), "i4"),
+        "labels": _labels(kept),
+        "series": {
+            "look": series(look, "u1" if len(looks) < 256 else "i4"),
+            **{name: series(values, coarse=kinds.get(name, "q2")) for name, values in numbers.items()},
+        },
+    }
+
+
+def _labels(kept: Sequence[Bodies]) -> list[tuple[int, list[str]]]:
+    """Return labels of all bodies, with the kept scene from which they hold."""
+    changes: list[tuple[int, list[str]]] = []
+    for row, bodies in enumerate(kept):
+        now = bodies.labels or []
+        if now != (changes[-1][1] if changes else []):
+            changes.append((row, now))
+    return changes
+
+
+def _grounds(scenes: Sequence[Scene]) -> list[tuple[int, dict[str, Any]]]:
+    changes: list[tuple[int, dict[str, Any]]] = []
+    before: tuple[object, ...] | None = None
+    for index, scene in enumerate(scenes):
+        ground = (scene.floor, tuple(scene.patches), tuple(scene.walls), tuple(scene.lights))
+        if ground == before:
+            continue
+        before = ground
+        changes.append(
+            (
+                index,
+                {
+                    "floor": None if scene.floor is None else _patch(whole(scene)),
+                    "patches": [_patch(patch) for patch in scene.patches],
+                    "walls": [{"points": _points(wall.points), "solid": wall.solid} for wall in scene.walls],
+                    "lights": [{"x": one.x, "y": one.y, "on": one.intensity > 0} for one in scene.lights],
+                },
+            )
+        )
+    return changes
+
+
+def _patch(patch: Patch) -> dict[str, Any]:
+    return {"points": _points(patch.points), "radius": float(patch.radius), "grey": float(patch.grey)}
+
+
+def _points(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
+    return [(float(x), float(y)) for x, y in points]
+
+
+def _rays(kept: Sequence[Bodies]) -> dict[str, Any] | None:
+    count = max(len(bodies.ray_body) for bodies in kept)
+    if not 0 < count * len(kept) <= _MOST_RAYS:
+        return None
+    body = np.full((len(kept), count), -1, dtype=np.int32)
+    numbers = np.full((4, len(kept), count), np.nan, dtype=np.float32)
+    for row, bodies in enumerate(kept):
+        body[row, : len(bodies.ray_body)] = bodies.ray_body
+        numbers[:, row, : len(bodies.ray_body)] = bodies.ray_numbers.T
+    names = ("angle", "start", "length", "reading")
+    return {
+        "body": series(body, "i4"),
+        **{name: series(values, coarse="q1") for name, values in zip(names, numbers, strict=True)},
+    }
+
+
+def _links(scenes: Sequence[Scene]) -> dict[str, Any] | None:
+    """Return pairs of bodies, each pair once, and where those of each kept scene begin."""
+    starts = [0]
+    pairs: list[NDArray[Any]] = []
+    for scene in scenes:
+        ends = np.asarray(scene.links, dtype=np.int32).reshape(-1, 2)
+        once = np.unique(np.sort(ends, axis=1), axis=0) if len(ends) else ends
+        starts.append(starts[-1] + len(once))
+        pairs.append(once)
+        if starts[-1] > _MOST_LINKS:
+            return None
+    if not starts[-1]:
+        return None
+    return {"starts": packed(np.array(starts), "i4"), "ends": packed(np.concatenate(pairs).reshape(-1), "i4")}
+
+
+def _trace(trace: Trace, keys: Sequence[int], part: Part) -> dict[str, Any] | None:
+    """Return what agents sensed and did at the kept scenes: names, and (scenes, agents) numbers of each."""
+    steps, agents, sensors = trace.sensors.shape
+    width = sensors + trace.actuators.shape[2]
+    if not steps or not agents or not width:
+        return None
+    agents = min(agents, max(1, _MOST_TRACED // (len(keys) * width)))
+    rows = [key for key in keys if key < steps]
+    numbers = np.concatenate([trace.sensors[rows, :agents], trace.actuators[rows, :agents]], axis=2)
+    # Nothing follows the last scene.
+    missing = np.full((len(keys) - len(rows), agents, width), np.nan, dtype=np.float32)
+    numbers = np.concatenate([numbers, missing])
+    kind = number_kind(numbers.size)
+    given = {"sensor": part.sensor_names, "actuator": part.actuator_names}
+    names = [
+        given[what][index] if index < len(given[what]) else f"{what} {index}"
+        for what, count in (("sensor", sensors), ("actuator", width - sensors))
+        for index in range(count)
+    ]
+    return {
+        "agents": agents,
+        "sensors": sensors,
+        "names": names,
+        "values": [packed(numbers[:, :, index].reshape(-1), kind) for index in range(width)],
     }
 
 
 def picture_data(recording: "PictureRecording", *, speed: float) -> dict[str, Any]:
-    """Return an episode in pictures as plain values, as `episode_data` without bodies.
+    """Return an episode in pictures as plain values, as `page_data` without bodies.
 
     pictures: JPEG, as addresses that hold the data; picture_steps: the step of each.
     """
@@ -65,18 +261,26 @@ def picture_data(recording: "PictureRecording", *, speed: float) -> dict[str, An
     chosen = sorted({round(place * last / max(count - 1, 1)) for place in range(count)})
     images = [recording.image(index) for index in chosen]
     return {
-        "message": "",
-        "width": images[0].width,
-        "height": images[0].height,
-        "grid": False,
         "step_seconds": max(recording.step_size, 0.02),
         "speed": speed,
-        "fitness": [_number(value, 9) for value in recording.fitness_so_far],
-        "bodies": [],
         "looks": {},
+        "scale": None,
+        "shown": vars(Shown()),
+        "floors": [],
         **_TABLES,
-        "pictures": [_jpeg(image) for image in images],
-        "picture_steps": [recording.steps[index] for index in chosen],
+        "episodes": [
+            {
+                "name": "",
+                "message": "",
+                "width": images[0].width,
+                "height": images[0].height,
+                "grid": False,
+                "fitness": [_number(value, 9) for value in recording.fitness_so_far],
+                "metrics": {},
+                "pictures": [_jpeg(image) for image in images],
+                "picture_steps": [recording.steps[index] for index in chosen],
+            }
+        ],
     }
 
 
@@ -85,31 +289,6 @@ def _jpeg(image: "Image") -> str:
     image.thumbnail(_LARGEST_PICTURE)
     image.save(buffer, "JPEG", quality=80)
     return f"data:image/jpeg;base64,{base64.b64encode(buffer.getvalue()).decode()}"
-
-
-def _body(scenes: Sequence[Scene], index: int) -> dict[str, Any]:
-    bodies = [scene.bodies[index] if index < len(scene.bodies) else None for scene in scenes]
-    known = next(body for body in bodies if body is not None)
-    return {
-        "kind": known.kind,
-        "radius": _number(known.radius, _DIGITS),
-        "x": _series([None if body is None else body.x for body in bodies]),
-        "y": _series([None if body is None else body.y for body in bodies]),
-        "states": _changes(bodies),
-    }
-
-
-def _series(values: Sequence[float | None]) -> Any:  # noqa: ANN401 - a list, or the one number that it repeats
-    numbers = [None if value is None else _number(value, _DIGITS) for value in values]
-    return numbers[0] if numbers[0] is not None and len(set(numbers)) == 1 else numbers
-
-
-def _changes(bodies: Sequence[Body | None]) -> list[tuple[int, str]]:
-    changes: list[tuple[int, str]] = []
-    for index, body in enumerate(bodies):
-        if body is not None and (not changes or changes[-1][1] != body.state):
-            changes.append((index, body.state))
-    return changes
 
 
 def _number(value: float, digits: int) -> float | None:

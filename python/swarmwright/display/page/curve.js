@@ -1,55 +1,64 @@
-// Fitness so far over the steps; what has been played is drawn strongly, the rest thinly.
+// A number over the steps, of one episode or several; what has been played is drawn strongly, the rest thinly.
 
-class FitnessCurve {
-  constructor(canvas, fitness) {
-    this.canvas = canvas;
-    this.fitness = fitness;
-    const finite = fitness.filter((value) => value !== null);
-    this.known = finite.length > 0;
-    let [low, high] = this.known ? [Math.min(...finite), Math.max(...finite)] : [0, 1];
+class Curve {
+  // several: for each episode its numbers, null where there is none. colors: names of theirs.
+  constructor(canvas, several, colors) {
+    Object.assign(this, { canvas, several, colors });
+    this.longest = several.reduce((most, values) => (values.length > most.length ? values : most), []);
+    let [low, high] = [Infinity, -Infinity];
+    for (const values of several)
+      for (const value of values)
+        if (value !== null) [low, high] = [Math.min(low, value), Math.max(high, value)];
+    this.known = low <= high;
+    if (!this.known) [low, high] = [0, 1];
     const margin = high > low ? 0.06 * (high - low) : Math.max(Math.abs(high) * 0.1, 0.5);
     [this.low, this.high] = [low - margin, high + margin];
   }
 
-  draw(time) {
+  // `only`: without numbers of steps, for a small chart.
+  draw(time, only = false) {
     const [width, height] = [this.canvas.clientWidth, this.canvas.clientHeight];
     const color = theme();
     const c = fit(this.canvas, width, height);
     this.context = c;
-    c.font = "12px system-ui, 'DejaVu Sans', sans-serif";
-    const numbers = this.known ? this.numbers() : [];
+    c.font = FONT;
+    const numbers = this.known ? this.numbers(only ? 2 : 4) : [];
     this.left = Math.max(26, ...numbers.map((value) => c.measureText(words(value)).width + 10));
     // The last number stands in the middle below the last step.
-    const right = Math.max(10, c.measureText(String(this.fitness.length - 1)).width / 2 + 3);
-    this.box = { width: width - this.left - right, height: height - 44, top: 8 };
-    this.axes(color, numbers);
+    const right = Math.max(10, c.measureText(String(this.longest.length - 1)).width / 2 + 3);
+    this.box = { width: width - this.left - right, height: height - (only ? 14 : 44), top: only ? 6 : 8 };
+    this.axes(color, numbers, only);
     if (!this.known) {
       c.textAlign = "center";
       c.fillText("no finite number", this.left + this.box.width / 2, height / 2);
       return;
     }
-    const last = this.fitness.length - 1;
-    this.curve(last, color("soft"), 1, 0.55);
-    this.curve(time, color("accent"), 2.5, 1);
-    const value = this.fitness[Math.floor(time)];
-    if (value === null) return;
-    c.beginPath();
-    c.arc(this.x(time), this.y(value), 5, 0, 2 * Math.PI);
-    c.fillStyle = color("accent");
-    c.strokeStyle = color("paper");
-    c.lineWidth = 2;
-    c.fill();
-    c.stroke();
+    this.several.forEach((values, index) => {
+      const last = values.length - 1;
+      const alone = this.several.length === 1;
+      this.curve(values, last, color(alone ? "soft" : this.colors[index]), 1, 0.55);
+      this.curve(values, Math.min(time, last), color(this.colors[index]), 2.5, 1);
+      const now = Math.min(time, last);
+      const value = values[Math.floor(now)];
+      if (value === null) return;
+      c.beginPath();
+      c.arc(this.x(now), this.y(value), only ? 3.5 : 5, 0, 2 * Math.PI);
+      c.fillStyle = color(this.colors[index]);
+      c.strokeStyle = color("paper");
+      c.lineWidth = 2;
+      c.fill();
+      c.stroke();
+    });
   }
 
-  numbers() {
-    const step = spacing(this.high - this.low, 4);
+  numbers(most) {
+    const step = spacing(this.high - this.low, most);
     const found = [];
     for (let i = Math.ceil(this.low / step); i * step <= this.high && found.length < 12; i++) found.push(i * step);
     return found;
   }
 
-  axes(color, numbers) {
+  axes(color, numbers, only) {
     const { context: c, box } = this;
     c.strokeStyle = color("grid");
     c.fillStyle = color("soft");
@@ -64,17 +73,18 @@ class FitnessCurve {
       c.stroke();
       c.fillText(words(value), this.left - 6, y);
     }
+    if (only) return;
     c.textAlign = "center";
     c.textBaseline = "top";
-    const last = this.fitness.length - 1;
+    const last = this.longest.length - 1;
     const step = Math.max(1, spacing(Math.max(last, 1), 5));
     for (let i = 0; i <= last; i += step) c.fillText(String(i), this.x(i), box.top + box.height + 5);
     c.textBaseline = "bottom";
     c.fillText("step", this.left + box.width / 2, box.top + box.height + 35);
   }
 
-  // A step's fitness holds until the next step.
-  curve(until, color, width, alpha) {
+  // The number of a step holds until the next step.
+  curve(values, until, color, width, alpha) {
     const { context: c } = this;
     c.strokeStyle = color;
     c.lineWidth = width;
@@ -83,21 +93,21 @@ class FitnessCurve {
     c.beginPath();
     let pen = false;
     for (let i = 0; i <= until; i++) {
-      if (this.fitness[i] === null) {
+      if (values[i] === null) {
         pen = false;
         continue;
       }
-      if (pen) c.lineTo(this.x(i), this.y(this.fitness[i - 1]));
-      c[pen ? "lineTo" : "moveTo"](this.x(i), this.y(this.fitness[i]));
+      if (pen) c.lineTo(this.x(i), this.y(values[i - 1]));
+      c[pen ? "lineTo" : "moveTo"](this.x(i), this.y(values[i]));
       pen = true;
     }
-    if (pen) c.lineTo(this.x(until), this.y(this.fitness[Math.floor(until)]));
+    if (pen) c.lineTo(this.x(until), this.y(values[Math.floor(until)]));
     c.stroke();
     c.globalAlpha = 1;
   }
 
   x(time) {
-    return this.left + (this.box.width * time) / Math.max(this.fitness.length - 1, 1);
+    return this.left + (this.box.width * time) / Math.max(this.longest.length - 1, 1);
   }
 
   y(value) {
@@ -107,6 +117,6 @@ class FitnessCurve {
   // The step at a pixel.
   step(pixel) {
     const share = (pixel - this.left) / this.box.width;
-    return Math.round(Math.min(Math.max(share, 0), 1) * (this.fitness.length - 1));
+    return Math.round(Math.min(Math.max(share, 0), 1) * (this.longest.length - 1));
   }
 }

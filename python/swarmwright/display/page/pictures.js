@@ -4,6 +4,7 @@ class Pictures {
   constructor(canvas, episode, ready) {
     this.canvas = canvas;
     this.episode = episode;
+    this.selected = -1;
     this.images = episode.pictures.map((address) => {
       const image = new Image();
       image.addEventListener("load", ready);
@@ -12,10 +13,10 @@ class Pictures {
     });
   }
 
-  draw(time) {
+  draw(time, view) {
     const { width, height } = this.episode;
     const room = this.canvas.parentElement.clientWidth;
-    const highest = Math.max(240, window.innerHeight * 0.68);
+    const highest = Math.max(240, window.innerHeight * view.tall);
     const scale = Math.min(room / width, highest / height);
     this.canvas.style.height = `${height * scale}px`;
     const context = fit(this.canvas, room, height * scale);

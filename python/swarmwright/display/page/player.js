@@ -1,26 +1,67 @@
-// Plays the episode: what time it is, and what buttons, keys and the address say.
+// Plays the episodes: what time it is, and what buttons, keys and the address say.
 
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 4, 8, 16, 32];
+const MOST_METRICS = 8; // charts
+const LINES = ["accent", "defender", "good", "other-1", "exit", "other-4"]; // colours of curves of several episodes
+const PAN = 40; // pixels for a key
 
 class Player {
-  constructor(episode) {
-    this.episode = episode;
-    this.last = episode.fitness.length - 1;
+  constructor(page) {
+    this.page = page;
+    this.episodes = page.episodes.map((data) => new Episode(data));
+    [this.episode] = this.episodes;
+    this.last = Math.max(...this.episodes.map((episode) => episode.last));
     this.time = 0; // in steps
     this.playing = false;
     this.part = Object.fromEntries([...document.querySelectorAll("[id]")].map((part) => [part.id, part]));
-    this.world = episode.pictures
-      ? new Pictures(this.part.world, episode, () => this.shown !== undefined && this.show())
-      : new World(this.part.world, episode);
-    // Without bodies there is nothing to count, and nothing leaves a trail.
-    for (const id of ["bodies", "trails", "trails-key"]) this.part[id].hidden = !episode.bodies.length;
-    this.curve = new FitnessCurve(this.part.curve, episode.fitness);
+    this.view = { tall: 0.68, labels: page.shown.labels, colors: "state" };
+    this.worlds = this.episodes.map((episode, index) => this.world(episode, index));
+    [this.world] = this.worlds;
+    this.focus = 0; // index of the world with the agent that is followed
+    this.curves();
     this.gliding = !window.matchMedia("(prefers-reduced-motion: reduce)").matches;
     this.part.scrub.max = this.last;
-    this.speeds(episode.speed);
-    this.legend();
+    this.speeds(page.speed);
+    this.choices();
     this.listen();
     this.fromAddress();
+  }
+
+  // A map for each episode; beside each other they have their names above.
+  world(episode, index) {
+    const { worlds } = this.part;
+    const several = this.episodes.length > 1;
+    let canvas = this.part.world;
+    if (index) {
+      const copy = worlds.firstElementChild.cloneNode(true);
+      copy.querySelectorAll("[id]").forEach((part) => part.removeAttribute("id"));
+      worlds.append(copy);
+      canvas = copy.querySelector("canvas");
+    }
+    const figure = canvas.closest("figure");
+    const caption = figure.querySelector("figcaption");
+    caption.hidden = !several;
+    if (several) {
+      const mark = element("span", { class: "swatch" });
+      mark.style.background = `var(--${LINES[index % LINES.length]})`;
+      episode.said = element("output");
+      caption.replaceChildren(mark, element("span", {}, episode.name), episode.said);
+      worlds.style.setProperty("--columns", this.episodes.length > 4 ? 3 : 2);
+      this.view.tall = this.episodes.length > 2 ? 0.4 : 0.6;
+    }
+    if (episode.pictures) {
+      figure.querySelector(".zoom").hidden = true;
+      return new Pictures(canvas, episode, () => this.shown !== undefined && this.show());
+    }
+    const world = new World(canvas, episode, (body) => {
+      if (body !== undefined) this.follow(index, body);
+      else this.show();
+    });
+    const [nearer, farther, whole] = figure.querySelectorAll(".zoom button");
+    nearer.addEventListener("click", () => this.zoom(index, 1.5));
+    farther.addEventListener("click", () => this.zoom(index, 1 / 1.5));
+    whole.addEventListener("click", () => this.reset(index));
+    return world;
   }
 
   speeds(first) {
@@ -28,28 +69,59 @@ class Player {
     this.part.speed.append(...all.map((factor) => new Option(`${words(factor)} ×`, factor, factor === first, factor === first)));
   }
 
-  legend() {
-    this.entries = new Map();
-    for (const body of this.episode.bodies)
-      for (const [, state] of body.states)
-        if (!this.entries.has(label(body.kind, state))) this.entries.set(label(body.kind, state), this.entry(body.kind, state));
+  curves() {
+    const colors = LINES.concat(STATES);
+    this.charts = [{ name: "", curve: new Curve(this.part.curve, this.episodes.map(({ fitness }) => fitness), colors) }];
+    const names = [...new Set(this.episodes.flatMap(({ metrics }) => Object.keys(metrics)))];
+    this.part.metrics.hidden = !names.length;
+    for (const name of names.slice(0, MOST_METRICS)) {
+      const heading = element("h3", {}, name.replaceAll("_", " "));
+      const value = element("output");
+      heading.append(value);
+      const canvas = element("canvas", { class: "metric", role: "img" });
+      this.part.metrics.append(heading, canvas);
+      const several = this.episodes.map(({ metrics, fitness }) => metrics[name] || fitness.map(() => null));
+      this.charts.push({ name, curve: new Curve(canvas, several, colors), value });
+    }
+    if (names.length > MOST_METRICS) this.part.metrics.append(element("p", { class: "keys" }, `and ${names.length - MOST_METRICS} more`));
+    for (const { curve } of this.charts) {
+      const scrub = (event) => event.buttons & 1 && this.go(curve.step(event.offsetX));
+      curve.canvas.addEventListener("pointerdown", (event) => {
+        curve.canvas.setPointerCapture(event.pointerId);
+        scrub(event);
+      });
+      curve.canvas.addEventListener("pointermove", scrub);
+    }
   }
 
-  entry(kind, state) {
-    const { shape, color } = look(kind, state);
-    const item = document.createElement("li");
-    const svg = document.createElementNS("http://www.w3.org/2000/svg", "svg");
-    svg.setAttribute("viewBox", "-1.3 -1.3 2.6 2.6");
-    svg.setAttribute("aria-hidden", "true");
-    const path = document.createElementNS("http://www.w3.org/2000/svg", "path");
-    path.setAttribute("d", EPISODE.shapes[shape]);
-    path.setAttribute("style", `fill: var(--${color})`);
-    svg.append(path);
-    const [name, count] = [document.createElement("span"), document.createElement("span")];
-    name.textContent = label(kind, state);
-    item.append(svg, name, count);
-    this.part.legend.append(item);
-    return { item, count };
+  // Only what the episodes have can be chosen.
+  choices() {
+    const { part, page } = this;
+    const drawn = this.episodes.filter((episode) => !episode.pictures);
+    const any = (has) => drawn.some(has);
+    this.legend = drawn.length ? new Legend(part.legend, drawn) : null;
+    // Without bodies there is nothing to count, and nothing leaves a trail.
+    for (const id of ["bodies", "trails", "trails-key"]) part[id].hidden = !any((episode) => episode.count);
+    part["rays-choice"].hidden = !any((episode) => episode.rays);
+    part["links-choice"].hidden = !any((episode) => episode.links);
+    part["labels-choice"].hidden = !any((episode) => episode.bodies.labels.length);
+    part["zoom-keys"].hidden = !drawn.length;
+    part["agent-keys"].hidden = !any((episode) => episode.bodyOf.size);
+    const colors = [["state", "kind and state"]];
+    if (page.scale) colors.unshift(["value", page.scale.name]);
+    if (any((episode) => episode.machine)) colors.unshift(["controller", "state of the controller"]);
+    part.colors.append(...colors.map(([value, text]) => new Option(text, value)));
+    part["colors-choice"].hidden = colors.length < 2;
+    // Long episodes have short steps.
+    part.trail.value = !page.shown.trails ? "0" : this.last > 300 ? "100" : "12";
+    if (page.shown.rays) part.rays.value = "all";
+    if (page.shown.links) part.links.value = "all";
+    part.labels.checked = page.shown.labels;
+    this.inspector = new Inspector(part);
+    this.inspector.jump = (step) => this.go(step);
+    const { machine } = this.episode;
+    part.controller.hidden = !machine;
+    if (machine) this.machine = new Machine(part.diagram, part.states, machine);
   }
 
   listen() {
@@ -60,17 +132,12 @@ class Player {
     part.back.addEventListener("click", () => this.go(Math.ceil(this.time) - 1));
     part.on.addEventListener("click", () => this.go(Math.floor(this.time) + 1));
     part.scrub.addEventListener("input", () => this.go(Number(part.scrub.value)));
-    part.trail.addEventListener("change", () => this.show());
+    for (const id of ["trail", "rays", "links", "labels", "colors"]) part[id].addEventListener("change", () => this.show(true));
+    part.leave.addEventListener("click", () => this.follow(this.focus, -1));
     part.theme.addEventListener("click", () => this.turnTheme());
-    const scrub = (event) => event.buttons & 1 && this.go(this.curve.step(event.offsetX));
-    part.curve.addEventListener("pointerdown", (event) => {
-      part.curve.setPointerCapture(event.pointerId);
-      scrub(event);
-    });
-    part.curve.addEventListener("pointermove", scrub);
     document.addEventListener("keydown", (event) => this.key(event));
     window.addEventListener("hashchange", () => this.fromAddress());
-    new ResizeObserver(() => this.show()).observe(part.world.parentElement);
+    new ResizeObserver(() => this.show()).observe(part.worlds);
     window.addEventListener("resize", () => this.show());
     const dark = window.matchMedia("(prefers-color-scheme: dark)");
     dark.addEventListener("change", () => this.showTheme());
@@ -91,6 +158,16 @@ class Player {
       "-": () => this.faster(-1),
       t: () => this.turn(this.part.trail, 1),
       r: () => (this.part.repeat.checked = !this.part.repeat.checked),
+      i: () => this.zoom(this.focus, 1.25),
+      o: () => this.zoom(this.focus, 0.8),
+      0: () => this.reset(this.focus),
+      a: () => this.pan(PAN, 0),
+      d: () => this.pan(-PAN, 0),
+      w: () => this.pan(0, PAN),
+      s: () => this.pan(0, -PAN),
+      n: () => this.next(1),
+      p: () => this.next(-1),
+      Escape: () => this.follow(this.focus, -1),
     };
     const action = actions[event.key.length === 1 ? event.key.toLowerCase() : event.key];
     if (!action) return;
@@ -108,10 +185,69 @@ class Player {
     speed.selectedIndex = Math.min(Math.max(speed.selectedIndex + by, 0), speed.length - 1);
   }
 
-  // page.html#step=12 opens at that step.
+  zoom(index, factor) {
+    const { camera, box } = this.worlds[index];
+    if (!camera) return;
+    camera.zoomBy(factor, box.left + box.width / 2, box.top + box.height / 2);
+    this.show();
+  }
+
+  pan(dx, dy) {
+    const world = this.worlds[this.focus];
+    if (!world.camera) return;
+    world.following = false;
+    world.camera.moveBy(dx, dy);
+    this.show();
+  }
+
+  reset(index) {
+    const { camera } = this.worlds[index];
+    if (!camera) return;
+    camera.reset();
+    this.show();
+  }
+
+  // body: its index, -1 for none.
+  follow(index, body) {
+    for (const world of this.worlds) world.selected = -1;
+    const world = this.worlds[index];
+    world.selected = body;
+    world.following = body >= 0;
+    this.focus = index;
+    this.part.agent.hidden = body < 0;
+    const { episode } = world;
+    if (body >= 0) {
+      this.part.who.textContent = `Agent ${episode.agents[body]}${this.episodes.length > 1 ? ` of ${episode.name}` : ""}`;
+      this.inspector.choose(episode, body);
+    }
+    if (episode.machine && this.machine && this.machine.machine !== episode.machine)
+      this.machine = new Machine(this.part.diagram, this.part.states, episode.machine);
+    this.show(true);
+  }
+
+  // The agent after the one that is followed.
+  next(by) {
+    const { episode, selected } = this.worlds[this.focus];
+    const agents = [...(episode.bodyOf || new Map()).keys()].sort((a, b) => a - b);
+    if (!agents.length) return;
+    const at = selected < 0 ? (by > 0 ? -1 : 0) : agents.indexOf(episode.agents[selected]);
+    this.follow(this.focus, episode.bodyOf.get(agents[(at + by + agents.length) % agents.length]));
+  }
+
+  // page.html#step=12&agent=3 opens at that step, and follows that agent.
   fromAddress() {
-    const found = /[#&]step=(\d+)/.exec(window.location.hash);
-    this.go(found ? Number(found[1]) : this.time);
+    const given = (name) => {
+      const found = new RegExp(`[#&]${name}=(\\d+)`).exec(window.location.hash);
+      return found ? Number(found[1]) : null;
+    };
+    const [step, agent, zoom] = ["step", "agent", "zoom"].map(given);
+    this.go(step === null ? this.time : step);
+    const body = agent === null || !this.episode.bodyOf ? undefined : this.episode.bodyOf.get(agent);
+    if (body !== undefined) this.follow(0, body);
+    if (zoom && this.world.camera) {
+      this.world.camera.zoom = Math.min(Math.max(zoom, 1), LARGEST_ZOOM);
+      this.show();
+    }
   }
 
   go(step) {
@@ -141,7 +277,7 @@ class Player {
   tick(now) {
     const seconds = Math.max(0, now - this.before) / 1000;
     this.before = now;
-    this.time += (seconds * Number(this.part.speed.value)) / this.episode.step_seconds;
+    this.time += (seconds * Number(this.part.speed.value)) / this.page.step_seconds;
     if (this.time >= this.last) {
       if (!this.part.repeat.checked || this.last === 0) {
         this.go(this.last);
@@ -153,34 +289,55 @@ class Player {
     this.wanted = requestAnimationFrame((later) => this.tick(later));
   }
 
-  show() {
+  // anew: all that changes with the step too.
+  show(anew = false) {
     const scene = Math.floor(this.time);
-    const { part } = this;
-    this.world.draw(this.gliding ? this.time : scene, Number(part.trail.value));
-    this.curve.draw(this.gliding ? this.time : scene);
-    if (this.shown === scene && this.playing) return;
+    const { part, view } = this;
+    const time = this.gliding ? this.time : scene;
+    view.trail = Number(part.trail.value);
+    view.rays = part.rays.value;
+    view.links = part.links.value;
+    view.labels = part.labels.checked;
+    view.colors = part.colors.value;
+    this.worlds.forEach((world, index) => world.draw(Math.min(time, this.episodes[index].last), view));
+    this.charts.forEach(({ curve }, index) => curve.draw(time, index > 0));
+    const followed = this.worlds[this.focus];
+    if (followed.selected >= 0) this.inspector.draw(Math.min(time, followed.episode.last));
+    if (this.shown === scene && this.playing && !anew) return;
     this.shown = scene;
     part.scrub.value = scene;
     part.now.textContent = `step ${scene} of ${this.last}`;
     part.scrub.setAttribute("aria-valuetext", part.now.textContent);
-    part.fitness.textContent = words(this.episode.fitness[scene]);
-    this.count(scene);
+    this.describe(scene);
   }
 
-  count(scene) {
-    const counts = new Map();
-    for (const body of this.episode.bodies) {
-      if (at(body.x, scene) === null) continue;
-      const name = label(body.kind, stateAt(body, scene));
-      counts.set(name, (counts.get(name) || 0) + 1);
+  // What is written beside the maps.
+  describe(scene) {
+    const { part, episodes } = this;
+    const at = (values) => values[Math.min(scene, values.length - 1)];
+    const alone = episodes.length === 1;
+    part.fitness.textContent = alone ? words(at(this.episode.fitness)) : "";
+    for (const episode of alone ? [] : episodes) episode.said.textContent = words(at(episode.fitness));
+    for (const { curve, value } of this.charts.slice(1)) {
+      value.textContent = alone ? words(at(curve.several[0])) : "";
+      curve.canvas.setAttribute("aria-label", `${value.parentElement.textContent} at step ${scene}`);
     }
-    for (const [name, { item, count }] of this.entries) {
-      count.textContent = counts.get(name) || 0;
-      item.classList.toggle("none", !counts.has(name));
-    }
-    const said = [...counts].map(([name, count]) => `${count} ${name}`).join("; ");
-    this.part.world.setAttribute("aria-label", `Step ${scene} of ${this.last}: ${said}`);
-    this.part.curve.setAttribute("aria-label", `Fitness so far at step ${scene}: ${words(this.episode.fitness[scene])}`);
+    const said = this.legend ? this.legend.show(scene, this.view.colors) : "";
+    part.world.setAttribute("aria-label", `Step ${scene} of ${this.last}: ${said}`);
+    part.curve.setAttribute("aria-label", `Fitness so far at step ${scene}: ${words(at(this.episode.fitness))}`);
+    this.describeMachine(scene);
+  }
+
+  describeMachine(scene) {
+    const { episode, selected } = this.worlds[this.focus];
+    if (!this.machine || !episode.machine) return;
+    const [kept] = episode.moment(Math.min(scene, episode.last));
+    const agent = selected < 0 ? -1 : episode.agents[selected];
+    const counts = episode.machine.states.map(() => 0);
+    for (const one of episode.bodyOf.keys()) counts[episode.stateOf(kept, one)] += 1;
+    const before = agent >= 0 && kept > 0 ? episode.stateOf(kept - 1, agent) : -1;
+    this.machine.show(agent < 0 ? -1 : episode.stateOf(kept, agent), before, counts);
+    this.part.which.textContent = agent < 0 ? "agents in each state" : `of agent ${agent}`;
   }
 
   showButton() {
@@ -203,4 +360,4 @@ class Player {
   }
 }
 
-const player = new Player(EPISODE);
+const player = new Player(PAGE);

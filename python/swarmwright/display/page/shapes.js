@@ -1,42 +1,56 @@
 "use strict";
-// How bodies look: what the episode says of their shapes, colours and names.
+// What the page shows, and how things look: their shapes, colours and names.
 
-const EPISODE = JSON.parse(document.getElementById("episode").textContent);
-const SHAPES = Object.fromEntries(Object.entries(EPISODE.shapes).map(([name, path]) => [name, new Path2D(path)]));
-const CELLS = new Set(EPISODE.cells); // fill a cell of a grid
-const MOVING = new Set(EPISODE.moving); // leave trails
+const PAGE = JSON.parse(document.getElementById("episode").textContent);
+const SHAPES = Object.fromEntries(Object.entries(PAGE.shapes).map(([name, path]) => [name, new Path2D(path)]));
+const CELLS = new Set(PAGE.cells); // fill a cell of a grid
+const MOVING = new Set(PAGE.moving); // leave trails
+const FONT = "12px system-ui, 'DejaVu Sans', sans-serif";
+// Names of colours of the states of controllers, in their order.
+const STATES = ["free", "exit", "good", "other-1", "defender", "other-2", "other-3", "lost"];
 
 function look(kind, state) {
-  return EPISODE.looks[label(kind, state)];
+  return PAGE.looks[label(kind, state)];
 }
 
 function label(kind, state) {
   return state ? `${kind}, ${state}` : kind;
 }
 
-// A value of a body at a scene; what never moves has one for all.
-function at(series, scene) {
-  return Array.isArray(series) ? series[scene] : series;
-}
-
-function stateAt(body, scene) {
-  let state = "";
-  for (const [from, name] of body.states) {
-    if (from > scene) break;
-    state = name;
-  }
-  return state;
+function stateColor(state) {
+  return STATES[state % STATES.length];
 }
 
 // The colours of the theme that holds now.
 function theme() {
   const style = getComputedStyle(document.documentElement);
-  return (name) => style.getPropertyValue(`--${name}`).trim();
+  const known = new Map();
+  return (name) => {
+    if (!known.has(name)) known.set(name, style.getPropertyValue(`--${name}`).trim());
+    return known.get(name);
+  };
+}
+
+// The colour between colours that a share (0..1) of the way through them leads to; all "#rrggbb".
+function between(colors, share) {
+  const at = Math.min(Math.max(share, 0), 1) * (colors.length - 1);
+  const [from, to] = [colors[Math.floor(at)], colors[Math.ceil(at)]].map((color) => parseInt(color.slice(1), 16));
+  const part = at - Math.floor(at);
+  const channel = (shift) => Math.round(((from >> shift) & 255) * (1 - part) + ((to >> shift) & 255) * part);
+  return `rgb(${channel(16)} ${channel(8)} ${channel(0)})`;
+}
+
+function floorColor(color, grey) {
+  return between([color("floor-0"), color("floor-1"), color("floor-2")], grey);
+}
+
+function valueColor(color, share) {
+  return between([0, 1, 2, 3, 4].map((index) => color(`value-${index}`)), share);
 }
 
 // A number as people read it: four significant digits, a true minus sign.
 function words(value) {
-  if (value === null) return "none";
+  if (value === null || Number.isNaN(value)) return "none";
   const size = Math.abs(value);
   const text = size !== 0 && (size >= 1e6 || size < 1e-3) ? value.toExponential(2) : String(+value.toPrecision(4));
   return text.replace("-", "−");
@@ -57,4 +71,13 @@ function fit(canvas, width, height) {
 function spacing(extent, most) {
   const power = 10 ** Math.floor(Math.log10(extent / most));
   return [1, 2, 5, 10].map((factor) => factor * power).find((step) => extent / step <= most);
+}
+
+// An element of HTML or SVG with attributes.
+function element(name, attributes = {}, text = "") {
+  const svg = ["svg", "path", "circle", "text", "g", "title"].includes(name);
+  const made = svg ? document.createElementNS("http://www.w3.org/2000/svg", name) : document.createElement(name);
+  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
+  if (text) made.textContent = text;
+  return made;
 }

@@ -1,55 +1,69 @@
 // The map with everything on it, at a time in steps.
 
 const MARGIN = { left: 30, right: 10, top: 8, bottom: 24 }; // pixels, for the numbers, at least
-const FONT = "12px system-ui, 'DejaVu Sans', sans-serif";
+const MANY = 400; // bodies from which on they are drawn as sprites
+const MOST_TRAILS = 1500; // moving bodies up to which all have trails
+const MOST_PIECES = 60000; // of trails that fade
+const MOST_LABELS = 200;
 
 class World {
-  constructor(canvas, episode) {
+  constructor(canvas, episode, changed) {
     this.canvas = canvas;
     this.episode = episode;
-    this.agents = episode.bodies.filter((body) => body.kind === "agent").length;
+    this.camera = new Camera(episode.width, episode.height);
+    this.sprites = new Sprites();
+    this.selected = -1; // the body that is followed
+    this.following = false;
+    const moved = (dragged) => {
+      if (dragged) this.following = false;
+      changed();
+    };
+    this.pointer = new Pointer(canvas, this.camera, moved, (x, y) => changed(this.bodyAt(x, y)));
   }
 
-  // `trail`: steps, -1 for all the way.
-  draw(time, trail) {
-    const { width, height, bodies } = this.episode;
+  // What is drawn: trail in steps (-1 for all the way), rays and links ("none", "selected", "all"), labels, and what
+  // gives bodies their colours ("state", "value", "controller").
+  draw(time, view) {
+    const { episode, camera } = this;
+    const { width, height } = episode;
     const room = this.canvas.parentElement.clientWidth;
-    const highest = Math.max(240, window.innerHeight * 0.68);
+    const highest = Math.max(240, window.innerHeight * view.tall);
     const margin = this.margin();
     const inside = [room - margin.left - margin.right, highest - MARGIN.top - MARGIN.bottom];
-    this.scale = Math.min(inside[0] / width, inside[1] / height);
-    const size = [width * this.scale, height * this.scale];
+    const scale = Math.min(inside[0] / width, inside[1] / height);
+    const size = [width * scale, height * scale];
     const total = size[1] + MARGIN.top + MARGIN.bottom;
     this.canvas.style.height = `${total}px`;
-    this.left = margin.left + (inside[0] - size[0]) / 2;
-    this.top = MARGIN.top;
+    this.box = { left: margin.left + (inside[0] - size[0]) / 2, top: MARGIN.top, width: size[0], height: size[1] };
+    camera.fitInto(this.box);
     this.color = theme();
     this.context = fit(this.canvas, room, total);
-    this.ground(size);
-    const scene = Math.floor(time);
-    const places = bodies.map((body) => this.place(body, time));
-    this.layer(bodies, places, scene, (body) => CELLS.has(body.kind));
-    bodies.forEach((body, i) => body.radius > 0 && places[i] && this.disc(body, places[i], scene));
-    if (trail !== 0) bodies.forEach((body, i) => MOVING.has(body.kind) && this.trail(body, places[i], scene, trail));
-    this.layer(bodies, places, scene, (body) => !CELLS.has(body.kind) && !MOVING.has(body.kind));
-    this.layer(bodies, places, scene, (body) => body.kind === "defender");
-    // Those who are still on their way above those who are not.
-    this.layer(bodies, places, scene, (body) => body.kind === "agent" && stateAt(body, scene) !== "free");
-    this.layer(bodies, places, scene, (body) => body.kind === "agent" && stateAt(body, scene) === "free");
-    this.context.strokeStyle = this.color("soft");
-    this.context.lineWidth = 1.5;
-    this.context.strokeRect(this.left, this.top, ...size);
-  }
-
-  // Pixels of a body; between two steps it is on the way.
-  place(body, time) {
-    const scene = Math.floor(time);
-    const share = time - scene;
-    const [x, y] = [at(body.x, scene), at(body.y, scene)];
-    if (x === null || y === null) return null;
-    const [nextX, nextY] = share > 0 ? [at(body.x, scene + 1), at(body.y, scene + 1)] : [x, y];
-    if (nextX === null || nextY === null) return this.pixels(x, y);
-    return this.pixels(x + share * (nextX - x), y + share * (nextY - y));
+    this.view = view;
+    [this.kept, this.part] = episode.moment(time);
+    this.scene = Math.floor(time);
+    if (this.selected >= 0 && this.following && camera.zoom > 1) {
+      const at = this.worldPlace(this.selected);
+      if (at) camera.center(...at);
+    }
+    const c = this.context;
+    c.save();
+    c.beginPath();
+    c.rect(this.box.left, this.box.top, this.box.width, this.box.height);
+    c.clip();
+    const bare = new Ground(this).draw(episode.groundAt(this.scene));
+    this.places();
+    this.trails();
+    new Signals(this).draw();
+    this.bodies();
+    this.labels();
+    this.mark();
+    c.restore();
+    if (bare) {
+      c.strokeStyle = this.color("soft");
+      c.lineWidth = 1.5;
+      c.strokeRect(this.box.left, this.box.top, this.box.width, this.box.height);
+    }
+    new Ground(this).numbers();
   }
 
   // Room for the longest numbers, which stand beside the map and half beside its last column.
@@ -65,118 +79,174 @@ class World {
   // Distance between two numbers, in metres or cells.
   spacing() {
     const { width, height, grid } = this.episode;
-    return Math.max(grid ? 1 : 0, spacing(Math.max(width, height), 12));
+    return Math.max(grid ? 1 : 0, spacing(Math.max(width, height) / this.camera.zoom, 12));
   }
 
-  pixels(x, y) {
-    return [this.left + x * this.scale, this.top + (this.episode.height - y) * this.scale];
+  // Where a body is in the world now; none where it is not there.
+  worldPlace(body) {
+    const { x, y } = this.episode.series;
+    const at = [x.between(this.kept, this.part, body), y.between(this.kept, this.part, body)];
+    return Number.isNaN(at[0]) || Number.isNaN(at[1]) ? null : at;
   }
 
-  ground([w, h]) {
-    const { context: c, color } = this;
-    const { width, height, grid } = this.episode;
-    c.fillStyle = color("field");
-    c.fillRect(this.left, this.top, w, h);
-    const step = this.spacing();
-    const lines = grid && Math.max(width, height) <= 64 ? 1 : step;
-    c.strokeStyle = color("grid");
-    c.lineWidth = 1;
-    c.beginPath();
-    for (let x = lines; x < width; x += lines) {
-      c.moveTo(this.left + x * this.scale, this.top);
-      c.lineTo(this.left + x * this.scale, this.top + h);
-    }
-    for (let y = lines; y < height; y += lines) {
-      const line = grid ? this.top + y * this.scale : this.top + h - y * this.scale;
-      c.moveTo(this.left, line);
-      c.lineTo(this.left + w, line);
-    }
-    c.stroke();
-    this.numbers(step, h);
+  place(body) {
+    const at = this.worldPlace(body);
+    return at && this.camera.pixels(...at);
   }
 
-  // Metres from the bottom left; in a grid columns and rows from the top left, at the middle of their cells.
-  numbers(step, h) {
-    const { context: c } = this;
-    const { width, height, grid } = this.episode;
-    const middle = grid ? 0.5 : 0;
-    c.fillStyle = this.color("soft");
-    c.font = FONT;
-    c.textAlign = "center";
-    c.textBaseline = "top";
-    for (let x = 0; x + middle <= width; x += step)
-      c.fillText(words(x), this.left + (x + middle) * this.scale, this.top + h + 7);
-    c.textAlign = "right";
-    c.textBaseline = "middle";
-    for (let y = 0; y + middle <= height; y += step) {
-      const line = grid ? this.top + (y + middle) * this.scale : this.top + h - y * this.scale;
-      c.fillText(words(y), this.left - 6, line);
+  // Pixels of all bodies; NaN for those that are not there.
+  places() {
+    const { count, series } = this.episode;
+    if (!this.px || this.px.length !== count) [this.px, this.py] = [new Float64Array(count), new Float64Array(count)];
+    const { camera, box, kept, part } = this;
+    const { scale } = camera;
+    const [left, top] = [box.left + box.width / 2 - camera.x * scale, box.top + box.height / 2 + camera.y * scale];
+    for (let i = 0; i < count; i++) {
+      this.px[i] = left + series.x.between(kept, part, i) * scale;
+      this.py[i] = top - series.y.between(kept, part, i) * scale;
     }
   }
 
-  layer(bodies, places, scene, wanted) {
-    const { context: c } = this;
-    const ratio = this.context.getTransform();
-    bodies.forEach((body, i) => {
-      if (!wanted(body) || !places[i]) return;
-      const { shape, color } = look(body.kind, stateAt(body, scene));
-      const r = this.radius(body.kind);
-      c.save();
-      c.translate(...places[i]);
-      c.scale(r, r);
-      c.fillStyle = this.color(color);
-      c.fill(SHAPES[shape]);
+  // Whether any of a disc is seen.
+  seen(i, radius) {
+    const { box, px, py } = this;
+    return (
+      px[i] > box.left - radius && px[i] < box.left + box.width + radius && py[i] > box.top - radius && py[i] < box.top + box.height + radius
+    );
+  }
+
+  // The colour of a body: text that canvases take.
+  colorOf(i) {
+    const { episode, view, kept } = this;
+    if (view.colors === "controller") {
+      const state = episode.stateOf(kept, episode.agents[i]);
+      if (state >= 0) return this.color(stateColor(state));
+    }
+    if (view.colors === "value") {
+      const share = episode.share(kept, i);
+      // Few different colours, so that sprites are few.
+      if (!Number.isNaN(share)) return valueColor(this.color, Math.round(Math.min(Math.max(share, 0), 1) * 40) / 40);
+    }
+    return this.color(look(...episode.lookAt(kept, i)).color);
+  }
+
+  bodies() {
+    const { episode, kept } = this;
+    const { count, series } = episode;
+    const layers = [[], [], [], [], []];
+    const robots = [];
+    for (let i = 0; i < count; i++) {
+      const radius = Math.max(series.radius.at(kept, i) * this.camera.scale || 0, 14);
+      if (!this.seen(i, radius)) continue;
+      const [kind, state] = episode.lookAt(kept, i);
+      if (!Number.isNaN(series.heading.at(kept, i))) robots.push(i);
+      else if (CELLS.has(kind)) layers[0].push(i);
+      else if (!MOVING.has(kind)) layers[1].push(i);
+      else if (kind !== "agent") layers[2].push(i);
+      // Those who are still on their way above those who are not.
+      else layers[state === "free" ? 4 : 3].push(i);
+    }
+    layers.flat().forEach((i) => series.radius.at(kept, i) > 0 && !CELLS.has(episode.lookAt(kept, i)[0]) && this.disc(i));
+    for (const layer of layers) this.layer(layer);
+    if (robots.length > MANY) this.sprites.draw(this, robots);
+    else for (const i of robots) this.robot(i);
+  }
+
+  layer(bodies) {
+    const { context: c, episode } = this;
+    const ratio = c.getTransform();
+    const field = this.color("field");
+    for (const i of bodies) {
+      const [kind, state] = episode.lookAt(this.kept, i);
+      const r = this.radius(kind);
+      const shape = SHAPES[look(kind, state).shape];
       c.setTransform(ratio);
-      c.translate(...places[i]);
+      c.translate(this.px[i], this.py[i]);
       c.scale(r, r);
-      c.strokeStyle = this.color("field");
-      c.lineWidth = (CELLS.has(body.kind) ? 1 : 1.2) / r;
-      c.stroke(SHAPES[shape]);
-      c.restore();
-    });
+      c.fillStyle = this.colorOf(i);
+      c.fill(shape);
+      c.strokeStyle = field;
+      c.lineWidth = (CELLS.has(kind) ? 1 : 1.2) / r;
+      c.stroke(shape);
+    }
+    c.setTransform(ratio);
   }
 
   radius(kind) {
-    if (CELLS.has(kind)) return this.scale / 2;
-    const agent = Math.min(Math.max(52 / Math.sqrt(Math.max(this.agents, 1)), 2.5), 9);
-    const inCell = this.episode.grid ? Math.max(this.scale * 0.36, 1.5) : Infinity;
-    const r = Math.min(kind === "agent" ? Math.max(agent, this.episode.grid ? inCell : 0) : 9, inCell);
+    const { grid, agentCount } = this.episode;
+    if (CELLS.has(kind)) return this.camera.scale / 2;
+    const agent = Math.min(Math.max(52 / Math.sqrt(Math.max(agentCount, 1)), 2.5), 9);
+    const inCell = grid ? Math.max(this.camera.scale * 0.36, 1.5) : Infinity;
+    const r = Math.min(kind === "agent" ? Math.max(agent, grid ? inCell : 0) : 9, inCell);
     return kind === "goal" ? r * 1.2 : r;
   }
 
-  disc(body, [x, y], scene) {
+  disc(i) {
     const { context: c } = this;
+    const solid = this.episode.lookAt(this.kept, i)[0] === "obstacle";
     c.beginPath();
-    c.arc(x, y, body.radius * this.scale, 0, 2 * Math.PI);
-    c.strokeStyle = c.fillStyle = this.color(look(body.kind, stateAt(body, scene)).color);
+    c.arc(this.px[i], this.py[i], this.episode.series.radius.at(this.kept, i) * this.camera.scale, 0, 2 * Math.PI);
+    c.strokeStyle = c.fillStyle = this.colorOf(i);
     c.lineWidth = 1;
-    c.globalAlpha = 0.15;
+    c.globalAlpha = solid ? 0.5 : 0.15;
     c.fill();
     c.globalAlpha = 0.9;
     c.stroke();
     c.globalAlpha = 1;
   }
 
-  trail(body, place, scene, steps) {
-    if (!place || !Array.isArray(body.x)) return;
-    const { context: c } = this;
-    const oldest = steps < 0 ? 0 : Math.max(0, scene - steps);
+  // Radius in pixels of a body with a heading: its true one, but large enough to be seen.
+  robotRadius(i) {
+    return Math.max(this.episode.series.radius.at(this.kept, i) * this.camera.scale, 1.6);
+  }
+
+  robot(i) {
+    drawRobot(this.context, this.px[i], this.py[i], this.robotRadius(i), this.heading(i), this.colorOf(i), this.color("paper"), this.color("ink"));
+  }
+
+  heading(i) {
+    return this.episode.series.heading.turned(this.kept, this.part, i);
+  }
+
+  trails() {
+    const { episode, view } = this;
+    if (view.trail === 0) return;
+    const { series } = episode;
+    const moving = [];
+    for (let i = 0; i < episode.count; i++) {
+      const leaves = MOVING.has(episode.lookAt(this.kept, i)[0]) || !Number.isNaN(series.heading.at(this.kept, i));
+      if (leaves && (series.x.changes(i) || series.y.changes(i)) && !Number.isNaN(this.px[i])) moving.push(i);
+    }
+    const some = moving.length > MOST_TRAILS ? moving.filter((i) => i === this.selected) : moving;
+    const steps = view.trail < 0 ? this.kept : Math.ceil(view.trail / episode.stride);
+    const fades = view.trail > 0 && some.length * steps <= MOST_PIECES;
+    for (const i of some) this.trail(i, steps, fades);
+  }
+
+  trail(i, steps, fades) {
+    const { context: c, camera, kept } = this;
+    const { x, y } = this.episode.series;
     const way = [];
-    for (let i = oldest; i <= scene; i++)
-      if (body.x[i] !== null && at(body.y, i) !== null) way.push(this.pixels(body.x[i], at(body.y, i)));
-    way.push(place);
-    c.strokeStyle = this.color(look(body.kind, stateAt(body, scene)).color);
-    c.lineWidth = 2;
+    const oldest = Math.max(0, kept - steps);
+    // Not finer than it can be seen.
+    const stride = fades ? 1 : Math.max(1, Math.floor((kept - oldest) / 2000));
+    for (let k = oldest; k <= kept; k += stride) {
+      const at = [x.at(k, i), y.at(k, i)];
+      if (!Number.isNaN(at[0]) && !Number.isNaN(at[1])) way.push(camera.pixels(...at));
+    }
+    way.push([this.px[i], this.py[i]]);
+    c.strokeStyle = this.colorOf(i);
+    c.lineWidth = i === this.selected ? 2.5 : this.episode.directed ? 1.2 : 2;
     c.lineJoin = "round";
-    c.lineCap = steps < 0 ? "round" : "butt"; // round ends of transparent pieces would show where they meet
-    if (steps < 0) {
-      c.globalAlpha = 0.5;
-      this.line(way);
-    } else {
-      for (let i = 1; i < way.length; i++) {
-        c.globalAlpha = 0.1 + (0.6 * i) / way.length;
-        this.line(way.slice(i - 1, i + 1));
+    c.lineCap = fades ? "butt" : "round"; // round ends of transparent pieces would show where they meet
+    if (fades) {
+      for (let k = 1; k < way.length; k++) {
+        c.globalAlpha = 0.1 + (0.6 * k) / way.length;
+        this.line(way.slice(k - 1, k + 1));
       }
+    } else {
+      c.globalAlpha = i === this.selected ? 0.9 : 0.4;
+      this.line(way);
     }
     c.globalAlpha = 1;
   }
@@ -186,4 +256,104 @@ class World {
     points.forEach(([x, y], i) => (i ? this.context.lineTo(x, y) : this.context.moveTo(x, y)));
     this.context.stroke();
   }
+
+  // Texts beside bodies, as long as they do not lie on others; that of the selected body first.
+  labels() {
+    const { episode, context: c } = this;
+    const found = episode.bodies.labels.filter(([from]) => from <= this.kept).pop();
+    if (!this.view.labels || !found) return;
+    const texts = found[1];
+    const order = [...texts.keys()].filter((i) => texts[i] && this.seen(i, 0));
+    if (texts[this.selected]) order.unshift(this.selected);
+    const taken = [];
+    c.font = FONT;
+    c.textAlign = "left";
+    c.textBaseline = "middle";
+    for (const i of new Set(order)) {
+      if (taken.length >= MOST_LABELS) break;
+      const r = Math.max((episode.series.radius.at(this.kept, i) || 0) * this.camera.scale, 4);
+      const text = texts[i].slice(0, 24);
+      const wide = c.measureText(text).width;
+      // To the right above, or on the other side at the edge of the map.
+      const x = this.px[i] + 0.75 * r + 5 + wide > this.box.left + this.box.width ? this.px[i] - 0.75 * r - 3 - wide : this.px[i] + 0.75 * r + 3;
+      const y = this.py[i] - 0.75 * r - 13 < this.box.top ? this.py[i] + 0.75 * r + 5 : this.py[i] - 0.75 * r - 5;
+      const box = [x - 2, y - 8, x + wide + 2, y + 8];
+      if (taken.some((b) => box[0] < b[2] && b[0] < box[2] && box[1] < b[3] && b[1] < box[3])) continue;
+      taken.push(box);
+      c.globalAlpha = 0.75;
+      c.fillStyle = this.color("paper");
+      c.fillRect(box[0], box[1], box[2] - box[0], 16);
+      c.globalAlpha = 1;
+      c.fillStyle = this.color("ink");
+      c.fillText(text, x, y);
+    }
+  }
+
+  // A ring around the body that is followed.
+  mark() {
+    const { context: c, selected: i } = this;
+    if (i < 0 || Number.isNaN(this.px[i])) return;
+    const r = Math.max((this.episode.series.radius.at(this.kept, i) || 0) * this.camera.scale, 6) + 5;
+    for (const [color, width] of [["paper", 5], ["accent", 2.5]]) {
+      c.beginPath();
+      c.arc(this.px[i], this.py[i], r, 0, 2 * Math.PI);
+      c.strokeStyle = this.color(color);
+      c.lineWidth = width;
+      c.stroke();
+    }
+  }
+
+  // The nearest agent that is not far from a pixel; -1 for none.
+  bodyAt(x, y) {
+    let [found, nearest] = [-1, Infinity];
+    for (let i = 0; i < this.episode.count; i++) {
+      if (this.episode.agents[i] < 0) continue;
+      const far = Math.hypot(this.px[i] - x, this.py[i] - y);
+      const r = Math.max((this.episode.series.radius.at(this.kept, i) || 0) * this.camera.scale, 12);
+      if (far <= r && far < nearest) [found, nearest] = [i, far];
+    }
+    return found;
+  }
+}
+
+// A disc with a line to where it looks.
+function drawRobot(c, x, y, r, heading, color, paper, ink) {
+  c.beginPath();
+  c.arc(x, y, r, 0, 2 * Math.PI);
+  c.fillStyle = color;
+  c.fill();
+  if (r < 2.5) return;
+  c.lineWidth = Math.min(Math.max(r / 8, 0.6), 1.5);
+  c.strokeStyle = paper;
+  c.stroke();
+  c.beginPath();
+  c.moveTo(x, y);
+  c.lineTo(x + r * 0.95 * Math.cos(heading), y - r * 0.95 * Math.sin(heading));
+  c.strokeStyle = bright(color) ? dark(ink, paper) : light(ink, paper);
+  c.lineWidth = Math.min(Math.max(r / 4, 0.9), 4);
+  c.lineCap = "round";
+  c.stroke();
+}
+
+const LUMINANCE = new Map();
+
+function luminance(color) {
+  if (!LUMINANCE.has(color)) {
+    const hex = /^#(..)(..)(..)$/.exec(color);
+    const parts = hex ? hex.slice(1).map((part) => parseInt(part, 16)) : color.match(/\d+/g).map(Number);
+    LUMINANCE.set(color, (0.3 * parts[0] + 0.59 * parts[1] + 0.11 * parts[2]) / 255);
+  }
+  return LUMINANCE.get(color);
+}
+
+function bright(color) {
+  return luminance(color) > 0.6;
+}
+
+function dark(one, other) {
+  return luminance(one) < luminance(other) ? one : other;
+}
+
+function light(one, other) {
+  return luminance(one) < luminance(other) ? other : one;
 }

@@ -279,6 +279,10 @@ impl Kind for Modules {
         0
     }
 
+    fn current(&self, state: &[f32]) -> Option<u32> {
+        state.first().map(|number| *number as u32)
+    }
+
     #[inline]
     fn step(
         &self,

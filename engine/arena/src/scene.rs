@@ -1,0 +1,222 @@
+//! What the arena looks like.
+
+use super::place::{Face, Place, Shape};
+use super::robot::Robot;
+use super::settings::Settings;
+use super::swarm::Swarm;
+use swarmwright_simulation::{Body, Light, Patch, Ray, Scene, Wall};
+
+/// With more robots, rays and links are left out: they would hide everything.
+const MOST_IN_DETAIL: usize = 1000;
+/// What is shown around a lamp, metres.
+const AROUND_LIGHT: f32 = 0.1;
+/// Ends of faces that are so near, metres, are one corner.
+const SAME: f32 = 1e-4;
+
+/// The scene of an episode in the only lane.
+pub(super) fn scene(settings: &Settings, swarm: &Swarm<f32>) -> Scene {
+    let (place, robot) = (&settings.mission.place, &settings.robot);
+    let [low, high] = shown(place);
+    let shifted = |points: Vec<[f32; 2]>| -> Vec<[f32; 2]> {
+        let shift = |[x, y]: [f32; 2]| [x - low[0], y - low[1]];
+        points.into_iter().map(shift).collect()
+    };
+    let (outer, inner): (Vec<Face>, Vec<Face>) = place.faces.iter().partition(|face| face.outer);
+    let outline = chains(&outer).into_iter().next();
+    let bodies = (0..swarm.bodies.len()).map(|index| Body {
+        kind: "agent".into(),
+        x: swarm.bodies.x[index].0 - low[0],
+        y: swarm.bodies.y[index].0 - low[1],
+        radius: robot.radius,
+        heading: Some(swarm.bodies.heading[index].0 * std::f32::consts::PI),
+        ..Body::default()
+    });
+    let mut scene = Scene {
+        width: high[0] - low[0],
+        height: high[1] - low[1],
+        step: swarm.tick - 1,
+        message: settings.mission.title.clone(),
+        bodies: bodies.collect(),
+        floor: Some(Patch {
+            points: shifted(outline.map(|chain| chain.points).unwrap_or_default()),
+            grey: place.grey,
+            ..Patch::default()
+        }),
+        ..Scene::default()
+    };
+    for (patch, color) in place.patches.iter().zip(&swarm.colors) {
+        let (points, radius) = outline_of(&patch.shape, low, high);
+        scene.patches.push(Patch {
+            points: shifted(points),
+            radius,
+            grey: color.0,
+            name: patch.name.clone(),
+        });
+    }
+    for (faces, solid) in [(outer, false), (inner, true)] {
+        for chain in chains(&faces) {
+            let mut points = shifted(chain.points);
+            if chain.closed && !solid {
+                points.extend(points.first().copied());
+            }
+            let solid = solid && chain.closed;
+            scene.walls.push(Wall { points, solid });
+        }
+    }
+    scene.lights.extend(place.lights.iter().map(|light| Light {
+        x: light.at[0] - low[0],
+        y: light.at[1] - low[1],
+        intensity: light.intensity,
+    }));
+    if swarm.bodies.len() <= MOST_IN_DETAIL {
+        look(&mut scene, robot, place, swarm);
+    }
+    scene
+}
+
+/// Lower left and upper right corner: the walls with a margin, and lamps beside them that are not far away.
+fn shown(place: &Place) -> [[f32; 2]; 2] {
+    let [mut low, mut high] = place.extent();
+    let size = [high[0] - low[0], high[1] - low[1]];
+    for light in &place.lights {
+        for axis in 0..2 {
+            let at = light.at[axis];
+            if at > low[axis] - size[axis] / 2.0 && at < high[axis] + size[axis] / 2.0 {
+                low[axis] = low[axis].min(at - AROUND_LIGHT);
+                high[axis] = high[axis].max(at + AROUND_LIGHT);
+            }
+        }
+    }
+    [low, high]
+}
+
+/// Adds what each robot sees with its proximity sensors, without noise, and whom it can hear.
+///
+/// This is for pictures alone, one robot after the other; what controllers get is computed in lanes elsewhere.
+fn look(scene: &mut Scene, robot: &Robot, place: &Place, swarm: &Swarm<f32>) {
+    let bodies = &swarm.bodies;
+    let at = |index: usize| [bodies.x[index].0, bodies.y[index].0];
+    for index in 0..bodies.len() {
+        let others: Vec<([f32; 2], usize)> = swarm
+            .neighbours
+            .of(index)
+            .iter()
+            .map(|other| (at(*other as usize), *other as usize))
+            .filter(|(other, _)| distance(at(index), *other) < robot.range())
+            .collect();
+        if let Some(sensors) = &robot.proximity {
+            let [cos, sin] = [bodies.cos[index].0, bodies.sin[index].0];
+            for ray in &sensors.rays {
+                let [x, y] = ray.along;
+                let along = [x * cos - y * sin, x * sin + y * cos];
+                let from = ahead(at(index), along, sensors.start);
+                let robots = others
+                    .iter()
+                    .filter_map(|(other, _)| to_disc(from, along, *other, robot.radius));
+                let walls = place.faces.iter();
+                let walls = walls.filter_map(|face| to_wall(from, along, face));
+                let free = robots.chain(walls).fold(sensors.range, f32::min);
+                let [c0, c1, c2] = sensors.response;
+                let reading = ((free * c2 + c1) * free + c0).clamp(0.0, 1.0);
+                scene.rays.push(Ray {
+                    body: index as u32,
+                    angle: y.atan2(x),
+                    start: sensors.start,
+                    length: sensors.range,
+                    reading: Some(if free < sensors.range { reading } else { 0.0 }),
+                });
+            }
+        }
+        let range = robot.links.as_ref().map_or(0.0, |links| links.range);
+        for (other, sender) in &others {
+            let away = distance(at(index), *other);
+            let along = [0, 1].map(|axis| (other[axis] - at(index)[axis]) / away);
+            let nearer = |found: Option<f32>| found.is_some_and(|found| found < away);
+            let hidden = others.iter().any(|(third, number)| {
+                number != sender && nearer(to_disc(at(index), along, *third, robot.radius))
+            });
+            let inner = place.faces.iter().filter(|face| !face.outer);
+            let mut walls = inner.map(|face| to_wall(at(index), along, face));
+            if away < range && !hidden && !walls.any(nearer) {
+                scene.links.push([*sender as u32, index as u32]);
+            }
+        }
+    }
+}
+
+fn distance(a: [f32; 2], b: [f32; 2]) -> f32 {
+    (a[0] - b[0]).hypot(a[1] - b[1])
+}
+
+fn ahead([x, y]: [f32; 2], along: [f32; 2], far: f32) -> [f32; 2] {
+    [x + far * along[0], y + far * along[1]]
+}
+
+/// How far a disc is along a ray that begins outside of it.
+fn to_disc(from: [f32; 2], along: [f32; 2], middle: [f32; 2], radius: f32) -> Option<f32> {
+    let [dx, dy] = [middle[0] - from[0], middle[1] - from[1]];
+    let (forward, aside) = (
+        dx * along[0] + dy * along[1],
+        dx * along[1] - dy * along[0],
+    );
+    let depth = radius * radius - aside * aside;
+    let far = forward - depth.max(0.0).sqrt();
+    (depth > 0.0 && far >= 0.0).then_some(far)
+}
+
+/// How far a wall is along a ray.
+fn to_wall(from: [f32; 2], along: [f32; 2], face: &Face) -> Option<f32> {
+    let [dx, dy] = [face.middle[0] - from[0], face.middle[1] - from[1]];
+    let across = along[0] * face.along[1] - along[1] * face.along[0];
+    let far = (dx * face.along[1] - dy * face.along[0]) / across;
+    let place = (dx * along[1] - dy * along[0]) / across;
+    // Of parallel lines both are no finite numbers.
+    (far >= 0.0 && far.is_finite() && place.abs() <= face.half).then_some(far)
+}
+
+/// Corners of a shape, or the middle of a circle with its radius; what has no end ends where the picture does.
+fn outline_of(shape: &Shape, least: [f32; 2], most: [f32; 2]) -> (Vec<[f32; 2]>, f32) {
+    match shape {
+        Shape::Circle { center, radius } => (vec![*center], *radius),
+        Shape::Polygon { corners } => (corners.clone(), 0.0),
+        Shape::Box { low, high } => {
+            let [x, y] = [low[0].max(least[0]), low[1].max(least[1])];
+            let [right, top] = [high[0].min(most[0]).max(x), high[1].min(most[1]).max(y)];
+            (vec![[x, y], [right, y], [right, top], [x, top]], 0.0)
+        }
+    }
+}
+
+/// Corners of faces of which each begins where the one before ends.
+struct Chain {
+    points: Vec<[f32; 2]>,
+    /// Whether the last face ends where the first one begins; that corner is there once.
+    closed: bool,
+}
+
+/// Joins neighbouring faces; the sides of an obstacle run from corner to corner in reverse order.
+fn chains(faces: &[Face]) -> Vec<Chain> {
+    let near = |a: [f32; 2], b: [f32; 2]| (a[0] - b[0]).abs() < SAME && (a[1] - b[1]).abs() < SAME;
+    let mut found: Vec<Chain> = Vec::new();
+    for face in faces {
+        let [mut from, mut to] = face.ends();
+        if !face.outer {
+            (from, to) = (to, from);
+        }
+        let open = found.last_mut().filter(|chain| !chain.closed);
+        match open {
+            Some(chain) if chain.points.last().is_some_and(|last| near(*last, from)) => {
+                if near(chain.points[0], to) {
+                    chain.closed = true;
+                } else {
+                    chain.points.push(to);
+                }
+            }
+            _ => found.push(Chain {
+                points: vec![from, to],
+                closed: false,
+            }),
+        }
+    }
+    found
+}

@@ -1,0 +1,135 @@
+// The agent that is followed: state of its controller, sensors and actuators over time, a row for each.
+
+const ROW = 20;
+const MOST_DRAWN = 600; // points of a curve
+
+class Inspector {
+  constructor(part) {
+    this.part = part;
+    part.timeline.addEventListener("pointerdown", (event) => this.scrub(event));
+    part.timeline.addEventListener("pointermove", (event) => event.buttons & 1 && this.scrub(event));
+  }
+
+  scrub(event) {
+    if (!this.episode) return;
+    const share = (event.offsetX - this.left) / this.width;
+    this.jump(Math.round(Math.min(Math.max(share, 0), 1) * this.episode.last));
+  }
+
+  // The numbers of an agent at the kept scenes, by row: name and values; none for agents that are not kept.
+  choose(episode, body) {
+    this.episode = episode;
+    this.body = body;
+    this.agent = episode.agents[body];
+    const { trace } = episode;
+    this.rows = [];
+    this.left = 130;
+    if (trace && this.agent < trace.agents) {
+      this.rows = trace.names.map((name, index) => {
+        const values = Float32Array.from(episode.keys, (_, kept) => trace.values[index][kept * trace.agents + this.agent]);
+        const finite = values.filter((value) => !Number.isNaN(value));
+        const [low, high] = finite.reduce(([l, h], value) => [Math.min(l, value), Math.max(h, value)], [Infinity, -Infinity]);
+        return { name, values, low: Math.min(low, 0), high: Math.max(high, low + 1e-6, index < trace.sensors ? 0 : 1), actuator: index >= trace.sensors };
+      });
+    }
+    const { part } = this;
+    part.missing.hidden = this.rows.length > 0;
+    part.missing.textContent = trace
+      ? `Sensors and actuators of the first ${trace.agents} agents are on this page.`
+      : "This page has no sensors and actuators.";
+    part.timeline.style.height = `${this.height()}px`;
+    part.timeline.hidden = !this.height();
+  }
+
+  height() {
+    const machine = this.episode.machine ? ROW + 6 : 0;
+    return machine + this.rows.length * ROW + (machine || this.rows.length ? 4 : 0);
+  }
+
+  draw(time) {
+    const { part, episode } = this;
+    const [kept] = episode.moment(time);
+    const canvas = part.timeline;
+    const width = canvas.clientWidth;
+    if (!width || canvas.hidden) return;
+    const c = fit(canvas, width, this.height());
+    const color = theme();
+    c.font = FONT;
+    const values = 52;
+    this.left = Math.min(Math.max(60, ...this.rows.map(({ name }) => c.measureText(name).width + 10)), width * 0.42);
+    this.width = width - this.left - values;
+    const x = (scene) => this.left + (this.width * scene) / Math.max(episode.last, 1);
+    c.textBaseline = "middle";
+    let top = 0;
+    if (episode.machine) {
+      this.text(c, color("soft"), "state", 0, ROW / 2, this.left - 6);
+      this.band(c, color, x);
+      c.textAlign = "right";
+      c.fillStyle = color("ink");
+      c.fillText(String(episode.stateOf(kept, this.agent)), width, ROW / 2);
+      top = ROW + 6;
+    }
+    this.rows.forEach((row, index) => this.row(c, color, row, top + index * ROW, x, kept, width));
+    c.strokeStyle = color("ink");
+    c.lineWidth = 1;
+    c.beginPath();
+    c.moveTo(x(time), 0);
+    c.lineTo(x(time), this.height());
+    c.stroke();
+  }
+
+  text(c, color, text, x, y, most) {
+    c.textAlign = "left";
+    c.fillStyle = color;
+    let shown = text;
+    while (shown.length > 2 && c.measureText(shown).width > most) shown = `${shown.slice(0, -2)}…`;
+    c.fillText(shown, x, y);
+  }
+
+  // The states of the controller over time.
+  band(c, color, x) {
+    const { episode, agent } = this;
+    const { keys } = episode;
+    let from = 0;
+    for (let kept = 1; kept <= keys.length; kept++) {
+      const state = episode.stateOf(from, agent);
+      if (kept < keys.length && episode.stateOf(kept, agent) === state) continue;
+      c.fillStyle = color(stateColor(state));
+      const end = kept < keys.length ? keys[kept] : episode.last;
+      c.fillRect(x(keys[from]), 3, Math.max(x(end) - x(keys[from]), 0.6), ROW - 6);
+      from = kept;
+    }
+  }
+
+  row(c, color, { name, values, low, high, actuator }, top, x, kept, width) {
+    const y = (value) => top + ROW - 4 - ((ROW - 7) * (value - low)) / (high - low);
+    this.text(c, color("soft"), name, 0, top + ROW / 2, this.left - 6);
+    c.strokeStyle = color("grid");
+    c.lineWidth = 1;
+    c.beginPath();
+    c.moveTo(this.left, y(0));
+    c.lineTo(this.left + this.width, y(0));
+    c.stroke();
+    c.strokeStyle = color(actuator ? "defender" : "accent");
+    c.lineWidth = 1.2;
+    c.lineJoin = "round";
+    c.beginPath();
+    const { keys } = this.episode;
+    const stride = Math.max(1, Math.floor(values.length / MOST_DRAWN));
+    let pen = false;
+    for (let k = 0; k < values.length; k += stride) {
+      const value = values[k];
+      if (Number.isNaN(value)) {
+        pen = false;
+        continue;
+      }
+      c[pen ? "lineTo" : "moveTo"](x(keys[k]), y(value));
+      pen = true;
+    }
+    c.stroke();
+    c.textAlign = "right";
+    c.fillStyle = color("ink");
+    const value = values[kept];
+    c.fillText(Number.isNaN(value) ? "–" : words(+value.toFixed(3)), width, top + ROW / 2);
+  }
+}

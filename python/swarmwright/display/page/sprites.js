@@ -1,0 +1,72 @@
+// Thousands of bodies: each is copied from a small picture of its colour and heading.
+
+const TURNS = 48; // headings of which there are pictures
+const COLUMNS = 64;
+
+class Sprites {
+  constructor() {
+    this.canvas = document.createElement("canvas");
+  }
+
+  draw(world, bodies) {
+    const ratio = window.devicePixelRatio || 1;
+    // All are as large as the largest one; bodies of other sizes are scaled.
+    let r = 0;
+    for (const i of bodies) r = Math.max(r, world.robotRadius(i));
+    if (r > 24) {
+      for (const i of bodies) world.robot(i);
+      return;
+    }
+    this.prepare(r, ratio, world);
+    const { context: c } = world;
+    const { side } = this;
+    const half = side / ratio / 2;
+    const turns = r < 2.5 ? 1 : TURNS;
+    for (const i of bodies) {
+      const turn = turns === 1 ? 0 : Math.round((world.heading(i) / (2 * Math.PI)) * turns);
+      const cell = this.cell(world.colorOf(i), ((turn % turns) + turns) % turns, turns);
+      const part = world.robotRadius(i) / r;
+      const size = half * part;
+      const [sx, sy] = [(cell % COLUMNS) * side, Math.floor(cell / COLUMNS) * side];
+      c.drawImage(this.canvas, sx, sy, side, side, world.px[i] - size, world.py[i] - size, 2 * size, 2 * size);
+    }
+  }
+
+  // Empties the pictures where they would look different now.
+  prepare(r, ratio, world) {
+    const key = [r.toFixed(3), ratio, world.color("paper")].join();
+    if (key === this.key) return;
+    this.key = key;
+    this.radius = r * ratio;
+    this.side = 2 * Math.ceil(this.radius + 1.5);
+    this.cells = new Map();
+    [this.paper, this.ink] = [world.color("paper"), world.color("ink")];
+    this.canvas.width = this.side * COLUMNS;
+    this.canvas.height = this.side;
+    this.context = this.canvas.getContext("2d");
+  }
+
+  // Where the picture of a colour and heading is.
+  cell(color, turn, turns) {
+    const name = `${color} ${turn}`;
+    const known = this.cells.get(name);
+    if (known !== undefined) return known;
+    const cell = this.cells.size;
+    const row = Math.floor(cell / COLUMNS);
+    if ((row + 1) * this.side > this.canvas.height) this.grow();
+    const { side } = this;
+    const [x, y] = [((cell % COLUMNS) + 0.5) * side, (row + 0.5) * side];
+    drawRobot(this.context, x, y, this.radius, (turn / turns) * 2 * Math.PI, color, this.paper, this.ink);
+    this.cells.set(name, cell);
+    return cell;
+  }
+
+  grow() {
+    const before = document.createElement("canvas");
+    [before.width, before.height] = [this.canvas.width, this.canvas.height];
+    before.getContext("2d").drawImage(this.canvas, 0, 0);
+    this.canvas.height = Math.max(2 * before.height, this.side);
+    this.context = this.canvas.getContext("2d");
+    this.context.drawImage(before, 0, 0);
+  }
+}
