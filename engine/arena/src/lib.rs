@@ -33,8 +33,8 @@ use swarm::Swarm;
 use swarmwright_simulation::block::{self, Create};
 use swarmwright_simulation::simulation::texts;
 use swarmwright_simulation::{
-    Block, Description, Determinism, Means, MetricInfo, ParameterError, ParameterInfo,
-    Parameters, RolloutError, Scene, Simulation,
+    Block, Description, Determinism, Means, MetricInfo, ParameterError, ParameterInfo, Parameters,
+    RolloutError, Scene, Simulation,
 };
 
 /// Wheels: left and right.

@@ -1,6 +1,6 @@
 // The state machine of controllers as a diagram: states on a circle, arrows for transitions; what is active lights up.
 
-const STATE_RADIUS = 15;
+const STATE_RADIUS = 19;
 
 class Machine {
   constructor(host, list, machine) {
@@ -100,6 +100,7 @@ class Machine {
       const share = active >= 0 ? Number(index === active) : all ? counts[index] / all : 0;
       group.classList.toggle("active", active >= 0 ? index === active : counts[index] > 0);
       group.style.setProperty("--share", share);
+      number.classList.toggle("long", active < 0 && counts[index] > 999);
       number.textContent = active >= 0 ? String(index) : String(counts[index]);
       this.rows[index].classList.toggle("active", index === active);
     });

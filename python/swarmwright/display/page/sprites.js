@@ -2,6 +2,7 @@
 
 const TURNS = 48; // headings of which there are pictures
 const COLUMNS = 64;
+const SMALL = 2.2; // radius in pixels below which nobody sees whether it is a disc
 
 class Sprites {
   constructor() {
@@ -13,6 +14,10 @@ class Sprites {
     // All are as large as the largest one; bodies of other sizes are scaled.
     let r = 0;
     for (const i of bodies) r = Math.max(r, world.robotRadius(i));
+    if (r < SMALL) {
+      this.squares(world, bodies);
+      return;
+    }
     if (r > 24) {
       for (const i of bodies) world.robot(i);
       return;
@@ -21,7 +26,7 @@ class Sprites {
     const { context: c } = world;
     const { side } = this;
     const half = side / ratio / 2;
-    const turns = r < 2.5 ? 1 : TURNS;
+    const turns = r < 2.5 ? 1 : TURNS; // smaller ones have no line to where they look
     for (const i of bodies) {
       const turn = turns === 1 ? 0 : Math.round((world.heading(i) / (2 * Math.PI)) * turns);
       const cell = this.cell(world.colorOf(i), ((turn % turns) + turns) % turns, turns);
@@ -29,6 +34,16 @@ class Sprites {
       const size = half * part;
       const [sx, sy] = [(cell % COLUMNS) * side, Math.floor(cell / COLUMNS) * side];
       c.drawImage(this.canvas, sx, sy, side, side, world.px[i] - size, world.py[i] - size, 2 * size, 2 * size);
+    }
+  }
+
+  // As large as discs; copying a picture would take five times as long.
+  squares(world, bodies) {
+    const { context: c, px, py } = world;
+    for (const i of bodies) {
+      const half = 0.886 * world.robotRadius(i);
+      c.fillStyle = world.colorOf(i);
+      c.fillRect(px[i] - half, py[i] - half, 2 * half, 2 * half);
     }
   }
 

@@ -1,0 +1,278 @@
+"""A page of a swarm of robots: zoom, an agent that is followed, its controller, several episodes."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from selenium.webdriver import ActionChains, Chrome, Keys
+from selenium.webdriver.common.actions.wheel_input import ScrollOrigin
+from selenium.webdriver.common.by import By
+from selenium.webdriver.support.ui import Select
+
+from swarmwright.core.modules import State, Transition, weights_of
+from swarmwright.display import (
+    Bodies,
+    Caption,
+    Light,
+    Part,
+    Patch,
+    Recording,
+    Scale,
+    Scene,
+    Shown,
+    Trace,
+    Wall,
+)  # fmt: skip
+from swarmwright.display.files import save
+from tests.python.display.browser import chromium
+from tests.python.display.test_page import eventually, log, pixels, press, text
+
+STEPS = 40
+MACHINE = (
+    State("exploration", {"rwm": 3}, (Transition(1, "black_floor", {"probability": 0.5}),)),
+    State("stop", {}, (Transition(0, "fixed_probability", {"probability": 0.1}),)),
+)
+MODULES = {
+    "kind": "modules", "sensors": 9, "actuators": 2, "states": 4, "transitions": 4,
+    "weights": weights_of(MACHINE, 4, 4),
+}  # fmt: skip
+
+
+def swarm(robots: int = 6, *, steps: int = STEPS, values: bool = False) -> Recording:
+    """Robots that drive to the right on rows of their own; each is in state 1 in every other ten steps."""
+    y = np.linspace(0.2, 1.8, robots)
+    scenes = []
+    for step in range(steps + 1):
+        bodies = Bodies(
+            np.full(robots, 0.2 + 1.4 * step / steps), y, radius=0.05, heading=np.zeros(robots),
+            value=np.linspace(0, 1, robots) if values else None, labels=[f"R{i}" for i in range(robots)],
+        )  # fmt: skip
+        if robots <= 100:
+            bodies.ray_body = np.arange(robots, dtype=np.uint32)
+            bodies.ray_numbers = np.tile(np.array([0, 0.05, 0.2, 1], np.float32), (robots, 1))
+        scenes.append(
+            Scene(
+                2, 2, step, "Rows", bodies, floor=0.5, patches=[Patch.circle(1.5, 1, 0.2, 0, "goal")],
+                walls=[Wall([(0, 0), (2, 0), (2, 2), (0, 2), (0, 0)])], lights=[Light(1, 1.9)],
+                links=[(0, 1)], scale=Scale("load, kg", 0, 1) if values else None,
+            )
+        )  # fmt: skip
+    sensors = np.zeros((steps, min(robots, 100), 9), np.float32)
+    sensors[:, :, 4] = np.linspace(0, 1, steps)[:, None]
+    states = np.repeat(np.arange(steps + 1)[:, None] // 10 % 2, robots, axis=1).astype(np.uint8)
+    trace = Trace(
+        sensors, np.ones((*sensors.shape[:2], 2), np.float32), states, {"on_goal": np.arange(steps + 1.0)}
+    )
+    return Recording(tuple(scenes), tuple(float(step) for step in range(steps + 1)), 0.1, trace)
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chrome]:
+    with chromium(tmp_path_factory.mktemp("browser")) as running:
+        yield running
+
+
+def open_page(browser: Chrome, folder: Path, *parts: Part, **how: Any) -> None:
+    save(list(parts), folder / "swarm.html", caption=Caption("rows"), **how)
+    log(browser, "browser")
+    browser.get((folder / "swarm.html").as_uri())
+
+
+@pytest.fixture
+def opened(browser: Chrome, tmp_path: Path) -> Chrome:
+    open_page(browser, tmp_path, Part(swarm(), "", MODULES, ["proximity x"]))
+    return browser
+
+
+def errors(browser: Chrome) -> list[dict[str, Any]]:
+    """Of the script, since it was opened."""
+    return [entry for entry in log(browser, "browser") if entry["level"] == "SEVERE"]
+
+
+def camera(browser: Chrome) -> dict[str, float]:
+    found: dict[str, float] = browser.execute_script(
+        "const { zoom, x, y } = player.world.camera; return { zoom, x, y };"
+    )
+    return found
+
+
+def place_of(browser: Chrome, agent: int) -> tuple[int, int]:
+    """Where an agent is, in pixels from the middle of the map."""
+    found: list[float] = browser.execute_script(
+        "const c = player.world.canvas; return [player.world.px[arguments[0]] - c.clientWidth / 2, "
+        "player.world.py[arguments[0]] - c.clientHeight / 2];",
+        agent,
+    )
+    return round(found[0]), round(found[1])
+
+
+def test_wheel_keys_and_buttons_zoom_and_drags_move(opened: Chrome) -> None:
+    world = opened.find_element(By.ID, "world")
+    assert camera(opened) == {"zoom": 1, "x": 1, "y": 1}
+    before = place_of(opened, 0)
+    ActionChains(opened).scroll_from_origin(
+        ScrollOrigin.from_element(world, *before),
+        0, -400,
+    ).perform()  # fmt: skip
+    eventually(lambda: camera(opened)["zoom"] > 1.5, "the wheel zooms")
+    near = place_of(opened, 0)
+    assert abs(near[0] - before[0]) <= 2, "what is below the pointer stays there"
+    assert opened.execute_script("return window.scrollY") == 0, "the page does not scroll"
+    x = camera(opened)["x"]
+    ActionChains(opened).drag_and_drop_by_offset(world, -120, 0).perform()
+    assert camera(opened)["x"] > x
+    nearer, farther, whole = opened.find_elements(By.CSS_SELECTOR, ".zoom button")
+    zoom = camera(opened)["zoom"]
+    nearer.click()
+    assert camera(opened)["zoom"] == pytest.approx(zoom * 1.5)
+    farther.click()
+    farther.click()
+    assert camera(opened)["zoom"] == pytest.approx(max(zoom / 1.5, 1))
+    whole.click()
+    assert camera(opened) == {"zoom": 1, "x": 1, "y": 1}
+    press(opened, "i", "i", "d")
+    moved = camera(opened)
+    assert moved["zoom"] == pytest.approx(1.25**2)
+    assert moved["x"] > 1
+    press(opened, "0")
+    assert camera(opened) == {"zoom": 1, "x": 1, "y": 1}
+    assert errors(opened) == []
+
+
+def test_a_click_follows_an_agent_with_its_sensors(opened: Chrome) -> None:
+    world = opened.find_element(By.ID, "world")
+    assert not opened.find_element(By.ID, "agent").is_displayed()
+    rays = pixels(opened, "world", "accent")[0]
+    ActionChains(opened).move_to_element_with_offset(world, *place_of(opened, 2)).click().perform()
+    assert text(opened, "who") == "Agent 2"
+    assert opened.find_element(By.ID, "timeline").is_displayed()
+    assert pixels(opened, "world", "accent")[0] > rays, "a ring, and its messages"
+    press(opened, "i", "i", "i", "i", "i", "i", Keys.ARROW_RIGHT, Keys.ARROW_RIGHT)
+    for _ in range(2):
+        press(opened, *[Keys.ARROW_RIGHT] * 10)
+    assert abs(place_of(opened, 2)[0]) < 30, "the map moves with it"
+    rows = opened.execute_script("return player.inspector.rows.map(({ name }) => name)")
+    assert rows[:2] == ["proximity x", "sensor 1"]
+    assert rows[-2:] == ["actuator 0", "actuator 1"]
+    shown = opened.execute_script(
+        "const { rows, episode } = player.inspector; return rows[4].values[episode.moment(player.time)[0]];"
+    )
+    assert shown == pytest.approx(22 / (STEPS - 1), abs=1e-3)
+    press(opened, "n")
+    assert text(opened, "who") == "Agent 3"
+    press(opened, "p", "p")
+    assert text(opened, "who") == "Agent 1"
+    press(opened, Keys.ESCAPE)
+    assert not opened.find_element(By.ID, "agent").is_displayed()
+    assert errors(opened) == []
+
+
+def test_the_active_state_lights_up(opened: Chrome) -> None:
+    def active() -> list[int]:
+        states = opened.find_elements(By.CSS_SELECTOR, "#diagram .state")
+        return [i for i, one in enumerate(states) if "active" in (one.get_attribute("class") or "")]
+
+    def number(state: int) -> str:
+        return opened.find_elements(By.CSS_SELECTOR, "#diagram .number")[state].text
+
+    assert active() == [0]
+    assert (number(0), number(1)) == ("6", "0"), "all agents are in state 0"
+    assert text(opened, "which") == "agents in each state"
+    rows = [row.text for row in opened.find_elements(By.CSS_SELECTOR, "#states > li")]
+    assert rows[0].startswith("0 exploration (rwm 3)\nto 1: black floor (probability 0.5)")
+    base = opened.current_url.partition("#")[0]
+    opened.get(f"{base}#step=10&agent=4")
+    eventually(lambda: text(opened, "which") == "of agent 4", "the agent of the address")
+    assert active() == [1]
+    assert "active" in (opened.find_elements(By.CSS_SELECTOR, "#states > li")[1].get_attribute("class") or "")
+    assert len(opened.find_elements(By.CSS_SELECTOR, "#diagram .arrow.taken")) == 1
+    press(opened, Keys.ARROW_RIGHT)
+    assert active() == [1]
+    assert opened.find_elements(By.CSS_SELECTOR, "#diagram .arrow.taken") == []
+
+
+def test_colours_and_the_legend_say_the_same(browser: Chrome, tmp_path: Path) -> None:
+    open_page(browser, tmp_path, Part(swarm(values=True), "", MODULES), shown=Shown(labels=False))
+    colors = Select(browser.find_element(By.ID, "colors"))
+    assert [option.text for option in colors.options] == [
+        "state of the controller",
+        "load, kg",
+        "kind and state",
+    ]
+    press(browser, Keys.END)
+
+    def legend() -> list[str]:
+        return [
+            item.text for item in browser.find_elements(By.CSS_SELECTOR, "#legend li") if item.is_displayed()
+        ]
+
+    ground = ["black floor (goal)", "grey floor", "wall", "light"]
+    assert legend() == [
+        "agent\n6",
+        "controller in state 0, exploration\n6",
+        "controller in state 1, stop\n0",
+        *ground,
+    ]
+    assert pixels(browser, "world", "free")[0] > 100
+    press(browser, *[Keys.ARROW_LEFT] * 5)
+    assert pixels(browser, "world", "exit")[0] > 100, "state 1"
+    colors.select_by_value("value")
+    assert legend() == ["agent\n6", "load, kg\n0\n1", *ground]
+    assert pixels(browser, "world", "value-4")[0] > 50
+    colors.select_by_value("state")
+    assert legend() == ["agent\n6", *ground]
+    assert pixels(browser, "world", "value-4")[0] == 0
+    assert errors(browser) == []
+
+
+def test_what_is_drawn_can_be_chosen(browser: Chrome, tmp_path: Path) -> None:
+    open_page(
+        browser, tmp_path, Part(swarm()), shown=Shown(trails=False, rays=True, links=True, labels=False)
+    )
+    values = [browser.find_element(By.ID, name).get_attribute("value") for name in ("trail", "rays", "links")]
+    assert values == ["0", "all", "all"]
+    with_rays = pixels(browser, "world", "defender")[0]
+    assert with_rays > 50
+    Select(browser.find_element(By.ID, "rays")).select_by_value("none")
+    assert pixels(browser, "world", "defender")[0] == 0
+
+
+def test_several_episodes_stand_beside_each_other(browser: Chrome, tmp_path: Path) -> None:
+    short = swarm(3, steps=20)
+    parts = [Part(swarm(), "first", MODULES), Part(short, "second", MODULES), Part(swarm(2), "third")]
+    open_page(browser, tmp_path, *parts)
+    captions = [caption.text for caption in browser.find_elements(By.TAG_NAME, "figcaption")]
+    assert captions == ["first\n0", "second\n0", "third\n0"]
+    press(browser, Keys.END)
+    captions = [caption.text for caption in browser.find_elements(By.TAG_NAME, "figcaption")]
+    assert captions == ["first\n40", "second\n20", "third\n40"], "the shorter one has ended"
+    second = browser.find_elements(By.CSS_SELECTOR, ".map canvas")[1]
+    at = browser.execute_script(
+        "const { px, py, canvas } = player.worlds[1]; "
+        "return [px[1] - canvas.clientWidth / 2, py[1] - canvas.clientHeight / 2];"
+    )
+    ActionChains(browser).move_to_element_with_offset(second, round(at[0]), round(at[1])).click().perform()
+    assert text(browser, "who") == "Agent 1 of second"
+    assert browser.execute_script("return document.documentElement.scrollWidth <= window.innerWidth")
+    assert errors(browser) == []
+
+
+def test_ten_thousand_robots(browser: Chrome, tmp_path: Path) -> None:
+    recording = swarm(10_000, steps=450)
+    open_page(browser, tmp_path, Part(recording, "", MODULES))
+    data = json.loads(browser.execute_script("return document.getElementById('episode').textContent"))
+    (episode,) = data["episodes"]
+    assert episode["stride"] == 2, "scenes are left out"
+    press(browser, Keys.ARROW_RIGHT)
+    assert text(browser, "now") == "step 1 of 450", "but not steps"
+    x = browser.execute_script("return player.world.worldPlace(0)[0]")
+    assert x == pytest.approx(0.2 + 1.4 / 450, abs=1e-4)
+    assert pixels(browser, "world", "free")[0] > 200
+    press(browser, "n")
+    assert text(browser, "who") == "Agent 0"
+    press(browser, *["i"] * 12)
+    assert pixels(browser, "world", "free")[0] > 200
+    assert errors(browser) == []
