@@ -3,7 +3,7 @@
 import re
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
@@ -60,6 +60,14 @@ if TYPE_CHECKING:
     "labels; or none. A page draws it at first.",
 )
 @click.option(
+    "--colors",
+    type=click.Choice(["auto", "state", "value", "controller"]),
+    default="auto",
+    show_default=True,
+    help="What gives bodies their colours: their kind and state, their value, or the state of the agent's "
+    "controller where that is a state machine. A page begins with it.",
+)
+@click.option(
     "--beside",
     multiple=True,
     metavar="WHICH",
@@ -94,6 +102,7 @@ def command(
     file: Path | None,
     speed: float,
     parts: str,
+    colors: Literal["auto", "state", "value", "controller"],
     beside: tuple[str, ...],
     generation: int | None,
     candidate: int | None,
@@ -119,7 +128,7 @@ def command(
         _check_file(file)
     if beside and (file is None or file.suffix.lower() != ".html"):
         raise click.UsageError("--beside is shown by a page: --save FILE.html.")
-    shown = _shown(parts)
+    shown = _shown(parts, colors)
     from swarmwright import Run
     from swarmwright.runs.replay import Replay
 
@@ -159,7 +168,7 @@ def _check_file(file: Path) -> None:
         raise click.UsageError(f"--save {file}: there is no folder '{file.parent}'; create it first.")
 
 
-def _shown(parts: str) -> "Shown":
+def _shown(parts: str, colors: Literal["auto", "state", "value", "controller"]) -> "Shown":
     from swarmwright.display import PARTS, Shown
 
     given = [part.strip() for part in parts.split(",") if part.strip()]
@@ -168,7 +177,7 @@ def _shown(parts: str) -> "Shown":
     for part in given:
         if part not in PARTS:
             raise click.UsageError(f"--show: '{part}' found, expected {', '.join(PARTS)} or none.")
-    return Shown(**{part: part in given for part in PARTS})
+    return Shown(**{part: part in given for part in PARTS}, colors=colors)
 
 
 def _beside(run: "Run", which: str, seed: int, how: dict[str, Any]) -> "Replay":

@@ -5,10 +5,11 @@ from swarmwright.display._caption import Caption
 from swarmwright.display._episode import Playable, Recording, record
 from swarmwright.display._part import Part
 from swarmwright.display._scene import Body, Light, Patch, Ray, Scale, Scene, Style, Wall
-from swarmwright.display._shown import PARTS, Shown
+from swarmwright.display._shown import COLORS, PARTS, Shown
 from swarmwright.display._trace import Trace
 
 __all__ = [
+    "COLORS",
     "PARTS",
     "Bodies",
     "Body",

@@ -14,8 +14,10 @@ from swarmwright.display._look import (
     CELLS,
     FIELD,
     INK,
+    LIGHT,
     MOVING,
     PAPER,
+    STATES,
     Looks,
     agent_size,
     rgb,
@@ -50,10 +52,13 @@ LONGEST_MESSAGE = 100
 class Picture:
     """A figure on which scene after scene of one recording is drawn.
 
-    dpi: pixels an inch; a picture is 7 inches wide. shown: what is drawn of it.
+    dpi: pixels an inch; a picture is 7 inches wide. shown: what is drawn of it. state_names: of the states of
+    controllers.
     """
 
-    def __init__(self, recording: Recording, *, dpi: int, shown: Shown | None = None) -> None:
+    def __init__(
+        self, recording: Recording, *, dpi: int, shown: Shown | None = None, state_names: "Sequence[str]" = ()
+    ) -> None:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
 
@@ -63,7 +68,11 @@ class Picture:
         self._size = _marker_area(first)
         self._looks = Looks(recording.scenes)
         self._colors = {look: np.array(rgb(self._looks.color(look))) / 255 for look in self._looks.all()}
-        self._key = Key(recording, self._looks, self._size)
+        states = None if recording.trace is None else recording.trace.states
+        self._states = states if self._shown.colors == "controller" else None
+        self._valued = self._states is None and self._shown.colors != "state"
+        names = None if self._states is None else _state_names(self._states, state_names)
+        self._key = Key(recording, self._looks, self._size, valued=self._valued, states=names)
         # The map fills the width; the height follows, within limits.
         inside = (WIDTH - LEFT - RIGHT) * min(max(first.height / first.width, 0.25), 1.1)
         bottom = BOTTOM + self._key.more
@@ -120,7 +129,7 @@ class Picture:
         if not self._still:
             artists += lay(self._axes, scene)
         bodies = Bodies.of(scene.bodies)
-        colors = self._colors_of(bodies)
+        colors = self._colors_of(bodies, int(time))
         artists += self._trails(bodies, colors, time, trail)
         if trail is None:
             artists += self._beginnings()
@@ -135,7 +144,7 @@ class Picture:
                 artists += self._group(bodies, of_look & ~directed, look, colors)
             if of_look[directed].any():
                 chosen = of_look & directed
-                valued = bool(~np.isnan(bodies.value[chosen]).all())
+                valued = self._valued and not np.isnan(bodies.value[chosen]).all()
                 artists += _robots.robots(
                     self._axes, bodies, chosen, colors[chosen], self._scale, valued=valued
                 )
@@ -143,13 +152,18 @@ class Picture:
             artists += _robots.labels(self._axes, bodies, self._scale)
         return artists
 
-    def _colors_of(self, bodies: Bodies) -> "NDArray[np.float64]":
-        """Colours of all bodies, (bodies, 3): of kind and state, or of the value."""
+    def _colors_of(self, bodies: Bodies, time: int) -> "NDArray[np.float64]":
+        """Colours of all bodies, (bodies, 3): of kind and state, value, or the controller's state."""
         by_look = np.array([self._colors[look] for look in bodies.looks]).reshape(-1, 3)
         colors = by_look[bodies.look]
         valued = ~np.isnan(bodies.value)
-        if valued.any():
+        if self._valued and valued.any():
             colors[valued] = value_colors(self._key.shares(bodies.value[valued]))
+        if self._states is not None:
+            agents = bodies.agents()
+            known = np.flatnonzero((agents >= 0) & (agents < self._states.shape[1]))
+            now = self._states[min(time, len(self._states) - 1), agents[known]]
+            colors[known] = np.array([rgb(LIGHT[name]) for name in STATES])[now % len(STATES)] / 255
         return colors
 
     def _title(self, scene: Scene) -> None:
@@ -201,7 +215,7 @@ class Picture:
             return []
         first = Bodies.of(self._recording.scenes[0].bodies)
         places = np.array([way[0] for way in self._paths.values()])
-        colors = self._colors_of(first)[list(self._paths)]
+        colors = self._colors_of(first, 0)[list(self._paths)]
         size = min(max(6.0, self._size / 5), 20.0)
         return [
             self._axes.scatter(
@@ -279,3 +293,10 @@ def _paths(scenes: "Sequence[Scene]") -> "dict[int, NDArray[np.float64]]":
     xs = np.array([bodies.x[moving] for bodies in every], dtype=np.float64)
     ys = np.array([bodies.y[moving] for bodies in every], dtype=np.float64)
     return {int(body): np.stack([xs[:, k], ys[:, k]], axis=1) for k, body in enumerate(moving)}
+
+
+def _state_names(states: "NDArray[np.uint8]", names: "Sequence[str]") -> list[str]:
+    """Return what legends call the states of controllers."""
+    count = max(int(states.max(initial=0)) + 1, len(names))
+    given = [*names, *([""] * (count - len(names)))]
+    return [f"{index} {name}" if name else f"state {index}" for index, name in enumerate(given)]

@@ -10,15 +10,17 @@ from swarmwright.display._look import (
     BORDER,
     FIELD,
     INK,
+    LIGHT,
     ORANGE,
     PAPER,
+    STATES,
     Looks,
     floor_color,
     floors,
     label,
     value_colors,
 )
-from swarmwright.display._scene import Scale
+from swarmwright.display._scene import Scale, Scene
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -32,8 +34,17 @@ _ROW, _LETTER, _MARK = 0.22, 0.088, 0.45
 class Key:
     """The legend of a recording: the same on all frames. more: inches that it needs beside a first row."""
 
-    def __init__(self, recording: Recording, looks: Looks, size: float) -> None:
-        self.scale = scale_of(recording)
+    def __init__(
+        self,
+        recording: Recording,
+        looks: Looks,
+        size: float,
+        *,
+        valued: bool = True,
+        states: list[str] | None = None,
+    ) -> None:
+        self.scale = scale_of(recording) if valued else None
+        self._states = states or []
         self._handles = self._made(recording, looks, size)
         count = len(self._handles)
         widths = [len(handle.get_label()) * _LETTER + _MARK for handle in self._handles]
@@ -85,13 +96,17 @@ class Key:
             )  # fmt: skip
 
         handles: list[Any] = []
-        valued = _valued(recording)
+        others = _valued(recording) if self.scale is not None else set()
+        if self._states:
+            others = {look for scene in recording.scenes for look in _looks_of_agents(scene)}
         for look in looks.all():
-            if look in valued:
+            if look in others:
                 handles.append(mark(label(*look), FIELD, "o", 9, INK))
                 continue
             color, marker, _, _ = looks.marker(look, size)
             handles.append(mark(label(*look), color, marker, 12 if marker == "*" else 9))
+        for index, name in enumerate(self._states):
+            handles.append(mark(name, LIGHT[STATES[index % len(STATES)]], "o", 9))
         seen: dict[str, str] = {}
         walls = lights = False
         for scene in recording.scenes:
@@ -111,7 +126,7 @@ class Key:
 def _fits(widths: list[float], columns: int) -> bool:
     """Return whether a legend of entries so wide has space for them in columns, which it fills one by one."""
     # As matplotlib shares them out.
-    return sum(max(part) for part in np.array_split(widths, columns)) <= _WIDTH
+    return sum(float(max(part)) for part in np.array_split(widths, columns)) <= _WIDTH
 
 
 def scale_of(recording: Recording) -> Scale | None:
@@ -134,3 +149,8 @@ def _valued(recording: Recording) -> set[tuple[str, str]]:
         bodies = Bodies.of(scene.bodies)
         found |= {bodies.looks[index] for index in np.unique(bodies.look[~np.isnan(bodies.value)])}
     return found
+
+
+def _looks_of_agents(scene: Scene) -> set[tuple[str, str]]:
+    bodies = Bodies.of(scene.bodies)
+    return {bodies.looks[index] for index in np.unique(bodies.look[bodies.agents() >= 0])}

@@ -42,6 +42,8 @@ FLOOR = {"light": ("#2E2E2E", "#D0D0C9", "#FFFFFF"), "dark": ("#000000", "#3D444
 """Black, middle grey and white floor on a light and a dark ground, such that robots show on all."""
 VALUES = ("#440154", "#3B528B", "#21918C", "#5EC962", "#FDE725")
 """From the least to the greatest value (viridis)."""
+STATES = ("free", "exit", "good", "other-1", "defender", "other-2", "other-3", "lost")
+"""Colours of the states of controllers, in their order."""
 OTHERS = ("other-1", "other-2", "other-3", "other-4")
 """Colours of unknown kinds and states, in the order in which they are seen."""
 

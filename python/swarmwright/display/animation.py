@@ -1,6 +1,7 @@
 """An episode as an animated GIF."""
 
 import io
+from collections.abc import Sequence
 from pathlib import Path
 
 from swarmwright.display._caption import Caption
@@ -25,12 +26,13 @@ def write(
     caption: Caption,  # noqa: ARG001
     speed: float = 1.0,
     shown: Shown | None = None,
+    state_names: Sequence[str] = (),
 ) -> None:
     """Write a GIF of 560 pixels in width. Raises OSError."""
     from PIL import Image
 
     step_seconds = max(recording.step_size, 0.02) / speed
-    picture = Picture(recording, dpi=80, shown=shown)
+    picture = Picture(recording, dpi=80, shown=shown, state_names=state_names)
     frames: list[Image.Image] = []
     # One palette, without dithering: still areas stay the same from frame to frame, nothing flickers.
     colors = Image.new("P", (1, 1))

@@ -8,6 +8,7 @@ from pathlib import Path
 from swarmwright.core.errors import InputError
 from swarmwright.display._caption import Caption
 from swarmwright.display._episode import Recording
+from swarmwright.display._machine import machine_of
 from swarmwright.display._part import Part
 from swarmwright.display._shown import Shown
 
@@ -44,10 +45,12 @@ def save(
     ending = path.suffix.lower()
     if ending not in _WRITERS:
         raise ValueError(f"'{path}': files end with {', '.join(FORMATS[:-1])} or {FORMATS[-1]}.")
+    names: list[str] = []
     if ending != ".html" and not isinstance(shows, Recording):
         if len(shows) != 1:
             raise InputError(f"{path}: several episodes are shown beside each other by a page, FILE.html")
-        shows = shows[0].recording
+        specification, shows = shows[0].controller, shows[0].recording
+        names = [state["name"] for state in machine_of(specification, -1)["states"]]
     module = import_module(f"swarmwright.display.{_WRITERS[ending]}")
     with warnings.catch_warnings():
         # A message in a script that the font lacks is shown as boxes.
@@ -56,4 +59,4 @@ def save(
             text = module.page(shows, caption=caption or Caption(), speed=speed, shown=shown)
             path.write_text(text, encoding="utf-8")
             return
-        module.write(shows, path, caption=caption or Caption(), speed=speed, shown=shown)
+        module.write(shows, path, caption=caption or Caption(), speed=speed, shown=shown, state_names=names)

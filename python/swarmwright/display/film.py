@@ -6,7 +6,7 @@ ffmpeg is the one on the path, or the one that the package imageio-ffmpeg brings
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -32,6 +32,7 @@ def write(
     caption: Caption,
     speed: float = 1.0,
     shown: Shown | None = None,
+    state_names: Sequence[str] = (),
 ) -> None:
     """Write an MP4 of 980 pixels in width that every browser plays.
 
@@ -39,7 +40,7 @@ def write(
     """
     step_seconds = max(recording.step_size, 0.02) / speed
     count, seconds = pace(len(recording.scenes), step_seconds, frame_seconds=FRAME_SECONDS, most=MOST_FRAMES)
-    picture = Picture(recording, dpi=140, shown=shown)
+    picture = Picture(recording, dpi=140, shown=shown, state_names=state_names)
     images = (picture.image(scene, time) for scene, time in in_between(recording.scenes, count))
     encode(images, seconds, path, title=caption.title)
 

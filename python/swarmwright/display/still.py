@@ -1,6 +1,7 @@
 """An episode as a still that shows all trajectories (PNG)."""
 
 import io
+from collections.abc import Sequence
 from pathlib import Path
 
 from swarmwright.display._caption import Caption
@@ -16,9 +17,10 @@ def write(
     caption: Caption,  # noqa: ARG001
     speed: float = 1.0,  # noqa: ARG001
     shown: Shown | None = None,
+    state_names: Sequence[str] = (),
 ) -> None:
     """Write a PNG of 1008 pixels in width. Raises OSError."""
-    picture = Picture(recording, dpi=144, shown=shown)
+    picture = Picture(recording, dpi=144, shown=shown, state_names=state_names)
     picture.draw(recording.scenes[-1], len(recording.scenes) - 1)
     buffer = io.BytesIO()
     picture.figure.savefig(buffer, format="png")

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from swarmwright.display._bodies import Bodies
 from swarmwright.display._key import scale_of
-from swarmwright.display._look import CELLS, MOVING, SHAPES, Looks, floors, whole
+from swarmwright.display._look import CELLS, MOVING, SHAPES, STATES, Looks, floors, whole
 from swarmwright.display._part import Part
 from swarmwright.display._scene import Patch, Scene
 from swarmwright.display._shown import Shown
@@ -40,6 +40,7 @@ _TABLES = {
     "shapes": {name: path for name, (_, path) in SHAPES.items()},
     "cells": list(CELLS),
     "moving": list(MOVING),
+    "states": list(STATES),
 }
 """What is the same on all pages."""
 
@@ -47,9 +48,9 @@ _TABLES = {
 def page_data(parts: Sequence[Part], *, speed: float, shown: Shown) -> tuple[dict[str, Any], Looks]:
     """Return episodes that are shown beside each other as plain values, and how their bodies look.
 
-    step_seconds and speed; looks: shape and colour by label; shapes as paths; cells, moving: the kinds that
-    fill a cell of a grid, and that leave trails; scale: what values of bodies are; shown; floors: what
-    legends call grey values; and episodes, see `_episode`.
+    step_seconds and speed; looks: shape and colour by label; states: colours of the states of controllers;
+    shapes as paths; cells, moving: the kinds that fill a cell of a grid, and that leave trails; scale: what
+    values of bodies are; shown; floors: what legends call grey values; and episodes, see `_episode`.
     """
     every = list(chain.from_iterable(part.recording.scenes for part in parts))
     looks = Looks(every)
@@ -71,7 +72,7 @@ def page_data(parts: Sequence[Part], *, speed: float, shown: Shown) -> tuple[dic
             "low": min(scale.low for scale in scales),
             "high": max(scale.high for scale in scales),
         },
-        "shown": {name: bool(value) for name, value in vars(shown).items()},
+        "shown": vars(shown),
         "floors": sorted(greys.items()),
         **_TABLES,
         "episodes": [_episode(part) for part in parts],

@@ -13,7 +13,7 @@ class Legend {
     const most = Math.max(0, ...episodes.map((one) => (one.machine ? one.machine.states.length : 0)));
     for (let state = 0; state < most; state++) {
       const words = [...new Set(episodes.filter((one) => one.machine).map((one) => (one.machine.states[state] || {}).name))];
-      const only = words.filter(Boolean).length === 1 && !words[0].startsWith("state ") ? `, ${words[0]}` : "";
+      const only = words.length === 1 && words[0] ? `, ${words[0]}` : "";
       this.states.push(this.add(`controller in state ${state}${only}`, { shape: "circle", color: stateColor(state) }));
     }
     this.gradient();

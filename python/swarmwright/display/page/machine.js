@@ -69,7 +69,7 @@ class Machine {
     circle.style.setProperty("--state", `var(--${stateColor(index)})`);
     const number = element("text", { x, y, class: "number" }, String(index));
     const below = y >= -1 ? y + STATE_RADIUS + 13 : y - STATE_RADIUS - 6;
-    const name = element("text", { x, y: below, class: "name" }, state.name.startsWith("state ") ? "" : state.name);
+    const name = element("text", { x, y: below, class: "name" }, state.name);
     group.append(circle, number, name, element("title", {}, state.words));
     this.svg.append(group);
     return { group, number };

@@ -111,6 +111,7 @@ class Player {
     if (page.scale) colors.unshift(["value", page.scale.name]);
     if (any((episode) => episode.machine)) colors.unshift(["controller", "state of the controller"]);
     part.colors.append(...colors.map(([value, text]) => new Option(text, value)));
+    if (colors.some(([value]) => value === page.shown.colors)) part.colors.value = page.shown.colors;
     part["colors-choice"].hidden = colors.length < 2;
     // Long episodes have short steps.
     part.trail.value = !page.shown.trails ? "0" : this.last > 300 ? "100" : "12";

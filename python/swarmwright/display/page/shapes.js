@@ -6,8 +6,7 @@ const SHAPES = Object.fromEntries(Object.entries(PAGE.shapes).map(([name, path])
 const CELLS = new Set(PAGE.cells); // fill a cell of a grid
 const MOVING = new Set(PAGE.moving); // leave trails
 const FONT = "12px system-ui, 'DejaVu Sans', sans-serif";
-// Names of colours of the states of controllers, in their order.
-const STATES = ["free", "exit", "good", "other-1", "defender", "other-2", "other-3", "lost"];
+const STATES = PAGE.states; // names of colours of the states of controllers, in their order
 
 function look(kind, state) {
   return PAGE.looks[label(kind, state)];
