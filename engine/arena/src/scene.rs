@@ -155,10 +155,7 @@ fn ahead([x, y]: [f32; 2], along: [f32; 2], far: f32) -> [f32; 2] {
 /// How far a disc is along a ray that begins outside of it.
 fn to_disc(from: [f32; 2], along: [f32; 2], middle: [f32; 2], radius: f32) -> Option<f32> {
     let [dx, dy] = [middle[0] - from[0], middle[1] - from[1]];
-    let (forward, aside) = (
-        dx * along[0] + dy * along[1],
-        dx * along[1] - dy * along[0],
-    );
+    let (forward, aside) = (dx * along[0] + dy * along[1], dx * along[1] - dy * along[0]);
     let depth = radius * radius - aside * aside;
     let far = forward - depth.max(0.0).sqrt();
     (depth > 0.0 && far >= 0.0).then_some(far)
