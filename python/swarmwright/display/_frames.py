@@ -11,6 +11,10 @@ from swarmwright.display._bodies import Bodies
 from swarmwright.display._scene import Scene
 
 
+_LEAST_SHARE = 0.6
+"""Of a frame's time: steps that last less are left out."""
+
+
 def pace(scenes: int, step_seconds: float, *, frame_seconds: float, most: int) -> tuple[float, float]:
     """Return frames a step and seconds a frame, such that it looks smooth and stays below `most` frames.
 
@@ -23,7 +27,9 @@ def pace(scenes: int, step_seconds: float, *, frame_seconds: float, most: int) -
         most: frames.
     """
     steps = max(scenes - 1, 1)
-    per_step = max(1.0, float(round(step_seconds / frame_seconds)))
+    wanted = step_seconds / frame_seconds
+    # Steps that are much shorter than a frame are not seen one by one.
+    per_step = wanted if wanted < _LEAST_SHARE else max(1.0, float(round(wanted)))
     if per_step * steps > most:
         per_step = most / steps
         if per_step > 1:

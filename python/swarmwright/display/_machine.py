@@ -19,12 +19,14 @@ def machine_of(specification: Mapping[str, Any], highest: int) -> dict[str, Any]
     kind = specification.get("kind")
     if kind == "modules":
         found = states_of(specification)
+        # A subtree that is done leads to the next one; after the last the tree begins again.
+        tree = len(found) if specification.get("form") == "tree" else 0
         return {
             "states": [
                 {"name": state.behaviour.replace("_", "-"), "words": words_of(state)} for state in found
             ],
             "transitions": [
-                (index, one.target, words_of(one).partition(": ")[2])
+                (index, (index + 1) % tree if tree else one.target, words_of(one).partition(": ")[2])
                 for index, state in enumerate(found)
                 for one in state.transitions
             ],

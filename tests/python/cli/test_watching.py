@@ -177,3 +177,76 @@ def test_the_schema_accepts_the_template(program: Any) -> None:
     template = YAML(typ="safe").load(program("new", "minisim").stdout)
     assert list(Draft202012Validator(schema).iter_errors(template)) == []
     assert list(Draft202012Validator(schema).iter_errors({**template, "sede": 1}))
+
+
+def test_several_candidates_stand_on_a_page(program: Any, run: str, tmp_path: Path) -> None:
+    (tmp_path / "y.yaml").write_text(EXPERIMENT)
+    assert program("optimize", "y.yaml", "--seed", "5", "--out", "other").returncode == 0
+    result = program("replay", run, "--beside", "0:3", "--beside", "other", "--save", "several.html")
+    assert result.returncode == 0, result.stderr
+    page = (tmp_path / "several.html").read_text(encoding="utf-8")
+    other = Run.open(tmp_path / "other").best
+    assert '"name":"result: candidate 3 of generation 0"' in page
+    assert f'"name":"other: candidate {other.candidate} of generation 0"' in page
+    for arguments, words in (
+        (("--beside", "0:3"), "--beside is shown by a page: --save FILE.html"),
+        (("--beside", "0:3", "--save", "x.gif"), "--beside is shown by a page: --save FILE.html"),
+        (
+            ("--beside", "best", "--save", "x.html"),
+            "--beside best: expected GENERATION:CANDIDATE such as 0:7",
+        ),
+        (("--beside", "7:1", "--save", "x.html"), "holds the generation 0, not 7"),
+    ):
+        wrong = program("replay", run, *arguments)
+        assert wrong.returncode == 2
+        assert words in wrong.stderr
+        assert not (tmp_path / "x.html").exists()
+
+
+def test_what_a_picture_shows_can_be_chosen(program: Any, run: str, tmp_path: Path) -> None:
+    sizes = {}
+    for parts in ("none", "trails", "trails,rays,links,labels"):
+        result = program("replay", run, "--show", parts, "--save", "x.png")
+        assert result.returncode == 0, result.stderr
+        sizes[parts] = (tmp_path / "x.png").read_bytes()
+    assert sizes["none"] != sizes["trails"]
+    assert sizes["trails"] == sizes["trails,rays,links,labels"], "Minisim has neither rays nor links"
+    wrong = program("replay", run, "--show", "tracks", "--save", "x.png")
+    assert wrong.returncode == 2
+    assert "--show: 'tracks' found, expected trails, rays, links, labels or none" in wrong.stderr
+
+
+ARENA = """\
+simulation: arena
+parameters: {mission: aac, robots: 5, duration: 2, robot: e-puck-rm1.2}
+controller: {kind: modules}
+method: {kind: random_search, population: 3, generations: 1}
+validate: false
+servers: local
+"""
+
+
+def test_the_arena_is_shown_with_its_robots_and_their_machines(program: Any, tmp_path: Path) -> None:
+    (tmp_path / "arena.yaml").write_text(ARENA)
+    assert program("optimize", "arena.yaml", "--out", "arena").returncode == 0
+    shown = program("replay", "arena", "--json")
+    first = json.loads(shown.stdout.splitlines()[0])
+    assert {"floor", "patches", "walls", "rays"} <= set(first)
+    assert len(first["bodies"]) == 5
+    assert all("heading" in body for body in first["bodies"])
+    page = program("replay", "arena", "--save", "arena.html")
+    assert page.returncode == 0, page.stderr
+    text = (tmp_path / "arena.html").read_text(encoding="utf-8")
+    data = json.loads(text.split('id="episode">')[1].split("</script>")[0])
+    (episode,) = data["episodes"]
+    assert episode["trace"]["names"][-2:] == ["left wheel", "right wheel"]
+    assert episode["trace"]["agents"] == 5
+    assert len(episode["machine"]["states"]) >= 1
+    (metric,) = episode["metrics"].values()
+    assert len(metric) == len(episode["fitness"]) == 20
+    assert metric[-1] == episode["fitness"][-1], "the mission's fitness is its only metric"
+    coloured = program("replay", "arena", "--colors", "controller", "--save", "arena.png")
+    assert coloured.returncode == 0, coloured.stderr
+    drawn = program("replay", "arena")
+    assert "agent 5" in drawn.stdout
+    assert "wall" in drawn.stdout

@@ -26,7 +26,7 @@ class Curve {
     this.left = Math.max(26, ...numbers.map((value) => c.measureText(words(value)).width + 10));
     // The last number stands in the middle below the last step.
     const right = Math.max(10, c.measureText(String(this.longest.length - 1)).width / 2 + 3);
-    this.box = { width: width - this.left - right, height: height - (only ? 14 : 44), top: only ? 6 : 8 };
+    this.box = { width: width - this.left - right, height: height - (only ? 18 : 44), top: only ? 10 : 8 };
     this.axes(color, numbers, only);
     if (!this.known) {
       c.textAlign = "center";
