@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from swarmwright.display._bodies import Bodies
 from swarmwright.display._scene import Scene
 
-
 _LEAST_SHARE = 0.6
 """Of a frame's time: steps that last less are left out."""
 
