@@ -40,7 +40,7 @@ def test_between_is_on_the_way(share: float, x: float, y: float) -> None:
 @given(share=st.floats(0, 1), start=st.floats(-3, 3), turn=st.floats(-3, 3))
 def test_headings_turn_the_shorter_way(share: float, start: float, turn: float) -> None:
     after = math.remainder(start + turn, 2 * math.pi)
-    scenes = (Scene(9, 9, 0, "", (Body("agent", 1, 1, heading=at),)) for at in (start, after))
-    heading = between(*scenes, share).bodies[0].heading
+    first, second = (Scene(9, 9, 0, "", (Body("agent", 1, 1, heading=at),)) for at in (start, after))
+    heading = between(first, second, share).bodies[0].heading
     assert heading is not None
     assert abs(math.remainder(heading - start - share * turn, 2 * math.pi)) < 1e-5

@@ -1,5 +1,7 @@
 """State machines as pages and legends have them."""
 
+from typing import Any
+
 from swarmwright.display._machine import machine_of
 from tests.python.display.test_page_swarm import MODULES
 
@@ -18,7 +20,8 @@ def test_machines_of_modules_have_behaviours_and_conditions() -> None:
 
 
 def test_subtrees_of_a_tree_lead_to_the_next_one() -> None:
-    machine = machine_of({**MODULES, "form": "tree"}, 0)
+    tree: dict[str, Any] = {**MODULES, "form": "tree"}
+    machine = machine_of(tree, 0)
     assert [part[:2] for part in machine["transitions"]] == [(0, 1), (1, 0)]
 
 

@@ -35,7 +35,7 @@ MACHINE = (
     State("exploration", {"rwm": 3}, (Transition(1, "black_floor", {"probability": 0.5}),)),
     State("stop", {}, (Transition(0, "fixed_probability", {"probability": 0.1}),)),
 )
-MODULES = {
+MODULES: dict[str, Any] = {
     "kind": "modules", "sensors": 9, "actuators": 2, "states": 4, "transitions": 4,
     "weights": weights_of(MACHINE, 4, 4),
 }  # fmt: skip
