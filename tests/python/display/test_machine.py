@@ -21,13 +21,14 @@ def test_machines_of_modules_have_behaviours_and_conditions() -> None:
 
 def test_subtrees_of_a_tree_lead_to_the_next_one() -> None:
     tree: dict[str, Any] = {**MODULES, "form": "tree"}
-    machine = machine_of(tree, 0)
-    assert [part[:2] for part in machine["transitions"]] == [(0, 1), (1, 0)]
+    machine: dict[str, Any] = machine_of(tree, 0)
+    transitions: list[Any] = machine["transitions"]
+    assert [part[:2] for part in transitions] == [(0, 1), (1, 0)]
 
 
 def test_a_mealy_machine_has_the_number_of_cases_of_each_transition() -> None:
     # One sensor with two thresholds, one actuator; targets above the last state are the last state.
-    rows = [[0, 0.5], [1, 0.5], [1, 0.5], [-3, 0], [0.9, 0], [7, 0]]
+    rows: list[list[float]] = [[0, 0.5], [1, 0.5], [1, 0.5], [-3, 0], [0.9, 0], [7, 0]]
     specification = {
         "kind": "mealy_fsm", "sensors": 1, "actuators": 1, "states": 2, "thresholds": [[0.1, 0.2]],
         "weights": [number for row in rows for number in row],
