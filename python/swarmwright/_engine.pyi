@@ -11,6 +11,7 @@ from swarmwright.core.engine_types import (
     Counts,
     Description,
     Faults,
+    Mission,
     News,
     Presence,
     Report,
@@ -66,6 +67,7 @@ __all__ = [
     "log",
     "log_line",
     "log_to",
+    "missions",
     "outcome",
     "serve",
     "servers",
@@ -101,6 +103,9 @@ def describe(title: str, parameters: dict[str, Any] | None = None) -> Descriptio
     whether they depend on them.
     Raises InputError for an unknown title, and for parameters that the simulation refuses.
     """
+
+def missions() -> list[Mission]:
+    """The built-in missions of the arena, sorted by name."""
 
 def check_parameters(title: str, parameters: dict[str, Any]) -> None:
     """Raise InputError (naming the parameter) unless `parameters` configure the built-in simulation `title`.

@@ -19,10 +19,6 @@ const PARTS: usize = 5;
 const PASSES: usize = 2;
 /// Length of a part, seconds.
 const PART: f32 = 2.0 * SUBSTEP;
-/// Robots whose rims are further apart at the beginning of a tick do not touch in it, metres.
-const REACH: f32 = 0.03;
-/// No two bodies approach each other faster, m/s.
-const FASTEST: f32 = 0.3;
 
 /// What a contact has for the solver. Impulses are divided by the mass of a robot.
 #[derive(Clone, Copy)]
@@ -51,11 +47,16 @@ impl<L: Lanes> Contact<L> {
     }
 
     /// At the beginning of a part: `way` between points that touch at a distance of `limit` and move with `speed` along it
-    /// and across. Returns the impulse that the part begins with.
+    /// and across. `fastest`: no two bodies approach each other faster, m/s. Returns the impulse that the part begins with.
     #[inline(always)]
-    fn begin(&mut self, way: [Number<L>; 2], speed: [Number<L>; 2], limit: f32) -> [Number<L>; 2] {
+    fn begin(
+        &mut self,
+        way: [Number<L>; 2],
+        speed: [Number<L>; 2],
+        (limit, fastest): (f32, f32),
+    ) -> [Number<L>; 2] {
         let square = square(way);
-        let far = limit + FASTEST * PART;
+        let far = limit + fastest * PART;
         // Middles that lie on each other press in no direction.
         let possible = square.lt(number(far * far)).and(number(0.0).lt(square));
         self.active = possible.any();
@@ -204,13 +205,13 @@ pub(super) struct Contacts<L: Lanes> {
 
 /// Middles that are further apart at the beginning of a tick do not touch in it, metres.
 pub(super) fn reach(robot: &Robot) -> f32 {
-    2.0 * robot.radius + REACH
+    2.0 * robot.radius + robot.reach()
 }
 
 /// Lines of walls that are further away at the beginning of a tick matter neither to contacts nor to rays, metres.
 pub(super) fn reach_of_walls(robot: &Robot) -> f32 {
     let rays = robot.proximity.as_ref().map_or(0.0, |p| p.start + p.range);
-    rays.max(robot.radius + REACH / 2.0)
+    rays.max(robot.radius + robot.reach() / 2.0)
 }
 
 /// From a point to the nearest point of a face.
@@ -334,7 +335,7 @@ impl<L: Lanes> Contacts<L> {
         std::mem::swap(now, old);
         now.clear();
         let (mut first, mut at) = (0, 0);
-        let reach = robot.radius + REACH / 2.0;
+        let reach = robot.radius + robot.reach() / 2.0;
         for (number_of_pair, [index, face_index]) in pairs.iter().enumerate() {
             let robot = *index as usize;
             let face = &place.faces[*face_index as usize];
@@ -417,7 +418,7 @@ impl<L: Lanes> Contacts<L> {
             let (a, b) = (&moved[i], &moved[j]);
             let way = [b.at[0] - a.at[0], b.at[1] - a.at[1]];
             let speed = [b.before[0] - a.before[0], b.before[1] - a.before[1]];
-            let impulse = contact.begin(way, speed, 2.0 * robot.radius);
+            let impulse = contact.begin(way, speed, (2.0 * robot.radius, robot.fastest()));
             if contact.active {
                 pull(&mut moved[i], impulse);
                 push(&mut moved[j], impulse);
@@ -430,7 +431,9 @@ impl<L: Lanes> Contacts<L> {
             let i = leaning.robot as usize;
             let way = leaning.way(moved[i].at);
             let speed = [-moved[i].before[0], -moved[i].before[1]];
-            let impulse = leaning.contact.begin(way, speed, robot.radius);
+            let impulse = leaning
+                .contact
+                .begin(way, speed, (robot.radius, robot.fastest()));
             if leaning.contact.active {
                 pull(&mut moved[i], impulse);
                 touched[i] = touched[i].or(leaning.contact.touches());

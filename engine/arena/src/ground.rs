@@ -9,8 +9,8 @@ use super::swarm::Bodies;
 
 /// Ticks whose readings count.
 const WINDOW: usize = 5;
-/// Readings that a colour needs more than.
-const ENOUGH: f32 = 10.0;
+/// The share of the readings that a colour needs more of.
+const ENOUGH: f32 = 2.0 / 3.0;
 /// A reading below is black.
 const BLACK: f32 = 0.03;
 /// A reading above is white.
@@ -22,6 +22,8 @@ pub(super) struct GroundWindow<L> {
     counts: Vec<[[Number<L>; 2]; WINDOW]>,
     /// By robot: 0 black, 0.5 grey, 1 white.
     pub seen: Vec<Number<L>>,
+    /// Of the robot that looked last.
+    pub readings: Vec<Number<L>>,
 }
 
 impl<L: Lanes> GroundWindow<L> {
@@ -29,6 +31,7 @@ impl<L: Lanes> GroundWindow<L> {
         Self {
             counts: vec![[[number(0.0); 2]; WINDOW]; robots],
             seen: vec![number(0.5); robots],
+            readings: Vec::new(),
         }
     }
 
@@ -46,10 +49,11 @@ impl<L: Lanes> GroundWindow<L> {
         bodies: &Bodies<L>,
         index: usize,
         tick: u32,
-        units: [Number<L>; 3],
+        units: &[Number<L>],
     ) {
         let (x, y) = (bodies.x[index], bodies.y[index]);
         let (cos, sin) = (bodies.cos[index], bodies.sin[index]);
+        self.readings.clear();
         let (mut black, mut white) = (number(0.0), number(0.0));
         for (index, point) in sensors.points.iter().enumerate() {
             let unit = units[index];
@@ -59,6 +63,7 @@ impl<L: Lanes> GroundWindow<L> {
                 colors,
             );
             let reading = (grey + noise(unit, sensors.noise)).within(0.0, 1.0);
+            self.readings.push(reading);
             black = black.add_where(number(1.0), reading.lt(number(BLACK)));
             white = white.add_where(number(1.0), number(WHITE).lt(reading));
         }
@@ -69,7 +74,8 @@ impl<L: Lanes> GroundWindow<L> {
             black += count[0];
             white += count[1];
         }
-        let seen = number::<L>(1.0).select(number(0.5), number(ENOUGH).lt(white));
-        self.seen[index] = number::<L>(0.0).select(seen, number(ENOUGH).lt(black));
+        let enough = number((WINDOW * sensors.points.len()) as f32 * ENOUGH);
+        let seen = number::<L>(1.0).select(number(0.5), enough.lt(white));
+        self.seen[index] = number::<L>(0.0).select(seen, enough.lt(black));
     }
 }

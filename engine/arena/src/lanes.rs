@@ -19,6 +19,8 @@ pub(crate) struct ArenaLanes {
     settings: Settings,
     /// For each episode.
     starts: Vec<(u64, Vec<Pose>)>,
+    /// The metrics that are wanted of those that are measured at the end alone.
+    wanted: Vec<usize>,
 }
 
 pub(crate) struct Room<L: Lanes> {
@@ -44,7 +46,13 @@ impl LaneWorld for ArenaLanes {
             settings.seed = *seed;
             starts.push((*seed, settings.poses()?));
         }
-        Ok(Some(Self { settings, starts }))
+        let counted = settings.mission.counted;
+        let wanted = block.metrics.iter().copied();
+        Ok(Some(Self {
+            wanted: wanted.filter(|index| *index >= counted).collect(),
+            settings,
+            starts,
+        }))
     }
 
     #[inline(always)]
@@ -59,7 +67,7 @@ impl LaneWorld for ArenaLanes {
             swarm: Swarm::new(robots, &self.settings.robot),
             tallies: Vec::new(),
             states: vec![L::splat(0.0); robots * controllers.state_length()],
-            actuators: vec![L::splat(0.0); robots * super::ACTUATORS],
+            actuators: vec![L::splat(0.0); robots * self.settings.robot.actuators()],
         }
     }
 
@@ -87,19 +95,27 @@ impl LaneWorld for ArenaLanes {
         );
         loop {
             let last = room.swarm.tick >= self.settings.ticks;
-            for ((_, metric), tally) in mission.metrics.iter().zip(&mut room.tallies) {
-                tally.update(metric, &room.swarm.bodies, place, &room.swarm.colors, last);
+            let (bodies, colors) = (&room.swarm.bodies, &room.swarm.colors);
+            let counted = mission.metrics[..mission.counted].iter();
+            for ((_, metric), tally) in counted.zip(&mut room.tallies) {
+                tally.update(metric, bodies, place, colors, last);
+            }
+            if last {
+                for index in &self.wanted {
+                    let metric = &mission.metrics[*index].1;
+                    room.tallies[*index].update(metric, bodies, place, colors, true);
+                }
             }
             if last || stopped(stop) {
                 break;
             }
             let state = controllers.state_length();
-            let sensors = robot.sensors();
+            let (sensors, actuators) = (robot.sensors(), robot.actuators());
             for index in 0..self.settings.robots {
                 controllers.step_slice(
                     &mut room.states[index * state..][..state],
                     &room.swarm.senses.outputs[index * sensors..][..sensors],
-                    &mut room.actuators[index * super::ACTUATORS..][..super::ACTUATORS],
+                    &mut room.actuators[index * actuators..][..actuators],
                 );
             }
             room.swarm.step(robot, place, &room.actuators);

@@ -5,6 +5,7 @@
     reason = "what iterators call is not always inlined into kernels"
 )]
 
+mod around;
 mod contacts;
 mod functions;
 mod grey;
@@ -12,10 +13,12 @@ mod ground;
 mod lanes;
 mod light;
 mod links;
+mod messages;
 mod metrics;
 mod mission;
 mod neighbours;
 mod place;
+mod polygon;
 mod proximity;
 mod random;
 mod robot;
@@ -28,17 +31,14 @@ mod swarm;
 
 use lanes::ArenaLanes;
 use metrics::Tally;
+pub use mission::{MissionInfo, missions};
 use settings::{MOST_ROBOTS, Settings};
 use swarm::Swarm;
 use swarmwright_simulation::block::{self, Create};
-use swarmwright_simulation::simulation::texts;
 use swarmwright_simulation::{
     Block, Description, Determinism, Means, MetricInfo, ParameterError, ParameterInfo, Parameters,
     RolloutError, Scene, Simulation,
 };
-
-/// Wheels: left and right.
-const ACTUATORS: usize = 2;
 
 /// Evaluates a block of controllers that fit the robots.
 ///
@@ -81,7 +81,7 @@ impl Arena {
         );
         self.tallies.clear();
         self.tallies
-            .extend(mission.metrics.iter().map(|_| Tally::new()));
+            .extend((0..mission.counted).map(|_| Tally::new()));
         self.acting.clear();
         self.acting.extend(0..settings.robots as u32);
         self.count();
@@ -126,7 +126,7 @@ fn describe(settings: &Settings) -> Description {
         dimensions: 2,
         max_agents: Some(MOST_ROBOTS),
         sensors: settings.robot.sensors(),
-        actuators: ACTUATORS,
+        actuators: settings.robot.actuators(),
         metrics: metrics
             .map(|(name, metric)| MetricInfo {
                 name: name.clone().into(),
@@ -164,11 +164,11 @@ impl Simulation for Arena {
     }
 
     fn actuator_units(&self) -> Vec<String> {
-        vec![String::new(); ACTUATORS]
+        vec![String::new(); self.settings.robot.actuators()]
     }
 
     fn actuator_names(&self) -> Vec<String> {
-        texts(&["left wheel", "right wheel"])
+        self.settings.robot.actuator_names()
     }
 
     fn reset(&mut self, parameters: &Parameters) -> Result<(), ParameterError> {
@@ -210,7 +210,17 @@ impl Simulation for Arena {
     }
 
     fn metrics(&self) -> Vec<f64> {
-        self.tallies.iter().map(|tally| tally.values[0]).collect()
+        let mission = &self.settings.mission;
+        let (bodies, colors) = (&self.swarm.bodies, &self.swarm.colors);
+        let others = mission.metrics[mission.counted..]
+            .iter()
+            .map(|(_, metric)| {
+                let mut tally = Tally::new();
+                tally.update(metric, bodies, &mission.place, colors, true);
+                tally.values[0]
+            });
+        let counted = self.tallies.iter().map(|tally| tally.values[0]);
+        counted.chain(others).collect()
     }
 
     fn evaluate(

@@ -2,6 +2,7 @@
 
 use swarmwright_lanes::{Lanes, Mask, Number, number};
 
+use super::polygon;
 use swarmwright_simulation::counter::uniform;
 
 /// The stream of random numbers of colours.
@@ -74,6 +75,16 @@ pub(super) enum Shape {
 }
 
 impl Shape {
+    /// The middle of its extent; infinite or no number where it does not end.
+    pub(super) fn middle(&self) -> [f64; 2] {
+        let [low, high] = match self {
+            Self::Circle { center, .. } => [*center; 2],
+            Self::Box { low, high } => [*low, *high],
+            Self::Polygon { corners } => polygon::extent(corners),
+        };
+        [0, 1].map(|axis| (f64::from(low[axis]) + f64::from(high[axis])) / 2.0)
+    }
+
     /// Whether points lie in it, the edge included.
     #[inline(always)]
     pub(super) fn holds<L: Lanes>(&self, x: Number<L>, y: Number<L>) -> L::Mask {
@@ -120,6 +131,10 @@ pub(super) struct Light {
 /// Everything that does not move.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct Place {
+    /// Corners of the walls around, counter-clockwise.
+    pub outline: Vec<[f32; 2]>,
+    /// Corners of the boxes within, counter-clockwise.
+    pub boxes: Vec<[[f32; 2]; 4]>,
     pub faces: Vec<Face>,
     pub patches: Vec<Patch>,
     /// Of the floor beside the patches.
@@ -140,6 +155,12 @@ impl Place {
             }
         }
         [low, high]
+    }
+
+    /// Whether a point is inside of the walls and of no box.
+    pub(super) fn is_free(&self, point: [f64; 2]) -> bool {
+        let boxed = |corners: &[[f32; 2]; 4]| polygon::contains(corners, point);
+        polygon::contains(&self.outline, point) && !self.boxes.iter().any(boxed)
     }
 
     /// The patch with this name.

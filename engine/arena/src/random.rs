@@ -13,21 +13,30 @@ use swarmwright_simulation::counter::splitmix;
 pub(super) enum Purpose {
     /// Noise of both wheels of four robots, a word each.
     Wheels,
-    /// Noise of the first eight and of the other proximity readings.
+    /// Noise of eight proximity readings, 0 to 15 for the first, second, .. eight.
     Proximity(u32),
-    /// Noise of the light readings.
+    /// Noise of eight light readings, in the same way.
     Light(u32),
     /// Noise of the ground readings (three halves), what EvoStick reads on grey (three halves), and the number that
     /// controllers get (a word).
     Ground,
+    /// Noise of up to eight ground readings, for those that have more than three.
+    Floor,
+    /// Noise of the encoders.
+    Encoders,
+    /// Noise of the compass.
+    Compass,
 }
 
 impl Purpose {
-    /// Below 64.
+    /// Below 64: at most 128 readings of each kind.
     const fn code(self) -> u32 {
         match self {
             Self::Wheels => 0,
             Self::Ground => 1,
+            Self::Floor => 2,
+            Self::Encoders => 4,
+            Self::Compass => 5,
             Self::Proximity(block) => 16 + block,
             Self::Light(block) => 32 + block,
         }

@@ -1,5 +1,13 @@
 //! Models of robots: body, drive, sensors, and what controllers get of them.
 
+mod model;
+
+use serde_json::Value;
+
+use super::settings::with_place;
+use swarmwright_simulation::ParameterError;
+use swarmwright_simulation::parameters::wrong;
+
 /// A ray in the frame of the robot, x ahead, y to the left.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Ray {
@@ -74,6 +82,39 @@ pub(super) struct Links {
     pub offset: f32,
 }
 
+/// How a robot moves.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Drive {
+    /// Two wheels, left and right, this far apart, metres.
+    Differential { wheel_base: f32 },
+    /// In any direction, ahead and to the left, while it turns by up to this, rad/s.
+    Holonomic { turn: f32 },
+    /// A speed and the angle of the front wheels, up to this many half turns to either side; axles this far apart, metres.
+    Car { wheel_base: f32, steering: f32 },
+}
+
+impl Drive {
+    fn actuators(self) -> &'static [&'static str] {
+        match self {
+            Self::Differential { .. } => &["left wheel", "right wheel"],
+            Self::Holonomic { .. } => &["ahead", "left", "turn"],
+            Self::Car { .. } => &["speed", "steering"],
+        }
+    }
+
+    /// rad/s, at a speed of the wheels or of the robot.
+    fn fastest_turn(self, speed: f32) -> f32 {
+        match self {
+            Self::Differential { wheel_base } => 2.0 * speed / wheel_base,
+            Self::Holonomic { turn } => turn,
+            Self::Car {
+                wheel_base,
+                steering,
+            } => speed * (steering * std::f32::consts::PI).tan() / wheel_base,
+        }
+    }
+}
+
 /// Numbers that controllers get, in the order of a model's list.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Output {
@@ -99,6 +140,23 @@ pub(super) enum Output {
     AttractionParts,
     /// A number in 0..1, drawn anew in each tick.
     Random,
+    /// The reading of each ground sensor, 0 black to 1 white.
+    GroundReadings,
+    /// The mean of the messages heard in this tick, number by number; 0 where none is heard.
+    Message,
+    /// Number of robots within the range of `around`.
+    AroundCount,
+    /// Mean of the positions of those robots in the robot's frame, in ranges: x, y; 0, 0 where there is none.
+    AroundCenter,
+    /// Mean of their headings in the robot's frame as unit vectors: x, y.
+    AroundHeading,
+    /// The nearest of them in the robot's frame, in ranges: x, y.
+    AroundNearest,
+    /// What the drive aimed at in the tick before, with its noise: for each actuator of the drive a share of the largest
+    /// speed.
+    Encoders,
+    /// The direction of the x axis in the robot's frame as a unit vector: x, y.
+    Compass,
 }
 
 /// A model of a robot.
@@ -108,11 +166,10 @@ pub(super) struct Robot {
     pub radius: f32,
     /// Metres; what lies lower does not hide it.
     pub height: f32,
-    /// Distance of the wheels, metres.
-    pub wheel_base: f32,
-    /// Largest speed of a wheel, m/s: actuators of 1.
+    pub drive: Drive,
+    /// Largest speed of a wheel or of the robot, m/s: actuators of 1.
     pub top_speed: f32,
-    /// Standard deviation of the factor by which a wheel's speed is off in a tick.
+    /// Standard deviation of the factor by which the speed of a wheel is off in a tick.
     pub wheel_noise: f32,
     /// Largest change of velocity by the drive, m/s^2.
     pub acceleration: f32,
@@ -122,8 +179,27 @@ pub(super) struct Robot {
     pub light: Option<LightSensors>,
     pub ground: Option<GroundSensors>,
     pub links: Option<Links>,
+    /// How far robots see others without loss or hiding, metres.
+    pub around: Option<f32>,
+    /// Numbers of a message, actuators of their own.
+    pub message: usize,
+    /// Uniform noise of the encoders.
+    pub encoder_noise: f32,
+    /// Uniform noise of the compass, half turns.
+    pub compass_noise: f32,
     pub outputs: Vec<Output>,
 }
+
+/// Seconds.
+const TICK: f32 = 0.1;
+
+/// Models that are composed: a file each.
+const MODELS: [(&str, &str); 4] = [
+    ("foot-bot", include_str!("robots/foot-bot.yaml")),
+    ("kilobot", include_str!("robots/kilobot.yaml")),
+    ("point", include_str!("robots/point.yaml")),
+    ("turtlebot3", include_str!("robots/turtlebot3.yaml")),
+];
 
 /// Degrees in half turns.
 const fn half_turns(degrees: f32) -> f32 {
@@ -153,7 +229,7 @@ impl Robot {
         Self {
             radius: 0.035,
             height: 0.076,
-            wheel_base: 0.053,
+            drive: Drive::Differential { wheel_base: 0.053 },
             top_speed: 0.12,
             wheel_noise: 0.05,
             acceleration: 3.75,
@@ -180,6 +256,10 @@ impl Robot {
                 loss: 0.85,
                 offset: 7.0,
             }),
+            around: None,
+            message: 0,
+            encoder_noise: 0.0,
+            compass_noise: 0.0,
             outputs,
         }
     }
@@ -203,22 +283,69 @@ impl Robot {
                 Attraction,
                 Random,
             ])),
-            _ => None,
+            _ => {
+                let (_, text) = MODELS.iter().find(|(known, _)| *known == name)?;
+                let value = serde_saphyr::from_str::<Value>(text).ok()?;
+                model::read(&value).ok()
+            }
         }
     }
 
-    /// Names of the models.
-    pub(super) const PRESETS: [&str; 2] = ["e-puck-rm1.1", "e-puck-rm1.2"];
+    /// A model as a name or an object; `place` is what it is called in complaints.
+    ///
+    /// # Errors
+    /// What is wrong with it.
+    pub(super) fn read(value: &Value, place: &str) -> Result<Self, ParameterError> {
+        let expected = || {
+            let models = MODELS.iter().map(|(name, _)| *name);
+            let names: Vec<_> = Self::CODED.into_iter().chain(models).collect();
+            format!("the name of a robot ({}) or an object", names.join(", "))
+        };
+        match value {
+            Value::String(name) => Self::preset(name)
+                .ok_or_else(|| wrong(place, format!("{name:?} found, expected {}", expected()))),
+            Value::Object(_) => model::read(value).map_err(|error| with_place(place, error)),
+            other => Err(wrong(
+                place,
+                format!("{other} found, expected {}", expected()),
+            )),
+        }
+    }
+
+    /// Models that are not files.
+    const CODED: [&str; 2] = ["e-puck-rm1.1", "e-puck-rm1.2"];
+
+    /// Names of the actuators.
+    pub(super) fn actuator_names(&self) -> Vec<String> {
+        let drive = self.drive.actuators().iter().map(|name| (*name).to_owned());
+        drive.chain(numbered("message", self.message)).collect()
+    }
+
+    /// Numbers that controllers give.
+    pub(super) fn actuators(&self) -> usize {
+        self.drive.actuators().len() + self.message
+    }
 
     /// How many numbers an output has.
     pub(super) fn width(&self, output: Output) -> usize {
         match output {
             Output::Proximity => self.proximity.as_ref().map_or(0, |p| p.rays.len()),
             Output::Light => self.light.as_ref().map_or(0, |l| l.angles.len()),
+            Output::GroundReadings => self.ground.as_ref().map_or(0, |g| g.points.len()),
+            Output::Message => self.message,
+            Output::Encoders => self.drive.actuators().len(),
+            Output::AroundCenter
+            | Output::AroundHeading
+            | Output::AroundNearest
+            | Output::Compass => 2,
             Output::GroundDrawn => 3,
             Output::AttractionParts => 4,
             Output::ProximityVector | Output::LightDirection | Output::Attraction => 2,
-            Output::Ground | Output::Neighbours | Output::NeighboursSquashed | Output::Random => 1,
+            Output::Ground
+            | Output::Neighbours
+            | Output::NeighboursSquashed
+            | Output::Random
+            | Output::AroundCount => 1,
         }
     }
 
@@ -235,6 +362,24 @@ impl Robot {
                     names.extend(numbered("light", self.width(*output)));
                     continue;
                 }
+                Output::GroundReadings => {
+                    names.extend(numbered("ground", self.width(*output)));
+                    continue;
+                }
+                Output::Message => {
+                    names.extend(numbered("message", self.width(*output)));
+                    continue;
+                }
+                Output::Encoders => {
+                    let drive = self.drive.actuators().iter();
+                    names.extend(drive.map(|name| format!("{name} encoder")));
+                    continue;
+                }
+                Output::AroundCount => &["robots around"],
+                Output::AroundCenter => &["center x", "center y"],
+                Output::AroundHeading => &["heading x", "heading y"],
+                Output::AroundNearest => &["nearest x", "nearest y"],
+                Output::Compass => &["compass x", "compass y"],
                 Output::ProximityVector => &["proximity x", "proximity y"],
                 Output::LightDirection => &["light x", "light y"],
                 Output::GroundDrawn => &["ground left", "ground middle", "ground right"],
@@ -263,6 +408,18 @@ impl Robot {
             .as_ref()
             .map_or(0.0, |links| links.range)
             .max(proximity)
+            .max(self.around.unwrap_or(0.0))
+    }
+
+    /// Rims that are further apart than this at the beginning of a tick do not touch in it, metres.
+    pub(super) fn reach(&self) -> f32 {
+        (self.fastest() * TICK).max(0.03)
+    }
+
+    /// No two bodies approach each other faster, m/s.
+    pub(super) fn fastest(&self) -> f32 {
+        // The factor of the noise is at most 4.9 deviations off.
+        (2.0 * self.top_speed * (1.0 + 4.9 * self.wheel_noise)).max(0.3)
     }
 
     /// Numbers that controllers get.

@@ -1,6 +1,6 @@
 //! What robots perceive in a tick, and what controllers get of it.
 
-use swarmwright_controllers::functions::lanes::tanh;
+use swarmwright_controllers::functions::lanes::{cos_pi, sin_pi, tanh};
 use swarmwright_lanes::{Lanes, Mask, Number, number};
 
 use super::ground::GroundWindow;
@@ -11,7 +11,7 @@ use super::proximity::Seen;
 use super::random::{Keys, Purpose, halves, noise, uniform};
 use super::robot::{Output, Robot};
 use super::swarm::Bodies;
-use super::{contacts, grey, light, proximity};
+use super::{around, contacts, grey, light, messages, proximity};
 
 /// The way to another robot, along the axes of the arena.
 #[derive(Clone, Copy)]
@@ -44,6 +44,10 @@ pub(super) struct Senses<L: Lanes> {
     /// Which controllers are told of them, half turns.
     angles: [Vec<f32>; 2],
     seen: Seen<L>,
+    /// By robot: the numbers of its message.
+    pub sent: Vec<Number<L>>,
+    /// By robot: what the drive aimed at, for encoders.
+    pub turned: Vec<Number<L>>,
 }
 
 impl<L: Lanes> Senses<L> {
@@ -63,6 +67,8 @@ impl<L: Lanes> Senses<L> {
                 lights.to_vec(),
             ],
             seen: Seen::new(),
+            sent: vec![number(0.0); robots * robot.message],
+            turned: vec![number(0.0); robots * robot.width(Output::Encoders)],
         }
     }
 
@@ -71,6 +77,8 @@ impl<L: Lanes> Senses<L> {
     pub(super) fn forget(&mut self) {
         self.ground.clear();
         self.links.clear();
+        self.sent.fill(number(0.0));
+        self.turned.fill(number(0.0));
     }
 
     /// All robots look, where they are now.
@@ -133,8 +141,15 @@ impl<L: Lanes> Senses<L> {
             let [first, second, third, given] = keys.draw(tick, index, Purpose::Ground);
             let ([a, b], [c, d], [e, f]) = (halves(first), halves(second), halves(third));
             if let Some(sensors) = &robot.ground {
+                let more;
+                let units = if sensors.points.len() > 3 {
+                    more = keys.draw(tick, index, Purpose::Floor).map(halves::<L>);
+                    more.as_flattened()
+                } else {
+                    &[a, b, c]
+                };
                 self.ground
-                    .read(sensors, (place, colors), bodies, index, tick, [a, b, c]);
+                    .read(sensors, (place, colors), bodies, index, tick, units);
             }
             if let Some(links) = &robot.links {
                 self.links
@@ -181,6 +196,33 @@ impl<L: Lanes> Senses<L> {
                     Output::Attraction => copy(&self.links.attraction[index], numbers),
                     Output::AttractionParts => {
                         copy(&parts(self.links.attraction[index]), numbers);
+                    }
+                    Output::GroundReadings => copy(&self.ground.readings, numbers),
+                    Output::Message => {
+                        let others = (&self.sent[..], &self.others[..]);
+                        messages::hear(robot, place, bodies, index, others, keys, tick, numbers);
+                    }
+                    Output::Encoders => {
+                        let draw = keys.draw(tick, index, Purpose::Encoders);
+                        let turned = &self.turned[index * width..][..width];
+                        for ((number, turned), word) in numbers.iter_mut().zip(turned).zip(draw) {
+                            *number = (*turned + noise(uniform(word), robot.encoder_noise)).0;
+                        }
+                    }
+                    Output::Compass => {
+                        let [word, ..] = keys.draw(tick, index, Purpose::Compass);
+                        let off = noise(uniform(word), robot.compass_noise);
+                        let (cos, sin) = (Number(cos_pi(off.0)), Number(sin_pi(off.0)));
+                        let (x, y) = (bodies.cos[index], -bodies.sin[index]);
+                        copy(&[x * cos - y * sin, x * sin + y * cos], numbers);
+                    }
+                    Output::AroundCount
+                    | Output::AroundCenter
+                    | Output::AroundHeading
+                    | Output::AroundNearest => {
+                        let range = robot.around.unwrap_or(1.0);
+                        let seen = around::see(*output, range, bodies, index, &self.others);
+                        copy(&seen, numbers);
                     }
                     Output::Random => copy(&[uniform(given)], numbers),
                 }

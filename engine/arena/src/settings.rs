@@ -12,6 +12,9 @@ use swarmwright_simulation::{ParameterError, ParameterInfo, ParameterReader, Par
 /// Most robots.
 pub(super) const MOST_ROBOTS: u32 = 100_000;
 
+/// Longest episode, seconds.
+pub(super) const LONGEST: f64 = (MOST_TICKS - 1) as f64 / 10.0;
+
 /// Checked parameters.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Settings {
@@ -31,25 +34,12 @@ impl Settings {
         let robots = read
             .integer("robots", 1, MOST_ROBOTS)?
             .unwrap_or(mission.robots);
-        let longest = f64::from(MOST_TICKS - 1) / 10.0;
         let duration = read
-            .number("duration", 0.1, longest)?
+            .number("duration", 0.1, LONGEST)?
             .unwrap_or(mission.duration);
-        let model = match parameters.get("robot") {
-            None => mission.robot.as_str(),
-            Some(Value::String(name)) => name.as_str(),
-            Some(other) => {
-                return Err(wrong(
-                    "robot",
-                    format!("{other} found, expected {}", Robot::PRESETS.join(" or ")),
-                ));
-            }
-        };
-        let Some(robot) = Robot::preset(model) else {
-            return Err(wrong(
-                "robot",
-                format!("{model:?} found, expected {}", Robot::PRESETS.join(" or ")),
-            ));
+        let robot = match parameters.get("robot") {
+            None => mission.robot.clone(),
+            Some(value) => Robot::read(value, "robot")?,
         };
         Ok(Self {
             robot,
@@ -62,14 +52,33 @@ impl Settings {
     }
 }
 
+/// A complaint about a part of what is called `place`.
+pub(super) fn with_place(place: &str, error: ParameterError) -> ParameterError {
+    let name = match error.name.as_str() {
+        "" => place.to_owned(),
+        inner => format!("{place}.{inner}"),
+    };
+    wrong(&name, error.reason)
+}
+
 impl Settings {
     /// Where the robots start.
     pub(super) fn poses(&self) -> Result<Vec<Pose>, ParameterError> {
         let (mission, robots) = (&self.mission, self.robots);
-        start::draw(&mission.start, robots, &self.robot, &mission.place, self.seed).ok_or_else(|| {
+        let poses = start::draw(
+            &mission.start,
+            robots,
+            &self.robot,
+            &mission.place,
+            self.seed,
+        );
+        poses.map_err(|found| {
             wrong(
                 "robots",
-                format!("{robots} robots do not fit where they are to start; take fewer of them, or a larger place"),
+                format!(
+                    "{robots} robots do not fit where they are to start: {found} found a free place at random; \
+                     take fewer, or a larger start or arena"
+                ),
             )
         })
     }
@@ -82,7 +91,8 @@ pub(super) fn parameters() -> Vec<ParameterInfo> {
             "mission",
             "name or object",
             json!("aac"),
-            "The name of a built-in mission, or a mission as an object; in an experiment file also the path of a YAML file.",
+            "The name of a built-in mission (see the page on the arena), or a mission as an object; in an experiment file also \
+             the path of a YAML file.",
         ),
         (
             "robots",
@@ -98,10 +108,11 @@ pub(super) fn parameters() -> Vec<ParameterInfo> {
         ),
         (
             "robot",
-            "string",
+            "name or object",
             Value::Null,
-            "Model of the robots: e-puck-rm1.1 (the inputs of EvoStick) or e-puck-rm1.2 (those of Chocolate's modules); \
-             left out: what the mission says.",
+            "Model of the robots: e-puck-rm1.1 (the inputs of EvoStick), e-puck-rm1.2 (those of Chocolate's modules), \
+             foot-bot, kilobot, turtlebot3 or point, or a robot as an object; in an experiment file also the path of a YAML \
+             file; left out: what the mission says.",
         ),
         (
             "seed",

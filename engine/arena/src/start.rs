@@ -30,14 +30,17 @@ const TRIES: u64 = 2_000;
 /// The stream of random numbers of the start.
 const STREAM: u64 = 0x0073_7461_7274;
 
-/// Draws a pose for each robot; those who overlap another robot or a wall are drawn again. None if a robot finds no place.
+/// Draws a pose for each robot; those who overlap another robot or a wall are drawn again.
+///
+/// # Errors
+/// How many robots found a place, if not all did.
 pub(super) fn draw(
     start: &Start,
     robots: usize,
     robot: &Robot,
     place: &Place,
     seed: u64,
-) -> Option<Vec<Pose>> {
+) -> Result<Vec<Pose>, usize> {
     let mut poses: Vec<Pose> = Vec::with_capacity(robots);
     let mut taken = Taken::new(start, robots, robot);
     for index in 0..robots as u64 {
@@ -47,11 +50,14 @@ pub(super) fn draw(
                     |part: u64| uniform(seed, STREAM, (index * TRIES + attempt) * 4 + part);
                 pose(start, [number(0), number(1), number(2)])
             })
-            .find(|pose| within(pose.at, start) && fits(*pose, &poses, &taken, robot, place))?;
+            .find(|pose| within(pose.at, start) && fits(*pose, &poses, &taken, robot, place));
+        let Some(pose) = pose else {
+            return Err(poses.len());
+        };
         taken.add(pose.at, index as u32);
         poses.push(pose);
     }
-    Some(poses)
+    Ok(poses)
 }
 
 fn pose(start: &Start, [a, b, c]: [f32; 3]) -> Pose {
@@ -165,5 +171,5 @@ fn fits(pose: Pose, others: &[Pose], taken: &Taken, robot: &Robot, place: &Place
     }) && taken.around(pose.at).all(|other| {
         let [ox, oy] = others[other as usize].at;
         apart([ox - x, oy - y], 2.0 * robot.radius)
-    })
+    }) && place.is_free(pose.at.map(f64::from))
 }

@@ -8,7 +8,7 @@ use super::functions::normal;
 use super::neighbours::Neighbours;
 use super::place::Place;
 use super::random::{Keys, Purpose, halves, key};
-use super::robot::Robot;
+use super::robot::{Drive, Output, Robot};
 use super::senses::Senses;
 use super::start::Pose;
 
@@ -133,7 +133,7 @@ impl<L: Lanes> Swarm<L> {
         self.sense(robot, place);
     }
 
-    /// One tick: all drive with these actuators, wheel speeds left and right of each robot in -1..=1, then all look.
+    /// One tick: all drive with these actuators, one robot's after another's, each in -1..=1, then all look.
     #[inline(always)]
     pub(super) fn step(&mut self, robot: &Robot, place: &Place, actuators: &[L]) {
         self.tick += 1;
@@ -148,22 +148,66 @@ impl<L: Lanes> Swarm<L> {
         self.sense(robot, place);
     }
 
-    /// What the drives aim at, with the noise of the wheels; turns the robots.
+    /// What the drives aim at, with their noise; turns the robots.
     #[inline(always)]
     fn drive(&mut self, robot: &Robot, actuators: &[L]) {
         let bodies = &mut self.bodies;
+        let encoders = robot.outputs.contains(&Output::Encoders);
         let mut words = [L::Int::splat(0); 4];
-        for (index, wheels) in actuators.chunks_exact(2).enumerate() {
+        for (index, row) in actuators.chunks_exact(robot.actuators()).enumerate() {
             if index % 4 == 0 {
                 words = self.keys.draw(self.tick, index / 4, Purpose::Wheels);
             }
             let [length, angle] = halves(words[index % 4]);
             let noise = normal(length, angle);
-            let left = wheel(robot, wheels[0], noise[0]);
-            let right = wheel(robot, wheels[1], noise[1]);
-            let ahead = (left + right) * 0.5;
-            self.contacts.aim[index] = [ahead * bodies.cos[index], ahead * bodies.sin[index]];
-            let spin = (right - left) * (1.0 / robot.wheel_base);
+            let noise = noise.map(|noise| noise * robot.wheel_noise + 1.0);
+            let (cos, sin) = (bodies.cos[index], bodies.sin[index]);
+            let (aim, spin) = match robot.drive {
+                Drive::Differential { wheel_base } => {
+                    let wheel = |side: usize| Number(row[side]) * robot.top_speed * noise[side];
+                    let (left, right) = (wheel(0), wheel(1));
+                    let ahead = (left + right) * 0.5;
+                    let spin = (right - left) * (1.0 / wheel_base);
+                    ([ahead * cos, ahead * sin], spin)
+                }
+                Drive::Holonomic { turn } => {
+                    let part = |axis: usize| Number(row[axis]) * noise[axis];
+                    let (x, y) = (part(0), part(1));
+                    // Not faster across than along.
+                    let length = (x * x + y * y).sqrt().at_least(number(1.0));
+                    let speed = number::<L>(robot.top_speed) / length;
+                    let (x, y) = (x * speed, y * speed);
+                    (
+                        [x * cos - y * sin, x * sin + y * cos],
+                        Number(row[2]) * turn,
+                    )
+                }
+                Drive::Car {
+                    wheel_base,
+                    steering,
+                } => {
+                    let speed = Number(row[0]) * robot.top_speed * noise[0];
+                    let angle = (Number(row[1]) * steering * noise[1]).within(-0.48, 0.48);
+                    let tangent = Number(sin_pi(angle.0)) / Number(cos_pi(angle.0));
+                    let spin = speed * tangent * (1.0 / wheel_base);
+                    ([speed * cos, speed * sin], spin)
+                }
+            };
+            if encoders {
+                let width = robot.width(Output::Encoders);
+                let factors = [noise[0], noise[1], number(1.0)];
+                for (part, factor) in factors.into_iter().enumerate().take(width) {
+                    self.senses.turned[index * width + part] = Number(row[part]) * factor;
+                }
+            }
+            let sent = &row[row.len() - robot.message..];
+            for (kept, number) in self.senses.sent[index * robot.message..]
+                .iter_mut()
+                .zip(sent)
+            {
+                *kept = Number(*number);
+            }
+            self.contacts.aim[index] = aim;
             // The first substep still turns as in the tick before.
             let turn = (bodies.spin[index] + spin * (SUBSTEPS - 1) as f32)
                 * (SUBSTEP * std::f32::consts::FRAC_1_PI);
@@ -186,10 +230,4 @@ impl<L: Lanes> Swarm<L> {
             self.tick,
         );
     }
-}
-
-/// The speed of a wheel, m/s.
-#[inline(always)]
-fn wheel<L: Lanes>(robot: &Robot, actuator: L, noise: Number<L>) -> Number<L> {
-    Number(actuator) * robot.top_speed * (noise * robot.wheel_noise + 1.0)
 }

@@ -1,3 +1,7 @@
 //! The integration tests of this crate as one program: each program links the whole engine anew.
 
 mod arena;
+mod arena_metrics;
+mod arena_mistakes;
+mod arena_polygons;
+mod arena_robots;

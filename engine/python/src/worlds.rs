@@ -57,6 +57,21 @@ pub fn describe<'py>(
     to_python(py, &description)
 }
 
+/// The built-in missions of the arena.
+#[pyfunction]
+pub fn missions(py: Python<'_>) -> PyResult<Bound<'_, PyAny>> {
+    let missions: Vec<serde_json::Value> = worlds::missions()
+        .into_iter()
+        .map(|mission| {
+            serde_json::json!({
+                "name": mission.name, "also": mission.also, "title": mission.title,
+                "robots": mission.robots, "duration": mission.duration, "text": mission.text,
+            })
+        })
+        .collect();
+    to_python(py, &missions)
+}
+
 /// Checks parameters against a built-in simulation.
 #[pyfunction]
 pub fn check_parameters(title: &str, parameters: &Bound<'_, PyDict>) -> PyResult<()> {

@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 use swarmwright_controllers::{Architecture, ControllerError};
 use swarmwright_lanes::Level;
-use swarmwright_worlds::{Block, Means, RolloutError, create, evaluate};
+use swarmwright_worlds::{Block, Means, RolloutError, create, described, evaluate};
 
 /// All ways of evaluating a block agree with the plain one; returns its fitness.
 fn check(
@@ -21,7 +21,11 @@ fn check(
     let length = architecture.weight_count();
     let candidates = genomes.len() / length;
     let parameters: Map<String, Value> = parameters.as_object().unwrap().clone();
-    let count = create(title).unwrap().description().metrics.len();
+    let count = described(title, &parameters)
+        .unwrap()
+        .unwrap()
+        .metrics
+        .len();
     // In another order than they are announced in.
     let metrics: Vec<usize> = (0..count).rev().collect();
     let run = |metrics, means| {
@@ -145,10 +149,85 @@ fn emergency_exit() -> impl Strategy<Value = Value> {
 fn arena() -> impl Strategy<Value = Value> {
     // One at a time, more than 48 robots are sorted into cells.
     let robots = prop_oneof![6 => 1u32..24, 1 => 44u32..70];
-    let missions = ["aac", "cfa", "sca", "directional_gate", "guided_shelter"];
-    (robots, 0.1f64..12.0, prop::sample::select(missions.to_vec())).prop_map(
+    let missions = [
+        "aac",
+        "cfa",
+        "sca",
+        "directional_gate",
+        "guided_shelter",
+        "flocking",
+        "area_coverage",
+        "formation",
+    ];
+    let mission = prop_oneof![
+        4 => prop::sample::select(missions.to_vec()).prop_map(|name| json!(name)),
+        1 => Just(measured()),
+    ];
+    (robots, 0.1f64..12.0, mission).prop_map(
         |(robots, duration, mission)| json!({"robots": robots, "duration": duration, "mission": mission}),
     )
+}
+
+/// A mission in an arena with a corner that points inwards, with metrics of many kinds.
+fn measured() -> Value {
+    json!({
+        "walls": {"corners": [[-1.5, -1.5], [1.5, -1.5], [1.5, 1.5], [0.2, 0.3], [-1.5, 1.5]]},
+        "obstacles": [{"center": [0.8, -0.8], "size": [0.3, 0.1], "angle": 30}],
+        "floor": {"patches": [
+            {"name": "west", "circle": {"center": [-1, -1], "radius": 0.2}, "color": "black"},
+            {"name": "east", "rectangle": {"x": [0.8, 1.2], "y": [-1.4, -1]}, "color": "random"},
+        ]},
+        "start": {"rectangle": {"x": [-1.4, 1.4], "y": [-1.4, 0.2]}},
+        "metrics": {
+            "a": {"kind": "order"},
+            "b": {"kind": "group_speed", "link": 0.4, "when": "each_tick"},
+            "c": {"kind": "nearest_distance"},
+            "d": {"kind": "largest_group", "link": 0.3, "share": true},
+            "e": {"kind": "groups", "link": 0.3, "when": "end"},
+            "f": {"kind": "covered_share", "radius": 0.2, "when": "end"},
+            "g": {"kind": "visited_share", "cell": 0.2},
+            "h": {"kind": "shape_deviation", "shape": {"line": [[0, 0], [1, 0]], "turned": true}, "when": "end"},
+            "i": {"kind": "chain_reach", "from": "west", "to": "east", "link": 0.4},
+            "j": {"kind": "distance_to_center"},
+            "k": {"kind": "robots_on", "patch": "west", "when": "mean"},
+        },
+        "fitness": {"offset": 1, "factors": {"a": 1, "g": 10, "speed": -1}},
+    })
+}
+
+/// Robots of other kinds, with all their sensors and a network that fits.
+fn composed() -> impl Strategy<Value = (Value, Value)> {
+    let of = |robot: Value, sensors: usize, actuators: usize| {
+        (Just(robot), network(sensors, actuators)).boxed()
+    };
+    let own = |drive: Value| {
+        json!({
+            "radius": 0.04, "drive": drive,
+            "sensors": [
+                {"kind": "proximity", "angles": [0, 40, -40, 180], "range": 0.3, "noise": 0.1, "gives": "vector"},
+                {"kind": "light", "count": 3, "noise": 0.02},
+                {"kind": "ground", "points": [[0, 0], [0.03, 0], [0, 0.03], [0, -0.03], [-0.03, 0]], "noise": 0.3},
+                {"kind": "range_and_bearing", "range": 0.8, "loss": 0.3, "gives": ["message", "attraction"]},
+                {"kind": "neighbours", "range": 0.5, "gives": ["nearest", "heading", "center", "count"]},
+                {"kind": "encoders", "noise": 0.1},
+                {"kind": "compass", "noise": 5},
+            ],
+            "actuators": [{"kind": "message", "numbers": 3}],
+        })
+    };
+    let wheels = json!({"kind": "differential", "wheel_base": 0.1, "max_speed": 0.4, "noise": 0.1});
+    let holonomic = json!({"kind": "holonomic", "max_speed": 0.3, "max_turn": 200, "noise": 0.05});
+    let car = json!({"kind": "car", "wheel_base": 0.1, "max_speed": 0.3, "max_steering": 40, "noise": 0.05});
+    let shared = 2 + 3 + 5 + 3 + 2 + 7 + 2;
+    prop_oneof![
+        of(own(wheels), shared + 2, 5),
+        of(own(holonomic), shared + 3, 6),
+        of(own(car), shared + 2, 5),
+        of(json!("foot-bot"), 57, 2),
+        of(json!("kilobot"), 4, 3),
+        of(json!("point"), 9, 3),
+        of(json!("turtlebot3"), 40, 2),
+    ]
 }
 
 /// Stadium: the field of FREVO's result files.
@@ -185,6 +264,14 @@ proptest! {
     ) {
         let seeds: Vec<u64> = (0..episodes).map(|episode| u64::from(first) + episode).collect();
         check("arena", &network, &parameters, &genomes, &seeds);
+    }
+
+    #[test]
+    fn robots_of_other_kinds_are_the_same_however_they_are_computed(
+        (robot, network) in composed(), genomes in weights(), seed in any::<u32>(), robots in 2u32..9, duration in 0.1f64..8.0,
+    ) {
+        let parameters = json!({"mission": "aac", "robot": robot, "robots": robots, "duration": duration});
+        check("arena", &network, &parameters, &genomes, &[u64::from(seed), u64::from(seed) + 1]);
     }
 
     #[test]

@@ -6,21 +6,51 @@ from swarmwright.cli._commands import Command
 from swarmwright.cli._output import document
 
 
+class _MissionOption(click.Option):
+    """An option whose help lists the missions, which the engine knows."""
+
+    def get_help_record(self, ctx: click.Context) -> tuple[str, str] | None:
+        """Return the option and its help."""
+        from swarmwright import templates
+
+        record = super().get_help_record(ctx)
+        return record and (record[0], f"{record[1]} {', '.join(templates.missions())}.")
+
+
 @click.command(
     "new",
     cls=Command,
     example="swarmwright new minisim > my.yaml\nswarmwright new emergency_exit > exit.yaml\n"
-    "swarmwright new arena > swarm.yaml",
+    "swarmwright new arena --mission foraging > swarm.yaml",
 )
 @click.argument("template", metavar="NAME")
-def command(template: str) -> None:
+@click.option(
+    "--mission",
+    cls=_MissionOption,
+    metavar="MISSION",
+    help="Of arena: what the robots are to do. Default: aggregation. There is:",
+)
+@click.option(
+    "--mission-file",
+    is_flag=True,
+    help="Of arena: print the mission itself instead, as a file to make a mission of your own from, which "
+    "`parameters: {mission: FILE.yaml}` names.",
+)
+def command(template: str, mission: str | None, mission_file: bool) -> None:
     """Print a commented experiment file to start from.
 
     NAME is the template: arena, emergency_exit or minisim.
     """
     from swarmwright import InputError, templates
 
+    if template != "arena" and (mission is not None or mission_file):
+        raise click.UsageError(f"--mission{'-file' * mission_file} is of arena alone, not of {template}")
     try:
-        document(templates.text(template))
+        if mission_file:
+            document(templates.mission(mission or "aggregation"))
+        elif mission is not None:
+            document(templates.arena(mission))
+        else:
+            document(templates.text(template))
     except InputError as error:
         raise click.UsageError(str(error)) from error

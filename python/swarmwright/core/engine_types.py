@@ -248,6 +248,21 @@ class Description(TypedDict):
     varies: bool
 
 
+class Mission(TypedDict):
+    """A built-in mission of the arena."""
+
+    name: str
+    also: str | None
+    """Another name for it."""
+    title: str
+    robots: int
+    """Number of robots where parameters do not say another."""
+    duration: float
+    """Seconds, where parameters do not say others."""
+    text: str
+    """The YAML file."""
+
+
 class BodyFields(TypedDict):
     """One thing in a scene; see `swarmwright.display.Body`."""
 

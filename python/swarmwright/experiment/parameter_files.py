@@ -19,8 +19,10 @@ def resolve(
     parameters: Mapping[str, Any],
     folder: Callable[[str], Path],
     report: Callable[[str, str], None],
-) -> dict[str, Any]:
+) -> tuple[dict[str, Any], dict[str, yaml.Source]]:
     """Return the parameters with files read: text in the place of an object is the path of a file with it.
+
+    Also returns the files by the parameter that they stand for.
 
     Where a parameter may be a name, too, only text that ends in .yaml, .yml or .json is a path.
 
@@ -30,7 +32,7 @@ def resolve(
         folder: of a parameter's name: what its path is relative to.
         report: called with name and message for every file that cannot be read.
     """
-    result = dict(parameters)
+    result, files = dict(parameters), {}
     for name, named in _objects(simulation):
         value = result.get(name)
         if not isinstance(value, str):
@@ -39,11 +41,12 @@ def resolve(
         if named and path.suffix not in (*_YAML, ".json"):
             continue
         try:
-            result[name] = (_read_yaml if path.suffix in _YAML else read_object)(folder(name) / value)
+            files[name] = (_read_yaml if path.suffix in _YAML else _read_json)(folder(name) / value)
+            result[name] = dict(files[name].values)
         except InputError as error:
             report(name, str(error))
             del result[name]
-    return result
+    return result, files
 
 
 def read_object(path: Path) -> dict[str, Any]:
@@ -71,13 +74,21 @@ def read_object(path: Path) -> dict[str, Any]:
     return value
 
 
-def _read_yaml(path: Path) -> dict[str, Any]:
+def _read_json(path: Path) -> yaml.Source:
+    return yaml.Source(str(path), values=read_object(path))
+
+
+def _read_yaml(path: Path) -> yaml.Source:
     source = yaml.read(path)
     if source.problems:
-        raise InputError("\n".join(str(problem) for problem in source.problems))
+        told = (
+            yaml.Source(source.name, lines={place: line}).place(place) + message
+            for place, line, message in source.problems
+        )
+        raise InputError("\n".join(told))
     if not isinstance(source.values, Mapping):
         raise InputError(f"{path}: holds {_kind(source.values)}; expected keys and values")
-    return dict(source.values)
+    return source
 
 
 def _objects(simulation: str) -> Iterator[tuple[str, bool]]:

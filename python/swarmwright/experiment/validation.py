@@ -32,6 +32,7 @@ from swarmwright.store import FILE
 
 Report = Callable[[Path_, str], None]
 """Takes a problem: where, what."""
+_PART = re.compile(r"[^.\[\]]+|\[\d+\]")
 Checked = dict[str, Any]
 """Key -> checked value; the sections named in REGISTRIES as their own options."""
 
@@ -59,8 +60,9 @@ def check(source: Source, *, ask: bool = True, folder: Path | None = None) -> Ch
         # A section left empty ("method:") means its defaults.
         values = {key: value for key, value in source.values.items() if not (value is None and key in _EMPTY)}
         here = _with_simulation(values, folder or _folder(source, ("simulation",)), report, ask=ask)
-        values = _with_controllers(source, _with_files(source, values, report), report)
-        checked = _check_values(values, here, report)
+        values, files = _with_files(source, values, report)
+        values = _with_controllers(source, values, report)
+        checked = _check_values(values, here, _in_files(files, report))
         if ask and checked.get("method") is not None:  # a run can be read without
             missing = REGISTRIES["method"].get(checked["method"].kind).missing()
             if missing is not None:
@@ -114,18 +116,32 @@ def _with_simulation(values: dict[str, Any], folder: Path, report: Report, *, as
     return ask
 
 
-def _with_files(source: Source, values: dict[str, Any], report: Report) -> dict[str, Any]:
-    """Return the values with files in the place of parameters that are too large to stand there."""
+def _in_files(files: Mapping[str, Source], report: Report) -> Report:
+    """Return a report that names file and line of what stands in a parameter's own file."""
+
+    def told(path: Path_, message: str) -> None:
+        name = str(path[1]) if len(path) > 1 and path[0] == "parameters" else ""
+        if name in files:
+            path, message = path[:2], files[name].place(path[2:]) + message
+        report(path, message)
+
+    return told
+
+
+def _with_files(
+    source: Source, values: dict[str, Any], report: Report
+) -> tuple[dict[str, Any], dict[str, Source]]:
+    """Return the values with files in the place of parameters that name them, and the files."""
     simulation, parameters = values.get("simulation"), values.get("parameters")
     if not isinstance(simulation, str) or not isinstance(parameters, Mapping):
-        return values
-    resolved = resolve(
+        return values, {}
+    resolved, files = resolve(
         simulation,
         parameters,
         lambda name: _folder(source, ("parameters", name)),
         lambda name, message: report(("parameters", name), message),
     )
-    return {**values, "parameters": resolved}
+    return {**values, "parameters": resolved}, files
 
 
 def _with_controllers(source: Source, values: dict[str, Any], report: Report) -> dict[str, Any]:
@@ -348,10 +364,14 @@ def _check_parameters(simulation: str | None, parameters: dict[str, Any], report
                 report((("parameters", name) if reason and name in known else ("parameters",)), wrong)
             return
         if first or _by_itself(simulation, name, given[name], wrong):
-            part = place.removeprefix(name).removeprefix(".")
-            report(("parameters", name), f"{part}: {reason}" if part else reason)
+            report(("parameters", *_path(place)), reason)
         del given[name]
         first = False
+
+
+def _path(place: str) -> Path_:
+    """Return `a.b[0]` as ("a", "b", 0)."""
+    return tuple(int(part[1:-1]) if part[0] == "[" else part for part in _PART.findall(place))
 
 
 def _by_itself(simulation: str, name: str, value: Any, wrong: str) -> bool:  # noqa: ANN401 - any value of a file

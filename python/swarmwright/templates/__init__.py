@@ -1,9 +1,15 @@
 """Commented experiment files to start from, one file for each."""
 
+import re
 from importlib.resources import files
+from typing import TYPE_CHECKING
 
+from swarmwright import _engine
 from swarmwright.core.errors import InputError
 from swarmwright.core.suggestions import unknown
+
+if TYPE_CHECKING:
+    from swarmwright.core.engine_types import Mission
 
 
 def names() -> list[str]:
@@ -32,6 +38,44 @@ def emergency_exit() -> str:
     return text("emergency_exit")
 
 
-def arena() -> str:
-    """Return aggregation with ambient cues in the arena: e-pucks gather on a black spot."""
-    return text("arena")
+def arena(mission: str = "aggregation") -> str:
+    """Return an experiment with a mission of the arena; raise InputError for an unknown one.
+
+    Default: aggregation with ambient cues: e-pucks gather on a black spot.
+    """
+    chosen = _mission(mission)
+    file = text("arena")
+    if chosen["name"] == "aac":
+        return file
+    title, duration = chosen["title"].lower(), f"{chosen['duration']:g}"
+    for pattern, line in (
+        (r"# Arena: .*", f"# Arena: {title}, by a swarm of e-pucks (reference model RM1.1)."),
+        (r"  mission: .*", f"  mission: {mission:<22} # or the path of a YAML file with one of your own"),
+        (r"  robots: .*", f"  robots: {chosen['robots']:<23} # 1 to 100,000"),
+        (r"  duration: .*", f"  duration: {duration:<21} # seconds"),
+    ):
+        file, count = re.subn(f"^{pattern}$", line, file, count=1, flags=re.MULTILINE)
+        assert count == 1, pattern
+    return file
+
+
+def missions() -> list[str]:
+    """Return the names of the arena's missions, sorted; of those with two names the longer one."""
+    return sorted(mission["also"] or mission["name"] for mission in _engine.missions())
+
+
+def mission(name: str) -> str:
+    """Return the YAML file of a mission of the arena, by either of its names.
+
+    Raises InputError for an unknown one.
+    """
+    return _mission(name)["text"]
+
+
+def _mission(name: str) -> "Mission":
+    all_missions = _engine.missions()
+    for one in all_missions:
+        if name in (one["name"], one["also"]):
+            return one
+    names = [name for one in all_missions for name in (one["name"], one["also"]) if name]
+    raise InputError(unknown("mission", name, names))

@@ -93,7 +93,10 @@ def test_an_experiment_names_a_field_relative_to_itself(
         ('{"width":\n4,,', "exit.yaml:4: parameters.field: {folder}/field.json:2: is not valid JSON"),
         ("[]", "holds a list; expected an object"),
         ('{"width": NaN}', "NaN is not a finite number"),
-        (json.dumps({**FIELD, "agents": [[9, 9]]}), "exit.yaml:4: parameters.field: agents[0]: [9,9] found"),
+        (
+            json.dumps({**FIELD, "agents": [[9, 9]]}),
+            "exit.yaml:4: parameters.field: {folder}/field.json: agents[0]: [9,9] found",
+        ),
     ],
 )
 def test_a_field_that_cannot_be_read(tmp_path: Path, content: str | None, answer: str) -> None:

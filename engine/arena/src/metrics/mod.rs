@@ -1,185 +1,56 @@
 //! What is measured in an episode.
 
 mod counts;
+mod kind;
 mod shapes;
+mod swarm;
 
-use serde::Deserialize;
 use swarmwright_lanes::{Lanes, MOST_LANES, Mask, Number, number};
 
 use super::place::{Patch, Place};
 use super::swarm::Bodies;
+pub(super) use kind::{Metric, When};
+use swarm::State;
 
-/// A metric of a mission. "On" a patch is whose middle lies in it.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
-#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
-pub(super) enum Metric {
-    /// Robots on a patch.
-    RobotsOn {
-        patch: String,
-        #[serde(default)]
-        when: When,
-        /// Whether it is divided by the number of robots.
-        #[serde(default)]
-        share: bool,
-    },
-    /// Robots on that of some patches on which most are.
-    MostRobotsOn {
-        patches: Vec<String>,
-        #[serde(default)]
-        when: When,
-        #[serde(default)]
-        share: bool,
-    },
-    /// Times that a robot came to the nest after it had been at a source.
-    Returns { sources: Vec<String>, nest: String },
-    /// Times that a robot crossed the middle of a patch southward, minus northward; not below 0.
-    CrossingsSouth { patch: String },
-    /// Robots in the half of the arena where they should not be: below y = 0 when the patch is black, above when it is
-    /// white; summed over ticks.
-    RobotsInWrongHalf { patch: String },
-    /// How badly robots stopped: ticks of robots until one has been on the patch, those in which they stood still before
-    /// that, and those in which they moved after it.
-    StopErrors { patch: String },
-    /// The area, in m^2, that the largest group at the end covers within a circle around the origin: robots are in one
-    /// group that are less than `link` apart, and each covers a disc.
-    LargestGroupArea { link: f32, disc: f32, within: f32 },
-    /// The mean distance at the end, in metres, from points around the origin, at uniform radii and angles, to the nearest
-    /// robot that is on none of the patches; `most` without any.
-    MeanDistance {
-        radius: f32,
-        most: f32,
-        #[serde(default)]
-        outside: Vec<String>,
-    },
-    /// The mean distance at the end, in metres, from points of a rectangular patch to the nearest robot on it.
-    MeanDistanceInside { patch: String, most: f32 },
-    /// The mean distance at the end, in metres, from points of the rim of a circular patch to the nearest robot that is at
-    /// most `near` away from the rim.
-    MeanDistanceRim { patch: String, near: f32, most: f32 },
-    /// The age of the cells of a square around the origin, in ticks since a robot was there, as a mean over the cells,
-    /// summed over ticks.
-    CellAge { side: f32, cells: u32 },
+/// Distance of linked robots where a mission does not say another, metres.
+const LINK: f32 = 0.35;
+
+/// The metrics that every mission has, at the end of an episode, sorted by name.
+pub(super) fn general() -> Vec<(String, Metric)> {
+    let when = When::End;
+    let largest = Metric::LargestGroup {
+        link: LINK,
+        share: false,
+        when,
+    };
+    let metrics = [
+        ("distance_to_center", Metric::DistanceToCenter { when }),
+        ("group_speed", Metric::GroupSpeed { link: None, when }),
+        ("largest_group", largest),
+        ("nearest_distance", Metric::NearestDistance { when }),
+        ("order", Metric::Order { when }),
+        ("speed", Metric::Speed { when }),
+    ];
+    metrics
+        .map(|(name, metric)| (name.to_owned(), metric))
+        .to_vec()
 }
 
-/// When something is counted.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub(super) enum When {
-    /// The sum over all ticks.
-    #[default]
-    EachTick,
-    /// At the end.
-    End,
-}
-
-impl Metric {
-    /// The patches that it is about.
-    fn patches(&self) -> Vec<&str> {
-        match self {
-            Self::RobotsOn { patch, .. }
-            | Self::CrossingsSouth { patch }
-            | Self::RobotsInWrongHalf { patch }
-            | Self::StopErrors { patch }
-            | Self::MeanDistanceInside { patch, .. }
-            | Self::MeanDistanceRim { patch, .. } => vec![patch],
-            Self::MostRobotsOn { patches, .. }
-            | Self::MeanDistance {
-                outside: patches, ..
-            } => patches.iter().map(String::as_str).collect(),
-            Self::Returns { sources, nest } => {
-                let names = sources.iter().chain([nest]);
-                names.map(String::as_str).collect()
-            }
-            Self::LargestGroupArea { .. } | Self::CellAge { .. } => Vec::new(),
-        }
+/// Checks what a mission calls a metric.
+pub(super) fn check_name(name: &str) -> Result<(), String> {
+    let mut letters = name.chars();
+    let first = letters
+        .next()
+        .is_some_and(|c| c.is_ascii_alphabetic() || c == '_');
+    if !first || !letters.all(|c| c.is_ascii_alphanumeric() || c == '_') {
+        return Err(format!(
+            "{name:?} found, expected a letter or _, then letters, digits and _"
+        ));
     }
-
-    /// What is wrong with it in this place.
-    pub(super) fn check(&self, place: &Place) -> Result<(), String> {
-        for name in self.patches() {
-            if place.patch(name).is_none() {
-                let known: Vec<_> = place.patches.iter().map(|p| p.name.as_str()).collect();
-                return Err(format!(
-                    "no patch of the floor is named {name:?}; there is {}",
-                    if known.is_empty() {
-                        "none".to_owned()
-                    } else {
-                        known.join(", ")
-                    }
-                ));
-            }
-        }
-        if let Self::CellAge { side, cells } = self
-            && !(*side > 0.0 && (1..=1000).contains(cells))
-        {
-            return Err("expected a side above 0 and 1 to 1000 cells".to_owned());
-        }
-        Ok(())
+    if name == "fitness" {
+        return Err("fitness is the value of the mission; give the metric another name".to_owned());
     }
-
-    pub(super) fn unit(&self) -> &'static str {
-        match self {
-            Self::RobotsOn { share: true, .. } | Self::MostRobotsOn { share: true, .. } => "",
-            Self::RobotsOn { .. } | Self::MostRobotsOn { .. } | Self::RobotsInWrongHalf { .. } => {
-                "robots"
-            }
-            Self::Returns { .. } => "returns",
-            Self::CrossingsSouth { .. } => "crossings",
-            Self::StopErrors { .. } | Self::CellAge { .. } => "ticks",
-            Self::LargestGroupArea { .. } => "m^2",
-            Self::MeanDistance { .. }
-            | Self::MeanDistanceInside { .. }
-            | Self::MeanDistanceRim { .. } => "m",
-        }
-    }
-
-    pub(super) fn description(&self) -> String {
-        let when = |when: &When| match when {
-            When::EachTick => "summed over the ticks",
-            When::End => "at the end",
-        };
-        match self {
-            Self::RobotsOn {
-                patch, when: at, ..
-            } => format!("Robots on {patch}, {}.", when(at)),
-            Self::MostRobotsOn {
-                patches, when: at, ..
-            } => format!(
-                "Robots on that of {} with most of them, {}.",
-                patches.join(", "),
-                when(at)
-            ),
-            Self::Returns { sources, nest } => {
-                format!("Returns from {} to {nest}.", sources.join(" or "))
-            }
-            Self::CrossingsSouth { patch } => {
-                format!("Crossings of the middle of {patch} southward, minus northward.")
-            }
-            Self::RobotsInWrongHalf { patch } => format!(
-                "Robots in the half where they should not be, by the colour of {patch}, summed over the ticks."
-            ),
-            Self::StopErrors { patch } => format!(
-                "Ticks of robots until one was on {patch}, and of those that stood before or moved after that."
-            ),
-            Self::LargestGroupArea { .. } => {
-                "Area that the largest connected group covers at the end.".to_owned()
-            }
-            Self::MeanDistance { .. } => {
-                "Mean distance from points of the arena to the nearest robot at the end.".to_owned()
-            }
-            Self::MeanDistanceInside { patch, .. } => {
-                format!(
-                    "Mean distance from points of {patch} to the nearest robot on it at the end."
-                )
-            }
-            Self::MeanDistanceRim { patch, .. } => format!(
-                "Mean distance from points of the rim of {patch} to the nearest robot near it at the end."
-            ),
-            Self::CellAge { .. } => {
-                "Mean ticks since the cells were visited, summed over the ticks.".to_owned()
-            }
-        }
-    }
+    Ok(())
 }
 
 /// The value of a metric so far, in each lane, and what it remembers of the tick before.
@@ -189,6 +60,13 @@ pub(super) struct Tally<L> {
     marks: Vec<Number<L>>,
     ages: Vec<u32>,
     before: Vec<[Number<L>; 2]>,
+    /// For means: the sum so far, and of how many ticks.
+    sums: [f64; MOST_LANES],
+    ticks: u32,
+    /// The robots of each lane, and fixed points of the metric.
+    states: Vec<State>,
+    points: Vec<[f64; 2]>,
+    visited: Vec<bool>,
 }
 
 impl<L: Lanes> Tally<L> {
@@ -198,6 +76,11 @@ impl<L: Lanes> Tally<L> {
             marks: Vec::new(),
             ages: Vec::new(),
             before: Vec::new(),
+            sums: [0.0; MOST_LANES],
+            ticks: 0,
+            states: Vec::new(),
+            points: Vec::new(),
+            visited: Vec::new(),
         }
     }
 
@@ -212,34 +95,30 @@ impl<L: Lanes> Tally<L> {
         last: bool,
     ) {
         match metric {
-            Metric::RobotsOn { patch, when, share } => {
-                if *when == When::EachTick || last {
-                    let count = counts::on(bodies, place, patch);
-                    self.add(count, bodies.len(), *share);
-                }
+            Metric::RobotsOn { patch, when, share } if *when != When::End || last => {
+                let count = counts::on(bodies, place, patch);
+                self.add(count, bodies.len(), *share, *when);
             }
             Metric::MostRobotsOn {
                 patches,
                 when,
                 share,
-            } => {
-                if *when == When::EachTick || last {
-                    let mut most = number(0.0);
-                    for patch in patches {
-                        most = counts::on(bodies, place, patch).at_least(most);
-                    }
-                    self.add(most, bodies.len(), *share);
+            } if *when != When::End || last => {
+                let mut most = number(0.0);
+                for patch in patches {
+                    most = counts::on(bodies, place, patch).at_least(most);
                 }
+                self.add(most, bodies.len(), *share, *when);
             }
             Metric::Returns { sources, nest } => {
                 self.marks.resize(bodies.len(), number(0.0));
                 let returns = counts::returns(bodies, place, sources, nest, &mut self.marks);
-                self.add(returns, 1, false);
+                self.add(returns, 1, false, When::EachTick);
             }
             Metric::CrossingsSouth { patch } => {
                 let crossings = counts::crossings(bodies, place, patch, &self.before);
                 self.remember(bodies);
-                self.add(crossings, 1, false);
+                self.add(crossings, 1, false, When::EachTick);
                 if last {
                     for value in &mut self.values {
                         *value = value.max(0.0);
@@ -250,7 +129,7 @@ impl<L: Lanes> Tally<L> {
                 let color = place
                     .index(patch)
                     .map_or(number(0.0), |index| colors[index]);
-                self.add(counts::wrong_half(bodies, color), 1, false);
+                self.add(counts::wrong_half(bodies, color), 1, false, When::EachTick);
             }
             Metric::StopErrors { patch } => {
                 if self.before.is_empty() {
@@ -260,7 +139,7 @@ impl<L: Lanes> Tally<L> {
                 }
                 let errors = counts::stop(bodies, place, patch, &self.before, &mut self.marks[0]);
                 self.remember(bodies);
-                self.add(errors, 1, false);
+                self.add(errors, 1, false, When::EachTick);
             }
             Metric::CellAge { side, cells } => {
                 let count = (cells * cells) as usize;
@@ -269,6 +148,30 @@ impl<L: Lanes> Tally<L> {
                     let ages = &mut self.ages[lane * count..][..count];
                     self.values[lane] += shapes::age(&points(bodies, lane), *side, *cells, ages);
                 }
+            }
+            Metric::VisitedShare { cell } => {
+                swarm::gather(bodies, &mut self.states);
+                for lane in 0..L::WIDTH {
+                    let robots = &self.states[lane * bodies.len()..][..bodies.len()];
+                    let share = swarm::visit(
+                        robots,
+                        place,
+                        *cell,
+                        (lane, L::WIDTH),
+                        (&mut self.points, &mut self.visited),
+                    );
+                    self.values[lane] = share;
+                }
+            }
+            general if general.when().is_some_and(|when| when != When::End || last) => {
+                let when = general.when().unwrap_or(When::End);
+                swarm::gather(bodies, &mut self.states);
+                let mut values = [0.0; MOST_LANES];
+                for (lane, value) in values[..L::WIDTH].iter_mut().enumerate() {
+                    let robots = &self.states[lane * bodies.len()..][..bodies.len()];
+                    *value = swarm::value(general, robots, place, &mut self.points);
+                }
+                self.settle(&values[..L::WIDTH], when);
             }
             _ if !last => {}
             Metric::LargestGroupArea { link, disc, within } => {
@@ -303,16 +206,32 @@ impl<L: Lanes> Tally<L> {
                     });
                 }
             }
+            // The others have been measured above.
+            _ => {}
         }
     }
 
     #[inline(always)]
-    fn add(&mut self, counts: Number<L>, robots: usize, share: bool) {
+    fn add(&mut self, counts: Number<L>, robots: usize, share: bool, when: When) {
         let mut lanes = [0.0; MOST_LANES];
         counts.store(&mut lanes);
         let parts = if share { robots as f64 } else { 1.0 };
-        for (value, count) in self.values[..L::WIDTH].iter_mut().zip(lanes) {
-            *value += f64::from(count) / parts;
+        let mut values = [0.0; MOST_LANES];
+        for (value, count) in values.iter_mut().zip(lanes) {
+            *value = f64::from(count) / parts;
+        }
+        self.settle(&values[..L::WIDTH], when);
+    }
+
+    /// Takes the values of a tick.
+    fn settle(&mut self, values: &[f64], when: When) {
+        self.ticks += 1;
+        for (lane, value) in values.iter().enumerate() {
+            self.sums[lane] += value;
+            self.values[lane] = match when {
+                When::EachTick | When::End => self.sums[lane],
+                When::Mean => self.sums[lane] / f64::from(self.ticks),
+            };
         }
     }
 

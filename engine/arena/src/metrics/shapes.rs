@@ -22,7 +22,7 @@ fn nearest(point: [f64; 2], robots: &[[f32; 2]], most: f32) -> f64 {
 }
 
 /// Points of a circle by their place on it in 0..1.
-fn on_circle(center: [f32; 2], radius: f64, place: f64) -> [f64; 2] {
+pub(super) fn on_circle(center: [f32; 2], radius: f64, place: f64) -> [f64; 2] {
     // The fixed functions, so that all machines have the same points.
     let half_turns = (2.0 * place - 1.0) as f32;
     let cos = f64::from(swarmwright_controllers::functions::cos_pi(half_turns));

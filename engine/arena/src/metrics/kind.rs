@@ -1,0 +1,517 @@
+//! The kinds of metrics, as missions name them.
+
+use serde::Deserialize;
+
+use super::super::place::{Place, Shape};
+use super::super::polygon;
+use super::shapes::on_circle;
+
+/// A metric of a mission. "On" a patch is whose middle lies in it.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
+pub(in super::super) enum Metric {
+    /// Robots on a patch.
+    RobotsOn {
+        patch: String,
+        #[serde(default)]
+        when: When,
+        /// Whether it is divided by the number of robots.
+        #[serde(default)]
+        share: bool,
+    },
+    /// Robots on that of some patches on which most are.
+    MostRobotsOn {
+        patches: Vec<String>,
+        #[serde(default)]
+        when: When,
+        #[serde(default)]
+        share: bool,
+    },
+    /// Times that a robot came to the nest after it had been at a source.
+    Returns { sources: Vec<String>, nest: String },
+    /// Times that a robot crossed the middle of a patch southward, minus northward; not below 0.
+    CrossingsSouth { patch: String },
+    /// Robots in the half of the arena where they should not be: below y = 0 when the patch is black, above when it is
+    /// white; summed over ticks.
+    RobotsInWrongHalf { patch: String },
+    /// How badly robots stopped: ticks of robots until one has been on the patch, those in which they stood still before
+    /// that, and those in which they moved after it.
+    StopErrors { patch: String },
+    /// The area, in m^2, that the largest group at the end covers within a circle around the origin: robots are in one
+    /// group that are less than `link` apart, and each covers a disc.
+    LargestGroupArea { link: f32, disc: f32, within: f32 },
+    /// The mean distance at the end, in metres, from points around the origin, at uniform radii and angles, to the nearest
+    /// robot that is on none of the patches; `most` without any.
+    MeanDistance {
+        radius: f32,
+        most: f32,
+        #[serde(default)]
+        outside: Vec<String>,
+    },
+    /// The mean distance at the end, in metres, from points of a rectangular patch to the nearest robot on it.
+    MeanDistanceInside { patch: String, most: f32 },
+    /// The mean distance at the end, in metres, from points of the rim of a circular patch to the nearest robot that is at
+    /// most `near` away from the rim.
+    MeanDistanceRim { patch: String, near: f32, most: f32 },
+    /// The age of the cells of a square around the origin, in ticks since a robot was there, as a mean over the cells,
+    /// summed over ticks.
+    CellAge { side: f32, cells: u32 },
+    /// The length of the mean of the robots' headings as unit vectors: 1 where all look the same way, about 1 / sqrt(n)
+    /// for n robots that look anywhere (the order parameter of Vicsek et al. 1995).
+    Order {
+        #[serde(default = "mean")]
+        when: When,
+    },
+    /// The mean speed of the robots, m/s.
+    Speed {
+        #[serde(default = "mean")]
+        when: When,
+    },
+    /// The length of the sum of the robots' velocities, divided by the number of robots, m/s: the speed at which their
+    /// center moves. With `link` only robots of the largest group count in the sum.
+    GroupSpeed {
+        link: Option<f32>,
+        #[serde(default = "mean")]
+        when: When,
+    },
+    /// The mean distance of the robots from their center, metres.
+    DistanceToCenter {
+        #[serde(default = "mean")]
+        when: When,
+    },
+    /// The mean distance from a robot to the nearest other one, metres; 0 for a single robot.
+    NearestDistance {
+        #[serde(default = "mean")]
+        when: When,
+    },
+    /// The number of robots in the largest group, of robots that are less than `link` apart and those linked through them.
+    LargestGroup {
+        link: f32,
+        #[serde(default)]
+        share: bool,
+        #[serde(default = "mean")]
+        when: When,
+    },
+    /// The number of groups.
+    Groups {
+        link: f32,
+        #[serde(default = "mean")]
+        when: When,
+    },
+    /// The share of the free floor that is at most `radius` away from a robot, by squares of a twentieth of a metre.
+    CoveredShare {
+        radius: f32,
+        #[serde(default = "mean")]
+        when: When,
+    },
+    /// The share of the squares of side `cell` on the free floor in which a robot has been.
+    VisitedShare { cell: f32 },
+    /// How far robots are from a formation, metres: the mean distance from its points to the nearest robot, and from the
+    /// robots to the nearest of its points, both by halves (the Chamfer distance).
+    ShapeDeviation {
+        shape: Formation,
+        #[serde(default = "mean")]
+        when: When,
+    },
+    /// How far a chain of robots reaches from the middle of one patch to that of another, 0..1: links are shorter than
+    /// `link`, and 1 is a chain without a gap.
+    ChainReach {
+        from: String,
+        to: String,
+        link: f32,
+        #[serde(default = "mean")]
+        when: When,
+    },
+}
+
+fn mean() -> When {
+    When::Mean
+}
+
+/// When something is counted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(in super::super) enum When {
+    /// The sum over all ticks.
+    #[default]
+    EachTick,
+    /// The mean over all ticks.
+    Mean,
+    /// At the end.
+    End,
+}
+
+/// A formation.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(in super::super) struct Formation {
+    /// Radius of a circle, metres ...
+    circle: Option<f32>,
+    /// ... or corners of a polygon ...
+    polygon: Option<Vec<[f32; 2]>>,
+    /// ... or ends of a line ...
+    line: Option<[[f32; 2]; 2]>,
+    /// ... or a place for each robot.
+    points: Option<Vec<[f32; 2]>>,
+    /// Whether it stands where its coordinates say; else around the center of the robots.
+    #[serde(default)]
+    pub(super) fixed: bool,
+    /// Whether it may be turned: the direction with the least deviation counts, of 36.
+    #[serde(default)]
+    pub(super) turned: bool,
+}
+
+impl Metric {
+    /// The patches that it is about.
+    fn patches(&self) -> Vec<&str> {
+        match self {
+            Self::RobotsOn { patch, .. }
+            | Self::CrossingsSouth { patch }
+            | Self::RobotsInWrongHalf { patch }
+            | Self::StopErrors { patch }
+            | Self::MeanDistanceInside { patch, .. }
+            | Self::MeanDistanceRim { patch, .. } => vec![patch],
+            Self::MostRobotsOn { patches, .. }
+            | Self::MeanDistance {
+                outside: patches, ..
+            } => patches.iter().map(String::as_str).collect(),
+            Self::Returns { sources, nest } => {
+                let names = sources.iter().chain([nest]);
+                names.map(String::as_str).collect()
+            }
+            Self::ChainReach { from, to, .. } => vec![from, to],
+            Self::LargestGroupArea { .. }
+            | Self::CellAge { .. }
+            | Self::Order { .. }
+            | Self::Speed { .. }
+            | Self::GroupSpeed { .. }
+            | Self::DistanceToCenter { .. }
+            | Self::NearestDistance { .. }
+            | Self::LargestGroup { .. }
+            | Self::Groups { .. }
+            | Self::CoveredShare { .. }
+            | Self::VisitedShare { .. }
+            | Self::ShapeDeviation { .. } => Vec::new(),
+        }
+    }
+
+    /// What is wrong with it in this place.
+    pub(in super::super) fn check(&self, place: &Place) -> Result<(), String> {
+        for name in self.patches() {
+            if place.patch(name).is_none() {
+                let known: Vec<_> = place.patches.iter().map(|p| p.name.as_str()).collect();
+                return Err(format!(
+                    "no patch of the floor is named {name:?}; there is {}",
+                    if known.is_empty() {
+                        "none".to_owned()
+                    } else {
+                        known.join(", ")
+                    }
+                ));
+            }
+        }
+        let shapes = |name: &str| place.patch(name).map(|patch| &patch.shape);
+        match self {
+            Self::CellAge { side, cells } => {
+                length("side", *side)?;
+                if !(1..=1000).contains(cells) {
+                    return Err(format!("cells: {cells} found, expected 1 to 1000"));
+                }
+                Ok(())
+            }
+            Self::LargestGroupArea { link, disc, within } => {
+                length("link", *link)?;
+                length("disc", *disc)?;
+                length("within", *within)?;
+                if *within > 50.0 {
+                    return Err(format!("within: {within} found, expected at most 50"));
+                }
+                Ok(())
+            }
+            Self::MeanDistance { radius, most, .. } => {
+                length("radius", *radius)?;
+                length("most", *most)
+            }
+            Self::MeanDistanceInside { patch, most } => {
+                if !matches!(shapes(patch), Some(Shape::Box { low, high }) if low.iter().chain(high).all(|n| n.is_finite()))
+                {
+                    return Err(format!(
+                        "the patch {patch} must be a rectangle with four ends"
+                    ));
+                }
+                length("most", *most)
+            }
+            Self::MeanDistanceRim { patch, near, most } => {
+                if !matches!(shapes(patch), Some(Shape::Circle { .. })) {
+                    return Err(format!("the patch {patch} must be a circle"));
+                }
+                length("near", *near)?;
+                length("most", *most)
+            }
+            Self::CrossingsSouth { patch } => match shapes(patch) {
+                Some(Shape::Box { low, high }) if low[1].is_finite() && high[1].is_finite() => {
+                    Ok(())
+                }
+                _ => Err(format!(
+                    "the patch {patch} must be a rectangle with a lower and an upper end"
+                )),
+            },
+            Self::LargestGroup { link, .. }
+            | Self::Groups { link, .. }
+            | Self::GroupSpeed {
+                link: Some(link), ..
+            } => length("link", *link),
+            Self::CoveredShare { radius, .. } => length("radius", *radius),
+            Self::VisitedShare { cell } => {
+                length("cell", *cell)?;
+                let [low, high] = polygon::extent(&place.outline);
+                if (0..2)
+                    .map(|axis| (high[axis] - low[axis]) / cell)
+                    .product::<f32>()
+                    > 1e6
+                {
+                    return Err(format!(
+                        "cell: {cell} makes more than a million cells; take a larger one"
+                    ));
+                }
+                Ok(())
+            }
+            Self::ShapeDeviation { shape, .. } => shape.check(),
+            Self::ChainReach { from, to, link, .. } => {
+                length("link", *link)?;
+                for name in [from, to] {
+                    if shapes(name)
+                        .is_some_and(|shape| shape.middle().iter().any(|n| !n.is_finite()))
+                    {
+                        return Err(format!(
+                            "the patch {name} has no middle, since it does not end"
+                        ));
+                    }
+                }
+                if from == to {
+                    return Err("from and to are the same patch".to_owned());
+                }
+                Ok(())
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// When it is measured; none for those that need every tick, or the last one, in a way of their own.
+    pub(super) fn when(&self) -> Option<When> {
+        match self {
+            Self::Order { when }
+            | Self::Speed { when }
+            | Self::GroupSpeed { when, .. }
+            | Self::DistanceToCenter { when }
+            | Self::NearestDistance { when }
+            | Self::LargestGroup { when, .. }
+            | Self::Groups { when, .. }
+            | Self::CoveredShare { when, .. }
+            | Self::ShapeDeviation { when, .. }
+            | Self::ChainReach { when, .. } => Some(*when),
+            _ => None,
+        }
+    }
+
+    pub(in super::super) fn unit(&self) -> &'static str {
+        match self {
+            Self::RobotsOn { share: true, .. } | Self::MostRobotsOn { share: true, .. } => "",
+            Self::RobotsOn { .. } | Self::MostRobotsOn { .. } | Self::RobotsInWrongHalf { .. } => {
+                "robots"
+            }
+            Self::LargestGroup { share: false, .. } => "robots",
+            Self::Order { .. }
+            | Self::LargestGroup { share: true, .. }
+            | Self::CoveredShare { .. }
+            | Self::VisitedShare { .. }
+            | Self::ChainReach { .. } => "",
+            Self::Groups { .. } => "groups",
+            Self::Speed { .. } | Self::GroupSpeed { .. } => "m/s",
+            Self::Returns { .. } => "returns",
+            Self::CrossingsSouth { .. } => "crossings",
+            Self::StopErrors { .. } | Self::CellAge { .. } => "ticks",
+            Self::LargestGroupArea { .. } => "m^2",
+            Self::MeanDistance { .. }
+            | Self::DistanceToCenter { .. }
+            | Self::NearestDistance { .. }
+            | Self::ShapeDeviation { .. }
+            | Self::MeanDistanceInside { .. }
+            | Self::MeanDistanceRim { .. } => "m",
+        }
+    }
+
+    pub(in super::super) fn description(&self) -> String {
+        let when = |when: &When| match when {
+            When::EachTick => "summed over the ticks",
+            When::Mean => "as a mean over the ticks",
+            When::End => "at the end",
+        };
+        match self {
+            Self::RobotsOn {
+                patch, when: at, ..
+            } => format!("Robots on {patch}, {}.", when(at)),
+            Self::MostRobotsOn {
+                patches, when: at, ..
+            } => format!(
+                "Robots on that of {} with most of them, {}.",
+                patches.join(", "),
+                when(at)
+            ),
+            Self::Returns { sources, nest } => {
+                format!("Returns from {} to {nest}.", sources.join(" or "))
+            }
+            Self::CrossingsSouth { patch } => {
+                format!("Crossings of the middle of {patch} southward, minus northward.")
+            }
+            Self::RobotsInWrongHalf { patch } => format!(
+                "Robots in the half where they should not be, by the colour of {patch}, summed over the ticks."
+            ),
+            Self::StopErrors { patch } => format!(
+                "Ticks of robots until one was on {patch}, and of those that stood before or moved after that."
+            ),
+            Self::LargestGroupArea { .. } => {
+                "Area that the largest connected group covers at the end.".to_owned()
+            }
+            Self::MeanDistance { .. } => {
+                "Mean distance from points of the arena to the nearest robot at the end.".to_owned()
+            }
+            Self::MeanDistanceInside { patch, .. } => {
+                format!(
+                    "Mean distance from points of {patch} to the nearest robot on it at the end."
+                )
+            }
+            Self::MeanDistanceRim { patch, .. } => format!(
+                "Mean distance from points of the rim of {patch} to the nearest robot near it at the end."
+            ),
+            Self::CellAge { .. } => {
+                "Mean ticks since the cells were visited, summed over the ticks.".to_owned()
+            }
+            Self::Order { when: at } => {
+                format!("Length of the mean heading as a unit vector, {}.", when(at))
+            }
+            Self::Speed { when: at } => format!("Mean speed of the robots, {}.", when(at)),
+            Self::GroupSpeed { link, when: at } => format!(
+                "Length of the mean velocity{}, {}.",
+                link.map_or(
+                    "",
+                    |_| " of the largest group, times its share of the robots"
+                ),
+                when(at)
+            ),
+            Self::DistanceToCenter { when: at } => {
+                format!(
+                    "Mean distance of the robots from their center, {}.",
+                    when(at)
+                )
+            }
+            Self::NearestDistance { when: at } => {
+                format!("Mean distance to the nearest robot, {}.", when(at))
+            }
+            Self::LargestGroup {
+                link,
+                share,
+                when: at,
+            } => format!(
+                "{} in the largest group, linked by less than {link} m, {}.",
+                if *share {
+                    "Share of the robots"
+                } else {
+                    "Robots"
+                },
+                when(at)
+            ),
+            Self::Groups { link, when: at } => {
+                format!(
+                    "Groups of robots, linked by less than {link} m, {}.",
+                    when(at)
+                )
+            }
+            Self::CoveredShare { radius, when: at } => {
+                format!(
+                    "Share of the floor at most {radius} m from a robot, {}.",
+                    when(at)
+                )
+            }
+            Self::VisitedShare { cell } => {
+                format!("Share of the squares of {cell} m that robots have been in.")
+            }
+            Self::ShapeDeviation { when: at, .. } => {
+                format!(
+                    "Mean distance of the robots from the formation and back, {}.",
+                    when(at)
+                )
+            }
+            Self::ChainReach {
+                from, to, when: at, ..
+            } => format!(
+                "How far a chain of robots reaches from {from} to {to}, 0 to 1, {}.",
+                when(at)
+            ),
+        }
+    }
+}
+
+/// Checks that a length is one.
+fn length(name: &str, number: f32) -> Result<(), String> {
+    if number > 0.0 && number <= 1000.0 {
+        return Ok(());
+    }
+    Err(format!(
+        "{name}: {number} found, expected a number above 0, at most 1000"
+    ))
+}
+
+/// Points that stand for a circle, a polygon or a line.
+const POINTS: u32 = 64;
+
+impl Formation {
+    fn check(&self) -> Result<(), String> {
+        let finite = |points: &[[f32; 2]]| {
+            let all = points
+                .as_flattened()
+                .iter()
+                .all(|number| number.abs() <= 1000.0);
+            all.then_some(())
+                .ok_or_else(|| "shape: expected numbers from -1000 to 1000".to_owned())
+        };
+        match (self.circle, &self.polygon, self.line, &self.points) {
+            (Some(radius), None, None, None) => length("shape.circle", radius),
+            (None, Some(corners), None, None) => {
+                finite(corners)?;
+                polygon::tidy(corners)
+                    .map(|_| ())
+                    .map_err(|reason| format!("shape.polygon: {reason}"))
+            }
+            (None, None, Some(ends), None) => finite(&ends),
+            (None, None, None, Some(points)) if (1..=1000).contains(&points.len()) => {
+                finite(points)
+            }
+            _ => Err("shape: expected circle, or polygon, or line, or 1 to 1000 points".to_owned()),
+        }
+    }
+
+    /// Points that stand for it.
+    pub(super) fn targets(&self) -> Vec<[f64; 2]> {
+        if let Some(radius) = self.circle {
+            let parts = f64::from(POINTS);
+            return (0..POINTS)
+                .map(|place| on_circle([0.0; 2], f64::from(radius), f64::from(place) / parts))
+                .collect();
+        }
+        if let Some(corners) = &self.polygon {
+            let corners = polygon::tidy(corners).unwrap_or_default();
+            return polygon::along(&corners, POINTS as usize);
+        }
+        if let Some([from, to]) = self.line {
+            let [from, to] = [from, to].map(|end| end.map(f64::from));
+            let part = |place: u32| f64::from(place) / f64::from(POINTS - 1);
+            let at = |axis: usize, place: u32| from[axis] + (to[axis] - from[axis]) * part(place);
+            return (0..POINTS)
+                .map(|place| [at(0, place), at(1, place)])
+                .collect();
+        }
+        let points = self.points.as_deref().unwrap_or_default();
+        points.iter().map(|point| point.map(f64::from)).collect()
+    }
+}

@@ -1,0 +1,339 @@
+//! What a swarm is like at a moment, in one episode. Binary64 throughout, so that lanes and the stepper agree.
+
+use swarmwright_lanes::{Lanes, MOST_LANES};
+
+use super::super::place::Place;
+use super::super::polygon;
+use super::super::swarm::Bodies;
+use super::kind::{Formation, Metric};
+use super::shapes::on_circle;
+
+/// Side of the squares of the covered floor, metres.
+const SQUARE: f64 = 0.05;
+/// Most squares; larger ones are taken in larger arenas.
+const MOST_SQUARES: f64 = 100_000.0;
+/// Directions in which a formation is tried.
+const DIRECTIONS: u32 = 36;
+
+/// A robot.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct State {
+    /// Metres.
+    at: [f64; 2],
+    /// Unit vector.
+    heading: [f64; 2],
+    /// m/s.
+    velocity: [f64; 2],
+}
+
+/// Writes the robots of the first lane, then those of the second, and so on.
+#[inline(always)]
+pub(super) fn gather<L: Lanes>(bodies: &Bodies<L>, states: &mut Vec<State>) {
+    let count = bodies.len();
+    states.clear();
+    states.resize(count * L::WIDTH, State::default());
+    for index in 0..count {
+        let mut lanes = [[0.0; MOST_LANES]; 6];
+        let quantities = [
+            &bodies.x[index],
+            &bodies.y[index],
+            &bodies.cos[index],
+            &bodies.sin[index],
+            &bodies.vx[index],
+            &bodies.vy[index],
+        ];
+        for (lanes, quantity) in lanes.iter_mut().zip(quantities) {
+            quantity.store(lanes);
+        }
+        for lane in 0..L::WIDTH {
+            let [x, y, cos, sin, vx, vy] = lanes.map(|lanes| f64::from(lanes[lane]));
+            states[lane * count + index] = State {
+                at: [x, y],
+                heading: [cos, sin],
+                velocity: [vx, vy],
+            };
+        }
+    }
+}
+
+fn square(a: [f64; 2], b: [f64; 2]) -> f64 {
+    let (dx, dy) = (a[0] - b[0], a[1] - b[1]);
+    dx * dx + dy * dy
+}
+
+fn length([x, y]: [f64; 2]) -> f64 {
+    (x * x + y * y).sqrt()
+}
+
+/// The sum of vectors.
+fn sum(vectors: impl Iterator<Item = [f64; 2]>) -> [f64; 2] {
+    vectors.fold([0.0; 2], |[x, y], vector| [x + vector[0], y + vector[1]])
+}
+
+/// The value of a metric now. `points`: kept from one call to the next, for those that need fixed points.
+pub(super) fn value(
+    metric: &Metric,
+    robots: &[State],
+    place: &Place,
+    points: &mut Vec<[f64; 2]>,
+) -> f64 {
+    let count = robots.len() as f64;
+    match metric {
+        Metric::Order { .. } => length(sum(robots.iter().map(|robot| robot.heading))) / count,
+        Metric::Speed { .. } => {
+            let speeds = robots.iter().map(|robot| length(robot.velocity));
+            speeds.sum::<f64>() / count
+        }
+        Metric::GroupSpeed { link: None, .. } => {
+            length(sum(robots.iter().map(|robot| robot.velocity))) / count
+        }
+        Metric::GroupSpeed {
+            link: Some(link), ..
+        } => {
+            let (groups, largest) = groups(robots, *link);
+            let members = robots.iter().zip(&groups);
+            let members = members.filter(|(_, group)| **group == largest);
+            length(sum(members.map(|(robot, _)| robot.velocity))) / count
+        }
+        Metric::DistanceToCenter { .. } => {
+            let center = center(robots);
+            let distances = robots.iter().map(|robot| square(robot.at, center).sqrt());
+            distances.sum::<f64>() / count
+        }
+        Metric::NearestDistance { .. } => nearest(robots),
+        Metric::LargestGroup { link, share, .. } => {
+            let (groups, largest) = groups(robots, *link);
+            let members = groups.iter().filter(|group| **group == largest).count() as f64;
+            if *share { members / count } else { members }
+        }
+        Metric::Groups { link, .. } => {
+            let (groups, _) = groups(robots, *link);
+            let firsts = groups.iter().enumerate();
+            firsts.filter(|(index, group)| index == *group).count() as f64
+        }
+        Metric::CoveredShare { radius, .. } => covered(robots, place, *radius, points),
+        Metric::ShapeDeviation { shape, .. } => deviation(robots, shape, points),
+        Metric::ChainReach { from, to, link, .. } => {
+            let middle = |name: &str| place.patch(name).map(|patch| patch.shape.middle());
+            match (middle(from), middle(to)) {
+                (Some(from), Some(to)) => reach(robots, from, to, f64::from(*link)),
+                _ => 0.0,
+            }
+        }
+        // Those that are measured in a way of their own.
+        _ => 0.0,
+    }
+}
+
+fn center(robots: &[State]) -> [f64; 2] {
+    let count = robots.len() as f64;
+    sum(robots.iter().map(|robot| robot.at)).map(|total| total / count)
+}
+
+/// The robots from left to right; those with equal x in their order.
+fn from_left(robots: &[State]) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..robots.len()).collect();
+    order.sort_by(|a, b| robots[*a].at[0].total_cmp(&robots[*b].at[0]));
+    order
+}
+
+/// The mean distance to the nearest other robot.
+fn nearest(robots: &[State]) -> f64 {
+    if robots.len() < 2 {
+        return 0.0;
+    }
+    let order = from_left(robots);
+    let mut distances = vec![0.0; robots.len()];
+    for (position, index) in order.iter().enumerate() {
+        let at = robots[*index].at;
+        let mut least = f64::INFINITY;
+        // Outwards until all others are further away in x alone.
+        let mut look = |other: &usize| {
+            let other = robots[*other].at;
+            least = least.min(square(at, other));
+            let aside = other[0] - at[0];
+            aside * aside > least
+        };
+        let _ = order[position + 1..].iter().any(&mut look);
+        let _ = order[..position].iter().rev().any(&mut look);
+        distances[*index] = least.sqrt();
+    }
+    distances.iter().sum::<f64>() / robots.len() as f64
+}
+
+/// For each robot the first robot of its group, and the group with the most of them, the first one on ties.
+fn groups(robots: &[State], link: f32) -> (Vec<usize>, usize) {
+    let link = f64::from(link);
+    let order = from_left(robots);
+    let mut first: Vec<usize> = (0..robots.len()).collect();
+    for (position, index) in order.iter().enumerate() {
+        for other in &order[position + 1..] {
+            let (a, b) = (robots[*index].at, robots[*other].at);
+            if b[0] - a[0] >= link {
+                break;
+            }
+            if square(a, b) < link * link {
+                let (a, b) = (root(&mut first, *index), root(&mut first, *other));
+                first[a.max(b)] = a.min(b);
+            }
+        }
+    }
+    let mut sizes = vec![0_usize; robots.len()];
+    let mut largest = 0;
+    for index in 0..robots.len() {
+        let group = root(&mut first, index);
+        first[index] = group;
+        sizes[group] += 1;
+    }
+    for (group, size) in sizes.iter().enumerate() {
+        if *size > sizes[largest] {
+            largest = group;
+        }
+    }
+    (first, largest)
+}
+
+/// The first robot of a group; shortens the way to it.
+fn root(first: &mut [usize], mut index: usize) -> usize {
+    while first[index] != index {
+        first[index] = first[first[index]];
+        index = first[index];
+    }
+    index
+}
+
+/// The middles of the squares of the free floor.
+fn squares(place: &Place, side: f64) -> impl Iterator<Item = [f64; 2]> + '_ {
+    let [low, high] = polygon::extent(&place.outline).map(|corner| corner.map(f64::from));
+    let count = |axis: usize| ((high[axis] - low[axis]) / side).ceil() as u64;
+    let (columns, rows) = (count(0), count(1));
+    (0..rows)
+        .flat_map(move |row| (0..columns).map(move |column| [column, row]))
+        .map(move |cell| {
+            let at = |axis: usize| low[axis] + (cell[axis] as f64 + 0.5) * side;
+            [at(0), at(1)]
+        })
+        .filter(|point| place.is_free(*point))
+}
+
+/// The share of squares whose middle is near a robot.
+fn covered(robots: &[State], place: &Place, radius: f32, points: &mut Vec<[f64; 2]>) -> f64 {
+    if points.is_empty() {
+        let area = polygon::area(&place.outline);
+        let side = SQUARE.max((area / MOST_SQUARES).sqrt());
+        points.extend(squares(place, side));
+    }
+    let radius = f64::from(radius);
+    let order = from_left(robots);
+    let seen = |point: &&[f64; 2]| {
+        let first = order.partition_point(|index| robots[*index].at[0] < point[0] - radius);
+        order[first..]
+            .iter()
+            .map(|index| robots[*index].at)
+            .take_while(|at| at[0] <= point[0] + radius)
+            .any(|at| square(at, **point) <= radius * radius)
+    };
+    points.iter().filter(seen).count() as f64 / (points.len() as f64).max(1.0)
+}
+
+/// Marks the squares in which robots of a lane, of so many, are; the share of them that is marked.
+pub(super) fn visit(
+    robots: &[State],
+    place: &Place,
+    cell: f32,
+    (lane, lanes): (usize, usize),
+    (points, visited): (&mut Vec<[f64; 2]>, &mut Vec<bool>),
+) -> f64 {
+    let side = f64::from(cell);
+    let [low, high] = polygon::extent(&place.outline).map(|corner| corner.map(f64::from));
+    let columns = ((high[0] - low[0]) / side).ceil() as usize;
+    let rows = ((high[1] - low[1]) / side).ceil() as usize;
+    let index = |[x, y]: [f64; 2]| {
+        let (column, row) = (((x - low[0]) / side).floor(), ((y - low[1]) / side).floor());
+        let inside = column >= 0.0 && row >= 0.0 && column < columns as f64 && row < rows as f64;
+        inside.then(|| row as usize * columns + column as usize)
+    };
+    if points.is_empty() {
+        points.extend(squares(place, side));
+        visited.resize(columns * rows * lanes, false);
+    }
+    let visited = &mut visited[lane * columns * rows..][..columns * rows];
+    for robot in robots {
+        if let Some(index) = index(robot.at) {
+            visited[index] = true;
+        }
+    }
+    let free = points.iter().filter_map(|point| index(*point));
+    let count = free.filter(|index| visited[*index]).count();
+    count as f64 / (points.len() as f64).max(1.0)
+}
+
+/// The mean distance from formation to robots and from robots to formation.
+fn deviation(robots: &[State], shape: &Formation, targets: &mut Vec<[f64; 2]>) -> f64 {
+    if targets.is_empty() {
+        targets.extend(shape.targets());
+    }
+    let (count, points) = (robots.len() as f64, targets.len() as f64);
+    let mut offset = [0.0; 2];
+    if !shape.fixed {
+        let center = center(robots);
+        let middle = sum(targets.iter().copied()).map(|total| total / points);
+        offset = [center[0] - middle[0], center[1] - middle[1]];
+    }
+    // Turned around the middle of the formation.
+    let pivot = sum(targets.iter().copied()).map(|total| total / points);
+    let directions = if shape.turned { DIRECTIONS } else { 1 };
+    let mut least = f64::INFINITY;
+    for direction in 0..directions {
+        let [cos, sin] = if direction == 0 {
+            [1.0, 0.0]
+        } else {
+            let part = f64::from(direction) / f64::from(directions);
+            on_circle([0.0; 2], 1.0, (0.5 + part).fract())
+        };
+        let moved = |point: &[f64; 2]| {
+            let (dx, dy) = (point[0] - pivot[0], point[1] - pivot[1]);
+            [
+                pivot[0] + offset[0] + dx * cos - dy * sin,
+                pivot[1] + offset[1] + dx * sin + dy * cos,
+            ]
+        };
+        let mut nearest = vec![f64::INFINITY; robots.len()];
+        let mut sum = 0.0;
+        for target in targets.iter().map(moved) {
+            let mut least = f64::INFINITY;
+            for (robot, nearest) in robots.iter().zip(&mut nearest) {
+                let distance = square(robot.at, target);
+                least = least.min(distance);
+                *nearest = nearest.min(distance);
+            }
+            sum += least.sqrt();
+        }
+        let back: f64 = nearest.iter().map(|square| square.sqrt()).sum();
+        least = least.min((sum / points + back / count) / 2.0);
+    }
+    least
+}
+
+/// How much of the way from one point to another a chain of robots spans.
+fn reach(robots: &[State], from: [f64; 2], to: [f64; 2], link: f64) -> f64 {
+    let way = square(from, to).sqrt();
+    if way <= link {
+        return 1.0;
+    }
+    let linked = |a: [f64; 2], b: [f64; 2]| square(a, b) < link * link;
+    let mut others: Vec<[f64; 2]> = robots.iter().map(|robot| robot.at).collect();
+    let mut ends = vec![from];
+    let mut rest = way;
+    while let Some(end) = ends.pop() {
+        rest = rest.min(square(end, to).sqrt());
+        others.retain(|other| {
+            let near = linked(end, *other);
+            if near {
+                ends.push(*other);
+            }
+            !near
+        });
+    }
+    (1.0 - (rest - link) / (way - link)).clamp(0.0, 1.0)
+}

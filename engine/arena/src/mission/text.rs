@@ -1,0 +1,197 @@
+//! Missions as they are written.
+
+use std::collections::BTreeMap;
+
+use serde::Deserialize;
+use serde_json::Value;
+
+use super::super::metrics::Metric;
+
+/// A mission as it is written.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Text {
+    pub title: Option<String>,
+    #[serde(default = "twenty")]
+    pub robots: u32,
+    #[serde(default = "two_minutes")]
+    pub duration: f64,
+    #[serde(default = "e_puck")]
+    pub robot: Value,
+    pub walls: Walls,
+    #[serde(default)]
+    pub obstacles: Vec<Obstacle>,
+    #[serde(default)]
+    pub floor: Floor,
+    #[serde(default)]
+    pub lights: Vec<Lamp>,
+    pub start: StartText,
+    #[serde(default)]
+    pub metrics: BTreeMap<String, Metric>,
+    pub fitness: Fitness,
+}
+
+fn twenty() -> u32 {
+    20
+}
+
+fn two_minutes() -> f64 {
+    120.0
+}
+
+fn e_puck() -> Value {
+    Value::from("e-puck-rm1.1")
+}
+
+fn wall_height() -> f32 {
+    0.08
+}
+
+/// The walls around.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Walls {
+    /// A regular polygon around the origin, with a side across the x axis ...
+    pub sides: Option<u32>,
+    /// ... and this distance of its sides from the middle, metres.
+    pub apothem: Option<f32>,
+    /// Width and height of a rectangle around the origin, metres.
+    pub rectangle: Option<[f32; 2]>,
+    /// Corners of a polygon in order.
+    pub corners: Option<Vec<[f32; 2]>>,
+    #[serde(default = "wall_height")]
+    pub height: f32,
+}
+
+/// A box that stands in the arena.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Obstacle {
+    pub center: [f32; 2],
+    /// Extent along x and y before it is turned, metres.
+    pub size: [f32; 2],
+    /// Degrees counter-clockwise.
+    #[serde(default)]
+    pub angle: f32,
+    #[serde(default = "wall_height")]
+    pub height: f32,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Floor {
+    #[serde(default = "grey")]
+    pub color: Color,
+    #[serde(default)]
+    pub patches: Vec<PatchText>,
+}
+
+impl Default for Floor {
+    fn default() -> Self {
+        Self {
+            color: grey(),
+            patches: Vec::new(),
+        }
+    }
+}
+
+fn grey() -> Color {
+    Color::Named(Named::Grey)
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct PatchText {
+    pub name: String,
+    pub circle: Option<Circle>,
+    pub rectangle: Option<Rectangle>,
+    /// Corners of a convex polygon.
+    pub polygon: Option<Vec<[f32; 2]>>,
+    pub color: Color,
+}
+
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Circle {
+    #[serde(default)]
+    pub center: [f32; 2],
+    pub radius: f32,
+}
+
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Rectangle {
+    /// Left and right end; .inf where there is none.
+    pub x: [f32; 2],
+    /// Lower and upper end.
+    pub y: [f32; 2],
+}
+
+/// The colour of a floor.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(
+    untagged,
+    expecting = "expected black, grey, white, random, or a number from 0 (black) to 1 (white)"
+)]
+pub(super) enum Color {
+    Named(Named),
+    /// 0 black to 1 white.
+    Level(f32),
+}
+
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(super) enum Named {
+    Black,
+    Grey,
+    White,
+    /// Black or white by the seed of the episode.
+    Random,
+}
+
+impl Color {
+    pub(super) fn level(self) -> Option<f32> {
+        match self {
+            Self::Named(Named::Black) => Some(0.0),
+            // 127 of 255, as in ARGoS.
+            Self::Named(Named::Grey) => Some(0.498_039_22),
+            Self::Named(Named::White) => Some(1.0),
+            Self::Named(Named::Random) => None,
+            Self::Level(level) => Some(level),
+        }
+    }
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Lamp {
+    pub at: [f32; 3],
+    pub intensity: f32,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct StartText {
+    pub disc: Option<Circle>,
+    pub rectangle: Option<Rectangle>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(
+    untagged,
+    expecting = "expected the name of a metric, or {offset: NUMBER, factors: {METRIC: NUMBER, ..}}"
+)]
+pub(super) enum Fitness {
+    /// The value of a metric.
+    Metric(String),
+    /// A number and a factor for each of some metrics.
+    Sum(Sum),
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Sum {
+    #[serde(default)]
+    pub offset: f64,
+    pub factors: BTreeMap<String, f64>,
+}

@@ -1,0 +1,237 @@
+//! Metrics of the arena, against what follows from the positions that are shown.
+#![allow(clippy::unwrap_used)] // helpers of tests
+
+use serde_json::{Value, json};
+use swarmwright_arena::Arena;
+use swarmwright_simulation::Simulation;
+
+/// An arena at the end of a short episode in which all drive ahead.
+fn driven(metrics: &Value, robots: u32, seed: u64) -> Arena {
+    let mission = json!({
+        "walls": {"rectangle": [4, 3]},
+        "floor": {"patches": [
+            {"name": "west", "circle": {"center": [-0.6, 0], "radius": 0.1}, "color": "black"},
+            {"name": "east", "circle": {"center": [0.6, 0], "radius": 0.1}, "color": "white"},
+        ]},
+        "start": {"rectangle": {"x": [-0.8, 0.8], "y": [-0.6, 0.6]}},
+        "metrics": metrics,
+        "fitness": {"factors": {}},
+    });
+    let parameters = json!({"mission": mission, "robots": robots, "duration": 2, "seed": seed});
+    let mut arena = Arena::default();
+    arena.reset(parameters.as_object().unwrap()).unwrap();
+    while !arena.done() {
+        let actuators = [1.0, 1.0].repeat(arena.acting().len());
+        arena.step(&actuators);
+    }
+    arena
+}
+
+/// The value of a metric by its name.
+fn value(arena: &Arena, name: &str) -> f64 {
+    let index = arena.description().metrics_named(&[name]).unwrap()[0];
+    arena.metrics()[index]
+}
+
+/// Where robots are, the origin in the middle.
+fn positions(arena: &Arena) -> Vec<[f64; 2]> {
+    let scene = arena.scene().unwrap();
+    let agents = scene.bodies.iter().filter(|body| body.kind == "agent");
+    let middle = [scene.width / 2.0, scene.height / 2.0];
+    agents
+        .map(|body| [f64::from(body.x - middle[0]), f64::from(body.y - middle[1])])
+        .collect()
+}
+
+fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
+    (a[0] - b[0]).hypot(a[1] - b[1])
+}
+
+fn mean(values: impl ExactSizeIterator<Item = f64>) -> f64 {
+    let count = values.len() as f64;
+    values.sum::<f64>() / count
+}
+
+#[track_caller]
+fn close(a: f64, b: f64, within: f64) {
+    assert!((a - b).abs() <= within, "{a}, {b}");
+}
+
+/// Groups by repeated joining, as sets of indices.
+fn groups(at: &[[f64; 2]], link: f64) -> Vec<usize> {
+    let mut group: Vec<usize> = (0..at.len()).collect();
+    for _ in 0..at.len() {
+        for i in 0..at.len() {
+            for j in 0..at.len() {
+                if distance(at[i], at[j]) < link {
+                    let least = group[i].min(group[j]);
+                    (group[i], group[j]) = (least, least);
+                }
+            }
+        }
+    }
+    group
+}
+
+#[test]
+fn general_metrics_follow_from_positions() {
+    let metrics = json!({
+        "group": {"kind": "largest_group", "link": 0.2, "when": "end"},
+        "groups": {"kind": "groups", "link": 0.2, "when": "end"},
+        "covered": {"kind": "covered_share", "radius": 0.3, "when": "end"},
+        "chain": {"kind": "chain_reach", "from": "west", "to": "east", "link": 0.25, "when": "end"},
+        "points": {"kind": "shape_deviation", "shape": {"points": [[0.5, 0.5], [-1, 0]], "fixed": true}, "when": "end"},
+        "line": {"kind": "shape_deviation", "shape": {"line": [[-1, 0], [1, 0]]}, "when": "end"},
+    });
+    for seed in 0..30 {
+        let count = 2 + seed as u32 % 17;
+        let arena = driven(&metrics, count, seed);
+        let at = positions(&arena);
+        let center = [mean(at.iter().map(|p| p[0])), mean(at.iter().map(|p| p[1]))];
+        close(
+            value(&arena, "distance_to_center"),
+            mean(at.iter().map(|p| distance(*p, center))),
+            1e-6,
+        );
+        let nearest = |index: usize| {
+            let others = (0..at.len()).filter(|other| *other != index);
+            others
+                .map(|other| distance(at[index], at[other]))
+                .fold(f64::INFINITY, f64::min)
+        };
+        close(
+            value(&arena, "nearest_distance"),
+            mean((0..at.len()).map(nearest)),
+            1e-6,
+        );
+        for (link, largest) in [(0.2, "group"), (0.35, "largest_group")] {
+            let groups = groups(&at, link);
+            let size = |group: &usize| groups.iter().filter(|other| *other == group).count();
+            let most = groups.iter().map(size).max().unwrap();
+            close(value(&arena, largest), most as f64, 0.0);
+        }
+        let mut distinct = groups(&at, 0.2);
+        distinct.sort_unstable();
+        distinct.dedup();
+        close(value(&arena, "groups"), distinct.len() as f64, 0.0);
+        let targets = [[0.5, 0.5], [-1.0, 0.0]];
+        let near = |from: [f64; 2], to: &[[f64; 2]]| {
+            to.iter()
+                .map(|to| distance(from, *to))
+                .fold(f64::INFINITY, f64::min)
+        };
+        let there = mean(targets.iter().map(|target| near(*target, &at)));
+        let back = mean(at.iter().map(|robot| near(*robot, &targets)));
+        close(value(&arena, "points"), (there + back) / 2.0, 1e-6);
+        // From the line, moved to the center, no robot is further than from its middle.
+        let spread = mean(at.iter().map(|robot| distance(*robot, center)));
+        assert!(value(&arena, "line") <= (spread + 1.0) / 2.0);
+        // The chain: robots that are linked to the west, and how near they come to the east.
+        let mut nodes = vec![[-0.6, 0.0]];
+        nodes.extend(&at);
+        let groups = groups(&nodes, 0.25);
+        let rest = nodes
+            .iter()
+            .zip(&groups)
+            .filter(|(_, group)| **group == groups[0]);
+        let rest = rest
+            .map(|(node, _)| distance(*node, [0.6, 0.0]))
+            .fold(f64::INFINITY, f64::min);
+        close(
+            value(&arena, "chain"),
+            (1.0 - (rest - 0.25) / (1.2 - 0.25)).clamp(0.0, 1.0),
+            1e-6,
+        );
+        let steps = 400;
+        let seen = (0..steps * steps * 3 / 4).filter(|cell| {
+            let at_axis = |step: i32| (f64::from(step) + 0.5) / f64::from(steps) * 4.0;
+            let point = [at_axis(cell % steps) - 2.0, at_axis(cell / steps) - 1.5];
+            at.iter().any(|robot| distance(*robot, point) <= 0.3)
+        });
+        let share = seen.count() as f64 / f64::from(steps * steps * 3 / 4);
+        close(value(&arena, "covered"), share, 0.01);
+    }
+}
+
+#[test]
+fn order_and_speeds_belong_together() {
+    for seed in 0..20 {
+        let arena = driven(&json!({}), 3, seed);
+        // All drive at 0.12 m/s, each with 5 % noise on both wheels, but for those that touch.
+        let (order, speed) = (value(&arena, "order"), value(&arena, "speed"));
+        assert!((0.0..=1.0).contains(&order), "{order}");
+        assert!((0.06..0.14).contains(&speed), "{speed}");
+        close(value(&arena, "group_speed"), order * speed, 0.04);
+    }
+    let alone = driven(&json!({}), 1, 3);
+    close(value(&alone, "order"), 1.0, 1e-6);
+    assert_eq!(value(&alone, "nearest_distance"), 0.0);
+    assert_eq!(value(&alone, "distance_to_center"), 0.0);
+    assert_eq!(value(&alone, "largest_group"), 1.0);
+    close(value(&alone, "group_speed"), value(&alone, "speed"), 1e-9);
+}
+
+#[test]
+fn sums_and_means_belong_together() {
+    let kinds = ["order", "speed", "nearest_distance", "distance_to_center"];
+    let mut metrics = json!({});
+    for kind in kinds {
+        for when in ["each_tick", "mean", "end"] {
+            metrics[format!("{kind}_{when}")] = json!({"kind": kind, "when": when});
+        }
+    }
+    metrics["on"] = json!({"kind": "robots_on", "patch": "west"});
+    metrics["on_mean"] = json!({"kind": "robots_on", "patch": "west", "when": "mean"});
+    let arena = driven(&metrics, 12, 5);
+    for kind in kinds {
+        let of = |when: &str| value(&arena, &format!("{kind}_{when}"));
+        close(of("each_tick") / 20.0, of("mean"), 1e-12);
+        assert_eq!(of("end"), value(&arena, kind));
+    }
+    close(value(&arena, "on") / 20.0, value(&arena, "on_mean"), 1e-12);
+}
+
+#[test]
+fn squares_that_were_visited_stay_visited() {
+    let metrics = json!({"fine": {"kind": "visited_share", "cell": 0.05}, "coarse": {"kind": "visited_share", "cell": 1}});
+    for seed in 0..10 {
+        let arena = driven(&metrics, 1, seed);
+        // 2 s at 0.12 m/s are 0.23 m: 5 to 9 of 80 x 60 squares.
+        let squares = value(&arena, "fine") * 4800.0;
+        assert!((4.9..=10.1).contains(&squares), "{squares}");
+        assert_eq!(squares, squares.round());
+        let coarse = value(&arena, "coarse") * 12.0;
+        assert!((0.9..=3.1).contains(&coarse), "{coarse}");
+    }
+}
+
+#[test]
+fn formations_are_found_where_they_are() {
+    // Robots stand still: the deviation from the places where they stand is 0.
+    let still = |metrics: &Value| {
+        let mission = json!({"walls": {"rectangle": [4, 4]}, "start": {"disc": {"radius": 1}},
+            "metrics": metrics, "fitness": {"factors": {}}});
+        let parameters = json!({"mission": mission, "robots": 7, "duration": 0.1, "seed": 11});
+        let mut arena = Arena::default();
+        arena.reset(parameters.as_object().unwrap()).unwrap();
+        arena
+    };
+    let at = positions(&still(&json!({})));
+    let moved: Vec<_> = at.iter().map(|[x, y]| [x + 0.3, y - 0.2]).collect();
+    let turned: Vec<_> = at.iter().map(|[x, y]| [0.5 - y, *x]).collect();
+    let kind = |points: &Value, fixed: bool, turned: bool| {
+        json!({"kind": "shape_deviation", "when": "end",
+            "shape": {"points": points, "fixed": fixed, "turned": turned}})
+    };
+    let arena = still(&json!({
+        "fixed": kind(&json!(at), true, false),
+        "moved": kind(&json!(moved), false, false),
+        "away": kind(&json!(moved), true, false),
+        "turned": kind(&json!(turned), false, true),
+        "askew": kind(&json!(turned), false, false),
+    }));
+    close(value(&arena, "fixed"), 0.0, 1e-6);
+    close(value(&arena, "moved"), 0.0, 1e-6);
+    close(value(&arena, "turned"), 0.0, 1e-6);
+    assert!(value(&arena, "away") > 0.1 && value(&arena, "askew") > 0.1);
+}

@@ -1,0 +1,202 @@
+//! What the arena refuses, each with the place and the cure.
+#![allow(clippy::unwrap_used)] // helpers of tests
+
+use serde_json::{Value, json};
+use swarmwright_arena::Arena;
+use swarmwright_simulation::Simulation;
+
+fn refusal(parameters: &Value) -> String {
+    let refused = Arena::default().reset(parameters.as_object().unwrap());
+    refused.unwrap_err().to_string()
+}
+
+/// What a mission is refused for in which this is different.
+fn with(path: &[&str], value: Value) -> String {
+    let mut mission = json!({"walls": {"rectangle": [20, 20]}, "start": {"rectangle": {"x": [-1, 1], "y": [-1, 1]}},
+        "metrics": {}, "fitness": {"factors": {}}});
+    let mut place = &mut mission;
+    for key in path {
+        place = &mut place[*key];
+    }
+    *place = value;
+    refusal(&json!({"mission": mission}))
+}
+
+fn patch(patch: Value) -> String {
+    with(&["floor"], json!({"patches": [patch]}))
+}
+
+fn metric(metric: Value) -> String {
+    with(&["metrics"], json!({"m": metric}))
+}
+
+#[test]
+fn mistakes_name_the_place() {
+    let cases = [
+        (
+            with(&["walls"], json!({"sides": 2, "apothem": 1})),
+            "mission.walls.sides: 2 found",
+        ),
+        (
+            with(&["walls"], json!({"rectangle": [1, -2]})),
+            "mission.walls.rectangle[1]: -2 found",
+        ),
+        (with(&["walls"], json!({"heigth": 2})), "mission.walls"),
+        (
+            with(&["walls"], json!({"corners": [[0, 0], [1, 1]]})),
+            "mission.walls.corners: 2 corners found",
+        ),
+        (
+            with(
+                &["walls"],
+                json!({"corners": [[-2, -2], [2, 2], [2, -2], [-2, 2]]}),
+            ),
+            "mission.walls.corners: the sides [-2, -2] to [2, 2] and [2, -2] to [-2, 2] cross",
+        ),
+        (
+            with(&["obstacles"], json!([{"center": [0, 0], "size": [1, 0]}])),
+            "mission.obstacles[0].size: 0 found",
+        ),
+        (
+            with(&["obstacles"], json!([{"center": [30, 0], "size": [1, 1]}])),
+            "mission.obstacles[0]: the box lies outside of the walls",
+        ),
+        (
+            patch(json!({"name": "a", "color": "black"})),
+            "mission.floor.patches[0]: expected circle, or",
+        ),
+        (
+            patch(json!({"name": "a", "color": "blue", "circle": {"radius": 1}})),
+            "mission.floor.patches[0].color: expected black, grey, white, random, or a number",
+        ),
+        (
+            patch(json!({"name": "a", "color": 3, "circle": {"radius": 1}})),
+            "mission.floor.patches[0].color: 3 found",
+        ),
+        (
+            patch(json!({"name": "a", "color": 1, "circle": {"center": [12, 0], "radius": 1}})),
+            "mission.floor.patches[0]: the patch \"a\" lies outside of the walls",
+        ),
+        (
+            patch(json!({"name": "a", "color": 1, "rectangle": {"x": [1, 0], "y": [0, 1]}})),
+            "mission.floor.patches[0].rectangle.x: [1, 0] found, expected the lower number first",
+        ),
+        (
+            patch(
+                json!({"name": "a", "color": 1, "polygon": [[0, 0], [2, 0], [2, 2], [1.5, 0.5]]}),
+            ),
+            "mission.floor.patches[0].polygon: the polygon has a corner that points inwards",
+        ),
+        (
+            with(&["lights"], json!([{"at": [0, 0], "intensity": 1}])),
+            "mission.lights[0].at",
+        ),
+        (
+            with(&["lights"], json!([{"at": [0, 0, 1], "brightness": 1}])),
+            "mission.lights[0].brightness: unknown field",
+        ),
+        (
+            with(&["lights"], json!([{"at": [0, 0, 1], "intensity": -1}])),
+            "mission.lights[0].intensity: -1 found",
+        ),
+        (
+            with(&["start"], json!({})),
+            "mission.start: expected disc, or rectangle",
+        ),
+        (
+            with(
+                &["start"],
+                json!({"disc": {"center": [50, 0], "radius": 1}}),
+            ),
+            "mission.start: it lies outside",
+        ),
+        (with(&["robots"], json!(0)), "mission.robots: 0 found"),
+        (with(&["duration"], json!(-3)), "mission.duration: -3 found"),
+        (
+            with(&["robot"], json!("r2d2")),
+            "mission.robot: \"r2d2\" found",
+        ),
+        (
+            metric(json!({"kind": "robots_on", "patch": "black"})),
+            "no patch of the floor is named \"black\"",
+        ),
+        (
+            metric(json!({"kind": "robot_on", "patch": "a"})),
+            "unknown variant `robot_on`, expected one of `robots_on`",
+        ),
+        (
+            metric(json!({"kind": "largest_group", "link": 0})),
+            "mission.metrics.m: link: 0 found",
+        ),
+        (
+            metric(json!({"kind": "shape_deviation", "shape": {}})),
+            "mission.metrics.m: shape: expected circle",
+        ),
+        (
+            with(&["metrics"], json!({"a-b": {"kind": "order"}})),
+            "mission.metrics: \"a-b\" found",
+        ),
+        (
+            with(&["metrics"], json!({"fitness": {"kind": "order"}})),
+            "mission.metrics: fitness is",
+        ),
+        (
+            with(&["fitness"], json!("n")),
+            "mission.fitness: no metric is named \"n\"; there is distance_to_center, ",
+        ),
+        (
+            with(&["fitness"], json!([1])),
+            "mission.fitness: expected the name of a metric",
+        ),
+        (
+            refusal(&json!({"mission": "agregation"})),
+            "\"agregation\" found, expected the name of a mission (aac or aggregation, ",
+        ),
+        (
+            refusal(&json!({"robot": "e-puck"})),
+            "expected the name of a robot (e-puck-rm1.1, e-puck-rm1.2, foot-bot, ",
+        ),
+    ];
+    for (message, expected) in cases {
+        assert!(message.contains(expected), "{message:?} lacks {expected:?}");
+    }
+}
+
+#[test]
+fn robots_that_do_not_fit_are_counted() {
+    let message = refusal(&json!({"robots": 2000}));
+    let found = message
+        .split("to start: ")
+        .nth(1)
+        .and_then(|rest| rest.split(' ').next())
+        .and_then(|number| number.parse::<f64>().ok())
+        .unwrap();
+    // Discs thrown at random without overlap fill about half of a plane (0.547 in the limit).
+    let filled = found * 0.035 * 0.035 / (1.2 * 1.2);
+    assert!((0.4..0.6).contains(&filled), "{message}");
+}
+
+#[test]
+fn robots_start_inside_of_walls_and_outside_of_boxes() {
+    // The start is larger than the arena and has a box in it that robots fit into.
+    let mission = json!({
+        "walls": {"corners": [[-1, -1], [1, -1], [1, 0], [0, 0], [0, 1], [-1, 1]]},
+        "obstacles": [{"center": [-0.5, -0.5], "size": [0.6, 0.6]}],
+        "start": {"rectangle": {"x": [-1.5, 1.5], "y": [-1.5, 1.5]}},
+        "fitness": "order",
+    });
+    for seed in 0..20 {
+        let mut arena = Arena::default();
+        let parameters = json!({"mission": mission, "robots": 30, "seed": seed});
+        arena.reset(parameters.as_object().unwrap()).unwrap();
+        let scene = arena.scene().unwrap();
+        for body in scene.bodies.iter().filter(|body| body.kind == "agent") {
+            let (x, y) = (body.x - scene.width / 2.0, body.y - scene.height / 2.0);
+            assert!(
+                x.abs() < 1.0 && y.abs() < 1.0 && (x < 0.0 || y < 0.0),
+                "{x}, {y}"
+            );
+            assert!((x + 0.5).abs() > 0.3 || (y + 0.5).abs() > 0.3, "{x}, {y}");
+        }
+    }
+}

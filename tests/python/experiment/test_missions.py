@@ -1,0 +1,188 @@
+"""Missions of the arena: experiments to start from, and mistakes with their place."""
+
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from swarmwright import Experiment, InputError, templates
+from swarmwright.cli._commands import program
+from swarmwright.core.yaml import parse
+from swarmwright.experiment.validation import check
+
+MISSION = """\
+walls: {rectangle: [3, 2]}
+floor:
+  patches:
+    - {name: west, circle: {center: [-1.2, 0.6], radius: 0.25}, color: black}
+start:
+  rectangle: {x: [-0.3, 0.3], y: [-0.6, 0.6]}
+robots: 12
+metrics:
+  in_west: {kind: robots_on, patch: west, when: end}
+fitness: in_west
+"""
+
+
+@pytest.mark.parametrize("name", templates.missions())
+def test_every_mission_has_an_experiment(name: str) -> None:
+    text = templates.arena(name)
+    experiment = Experiment(**check(parse(text, name)))
+    assert experiment.simulation == "arena"
+    assert experiment.sensors == 24
+    lines = [line for line in text.splitlines() if line.strip()]
+    assert sum("#" in line for line in lines) > len(lines) / 2
+    # The mission itself can be the start of one's own.
+    values = {"simulation": "arena", "parameters": {"mission": parse(templates.mission(name), name).values}}
+    if ".inf" not in templates.mission(name):
+        assert Experiment.from_mapping(values).sensors == 24
+
+
+def test_short_names_are_known_too() -> None:
+    assert templates.arena("aac") == templates.arena("aggregation") == templates.text("arena")
+    assert "mission: sca " in templates.arena("sca")
+
+
+def test_new_prints_missions() -> None:
+    printed = CliRunner().invoke(program, ["new", "arena", "--mission", "flocking"])
+    assert printed.output == templates.arena("flocking")
+    assert "# Arena: flocking, by a swarm of e-pucks" in printed.output
+    printed = CliRunner().invoke(program, ["new", "arena", "--mission", "dispersion", "--mission-file"])
+    assert printed.output == templates.mission("dispersion")
+    help_text = " ".join(CliRunner().invoke(program, ["new", "--help"]).output.split())
+    assert all(name in help_text for name in templates.missions())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "answer"),
+    [
+        (["arena", "--mission", "agregation"], "unknown mission 'agregation'; did you mean 'aggregation'?"),
+        (["arena", "--mission", "nothing"], "there is: aac, aggregation, area_coverage, "),
+        (["minisim", "--mission", "aac"], "--mission is of arena alone, not of minisim"),
+        (["minisim", "--mission-file"], "--mission-file is of arena alone, not of minisim"),
+    ],
+)
+def test_mistakes_of_new(arguments: list[str], answer: str) -> None:
+    printed = CliRunner().invoke(program, ["new", *arguments])
+    assert printed.exit_code == 2
+    assert answer in printed.output
+
+
+@pytest.mark.parametrize(
+    ("old", "new_text", "answer"),
+    [
+        ("[3, 2]", "[3, 2", ":1: is not valid YAML"),
+        ("[3, 2]", "[3, 0]", ":1: walls.rectangle[1]: 0 found, expected a number above 0"),
+        (
+            "rectangle: [3, 2]",
+            "corners: [[-1, -1], [1, 1], [1, -1], [-1, 1]]",
+            ":1: walls.corners: the sides",
+        ),
+        ("walls:", "wals:", ":1: wals: unknown field `wals`"),
+        ("center: [-1.2, 0.6]", "center: [-4, 0.6]", ':4: floor.patches[0]: the patch "west" lies outside'),
+        ("radius: 0.25", "radius: 0.25, radius: 1", ":4: floor.patches[0].circle.radius: duplicate key"),
+        ("color: black", "color: blue", ":4: floor.patches[0].color: expected black, grey, white"),
+        (
+            "start:",
+            "lights: [{at: [0, 0, 1], power: 2}]\nstart:",
+            ":5: lights[0].power: unknown field `power`",
+        ),
+        ("x: [-0.3, 0.3]", "x: [0.3, -0.3]", ":6: start.rectangle.x: [0.3, -0.3] found, expected the lower"),
+        ("x: [-0.3, 0.3]", "x: [-.inf, 0.3]", ":6: start.rectangle.x[0]: must be a finite number"),
+        ("robots: 12", "robots: 0", ":7: robots: 0 found, expected 1 to 100000"),
+        (
+            "robots_on",
+            "robot_on",
+            ":9: metrics.in_west.kind: unknown variant `robot_on`, expected one of `robots_on`",
+        ),
+        (
+            "patch: west",
+            "patch: wst",
+            ':9: metrics.in_west: no patch of the floor is named "wst"; there is west',
+        ),
+        (
+            "fitness: in_west",
+            "fitness: in_wst",
+            ':10: fitness: no metric is named "in_wst"; there is in_west',
+        ),
+        ("fitness: in_west", "fitness: {ofset: 1}", ":10: fitness: expected the name of a metric, or"),
+    ],
+)
+def test_a_mistake_in_a_file_is_told_with_file_and_line(
+    tmp_path: Path, old: str, new_text: str, answer: str
+) -> None:
+    assert old in MISSION
+    (tmp_path / "mission.yaml").write_text(MISSION.replace(old, new_text))
+    (tmp_path / "swarm.yaml").write_text("simulation: arena\nparameters: {mission: mission.yaml}\n")
+    with pytest.raises(InputError) as caught:
+        Experiment.load(tmp_path / "swarm.yaml")
+    assert f"{tmp_path}/swarm.yaml:2: parameters.mission: {tmp_path}/mission.yaml{answer}" in str(
+        caught.value
+    )
+
+
+def test_a_mistake_in_the_experiment_is_told_with_its_line(tmp_path: Path) -> None:
+    lines = MISSION.replace("radius: 0.25", "radius: -1").splitlines()
+    indented = "".join(f"    {line}\n" for line in lines)
+    (tmp_path / "swarm.yaml").write_text(f"simulation: arena\nparameters:\n  mission:\n{indented}")
+    with pytest.raises(InputError) as caught:
+        Experiment.load(tmp_path / "swarm.yaml")
+    assert f"{tmp_path}/swarm.yaml:7: parameters.mission.floor.patches[0].circle.radius: -1 found" in str(
+        caught.value
+    )
+
+
+@pytest.mark.parametrize(
+    ("parameters", "answer"),
+    [
+        ({"mission": "agregation"}, 'parameters.mission: "agregation" found, expected the name of a mission'),
+        ({"robots": 5000}, "parameters.robots: 5000 robots do not fit where they are to start"),
+        ({"mission": "nowhere.yaml"}, "parameters.mission: nowhere.yaml: there is no such file"),
+    ],
+)
+def test_mistakes_in_parameters(parameters: dict[str, object], answer: str) -> None:
+    with pytest.raises(InputError) as caught:
+        Experiment.from_mapping({"simulation": "arena", "parameters": parameters})
+    assert answer in str(caught.value)
+
+
+ROBOT = """\
+radius: 0.05
+drive: {kind: differential, wheel_base: 0.08, max_speed: 0.2}
+sensors:
+  - {kind: proximity, count: 8, range: 0.2}
+  - {kind: compass}
+"""
+
+
+def test_a_robot_in_a_file_says_how_many_sensors_there_are(tmp_path: Path) -> None:
+    (tmp_path / "robot.yaml").write_text(ROBOT)
+    (tmp_path / "swarm.yaml").write_text("simulation: arena\nparameters: {robot: robot.yaml}\n")
+    experiment = Experiment.load(tmp_path / "swarm.yaml")
+    assert (experiment.sensors, experiment.actuators) == (10, 2)
+
+
+@pytest.mark.parametrize(
+    ("old", "new_text", "answer"),
+    [
+        (
+            "proximity",
+            "proximty",
+            ":4: sensors[0].kind: unknown variant `proximty`, expected one of `proximity`, `light`",
+        ),
+        ("count: 8", "count: 0", ":4: sensors[0].count: 0 found, expected 1 to 128"),
+        (
+            "differential",
+            "tracks",
+            ":2: drive.kind: unknown variant `tracks`, expected one of `differential`",
+        ),
+        ("max_speed: 0.2", "max_speed: fast", ':2: drive: invalid type: string "fast", expected f32'),
+        ("radius: 0.05", "radius: -1", ":1: radius: -1 found, expected 0.001 to 10"),
+    ],
+)
+def test_a_mistake_in_a_robot(tmp_path: Path, old: str, new_text: str, answer: str) -> None:
+    (tmp_path / "robot.yaml").write_text(ROBOT.replace(old, new_text))
+    (tmp_path / "swarm.yaml").write_text("simulation: arena\nparameters: {robot: robot.yaml}\n")
+    with pytest.raises(InputError) as caught:
+        Experiment.load(tmp_path / "swarm.yaml")
+    assert f"{tmp_path}/swarm.yaml:2: parameters.robot: {tmp_path}/robot.yaml{answer}" in str(caught.value)
