@@ -126,8 +126,7 @@ final strictfp class Modules extends Architecture {
   }
 
   /** A step of a tree: from the subtree of the last step to the first whose condition fails. */
-  private void tick(
-      float[] weights, int first, float[] state, float[] sensors, float[] actuators) {
+  private void tick(float[] weights, int first, float[] state, float[] sensors, float[] actuators) {
     int[] words = words(sensors[8]);
     int count = (int) limited(weights[first], 1f, states);
     for (int k = (int) state[0]; k < count; k++) {
