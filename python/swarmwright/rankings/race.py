@@ -101,9 +101,11 @@ class Race(Ranking):
 
     def _fitness(self, episodes: Episodes, length: NDArray[np.int64], failed: NDArray[np.bool_]) -> Fitness:
         fitness = np.full(len(episodes), np.nan)
-        leading = ~failed & (length == length[~failed].max(initial=0))
+        # Those that were left may all have failed in the end.
+        longest = int(length[~failed].max(initial=0))
+        leading = ~failed & (length == longest)
         with np.errstate(over="ignore", invalid="ignore"):  # what overflows has failed
-            reference = _mean(episodes[leading, : int(length.max(initial=0))])
+            reference = _mean(episodes[leading, :longest]) if longest else np.empty(0)
             least = np.inf
             for upto in sorted(set(length[~failed].tolist()), reverse=True):
                 rows = np.flatnonzero(~failed & (length == upto))

@@ -90,6 +90,18 @@ def test_easy_seeds_do_not_count() -> None:
     assert (np.diff(fitness) < 0).all()
 
 
+def test_if_all_that_are_left_fail_the_others_are_ranked_as_they_are() -> None:
+    rng = np.random.default_rng(2)
+    values = np.array([[0.0], [-10.0], [-20.0], [-30.0]]) + rng.normal(size=(4, 12))
+    values[0, 11] = np.nan
+    fitness = race(12).score(values)
+    assert np.isnan(fitness[0])
+    assert np.isfinite(fitness[1:]).all()
+    assert (np.diff(fitness[1:]) < 0).all()
+    values[:] = np.nan
+    assert np.isnan(race(12).score(values)).all()
+
+
 def test_with_few_episodes_it_is_the_mean() -> None:
     values = np.random.default_rng(1).normal(size=(7, 5))
     assert race(5).score(values) == pytest.approx(values.mean(axis=1))
