@@ -3,6 +3,7 @@
 python -m tests.system.records
 """
 
+import hashlib
 import json
 import os
 import sys
@@ -35,7 +36,11 @@ METHODS = [
 
 
 def digests() -> dict[str, str]:
-    """Return the digest of a run of each method for each experiment."""
+    """Return the digest of a run of each method for each experiment, and that of its genomes.
+
+    The first covers what genomes are made from where the store has that instead of them, the second the
+    genomes that are made of it.
+    """
     found = {}
     with tempfile.TemporaryDirectory() as folder:
         for name, (simulation, controller) in EXPERIMENTS.items():
@@ -52,7 +57,8 @@ def digests() -> dict[str, str]:
                     out=Path(folder) / name / kind,
                     servers="in-process",
                 )
-                found[f"{name}: {kind}"] = run.digest
+                genomes = hashlib.sha256(run.record.genomes.tobytes()).hexdigest()
+                found[f"{name}: {kind}"] = f"{run.digest} {genomes}"
     return found
 
 
