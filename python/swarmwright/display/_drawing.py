@@ -119,7 +119,7 @@ class Picture:
         """
         steps = len(self._recording.scenes) - 1
         so_far = self._recording.fitness_so_far[min(int(time), steps)] + 0.0  # no -0
-        text = f"step {scene.step} of {steps}   fitness {so_far:.3g}"
+        text = f"step {scene.step} of {steps}   fitness {so_far:.4g}"
         artists: list[Artist] = [
             self._axes.text(
                 1, 1.0, text, transform=self._axes.transAxes, ha="right", va="bottom", fontsize=11,

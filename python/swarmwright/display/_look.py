@@ -244,7 +244,7 @@ def floor_words(grey: float, names: Iterable[str]) -> str:
     named = ((0.0, "black floor"), (0.5, "grey floor"), (1.0, "white floor"))
     near = (name for level, name in named if abs(grey - level) < _NEAR_GREY)
     color = next(near, f"floor, grey {grey:.3g}")
-    given = ", ".join(dict.fromkeys(name for name in names if name))
+    given = ", ".join(dict.fromkeys(name for name in names if name and f"{name} floor" != color))
     return f"{color} ({given})" if given else color
 
 

@@ -195,7 +195,7 @@ def test_several_candidates_stand_on_a_page(program: Any, run: str, tmp_path: Pa
             ("--beside", "best", "--save", "x.html"),
             "--beside best: expected GENERATION:CANDIDATE such as 0:7",
         ),
-        (("--beside", "7:1", "--save", "x.html"), "holds the generation 0, not 7"),
+        (("--beside", "7:1", "--save", "x.html"), "holds one generation, number 0, not 7"),
     ):
         wrong = program("replay", run, *arguments)
         assert wrong.returncode == 2
@@ -242,9 +242,8 @@ def test_the_arena_is_shown_with_its_robots_and_their_machines(program: Any, tmp
     assert episode["trace"]["names"][-2:] == ["left wheel", "right wheel"]
     assert episode["trace"]["agents"] == 5
     assert len(episode["machine"]["states"]) >= 1
-    (metric,) = episode["metrics"].values()
-    assert len(metric) == len(episode["fitness"]) == 20
-    assert metric[-1] == episode["fitness"][-1], "the mission's fitness is its only metric"
+    assert episode["metrics"]
+    assert {len(values) for values in episode["metrics"].values()} == {len(episode["fitness"])} == {20}
     coloured = program("replay", "arena", "--colors", "controller", "--save", "arena.png")
     assert coloured.returncode == 0, coloured.stderr
     drawn = program("replay", "arena")
