@@ -108,6 +108,15 @@ def test_the_ordinary_loop_keeps_the_same(
     assert (split.path / "record.csv").read_bytes() == (run.path / "record.csv").read_bytes()
 
 
+@pytest.mark.parametrize("method", SAMPLED, ids=lambda method: f"{method['kind']}-{method['generations']}")
+def test_a_run_goes_on_from_samples(method: dict[str, Any], tmp_path: Path) -> None:
+    whole = optimize(experiment(method), out=tmp_path / "whole")
+    for last in (0, method["generations"] - 2):  # with new starts of snes behind the second
+        part = optimize(experiment(method), lambda now: now.generation < last, out=tmp_path / str(last))  # noqa: B023
+        assert part.generations == last + 1
+        same_record(resume(part), whole)
+
+
 def test_few_candidates_are_kept_as_genomes(tmp_path: Path) -> None:
     for population in (12, 14):
         method = {"kind": "openai_es", "population": population, "generations": 2}
