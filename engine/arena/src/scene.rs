@@ -21,8 +21,9 @@ pub(super) fn scene(settings: &Settings, swarm: &Swarm<f32>) -> Scene {
         let shift = |[x, y]: [f32; 2]| [x - low[0], y - low[1]];
         points.into_iter().map(shift).collect()
     };
-    let (outer, inner): (Vec<Face>, Vec<Face>) = place.faces.iter().partition(|face| face.outer);
-    let outline = chains(&outer).into_iter().next();
+    // The walls around come first.
+    let chains = chains(&place.faces);
+    let outline = chains.first().filter(|chain| chain.closed);
     let bodies = (0..swarm.bodies.len()).map(|index| Body {
         kind: "agent".into(),
         x: swarm.bodies.x[index].0 - low[0],
@@ -38,7 +39,11 @@ pub(super) fn scene(settings: &Settings, swarm: &Swarm<f32>) -> Scene {
         message: settings.mission.title.clone(),
         bodies: bodies.collect(),
         floor: Some(Patch {
-            points: shifted(outline.map(|chain| chain.points).unwrap_or_default()),
+            points: shifted(
+                outline
+                    .map(|chain| chain.points.clone())
+                    .unwrap_or_default(),
+            ),
             grey: place.grey,
             ..Patch::default()
         }),
@@ -53,15 +58,13 @@ pub(super) fn scene(settings: &Settings, swarm: &Swarm<f32>) -> Scene {
             name: patch.name.clone(),
         });
     }
-    for (faces, solid) in [(outer, false), (inner, true)] {
-        for chain in chains(&faces) {
-            let mut points = shifted(chain.points);
-            if chain.closed && !solid {
-                points.extend(points.first().copied());
-            }
-            let solid = solid && chain.closed;
-            scene.walls.push(Wall { points, solid });
+    for (index, chain) in chains.into_iter().enumerate() {
+        let mut points = shifted(chain.points);
+        let solid = index > 0 && chain.closed;
+        if chain.closed && !solid {
+            points.extend(points.first().copied());
         }
+        scene.walls.push(Wall { points, solid });
     }
     scene.lights.extend(place.lights.iter().map(|light| Light {
         x: light.at[0] - low[0],
@@ -191,29 +194,32 @@ struct Chain {
     closed: bool,
 }
 
-/// Joins neighbouring faces; the sides of an obstacle run from corner to corner in reverse order.
+/// Joins neighbouring faces: those of walls around follow each other, those of obstacles come before each other.
 fn chains(faces: &[Face]) -> Vec<Chain> {
     let near = |a: [f32; 2], b: [f32; 2]| (a[0] - b[0]).abs() < SAME && (a[1] - b[1]).abs() < SAME;
     let mut found: Vec<Chain> = Vec::new();
     for face in faces {
-        let [mut from, mut to] = face.ends();
-        if !face.outer {
-            (from, to) = (to, from);
-        }
-        let open = found.last_mut().filter(|chain| !chain.closed);
-        match open {
-            Some(chain) if chain.points.last().is_some_and(|last| near(*last, from)) => {
-                if near(chain.points[0], to) {
-                    chain.closed = true;
-                } else {
-                    chain.points.push(to);
-                }
+        let [from, to] = face.ends();
+        if let Some(chain) = found.last_mut().filter(|chain| !chain.closed) {
+            let first = chain.points[0];
+            let last = chain.points[chain.points.len() - 1];
+            if near(last, from) && near(first, to) {
+                chain.closed = true;
+                continue;
             }
-            _ => found.push(Chain {
-                points: vec![from, to],
-                closed: false,
-            }),
+            if near(last, from) {
+                chain.points.push(to);
+                continue;
+            }
+            if near(first, to) {
+                chain.points.insert(0, from);
+                continue;
+            }
         }
+        found.push(Chain {
+            points: vec![from, to],
+            closed: false,
+        });
     }
     found
 }

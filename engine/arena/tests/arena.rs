@@ -189,3 +189,21 @@ fn the_scene_has_all_that_the_mission_has() {
         assert!((a.x - b.x).hypot(a.y - b.y) < 0.7);
     }
 }
+
+#[test]
+fn the_floor_ends_at_walls_that_are_not_convex() {
+    let corners = json!([[-1, -1], [1, -1], [1, 0], [0, 0], [0, 1], [-1, 1]]);
+    let mission = json!({"walls": {"corners": corners},
+        "obstacles": [{"center": [-0.5, -0.5], "size": [0.2, 0.1]}],
+        "start": {"rectangle": {"x": [-0.9, -0.2], "y": [0.1, 0.9]}},
+        "metrics": {}, "fitness": {"factors": {}}});
+    let arena = arena(&json!({"mission": mission, "robots": 2})).unwrap();
+    let scene = arena.scene().unwrap();
+    assert_eq!(scene.floor.unwrap().points.len(), 6);
+    let walls: Vec<(usize, bool)> = scene
+        .walls
+        .iter()
+        .map(|wall| (wall.points.len(), wall.solid))
+        .collect();
+    assert_eq!(walls, [(7, false), (4, true)]);
+}
