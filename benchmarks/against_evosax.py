@@ -1,12 +1,14 @@
 """Whole runs against evosax: Minisim, a 4-8-1 network, warm in a process and from the command line."""
 
 import json
+import os
 import subprocess
 import sys
 import tempfile
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from unittest.mock import patch
 
 from benchmarks.measurement import Samples
 from benchmarks.processes import PROGRAM, ROOT, output
@@ -68,14 +70,15 @@ class EvosaxSuite:
             cwd=ROOT,
         )
         self._warm: dict[Row, tuple[Samples, Samples]] = {}
-        self._cold: dict[Row, tuple[Samples, Samples]] = {}
+        self._cold: dict[Row, tuple[Samples, Samples, Samples]] = {}
         for row in rows:
             peer = Samples(f"evosax {row.algorithm}, {row}, warm", "s")
             self._warm[row] = peer, Samples(f"{row.kind}, {row}, in process", "s", peer, "<= 1")
             if row.kind in COLD and row.population == 256:
                 cold = Samples(f"evosax {row.algorithm}, {row}, a process", "s")
-                ours = Samples(f"{row.kind}, {row}, from the command line", "s", cold, "<= 0.2")
-                self._cold[row] = cold, ours
+                name = f"{row.kind}, {row}, from the command line"
+                ours = Samples(f"{name}, without the picture", "s", cold, "<= 0.2")
+                self._cold[row] = cold, ours, Samples(f"{name}, until the picture is drawn", "s", cold)
 
     def _ask(self, row: Row) -> float:
         assert self._process.stdin is not None
@@ -92,18 +95,21 @@ class EvosaxSuite:
         for row, (peer, ours) in self._warm.items():
             peer.add(self._ask(row))
             ours.add(_in_process(row))
-        for row, (peer, ours) in self._cold.items():
+        for row, (peer, ours, drawn) in self._cold.items():
             settings = (row.algorithm, str(row.population), str(row.generations))
             peer.add(_process(sys.executable, "-m", "benchmarks.evosax_process", *settings))
             with tempfile.TemporaryDirectory() as name:
                 file = Path(name) / "experiment.yaml"
                 row.experiment().save(file)
                 command = [*PROGRAM, "optimize", str(file), "--servers", "in-process"]
-                ours.add(_process(*command, "--out", str(file.with_name("run"))))
+                # evosax draws nothing.
+                ours.add(_process(*command, "--out", str(file.with_name("run")), SWARMWRIGHT_PLOT="0"))
+                drawn.add(_process(*command, "--out", str(file.with_name("drawn"))))
 
     def samples(self) -> list[Samples]:
         """Everything measured, in the order of the table."""
-        return [one for figures in (self._warm, self._cold) for pair in figures.values() for one in pair]
+        rows = [*self._warm.values(), *self._cold.values()]
+        return [one for row in rows for one in row]
 
     def close(self) -> None:
         """End the process."""
@@ -120,8 +126,9 @@ def _in_process(row: Row) -> float:
     return seconds
 
 
-def _process(*command: str) -> float:
-    """Seconds from the start of a process to its end."""
+def _process(*command: str, **environment: str) -> float:
+    """Seconds from the start of a process to its end; environment: beside that of this one."""
     start = time.perf_counter()
-    output(*command, cwd=ROOT)
+    with patch.dict(os.environ, environment):
+        output(*command, cwd=ROOT)
     return time.perf_counter() - start
