@@ -59,6 +59,12 @@ def _rollouts(scale: Scale) -> Suite:
     return RolloutSuite(scale.smaller)
 
 
+def _arena(scale: Scale) -> Suite:
+    from benchmarks.arena import ArenaSuite
+
+    return ArenaSuite(scale.smaller)
+
+
 def _jax(_scale: Scale) -> Suite:
     from benchmarks.against_jax import JaxSuite
 
@@ -140,6 +146,7 @@ def _frevo(_scale: Scale) -> Suite:
 SUITES: dict[str, Callable[[Scale], Suite]] = {
     "mqtt": _mqtt,
     "rollouts": _rollouts,
+    "arena": _arena,
     "jax": _jax,
     "evosax": _evosax,
     "bound": _bound,
@@ -156,7 +163,7 @@ SUITES: dict[str, Callable[[Scale], Suite]] = {
     "program": _program,
 }
 """By name, which `--only` searches."""
-QUICK_SUITES = ("mqtt", "rollouts", "bound", "tasks", "methods", "store", "wrappers", "commands")
+QUICK_SUITES = ("mqtt", "rollouts", "arena", "bound", "tasks", "methods", "store", "wrappers", "commands")
 """Those that take seconds and need no library for Python of their own."""
 
 

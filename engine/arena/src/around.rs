@@ -13,12 +13,13 @@ pub(super) fn see<L: Lanes>(
     range: f32,
     bodies: &Bodies<L>,
     index: usize,
-    others: &[Other<L>],
+    (others, indices): (&[Other<L>], &[u32]),
 ) -> [Number<L>; 2] {
     let square = number::<L>(range * range);
     let (mut count, mut sum) = (number::<L>(0.0), [number::<L>(0.0); 2]);
     let (mut least, mut nearest) = (square, [number::<L>(0.0); 2]);
-    for other in others {
+    for k in 0..others.len() {
+        let other = &others[k];
         let near = other.square.lt(square);
         if !near.any() {
             continue;
@@ -34,7 +35,7 @@ pub(super) fn see<L: Lanes>(
             continue;
         }
         let [x, y] = if output == Output::AroundHeading {
-            let other = other.index as usize;
+            let other = indices[k] as usize;
             [bodies.cos[other], bodies.sin[other]]
         } else {
             [other.x, other.y]

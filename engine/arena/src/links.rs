@@ -60,7 +60,7 @@ impl<L: Lanes> LinkWindow<L> {
         place: &Place,
         bodies: &Bodies<L>,
         index: usize,
-        others: &[Other<L>],
+        (others, indices): (&[Other<L>], &[u32]),
         keys: Keys<L>,
         tick: u32,
     ) {
@@ -75,8 +75,8 @@ impl<L: Lanes> LinkWindow<L> {
         let slots = &mut self.sent;
         slots.clear();
         let at = [bodies.x[index], bodies.y[index]];
-        for other in others {
-            let sender = other.index as usize;
+        for k in 0..others.len() {
+            let (other, sender) = (&others[k], indices[k] as usize);
             if sender / LINKS != block {
                 block = sender / LINKS;
                 words = keys.links(tick, index, block);
@@ -140,7 +140,7 @@ fn receive<L: Lanes>(
 
 /// Whether a third robot stands between.
 #[inline(always)]
-fn behind_robot<L: Lanes>(
+pub(super) fn behind_robot<L: Lanes>(
     robot: &Robot,
     [x, y]: [Number<L>; 2],
     square: Number<L>,
@@ -159,7 +159,11 @@ fn behind_robot<L: Lanes>(
 
 /// Whether a wall stands between.
 #[inline(always)]
-fn behind_wall<L: Lanes>(place: &Place, [x, y]: [Number<L>; 2], way: [Number<L>; 2]) -> L::Mask {
+pub(super) fn behind_wall<L: Lanes>(
+    place: &Place,
+    [x, y]: [Number<L>; 2],
+    way: [Number<L>; 2],
+) -> L::Mask {
     let mut hidden = L::Mask::from_bits(0);
     for face in &place.faces {
         if face.outer {

@@ -2,6 +2,7 @@
 
 use swarmwright_lanes::{Int, Lanes, Mask, Number, number};
 
+use super::links;
 use super::place::Place;
 use super::random::{Keys, LINKS};
 use super::robot::Robot;
@@ -17,7 +18,7 @@ pub(super) fn hear<L: Lanes>(
     place: &Place,
     bodies: &Bodies<L>,
     index: usize,
-    (sent, others): (&[Number<L>], &[Other<L>]),
+    (sent, others, indices): (&[Number<L>], &[Other<L>], &[u32]),
     keys: Keys<L>,
     tick: u32,
     means: &mut [L],
@@ -29,8 +30,9 @@ pub(super) fn hear<L: Lanes>(
     let lost = L::Int::splat((links.loss * 65536.0) as i32 - 1);
     let range = number::<L>(links.range * links.range);
     let mut heard = number::<L>(0.0);
+    let position = [bodies.x[index], bodies.y[index]];
     for at in 0..others.len() {
-        let (other, sender) = (others[at], others[at].index as usize);
+        let (other, sender) = (others[at], indices[at] as usize);
         let word = keys.links(tick, index, sender / LINKS)[sender % LINKS / 2];
         let half = if sender.is_multiple_of(2) {
             word.and(L::Int::splat(0xFFFF))
@@ -41,9 +43,10 @@ pub(super) fn hear<L: Lanes>(
         if !arrives.any() {
             continue;
         }
+        let way = [other.x, other.y];
         let arrives = arrives
-            .and_not(behind_robot(robot, others, at))
-            .and_not(behind_wall(place, bodies, index, sender));
+            .and_not(links::behind_robot(robot, way, other.square, others))
+            .and_not(links::behind_wall(place, position, way));
         heard = heard.add_where(number(1.0), arrives);
         for part in 0..means.len() {
             let number = sent[sender * means.len() + part];
@@ -54,47 +57,4 @@ pub(super) fn hear<L: Lanes>(
     for mean in means {
         *mean = (Number(*mean) * share).0;
     }
-}
-
-/// Whether a third robot stands between.
-#[inline(always)]
-fn behind_robot<L: Lanes>(robot: &Robot, others: &[Other<L>], at: usize) -> L::Mask {
-    let mut hidden = L::Mask::from_bits(0);
-    let goal = others[at];
-    let width = goal.square * (robot.radius * robot.radius);
-    for index in 0..others.len() {
-        if index == at {
-            continue;
-        }
-        let other = others[index];
-        let cross = goal.x * other.y - goal.y * other.x;
-        let dot = goal.x * other.x + goal.y * other.y;
-        let between = number(0.0).lt(dot).and(dot.lt(goal.square));
-        hidden = hidden.or((cross * cross).lt(width).and(between));
-    }
-    hidden
-}
-
-/// Whether a wall stands between.
-#[inline(always)]
-fn behind_wall<L: Lanes>(place: &Place, bodies: &Bodies<L>, from: usize, to: usize) -> L::Mask {
-    let mut hidden = L::Mask::from_bits(0);
-    for face in place.faces.iter().filter(|face| !face.outer) {
-        let [ax, ay] = face.along;
-        let offset = |index: usize| {
-            let (dx, dy) = (
-                bodies.x[index] - face.middle[0],
-                bodies.y[index] - face.middle[1],
-            );
-            [dx * ax + dy * ay, dy * ax - dx * ay]
-        };
-        let ([s, a], [t, b]) = (offset(from), offset(to));
-        let crosses = (a * b).lt(number(0.0));
-        if crosses.any() {
-            let at = s + (t - s) * (a / (a - b));
-            let inside = at.le(number(face.half)).and(number(-face.half).le(at));
-            hidden = hidden.or(crosses.and(inside));
-        }
-    }
-    hidden
 }

@@ -5,7 +5,7 @@ use swarmwright_lanes::{Lanes, Number};
 use super::swarm::Bodies;
 
 /// With more robots one episode at a time is faster, as it looks at the cells around a robot.
-pub(super) const MOST_IN_LANES: usize = 512;
+pub(super) const MOST_IN_LANES: usize = 1024;
 /// Up to so many robots it is faster to look at all others.
 const FEW: usize = 48;
 

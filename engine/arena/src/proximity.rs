@@ -11,6 +11,8 @@ use super::swarm::Bodies;
 
 /// Robots, or walls, that a lane has in reach at a time; more of them are looked at in several turns.
 const AT_A_TIME: usize = 4;
+/// In so many lanes something is seen by most rays, so that asking costs more than it saves.
+const BRANCHLESS: usize = 8;
 /// Nothing that is so far away is seen, metres.
 const FAR: f32 = 1e6;
 
@@ -120,7 +122,7 @@ fn shorten<L: Lanes>(
     seen: L::Mask,
     forward: L::Mask,
 ) {
-    if !seen.any() {
+    if L::WIDTH < BRANCHLESS && !seen.any() {
         return;
     }
     let nearest = readings[ray];
@@ -151,7 +153,7 @@ fn to_robots<L: Lanes>(
             let aside = x * ray.along[1] - y * ray.along[0];
             let depth = radius - aside * aside;
             let meets = zero.lt(depth);
-            if meets.any() {
+            if L::WIDTH >= BRANCHLESS || meets.any() {
                 let entry = absolute(along) - depth.at_least(zero).sqrt();
                 let distance = entry - number(sensors.start);
                 let seen = meets.and(zero.le(distance));

@@ -16,7 +16,6 @@ use super::{around, contacts, grey, light, messages, proximity};
 /// The way to another robot, along the axes of the arena.
 #[derive(Clone, Copy)]
 pub(super) struct Other<L> {
-    pub index: u32,
     pub x: Number<L>,
     pub y: Number<L>,
     pub square: Number<L>,
@@ -39,6 +38,8 @@ pub(super) struct Senses<L: Lanes> {
     ground: GroundWindow<L>,
     links: LinkWindow<L>,
     others: Vec<Other<L>>,
+    /// Which robots they are.
+    indices: Vec<u32>,
     proximity: Vec<Number<L>>,
     light: Vec<Number<L>>,
     /// Which controllers are told of them, half turns.
@@ -60,6 +61,7 @@ impl<L: Lanes> Senses<L> {
             ground: GroundWindow::new(robots),
             links: LinkWindow::new(robots),
             others: Vec::new(),
+            indices: Vec::new(),
             proximity: vec![number(0.0); rays.len()],
             light: vec![number(0.0); lights.len()],
             angles: [
@@ -152,8 +154,16 @@ impl<L: Lanes> Senses<L> {
                     .read(sensors, (place, colors), bodies, index, tick, units);
             }
             if let Some(links) = &robot.links {
-                self.links
-                    .hear(links, robot, place, bodies, index, &self.others, keys, tick);
+                self.links.hear(
+                    links,
+                    robot,
+                    place,
+                    bodies,
+                    index,
+                    (&self.others, &self.indices),
+                    keys,
+                    tick,
+                );
             }
             let outputs = &mut self.outputs[index * width..][..width];
             let mut at = 0;
@@ -199,7 +209,7 @@ impl<L: Lanes> Senses<L> {
                     }
                     Output::GroundReadings => copy(&self.ground.readings, numbers),
                     Output::Message => {
-                        let others = (&self.sent[..], &self.others[..]);
+                        let others = (&self.sent[..], &self.others[..], &self.indices[..]);
                         messages::hear(robot, place, bodies, index, others, keys, tick, numbers);
                     }
                     Output::Encoders => {
@@ -221,7 +231,13 @@ impl<L: Lanes> Senses<L> {
                     | Output::AroundHeading
                     | Output::AroundNearest => {
                         let range = robot.around.unwrap_or(1.0);
-                        let seen = around::see(*output, range, bodies, index, &self.others);
+                        let seen = around::see(
+                            *output,
+                            range,
+                            bodies,
+                            index,
+                            (&self.others, &self.indices),
+                        );
                         copy(&seen, numbers);
                     }
                     Output::Random => copy(&[uniform(given)], numbers),
@@ -241,6 +257,7 @@ impl<L: Lanes> Senses<L> {
         index: usize,
     ) {
         self.others.clear();
+        self.indices.clear();
         let range = robot.range().max(contacts::reach(robot));
         let reach = contacts::reach(robot);
         for other in neighbours.of(index) {
@@ -250,12 +267,8 @@ impl<L: Lanes> Senses<L> {
             let [x, y] = bodies.between(index, *other as usize);
             let square = x * x + y * y;
             if square.lt(number(range * range)).any() {
-                self.others.push(Other {
-                    index: *other,
-                    x,
-                    y,
-                    square,
-                });
+                self.others.push(Other { x, y, square });
+                self.indices.push(*other);
                 if *other as usize > index && square.lt(number(reach * reach)).any() {
                     self.close.robots.push([index as u32, *other]);
                 }

@@ -160,19 +160,22 @@ impl<L: Lanes> Swarm<L> {
             }
             let [length, angle] = halves(words[index % 4]);
             let noise = normal(length, angle);
-            let noise = noise.map(|noise| noise * robot.wheel_noise + 1.0);
+            // No closures: what they do would not be inlined into kernels.
+            let noise = [
+                noise[0] * robot.wheel_noise + 1.0,
+                noise[1] * robot.wheel_noise + 1.0,
+            ];
             let (cos, sin) = (bodies.cos[index], bodies.sin[index]);
             let (aim, spin) = match robot.drive {
                 Drive::Differential { wheel_base } => {
-                    let wheel = |side: usize| Number(row[side]) * robot.top_speed * noise[side];
-                    let (left, right) = (wheel(0), wheel(1));
+                    let left = Number(row[0]) * robot.top_speed * noise[0];
+                    let right = Number(row[1]) * robot.top_speed * noise[1];
                     let ahead = (left + right) * 0.5;
                     let spin = (right - left) * (1.0 / wheel_base);
                     ([ahead * cos, ahead * sin], spin)
                 }
                 Drive::Holonomic { turn } => {
-                    let part = |axis: usize| Number(row[axis]) * noise[axis];
-                    let (x, y) = (part(0), part(1));
+                    let (x, y) = (Number(row[0]) * noise[0], Number(row[1]) * noise[1]);
                     // Not faster across than along.
                     let length = (x * x + y * y).sqrt().at_least(number(1.0));
                     let speed = number::<L>(robot.top_speed) / length;

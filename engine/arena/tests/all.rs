@@ -5,3 +5,4 @@ mod arena_metrics;
 mod arena_mistakes;
 mod arena_polygons;
 mod arena_robots;
+mod contacts_parts;

@@ -1,0 +1,197 @@
+//! Collisions as measured in ARGoS 3, where wheels had no noise: the private part is compiled here.
+
+#![allow(dead_code, clippy::unwrap_used, reason = "only collisions are wanted")]
+
+use swarmwright_lanes::{Lanes, number};
+
+#[path = "../src/contacts.rs"]
+mod contacts;
+
+/// As in the library.
+mod place {
+    use swarmwright_lanes::{Lanes, Number};
+
+    pub struct Face {
+        pub middle: [f32; 2],
+        pub along: [f32; 2],
+        pub half: f32,
+    }
+
+    impl Face {
+        pub fn ahead<L: Lanes>(&self, x: Number<L>, y: Number<L>) -> Number<L> {
+            (y - self.middle[1]) * self.along[0] - (x - self.middle[0]) * self.along[1]
+        }
+    }
+
+    pub struct Place {
+        pub faces: Vec<Face>,
+    }
+}
+mod robot {
+    pub struct Rays {
+        pub start: f32,
+        pub range: f32,
+    }
+
+    /// As the e-puck in the library.
+    pub struct Robot {
+        pub radius: f32,
+        pub acceleration: f32,
+        pub friction: [f32; 2],
+        pub proximity: Option<Rays>,
+    }
+
+    impl Robot {
+        pub fn reach(&self) -> f32 {
+            0.03
+        }
+
+        pub fn fastest(&self) -> f32 {
+            0.3
+        }
+    }
+}
+
+mod senses {
+    /// As in the library.
+    pub struct Close {
+        pub robots: Vec<[u32; 2]>,
+        pub faces: Vec<[u32; 2]>,
+    }
+}
+
+mod swarm {
+    use swarmwright_lanes::{Lanes, Number};
+
+    pub const SUBSTEPS: u32 = 10;
+    pub const SUBSTEP: f32 = 0.01;
+
+    /// As in the library, without headings.
+    pub struct Bodies<L> {
+        pub x: Vec<Number<L>>,
+        pub y: Vec<Number<L>>,
+        pub vx: Vec<Number<L>>,
+        pub vy: Vec<Number<L>>,
+        pub spin: Vec<Number<L>>,
+    }
+
+    impl<L: Lanes> Bodies<L> {
+        pub fn len(&self) -> usize {
+            self.x.len()
+        }
+
+        pub fn between(&self, from: usize, to: usize) -> [Number<L>; 2] {
+            [self.x[to] - self.x[from], self.y[to] - self.y[from]]
+        }
+    }
+}
+
+/// Ticks in which the wheels turn.
+const TICKS: u32 = 79;
+
+/// A robot: where it starts, degrees, m/s, and where it is in ARGoS after 8 s.
+type Run = ([f32; 2], f32, f32, [f32; 2]);
+
+/// Where robots are after 8 s beside a wall at x = 1.226.
+fn driven<L: Lanes>(runs: &[Run]) -> Vec<[f32; 2]> {
+    let robot = robot::Robot {
+        radius: 0.035,
+        acceleration: 3.75,
+        friction: [0.49, 0.07],
+        proximity: None,
+    };
+    let wall = place::Face {
+        middle: [1.226, 0.0],
+        along: [0.0, 1.0],
+        half: 0.33,
+    };
+    let place = place::Place { faces: vec![wall] };
+    let all = |of: fn(&Run) -> f32| runs.iter().map(|run| number::<L>(of(run))).collect();
+    let mut bodies = swarm::Bodies {
+        x: all(|run| run.0[0]),
+        y: all(|run| run.0[1]),
+        vx: all(|_| 0.0),
+        vy: all(|_| 0.0),
+        spin: all(|_| 0.0),
+    };
+    let count = runs.len() as u32;
+    let pairs = (0..count).flat_map(|i| (i + 1..count).map(move |j| [i, j]));
+    let close = senses::Close {
+        robots: pairs.collect(),
+        faces: (0..count).map(|robot| [robot, 0]).collect(),
+    };
+    let mut contacts = contacts::Contacts::<L>::new(runs.len());
+    for (aim, (_, degrees, speed, _)) in contacts.aim.iter_mut().zip(runs) {
+        let (sin, cos) = degrees.to_radians().sin_cos();
+        *aim = [number(speed * cos), number(speed * sin)];
+    }
+    for _ in 0..TICKS {
+        contacts.resolve(&mut bodies, &close, &robot, &place);
+    }
+    let of = |number: swarmwright_lanes::Number<L>| {
+        let mut lanes = [0.0; swarmwright_lanes::MOST_LANES];
+        number.store(&mut lanes);
+        lanes[0]
+    };
+    let places = bodies.x.iter().zip(&bodies.y);
+    places.map(|(x, y)| [of(*x), of(*y)]).collect()
+}
+
+#[test]
+fn robots_push_as_in_argos() {
+    let cases: [(&str, &[Run], f32); 6] = [
+        (
+            "one pushes an idle one, at half its speed",
+            &[
+                ([-0.3, 0.0], 0.0, 0.12, [0.28845, 0.0]),
+                ([0.0, 0.01], 57.3, 0.0, [0.357, 0.01]),
+            ],
+            0.0003,
+        ),
+        (
+            "the faster of two that meet goes on, at the speed of the other",
+            &[
+                ([-0.3, 0.0], 0.0, 0.12, [0.13025, 0.0]),
+                ([0.0, 0.0], 180.0, 0.04, [0.19962, 0.0]),
+            ],
+            0.0003,
+        ),
+        (
+            "equal ones stop each other",
+            &[
+                ([-0.3, 0.0], 0.0, 0.12, [-0.03495, 0.0]),
+                ([0.3, 0.0], 180.0, 0.12, [0.03495, 0.0]),
+            ],
+            0.0003,
+        ),
+        (
+            "two push an idle one at their speed",
+            &[
+                ([-0.3, 0.03], 0.0, 0.12, [0.61755, 0.0303]),
+                ([-0.3, -0.06], 0.0, 0.12, [0.64527, -0.06012]),
+                ([0.0, 0.0], 0.0, 0.0, [0.6801, 0.0003]),
+            ],
+            0.002,
+        ),
+        (
+            "a row is pressed against a wall",
+            &[
+                ([0.8, 0.0], 0.0, 0.12, [1.05427, 0.0]),
+                ([0.9, 0.0], 0.0, 0.12, [1.12306, 0.0]),
+                ([1.0, 0.005], 0.0, 0.12, [1.19185, 0.005]),
+            ],
+            0.003,
+        ),
+        (
+            "one slides along a wall",
+            &[([0.9, -0.2], 30.0, 0.12, [1.19189, 0.23584])],
+            0.0003,
+        ),
+    ];
+    for (name, runs, tolerance) in cases {
+        for (found, (.., expected)) in driven::<f32>(runs).iter().zip(runs) {
+            let off = (found[0] - expected[0]).hypot(found[1] - expected[1]);
+            assert!(off < tolerance, "{name}: {found:?}, in ARGoS {expected:?}");
+        }
+    }
+}
