@@ -217,6 +217,17 @@ impl Evaluation {
         })
     }
 
+    /// As many evaluations as fill vectors of lanes on all threads, at least one vector on each: a vector that is not full
+    /// takes as long as a full one.
+    fn in_vectors(&self, evaluations: usize) -> usize {
+        let threads = match self.means.threads {
+            0 => rayon::current_num_threads(),
+            threads => threads,
+        };
+        let lanes = self.means.level.map_or(1, Level::width) * threads;
+        (evaluations / lanes).max(1) * lanes
+    }
+
     /// Evaluates in parts of some 10 ms; `go_on(done, whether to report)` is asked after each, and `meanwhile` during the first.
     ///
     /// `modest`: others have work too, so what takes next to no time is done by this thread alone. Raises InputError.
@@ -235,7 +246,7 @@ impl Evaluation {
         while results.len() < total * numbers {
             let first = results.len() / numbers;
             let most = self.most.load(Ordering::Relaxed);
-            let count = rectangle(&(first..total), episodes, most);
+            let count = rectangle(&(first..total), episodes, self.in_vectors(most));
             let (candidate, episode) = (first / episodes, first % episodes);
             let candidates = candidate..candidate + count.div_ceil(episodes);
             let block = Block {
