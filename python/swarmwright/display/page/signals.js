@@ -52,6 +52,11 @@ class Signals {
       c.beginPath();
       c.moveTo(x + near * dx, y + near * dy);
       c.lineTo(x + far * dx, y + far * dy);
+      // A light edge, so that it is seen on a dark floor, too.
+      c.strokeStyle = world.color("paper");
+      c.globalAlpha = 0.4;
+      c.lineWidth = 2.5 + 2 * strong;
+      c.stroke();
       c.strokeStyle = world.color(strong > 0.05 ? "defender" : "soft");
       c.globalAlpha = strong > 0.05 ? 0.35 + 0.65 * strong : 0.55;
       c.lineWidth = 1 + 2 * strong;
