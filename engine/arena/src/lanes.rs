@@ -90,6 +90,7 @@ impl LaneWorld for ArenaLanes {
         room.swarm.start(
             robot,
             place,
+            &self.settings.failures,
             |lane| starts(lane).0,
             |lane, index| starts(lane).1[index],
         );

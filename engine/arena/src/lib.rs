@@ -7,6 +7,7 @@
 
 mod around;
 mod contacts;
+mod failures;
 mod functions;
 mod grey;
 mod ground;
@@ -76,6 +77,7 @@ impl Arena {
         self.swarm.start(
             robot,
             &mission.place,
+            &settings.failures,
             |_| settings.seed,
             |_, index| poses[index],
         );

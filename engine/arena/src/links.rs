@@ -23,6 +23,10 @@ pub(super) struct LinkWindow<L: Lanes> {
     /// By robot: the sum over the window.
     pub attraction: Vec<[Number<L>; 2]>,
     sent: Sent<L>,
+    /// In which lanes nobody hears a robot; empty where all are heard.
+    pub mute: Vec<L::Mask>,
+    /// The probability with which messages are lost, where it is not that of the robots.
+    pub loss: Option<f32>,
 }
 
 /// Messages that were not lost: the way to their sender.
@@ -42,6 +46,8 @@ impl<L: Lanes> LinkWindow<L> {
             heard: vec![number(0.0); robots],
             attraction: vec![[number(0.0); 2]; robots],
             sent: Sent::new([0.0; 2]),
+            mute: Vec::new(),
+            loss: None,
         }
     }
 
@@ -64,7 +70,8 @@ impl<L: Lanes> LinkWindow<L> {
         keys: Keys<L>,
         tick: u32,
     ) {
-        let lost = L::Int::splat((links.loss * 65536.0) as i32 - 1);
+        let loss = self.loss.unwrap_or(links.loss);
+        let lost = L::Int::splat((loss * 65536.0) as i32 - 1);
         let range = number::<L>(links.range * links.range);
         let mut arrived = Arrived {
             count: number(0.0),
@@ -87,7 +94,10 @@ impl<L: Lanes> LinkWindow<L> {
             } else {
                 word.shr(L::Int::splat(16))
             };
-            let sent = lost.lt(half).and(other.square.lt(range));
+            let mut sent = lost.lt(half).and(other.square.lt(range));
+            if !self.mute.is_empty() {
+                sent = sent.and_not(self.mute[sender]);
+            }
             if sent.any() {
                 let rest = slots.put([other.x, other.y], sent);
                 if rest.any() {

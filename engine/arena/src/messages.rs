@@ -2,7 +2,7 @@
 
 use swarmwright_lanes::{Int, Lanes, Mask, Number, number};
 
-use super::links;
+use super::links::{self, LinkWindow};
 use super::place::Place;
 use super::random::{Keys, LINKS};
 use super::robot::Robot;
@@ -19,15 +19,15 @@ pub(super) fn hear<L: Lanes>(
     bodies: &Bodies<L>,
     index: usize,
     (sent, others, indices): (&[Number<L>], &[Other<L>], &[u32]),
-    keys: Keys<L>,
-    tick: u32,
+    window: &LinkWindow<L>,
+    (keys, tick): (Keys<L>, u32),
     means: &mut [L],
 ) {
     means.fill(L::splat(0.0));
     let Some(links) = &robot.links else {
         return;
     };
-    let lost = L::Int::splat((links.loss * 65536.0) as i32 - 1);
+    let lost = L::Int::splat((window.loss.unwrap_or(links.loss) * 65536.0) as i32 - 1);
     let range = number::<L>(links.range * links.range);
     let mut heard = number::<L>(0.0);
     let position = [bodies.x[index], bodies.y[index]];
@@ -39,7 +39,10 @@ pub(super) fn hear<L: Lanes>(
         } else {
             word.shr(L::Int::splat(16))
         };
-        let arrives = lost.lt(half).and(other.square.lt(range));
+        let mut arrives = lost.lt(half).and(other.square.lt(range));
+        if !window.mute.is_empty() {
+            arrives = arrives.and_not(window.mute[sender]);
+        }
         if !arrives.any() {
             continue;
         }

@@ -5,6 +5,7 @@ mod text;
 
 use serde_json::Value;
 
+use super::failures::Failure;
 use super::metrics::Metric;
 use super::place::Place;
 use super::robot::Robot;
@@ -97,6 +98,7 @@ pub(super) struct Mission {
     pub duration: f64,
     /// Model of the robots, where the parameter `robot` is left out.
     pub robot: Robot,
+    pub failures: Vec<Failure>,
     pub place: Place,
     pub start: Start,
     /// Those of the mission, and those that every mission has, each in the order of their names.

@@ -36,7 +36,7 @@ pub(super) struct Senses<L: Lanes> {
     pub outputs: Vec<L>,
     pub close: Close,
     ground: GroundWindow<L>,
-    links: LinkWindow<L>,
+    pub links: LinkWindow<L>,
     others: Vec<Other<L>>,
     /// Which robots they are.
     indices: Vec<u32>,
@@ -210,7 +210,16 @@ impl<L: Lanes> Senses<L> {
                     Output::GroundReadings => copy(&self.ground.readings, numbers),
                     Output::Message => {
                         let others = (&self.sent[..], &self.others[..], &self.indices[..]);
-                        messages::hear(robot, place, bodies, index, others, keys, tick, numbers);
+                        messages::hear(
+                            robot,
+                            place,
+                            bodies,
+                            index,
+                            others,
+                            &self.links,
+                            (keys, tick),
+                            numbers,
+                        );
                     }
                     Output::Encoders => {
                         let draw = keys.draw(tick, index, Purpose::Encoders);

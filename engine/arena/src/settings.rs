@@ -2,6 +2,7 @@
 
 use serde_json::{Value, json};
 
+use super::failures::{self, Failure};
 use super::mission::Mission;
 use super::random::MOST_TICKS;
 use super::robot::Robot;
@@ -21,6 +22,7 @@ pub(super) struct Settings {
     pub mission: Mission,
     pub robot: Robot,
     pub robots: usize,
+    pub failures: Vec<Failure>,
     /// Ticks of 0.1 s; the first one is the start.
     pub ticks: u32,
     pub seed: u64,
@@ -41,8 +43,13 @@ impl Settings {
             None => mission.robot.clone(),
             Some(value) => Robot::read(value, "robot")?,
         };
+        let failures = match parameters.get("failures") {
+            None => mission.failures.clone(),
+            Some(value) => failures::read(value, "failures")?,
+        };
         Ok(Self {
             robot,
+            failures,
             robots: robots as usize,
             ticks: (duration * 10.0).round() as u32,
             seed: read.seed("seed")?.unwrap_or(0),
@@ -113,6 +120,13 @@ pub(super) fn parameters() -> Vec<ParameterInfo> {
             "Model of the robots: e-puck-rm1.1 (the inputs of EvoStick), e-puck-rm1.2 (those of Chocolate's modules), \
              foot-bot, kilobot, turtlebot3 or point, or a robot as an object; in an experiment file also the path of a YAML \
              file; left out: what the mission says.",
+        ),
+        (
+            "failures",
+            "objects",
+            Value::Null,
+            "Robots that fail: a list of {kind: stop, slow, blind or mute, share, at, until}, slow with a factor, and {kind: \
+             loss, loss, at, until}; left out: what the mission says.",
         ),
         (
             "seed",

@@ -4,6 +4,7 @@ use swarmwright_controllers::functions::lanes::{cos_pi, sin_pi};
 use swarmwright_lanes::{Int, Lanes, MOST_LANES, Number, number};
 
 use super::contacts::{self, Contacts};
+use super::failures::{Failing, Failure};
 use super::functions::normal;
 use super::neighbours::Neighbours;
 use super::place::Place;
@@ -69,6 +70,9 @@ pub(super) struct Swarm<L: Lanes> {
     pub senses: Senses<L>,
     contacts: Contacts<L>,
     keys: Keys<L>,
+    failing: Failing<L>,
+    /// What robots are told in place of what their controllers say.
+    told: Vec<L>,
     /// Of the patches of the floor.
     pub colors: Vec<Number<L>>,
     /// The tick that the robots are in, from 1.
@@ -85,6 +89,8 @@ impl<L: Lanes> Swarm<L> {
             senses: Senses::new(robots, robot),
             contacts: Contacts::new(robots),
             keys: Keys::new(|_| key(0)),
+            failing: Failing::new(),
+            told: Vec::new(),
             colors: Vec::new(),
             tick: 1,
         }
@@ -96,10 +102,12 @@ impl<L: Lanes> Swarm<L> {
         &mut self,
         robot: &Robot,
         place: &Place,
+        failures: &[Failure],
         seed: impl Fn(usize) -> u64,
         mut pose: impl FnMut(usize, usize) -> Pose,
     ) {
         self.keys = Keys::new(|lane| key(seed(lane)));
+        self.failing.start(failures, self.bodies.len(), &seed);
         let mut colors = vec![[0.0; MOST_LANES]; place.patches.len()];
         for lane in 0..L::WIDTH {
             for (lanes, color) in colors.iter_mut().zip(place.colors(seed(lane))) {
@@ -137,7 +145,11 @@ impl<L: Lanes> Swarm<L> {
     #[inline(always)]
     pub(super) fn step(&mut self, robot: &Robot, place: &Place, actuators: &[L]) {
         self.tick += 1;
-        self.drive(robot, actuators);
+        let mut told = std::mem::take(&mut self.told);
+        let rows = (robot.actuators(), robot.actuators() - robot.message);
+        let other = self.failing.tell(self.tick, actuators, rows, &mut told);
+        self.drive(robot, if other { &told } else { actuators });
+        self.told = told;
         self.contacts
             .resolve(&mut self.bodies, &self.senses.close, robot, place);
         let bodies = &mut self.bodies;
@@ -224,6 +236,10 @@ impl<L: Lanes> Swarm<L> {
     #[inline(always)]
     fn sense(&mut self, robot: &Robot, place: &Place) {
         self.neighbours.update(&self.bodies);
+        let links = &mut self.senses.links;
+        links.loss = self.failing.loss(self.tick);
+        self.failing
+            .mute(self.tick, self.bodies.len(), &mut links.mute);
         self.senses.update(
             &self.bodies,
             &self.neighbours,
@@ -232,5 +248,7 @@ impl<L: Lanes> Swarm<L> {
             self.keys,
             self.tick,
         );
+        self.failing
+            .blind(self.tick, robot.sensors(), &mut self.senses.outputs);
     }
 }

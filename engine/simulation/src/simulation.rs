@@ -129,7 +129,7 @@ pub struct ParameterInfo {
     /// The name in a parameters message.
     #[serde(skip)]
     pub name: &'static str,
-    /// integer, number, string, position ([x, y]), positions ([[x, y], ..]), object, or name or object.
+    /// integer, number, string, position ([x, y]), positions ([[x, y], ..]), object, objects (a list of them), or name or object.
     #[serde(rename = "type")]
     pub kind: &'static str,
     /// What it is when left out; null where that depends on other parameters, as the description says.

@@ -270,7 +270,14 @@ proptest! {
     fn robots_of_other_kinds_are_the_same_however_they_are_computed(
         (robot, network) in composed(), genomes in weights(), seed in any::<u32>(), robots in 2u32..9, duration in 0.1f64..8.0,
     ) {
-        let parameters = json!({"mission": "aac", "robot": robot, "robots": robots, "duration": duration});
+        let failures = json!([
+            {"kind": "stop", "share": 0.3, "at": 2, "until": 4}, {"kind": "slow", "share": 0.5, "factor": 0.4, "at": 1},
+            {"kind": "blind", "share": 0.2, "at": 3}, {"kind": "mute", "share": 0.3}, {"kind": "loss", "loss": 0.5, "at": 5},
+        ]);
+        let mut parameters = json!({"mission": "aac", "robot": robot, "robots": robots, "duration": duration});
+        if seed % 2 == 0 {
+            parameters["failures"] = failures;
+        }
         check("arena", &network, &parameters, &genomes, &[u64::from(seed), u64::from(seed) + 1]);
     }
 

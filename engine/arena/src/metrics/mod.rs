@@ -10,7 +10,7 @@ use swarmwright_lanes::{Lanes, MOST_LANES, Mask, Number, number};
 use super::place::{Patch, Place};
 use super::swarm::Bodies;
 pub(super) use kind::{Metric, When};
-use swarm::State;
+use swarm::{State, Visits};
 
 /// Distance of linked robots where a mission does not say another, metres.
 const LINK: f32 = 0.35;
@@ -66,7 +66,7 @@ pub(super) struct Tally<L> {
     /// The robots of each lane, and fixed points of the metric.
     states: Vec<State>,
     points: Vec<[f64; 2]>,
-    visited: Vec<bool>,
+    visits: Option<Visits>,
 }
 
 impl<L: Lanes> Tally<L> {
@@ -80,7 +80,7 @@ impl<L: Lanes> Tally<L> {
             ticks: 0,
             states: Vec::new(),
             points: Vec::new(),
-            visited: Vec::new(),
+            visits: None,
         }
     }
 
@@ -151,16 +151,12 @@ impl<L: Lanes> Tally<L> {
             }
             Metric::VisitedShare { cell } => {
                 swarm::gather(bodies, &mut self.states);
+                let visits = self
+                    .visits
+                    .get_or_insert_with(|| Visits::new(place, *cell, L::WIDTH));
                 for lane in 0..L::WIDTH {
                     let robots = &self.states[lane * bodies.len()..][..bodies.len()];
-                    let share = swarm::visit(
-                        robots,
-                        place,
-                        *cell,
-                        (lane, L::WIDTH),
-                        (&mut self.points, &mut self.visited),
-                    );
-                    self.values[lane] = share;
+                    self.values[lane] = visits.visit(robots, lane);
                 }
             }
             general if general.when().is_some_and(|when| when != When::End || last) => {

@@ -90,10 +90,10 @@ pub(super) fn value(
         Metric::GroupSpeed {
             link: Some(link), ..
         } => {
-            let (groups, largest) = groups(robots, *link);
-            let members = robots.iter().zip(&groups);
-            let members = members.filter(|(_, group)| **group == largest);
-            length(sum(members.map(|(robot, _)| robot.velocity))) / count
+            let groups = groups(robots, *link);
+            let members = robots.iter().enumerate();
+            let members = members.filter(|(index, _)| groups.largest.has(*index));
+            length(sum(members.map(|(_, robot)| robot.velocity))) / count
         }
         Metric::DistanceToCenter { .. } => {
             let center = center(robots);
@@ -102,15 +102,10 @@ pub(super) fn value(
         }
         Metric::NearestDistance { .. } => nearest(robots),
         Metric::LargestGroup { link, share, .. } => {
-            let (groups, largest) = groups(robots, *link);
-            let members = groups.iter().filter(|group| **group == largest).count() as f64;
+            let members = groups(robots, *link).size as f64;
             if *share { members / count } else { members }
         }
-        Metric::Groups { link, .. } => {
-            let (groups, _) = groups(robots, *link);
-            let firsts = groups.iter().enumerate();
-            firsts.filter(|(index, group)| index == *group).count() as f64
-        }
+        Metric::Groups { link, .. } => groups(robots, *link).count as f64,
         Metric::CoveredShare { radius, .. } => covered(robots, place, *radius, points),
         Metric::ShapeDeviation { shape, .. } => deviation(robots, shape, points),
         Metric::ChainReach { from, to, link, .. } => {
@@ -137,10 +132,25 @@ fn from_left(robots: &[State]) -> Vec<usize> {
     order
 }
 
+/// Up to so many robots are looked at in pairs, with sets of them as bits.
+const FEW: usize = 64;
+
 /// The mean distance to the nearest other robot.
 fn nearest(robots: &[State]) -> f64 {
     if robots.len() < 2 {
         return 0.0;
+    }
+    if robots.len() <= FEW {
+        let mut least = [f64::INFINITY; FEW];
+        for i in 0..robots.len() {
+            for j in 0..i {
+                let apart = square(robots[i].at, robots[j].at);
+                least[i] = least[i].min(apart);
+                least[j] = least[j].min(apart);
+            }
+        }
+        let distances = least[..robots.len()].iter().map(|square| square.sqrt());
+        return distances.sum::<f64>() / robots.len() as f64;
     }
     let order = from_left(robots);
     let mut distances = vec![0.0; robots.len()];
@@ -161,9 +171,68 @@ fn nearest(robots: &[State]) -> f64 {
     distances.iter().sum::<f64>() / robots.len() as f64
 }
 
-/// For each robot the first robot of its group, and the group with the most of them, the first one on ties.
-fn groups(robots: &[State], link: f32) -> (Vec<usize>, usize) {
+/// Linked robots.
+struct Groups {
+    /// The group with the most robots, the first one on ties.
+    largest: Members,
+    size: usize,
+    count: usize,
+}
+
+/// Robots of a group.
+enum Members {
+    Few(u64),
+    /// The group of each robot, and which one it is.
+    Many(Vec<usize>, usize),
+}
+
+impl Members {
+    fn has(&self, robot: usize) -> bool {
+        match self {
+            Self::Few(bits) => bits >> robot & 1 == 1,
+            Self::Many(groups, group) => groups[robot] == *group,
+        }
+    }
+}
+
+fn groups(robots: &[State], link: f32) -> Groups {
     let link = f64::from(link);
+    if robots.len() > FEW {
+        return many_groups(robots, link);
+    }
+    let mut near = [0_u64; FEW];
+    for i in 0..robots.len() {
+        for j in 0..i {
+            if square(robots[i].at, robots[j].at) < link * link {
+                near[i] |= 1 << j;
+                near[j] |= 1 << i;
+            }
+        }
+    }
+    let mut left = u64::MAX >> (FEW - robots.len());
+    let (mut largest, mut count) = (0_u64, 0);
+    while left != 0 {
+        let mut group = left & left.wrapping_neg();
+        let mut fresh = group;
+        while fresh != 0 {
+            let others = near[fresh.trailing_zeros() as usize] & !group;
+            fresh = fresh & (fresh - 1) | others;
+            group |= others;
+        }
+        left &= !group;
+        count += 1;
+        if group.count_ones() > largest.count_ones() {
+            largest = group;
+        }
+    }
+    Groups {
+        largest: Members::Few(largest),
+        size: largest.count_ones() as usize,
+        count,
+    }
+}
+
+fn many_groups(robots: &[State], link: f64) -> Groups {
     let order = from_left(robots);
     let mut first: Vec<usize> = (0..robots.len()).collect();
     for (position, index) in order.iter().enumerate() {
@@ -190,7 +259,11 @@ fn groups(robots: &[State], link: f32) -> (Vec<usize>, usize) {
             largest = group;
         }
     }
-    (first, largest)
+    Groups {
+        size: sizes[largest],
+        count: sizes.iter().filter(|size| **size > 0).count(),
+        largest: Members::Many(first, largest),
+    }
 }
 
 /// The first robot of a group; shortens the way to it.
@@ -236,36 +309,65 @@ fn covered(robots: &[State], place: &Place, radius: f32, points: &mut Vec<[f64; 
     points.iter().filter(seen).count() as f64 / (points.len() as f64).max(1.0)
 }
 
-/// Marks the squares in which robots of a lane, of so many, are; the share of them that is marked.
-pub(super) fn visit(
-    robots: &[State],
-    place: &Place,
-    cell: f32,
-    (lane, lanes): (usize, usize),
-    (points, visited): (&mut Vec<[f64; 2]>, &mut Vec<bool>),
-) -> f64 {
-    let side = f64::from(cell);
-    let [low, high] = polygon::extent(&place.outline).map(|corner| corner.map(f64::from));
-    let columns = ((high[0] - low[0]) / side).ceil() as usize;
-    let rows = ((high[1] - low[1]) / side).ceil() as usize;
-    let index = |[x, y]: [f64; 2]| {
-        let (column, row) = (((x - low[0]) / side).floor(), ((y - low[1]) / side).floor());
-        let inside = column >= 0.0 && row >= 0.0 && column < columns as f64 && row < rows as f64;
-        inside.then(|| row as usize * columns + column as usize)
-    };
-    if points.is_empty() {
-        points.extend(squares(place, side));
-        visited.resize(columns * rows * lanes, false);
-    }
-    let visited = &mut visited[lane * columns * rows..][..columns * rows];
-    for robot in robots {
-        if let Some(index) = index(robot.at) {
-            visited[index] = true;
+/// The squares in which robots have been, of each lane.
+pub(super) struct Visits {
+    low: [f64; 2],
+    side: f64,
+    columns: usize,
+    rows: usize,
+    /// Lane after lane: whether a square is free and no robot has been in it.
+    fresh: Vec<bool>,
+    /// Free squares.
+    free: usize,
+    /// By lane: free squares in which robots have been.
+    counts: [usize; MOST_LANES],
+}
+
+impl Visits {
+    pub(super) fn new(place: &Place, cell: f32, lanes: usize) -> Self {
+        let side = f64::from(cell);
+        let [low, high] = polygon::extent(&place.outline).map(|corner| corner.map(f64::from));
+        let count = |axis: usize| ((high[axis] - low[axis]) / side).ceil() as usize;
+        let mut visits = Self {
+            low,
+            side,
+            columns: count(0),
+            rows: count(1),
+            fresh: Vec::new(),
+            free: 0,
+            counts: [0; MOST_LANES],
+        };
+        let mut fresh = vec![false; visits.columns * visits.rows];
+        for point in squares(place, side) {
+            if let Some(index) = visits.index(point) {
+                fresh[index] = true;
+                visits.free += 1;
+            }
         }
+        visits.fresh = fresh.repeat(lanes);
+        visits
     }
-    let free = points.iter().filter_map(|point| index(*point));
-    let count = free.filter(|index| visited[*index]).count();
-    count as f64 / (points.len() as f64).max(1.0)
+
+    fn index(&self, [x, y]: [f64; 2]) -> Option<usize> {
+        let of = |at: f64, axis: usize| ((at - self.low[axis]) / self.side).floor();
+        let (column, row) = (of(x, 0), of(y, 1));
+        let inside =
+            column >= 0.0 && row >= 0.0 && column < self.columns as f64 && row < self.rows as f64;
+        inside.then(|| row as usize * self.columns + column as usize)
+    }
+
+    /// Marks the squares in which the robots of a lane are; the share of free squares in which some have been.
+    pub(super) fn visit(&mut self, robots: &[State], lane: usize) -> f64 {
+        let first = lane * self.columns * self.rows;
+        for robot in robots {
+            if let Some(index) = self.index(robot.at) {
+                let fresh = &mut self.fresh[first + index];
+                self.counts[lane] += usize::from(*fresh);
+                *fresh = false;
+            }
+        }
+        self.counts[lane] as f64 / (self.free as f64).max(1.0)
+    }
 }
 
 /// The mean distance from formation to robots and from robots to formation.
@@ -322,18 +424,40 @@ fn reach(robots: &[State], from: [f64; 2], to: [f64; 2], link: f64) -> f64 {
         return 1.0;
     }
     let linked = |a: [f64; 2], b: [f64; 2]| square(a, b) < link * link;
-    let mut others: Vec<[f64; 2]> = robots.iter().map(|robot| robot.at).collect();
-    let mut ends = vec![from];
     let mut rest = way;
-    while let Some(end) = ends.pop() {
-        rest = rest.min(square(end, to).sqrt());
-        others.retain(|other| {
-            let near = linked(end, *other);
-            if near {
-                ends.push(*other);
+    if robots.len() <= FEW {
+        let mut left = u64::MAX >> (FEW - robots.len());
+        let mut ends = [[0.0; 2]; FEW + 1];
+        ends[0] = from;
+        let mut count = 1;
+        while count > 0 {
+            count -= 1;
+            let end = ends[count];
+            rest = rest.min(square(end, to).sqrt());
+            let mut others = left;
+            while others != 0 {
+                let other = others.trailing_zeros() as usize;
+                others &= others - 1;
+                if linked(end, robots[other].at) {
+                    left &= !(1 << other);
+                    ends[count] = robots[other].at;
+                    count += 1;
+                }
             }
-            !near
-        });
+        }
+    } else {
+        let mut others: Vec<[f64; 2]> = robots.iter().map(|robot| robot.at).collect();
+        let mut ends = vec![from];
+        while let Some(end) = ends.pop() {
+            rest = rest.min(square(end, to).sqrt());
+            others.retain(|other| {
+                let near = linked(end, *other);
+                if near {
+                    ends.push(*other);
+                }
+                !near
+            });
+        }
     }
     (1.0 - (rest - link) / (way - link)).clamp(0.0, 1.0)
 }

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use super::super::failures;
 use super::super::metrics::{self, Metric};
 use super::super::place::{Face, Light, Patch, Place, Shape};
 use super::super::polygon;
@@ -64,6 +65,10 @@ pub(super) fn check(text: Text) -> Result<Mission, ParameterError> {
         ));
     }
     let robot = Robot::read(&text.robot, "mission.robot")?;
+    let failures = match &text.failures {
+        Some(list) => failures::read(list, "mission.failures")?,
+        None => Vec::new(),
+    };
     let place = place(&text)?;
     let start = start(&text.start, &place)?;
     for (name, metric) in &text.metrics {
@@ -104,6 +109,7 @@ pub(super) fn check(text: Text) -> Result<Mission, ParameterError> {
         robots: text.robots,
         duration: text.duration,
         robot,
+        failures,
         place,
         start,
         counted: metrics.len(),

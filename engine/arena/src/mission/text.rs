@@ -27,6 +27,8 @@ pub(super) struct Text {
     pub lights: Vec<Lamp>,
     pub start: StartText,
     #[serde(default)]
+    pub failures: Option<Value>,
+    #[serde(default)]
     pub metrics: BTreeMap<String, Metric>,
     pub fitness: Fitness,
 }

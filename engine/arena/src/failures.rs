@@ -1,0 +1,265 @@
+//! Robots that fail in an episode, and links that become worse.
+
+use serde::Deserialize;
+use serde_json::Value;
+use swarmwright_lanes::{Lanes, Mask, Number, number};
+use swarmwright_simulation::ParameterError;
+use swarmwright_simulation::counter::uniform;
+use swarmwright_simulation::parameters::wrong;
+
+use super::settings::{LONGEST, MOST_ROBOTS};
+
+/// The stream of random numbers that choose robots.
+const STREAM: u64 = 0x0066_6169_6c75_7265;
+/// Most failures of an episode.
+const MOST_FAILURES: usize = 16;
+
+/// What happens to some robots for a time.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
+pub(super) enum Failure {
+    /// They stand.
+    Stop {
+        share: f64,
+        #[serde(default)]
+        at: f64,
+        until: Option<f64>,
+    },
+    /// They drive at this share of what they are told.
+    Slow {
+        share: f64,
+        factor: f32,
+        #[serde(default)]
+        at: f64,
+        until: Option<f64>,
+    },
+    /// All that they sense is 0.
+    Blind {
+        share: f64,
+        #[serde(default)]
+        at: f64,
+        until: Option<f64>,
+    },
+    /// Nobody hears them.
+    Mute {
+        share: f64,
+        #[serde(default)]
+        at: f64,
+        until: Option<f64>,
+    },
+    /// Messages are lost with this probability, those of all robots.
+    Loss {
+        loss: f32,
+        #[serde(default)]
+        at: f64,
+        until: Option<f64>,
+    },
+}
+
+impl Failure {
+    /// Share of the robots, and begin and end in seconds.
+    const fn scope(&self) -> (f64, f64, Option<f64>) {
+        match *self {
+            Self::Stop { share, at, until }
+            | Self::Slow {
+                share, at, until, ..
+            }
+            | Self::Blind { share, at, until }
+            | Self::Mute { share, at, until } => (share, at, until),
+            Self::Loss { at, until, .. } => (1.0, at, until),
+        }
+    }
+
+    /// Whether it is there in a tick, from 1: the start, at 0 s.
+    fn active(&self, tick: u32) -> bool {
+        let (_, at, until) = self.scope();
+        // In tenths of seconds, as whole numbers.
+        let now = f64::from(tick - 1);
+        (at * 10.0).round() <= now && until.is_none_or(|until| now < (until * 10.0).round())
+    }
+
+    fn check(&self) -> Result<(), (&'static str, String)> {
+        let (share, at, until) = self.scope();
+        let within = |name, number: f64, low: f64, high: f64| {
+            if (low..=high).contains(&number) {
+                return Ok(());
+            }
+            Err((name, format!("{number} found, expected {low} to {high}")))
+        };
+        within("share", share, 0.0, 1.0)?;
+        within("at", at, 0.0, LONGEST)?;
+        match *self {
+            Self::Slow { factor, .. } => within("factor", factor.into(), 0.0, 1.0)?,
+            Self::Loss { loss, .. } => within("loss", loss.into(), 0.0, 1.0)?,
+            _ => (),
+        }
+        match until {
+            Some(until) if !(until > at && until <= LONGEST) => Err((
+                "until",
+                format!("{until} found, expected seconds after {at}, at most {LONGEST}"),
+            )),
+            _ => Ok(()),
+        }
+    }
+
+    /// Which of the robots it befalls: so many that their share is nearest to what it should be, chosen by the seed.
+    fn chosen(&self, index: usize, robots: usize, seed: u64) -> Vec<bool> {
+        let (share, ..) = self.scope();
+        let count = (share * robots as f64).round() as usize;
+        let mut order: Vec<(u32, usize)> = (0..robots)
+            .map(|robot| {
+                let counter = index as u64 * u64::from(MOST_ROBOTS) + robot as u64;
+                // Of numbers from 0 to 1 the patterns are in their order.
+                (uniform(seed, STREAM, counter).to_bits(), robot)
+            })
+            .collect();
+        order.sort_unstable();
+        let mut chosen = vec![false; robots];
+        for (_, robot) in &order[..count.min(robots)] {
+            chosen[*robot] = true;
+        }
+        chosen
+    }
+}
+
+/// Reads a list of failures; `place` is what it is called in complaints.
+pub(super) fn read(value: &Value, place: &str) -> Result<Vec<Failure>, ParameterError> {
+    let Some(items) = value.as_array() else {
+        return Err(wrong(
+            place,
+            format!("{value} found, expected a list such as [{{kind: stop, share: 0.2, at: 30}}]"),
+        ));
+    };
+    if items.len() > MOST_FAILURES {
+        return Err(wrong(
+            place,
+            format!(
+                "{} found, at most {MOST_FAILURES} are possible",
+                items.len()
+            ),
+        ));
+    }
+    let one = |(index, item): (usize, &Value)| {
+        let at = format!("{place}[{index}]");
+        let failure: Failure = serde_path_to_error::deserialize(item)
+            .map_err(|error| wrong(&at, error.inner().to_string()))?;
+        failure
+            .check()
+            .map_err(|(name, reason)| wrong(&format!("{at}.{name}"), reason))?;
+        Ok(failure)
+    };
+    items.iter().enumerate().map(one).collect()
+}
+
+/// Which robots fail in the episodes of the lanes.
+pub(super) struct Failing<L: Lanes> {
+    /// By failure: the lanes of each robot.
+    befallen: Vec<(Failure, Vec<L::Mask>)>,
+}
+
+impl<L: Lanes> Failing<L> {
+    pub(super) fn new() -> Self {
+        Self {
+            befallen: Vec::new(),
+        }
+    }
+
+    /// Goes to the start of an episode in each lane.
+    #[inline(always)]
+    pub(super) fn start(
+        &mut self,
+        failures: &[Failure],
+        robots: usize,
+        seed: impl Fn(usize) -> u64,
+    ) {
+        self.befallen.clear();
+        for (index, failure) in failures.iter().enumerate() {
+            let mut bits = vec![0_u64; robots];
+            for lane in 0..L::WIDTH {
+                let chosen = failure.chosen(index, robots, seed(lane));
+                for (bits, chosen) in bits.iter_mut().zip(chosen) {
+                    *bits |= u64::from(chosen) << lane;
+                }
+            }
+            let masks = bits.into_iter().map(L::Mask::from_bits).collect();
+            self.befallen.push((*failure, masks));
+        }
+    }
+
+    /// Writes what robots are told in a tick, if some do not hear what their controllers say: the first `drive` numbers of
+    /// each robot's row are for the drive.
+    #[inline(always)]
+    pub(super) fn tell(
+        &self,
+        tick: u32,
+        actuators: &[L],
+        (row, drive): (usize, usize),
+        told: &mut Vec<L>,
+    ) -> bool {
+        let slowed = |failure: &Failure| match failure {
+            Failure::Stop { .. } if failure.active(tick) => Some(0.0),
+            Failure::Slow { factor, .. } if failure.active(tick) => Some(*factor),
+            _ => None,
+        };
+        if !self
+            .befallen
+            .iter()
+            .any(|(failure, _)| slowed(failure).is_some())
+        {
+            return false;
+        }
+        told.clear();
+        told.extend_from_slice(actuators);
+        for (failure, masks) in &self.befallen {
+            let Some(factor) = slowed(failure) else {
+                continue;
+            };
+            for (row, mask) in told.chunks_exact_mut(row).zip(masks) {
+                for told in &mut row[..drive] {
+                    *told = (Number(*told) * factor).select(Number(*told), *mask).0;
+                }
+            }
+        }
+        true
+    }
+
+    /// Takes from robots what they cannot sense in a tick.
+    #[inline(always)]
+    pub(super) fn blind(&self, tick: u32, width: usize, outputs: &mut [L]) {
+        for (failure, masks) in &self.befallen {
+            if matches!(failure, Failure::Blind { .. }) && failure.active(tick) {
+                for (row, mask) in outputs.chunks_exact_mut(width).zip(masks) {
+                    for output in row {
+                        *output = number::<L>(0.0).select(Number(*output), *mask).0;
+                    }
+                }
+            }
+        }
+    }
+
+    /// Writes in which lanes nobody hears a robot in a tick; nothing where all are heard.
+    #[inline(always)]
+    pub(super) fn mute(&self, tick: u32, robots: usize, mute: &mut Vec<L::Mask>) {
+        mute.clear();
+        for (failure, masks) in &self.befallen {
+            if matches!(failure, Failure::Mute { .. }) && failure.active(tick) {
+                mute.resize(robots, L::Mask::from_bits(0));
+                for (mute, mask) in mute.iter_mut().zip(masks) {
+                    *mute = mute.or(*mask);
+                }
+            }
+        }
+    }
+
+    /// The probability with which messages are lost in a tick, where it is another.
+    pub(super) fn loss(&self, tick: u32) -> Option<f32> {
+        let losses = self
+            .befallen
+            .iter()
+            .filter_map(|(failure, _)| match failure {
+                Failure::Loss { loss, .. } if failure.active(tick) => Some(*loss),
+                _ => None,
+            });
+        losses.reduce(f32::max)
+    }
+}

@@ -1,0 +1,107 @@
+//! Failures, metrics and robots of all kinds give the same bits in lanes as one episode at a time.
+#![allow(clippy::unwrap_used)] // helpers of tests
+
+use serde_json::{Value, json};
+use swarmwright_arena::{Arena, evaluate};
+use swarmwright_controllers::Architecture;
+use swarmwright_lanes::Level;
+use swarmwright_simulation::{Block, Means, Simulation};
+
+/// A network with as many inputs and outputs as the robots have.
+fn check(parameters: &Value) {
+    let parameters = parameters.as_object().unwrap();
+    let description = Arena::default().described(parameters).unwrap();
+    let architecture = json!({"kind": "layered", "version": 1, "hidden": [3], "activation": "tanh", "output_range": [-1, 1],
+        "sensors": description.sensors, "actuators": description.actuators});
+    let architecture = Architecture::from_json(&architecture.to_string()).unwrap();
+    let length = architecture.weight_count();
+    let genomes: Vec<f32> = (0..length * 9)
+        .map(|index| ((index * 37 % 101) as f32 - 50.0) / 40.0)
+        .collect();
+    let metrics: Vec<usize> = (0..description.metrics.len()).collect();
+    let run = |level: Option<Level>| {
+        let block = Block {
+            architecture: &architecture,
+            genomes: &genomes,
+            parameters,
+            seeds: &[5, 6, 7],
+            metrics: &metrics,
+            stop: None,
+        };
+        let means = Means { level, threads: 1 };
+        let numbers = evaluate(&block, means, || Box::<Arena>::default()).unwrap();
+        numbers.into_iter().map(f64::to_bits).collect::<Vec<u64>>()
+    };
+    let one_by_one = run(None);
+    assert_eq!(one_by_one.len(), 27 * (1 + metrics.len()));
+    for level in Level::available() {
+        assert_eq!(
+            run(Some(level)),
+            one_by_one,
+            "{} of {parameters:?}",
+            level.name()
+        );
+    }
+}
+
+fn failures() -> Value {
+    json!([
+        {"kind": "stop", "share": 0.3, "at": 2, "until": 4}, {"kind": "slow", "share": 0.5, "factor": 0.4, "at": 1},
+        {"kind": "blind", "share": 0.2, "at": 3}, {"kind": "mute", "share": 0.3}, {"kind": "loss", "loss": 0.5, "at": 5},
+    ])
+}
+
+#[test]
+fn robots_of_all_kinds_that_fail() {
+    for robot in [
+        "e-puck-rm1.1",
+        "e-puck-rm1.2",
+        "foot-bot",
+        "kilobot",
+        "point",
+        "turtlebot3",
+    ] {
+        check(&json!({"robot": robot, "robots": 7, "duration": 6, "failures": failures()}));
+    }
+}
+
+#[test]
+fn drives_and_sensors() {
+    for drive in [
+        json!({"kind": "differential", "wheel_base": 0.1, "max_speed": 0.4, "noise": 0.1}),
+        json!({"kind": "holonomic", "max_speed": 0.3, "max_turn": 200, "noise": 0.05}),
+        json!({"kind": "car", "wheel_base": 0.1, "max_speed": 0.3, "max_steering": 40, "noise": 0.05}),
+    ] {
+        let robot = json!({
+            "radius": 0.04, "drive": drive,
+            "sensors": [
+                {"kind": "proximity", "angles": [0, 40, -40, 180], "range": 0.3, "noise": 0.1, "gives": "vector"},
+                {"kind": "light", "count": 3, "noise": 0.02},
+                {"kind": "ground", "points": [[0, 0], [0.03, 0], [0, 0.03], [0, -0.03], [-0.03, 0]], "noise": 0.3},
+                {"kind": "range_and_bearing", "range": 0.8, "loss": 0.3, "gives": ["message", "attraction"]},
+                {"kind": "neighbours", "range": 0.5, "gives": ["nearest", "heading", "center", "count"]},
+                {"kind": "encoders", "noise": 0.1},
+                {"kind": "compass", "noise": 5},
+            ],
+            "actuators": [{"kind": "message", "numbers": 3}],
+        });
+        check(
+            &json!({"mission": "sca", "robot": robot, "robots": 12, "duration": 8, "failures": failures()}),
+        );
+    }
+}
+
+#[test]
+fn metrics_of_missions() {
+    for mission in [
+        "flocking",
+        "chain_formation",
+        "dispersion",
+        "area_coverage",
+        "formation",
+    ] {
+        check(&json!({"mission": mission, "robots": 9, "duration": 5}));
+    }
+    // More than 64 robots are grouped in another way.
+    check(&json!({"mission": "flocking", "robots": 70, "duration": 1}));
+}
