@@ -97,14 +97,16 @@ impl<L: Lanes> Senses<L> {
         let width = robot.sensors();
         self.close.robots.clear();
         self.close.faces.clear();
+        let reach = contacts::reach(robot);
+        let reaches = [robot.range().max(reach), reach];
+        let beside = number(contacts::reach_of_walls(robot));
         for index in 0..bodies.len() {
-            self.look_around(bodies, neighbours, robot, index);
+            self.look_around(bodies, neighbours, reaches, index);
             let first = self.close.faces.len();
             let (x, y) = (bodies.x[index], bodies.y[index]);
-            let reach = number(contacts::reach_of_walls(robot));
             for (face, wall) in place.faces.iter().enumerate() {
                 let ahead = wall.ahead(x, y);
-                if ahead.lt(reach).and((-reach).lt(ahead)).any() {
+                if ahead.lt(beside).and((-beside).lt(ahead)).any() {
                     self.close.faces.push([index as u32, face as u32]);
                 }
             }
@@ -256,19 +258,17 @@ impl<L: Lanes> Senses<L> {
         }
     }
 
-    /// Fills `others` with the robots around one.
+    /// Fills `others` with the robots within a range around one, and notes those within a reach.
     #[inline(always)]
     fn look_around(
         &mut self,
         bodies: &Bodies<L>,
         neighbours: &Neighbours,
-        robot: &Robot,
+        [range, reach]: [f32; 2],
         index: usize,
     ) {
         self.others.clear();
         self.indices.clear();
-        let range = robot.range().max(contacts::reach(robot));
-        let reach = contacts::reach(robot);
         for other in neighbours.of(index) {
             if *other as usize == index {
                 continue;
