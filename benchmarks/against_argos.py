@@ -151,7 +151,7 @@ def draw(found: Sequence[Pair]) -> "Figure":
     missions = list(dict.fromkeys(one.mission for one in found))
     columns = 3
     rows = -(-len(missions) // columns)
-    figure = new_figure(12, 2.3 * rows)
+    figure = new_figure(12, 2.4 * rows)
     fields = figure.subplots(rows, columns, squeeze=False).ravel()
     for field, mission in zip(fields, missions, strict=False):
         _boxes(field, [one for one in found if one.mission == mission])
@@ -182,8 +182,9 @@ def _boxes(field: "Axes", found: Sequence[Pair]) -> None:
         for box in drawn["boxes"]:
             box.set(facecolor=color, alpha=0.6, edgecolor=INK)
     dress(field)
-    labels = [one.controller.replace("_", "\n") for one in found]
-    field.set_xticks(range(len(found)), labels, fontsize=8)
+    labels = [one.controller.replace("_", " ") for one in found]
+    slanted = {"rotation": 30, "ha": "right", "rotation_mode": "anchor"} if len(found) > 6 else {}
+    field.set_xticks(range(len(found)), labels, fontsize=8, **slanted)
 
 
 def main() -> None:
@@ -195,7 +196,7 @@ def main() -> None:
     data = json.loads(DATA.read_text(encoding="utf-8"))
     for kind in ROBOTS:
         found = pairs(kind, data, arguments.seeds)
-        print(*table(found), "", f"{kind}: {summary(found)}", "", sep="\n")
+        print(*table(found), "", f"{kind}: {summary(found)}", "", sep="\n", flush=True)
         if arguments.pictures:
             arguments.pictures.mkdir(parents=True, exist_ok=True)
             draw(found).savefig(arguments.pictures / f"argos-{kind}.png")

@@ -1,0 +1,141 @@
+"""EvoStick against Chocolate in the arena: designs of the same budget, scored on held-out seeds.
+
+`python -m benchmarks.designs FOLDER [--budget N] [--repetitions N] [--missions A,B]` designs with both,
+several times for each mission, scores the designs on held-out seeds, prints a table and draws box plots.
+FOLDER keeps the runs: those that are done are not repeated.
+"""
+
+import argparse
+import json
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy import stats
+
+from swarmwright import Experiment, Run, optimize, resume
+from swarmwright.figures.style import COLORS, INK, dress, new_figure
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+MISSIONS = ("aac", "cfa", "lcn", "sca", "spc")
+"""Those on which Chocolate was presented (Francesca et al. 2015)."""
+EPISODES = 100
+"""With held-out seeds, for each design."""
+DESIGNS: dict[str, dict[str, Any]] = {
+    "EvoStick": {
+        "parameters": {"robot": "e-puck-rm1.1"},
+        "controller": {"kind": "evostick"},
+        "method": {"kind": "evostick", "population": 100},
+        "ranking": {"episodes": 10, "seeds": "new"},
+    },
+    "Chocolate": {
+        "parameters": {"robot": "e-puck-rm1.2"},
+        "controller": {"kind": "modules"},
+        "method": {"kind": "racing"},
+        "ranking": {"episodes": 1},
+    },
+}
+
+
+@dataclass(frozen=True)
+class Design:
+    """What came out of one design process. fitness: mean of EPISODES episodes with held-out seeds."""
+
+    mission: str
+    kind: str
+    repetition: int
+    recorded: float
+    fitness: float
+    seconds: float
+
+
+def experiment(mission: str, kind: str, budget: int, repetition: int) -> Experiment:
+    """Return what designs with `budget` episodes."""
+    values = json.loads(json.dumps(DESIGNS[kind]))
+    episodes = values["ranking"]["episodes"]
+    values["parameters"]["mission"] = mission
+    values["parameters"]["seed"] = 1_000_000 * repetition
+    values["method"]["evaluations"] = budget // episodes
+    return Experiment.from_mapping(
+        {
+            **values,
+            "simulation": "arena",
+            "seed": repetition,
+            "servers": "in-process",
+            "validate": {"episodes": EPISODES, "candidates": 1},
+        }
+    )
+
+
+def design(folder: Path, mission: str, kind: str, budget: int, repetition: int) -> Design:
+    """Design, or open what was designed before."""
+    asked = experiment(mission, kind, budget, repetition)
+    path = folder / f"{mission}-{kind.lower()}-{budget}-{repetition}"
+    started = time.monotonic()
+    run = Run.open(path) if path.exists() else optimize(asked, out=path)
+    if run.state != "done":
+        run = resume(run)
+    seconds = time.monotonic() - started
+    assert run.validation is not None
+    best = run.validation.best
+    return Design(mission, kind, repetition, best.recorded, best.fitness.mean, seconds)
+
+
+def table(found: Sequence[Design]) -> Iterator[str]:
+    """Yield a table in Markdown: medians and ranges, and the Mann-Whitney test."""
+    yield f"| mission | {' | '.join(DESIGNS)} | p | during evolution: {' | '.join(DESIGNS)} | seconds |"
+    yield "|---|---|---|---|---|---|---|"
+    for mission in dict.fromkeys(one.mission for one in found):
+        by_kind = [[one for one in found if (one.mission, one.kind) == (mission, kind)] for kind in DESIGNS]
+        samples = [[one.fitness for one in of] for of in by_kind]
+        cells = [f"`{mission}`", *(f"{np.median(s):.4g} ({min(s):.4g} to {max(s):.4g})" for s in samples)]
+        cells.append(f"{stats.mannwhitneyu(*samples).pvalue:.2g}")
+        cells += [f"{np.median([one.recorded for one in of]):.4g}" for of in by_kind]
+        cells.append(", ".join(f"{np.median([one.seconds for one in of]):.0f}" for of in by_kind))
+        yield f"| {' | '.join(cells)} |"
+
+
+def draw(found: Sequence[Design]) -> "Figure":
+    """Draw box plots of all designs, a field for each mission."""
+    missions = list(dict.fromkeys(one.mission for one in found))
+    figure = new_figure(2.4 * len(missions), 3.2)
+    for field, mission in zip(figure.subplots(1, len(missions), squeeze=False)[0], missions, strict=True):
+        for place, kind in enumerate(DESIGNS):
+            values = [one.fitness for one in found if (one.mission, one.kind) == (mission, kind)]
+            drawn = field.boxplot(
+                [values], positions=[place], widths=0.6, patch_artist=True, medianprops={"color": INK}
+            )
+            drawn["boxes"][0].set(facecolor=COLORS[place], alpha=0.6, edgecolor=INK)
+        dress(field)
+        field.set_title(mission, fontsize=11, color=INK)
+        field.set_xticks(range(len(DESIGNS)), list(DESIGNS))
+    return figure
+
+
+def main() -> None:
+    """Design what the command line asks for."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.designs", description=__doc__)
+    parser.add_argument("folder", type=Path, metavar="FOLDER")
+    parser.add_argument(
+        "--budget", type=int, default=20_000, metavar="N", help="episodes of a design; default: %(default)s"
+    )
+    parser.add_argument("--repetitions", type=int, default=10, metavar="N", help="default: %(default)s")
+    parser.add_argument("--missions", default=",".join(MISSIONS), metavar="A,B", help="default: %(default)s")
+    arguments = parser.parse_args()
+    found = []
+    for repetition in range(1, arguments.repetitions + 1):
+        for mission in arguments.missions.split(","):
+            for kind in DESIGNS:
+                found.append(design(arguments.folder, mission, kind, arguments.budget, repetition))
+                print(found[-1], flush=True)
+    print("", *table(found), sep="\n")
+    draw(found).savefig(arguments.folder / f"designs-{arguments.budget}.png")
+
+
+if __name__ == "__main__":
+    main()
