@@ -183,7 +183,9 @@ def _boxes(field: "Axes", found: Sequence[Pair]) -> None:
             box.set(facecolor=color, alpha=0.6, edgecolor=INK)
     dress(field)
     labels = [one.controller.replace("_", " ") for one in found]
-    slanted = {"rotation": 30, "ha": "right", "rotation_mode": "anchor"} if len(found) > 6 else {}
+    slanted: dict[str, Any] = (
+        {"rotation": 30, "ha": "right", "rotation_mode": "anchor"} if len(found) > 6 else {}
+    )
     field.set_xticks(range(len(found)), labels, fontsize=8, **slanted)
 
 
