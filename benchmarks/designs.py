@@ -1,8 +1,9 @@
 """EvoStick against Chocolate in the arena: designs of the same budget, scored on held-out seeds.
 
 `python -m benchmarks.designs FOLDER [--budget N] [--repetitions N] [--missions A,B]` designs with both,
-several times for each mission, scores the designs on held-out seeds, prints a table and draws box plots.
-FOLDER keeps the runs: those that are done are not repeated.
+several times for each mission, scores the designs on held-out seeds, with the robots of the design and with
+others that are slower and sense less, prints a table and draws box plots. FOLDER keeps the runs: those that
+are done are not repeated.
 """
 
 import argparse
@@ -18,6 +19,7 @@ from scipy import stats
 
 from swarmwright import Experiment, Run, optimize, resume
 from swarmwright.figures.style import COLORS, INK, dress, new_figure
+from swarmwright.runs.post_evaluation import post_evaluate
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -26,6 +28,12 @@ MISSIONS = ("aac", "cfa", "lcn", "sca", "spc")
 """Those on which Chocolate was presented (Francesca et al. 2015)."""
 EPISODES = 100
 """With held-out seeds, for each design."""
+OTHER_ROBOTS = [
+    {"kind": "slow", "share": 0.5, "factor": 0.7},
+    {"kind": "blind", "share": 0.1},
+    {"kind": "loss", "loss": 0.95},
+]
+"""Half of the robots are slower, a tenth senses nothing, and 5 % of the messages arrive instead of 15 %."""
 DESIGNS: dict[str, dict[str, Any]] = {
     "EvoStick": {
         "parameters": {"robot": "e-puck-rm1.1"},
@@ -44,13 +52,15 @@ DESIGNS: dict[str, dict[str, Any]] = {
 
 @dataclass(frozen=True)
 class Design:
-    """What came out of one design process. fitness: mean of EPISODES episodes with held-out seeds."""
+    """What came out of one design process: the fitness during it, and means of EPISODES other episodes."""
 
     mission: str
     kind: str
     repetition: int
     recorded: float
     fitness: float
+    transferred: float
+    """With OTHER_ROBOTS."""
     seconds: float
 
 
@@ -83,37 +93,57 @@ def design(folder: Path, mission: str, kind: str, budget: int, repetition: int) 
     seconds = time.monotonic() - started
     assert run.validation is not None
     best = run.validation.best
-    return Design(mission, kind, repetition, best.recorded, best.fitness.mean, seconds)
+    others = asked.replace(parameters={"failures": OTHER_ROBOTS})
+    transferred = post_evaluate(run, episodes=EPISODES, experiment=others).fitness.mean
+    return Design(mission, kind, repetition, best.recorded, best.fitness.mean, transferred, seconds)
 
 
 def table(found: Sequence[Design]) -> Iterator[str]:
-    """Yield a table in Markdown: medians and ranges, and the Mann-Whitney test."""
-    yield f"| mission | {' | '.join(DESIGNS)} | p | during evolution: {' | '.join(DESIGNS)} | seconds |"
-    yield "|---|---|---|---|---|---|---|"
+    """Yield a table in Markdown: medians of each kind, and the Mann-Whitney test."""
+    yield "| mission | design | during evolution | held-out seeds (range) | p | other robots | p | seconds |"
+    yield "|---|---|---|---|---|---|---|---|"
     for mission in dict.fromkeys(one.mission for one in found):
-        by_kind = [[one for one in found if (one.mission, one.kind) == (mission, kind)] for kind in DESIGNS]
-        samples = [[one.fitness for one in of] for of in by_kind]
-        cells = [f"`{mission}`", *(f"{np.median(s):.4g} ({min(s):.4g} to {max(s):.4g})" for s in samples)]
-        cells.append(f"{stats.mannwhitneyu(*samples).pvalue:.2g}")
-        cells += [f"{np.median([one.recorded for one in of]):.4g}" for of in by_kind]
-        cells.append(", ".join(f"{np.median([one.seconds for one in of]):.0f}" for of in by_kind))
-        yield f"| {' | '.join(cells)} |"
+        by_kind = {
+            kind: [one for one in found if (one.mission, one.kind) == (mission, kind)] for kind in DESIGNS
+        }
+        tests = [
+            stats.mannwhitneyu(*([getattr(one, name) for one in of] for of in by_kind.values())).pvalue
+            for name in ("fitness", "transferred")
+        ]
+        for kind, of in by_kind.items():
+            columns = np.array([(one.recorded, one.fitness, one.transferred, one.seconds) for one in of])
+            recorded, fitness, transferred, seconds = np.median(columns, axis=0)
+            low, high = columns[:, 1].min(), columns[:, 1].max()
+            yield (
+                f"| `{mission}` | {kind} | {recorded:.4g} | {fitness:.4g} ({low:.4g} to {high:.4g}) | "
+                f"{tests[0]:.2g} | {transferred:.4g} | {tests[1]:.2g} | {seconds:.0f} |"
+            )
 
 
 def draw(found: Sequence[Design]) -> "Figure":
     """Draw box plots of all designs, a field for each mission."""
     missions = list(dict.fromkeys(one.mission for one in found))
-    figure = new_figure(2.4 * len(missions), 3.2)
+    figure = new_figure(2.5 * len(missions), 3.2)
     for field, mission in zip(figure.subplots(1, len(missions), squeeze=False)[0], missions, strict=True):
-        for place, kind in enumerate(DESIGNS):
-            values = [one.fitness for one in found if (one.mission, one.kind) == (mission, kind)]
-            drawn = field.boxplot(
-                [values], positions=[place], widths=0.6, patch_artist=True, medianprops={"color": INK}
-            )
-            drawn["boxes"][0].set(facecolor=COLORS[place], alpha=0.6, edgecolor=INK)
+        for place, name in enumerate(("fitness", "transferred")):
+            for shift, kind, color in zip((-0.2, 0.2), DESIGNS, COLORS, strict=False):
+                values = [getattr(one, name) for one in found if (one.mission, one.kind) == (mission, kind)]
+                drawn = field.boxplot(
+                    [values],
+                    positions=[place + shift],
+                    widths=0.34,
+                    patch_artist=True,
+                    medianprops={"color": INK},
+                )
+                drawn["boxes"][0].set(facecolor=color, alpha=0.6, edgecolor=INK)
         dress(field)
         field.set_title(mission, fontsize=11, color=INK)
-        field.set_xticks(range(len(DESIGNS)), list(DESIGNS))
+        field.set_xticks([0, 1], ["as designed", "other robots"])
+    handles = [
+        figure.axes[0].fill([], [], color=color, alpha=0.6, label=kind)[0]
+        for kind, color in zip(DESIGNS, COLORS, strict=False)
+    ]
+    figure.legend(handles=handles, loc="outside lower center", fontsize=11, frameon=False, ncols=2)
     return figure
 
 
