@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from swarmwright import Experiment, InputError, RunError, evaluate, optimize, simulate
-from swarmwright.cli.replay import command as replay
+from swarmwright.cli._commands import program
 from swarmwright.core.random_numbers import Stream
 from swarmwright.evaluation.base import Controllers
 from swarmwright.evaluation.opening import open_backend
@@ -323,6 +323,6 @@ def test_the_record_holds_the_metrics_and_replay_gives_the_same_fitness(tmp_path
     assert np.array_equal(run.record.episodes, steps - 10 * distance + 0.0)
     best = run.evaluation(run.best.candidate, run.best.generation)
     for episode in range(2):
-        result = CliRunner().invoke(replay, [str(run.path), "--json", "--episode", str(episode)])
+        result = CliRunner().invoke(program, ["replay", str(run.path), "--json", "--episode", str(episode)])
         assert result.exit_code == 0, result.output
         assert json.loads(result.output.splitlines()[-1])["fitness"] == best.episodes[episode]
