@@ -16,8 +16,10 @@ class Choice:
     """Index among the candidates evaluated in that generation."""
     fitness: float
     """As the run's ranking made it of all episodes; NaN when the evaluation failed."""
+    episodes: list[float]
+    """Fitness of each of its episodes in that generation; NaN for those that failed or were left out."""
     seeds: list[int]
-    """Simulation seed of each of its episodes."""
+    """Simulation seed of each of them."""
     specification: dict[str, Any]
     """The controller as plain values."""
 
@@ -26,4 +28,4 @@ def choose(run: "Run", generation: int | None = None, candidate: int | None = No
     """Return a candidate of the run; arguments and errors as in `Run.evaluation`."""
     one = run.evaluation(candidate, generation)
     specification = run.experiment.representation().specification(one.genome)
-    return Choice(one.generation, one.candidate, one.fitness, one.seeds, specification)
+    return Choice(one.generation, one.candidate, one.fitness, one.episodes.tolist(), one.seeds, specification)

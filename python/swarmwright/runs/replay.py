@@ -13,6 +13,7 @@ from swarmwright.experiment.fitness import JudgedEpisode
 from swarmwright.representations.controller import Controller, controller_words
 from swarmwright.runs.choice import Choice, choose
 from swarmwright.runs.code import used_for
+from swarmwright.runs.validation import by_instance
 from swarmwright.simulations import catalogue
 
 if TYPE_CHECKING:
@@ -165,19 +166,29 @@ class Replay:
         if self.choice is None:
             return f"{said}."
         if self.number is not None and self._episodes == 1:
-            if fitness == self.choice.fitness or math.isnan(self.choice.fitness):
+            recorded = self.choice.episodes[0]
+            if self._as_recorded and fitness != recorded and not math.isnan(recorded):
+                was = f"in the run it was {recorded + 0.0:.6g}"
+                return f"{said}; {was}: this simulation is not bit-identical here."
+            if self._as_recorded and not by_instance(self.run.experiment):
                 return f"{said}."
-            return (
-                f"{said}; in the run it was {self.choice.fitness + 0.0:.6g}: this simulation is not "
-                "bit-identical here."
-            )
         where = f"in episode {self.number}" if self.number is not None else f"with seed {self.seed}"
-        meaning = f", the {self._meaning}" if self._episodes > 1 else ""
+        meaning = f", the {self._meaning}" if self._meaning else ""
         return f"{said} {where}; the candidate's in the run is {self.choice.fitness + 0.0:.6g}{meaning}."
 
     @property
+    def _as_recorded(self) -> bool:
+        """Whether parameters and fitness are those of the run."""
+        mine, runs = self.experiment, self.run.experiment
+        return (mine.parameters, mine.fitness) == (runs.parameters, runs.fitness)
+
+    @property
     def _meaning(self) -> str:
-        """How episodes became the candidate's fitness."""
+        """How episodes became the candidate's fitness; empty where it is that of the only episode."""
+        if by_instance(self.run.experiment):
+            return "mean of its instances so far"
+        if self._episodes == 1:
+            return ""
         how = getattr(self.run.experiment.ranking, "aggregate", "outcome")
         return f"{how} of {self._episodes} episodes"
 
@@ -199,7 +210,7 @@ class Replay:
         facts = [("controller", controller_words(self.controller.specification)), *_origin(experiment)]
         if self.choice is not None:
             value = f"{self.choice.fitness + 0.0:.6g}"
-            episodes = f" ({self._meaning})" if self._episodes > 1 else ""
+            episodes = f" ({self._meaning})" if self._meaning else ""
             facts.append(("fitness of the candidate", f"{value}{episodes}"))
         facts.append(("simulation seed", str(self.seed)))
         return Caption(self.title, tuple(facts))

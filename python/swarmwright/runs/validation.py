@@ -133,10 +133,11 @@ def of_run(run: "Run") -> Validation | None:
     if values["candidates"][0]["number"] != run.evaluation().number:
         return None  # the run went on, and another one is the best
     experiment = run.experiment
-    return Validation.of_store(values, experiment.new_ranking(), by_instance=_by_instance(experiment))
+    return Validation.of_store(values, experiment.new_ranking(), by_instance=by_instance(experiment))
 
 
-def _by_instance(experiment: Experiment) -> bool:
+def by_instance(experiment: Experiment) -> bool:
+    """Return whether a generation is an instance, and a candidate's fitness the mean of several."""
     kind: str = experiment.method.kind  # type: ignore[attr-defined] # every kind's options have it
     return METHODS.get(kind).by_instance
 
@@ -337,7 +338,7 @@ def _planned(experiment: Experiment, reader: StoreReader) -> _Plan | None:
     candidates = reader.leading(
         most,
         last_only=ranking.reevaluate,
-        by_instance=_by_instance(experiment),
+        by_instance=by_instance(experiment),
         key=lambda genome: json.dumps(representation.specification(genome), sort_keys=True),
     )
     seeds = unseen_seeds(experiment.first_seed, reader.used_seeds(), count, options.seed)

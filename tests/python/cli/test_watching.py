@@ -249,3 +249,23 @@ def test_the_arena_is_shown_with_its_robots_and_their_machines(program: Any, tmp
     drawn = program("replay", "arena")
     assert "agent 5" in drawn.stdout
     assert "wall" in drawn.stdout
+
+
+def test_a_replay_says_what_the_fitness_beside_it_is(program: Any, tmp_path: Path) -> None:
+    """With racing it is the mean of several instances; with other parameters nothing is to be the same."""
+    parameters = "numAgents: 3, numDefenders: 3, placement: random, speedDefenders: 0.5, maxSteps: 15"
+    (tmp_path / "x.yaml").write_text(
+        f"simulation: minisim\nparameters: {{{parameters}}}\nservers: in-process\n"
+        "method: {kind: racing, evaluations: 300, survivors: 4}\n"
+    )
+    result = program("optimize", "x.yaml", "--out", "raced")
+    assert result.returncode == 0, result.stderr
+    best = Run.open(tmp_path / "raced").evaluation()
+    last = program("replay", "raced").stdout.splitlines()[-1]
+    assert last == (
+        f"Fitness {best.episodes[0]:.6g} in episode 0; the candidate's in the run is {best.fitness:.6g}, "
+        "the mean of its instances so far."
+    )
+    other = program("replay", "raced", "--set", "parameters.maxSteps=3").stdout.splitlines()[-1]
+    assert "the candidate's in the run is" in other
+    assert "bit-identical" not in other
