@@ -261,12 +261,12 @@ def _check_reevaluation(checked: Checked, report: Report) -> None:
 def _check_race(method: MethodOptions, kind: str, report: Report) -> None:
     """Check that there are generations of candidates that can race."""
     if method.operation == "steady_state":
-        reason = "in steady state there is no generation to race; take operation: generational"
+        reason = "in steady state no generation can race; take operation: generational, or kind: absolute"
     elif METHODS.get(kind).by_instance:
-        reason = f"{kind} races its candidates itself, over many generations"
+        reason = f"{kind} races its candidates itself, over generations; take kind: absolute"
     else:
         return
-    report(("ranking", "kind"), f"{reason}, or take kind: absolute")
+    report(("ranking", "kind"), reason)
 
 
 def _as_written(path: Path_, message: str, values: Any) -> Path_:  # noqa: ANN401 - any values of a file
