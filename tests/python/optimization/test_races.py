@@ -285,7 +285,7 @@ def test_failures_in_a_race_have_their_episode(tmp_path: Path) -> None:
     ("method", "ranking", "words"),
     [
         ({"kind": "racing"}, {"kind": "race"}, r"ranking\.kind: racing races its candidates itself"),
-        ({"operation": "steady_state"}, {"kind": "race"}, r"ranking\.kind: in steady state there is no gen"),
+        ({"operation": "steady_state"}, {"kind": "race"}, r"ranking\.kind: in steady state no gen"),
         ({}, {"kind": "race", "reevaluate": True}, "reevaluate: members that stay have other episodes"),
         ({"kind": "racing"}, {"reevaluate": True}, r"ranking\.reevaluate: racing keeps no members"),
         ({"kind": "racing", "operation": "steady_state"}, {}, "it tests candidates together"),

@@ -235,19 +235,21 @@ def test_robots_are_stopped_when_a_run_is_interrupted(group: bool, tmp_path: Pat
     command = [sys.executable, str(SIMULATOR), "--robots", "2", "--log", str(log), "--realtime", "1"]
     simulator = subprocess.Popen(command, env=environment)
     try:
-        run = subprocess.Popen(
-            [sys.executable, "-m", "swarmwright", "optimize", str(file), "--out", str(tmp_path / "run")],
-            env=environment,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            start_new_session=True,
-        )
+        said = tmp_path / "said"
+        with said.open("w") as errors:
+            run = subprocess.Popen(
+                [sys.executable, "-m", "swarmwright", "optimize", str(file), "--out", str(tmp_path / "run")],
+                env=environment,
+                stdout=subprocess.DEVNULL,
+                stderr=errors,
+                start_new_session=True,
+            )
         running = Program(run, log)  # type: ignore[arg-type] # only its last commands are asked for
         try:
             deadline = time.monotonic() + 30
             while 0.0 in running.last():
                 assert time.monotonic() < deadline
-                assert run.poll() is None
+                assert run.poll() is None, said.read_text("utf-8")
                 time.sleep(0.1)
             time.sleep(0.25)
             (os.killpg if group else os.kill)(run.pid, signal.SIGINT)
