@@ -8,7 +8,8 @@
 
 use swarmwright_lanes::{Lanes, Mask, Number, number};
 
-use super::place::{Face, Place};
+use super::contact::{Contact, PART, PairContact, WallContact, square, to_face};
+use super::place::Place;
 use super::robot::Robot;
 use super::senses::Close;
 use super::swarm::{Bodies, SUBSTEP, SUBSTEPS};
@@ -17,165 +18,6 @@ use super::swarm::{Bodies, SUBSTEP, SUBSTEPS};
 const PARTS: usize = 5;
 /// How often drives and contacts are solved in a part.
 const PASSES: usize = 2;
-/// Length of a part, seconds.
-const PART: f32 = 2.0 * SUBSTEP;
-
-/// What a contact has for the solver. Impulses are divided by the mass of a robot.
-#[derive(Clone, Copy)]
-struct Contact<L: Lanes> {
-    /// From the first robot to the other, or into the wall.
-    normal: [Number<L>; 2],
-    /// The speed of approach at which nothing happens in this part.
-    slack: Number<L>,
-    /// Impulse of a part along the normal and along the tangent.
-    pressed: Number<L>,
-    rubbed: Number<L>,
-    /// Whether anything can happen in this part, in any lane.
-    active: bool,
-}
-
-impl<L: Lanes> Contact<L> {
-    #[inline(always)]
-    fn none() -> Self {
-        Self {
-            normal: [number(0.0); 2],
-            slack: number(0.0),
-            pressed: number(0.0),
-            rubbed: number(0.0),
-            active: false,
-        }
-    }
-
-    /// At the beginning of a part: `way` between points that touch at a distance of `limit` and move with `speed` along it
-    /// and across. `fastest`: no two bodies approach each other faster, m/s. Returns the impulse that the part begins with.
-    #[inline(always)]
-    fn begin(
-        &mut self,
-        way: [Number<L>; 2],
-        speed: [Number<L>; 2],
-        (limit, fastest): (f32, f32),
-    ) -> [Number<L>; 2] {
-        let square = square(way);
-        let far = limit + fastest * PART;
-        // Middles that lie on each other press in no direction.
-        let possible = square.lt(number(far * far)).and(number(0.0).lt(square));
-        self.active = possible.any();
-        if !self.active {
-            self.pressed = number(0.0);
-            self.rubbed = number(0.0);
-            return [number(0.0); 2];
-        }
-        let length = square.sqrt();
-        let inverse = (number::<L>(1.0) / length).only_where(possible);
-        self.normal = [way[0] * inverse, way[1] * inverse];
-        let gap = length - number(limit);
-        let closing = -(speed[0] * self.normal[0] + speed[1] * self.normal[1]);
-        // Who overlaps after the first of two substeps approaches in that one alone; who does not, at least so fast that it
-        // just touches.
-        let first = gap.lt(closing * SUBSTEP);
-        let slack = (closing * 0.5)
-            .select(closing, first)
-            .at_least(gap * (1.0 / PART));
-        let slack = number::<L>(0.0).select(slack, gap.le(number(0.0)));
-        self.slack = slack.select(number(f32::MAX), possible);
-        self.pressed = self.pressed.only_where(possible);
-        self.rubbed = self.rubbed.only_where(possible);
-        self.along(self.pressed, self.rubbed)
-    }
-
-    /// The change of impulse that ends the approach, and what friction adds; `approach` and `slip` are the relative
-    /// velocities along normal and tangent, `share` is the part of them that each body takes.
-    #[inline(always)]
-    fn solve(
-        &mut self,
-        approach: Number<L>,
-        slip: Number<L>,
-        share: f32,
-        friction: f32,
-    ) -> [Number<L>; 2] {
-        let pressed = (self.pressed - (approach + self.slack) * share).at_least(number(0.0));
-        let limit = pressed * friction;
-        let rubbed = (self.rubbed - slip * share).at_most(limit).at_least(-limit);
-        let change = self.along(pressed - self.pressed, rubbed - self.rubbed);
-        self.pressed = pressed;
-        self.rubbed = rubbed;
-        change
-    }
-
-    #[inline(always)]
-    fn along(&self, pressed: Number<L>, rubbed: Number<L>) -> [Number<L>; 2] {
-        let [nx, ny] = self.normal;
-        [nx * pressed - ny * rubbed, ny * pressed + nx * rubbed]
-    }
-
-    #[inline(always)]
-    fn touches(&self) -> L::Mask {
-        number(0.0).lt(self.pressed)
-    }
-}
-
-/// Two robots.
-#[derive(Clone, Copy)]
-struct Meeting<L: Lanes> {
-    robots: [u32; 2],
-    contact: Contact<L>,
-}
-
-/// A robot and, in each lane, a face of a wall.
-#[derive(Clone, Copy)]
-struct Leaning<L: Lanes> {
-    robot: u32,
-    /// Index of the face; negative in lanes without one.
-    face: Number<L>,
-    middle: [Number<L>; 2],
-    along: [Number<L>; 2],
-    half: Number<L>,
-    contact: Contact<L>,
-}
-
-impl<L: Lanes> Leaning<L> {
-    #[inline(always)]
-    fn none(robot: u32) -> Self {
-        Self {
-            robot,
-            face: number(-1.0),
-            // Far away.
-            middle: [number(1e6); 2],
-            along: [number(1.0), number(0.0)],
-            half: number(0.0),
-            contact: Contact::none(),
-        }
-    }
-
-    /// Takes a face in these lanes.
-    #[inline(always)]
-    fn take(&mut self, index: u32, face: &Face, lanes: L::Mask) {
-        self.face = number::<L>(index as f32).select(self.face, lanes);
-        for axis in 0..2 {
-            self.middle[axis] = number::<L>(face.middle[axis]).select(self.middle[axis], lanes);
-            self.along[axis] = number::<L>(face.along[axis]).select(self.along[axis], lanes);
-        }
-        self.half = number::<L>(face.half).select(self.half, lanes);
-    }
-
-    /// Takes over the impulses of the tick before, where the face is the same.
-    #[inline(always)]
-    fn inherit(&mut self, before: &Self) {
-        let same = self.face.le(before.face).and(before.face.le(self.face));
-        let (contact, before) = (&mut self.contact, &before.contact);
-        contact.pressed = before.pressed.select(contact.pressed, same);
-        contact.rubbed = before.rubbed.select(contact.rubbed, same);
-    }
-
-    /// From a point to the nearest one of the face.
-    #[inline(always)]
-    fn way(&self, [x, y]: [Number<L>; 2]) -> [Number<L>; 2] {
-        let (dx, dy) = (x - self.middle[0], y - self.middle[1]);
-        let s = dx * self.along[0] + dy * self.along[1];
-        let s = s.at_most(self.half).at_least(-self.half);
-        [s * self.along[0] - dx, s * self.along[1] - dy]
-    }
-}
 
 /// A robot that something may touch in the tick.
 #[derive(Clone, Copy)]
@@ -198,8 +40,8 @@ pub(super) struct Contacts<L: Lanes> {
     /// In which lanes something touches a robot in this part.
     touched: Vec<L::Mask>,
     /// Ascending by robots, and those of the tick before.
-    meetings: [Vec<Meeting<L>>; 2],
-    leanings: [Vec<Leaning<L>>; 2],
+    pairs: [Vec<PairContact<L>>; 2],
+    walls: [Vec<WallContact<L>>; 2],
     moved: Vec<Moved<L>>,
 }
 
@@ -212,19 +54,6 @@ pub(super) fn reach(robot: &Robot) -> f32 {
 pub(super) fn reach_of_walls(robot: &Robot) -> f32 {
     let rays = robot.proximity.as_ref().map_or(0.0, |p| p.start + p.range);
     rays.max(robot.radius + robot.reach() / 2.0)
-}
-
-/// From a point to the nearest point of a face.
-#[inline(always)]
-pub(super) fn to_face<L: Lanes>(face: &Face, x: Number<L>, y: Number<L>) -> [Number<L>; 2] {
-    let (dx, dy) = (x - face.middle[0], y - face.middle[1]);
-    let s = (dx * face.along[0] + dy * face.along[1]).within(-face.half, face.half);
-    [s * face.along[0] - dx, s * face.along[1] - dy]
-}
-
-#[inline(always)]
-fn square<L: Lanes>([x, y]: [Number<L>; 2]) -> Number<L> {
-    x * x + y * y
 }
 
 impl<L: Lanes> Contacts<L> {
@@ -242,8 +71,8 @@ impl<L: Lanes> Contacts<L> {
             near: vec![L::Mask::from_bits(0); robots],
             involved: Vec::new(),
             touched: vec![L::Mask::from_bits(0); robots],
-            meetings: [Vec::new(), Vec::new()],
-            leanings: [Vec::new(), Vec::new()],
+            pairs: [Vec::new(), Vec::new()],
+            walls: [Vec::new(), Vec::new()],
             moved: vec![moved; robots],
         }
     }
@@ -251,8 +80,8 @@ impl<L: Lanes> Contacts<L> {
     /// Goes to the start of an episode.
     #[inline(always)]
     pub(super) fn forget(&mut self) {
-        self.meetings[0].clear();
-        self.leanings[0].clear();
+        self.pairs[0].clear();
+        self.walls[0].clear();
     }
 
     /// Moves all robots by a tick.
@@ -265,8 +94,8 @@ impl<L: Lanes> Contacts<L> {
         place: &Place,
     ) {
         self.near.fill(L::Mask::from_bits(0));
-        self.find_meetings(bodies, &close.robots, robot);
-        self.find_leanings(bodies, &close.faces, robot, place);
+        self.find_pairs(bodies, &close.robots, robot);
+        self.find_walls(bodies, &close.faces, robot, place);
         self.involved.clear();
         for index in 0..bodies.len() {
             if self.near[index].any() {
@@ -295,8 +124,8 @@ impl<L: Lanes> Contacts<L> {
 
     /// Finds which robots may touch each other in this tick.
     #[inline(always)]
-    fn find_meetings(&mut self, bodies: &Bodies<L>, pairs: &[[u32; 2]], robot: &Robot) {
-        let [now, old] = &mut self.meetings;
+    fn find_pairs(&mut self, bodies: &Bodies<L>, pairs: &[[u32; 2]], robot: &Robot) {
+        let [now, old] = &mut self.pairs;
         std::mem::swap(now, old);
         now.clear();
         let mut at = 0;
@@ -315,7 +144,7 @@ impl<L: Lanes> Contacts<L> {
                 contact.pressed = before.pressed.only_where(close);
                 contact.rubbed = before.rubbed.only_where(close);
             }
-            now.push(Meeting {
+            now.push(PairContact {
                 robots: *pair,
                 contact,
             });
@@ -324,14 +153,8 @@ impl<L: Lanes> Contacts<L> {
 
     /// Finds which walls a robot may touch in this tick.
     #[inline(always)]
-    fn find_leanings(
-        &mut self,
-        bodies: &Bodies<L>,
-        pairs: &[[u32; 2]],
-        robot: &Robot,
-        place: &Place,
-    ) {
-        let [now, old] = &mut self.leanings;
+    fn find_walls(&mut self, bodies: &Bodies<L>, pairs: &[[u32; 2]], robot: &Robot, place: &Place) {
+        let [now, old] = &mut self.walls;
         std::mem::swap(now, old);
         now.clear();
         let (mut first, mut at) = (0, 0);
@@ -344,17 +167,17 @@ impl<L: Lanes> Contacts<L> {
             if close.any() {
                 self.near[robot] = self.near[robot].or(close);
                 let mut lanes = close;
-                for leaning in &mut now[first..] {
-                    let taken = lanes.and(leaning.face.lt(number(0.0)));
+                for wall_contact in &mut now[first..] {
+                    let taken = lanes.and(wall_contact.face.lt(number(0.0)));
                     if taken.any() {
-                        leaning.take(*face_index, face, taken);
+                        wall_contact.take(*face_index, face, taken);
                         lanes = lanes.and_not(taken);
                     }
                 }
                 if lanes.any() {
-                    let mut leaning = Leaning::none(*index);
-                    leaning.take(*face_index, face, lanes);
-                    now.push(leaning);
+                    let mut wall_contact = WallContact::none(*index);
+                    wall_contact.take(*face_index, face, lanes);
+                    now.push(wall_contact);
                 }
             }
             if number_of_pair + 1 < pairs.len() && pairs[number_of_pair + 1][0] == *index {
@@ -362,8 +185,8 @@ impl<L: Lanes> Contacts<L> {
             }
             while at < old.len() && old[at].robot <= *index {
                 if old[at].robot == *index {
-                    for leaning in &mut now[first..] {
-                        leaning.inherit(&old[at]);
+                    for wall_contact in &mut now[first..] {
+                        wall_contact.inherit(&old[at]);
                     }
                 }
                 at += 1;
@@ -402,8 +225,8 @@ impl<L: Lanes> Contacts<L> {
             aim,
             involved,
             touched,
-            meetings: [meetings, _],
-            leanings: [leanings, _],
+            pairs: [pairs, _],
+            walls: [walls, _],
             moved,
             ..
         } = self;
@@ -412,9 +235,12 @@ impl<L: Lanes> Contacts<L> {
             moved[index].before = moved[index].velocity;
             touched[index] = L::Mask::from_bits(0);
         }
-        for meeting in meetings.iter_mut() {
-            let contact = &mut meeting.contact;
-            let (i, j) = (meeting.robots[0] as usize, meeting.robots[1] as usize);
+        for pair_contact in pairs.iter_mut() {
+            let contact = &mut pair_contact.contact;
+            let (i, j) = (
+                pair_contact.robots[0] as usize,
+                pair_contact.robots[1] as usize,
+            );
             let (a, b) = (&moved[i], &moved[j]);
             let way = [b.at[0] - a.at[0], b.at[1] - a.at[1]];
             let speed = [b.before[0] - a.before[0], b.before[1] - a.before[1]];
@@ -427,16 +253,16 @@ impl<L: Lanes> Contacts<L> {
                 touched[j] = touched[j].or(touches);
             }
         }
-        for leaning in leanings.iter_mut() {
-            let i = leaning.robot as usize;
-            let way = leaning.way(moved[i].at);
+        for wall_contact in walls.iter_mut() {
+            let i = wall_contact.robot as usize;
+            let way = wall_contact.way(moved[i].at);
             let speed = [-moved[i].before[0], -moved[i].before[1]];
-            let impulse = leaning
+            let impulse = wall_contact
                 .contact
                 .begin(way, speed, (robot.radius, robot.fastest()));
-            if leaning.contact.active {
+            if wall_contact.contact.active {
                 pull(&mut moved[i], impulse);
-                touched[i] = touched[i].or(leaning.contact.touches());
+                touched[i] = touched[i].or(wall_contact.contact.touches());
             }
         }
         for index in involved.iter() {
@@ -453,12 +279,15 @@ impl<L: Lanes> Contacts<L> {
                     }
                 }
             }
-            for meeting in meetings.iter_mut() {
-                let contact = &mut meeting.contact;
+            for pair_contact in pairs.iter_mut() {
+                let contact = &mut pair_contact.contact;
                 if !contact.active {
                     continue;
                 }
-                let (i, j) = (meeting.robots[0] as usize, meeting.robots[1] as usize);
+                let (i, j) = (
+                    pair_contact.robots[0] as usize,
+                    pair_contact.robots[1] as usize,
+                );
                 let [nx, ny] = contact.normal;
                 let (u, v) = (moved[i].velocity, moved[j].velocity);
                 let relative = [v[0] - u[0], v[1] - u[1]];
@@ -473,8 +302,8 @@ impl<L: Lanes> Contacts<L> {
                 touched[i] = touched[i].or(touches);
                 touched[j] = touched[j].or(touches);
             }
-            for leaning in leanings.iter_mut() {
-                let (i, contact) = (leaning.robot as usize, &mut leaning.contact);
+            for wall_contact in walls.iter_mut() {
+                let (i, contact) = (wall_contact.robot as usize, &mut wall_contact.contact);
                 if !contact.active {
                     continue;
                 }

@@ -6,6 +6,7 @@
 )]
 
 mod around;
+mod contact;
 mod contacts;
 mod failures;
 mod functions;

@@ -2,7 +2,7 @@
 
 use swarmwright_controllers::functions::{cos_pi, sin_pi};
 
-use super::contacts::to_face;
+use super::contact::to_face;
 use super::place::Place;
 use super::robot::Robot;
 use swarmwright_simulation::counter::uniform;

@@ -4,6 +4,8 @@
 
 use swarmwright_lanes::{Lanes, number};
 
+#[path = "../src/contact.rs"]
+mod contact;
 #[path = "../src/contacts.rs"]
 mod contacts;
 
