@@ -1,0 +1,106 @@
+//! Built-in models of robots.
+
+use serde_json::Value;
+
+use super::parts::{Drive, GroundSensors, LightSensors, Links, Proximity, Ray, half_turns};
+use super::{Output, Robot, model};
+
+/// Models that are composed: a file each.
+const MODELS: [(&str, &str); 4] = [
+    ("foot-bot", include_str!("../robots/foot-bot.yaml")),
+    ("kilobot", include_str!("../robots/kilobot.yaml")),
+    ("point", include_str!("../robots/point.yaml")),
+    ("turtlebot3", include_str!("../robots/turtlebot3.yaml")),
+];
+
+/// Where the e-puck's manual says that its proximity and light sensors look, degrees counter-clockwise from ahead.
+const E_PUCK_ANGLES: [f32; 8] = [17.0, 50.0, 90.0, 150.0, 210.0, 270.0, 310.0, 343.0];
+
+impl Robot {
+    /// The e-puck with reference model RM1.1 or, with what Chocolate's modules get, RM1.2 (`../shared/data/argos`).
+    fn e_puck(outputs: Vec<Output>) -> Self {
+        let rays = (0..8).map(|index| {
+            // Opposites are so to the last bit.
+            let angle = f64::from(index % 4) * 45.0 + 11.25;
+            let (sin, cos) = angle.to_radians().sin_cos();
+            let sign = if index < 4 { 1.0 } else { -1.0 };
+            Ray {
+                along: [cos as f32 * sign, sin as f32 * sign],
+                reported: half_turns(E_PUCK_ANGLES[index as usize]),
+            }
+        });
+        Self {
+            radius: 0.035,
+            height: 0.076,
+            drive: Drive::Differential { wheel_base: 0.053 },
+            top_speed: 0.12,
+            wheel_noise: 0.05,
+            acceleration: 3.75,
+            friction: [0.49, 0.07],
+            proximity: Some(Proximity {
+                rays: rays.collect(),
+                opposed: true,
+                start: 0.036,
+                range: 0.05,
+                response: [1.08212, -36.8961, 298.701],
+                noise: 0.05,
+            }),
+            light: Some(LightSensors {
+                angles: E_PUCK_ANGLES.map(half_turns).to_vec(),
+                reach: 2.5,
+                noise: 0.05,
+            }),
+            ground: Some(GroundSensors {
+                points: vec![[0.03, -0.009], [0.03, 0.0], [0.03, 0.009]],
+                noise: 0.05,
+            }),
+            links: Some(Links {
+                range: 0.7,
+                loss: 0.85,
+                offset: 7.0,
+            }),
+            around: None,
+            message: 0,
+            encoder_noise: 0.0,
+            compass_noise: 0.0,
+            outputs,
+        }
+    }
+
+    /// The model with this name.
+    pub(super) fn preset(name: &str) -> Option<Self> {
+        use Output::*;
+        match name {
+            "e-puck-rm1.1" => Some(Self::e_puck(vec![
+                Proximity,
+                Light,
+                GroundDrawn,
+                NeighboursSquashed,
+                AttractionParts,
+            ])),
+            "e-puck-rm1.2" => Some(Self::e_puck(vec![
+                ProximityVector,
+                LightDirection,
+                Ground,
+                Neighbours,
+                Attraction,
+                Random,
+            ])),
+            _ => {
+                let (_, text) = MODELS.iter().find(|(known, _)| *known == name)?;
+                let value = serde_saphyr::from_str::<Value>(text).ok()?;
+                model::read(&value).ok()
+            }
+        }
+    }
+}
+
+/// Models that are not files.
+const CODED: [&str; 2] = ["e-puck-rm1.1", "e-puck-rm1.2"];
+
+/// The names of all built-in models, as complaints list them.
+pub(super) fn names() -> String {
+    let models = MODELS.iter().map(|(name, _)| *name);
+    let names: Vec<_> = CODED.into_iter().chain(models).collect();
+    names.join(", ")
+}
