@@ -34,6 +34,7 @@ Overview:
     Experiment                  what is evolved, how, and where; from a file or a mapping
     optimize, resume            evolve a controller; go on with a run
     Run, Controller             results: record, plots, replays; a callable controller
+    transfer                    what candidates lose in other simulations
     sweep, compare              variants with several seeds, and statistical tests
     export_controller           a controller as C, C++, Python, MicroPython or ONNX, for robots
     export_bundle, verify_bundle  an archive to hand over, with proof; its check
@@ -57,6 +58,8 @@ if TYPE_CHECKING:
     from swarmwright.adapters.command import CommandSimulation
     from swarmwright.analysis.comparison import Comparison, compare
     from swarmwright.analysis.sweep.result import SweepResult, sweep
+    from swarmwright.analysis.transfer.result import Transfer
+    from swarmwright.analysis.transfer.transfer import transfer
     from swarmwright.evaluation.evaluate import evaluate, simulate
     from swarmwright.experiment.experiment import Experiment
     from swarmwright.export.bundle import Bundle, export_bundle
@@ -93,6 +96,7 @@ __all__ = [
     "Simulation",
     "SwarmwrightError",
     "SweepResult",
+    "Transfer",
     "Validation",
     "__version__",
     "callbacks",
@@ -107,6 +111,7 @@ __all__ = [
     "simulate",
     "sweep",
     "templates",
+    "transfer",
     "verify_bundle",
 ]
 
@@ -126,6 +131,7 @@ _LAZY = {
     "Run": "runs.run",
     "Simulation": "simulations.base",
     "SweepResult": "analysis.sweep.result",
+    "Transfer": "analysis.transfer.result",
     "Validation": "runs.validation",
     "compare": "analysis.comparison",
     "evaluate": "evaluation.evaluate",
@@ -137,6 +143,7 @@ _LAZY = {
     "resume": "optimization.optimize",
     "simulate": "evaluation.evaluate",
     "sweep": "analysis.sweep.result",
+    "transfer": "analysis.transfer.transfer",
     "verify_bundle": "export.bundle_verification",
 }
 

@@ -14,6 +14,7 @@ COMMANDS = (
     "resume",
     "sweep",
     "evaluate",
+    "transfer",
     "simulate",
     "replay",
     "plot",

@@ -70,7 +70,7 @@ def open_backend(
     if broker is None and wanted == "auto" and not visual and in_process_is_better(experiment):
         wanted = "local"
     if broker is None and wanted in HERE and not visual:
-        _require_here(experiment)
+        require_here(experiment)
         if wanted == "in-process" or not has_workers(experiment.simulation):
             yield _in_process(experiment, metrics)
             return
@@ -155,7 +155,7 @@ def open_servers(
         prepare(broker)
     if broker is not None and not isinstance(started, int):
         return broker, None
-    _require_here(experiment)
+    require_here(experiment)
     if experiment.simulation.startswith("__main__:"):
         raise InputError(
             f"simulation: {experiment.label} is defined in this session alone, where no server finds it; "
@@ -211,7 +211,8 @@ def _pool(
     )
 
 
-def _require_here(experiment: Experiment) -> None:
+def require_here(experiment: Experiment) -> None:
+    """Raise InputError unless the simulation can run in this process, with the requirements."""
     simulation = experiment.simulation
     if not catalogue.is_here(simulation):
         library, _, rest = simulation.partition(":")

@@ -1,5 +1,6 @@
 """Experiments: what is evolved, how, and where, checked and with every default filled in."""
 
+import dataclasses
 from collections.abc import Collection, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, fields
@@ -15,7 +16,7 @@ from swarmwright.core.yaml import Source, dump, read
 from swarmwright.experiment.budget import Budget
 from swarmwright.experiment.document import Faults, Requirements, Timeouts, Validate
 from swarmwright.experiment.fitness import FitnessExpression
-from swarmwright.experiment.settings import apply, parse_settings, restricted
+from swarmwright.experiment.settings import ANNOUNCED, apply, parse_settings, restricted
 from swarmwright.experiment.start_from import genomes_of
 from swarmwright.methods import METHODS, Method, MethodOptions
 from swarmwright.rankings import RANKINGS, Ranking, RankingOptions
@@ -109,6 +110,33 @@ class Experiment:
         object.__setattr__(changed, "path", self.path)
         return changed
 
+    def changed_by(self, path: Path, *, only: Collection[str], reason: str) -> Self:
+        """Return a copy with the keys that a file has.
+
+        Its parameters are added to these, unless it names another simulation.
+
+        Args:
+            path: of the file (YAML), whose lines messages name.
+            only: the keys that it may have.
+            reason: why no others, the end of a sentence.
+
+        Raises InputError with every problem, a line each.
+        """
+        source = read(path)
+        if not isinstance(source.values, Mapping):
+            raise InputError(f"{path}: expected a mapping with keys of an experiment such as 'simulation'")
+        others = [key for key in source.values if key not in only]
+        if others:
+            raise InputError("\n".join(f"{source.place((key,))}{reason}" for key in others))
+        values = self.to_mapping()
+        if source.values.get("simulation", self.simulation) != self.simulation:
+            for name in (*ANNOUNCED, "parameters"):
+                values.pop(name, None)
+        for key, value in source.values.items():
+            both = key == "parameters" and isinstance(value, Mapping)
+            values[key] = {**values.get(key, {}), **value} if both else value
+        return self._checked(dataclasses.replace(source, values=values), None)
+
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any]) -> Self:
         """Make an experiment of plain values, keys as in the file; `simulation` can be a class, too.
@@ -198,8 +226,7 @@ class Experiment:
         """
         values = self.to_mapping()
         if changes.get("simulation", self.simulation) != self.simulation:
-            # What the old simulation announced does not hold for the new one.
-            for name in ("sensors", "actuators", "requirements"):
+            for name in ANNOUNCED:
                 values.pop(name, None)
         for name, change in changes.items():
             old = values.get(name)

@@ -13,7 +13,7 @@ from swarmwright.experiment.document import DEFAULT_KINDS
 from swarmwright.simulations import catalogue
 
 _PART = re.compile(r'"(?P<quoted>[^"]+)"|(?P<plain>[^.\[\]"=]+)|\[(?P<index>\d+)\]')
-_ANNOUNCED = ("sensors", "actuators", "requirements")
+ANNOUNCED = ("sensors", "actuators", "requirements")
 """What another simulation announces differently."""
 _HINT = "write KEY=VALUE, such as method.generations=50 or 'controller.hidden=[8, 4]'"
 
@@ -50,7 +50,8 @@ def parse_settings(texts: Iterable[str]) -> list[Setting]:
     return settings
 
 
-def _setting(text: str) -> Setting:
+def key_path(text: str) -> tuple[tuple[str, ...], str]:
+    """Split `KEY.PATH=VALUE` into the parts of the key and the text of the value. Raises InputError."""
     path: list[str] = []
     at = 0
     while match := _PART.match(text, at):
@@ -63,13 +64,18 @@ def _setting(text: str) -> Setting:
         at += 1
     if not path or not text.startswith("=", at):
         raise InputError(_HINT)
+    return tuple(path), text[at + 1 :]
+
+
+def _setting(text: str) -> Setting:
+    path, value = key_path(text)
     try:
-        source = parse(text[at + 1 :], "")
+        source = parse(value, "")
     except InputError as error:
         raise InputError(re.sub(r"^:(\d+:)? *", "the value ", str(error))) from error
     for _, _, message in source.problems:
         raise InputError(f"the value is not plain YAML: {message}")
-    return Setting(tuple(path), source.values, f"--set {text}")
+    return Setting(path, source.values, f"--set {text}")
 
 
 def restricted(settings: Iterable[Setting], keys: Collection[str], reason: str) -> None:
@@ -118,7 +124,7 @@ def _other_simulation(source: Source, setting: Setting) -> None:
     if setting.value == source.values.get("simulation") or not isinstance(setting.value, str):
         return
     if catalogue.is_here(setting.value):
-        for name in _ANNOUNCED:
+        for name in ANNOUNCED:
             source.values.pop(name, None)
             _forget(source, (name,))
 

@@ -334,15 +334,20 @@ def _planned(experiment: Experiment, reader: StoreReader) -> _Plan | None:
         if count < max(_LEAST, ranking.episodes):
             return None
         most = max(1, min(most, affordable // count))
+    candidates = leading(experiment, reader, most)
+    seeds = unseen_seeds(experiment.first_seed, reader.used_seeds(), count, options.seed)
+    return _Plan(candidates, seeds, min(count, _TRIED[automatic]), reader.evaluation(0, 0))
+
+
+def leading(experiment: Experiment, reader: StoreReader, count: int) -> list[Evaluation]:
+    """Return the best evaluation of a run, and the next best ones of other controllers; at most `count`."""
     representation = experiment.representation()
-    candidates = reader.leading(
-        most,
-        last_only=ranking.reevaluate,
+    return reader.leading(
+        count,
+        last_only=experiment.ranking.reevaluate,
         by_instance=by_instance(experiment),
         key=lambda genome: json.dumps(representation.specification(genome), sort_keys=True),
     )
-    seeds = unseen_seeds(experiment.first_seed, reader.used_seeds(), count, options.seed)
-    return _Plan(candidates, seeds, min(count, _TRIED[automatic]), reader.evaluation(0, 0))
 
 
 def _differ(rows: list[NDArray[np.float64]]) -> bool:

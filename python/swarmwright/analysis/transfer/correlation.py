@@ -1,0 +1,50 @@
+"""Whether candidates keep their order from one simulation to another."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Values = NDArray[np.float64]
+_LEAST = 4
+"""Candidates from which on there is an interval of a rank correlation."""
+_Z = 1.959963984540054
+"""Of the standard normal distribution, 95 % are within +-_Z."""
+
+
+@dataclass(frozen=True)
+class Correlation:
+    """Spearman's rank correlation of candidates' mean fitness in two simulations, -1 to 1."""
+
+    rho: float
+    low: float | None
+    """Lower end of the 95 % confidence interval, after Bonett and Wright (2000), doi:10.1007/BF02294183; None
+    below four candidates."""
+    high: float | None
+    """Its upper end."""
+    candidates: int
+
+
+def rank_correlation(source: Sequence[float], target: Sequence[float]) -> Correlation | None:
+    """Return the rank correlation; None where fewer than three candidates, or none, differ."""
+    pairs = [(a, b) for a, b in zip(source, target, strict=True) if math.isfinite(a) and math.isfinite(b)]
+    one, other = (_ranks(np.array(values)) for values in zip(*pairs, strict=True)) if pairs else ((), ())
+    if len(pairs) < 3 or np.ptp(one) == 0 or np.ptp(other) == 0:
+        return None
+    rho = float(np.clip(np.corrcoef(one, other)[0, 1], -1, 1))
+    if len(pairs) < _LEAST:
+        return Correlation(rho, None, None, len(pairs))
+    if abs(rho) == 1.0:
+        return Correlation(rho, rho, rho, len(pairs))
+    reach = _Z * math.sqrt((1 + rho**2 / 2) / (len(pairs) - 3))
+    middle = math.atanh(rho)
+    return Correlation(rho, math.tanh(middle - reach), math.tanh(middle + reach), len(pairs))
+
+
+def _ranks(values: Values) -> Values:
+    """Return ranks from 0; equal values share the mean of theirs."""
+    ordered = np.sort(values)
+    low, high = (np.searchsorted(ordered, values, side=side) for side in ("left", "right"))
+    return (low + high - 1) / 2

@@ -1,0 +1,226 @@
+"""What came out of a transfer."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmwright.analysis.groups import RunGroup
+from swarmwright.analysis.significance import Difference, difference, holm
+from swarmwright.analysis.transfer.correlation import Correlation, rank_correlation
+from swarmwright.core.errors import InputError
+from swarmwright.core.files import write_text
+from swarmwright.core.statistics import Estimate, estimate
+from swarmwright.rankings import Ranking
+from swarmwright.runs.run import Run
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Values = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A candidate of a run, or a random one."""
+
+    generation: int | None
+    """None: a random controller, which evolution did not see."""
+    candidate: int
+    """Index among those of its generation, or among the random ones."""
+    recorded: float | None
+    """Fitness in the record, by which it was chosen; None of random ones."""
+
+    @property
+    def label(self) -> str:
+        """What it is called: generation and candidate, or random and its number."""
+        return (
+            f"random {self.candidate}" if self.generation is None else f"{self.generation}/{self.candidate}"
+        )
+
+
+@dataclass(frozen=True)
+class Transferred:
+    """The candidates of one run in one target."""
+
+    run: Run
+    target: str
+    candidates: tuple[Candidate, ...]
+    """The best of the run first, random ones last."""
+    source: Values
+    """(candidates, seeds) fitness of episodes in the run's own simulation, NaN where one failed."""
+    there: Values
+    """(candidates, seeds) fitness of episodes in the target, NaN where one failed."""
+    ranking: Ranking
+
+    @cached_property
+    def fitness(self) -> list[Estimate]:
+        """Mean fitness of each candidate in the run's own simulation, on held-out seeds."""
+        return [estimate(self._samples(row)) for row in self.source]
+
+    @cached_property
+    def fitness_there(self) -> list[Estimate]:
+        """Mean fitness of each candidate in the target."""
+        return [estimate(self._samples(row)) for row in self.there]
+
+    @cached_property
+    def losses(self) -> list[Estimate]:
+        """Mean fitness that each candidate loses, of pairs with the same seed; negative: it gains."""
+        return [
+            estimate([one - other for one, other in zip(*self._together(*row), strict=True)])
+            for row in zip(self.source, self.there, strict=True)
+        ]
+
+    @cached_property
+    def correlation(self) -> Correlation | None:
+        """Whether candidates keep their order; None of fewer than three."""
+        return rank_correlation(*([one.mean for one in of] for of in (self.fitness, self.fitness_there)))
+
+    @property
+    def failed(self) -> int:
+        """Episodes that failed in the target."""
+        return int(np.isnan(self.there).sum())
+
+    def _samples(self, episodes: Values) -> list[float]:
+        return list(self.ranking.samples(episodes[np.isfinite(episodes)].tolist()))
+
+    def _together(self, one: Values, other: Values) -> tuple[list[float], list[float]]:
+        """Return the fitness of the seeds that failed in neither."""
+        both = np.isfinite(one) & np.isfinite(other)
+        return self._samples(one[both]), self._samples(other[both])
+
+
+@dataclass(frozen=True)
+class DesignLoss:
+    """The best candidates of runs that differ in the seed alone, in one target."""
+
+    label: str
+    """What distinguishes these runs from the others."""
+    target: str
+    fitness: Values
+    """(runs,) mean fitness of the best candidate of each run in its own simulation."""
+    there: Values
+    """(runs,) the same in the target."""
+    losses: Values
+    """(runs,) their differences: fitness minus there."""
+
+
+@dataclass(frozen=True)
+class DesignPair:
+    """Two designs, and whether one loses more."""
+
+    first: DesignLoss
+    second: DesignLoss
+    difference: Difference
+    """Of the losses, the first's against the second's; more is worse."""
+    p_holm: float
+    """p, corrected for the number of pairs of this target after Holm."""
+
+
+@dataclass(frozen=True)
+class Transfer:
+    """Candidates of runs in other simulations; made by `swarmwright.transfer`.
+
+    `print(result)` shows it as tables, `figure()` as a picture, `to_mapping()` as plain values, and
+    `export(path)` writes every episode.
+    """
+
+    seeds: tuple[int, ...]
+    """Simulation seed of each episode."""
+    targets: tuple[str, ...]
+    runs: tuple[Transferred, ...]
+    """One for each run and target, run by run."""
+    groups: tuple[RunGroup, ...]
+    """Runs that differ in the seed alone."""
+    notes: tuple[str, ...]
+    """Caveats, a sentence each."""
+
+    @cached_property
+    def designs(self) -> tuple[DesignLoss, ...]:
+        """The losses of each group of runs, by the best of each run, target by target."""
+        found = []
+        for target in self.targets:
+            of = {str(one.run.path): one for one in self.runs if one.target == target}
+            for group in self.groups:
+                members = [of[str(run.path)] for run in group.runs]
+                columns = np.array(
+                    [(one.fitness[0].mean, one.fitness_there[0].mean, one.losses[0].mean) for one in members]
+                ).T
+                found.append(DesignLoss(group.label, target, *columns))
+        return tuple(found)
+
+    @cached_property
+    def pairs(self) -> tuple[DesignPair, ...]:
+        """Every design against every later one, target by target."""
+        found: list[DesignPair] = []
+        for target in self.targets:
+            designs = [one for one in self.designs if one.target == target]
+            pairs = list(combinations(designs, 2))
+            differences = [difference(one.losses, other.losses) for one, other in pairs]
+            corrected = holm([one.p for one in differences])
+            found += [
+                DesignPair(one, other, of, p)
+                for (one, other), of, p in zip(pairs, differences, corrected, strict=True)
+            ]
+        return tuple(found)
+
+    def __str__(self) -> str:
+        from swarmwright.analysis.transfer.table import table
+
+        return table(self)
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Return everything as plain values, for JSON."""
+        from swarmwright.analysis.transfer.table import to_mapping
+
+        return to_mapping(self)
+
+    def figure(self) -> "Figure":
+        """Return a matplotlib figure: for each target, fitness there over fitness in the run's simulation."""
+        from swarmwright.figures.transfer import draw
+
+        return draw(self)
+
+    def plot(self, path: str | Path) -> Path:
+        """Draw `figure` into a file (.png, .svg or .pdf); return its path.
+
+        Raises InputError for another ending or a file that cannot be written.
+        """
+        from swarmwright.figures.style import save
+
+        return save(self.figure(), Path(path))
+
+    def export(self, path: str | Path) -> None:
+        """Write every episode as a table, .csv.
+
+        Columns: run, target, generation, candidate (generation empty: a random one), seed, fitness in the
+        run's own simulation and in the target (nan where the episode failed).
+
+        Raises InputError for another ending, and when the file cannot be written.
+        """
+        check_table(Path(path))
+        lines = ["run,target,generation,candidate,seed,fitness,fitness_in_target"]
+        for one in self.runs:
+            for candidate, source, there in zip(one.candidates, one.source, one.there, strict=True):
+                generation = "" if candidate.generation is None else str(candidate.generation)
+                whose = f"{_cell(str(one.run.path))},{_cell(one.target)},{generation},{candidate.candidate}"
+                lines += [
+                    f"{whose},{seed},{here!r},{away!r}"
+                    for seed, here, away in zip(self.seeds, source.tolist(), there.tolist(), strict=True)
+                ]
+        write_text(path, "\n".join([*lines, ""]))
+
+
+def check_table(path: Path) -> None:
+    """Raise InputError unless the table of a transfer can have this name."""
+    if path.suffix.lower() != ".csv":
+        raise InputError(f"{path}: the table of a transfer ends with .csv")
+
+
+def _cell(text: str) -> str:
+    quoted = text.replace('"', '""')
+    return f'"{quoted}"' if any(one in text for one in ',"\n') else text

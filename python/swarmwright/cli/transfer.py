@@ -1,0 +1,151 @@
+"""`swarmwright transfer`: what candidates lose in other simulations."""
+
+from pathlib import Path
+
+import click
+
+from swarmwright.cli._commands import Command
+from swarmwright.cli._options import (
+    ExistingPath,
+    Servers,
+    WholeNumber,
+    broker_option,
+    json_option,
+    servers_option,
+    trust_option,
+)
+from swarmwright.cli._output import Output, show_warnings
+from swarmwright.cli._server_output import server_output_option
+
+
+@click.command(
+    "transfer",
+    cls=Command,
+    example="swarmwright transfer runs/minisim-1 --vary parameters.speedDefenders=0.2..0.8\n"
+    "swarmwright transfer runs/nnga-* runs/cma-* --to gazebo,stage.yaml --seeds 50 --out transfer.png",
+)
+@click.argument("runs", type=ExistingPath(folder=None), metavar="RUN...", nargs=-1, required=True)
+@click.option(
+    "--to",
+    "targets",
+    multiple=True,
+    metavar="NAME,..",
+    help="Simulations with the same sensors and actuators, as experiments name them, or files (.yaml) with "
+    "the keys of the experiment that differ: simulation, parameters, fitness, servers, broker. May be "
+    "repeated.",
+)
+@click.option(
+    "--vary",
+    multiple=True,
+    metavar="KEY=LOW..HIGH",
+    help="Evaluate in models of the run's own simulation too, in which this parameter has random values from "
+    "LOW to HIGH, another model for each seed (pseudo-reality). May be repeated.",
+)
+@click.option(
+    "--candidates",
+    type=WholeNumber(min=1, max=100_000),
+    metavar="K",
+    default=10,
+    show_default=True,
+    help="How many of the best candidates of each run, with different controllers.",
+)
+@click.option(
+    "--random",
+    type=WholeNumber(min=0, max=100_000),
+    metavar="K",
+    default=0,
+    show_default=True,
+    help="How many random controllers beside them.",
+)
+@click.option(
+    "--seeds",
+    type=WholeNumber(min=2, max=1_000_000),
+    metavar="N",
+    default=30,
+    show_default=True,
+    help="Episodes of each candidate in each simulation, with held-out seeds, the same for all.",
+)
+@click.option(
+    "--seed",
+    type=WholeNumber(min=0, max=2**62),
+    metavar="S",
+    help="Simulation seed of the first of them; the others have S + 1, S + 2, .. Default: seeds that no RUN "
+    "used.",
+)
+@click.option(
+    "--out",
+    "file",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE",
+    help="Draw fitness there over fitness here: .png, .svg or .pdf.",
+)
+@click.option(
+    "--csv",
+    "table",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE",
+    help="Write every episode as a table.",
+)
+@broker_option(
+    default=None,
+    text="Use the servers on this broker, also for targets that do not name another one. Default: the runs'.",
+)
+@servers_option
+@server_output_option
+@trust_option
+@json_option
+def command(
+    runs: tuple[Path, ...],
+    targets: tuple[str, ...],
+    vary: tuple[str, ...],
+    candidates: int,
+    random: int,
+    seeds: int,
+    seed: int | None,
+    file: Path | None,
+    table: Path | None,
+    broker: str | None,
+    servers: Servers | None,
+    as_json: bool,
+) -> None:
+    """Evaluate the best candidates of each RUN in other simulations, and print what they lose.
+
+    Runs that differ in the seed alone are one design; with several designs, their losses are compared
+    (Mann-Whitney, with the effect's size).
+    """
+    from swarmwright import transfer
+    from swarmwright.analysis.transfer.result import check_table
+    from swarmwright.analysis.transfer.targets import Range
+    from swarmwright.cli._comparison import run_folders
+    from swarmwright.figures import style
+
+    output = Output(as_json=as_json)
+    show_warnings()
+    names = [name.strip() for text in targets for name in text.split(",") if name.strip()]
+    if not names and not vary:
+        raise click.UsageError(
+            "nothing to transfer to: name simulations with --to, or parameters with --vary KEY=LOW..HIGH."
+        )
+    if file is not None:
+        style.check(file)
+    if table is not None:
+        check_table(table)
+    found = transfer(
+        run_folders(runs),
+        names,
+        vary=[Range.parse(text) for text in vary],
+        candidates=candidates,
+        random=random,
+        seeds=seeds,
+        seed=seed,
+        broker=broker,
+        servers=servers,
+    )
+    output.block(str(found))
+    output.json(found.to_mapping())
+    if table is not None:
+        found.export(table)
+        output.text(f"Every episode is in {table}")
+    if file is not None:
+        found.plot(file)
+        output.text(f"The figure is in {file}")

@@ -1,0 +1,66 @@
+"""The figure of a transfer: fitness in each target over fitness in the run's own simulation."""
+
+import textwrap
+from typing import TYPE_CHECKING
+
+from swarmwright.figures.style import INK, SOFT, dress, look, new_figure
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from swarmwright.analysis.transfer.result import Transfer, Transferred
+
+_LABEL = 34
+"""Characters in a line of the legend."""
+
+
+def draw(transfer: "Transfer") -> "Figure":
+    """Return the figure: a field for each target, a point for each candidate, with 95 % intervals."""
+    count = len(transfer.targets)
+    figure = new_figure(1.0 + 4.6 * count, 5.6)
+    fields = figure.subplots(1, count, squeeze=False)[0]
+    group_of = {str(run.path): index for index, group in enumerate(transfer.groups) for run in group.runs}
+    for axes, target in zip(fields, transfer.targets, strict=True):
+        for one in transfer.runs:
+            if one.target == target:
+                _points(axes, one, group_of[str(one.run.path)])
+        low, high = (
+            min(axes.get_xlim()[0], axes.get_ylim()[0]), max(axes.get_xlim()[1], axes.get_ylim()[1])
+        )  # fmt: skip
+        axes.plot([low, high], [low, high], color=SOFT, linewidth=1, linestyle=":", zorder=1)
+        axes.set_xlim(low, high)
+        axes.set_ylim(low, high)
+        axes.set_aspect("equal")
+        own = sorted({one.run.experiment.label for one in transfer.runs})
+        dress(axes, x=f"fitness in {', '.join(own)}", y=f"fitness in {target}")
+        axes.set_title("dotted: nothing is lost", loc="left", fontsize=10, color=SOFT)
+    handles = []
+    for index, group in enumerate(transfer.groups):
+        label = "\n".join(textwrap.wrap(f"{group.label} ({len(group.runs)})", _LABEL))
+        handles.append(fields[0].plot([], [], "o", color=look(index)[0], label=label)[0])
+    if any(candidate.generation is None for one in transfer.runs for candidate in one.candidates):
+        handles.append(
+            fields[0].plot([], [], "o", color=SOFT, markerfacecolor="none", label="random controllers")[0]
+        )
+    legend = figure.legend(
+        handles=handles, loc="outside lower left", ncols=2, fontsize=10, frameon=False, labelcolor=INK
+    )
+    for text in legend.get_texts():
+        text.set_parse_math(False)
+    return figure
+
+
+def _points(axes: "Axes", one: "Transferred", group: int) -> None:
+    color, _ = look(group)
+    for index, (candidate, here, there) in enumerate(
+        zip(one.candidates, one.fitness, one.fitness_there, strict=True)
+    ):
+        random = candidate.generation is None
+        across, up = (0.0 if of.low is None else of.mean - of.low for of in (here, there))
+        axes.errorbar(
+            here.mean, there.mean, up, across, fmt="o",
+            markersize=7 if index == 0 else 4, color=SOFT if random else color,
+            markerfacecolor="none" if random else color, alpha=0.9 if index == 0 else 0.6, linewidth=0.8,
+            zorder=3 if index == 0 else 2,
+        )  # fmt: skip

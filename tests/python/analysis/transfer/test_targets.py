@@ -1,0 +1,125 @@
+"""What candidates are transferred to."""
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from swarmwright import Experiment, InputError
+from swarmwright.analysis.transfer.targets import OtherSimulation, PseudoReality, Range, targets_of
+
+EXPERIMENT = Experiment.from_mapping(
+    {"simulation": "minisim", "parameters": {"speedDefenders": 0.5}, "servers": "local"}
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "path", "low", "high"),
+    [
+        ("parameters.a=0.4..0.8", ("parameters", "a"), 0.4, 0.8),
+        ("parameters.a=1..3", ("parameters", "a"), 1, 3),
+        ("parameters.a = -1e-3..2".replace(" ", ""), ("parameters", "a"), -1e-3, 2),
+        ("parameters.a.0.b=.5...7", ("parameters", "a", "0", "b"), 0.5, 0.7),
+        ("parameters.a=5. .. 7.5", ("parameters", "a"), 5.0, 7.5),
+        ('parameters."a.b"=-2..-1', ("parameters", "a.b"), -2, -1),
+    ],
+)
+def test_ranges_are_read(text: str, path: tuple[str, ...], low: float, high: float) -> None:
+    found = Range.parse(text)
+    assert (found.path, found.low, found.high) == (path, low, high)
+    assert (type(found.low), type(found.high)) == (type(low), type(high))
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("parameters.a=0.4", "write KEY=LOW..HIGH, such as parameters.speedDefenders=0.4..0.8"),
+        ("parameters.a", "write KEY=VALUE"),
+        ("parameters.a=low..high", "'low' is not a number"),
+        ("parameters.a=0..nan", "'nan' is not a number"),
+        ("parameters.a=0..inf", "'inf' is not a number"),
+        ("parameters.a=2..1", "the first is greater than the second"),
+        ("method.severity=0..1", "only parameters of the simulation can be varied"),
+        ("parameters.seed=0..1", "every episode has a seed of its own anyway"),
+    ],
+)
+def test_what_is_no_range_is_refused(text: str, said: str) -> None:
+    with pytest.raises(InputError, match="^--vary .*" + said.replace(".", r"\.")):
+        Range.parse(text)
+
+
+@given(st.integers(-5, 5), st.integers(0, 9), st.floats(0, 1, exclude_max=True))
+def test_values_are_within(low: int, width: int, share: float) -> None:
+    whole = Range(("parameters", "a"), low, low + width).at(share)
+    assert isinstance(whole, int)
+    assert low <= whole <= low + width
+    assert low <= Range(("parameters", "a"), float(low), low + width).at(share) <= low + width
+
+
+def test_models_are_the_same_for_all_runs_and_each_differs() -> None:
+    target = PseudoReality((Range(("parameters", "speedDefenders"), 0.2, 0.9),))
+    models = [one.parameters["speedDefenders"] for one in target.experiments(EXPERIMENT, 40)]
+    assert len(set(models)) == 40
+    assert min(models) < 0.3
+    assert max(models) > 0.8
+    other = target.experiments(EXPERIMENT.replace(seed=9), 50)
+    assert [one.parameters["speedDefenders"] for one in other[:40]] == models
+    assert {one.seed for one in other} == {9}
+
+
+def test_a_file_changes_the_keys_that_it_has(tmp_path: Path) -> None:
+    path = tmp_path / "faster.yaml"
+    path.write_text("parameters: {numDefenders: 2}\nservers: in-process\n")
+    target = OtherSimulation(str(path))
+    (changed,) = target.experiments(EXPERIMENT, 30)
+    expected = EXPERIMENT.replace(parameters={"numDefenders": 2}, servers="in-process")
+    assert changed == expected
+    assert target.places
+    path.write_text("simulation: minisim\n")
+    assert not OtherSimulation(str(path)).places
+    assert target.experiments(EXPERIMENT, 30) == [EXPERIMENT]
+
+
+def test_another_simulation_has_its_own_parameters(tmp_path: Path) -> None:
+    path = tmp_path / "stadium.yaml"
+    path.write_text("simulation: emergency_exit\nparameters:\n  numAgents: 3\n")
+    (changed,) = OtherSimulation(str(path)).experiments(EXPERIMENT, 30)
+    assert changed.parameters == {"numAgents": 3}
+    assert changed.sensors != EXPERIMENT.sensors
+
+
+def test_a_simulation_on_a_broker_has_the_sensors_of_the_run() -> None:
+    target = OtherSimulation("gazebo")
+    (changed,) = target.experiments(EXPERIMENT.replace(servers=None, broker="mqtt://localhost"), 30)
+    assert (changed.sensors, changed.actuators) == (EXPERIMENT.sensors, EXPERIMENT.actuators)
+    assert (changed.simulation, changed.parameters) == ("gazebo", EXPERIMENT.parameters)
+
+
+def test_mistakes_in_a_file_have_its_lines(tmp_path: Path) -> None:
+    path = tmp_path / "wrong.yaml"
+    target = OtherSimulation(str(path))
+    path.write_text("parameters:\n  speedDefender: 1\n")
+    with pytest.raises(InputError, match=r"wrong\.yaml:2: parameters\.speedDefender: .*did you mean"):
+        target.experiments(EXPERIMENT, 30)
+    path.write_text("simulation: minisim\nmethod: nnga\nseed: 3\n")
+    with pytest.raises(InputError) as found:
+        target.experiments(EXPERIMENT, 30)
+    assert [line.split(":")[1:3] for line in str(found.value).splitlines()] == [
+        ["2", " method"], ["3", " seed"],
+    ]  # fmt: skip
+    path.write_text("- 1\n")
+    with pytest.raises(InputError, match="expected a mapping"):
+        target.experiments(EXPERIMENT, 30)
+
+
+def test_there_is_something_to_transfer_to_and_only_once() -> None:
+    assert [one.name for one in targets_of(["a", "b"], {"parameters.x": (0, 1)}, 0)] == [
+        "a", "b", "pseudo-reality",
+    ]  # fmt: skip
+    with pytest.raises(InputError, match="nothing to transfer to"):
+        targets_of([], {}, 0)
+    with pytest.raises(InputError, match="a is named twice"):
+        targets_of(["a", "b", "a"], {}, 0)
+    with pytest.raises(InputError, match=r"vary: parameters\.x: expected a key and the lowest and highest"):
+        targets_of([], {"parameters.x": (0, 1, 2)}, 0)
