@@ -1,22 +1,36 @@
 //! Probabilistic finite-state machines, and behaviour trees, of given behaviours and conditions.
 
-mod catalogue;
+mod behaviours;
+mod conditions;
 mod lanes;
 mod random;
 mod read;
 
 use super::Kind;
 use crate::SpecificationError;
-use crate::functions::sigmoid;
 use crate::reader::Reader;
-use catalogue::{BEHAVIOURS, Behaviour, CONDITIONS, Condition, Ground, names};
+use conditions::probability;
 use random::Random;
 use serde::Serialize;
 
+/// Names of modules, in the order of their numbers.
+macro_rules! names {
+    ($modules:expr) => {{
+        let mut names = [""; $modules.len()];
+        let mut index = 0;
+        while index < names.len() {
+            names[index] = $modules[index].name;
+            index += 1;
+        }
+        names
+    }};
+}
+use names;
+
 /// Names of the behaviours, in the order of their numbers.
-pub const BEHAVIOUR_NAMES: [&str; BEHAVIOURS.len()] = names(&BEHAVIOURS);
+pub const BEHAVIOUR_NAMES: [&str; behaviours::COUNT] = behaviours::NAMES;
 /// Names of the conditions, in the order of their numbers.
-pub const CONDITION_NAMES: [&str; CONDITIONS.len()] = names(&CONDITIONS);
+pub const CONDITION_NAMES: [&str; conditions::COUNT] = conditions::NAMES;
 
 /// Numbers in: see [`Sensed`].
 const SENSORS: usize = 9;
@@ -34,14 +48,14 @@ const OF_TRANSITION: usize = 5;
 /// Lowest and highest value of each weight of a state, and whether its fraction counts; then of a transition. A number of states or
 /// transitions is limited further by the specification, and a target by the number of states.
 const STATE_LIMITS: [(f32, f32, bool); OF_STATE] = [
-    (0.0, (BEHAVIOURS.len() - 1) as f32, false),
+    (0.0, (behaviours::COUNT - 1) as f32, false),
     (1.0, 100.0, false),
     (1.0, 5.0, false),
     (0.0, MOST_TRANSITIONS as f32, false),
 ];
 const TRANSITION_LIMITS: [(f32, f32, bool); OF_TRANSITION] = [
     (0.0, MOST_STATES as f32, false),
-    (0.0, (CONDITIONS.len() - 1) as f32, false),
+    (0.0, (conditions::COUNT - 1) as f32, false),
     (0.0, 1.0, true),
     (1.0, 10.0, false),
     (0.0, 20.0, true),
@@ -130,8 +144,7 @@ impl Modules {
             if random.unit(index) < probability(&row[OF_STATE..], sensed) {
                 *turn = 0.0;
             } else {
-                let behaviour = BEHAVIOURS[limited(row[0], STATE_LIMITS[0]) as usize].1;
-                return (index, act(behaviour, row, sensed, turn, random));
+                return (index, act(row, sensed, turn, random));
             }
         }
         *turn = 0.0;
@@ -171,84 +184,12 @@ impl Sensed {
         let [x, y] = self.proximity;
         (x * x + y * y).sqrt() >= NEAR && x >= 0.0
     }
-
-    fn is_on(&self, ground: Ground) -> bool {
-        let (black, white) = (self.ground <= BLACK, self.ground >= WHITE);
-        match ground {
-            Ground::Black => black,
-            Ground::Grey => !black && !white,
-            Ground::White => white,
-        }
-    }
 }
 
-/// Wheels that turn the robot towards a vector: the outer one at full speed.
-fn follow(x: f32, y: f32) -> [f32; 2] {
-    let length = (x * x + y * y).sqrt();
-    let short = length < SHORT;
-    let (x, y) = if short { (1.0, 0.0) } else { (x, y) };
-    let length = if short { 1.0 } else { length };
-    let inner = x / length;
-    let inner = if inner.is_nan() { 0.0 } else { inner };
-    let inner = if inner > 1.0 { 1.0 } else { inner };
-    let inner = if inner < -1.0 { -1.0 } else { inner };
-    if y > 0.0 { [inner, 1.0] } else { [1.0, inner] }
-}
-
-/// What a behaviour does, and how many more steps the robot turns: to the left above 0, to the right below.
-fn act(
-    behaviour: Behaviour,
-    row: &[f32],
-    sensed: &Sensed,
-    turn: &mut f32,
-    random: &Random<u32>,
-) -> [f32; 2] {
-    match behaviour {
-        Behaviour::Stop => [0.0, 0.0],
-        Behaviour::Explore if *turn > 0.0 => {
-            *turn -= 1.0;
-            [-1.0, 1.0]
-        }
-        Behaviour::Explore if *turn < 0.0 => {
-            *turn += 1.0;
-            [1.0, -1.0]
-        }
-        Behaviour::Explore => {
-            if sensed.obstacle_ahead() {
-                // Not at all is as long as once.
-                let steps = random.turn(limited(row[1], STATE_LIMITS[1]) as u32).max(1) as f32;
-                *turn = if sensed.proximity[1] < 0.0 {
-                    steps
-                } else {
-                    -steps
-                };
-            }
-            [1.0, 1.0]
-        }
-        Behaviour::Follow(pull) => {
-            let alpha = limited(row[2], STATE_LIMITS[2]);
-            let neighbours = (pull.neighbours + pull.squared * alpha) * alpha;
-            let sum = |axis: usize| {
-                pull.light * sensed.light[axis]
-                    + neighbours * sensed.attraction[axis]
-                    + pull.obstacles * sensed.proximity[axis]
-            };
-            follow(sum(0), sum(1))
-        }
-    }
-}
-
-/// The probability that a transition may be made.
-fn probability(transition: &[f32], sensed: &Sensed) -> f32 {
-    let of = |index: usize| limited(transition[index], TRANSITION_LIMITS[index]);
-    let neighbours = |sign: f32| sigmoid(of(4) * (sign * (sensed.neighbours - of(3))));
-    match CONDITIONS[of(1) as usize].1 {
-        Condition::Ground(ground) if sensed.is_on(ground) => of(2),
-        Condition::Ground(_) => 0.0,
-        Condition::Neighbours => neighbours(1.0),
-        Condition::FewNeighbours => neighbours(-1.0),
-        Condition::Fixed => of(2),
-    }
+/// What the behaviour of a state does.
+fn act(row: &[f32], sensed: &Sensed, turn: &mut f32, random: &Random<u32>) -> [f32; 2] {
+    let number = limited(row[0], STATE_LIMITS[0]) as usize;
+    behaviours::act(number, row, sensed, turn, random)
 }
 
 impl Kind for Modules {
@@ -304,8 +245,7 @@ impl Kind for Modules {
             return;
         }
         let row = &weights[1 + *current as usize * self.row_length()..][..self.row_length()];
-        let behaviour = BEHAVIOURS[limited(row[0], STATE_LIMITS[0]) as usize].1;
-        actuators.copy_from_slice(&act(behaviour, row, &sensed, turn, &random));
+        actuators.copy_from_slice(&act(row, &sensed, turn, &random));
         if *settled == 0.0 {
             *settled = 1.0;
             return;
