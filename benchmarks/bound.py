@@ -2,8 +2,9 @@
 
 The counts below are those of the algorithm for one agent-step of one vector of lanes, read off the sources
 named, each arithmetic operation of a vector once; moving data between registers and memory is not counted,
-except for what lanes must read and write one by one. `benchmarks/peak` measures how many of each kind the
-processor does in a nanosecond.
+except for what lanes must read and write one by one. In the arena, what is done depends on where robots are:
+`engine/arena/examples/operations` computes the same episodes with lanes that count. `benchmarks/peak`
+measures how many operations of each kind the processor does in a nanosecond.
 """
 
 import copy
@@ -11,12 +12,15 @@ import json
 import subprocess
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
+from benchmarks import arena
 from benchmarks.measurement import Samples
 from benchmarks.rollout import Block, minisim, stadium
 
-FOLDER = Path(__file__).parent / "peak"
-BINARY = FOLDER / "target" / "release" / "peak"
+PEAK = Path(__file__).parent / "peak"
+ENGINE = Path(__file__).parents[1] / "engine"
+CARGO = ("cargo", "run", "--quiet", "--manifest-path")
 
 
 @dataclass(frozen=True)
@@ -64,17 +68,46 @@ EMERGENCY_EXIT = {
 agents need that do move is left out, since most are in each other's way; so the bound is rather too low."""
 
 
-def build() -> None:
-    """Compile the measurement of the peak."""
-    command = ["cargo", "build", "--release", "--quiet", "--manifest-path", str(FOLDER / "Cargo.toml")]
-    subprocess.run(command, check=True)
+ARENA = {"EvoStick": (arena.evostick, "e-puck-rm1.1"), "modules": (arena.machines, "e-puck-rm1.2")}
+"""Controllers and robots of the arena whose operations are counted."""
+
+
+def _printed(*command: str, text: str = "") -> dict[str, Any]:
+    """Return the object that a measurement in Rust prints, compiling it before."""
+    done = subprocess.run([*CARGO, *command], input=text, check=True, stdout=subprocess.PIPE, text=True)
+    printed: dict[str, Any] = json.loads(done.stdout)
+    return printed
 
 
 def peak() -> dict[str, float]:
     """Operations per nanosecond of one core by kind, best instruction set; and `lanes` of a vector."""
-    result = subprocess.run([str(BINARY)], check=True, capture_output=True, text=True, timeout=60)
-    rates: dict[str, float] = json.loads(result.stdout)
-    return rates
+    return _printed(str(PEAK / "Cargo.toml"), "--release")
+
+
+def counted(name: str, candidates: int) -> Count:
+    """Return the operations of a robot-step of 16 lanes in whole missions; the mean of some candidates.
+
+    Integers take the units of numbers.
+    """
+    make, robot = ARENA[name]
+    architecture, genomes = make(candidates)
+    work = {
+        "parameters": {"mission": "aac", "robot": robot},
+        "architecture": architecture,
+        "genomes": genomes.ravel().tolist(),
+        "seeds": [0],
+    }
+    found = _printed(
+        str(ENGINE / "Cargo.toml"),
+        "-p",
+        "swarmwright-arena",
+        "--example",
+        "operations",
+        text=json.dumps(work),
+    )
+    steps = found["vectors"] * arena.ROBOTS * arena.TICKS
+    each = {kind: round(found[kind] / steps) for kind in ("divide", "square_root", "scalar_load")}
+    return Count(vector=round((found["vector"] + found["integer"]) / steps), **each)
 
 
 def bounds(count: Count, rates: dict[str, float], lanes: int) -> tuple[float, float]:
@@ -113,14 +146,15 @@ class BoundSuite:
     """Nanoseconds of a vector's agent-step, and what share of them the bound is."""
 
     def __init__(self, scale: int = 1) -> None:
-        build()
         self._blocks = {
             "Minisim": (*endless_minisim(8_192 // scale), sum(MINISIM.values(), Count())),
             "Emergency Exit": (*endless_stadium(2_048 // scale), sum(EMERGENCY_EXIT.values(), Count())),
         }
+        self._arena = {f"arena, {name}": (name, counted(name, 512 // scale)) for name in ARENA}
+        self._candidates = 512 // scale
         self._rates: dict[str, Samples] = {}
         self._figures: dict[str, tuple[Samples, Samples, Samples]] = {}
-        for name in self._blocks:
+        for name in (*self._blocks, *self._arena):
             taken = Samples(f"{name}, a vector's agent-step", "ns")
             self._figures[name] = (
                 taken,
@@ -136,11 +170,18 @@ class BoundSuite:
             samples = self._rates.setdefault(kind, Samples(f"peak, {kind}", "operations/ns"))
             samples.add(rates[kind])
         for name, (block, agent_steps, count) in self._blocks.items():
-            taken, at_once, in_turn = self._figures[name]
             seconds = min(block.time().processor for _ in range(3))
-            taken.add(seconds / agent_steps * lanes * 1e9)
-            for samples, bound in zip((at_once, in_turn), bounds(count, rates, lanes), strict=True):
-                samples.add(bound)
+            self._add(name, seconds / agent_steps * lanes * 1e9, bounds(count, rates, lanes))
+        for name, (kind, count) in self._arena.items():
+            make, robot = ARENA[kind]
+            parameters = {"mission": "aac", "robot": robot}
+            steps = arena.ROBOTS * arena.TICKS
+            rate = arena.robot_steps(parameters, make(self._candidates), steps, "auto")
+            self._add(name, lanes / rate * 1e9, bounds(count, rates, lanes))
+
+    def _add(self, name: str, taken: float, bounds: tuple[float, float]) -> None:
+        for samples, value in zip(self._figures[name], (taken, *bounds), strict=True):
+            samples.add(value)
 
     def samples(self) -> list[Samples]:
         """Everything measured, in the order of the table."""

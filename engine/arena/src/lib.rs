@@ -36,6 +36,7 @@ use metrics::Tally;
 pub use mission::{MissionInfo, missions};
 use settings::{MOST_ROBOTS, Settings};
 use swarm::Swarm;
+use swarmwright_lanes::Lanes;
 use swarmwright_simulation::block::{self, Create};
 use swarmwright_simulation::{
     Block, Description, Determinism, Means, MetricInfo, ParameterError, ParameterInfo, Parameters,
@@ -48,6 +49,15 @@ use swarmwright_simulation::{
 /// Parameters that are refused, weights that are no numbers.
 pub fn evaluate(block: &Block<'_>, means: Means, create: Create) -> Result<Vec<f64>, RolloutError> {
     block::evaluate::<ArenaLanes>(block, means, create)
+}
+
+/// Evaluates a block in this thread with lanes of one's own: what counts operations has some. None where episodes are not
+/// computed in lanes.
+///
+/// # Errors
+/// As [`evaluate`].
+pub fn evaluate_in<L: Lanes>(block: &Block<'_>) -> Result<Option<Vec<f64>>, RolloutError> {
+    block::evaluate_in::<L, ArenaLanes>(block)
 }
 
 /// The simulation; see the module for its arithmetic.

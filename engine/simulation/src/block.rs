@@ -346,6 +346,26 @@ pub fn evaluate<W: LaneWorld>(
     one_by_one(block, means, create)
 }
 
+/// Evaluates a block in this thread with lanes of one's own, as measurements have them; none where the simulation does
+/// not compute these episodes in lanes.
+///
+/// # Errors
+/// As [`evaluate`].
+pub fn evaluate_in<L: Lanes, W: LaneWorld>(
+    block: &Block<'_>,
+) -> Result<Option<Vec<f64>>, RolloutError> {
+    let Some(world) = W::new(block)? else {
+        return Ok(None);
+    };
+    let mut results = vec![0.0; block.len() * block.numbers()];
+    if !world.part::<L>(block, 0, &mut results)
+        && let Some(error) = block.not_finite()
+    {
+        return Err(error);
+    }
+    Ok(Some(results))
+}
+
 /// Makes a simulation at the start of an episode with default parameters.
 pub type Create = fn() -> Box<dyn Simulation>;
 
