@@ -9,6 +9,7 @@
 use swarmwright_lanes::{Lanes, Mask, Number, number};
 
 use super::contact::{Contact, PART, PairContact, WallContact, square, to_face};
+use super::objects::Objects;
 use super::place::Place;
 use super::robot::Robot;
 use super::senses::Close;
@@ -18,12 +19,14 @@ use super::swarm::{Bodies, SUBSTEP, SUBSTEPS};
 const PARTS: usize = 5;
 /// How often drives and contacts are solved in a part.
 const PASSES: usize = 2;
+/// The same where there are objects, which are heavier.
+const PASSES_WITH_OBJECTS: usize = 4;
 
 /// A robot that something may touch in the tick.
 #[derive(Clone, Copy)]
-struct Moved<L> {
-    at: [Number<L>; 2],
-    velocity: [Number<L>; 2],
+pub(super) struct Moved<L> {
+    pub at: [Number<L>; 2],
+    pub velocity: [Number<L>; 2],
     /// The velocity before this part, how far the drive alone gets in it, and what the drive gives.
     before: [Number<L>; 2],
     free: [Number<L>; 2],
@@ -96,6 +99,8 @@ impl<L: Lanes> Contacts<L> {
         self.near.fill(L::Mask::from_bits(0));
         self.find_pairs(bodies, &close.robots, robot);
         self.find_walls(bodies, &close.faces, robot, place);
+        let mut objects = std::mem::take(&mut bodies.objects);
+        objects.find(bodies, robot, place, &mut self.near);
         self.involved.clear();
         for index in 0..bodies.len() {
             if self.near[index].any() {
@@ -106,12 +111,14 @@ impl<L: Lanes> Contacts<L> {
             }
         }
         self.move_freely(bodies, robot);
-        if self.involved.is_empty() {
+        if self.involved.is_empty() && !objects.awake() {
+            bodies.objects = objects;
             return;
         }
         for _ in 0..PARTS {
-            self.part(bodies, robot);
+            self.part(bodies, &mut objects, robot, place);
         }
+        bodies.objects = objects;
         for index in &self.involved {
             let index = *index as usize;
             let (near, moved) = (self.near[index], self.moved[index]);
@@ -220,7 +227,7 @@ impl<L: Lanes> Contacts<L> {
     }
 
     #[inline(always)]
-    fn part(&mut self, bodies: &Bodies<L>, robot: &Robot) {
+    fn part(&mut self, bodies: &Bodies<L>, objects: &mut Objects<L>, robot: &Robot, place: &Place) {
         let Self {
             aim,
             involved,
@@ -265,11 +272,18 @@ impl<L: Lanes> Contacts<L> {
                 touched[i] = touched[i].or(wall_contact.contact.touches());
             }
         }
+        objects.begin(moved, touched, (robot, place));
         for index in involved.iter() {
             let index = *index as usize;
             drive(&mut moved[index], aim[index], robot.acceleration);
         }
-        for pass in 0..PASSES {
+        objects.rest(false);
+        let passes = if objects.any() {
+            PASSES_WITH_OBJECTS
+        } else {
+            PASSES
+        };
+        for pass in 0..passes {
             if pass > 0 {
                 for index in involved.iter() {
                     let index = *index as usize;
@@ -278,6 +292,7 @@ impl<L: Lanes> Contacts<L> {
                         drive_on(&mut moved[index], aim[index], limit, touched[index]);
                     }
                 }
+                objects.rest(true);
             }
             for pair_contact in pairs.iter_mut() {
                 let contact = &mut pair_contact.contact;
@@ -315,7 +330,9 @@ impl<L: Lanes> Contacts<L> {
                 pull(&mut moved[i], impulse);
                 touched[i] = touched[i].or(contact.touches());
             }
+            objects.solve(moved, touched, &bodies.spin, robot);
         }
+        objects.advance();
         for index in involved.iter() {
             let (moved, touched) = (&mut moved[*index as usize], touched[*index as usize]);
             for axis in 0..2 {

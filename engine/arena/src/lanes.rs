@@ -8,7 +8,7 @@ use swarmwright_lanes::Lanes;
 use super::metrics::Tally;
 use super::neighbours::MOST_IN_LANES;
 use super::settings::Settings;
-use super::start::Pose;
+use super::start::Starts;
 use super::swarm::Swarm;
 use swarmwright_simulation::ParameterError;
 use swarmwright_simulation::block::{Block, LaneWorld, groups};
@@ -18,7 +18,7 @@ use swarmwright_simulation::rollout::stopped;
 pub(crate) struct ArenaLanes {
     settings: Settings,
     /// For each episode.
-    starts: Vec<(u64, Vec<Pose>)>,
+    starts: Vec<(u64, Starts)>,
     /// The metrics that are wanted of those that are measured at the end alone.
     wanted: Vec<usize>,
 }
@@ -44,7 +44,7 @@ impl LaneWorld for ArenaLanes {
         let mut starts = Vec::with_capacity(block.seeds.len());
         for seed in block.seeds {
             settings.seed = *seed;
-            starts.push((*seed, settings.poses()?));
+            starts.push((*seed, settings.starts()?));
         }
         let counted = settings.mission.counted;
         let wanted = block.metrics.iter().copied();
@@ -64,7 +64,11 @@ impl LaneWorld for ArenaLanes {
     fn room<L: Lanes>(&self, controllers: &LaneController<'_, L>) -> Room<L> {
         let robots = self.settings.robots;
         Room {
-            swarm: Swarm::new(robots, &self.settings.robot),
+            swarm: Swarm::new(
+                robots,
+                &self.settings.robot,
+                &self.settings.mission.place.objects,
+            ),
             tallies: Vec::new(),
             states: vec![L::splat(0.0); robots * controllers.state_length()],
             actuators: vec![L::splat(0.0); robots * self.settings.robot.actuators()],
@@ -92,7 +96,8 @@ impl LaneWorld for ArenaLanes {
             place,
             &self.settings.failures,
             |lane| starts(lane).0,
-            |lane, index| starts(lane).1[index],
+            |lane, index| starts(lane).1.robots[index],
+            |lane, index| starts(lane).1.objects[index],
         );
         loop {
             let last = room.swarm.tick >= self.settings.ticks;

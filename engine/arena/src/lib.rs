@@ -19,6 +19,7 @@ mod messages;
 mod metrics;
 mod mission;
 mod neighbours;
+mod objects;
 mod place;
 mod polygon;
 mod proximity;
@@ -70,7 +71,8 @@ pub struct Arena {
 
 impl Arena {
     fn new(settings: Settings) -> Result<Self, ParameterError> {
-        let swarm = Swarm::new(settings.robots, &settings.robot);
+        let place = &settings.mission.place;
+        let swarm = Swarm::new(settings.robots, &settings.robot, &place.objects);
         let mut arena = Self {
             settings,
             swarm,
@@ -84,13 +86,14 @@ impl Arena {
     fn start(&mut self) -> Result<(), ParameterError> {
         let settings = &self.settings;
         let (mission, robot) = (&settings.mission, &settings.robot);
-        let poses = settings.poses()?;
+        let starts = settings.starts()?;
         self.swarm.start(
             robot,
             &mission.place,
             &settings.failures,
             |_| settings.seed,
-            |_, index| poses[index],
+            |_, index| starts.robots[index],
+            |_, index| starts.objects[index],
         );
         self.tallies.clear();
         self.tallies
@@ -186,8 +189,12 @@ impl Simulation for Arena {
 
     fn reset(&mut self, parameters: &Parameters) -> Result<(), ParameterError> {
         let settings = Settings::read(parameters)?;
-        if settings.robots != self.settings.robots || settings.robot != self.settings.robot {
-            self.swarm = Swarm::new(settings.robots, &settings.robot);
+        let objects = &settings.mission.place.objects;
+        if settings.robots != self.settings.robots
+            || settings.robot != self.settings.robot
+            || *objects != self.settings.mission.place.objects
+        {
+            self.swarm = Swarm::new(settings.robots, &settings.robot, objects);
         }
         self.settings = settings;
         self.start()

@@ -38,12 +38,10 @@ pub(super) fn read<L: Lanes>(
             continue;
         }
         let distance = square.sqrt();
-        let hidden = behind_robot(robot, light, [dx, dy], distance, others).or(behind_wall(
-            place,
-            light,
-            bodies.x[index],
-            bodies.y[index],
-        ));
+        let at = [bodies.x[index], bodies.y[index]];
+        let hidden = behind_robot(robot, light, [dx, dy], distance, others)
+            .or(behind_wall(place, light, at[0], at[1]))
+            .or(bodies.objects.shade(at, light));
         let seen = seen.and_not(hidden);
         if !seen.any() {
             continue;

@@ -101,13 +101,29 @@ impl<L: Lanes> LinkWindow<L> {
             if sent.any() {
                 let rest = slots.put([other.x, other.y], sent);
                 if rest.any() {
-                    receive(links, robot, place, at, others, slots, &mut arrived);
+                    receive(
+                        links,
+                        robot,
+                        (place, bodies),
+                        at,
+                        others,
+                        slots,
+                        &mut arrived,
+                    );
                     slots.clear();
                     slots.put([other.x, other.y], rest);
                 }
             }
         }
-        receive(links, robot, place, at, others, slots, &mut arrived);
+        receive(
+            links,
+            robot,
+            (place, bodies),
+            at,
+            others,
+            slots,
+            &mut arrived,
+        );
         self.heard[index] = arrived.count;
         let sums = &mut self.sums[index];
         let ([x, y], cos, sin) = (arrived.sum, bodies.cos[index], bodies.sin[index]);
@@ -126,7 +142,7 @@ impl<L: Lanes> LinkWindow<L> {
 fn receive<L: Lanes>(
     links: &Links,
     robot: &Robot,
-    place: &Place,
+    (place, bodies): (&Place, &Bodies<L>),
     at: [Number<L>; 2],
     others: &[Other<L>],
     slots: &Sent<L>,
@@ -138,7 +154,8 @@ fn receive<L: Lanes>(
         let square = way[0] * way[0] + way[1] * way[1];
         let hidden = nothing
             .or(behind_robot(robot, way, square, others))
-            .or(behind_wall(place, at, way));
+            .or(behind_wall(place, at, way))
+            .or(bodies.objects.hide(at, way));
         let distance = square.sqrt();
         let weight = number::<L>(1.0) / ((distance * 100.0 + (1.0 - links.offset)) * distance);
         let weight = number::<L>(0.0).select(weight, hidden);

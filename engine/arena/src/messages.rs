@@ -49,7 +49,8 @@ pub(super) fn hear<L: Lanes>(
         let way = [other.x, other.y];
         let arrives = arrives
             .and_not(links::behind_robot(robot, way, other.square, others))
-            .and_not(links::behind_wall(place, position, way));
+            .and_not(links::behind_wall(place, position, way))
+            .and_not(bodies.objects.hide(position, way));
         heard = heard.add_where(number(1.0), arrives);
         for part in 0..means.len() {
             let number = sent[sender * means.len() + part];

@@ -33,11 +33,12 @@ macro_rules! missions {
 }
 
 /// Built-in missions: a file each.
-const MISSIONS: [BuiltIn; 19] = missions! {
+const MISSIONS: [BuiltIn; 20] = missions! {
     "aac" or "aggregation",
     "area_coverage",
     "cfa" or "coverage_with_forbidden_areas",
     "chain_formation",
+    "collective_transport",
     "decision",
     "directional_gate",
     "dispersion",

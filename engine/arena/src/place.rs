@@ -2,6 +2,7 @@
 
 use swarmwright_lanes::{Lanes, Mask, Number, number};
 
+use super::objects::{Form, Kind};
 use super::polygon;
 use swarmwright_simulation::counter::uniform;
 
@@ -128,7 +129,7 @@ pub(super) struct Light {
     pub intensity: f32,
 }
 
-/// Everything that does not move.
+/// Everything that does not move, and what robots can push.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct Place {
     /// Corners of the walls around, counter-clockwise.
@@ -140,6 +141,7 @@ pub(super) struct Place {
     /// Of the floor beside the patches.
     pub grey: f32,
     pub lights: Vec<Light>,
+    pub objects: Vec<Kind>,
 }
 
 impl Place {
@@ -161,6 +163,12 @@ impl Place {
     pub(super) fn is_free(&self, point: [f64; 2]) -> bool {
         let boxed = |corners: &[[f32; 2]; 4]| polygon::contains(corners, point);
         polygon::contains(&self.outline, point) && !self.boxes.iter().any(boxed)
+    }
+
+    /// The form of each object, one kind's after another's.
+    pub(super) fn forms(&self) -> impl Iterator<Item = Form> + '_ {
+        let same = |kind: &Kind| std::iter::repeat_n(kind.form, kind.count());
+        self.objects.iter().flat_map(same)
     }
 
     /// The patch with this name.

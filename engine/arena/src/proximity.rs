@@ -97,6 +97,7 @@ pub(super) fn read<L: Lanes>(
         }
     }
     to_walls(sensors, turn, slots, readings);
+    bodies.objects.shorten(sensors, bodies, index, readings);
     let range = number(sensors.range);
     let [c0, c1, c2] = sensors.response;
     for reading in readings {

@@ -20,6 +20,8 @@ pub(super) struct Robot {
     pub radius: f32,
     /// Metres; what lies lower does not hide it.
     pub height: f32,
+    /// Kilograms: with the acceleration, how strongly it pushes objects.
+    pub mass: f32,
     pub drive: Drive,
     /// Largest speed of a wheel or of the robot, m/s: actuators of 1.
     pub top_speed: f32,

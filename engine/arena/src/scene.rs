@@ -1,15 +1,21 @@
 //! What the arena looks like.
 
+use super::objects::{Form, corners, distance as to_object};
 use super::place::{Face, Place, Shape};
 use super::robot::Robot;
 use super::settings::Settings;
+use super::start::Pose;
 use super::swarm::Swarm;
-use swarmwright_simulation::{Body, Light, Patch, Ray, Scene, Wall};
+use swarmwright_simulation::{Body, Light, Patch, Ray, Scene, Style, Wall};
 
 /// With more robots, rays and links are left out: they would hide everything.
 const MOST_IN_DETAIL: usize = 1000;
 /// What is shown around a lamp, metres.
 const AROUND_LIGHT: f32 = 0.1;
+/// Corners of an object that is a disc.
+const CORNERS: u16 = 48;
+/// Of objects.
+const COLOR: &str = "#e69f00";
 /// Ends of faces that are so near, metres, are one corner.
 const SAME: f32 = 1e-4;
 
@@ -66,6 +72,27 @@ pub(super) fn scene(settings: &Settings, swarm: &Swarm<f32>) -> Scene {
         }
         scene.walls.push(Wall { points, solid });
     }
+    for (pose, form, name) in objects(place, swarm) {
+        scene.walls.push(Wall {
+            points: shifted(rim(form, pose)),
+            solid: true,
+        });
+        scene.bodies.push(Body {
+            kind: "object".into(),
+            x: pose.at[0] - low[0],
+            y: pose.at[1] - low[1],
+            label: name.to_owned().into(),
+            ..Body::default()
+        });
+    }
+    if !place.objects.is_empty() {
+        scene.styles.push(Style {
+            kind: "object".to_owned(),
+            color: COLOR.to_owned(),
+            shape: "diamond".to_owned(),
+            ..Style::default()
+        });
+    }
     scene.lights.extend(place.lights.iter().map(|light| Light {
         x: light.at[0] - low[0],
         y: light.at[1] - low[1],
@@ -93,6 +120,33 @@ fn shown(place: &Place) -> [[f32; 2]; 2] {
     [low, high]
 }
 
+/// Where objects are, and what they are called.
+fn objects<'a>(
+    place: &'a Place,
+    swarm: &'a Swarm<f32>,
+) -> impl Iterator<Item = (Pose, Form, &'a str)> {
+    let objects = &swarm.bodies.objects;
+    let all = objects.things.iter().zip(&objects.moving);
+    all.map(|(thing, moving)| {
+        let pose = Pose {
+            at: [moving.x.0, moving.y.0],
+            heading: moving.heading.0,
+        };
+        (pose, thing.form, place.objects[thing.kind].name.as_str())
+    })
+}
+
+/// Corners of an object.
+fn rim(form: Form, pose: Pose) -> Vec<[f32; 2]> {
+    match form {
+        Form::Box { half } => corners(half, pose).to_vec(),
+        Form::Disc { radius } => (0..CORNERS)
+            .map(|corner| f32::from(corner) / f32::from(CORNERS) * std::f32::consts::TAU)
+            .map(|angle| ahead(pose.at, [angle.cos(), angle.sin()], radius))
+            .collect(),
+    }
+}
+
 /// Adds what each robot sees with its proximity sensors, without noise, and whom it can hear.
 ///
 /// This is for pictures alone, one robot after the other; what controllers get is computed in lanes elsewhere.
@@ -118,7 +172,10 @@ fn look(scene: &mut Scene, robot: &Robot, place: &Place, swarm: &Swarm<f32>) {
                     .filter_map(|(other, _)| to_disc(from, along, *other, robot.radius));
                 let walls = place.faces.iter();
                 let walls = walls.filter_map(|face| to_wall(from, along, face));
-                let free = robots.chain(walls).fold(sensors.range, f32::min);
+                let pushed = objects(place, swarm)
+                    .filter_map(|(pose, form, _)| to_form(from, along, form, pose));
+                let free = robots.chain(walls).chain(pushed);
+                let free = free.fold(sensors.range, f32::min);
                 let [c0, c1, c2] = sensors.response;
                 let reading = ((free * c2 + c1) * free + c0).clamp(0.0, 1.0);
                 scene.rays.push(Ray {
@@ -139,8 +196,10 @@ fn look(scene: &mut Scene, robot: &Robot, place: &Place, swarm: &Swarm<f32>) {
                 number != sender && nearer(to_disc(at(index), along, *third, robot.radius))
             });
             let inner = place.faces.iter().filter(|face| !face.outer);
-            let mut walls = inner.map(|face| to_wall(at(index), along, face));
-            if away < range && !hidden && !walls.any(nearer) {
+            let walls = inner.map(|face| to_wall(at(index), along, face));
+            let pushed =
+                objects(place, swarm).map(|(pose, form, _)| to_form(at(index), along, form, pose));
+            if away < range && !hidden && !walls.chain(pushed).any(nearer) {
                 scene.links.push([*sender as u32, index as u32]);
             }
         }
@@ -172,6 +231,25 @@ fn to_wall(from: [f32; 2], along: [f32; 2], face: &Face) -> Option<f32> {
     let place = (dx * along[1] - dy * along[0]) / across;
     // Of parallel lines both are no finite numbers.
     (far >= 0.0 && far.is_finite() && place.abs() <= face.half).then_some(far)
+}
+
+/// How far an object is along a ray; nothing where the ray begins inside of it.
+fn to_form(from: [f32; 2], along: [f32; 2], form: Form, pose: Pose) -> Option<f32> {
+    if to_object((form, pose), from) <= 0.0 {
+        return None;
+    }
+    match form {
+        Form::Disc { radius } => to_disc(from, along, pose.at, radius),
+        Form::Box { half } => {
+            let corners = corners(half, pose);
+            let next = corners.iter().cycle().skip(1);
+            let sides = corners
+                .iter()
+                .zip(next)
+                .filter_map(|(a, b)| to_wall(from, along, &Face::new(*a, *b, 1.0, false)));
+            sides.reduce(f32::min)
+        }
+    }
 }
 
 /// Corners of a shape, or the middle of a circle with its radius; what has no end ends where the picture does.

@@ -4,9 +4,10 @@ use serde_json::{Value, json};
 
 use super::failures::{self, Failure};
 use super::mission::Mission;
+use super::objects;
 use super::random::MOST_TICKS;
 use super::robot::Robot;
-use super::start::{self, Pose};
+use super::start::{self, Starts};
 use swarmwright_simulation::parameters::wrong;
 use swarmwright_simulation::{ParameterError, ParameterInfo, ParameterReader, Parameters};
 
@@ -69,17 +70,29 @@ pub(super) fn with_place(place: &str, error: ParameterError) -> ParameterError {
 }
 
 impl Settings {
-    /// Where the robots start.
-    pub(super) fn poses(&self) -> Result<Vec<Pose>, ParameterError> {
+    /// Where robots and objects are at the start.
+    pub(super) fn starts(&self) -> Result<Starts, ParameterError> {
         let (mission, robots) = (&self.mission, self.robots);
+        let place = &mission.place;
+        let objects = objects::draw(&place.objects, place, self.seed).map_err(|(kind, found)| {
+            wrong(
+                &format!("mission.objects[{kind}]"),
+                format!(
+                    "{} objects do not fit where they are to start: {found} found a free place at random; take fewer, or a \
+                     larger start or arena",
+                    place.objects[kind].count()
+                ),
+            )
+        })?;
+        let forms = place.forms().zip(objects.iter().copied());
         let poses = start::draw(
             &mission.start,
             robots,
             &self.robot,
-            &mission.place,
+            (place, &forms.collect::<Vec<_>>()),
             self.seed,
         );
-        poses.map_err(|found| {
+        let robots = poses.map_err(|found| {
             wrong(
                 "robots",
                 format!(
@@ -87,7 +100,8 @@ impl Settings {
                      take fewer, or a larger start or arena"
                 ),
             )
-        })
+        })?;
+        Ok(Starts { robots, objects })
     }
 }
 

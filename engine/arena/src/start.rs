@@ -3,6 +3,7 @@
 use swarmwright_controllers::functions::{cos_pi, sin_pi};
 
 use super::contact::to_face;
+use super::objects::{self, Form};
 use super::place::Place;
 use super::robot::Robot;
 use swarmwright_simulation::counter::uniform;
@@ -16,7 +17,14 @@ pub(super) struct Pose {
     pub heading: f32,
 }
 
-/// Where robots may stand: in a disc, in a rectangle, or in the part of the disc that lies in the rectangle.
+/// Where all that moves is at the start.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Starts {
+    pub robots: Vec<Pose>,
+    pub objects: Vec<Pose>,
+}
+
+/// Where robots or objects may stand: in a disc, in a rectangle, or in the part of the disc that lies in the rectangle.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Start {
     /// Middle and radius.
@@ -30,7 +38,7 @@ const TRIES: u64 = 2_000;
 /// The stream of random numbers of the start.
 const STREAM: u64 = 0x0073_7461_7274;
 
-/// Draws a pose for each robot; those who overlap another robot or a wall are drawn again.
+/// Draws a pose for each robot; those who overlap another robot, a wall or an object are drawn again.
 ///
 /// # Errors
 /// How many robots found a place, if not all did.
@@ -38,7 +46,7 @@ pub(super) fn draw(
     start: &Start,
     robots: usize,
     robot: &Robot,
-    place: &Place,
+    (place, objects): (&Place, &[(Form, Pose)]),
     seed: u64,
 ) -> Result<Vec<Pose>, usize> {
     let mut poses: Vec<Pose> = Vec::with_capacity(robots);
@@ -50,7 +58,9 @@ pub(super) fn draw(
                     |part: u64| uniform(seed, STREAM, (index * TRIES + attempt) * 4 + part);
                 pose(start, [number(0), number(1), number(2)])
             })
-            .find(|pose| within(pose.at, start) && fits(*pose, &poses, &taken, robot, place));
+            .find(|pose| {
+                within(pose.at, start) && fits(*pose, &poses, &taken, robot, (place, objects))
+            });
         let Some(pose) = pose else {
             return Err(poses.len());
         };
@@ -60,7 +70,8 @@ pub(super) fn draw(
     Ok(poses)
 }
 
-fn pose(start: &Start, [a, b, c]: [f32; 3]) -> Pose {
+/// A pose from three numbers in 0..1.
+pub(super) fn pose(start: &Start, [a, b, c]: [f32; 3]) -> Pose {
     let at = match (start.disc, start.rectangle) {
         (Some((center, radius)), _) => {
             // Uniform in the disc: the larger of two numbers as radius, their quotient as angle.
@@ -85,7 +96,8 @@ fn pose(start: &Start, [a, b, c]: [f32; 3]) -> Pose {
     }
 }
 
-fn within(at: [f32; 2], start: &Start) -> bool {
+/// Whether it lies in the rectangle, if there is one.
+pub(super) fn within(at: [f32; 2], start: &Start) -> bool {
     start.rectangle.is_none_or(|(low, high)| {
         (0..2).all(|axis| low[axis] <= at[axis] && at[axis] <= high[axis])
     })
@@ -157,7 +169,13 @@ impl Taken {
     }
 }
 
-fn fits(pose: Pose, others: &[Pose], taken: &Taken, robot: &Robot, place: &Place) -> bool {
+fn fits(
+    pose: Pose,
+    others: &[Pose],
+    taken: &Taken,
+    robot: &Robot,
+    (place, objects): (&Place, &[(Form, Pose)]),
+) -> bool {
     let [x, y] = pose.at;
     let apart =
         |way: [f32; 2], distance: f32| way[0] * way[0] + way[1] * way[1] >= distance * distance;
@@ -171,5 +189,8 @@ fn fits(pose: Pose, others: &[Pose], taken: &Taken, robot: &Robot, place: &Place
     }) && taken.around(pose.at).all(|other| {
         let [ox, oy] = others[other as usize].at;
         apart([ox - x, oy - y], 2.0 * robot.radius)
-    }) && place.is_free(pose.at.map(f64::from))
+    }) && objects
+        .iter()
+        .all(|object| objects::distance(*object, pose.at) >= robot.radius)
+        && place.is_free(pose.at.map(f64::from))
 }

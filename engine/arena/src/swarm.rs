@@ -7,6 +7,7 @@ use super::contacts::{self, Contacts};
 use super::failures::{Failing, Failure};
 use super::functions::normal;
 use super::neighbours::Neighbours;
+use super::objects::{Kind, Objects};
 use super::place::Place;
 use super::random::{Keys, Purpose, halves, key};
 use super::robot::{Drive, Output, Robot};
@@ -18,9 +19,8 @@ pub(super) const SUBSTEPS: u32 = 10;
 /// Length of a substep, seconds.
 pub(super) const SUBSTEP: f32 = 0.01;
 
-/// Robots by index, a vector of lanes for each quantity.
-#[derive(Debug, Clone)]
-pub(super) struct Bodies<L> {
+/// Robots by index, a vector of lanes for each quantity, and objects.
+pub(super) struct Bodies<L: Lanes> {
     /// Position, metres.
     pub x: Vec<Number<L>>,
     pub y: Vec<Number<L>>,
@@ -33,10 +33,11 @@ pub(super) struct Bodies<L> {
     pub vy: Vec<Number<L>>,
     /// Rotation, rad/s.
     pub spin: Vec<Number<L>>,
+    pub objects: Objects<L>,
 }
 
 impl<L: Lanes> Bodies<L> {
-    fn new(robots: usize) -> Self {
+    fn new(robots: usize, objects: &[Kind]) -> Self {
         let zeros = || vec![number(0.0); robots];
         Self {
             x: zeros(),
@@ -47,6 +48,7 @@ impl<L: Lanes> Bodies<L> {
             vx: zeros(),
             vy: zeros(),
             spin: zeros(),
+            objects: Objects::new(objects),
         }
     }
 
@@ -80,11 +82,11 @@ pub(super) struct Swarm<L: Lanes> {
 }
 
 impl<L: Lanes> Swarm<L> {
-    /// Room for robots; [`start`](Self::start) puts them somewhere.
+    /// Room for robots and objects; [`start`](Self::start) puts them somewhere.
     #[inline(always)]
-    pub(super) fn new(robots: usize, robot: &Robot) -> Self {
+    pub(super) fn new(robots: usize, robot: &Robot, objects: &[Kind]) -> Self {
         Self {
-            bodies: Bodies::new(robots),
+            bodies: Bodies::new(robots, objects),
             neighbours: Neighbours::new::<L>(robots, contacts::reach(robot).max(robot.range())),
             senses: Senses::new(robots, robot),
             contacts: Contacts::new(robots),
@@ -105,6 +107,7 @@ impl<L: Lanes> Swarm<L> {
         failures: &[Failure],
         seed: impl Fn(usize) -> u64,
         mut pose: impl FnMut(usize, usize) -> Pose,
+        object: impl FnMut(usize, usize) -> Pose,
     ) {
         self.keys = Keys::new(|lane| key(seed(lane)));
         self.failing.start(failures, self.bodies.len(), &seed);
@@ -136,6 +139,7 @@ impl<L: Lanes> Swarm<L> {
             bodies.vy[index] = number(0.0);
             bodies.spin[index] = number(0.0);
         }
+        bodies.objects.start(object);
         self.contacts.forget();
         self.senses.forget();
         self.sense(robot, place);

@@ -5,6 +5,7 @@ mod arena_failures;
 mod arena_lanes;
 mod arena_metrics;
 mod arena_mistakes;
+mod arena_objects;
 mod arena_polygons;
 mod arena_robots;
 mod contacts_parts;

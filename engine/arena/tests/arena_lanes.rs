@@ -105,3 +105,32 @@ fn metrics_of_missions() {
     // More than 64 robots are grouped in another way.
     check(&json!({"mission": "flocking", "robots": 70, "duration": 1}));
 }
+
+#[test]
+fn objects_that_robots_push() {
+    check(&json!({"mission": "collective_transport", "robots": 9, "duration": 12}));
+    let objects = json!([
+        {"name": "disc", "radius": 0.08, "mass": 0.3, "friction": 0.1, "count": 3,
+            "start": {"disc": {"radius": 0.6}}},
+        {"name": "box", "size": [0.25, 0.1], "mass": 0.2, "friction": 0.1, "count": 3,
+            "start": {"rectangle": {"x": [-0.7, 0.7], "y": [-0.4, 0.4]}}},
+        {"name": "bar", "size": [0.5, 0.04], "mass": 0.3, "friction": 0.2, "center": [0, 0.3], "angle": 20, "height": 0.02},
+    ]);
+    let mission = json!({
+        "walls": {"corners": [[-1, -0.7], [1, -0.7], [1, 0.7], [0.2, 0.6], [-1, 0.7]]},
+        "obstacles": [{"center": [0.5, -0.3], "size": [0.2, 0.05], "angle": 40}],
+        "objects": objects, "lights": [{"at": [1.3, 0, 0.2], "intensity": 4}],
+        "floor": {"patches": [{"name": "goal", "circle": {"radius": 0.4}, "color": "black"}]},
+        "start": {"disc": {"radius": 0.9}},
+        "metrics": {
+            "near": {"kind": "object_distance", "patch": "goal", "object": "disc"},
+            "on": {"kind": "objects_on", "patch": "goal", "share": true},
+        },
+        "fitness": "near",
+    });
+    for robot in ["e-puck-rm1.2", "kilobot", "point"] {
+        check(
+            &json!({"mission": mission, "robot": robot, "robots": 10, "duration": 12, "failures": failures()}),
+        );
+    }
+}

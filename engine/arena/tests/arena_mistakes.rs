@@ -26,6 +26,20 @@ fn patch(patch: Value) -> String {
     with(&["floor"], json!({"patches": [patch]}))
 }
 
+/// What objects are refused for: these fields of one beside what it has.
+fn object(fields: Value) -> String {
+    let mut one = json!({"name": "a", "mass": 1, "center": [0, 0], "radius": 0.2});
+    for (key, value) in fields.as_object().unwrap() {
+        if value.is_null() {
+            one.as_object_mut().unwrap().remove(key);
+        } else {
+            one[key] = value.clone();
+        }
+    }
+    let other = json!({"name": "b", "mass": 1, "center": [5, 0], "size": [1, 1], "angle": 45});
+    with(&["objects"], json!([other, one]))
+}
+
 fn metric(metric: Value) -> String {
     with(&["metrics"], json!({"m": metric}))
 }
@@ -110,6 +124,74 @@ fn mistakes_name_the_place() {
             ),
             "mission.start: it lies outside",
         ),
+        (
+            object(json!({"radius": null})),
+            "mission.objects[1]: expected radius (a disc), or size",
+        ),
+        (
+            object(json!({"radius": 0})),
+            "mission.objects[1].radius: 0 found, expected 0.01 to 100",
+        ),
+        (
+            object(json!({"radius": null, "size": [1, -1]})),
+            "mission.objects[1].size[1]: -1 found",
+        ),
+        (
+            object(json!({"mass": null})),
+            "mission.objects[1]: missing field `mass`",
+        ),
+        (
+            object(json!({"mass": 0})),
+            "mission.objects[1].mass: 0 found, expected 0.001 to 1000",
+        ),
+        (
+            object(json!({"friction": -1})),
+            "mission.objects[1].friction: -1 found",
+        ),
+        (
+            object(json!({"weight": 1})),
+            "mission.objects[1].weight: unknown field",
+        ),
+        (
+            object(json!({"name": "b"})),
+            "mission.objects[1].name: other objects are named \"b\", too",
+        ),
+        (
+            object(json!({"center": [9.9, 0]})),
+            "mission.objects[1]: it does not stand inside of the walls",
+        ),
+        (
+            object(json!({"center": [4.2, 0]})),
+            "mission.objects[1]: \"a\" and \"b\" overlap",
+        ),
+        (
+            object(json!({"center": null})),
+            "mission.objects[1]: expected center",
+        ),
+        (
+            object(json!({"count": 3})),
+            "mission.objects[1].count: 3 found, but there is one at a center",
+        ),
+        (
+            object(json!({"center": null, "start": {"disc": {"radius": 1}}, "angle": 3})),
+            "mission.objects[1].angle: with a start the angle is drawn",
+        ),
+        (
+            object(json!({"center": null, "start": {"disc": {"radius": -1}}})),
+            "mission.objects[1].start.disc.radius: -1 found",
+        ),
+        (
+            object(json!({"center": null, "start": {"disc": {"radius": 1}}, "count": 65})),
+            "mission.objects[1].count: 65 found, expected 1 to 64",
+        ),
+        (
+            object(json!({"center": null, "start": {"disc": {"radius": 0.5}}, "count": 30})),
+            "mission.objects[1]: 30 objects do not fit where they are to start: ",
+        ),
+        (
+            metric(json!({"kind": "objects_on", "patch": "black"})),
+            "no patch of the floor is named \"black\"",
+        ),
         (with(&["robots"], json!(0)), "mission.robots: 0 found"),
         (with(&["duration"], json!(-3)), "mission.duration: -3 found"),
         (
@@ -160,6 +242,26 @@ fn mistakes_name_the_place() {
     for (message, expected) in cases {
         assert!(message.contains(expected), "{message:?} lacks {expected:?}");
     }
+}
+
+#[test]
+fn metrics_of_objects_name_the_object() {
+    let mission = json!({"walls": {"rectangle": [20, 20]}, "start": {"disc": {"radius": 1}},
+        "floor": {"patches": [{"name": "west", "rectangle": {"x": [-5, -4], "y": [-1, 1]}, "color": 0}]},
+        "objects": [{"name": "load", "mass": 1, "radius": 0.2, "center": [5, 0]}],
+        "metrics": {"m": {"kind": "object_distance", "patch": "west", "object": "lod"}}, "fitness": "m"});
+    let message = refusal(&json!({"mission": mission}));
+    assert!(
+        message.contains("mission.metrics.m: no object is named \"lod\"; there is load"),
+        "{message}"
+    );
+    let mut without = mission;
+    without["objects"] = json!([]);
+    let message = refusal(&json!({"mission": without}));
+    assert!(
+        message.contains("mission.metrics.m: the mission has no objects"),
+        "{message}"
+    );
 }
 
 #[test]

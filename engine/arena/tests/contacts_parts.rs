@@ -29,6 +29,44 @@ mod place {
         pub faces: Vec<Face>,
     }
 }
+mod objects {
+    use swarmwright_lanes::{Lanes, Number};
+
+    use super::contacts::Moved;
+    use super::place::Place;
+    use super::robot::Robot;
+    use super::swarm::Bodies;
+
+    /// As in the library where there is none.
+    pub struct Objects<L>(std::marker::PhantomData<L>);
+
+    impl<L> Default for Objects<L> {
+        fn default() -> Self {
+            Self(std::marker::PhantomData)
+        }
+    }
+
+    impl<L: Lanes> Objects<L> {
+        pub fn find(&mut self, _: &Bodies<L>, _: &Robot, _: &Place, _: &mut [L::Mask]) {}
+
+        pub fn any(&self) -> bool {
+            false
+        }
+
+        pub fn awake(&self) -> bool {
+            false
+        }
+
+        pub fn begin(&mut self, _: &mut [Moved<L>], _: &mut [L::Mask], _: (&Robot, &Place)) {}
+
+        pub fn rest(&mut self, _: bool) {}
+
+        pub fn solve(&mut self, _: &mut [Moved<L>], _: &mut [L::Mask], _: &[Number<L>], _: &Robot) {
+        }
+
+        pub fn advance(&mut self) {}
+    }
+}
 mod robot {
     pub struct Rays {
         pub start: f32,
@@ -75,6 +113,7 @@ mod swarm {
         pub vx: Vec<Number<L>>,
         pub vy: Vec<Number<L>>,
         pub spin: Vec<Number<L>>,
+        pub objects: super::objects::Objects<L>,
     }
 
     impl<L: Lanes> Bodies<L> {
@@ -115,6 +154,7 @@ fn driven<L: Lanes>(runs: &[Run]) -> Vec<[f32; 2]> {
         vx: all(|_| 0.0),
         vy: all(|_| 0.0),
         spin: all(|_| 0.0),
+        objects: objects::Objects::default(),
     };
     let count = runs.len() as u32;
     let pairs = (0..count).flat_map(|i| (i + 1..count).map(move |j| [i, j]));

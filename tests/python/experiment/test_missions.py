@@ -105,6 +105,21 @@ def test_mistakes_of_new(arguments: list[str], answer: str) -> None:
             "fitness: in_wst",
             ':10: fitness: no metric is named "in_wst"; there is in_west',
         ),
+        (
+            "start:",
+            "objects: [{name: load, radius: 0.2, mass: 2}]\nstart:",
+            ":5: objects[0]: expected center (where it is), or start (where it is drawn)",
+        ),
+        (
+            "start:",
+            "objects:\n  - {name: load, size: [0.4, 0.2], mass: 2, center: [1.4, 0]}\nstart:",
+            ":6: objects[0]: it does not stand inside of the walls and outside of obstacles",
+        ),
+        (
+            "start:",
+            "objects:\n  - {name: load, radius: 0.2, wieght: 2, center: [1, 0]}\nstart:",
+            ":6: objects[0].wieght: unknown field `wieght`",
+        ),
         ("fitness: in_west", "fitness: {ofset: 1}", ":10: fitness: expected the name of a metric, or"),
     ],
 )

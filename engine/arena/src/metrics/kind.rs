@@ -27,6 +27,23 @@ pub(in super::super) enum Metric {
         #[serde(default)]
         share: bool,
     },
+    /// Objects on a patch, those with a name or all.
+    ObjectsOn {
+        patch: String,
+        object: Option<String>,
+        #[serde(default)]
+        when: When,
+        /// Whether it is divided by their number.
+        #[serde(default)]
+        share: bool,
+    },
+    /// The mean distance of objects, those with a name or all, from the middle of a patch, metres.
+    ObjectDistance {
+        patch: String,
+        object: Option<String>,
+        #[serde(default = "mean")]
+        when: When,
+    },
     /// Times that a robot came to the nest after it had been at a source.
     Returns { sources: Vec<String>, nest: String },
     /// Times that a robot crossed the middle of a patch southward, minus northward; not below 0.
@@ -166,6 +183,8 @@ impl Metric {
     fn patches(&self) -> Vec<&str> {
         match self {
             Self::RobotsOn { patch, .. }
+            | Self::ObjectsOn { patch, .. }
+            | Self::ObjectDistance { patch, .. }
             | Self::CrossingsSouth { patch }
             | Self::RobotsInWrongHalf { patch }
             | Self::StopErrors { patch }
@@ -207,6 +226,26 @@ impl Metric {
                     } else {
                         known.join(", ")
                     }
+                ));
+            }
+        }
+        if let Self::ObjectsOn { object, .. } | Self::ObjectDistance { object, .. } = self {
+            let mut names = place.objects.iter().map(|kind| kind.name.as_str());
+            if place.objects.is_empty() {
+                return Err("the mission has no objects".to_owned());
+            }
+            if let Some(object) = object
+                .as_deref()
+                .filter(|object| !names.any(|n| n == *object))
+            {
+                let known: Vec<_> = place
+                    .objects
+                    .iter()
+                    .map(|kind| kind.name.as_str())
+                    .collect();
+                return Err(format!(
+                    "no object is named {object:?}; there is {}",
+                    known.join(", ")
                 ));
             }
         }
@@ -277,17 +316,11 @@ impl Metric {
                 Ok(())
             }
             Self::ShapeDeviation { shape, .. } => shape.check(),
+            Self::ObjectDistance { patch, .. } => has_middle(place, patch),
             Self::ChainReach { from, to, link, .. } => {
                 length("link", *link)?;
-                for name in [from, to] {
-                    if shapes(name)
-                        .is_some_and(|shape| shape.middle().iter().any(|n| !n.is_finite()))
-                    {
-                        return Err(format!(
-                            "the patch {name} has no middle, since it does not end"
-                        ));
-                    }
-                }
+                has_middle(place, from)?;
+                has_middle(place, to)?;
                 if from == to {
                     return Err("from and to are the same patch".to_owned());
                 }
@@ -316,7 +349,10 @@ impl Metric {
 
     pub(in super::super) fn unit(&self) -> &'static str {
         match self {
-            Self::RobotsOn { share: true, .. } | Self::MostRobotsOn { share: true, .. } => "",
+            Self::RobotsOn { share: true, .. }
+            | Self::ObjectsOn { share: true, .. }
+            | Self::MostRobotsOn { share: true, .. } => "",
+            Self::ObjectsOn { .. } => "objects",
             Self::RobotsOn { .. } | Self::MostRobotsOn { .. } | Self::RobotsInWrongHalf { .. } => {
                 "robots"
             }
@@ -333,6 +369,7 @@ impl Metric {
             Self::StopErrors { .. } | Self::CellAge { .. } => "ticks",
             Self::LargestGroupArea { .. } => "m^2",
             Self::MeanDistance { .. }
+            | Self::ObjectDistance { .. }
             | Self::DistanceToCenter { .. }
             | Self::NearestDistance { .. }
             | Self::ShapeDeviation { .. }
@@ -356,6 +393,26 @@ impl Metric {
             } => format!(
                 "Robots on that of {} with most of them, {}.",
                 patches.join(", "),
+                when(at)
+            ),
+            Self::ObjectsOn {
+                patch,
+                object,
+                share,
+                when: at,
+            } => format!(
+                "{}{} on {patch}, {}.",
+                if *share { "Share of " } else { "" },
+                object.as_deref().unwrap_or("objects"),
+                when(at)
+            ),
+            Self::ObjectDistance {
+                patch,
+                object,
+                when: at,
+            } => format!(
+                "Mean distance of {} from the middle of {patch}, {}.",
+                object.as_deref().unwrap_or("objects"),
                 when(at)
             ),
             Self::Returns { sources, nest } => {
@@ -450,6 +507,16 @@ impl Metric {
             ),
         }
     }
+}
+
+fn has_middle(place: &Place, name: &str) -> Result<(), String> {
+    let middle = place.patch(name).map(|patch| patch.shape.middle());
+    if middle.is_some_and(|middle| middle.iter().any(|number| !number.is_finite())) {
+        return Err(format!(
+            "the patch {name} has no middle, since it does not end"
+        ));
+    }
+    Ok(())
 }
 
 /// Checks that a length is one.

@@ -2,6 +2,7 @@
 
 mod counts;
 mod kind;
+mod objects;
 mod shapes;
 mod swarm;
 
@@ -109,6 +110,23 @@ impl<L: Lanes> Tally<L> {
                     most = counts::on(bodies, place, patch).at_least(most);
                 }
                 self.add(most, bodies.len(), *share, *when);
+            }
+            Metric::ObjectsOn {
+                patch,
+                object,
+                when,
+                share,
+            } if *when != When::End || last => {
+                let (count, all) = objects::on(bodies, place, patch, object.as_deref());
+                self.add(count, all, *share, *when);
+            }
+            Metric::ObjectDistance {
+                patch,
+                object,
+                when,
+            } if *when != When::End || last => {
+                let (sum, all) = objects::distance(bodies, place, patch, object.as_deref());
+                self.add(sum, all, true, *when);
             }
             Metric::Returns { sources, nest } => {
                 self.marks.resize(bodies.len(), number(0.0));

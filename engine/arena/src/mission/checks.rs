@@ -1,5 +1,7 @@
 //! From what a mission says to what it means, with complaints that name the place.
 
+mod objects;
+
 use std::collections::BTreeMap;
 
 use super::super::failures;
@@ -70,7 +72,7 @@ pub(super) fn check(text: Text) -> Result<Mission, ParameterError> {
         None => Vec::new(),
     };
     let place = place(&text)?;
-    let start = start(&text.start, &place)?;
+    let start = start("start", &text.start, &place)?;
     for (name, metric) in &text.metrics {
         metrics::check_name(name).map_err(|reason| wrong_in("metrics", reason))?;
         metric
@@ -151,6 +153,7 @@ fn place(text: &Text) -> Result<Place, ParameterError> {
         place.faces.extend(sides(&corners, obstacle.height, None));
         place.boxes.push(corners);
     }
+    objects::add(&text.objects, &mut place)?;
     for (index, patch) in text.floor.patches.iter().enumerate() {
         let at = format!("floor.patches[{index}]");
         if place.patch(&patch.name).is_some() {
@@ -256,16 +259,17 @@ fn ends(at: &str, rectangle: &Rectangle) -> Result<([f32; 2], [f32; 2]), Paramet
     Ok(([left, low], [right, high]))
 }
 
-fn start(text: &StartText, place: &Place) -> Result<Start, ParameterError> {
+fn start(at: &str, text: &StartText, place: &Place) -> Result<Start, ParameterError> {
     let disc = text.disc.as_ref();
     if let Some(disc) = disc {
-        check_circle("start.disc", disc)?;
+        check_circle(&format!("{at}.disc"), disc)?;
     }
     let rectangle = match &text.rectangle {
         Some(rectangle) => {
-            coordinates("start.rectangle.x", &rectangle.x)?;
-            coordinates("start.rectangle.y", &rectangle.y)?;
-            Some(ends("start.rectangle", rectangle)?)
+            let at = format!("{at}.rectangle");
+            coordinates(&format!("{at}.x"), &rectangle.x)?;
+            coordinates(&format!("{at}.y"), &rectangle.y)?;
+            Some(ends(&at, rectangle)?)
         }
         None => None,
     };
@@ -278,13 +282,13 @@ fn start(text: &StartText, place: &Place) -> Result<Start, ParameterError> {
         (None, Some((low, high))) => Shape::Box { low, high },
         (None, None) => {
             return Err(wrong_in(
-                "start",
+                at,
                 "expected disc, or rectangle, or both: the part of the disc in the rectangle",
             ));
         }
     };
     if !overlaps(&place.outline, &shape) {
-        return Err(wrong_in("start", "it lies outside of the walls"));
+        return Err(wrong_in(at, "it lies outside of the walls"));
     }
     Ok(start)
 }

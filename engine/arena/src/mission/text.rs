@@ -22,6 +22,8 @@ pub(super) struct Text {
     #[serde(default)]
     pub obstacles: Vec<Obstacle>,
     #[serde(default)]
+    pub objects: Vec<ObjectText>,
+    #[serde(default)]
     pub floor: Floor,
     #[serde(default)]
     pub lights: Vec<Lamp>,
@@ -77,6 +79,35 @@ pub(super) struct Obstacle {
     pub angle: f32,
     #[serde(default = "wall_height")]
     pub height: f32,
+}
+
+/// An object that robots can push, or several that are drawn.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct ObjectText {
+    pub name: String,
+    /// Of a disc, metres ...
+    pub radius: Option<f32>,
+    /// ... or the extent of a box along x and y before it is turned.
+    pub size: Option<[f32; 2]>,
+    #[serde(default = "wall_height")]
+    pub height: f32,
+    /// Kilograms.
+    pub mass: f32,
+    /// Coefficient of friction with the floor.
+    #[serde(default = "sliding")]
+    pub friction: f32,
+    /// Where the middle is ...
+    pub center: Option<[f32; 2]>,
+    /// Degrees counter-clockwise.
+    pub angle: Option<f32>,
+    /// ... or where it is drawn, with an angle.
+    pub start: Option<StartText>,
+    pub count: Option<usize>,
+}
+
+fn sliding() -> f32 {
+    0.3
 }
 
 #[derive(Debug, Deserialize)]

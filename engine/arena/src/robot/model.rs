@@ -22,6 +22,9 @@ struct Model {
     radius: f32,
     /// Metres; what lies lower does not hide it. Default: twice the radius.
     height: Option<f32>,
+    /// Kilograms.
+    #[serde(default = "mass")]
+    mass: f32,
     drive: DriveText,
     /// Coefficient of friction with other robots and with walls.
     #[serde(default = "friction")]
@@ -30,6 +33,10 @@ struct Model {
     sensors: Vec<Sensor>,
     #[serde(default)]
     actuators: Vec<Actuator>,
+}
+
+fn mass() -> f32 {
+    super::presets::MASS
 }
 
 fn friction() -> [f32; 2] {
@@ -46,10 +53,12 @@ pub(super) fn read(value: &Value) -> Result<Robot, ParameterError> {
     within("radius", model.radius, [0.001, 10.0])?;
     let height = model.height.unwrap_or(2.0 * model.radius);
     within("height", height, [0.001, 10.0])?;
+    within("mass", model.mass, [0.001, 1000.0])?;
     for number in model.friction {
         within("friction", number, [0.0, 10.0])?;
     }
     let mut robot = drive::body(model.radius, height, model.friction, &model.drive)?;
+    robot.mass = model.mass;
     for (index, actuator) in model.actuators.iter().enumerate() {
         actuators::add(&mut robot, *actuator, &format!("actuators[{index}]"))?;
     }

@@ -13,6 +13,9 @@ const MODELS: [(&str, &str); 4] = [
     ("turtlebot3", include_str!("../robots/turtlebot3.yaml")),
 ];
 
+/// Of an e-puck, kilograms, as in ARGoS; of other robots that do not say theirs.
+pub(super) const MASS: f32 = 0.4;
+
 /// Where the e-puck's manual says that its proximity and light sensors look, degrees counter-clockwise from ahead.
 const E_PUCK_ANGLES: [f32; 8] = [17.0, 50.0, 90.0, 150.0, 210.0, 270.0, 310.0, 343.0];
 
@@ -32,6 +35,7 @@ impl Robot {
         Self {
             radius: 0.035,
             height: 0.076,
+            mass: MASS,
             drive: Drive::Differential { wheel_base: 0.053 },
             top_speed: 0.12,
             wheel_noise: 0.05,

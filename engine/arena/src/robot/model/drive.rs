@@ -2,6 +2,7 @@
 
 use serde::Deserialize;
 
+use super::super::presets::MASS;
 use super::super::{Drive, Robot};
 use super::within;
 use swarmwright_simulation::ParameterError;
@@ -121,6 +122,7 @@ pub(super) fn body(
     Ok(Robot {
         radius,
         height,
+        mass: MASS,
         drive: kind,
         top_speed,
         wheel_noise: noise,

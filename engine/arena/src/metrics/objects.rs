@@ -1,0 +1,62 @@
+//! Where objects are in a tick, a vector of lanes at a time.
+
+use swarmwright_lanes::{Lanes, Number, number};
+
+use super::super::place::Place;
+use super::super::swarm::Bodies;
+
+/// Objects on a patch, and how many there are: those with a name, or all.
+#[inline(always)]
+pub(super) fn on<L: Lanes>(
+    bodies: &Bodies<L>,
+    place: &Place,
+    patch: &str,
+    name: Option<&str>,
+) -> (Number<L>, usize) {
+    let (mut count, mut all) = (number(0.0), 0);
+    let Some(patch) = place.patch(patch) else {
+        return (count, all);
+    };
+    let objects = &bodies.objects;
+    for index in 0..objects.things.len() {
+        if is_named(place, objects.things[index].kind, name) {
+            let moving = &objects.moving[index];
+            all += 1;
+            count = count.add_where(number(1.0), patch.shape.holds(moving.x, moving.y));
+        }
+    }
+    (count, all)
+}
+
+/// The sum of their distances from the middle of a patch, metres, and how many there are.
+#[inline(always)]
+pub(super) fn distance<L: Lanes>(
+    bodies: &Bodies<L>,
+    place: &Place,
+    patch: &str,
+    name: Option<&str>,
+) -> (Number<L>, usize) {
+    let (mut sum, mut all) = (number(0.0), 0);
+    let Some(patch) = place.patch(patch) else {
+        return (sum, all);
+    };
+    let [x, y] = patch.shape.middle();
+    let objects = &bodies.objects;
+    for index in 0..objects.things.len() {
+        if is_named(place, objects.things[index].kind, name) {
+            let moving = &objects.moving[index];
+            let (dx, dy) = (moving.x - x as f32, moving.y - y as f32);
+            all += 1;
+            sum += (dx * dx + dy * dy).sqrt();
+        }
+    }
+    (sum, all)
+}
+
+#[inline(always)]
+fn is_named(place: &Place, kind: usize, name: Option<&str>) -> bool {
+    match name {
+        Some(name) => place.objects[kind].name == name,
+        None => true,
+    }
+}

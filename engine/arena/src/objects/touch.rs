@@ -1,0 +1,536 @@
+//! Contacts of objects with robots, with each other and with walls.
+//!
+//! All are contacts of a point, or a disc around it, with a disc, a box or a face. A contact ends the approach where the two
+//! would begin to overlap in this part; what overlaps nevertheless is pushed apart slowly.
+
+use swarmwright_lanes::{Lanes, Mask, Number, number};
+
+use super::super::contact::{PART, square, to_face};
+use super::super::contacts::Moved;
+use super::super::functions::absolute;
+use super::super::place::{Face, Place};
+use super::super::robot::Robot;
+use super::super::swarm::Bodies;
+use super::{Form, Moving, Object, Objects};
+
+/// Coefficients of friction between objects, and with walls.
+const FRICTION: [f32; 2] = [0.49, 0.07];
+/// How far objects may come in a tick, metres.
+const WAY: f32 = 0.05;
+/// What is further apart at the beginning of a part does not touch in it, metres.
+const NEAR: f32 = 0.02;
+/// Corners of boxes that are further behind a face of an obstacle lie on its other side, metres.
+const BEHIND: f32 = 0.005;
+/// Overlap that is left alone, metres; the share of the rest that ends in a part, and the largest speed of that, m/s.
+const SLOP: f32 = 0.0002;
+const SHARE: f32 = 0.2;
+const APART: f32 = 0.05;
+
+/// What has an extent in a contact, by its index.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Surface {
+    Object(usize),
+    Face(usize),
+}
+
+/// The point in a contact.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Point {
+    /// The middle of a robot, which is a disc.
+    Robot(usize),
+    /// The middle of an object that is a disc.
+    Center(usize),
+    /// An object, and which corner of its box.
+    Corner(usize, usize),
+    /// Where a face begins.
+    End(usize),
+}
+
+/// A contact that is possible in a tick. Impulses in N s.
+#[derive(Clone, Copy)]
+pub(super) struct Touch<L: Lanes> {
+    surface: Surface,
+    point: Point,
+    /// By which it is found again in the next tick.
+    key: [u32; 3],
+    /// In which lanes it is possible.
+    lanes: L::Mask,
+    /// From the surface to the point.
+    normal: [Number<L>; 2],
+    /// From the middles of both bodies to where they touch.
+    arms: [[Number<L>; 2]; 2],
+    /// kg: the mass that resists along the normal and along the tangent.
+    masses: [Number<L>; 2],
+    /// The speed of approach at which nothing happens in this part.
+    slack: Number<L>,
+    /// Impulse of a part along the normal and along the tangent.
+    pressed: Number<L>,
+    rubbed: Number<L>,
+    active: bool,
+}
+
+/// Where a point is seen from a surface.
+struct Gap<L: Lanes> {
+    normal: [Number<L>; 2],
+    size: Number<L>,
+    /// From the middle of the surface to where the point touches it.
+    arm: [Number<L>; 2],
+    valid: L::Mask,
+}
+
+impl<L: Lanes> Objects<L> {
+    /// Finds what may touch in this tick. `near` gets the lanes in which robots may touch an object.
+    #[inline(always)]
+    pub(in super::super) fn find(
+        &mut self,
+        bodies: &Bodies<L>,
+        robot: &Robot,
+        place: &Place,
+        near: &mut [L::Mask],
+    ) {
+        let [now, old] = &mut self.touches;
+        std::mem::swap(now, old);
+        now.clear();
+        self.awake = false;
+        let mut at = 0;
+        for index in 0..self.things.len() {
+            let (object, moving) = (&self.things[index], &self.moving[index]);
+            self.awake |= moving.moves();
+            let mut list = List {
+                now,
+                old,
+                at: &mut at,
+                object: index as u32,
+            };
+            let reach = object.radius + robot.radius + robot.reach() + WAY;
+            for other in 0..bodies.len() {
+                let way = [bodies.x[other] - moving.x, bodies.y[other] - moving.y];
+                let close = square(way).lt(number(reach * reach));
+                if close.any() {
+                    near[other] = near[other].or(close);
+                    let (surface, point) = (Surface::Object(index), Point::Robot(other));
+                    list.add(surface, point, (0, other, 0), close);
+                }
+            }
+            let reach = object.radius + WAY;
+            for face in 0..place.faces.len() {
+                let way = to_face(&place.faces[face], moving.x, moving.y);
+                let close = square(way).lt(number(reach * reach));
+                if !close.any() {
+                    continue;
+                }
+                let surface = Surface::Face(face);
+                if matches!(object.form, Form::Disc { .. }) {
+                    list.add(surface, Point::Center(index), (1, face, 0), close);
+                    continue;
+                }
+                for corner in 0..4 {
+                    let point = Point::Corner(index, corner);
+                    list.add(surface, point, (1, face, corner), close);
+                }
+                if !place.faces[face].outer {
+                    let (surface, point) = (Surface::Object(index), Point::End(face));
+                    list.add(surface, point, (1, face, 4), close);
+                }
+            }
+            for other in index + 1..self.things.len() {
+                let (thing, second) = (&self.things[other], &self.moving[other]);
+                let way = [second.x - moving.x, second.y - moving.y];
+                let reach = object.radius + thing.radius + 2.0 * WAY;
+                let close = square(way).lt(number(reach * reach));
+                if !close.any() {
+                    continue;
+                }
+                match (object.form, thing.form) {
+                    (_, Form::Disc { .. }) => {
+                        let (surface, point) = (Surface::Object(index), Point::Center(other));
+                        list.add(surface, point, (2, other, 0), close);
+                    }
+                    (Form::Disc { .. }, _) => {
+                        let (surface, point) = (Surface::Object(other), Point::Center(index));
+                        list.add(surface, point, (2, other, 0), close);
+                    }
+                    _ => {
+                        for corner in 0..8 {
+                            let (surface, of) = if corner < 4 {
+                                (index, other)
+                            } else {
+                                (other, index)
+                            };
+                            let point = Point::Corner(of, corner % 4);
+                            list.add(Surface::Object(surface), point, (2, other, corner), close);
+                        }
+                    }
+                }
+            }
+        }
+        self.awake |= !self.touches[0].is_empty();
+    }
+
+    /// At the beginning of a part: where all are, and the impulses of the part before.
+    #[inline(always)]
+    pub(in super::super) fn begin(
+        &mut self,
+        moved: &mut [Moved<L>],
+        touched: &mut [L::Mask],
+        (robot, place): (&Robot, &Place),
+    ) {
+        let Self {
+            things,
+            moving,
+            touches: [touches, _],
+            ..
+        } = self;
+        for touch in touches.iter_mut() {
+            let (point, radius, arm) = point(touch.point, things, moving, moved, (robot, place));
+            let gap = match touch.surface {
+                Surface::Object(index) => {
+                    let (object, moving) = (&things[index], &moving[index]);
+                    let way = [point[0] - moving.x, point[1] - moving.y];
+                    to_object(object, moving, way, radius)
+                }
+                Surface::Face(index) => {
+                    let corner = matches!(touch.point, Point::Corner(..));
+                    to_wall(&place.faces[index], point, radius, corner)
+                }
+            };
+            let possible = gap.size.lt(number(NEAR)).and(gap.valid).and(touch.lanes);
+            touch.active = possible.any();
+            touch.pressed = touch.pressed.only_where(possible);
+            touch.rubbed = touch.rubbed.only_where(possible);
+            if !touch.active {
+                continue;
+            }
+            for axis in 0..2 {
+                touch.normal[axis] = gap.normal[axis].only_where(possible);
+                // A disc touches with its rim.
+                let rim = gap.normal[axis] * radius;
+                touch.arms[0][axis] = gap.arm[axis].only_where(possible);
+                touch.arms[1][axis] = match touch.point {
+                    Point::Center(_) => (-rim).only_where(possible),
+                    _ => arm[axis].only_where(possible),
+                };
+            }
+            let before = (gap.size * (1.0 / PART)).at_least(number(0.0));
+            let overlap = ((gap.size + SLOP) * (SHARE / PART)).at_least(number(-APART));
+            let slack = before + overlap.at_most(number(0.0));
+            touch.slack = slack.select(number(f32::MAX), possible);
+            touch.weigh(things, robot);
+            let impulse = touch.along(touch.pressed, touch.rubbed);
+            touch.push(things, moving, moved, robot, impulse);
+            if let Point::Robot(index) = touch.point {
+                touched[index] = touched[index].or(number(0.0).lt(touch.pressed));
+            }
+        }
+    }
+
+    /// Solves all contacts once, in their order.
+    #[inline(always)]
+    pub(in super::super) fn solve(
+        &mut self,
+        moved: &mut [Moved<L>],
+        touched: &mut [L::Mask],
+        spins: &[Number<L>],
+        robot: &Robot,
+    ) {
+        let Self {
+            things,
+            moving,
+            touches: [touches, _],
+            ..
+        } = self;
+        for touch in touches.iter_mut() {
+            if !touch.active {
+                continue;
+            }
+            let mut relative = [number(0.0); 2];
+            let mut rim = number(0.0);
+            let mut friction = FRICTION[1];
+            match touch.point {
+                Point::Robot(index) => {
+                    relative = moved[index].velocity;
+                    rim = spins[index] * robot.radius;
+                    friction = robot.friction[0];
+                }
+                Point::Center(index) | Point::Corner(index, _) => {
+                    relative = moving[index].speed(touch.arms[1]);
+                }
+                Point::End(_) => {}
+            }
+            if let Surface::Object(index) = touch.surface {
+                let [x, y] = moving[index].speed(touch.arms[0]);
+                relative = [relative[0] - x, relative[1] - y];
+                if matches!(touch.point, Point::Center(_) | Point::Corner(..)) {
+                    friction = FRICTION[0];
+                }
+            }
+            let [nx, ny] = touch.normal;
+            let approach = -(relative[0] * nx + relative[1] * ny);
+            let slip = relative[1] * nx - relative[0] * ny - rim;
+            let pressed =
+                (touch.pressed + (approach - touch.slack) * touch.masses[0]).at_least(number(0.0));
+            let limit = pressed * friction;
+            let rubbed = (touch.rubbed - slip * touch.masses[1])
+                .at_most(limit)
+                .at_least(-limit);
+            let impulse = touch.along(pressed - touch.pressed, rubbed - touch.rubbed);
+            touch.pressed = pressed;
+            touch.rubbed = rubbed;
+            touch.push(things, moving, moved, robot, impulse);
+            if let Point::Robot(index) = touch.point {
+                touched[index] = touched[index].or(number(0.0).lt(pressed));
+            }
+        }
+    }
+}
+
+/// Where contacts of an object are added.
+struct List<'a, L: Lanes> {
+    now: &'a mut Vec<Touch<L>>,
+    old: &'a [Touch<L>],
+    at: &'a mut usize,
+    object: u32,
+}
+
+impl<L: Lanes> List<'_, L> {
+    /// Adds a contact; `rank`: a group, an index in it, and which of several. Takes over impulses of the tick before.
+    #[inline(always)]
+    fn add(
+        &mut self,
+        surface: Surface,
+        point: Point,
+        (group, index, which): (u32, usize, usize),
+        lanes: L::Mask,
+    ) {
+        let key = [self.object, group << 20 | index as u32, which as u32];
+        let zero = number(0.0);
+        let mut touch = Touch {
+            surface,
+            point,
+            key,
+            lanes,
+            normal: [zero; 2],
+            arms: [[zero; 2]; 2],
+            masses: [zero; 2],
+            slack: zero,
+            pressed: zero,
+            rubbed: zero,
+            active: false,
+        };
+        while *self.at < self.old.len() && self.old[*self.at].key < key {
+            *self.at += 1;
+        }
+        if *self.at < self.old.len() && self.old[*self.at].key == key {
+            let before = &self.old[*self.at];
+            touch.pressed = before.pressed.only_where(lanes);
+            touch.rubbed = before.rubbed.only_where(lanes);
+        }
+        self.now.push(touch);
+    }
+}
+
+impl<L: Lanes> Touch<L> {
+    /// The masses that resist.
+    #[inline(always)]
+    fn weigh(&mut self, things: &[Object], robot: &Robot) {
+        let [nx, ny] = self.normal;
+        for (axis, along) in [[nx, ny], [-ny, nx]].into_iter().enumerate() {
+            let mut inverse = number(0.0);
+            if let Surface::Object(index) = self.surface {
+                let turn = cross(self.arms[0], along);
+                inverse += turn * turn * things[index].nimble + things[index].light;
+            }
+            match self.point {
+                Point::Robot(_) => inverse += number(1.0 / robot.mass),
+                Point::Center(index) | Point::Corner(index, _) => {
+                    let turn = cross(self.arms[1], along);
+                    inverse += turn * turn * things[index].nimble + things[index].light;
+                }
+                Point::End(_) => {}
+            }
+            self.masses[axis] = number::<L>(1.0) / inverse;
+        }
+    }
+
+    #[inline(always)]
+    fn along(&self, pressed: Number<L>, rubbed: Number<L>) -> [Number<L>; 2] {
+        let [nx, ny] = self.normal;
+        [nx * pressed - ny * rubbed, ny * pressed + nx * rubbed]
+    }
+
+    /// An impulse acts on the point, and on the surface the other way.
+    #[inline(always)]
+    fn push(
+        &self,
+        things: &[Object],
+        moving: &mut [Moving<L>],
+        moved: &mut [Moved<L>],
+        robot: &Robot,
+        [x, y]: [Number<L>; 2],
+    ) {
+        if let Surface::Object(index) = self.surface {
+            moving[index].push(&things[index], self.arms[0], [-x, -y]);
+        }
+        match self.point {
+            Point::Robot(index) => {
+                let velocity = &mut moved[index].velocity;
+                velocity[0] += x * (1.0 / robot.mass);
+                velocity[1] += y * (1.0 / robot.mass);
+            }
+            Point::Center(index) | Point::Corner(index, _) => {
+                moving[index].push(&things[index], self.arms[1], [x, y]);
+            }
+            Point::End(_) => {}
+        }
+    }
+}
+
+impl<L: Lanes> Moving<L> {
+    /// The velocity of a point at this place, seen from the middle.
+    #[inline(always)]
+    fn speed(&self, [x, y]: [Number<L>; 2]) -> [Number<L>; 2] {
+        [
+            self.velocity[0] - self.spin * y,
+            self.velocity[1] + self.spin * x,
+        ]
+    }
+
+    #[inline(always)]
+    fn push(&mut self, object: &Object, arm: [Number<L>; 2], impulse: [Number<L>; 2]) {
+        self.velocity[0] += impulse[0] * object.light;
+        self.velocity[1] += impulse[1] * object.light;
+        self.spin += cross(arm, impulse) * object.nimble;
+    }
+
+    /// From the middle to a corner of a box, 0 to 3 counter-clockwise from the lower left.
+    #[inline(always)]
+    fn corner(&self, [x, y]: [f32; 2], corner: usize) -> [Number<L>; 2] {
+        let x = if corner == 1 || corner == 2 { x } else { -x };
+        let y = if corner >= 2 { y } else { -y };
+        self.out([number(x), number(y)])
+    }
+}
+
+#[inline(always)]
+fn cross<L: Lanes>(a: [Number<L>; 2], b: [Number<L>; 2]) -> Number<L> {
+    a[0] * b[1] - a[1] * b[0]
+}
+
+/// Where the point of a contact is, the radius of the disc around it, and the way to it from the middle of its body.
+#[inline(always)]
+fn point<L: Lanes>(
+    point: Point,
+    things: &[Object],
+    moving: &[Moving<L>],
+    moved: &[Moved<L>],
+    (robot, place): (&Robot, &Place),
+) -> ([Number<L>; 2], f32, [Number<L>; 2]) {
+    let none = [number(0.0); 2];
+    match point {
+        Point::Robot(index) => (moved[index].at, robot.radius, none),
+        Point::Center(index) => {
+            let of = &moving[index];
+            ([of.x, of.y], things[index].radius, none)
+        }
+        Point::Corner(index, corner) => {
+            let of = &moving[index];
+            let half = match things[index].form {
+                Form::Box { half } => half,
+                Form::Disc { .. } => [0.0; 2],
+            };
+            let arm = of.corner(half, corner);
+            ([of.x + arm[0], of.y + arm[1]], 0.0, arm)
+        }
+        Point::End(face) => {
+            let [[x, y], _] = place.faces[face].ends();
+            ([number(x), number(y)], 0.0, none)
+        }
+    }
+}
+
+/// A disc of this radius beside an object; `way`: from the middle of the object to that of the disc.
+#[inline(always)]
+fn to_object<L: Lanes>(
+    object: &Object,
+    moving: &Moving<L>,
+    way: [Number<L>; 2],
+    radius: f32,
+) -> Gap<L> {
+    let (zero, one) = (number::<L>(0.0), number::<L>(1.0));
+    match object.form {
+        Form::Disc { radius: own } => {
+            let length = square(way).sqrt();
+            let valid = zero.lt(length);
+            let inverse = (one / length).only_where(valid);
+            let normal = [way[0] * inverse, way[1] * inverse];
+            Gap {
+                normal,
+                size: length - number(own + radius),
+                arm: [normal[0] * own, normal[1] * own],
+                valid,
+            }
+        }
+        Form::Box { half: [hx, hy] } => {
+            let [x, y] = moving.within(way);
+            // The nearest point of the box.
+            let (px, py) = (x.within(-hx, hx), y.within(-hy, hy));
+            let (dx, dy) = (x - px, y - py);
+            let length = square([dx, dy]).sqrt();
+            let outside = zero.lt(length);
+            // From inside of it the nearest side.
+            let (depth_x, depth_y) = (number(hx) - absolute(x), number(hy) - absolute(y));
+            let across = depth_x.lt(depth_y);
+            let (left, below) = (x.lt(zero), y.lt(zero));
+            let (sign_x, sign_y) = ((-one).select(one, left), (-one).select(one, below));
+            let inverse = (one / length).only_where(outside);
+            let nx = (dx * inverse).select(sign_x.only_where(across), outside);
+            let ny = (dy * inverse).select(zero.select(sign_y, across), outside);
+            let depth = depth_x.select(depth_y, across);
+            let size = length.select(-depth, outside) - number(radius);
+            let on_x = (sign_x * hx).select(px, across);
+            let on_y = py.select(sign_y * hy, across);
+            let arm = [px.select(on_x, outside), py.select(on_y, outside)];
+            Gap {
+                normal: moving.out([nx, ny]),
+                size,
+                arm: moving.out(arm),
+                valid: zero.le(zero),
+            }
+        }
+    }
+}
+
+/// A disc of this radius, or the corner of a box, in front of a face.
+#[inline(always)]
+fn to_wall<L: Lanes>(face: &Face, [x, y]: [Number<L>; 2], radius: f32, corner: bool) -> Gap<L> {
+    let zero = number::<L>(0.0);
+    let arm = [zero; 2];
+    if !corner {
+        let way = to_face(face, x, y);
+        let length = square(way).sqrt();
+        let valid = zero.lt(length);
+        let inverse = (number::<L>(-1.0) / length).only_where(valid);
+        return Gap {
+            normal: [way[0] * inverse, way[1] * inverse],
+            size: length - number(radius),
+            arm,
+            valid,
+        };
+    }
+    let ahead = face.ahead(x, y);
+    let [ax, ay] = face.along;
+    // Nothing is behind or beside the side of a convex arena.
+    let valid = if face.outer {
+        zero.le(zero)
+    } else {
+        let side = (x - face.middle[0]) * ax + (y - face.middle[1]) * ay;
+        let beside = absolute(side).le(number(face.half));
+        beside.and(number(-BEHIND).lt(ahead))
+    };
+    Gap {
+        normal: [number(-ay), number(ax)],
+        size: ahead,
+        arm,
+        valid,
+    }
+}
