@@ -179,6 +179,42 @@ class Episode:
     def text(self, columns: int, color: bool, rows: int = 24, unicode: bool = True) -> str:
         """The scene as at most `rows` lines of at most `columns` characters."""
 
+@final
+class Episodes:
+    """Episodes of one simulation, by its title or as a host, that are stepped side by side from outside."""
+
+    def __new__(cls, simulation: str | Host, parameters: dict[str, Any], seeds: Sequence[int]) -> Episodes:
+        """seeds: of the simulation, one for each episode. Raises InputError for wrong parameters."""
+    @property
+    def done(self) -> bool:
+        """Whether all have ended."""
+    @property
+    def mid_step(self) -> bool:
+        """Of the first one: whether agents act in turn, and others have yet to."""
+    def acting(self) -> tuple[NDArray[np.uint32], NDArray[np.uint32], NDArray[np.float32]]:
+        """(n,) episodes, (n,) agents that act next, in the order of episodes, (n, sensors) what they sense.
+
+        Episodes that have ended are left out.
+        """
+    def step(self, actuators: NDArray[np.float32]) -> None:
+        """Step all that have not ended; (n, actuators), the rows of `acting`, each number in -1..1."""
+    def fitness(self) -> NDArray[np.float64]:
+        """(episodes,), so far."""
+    def metrics(self, names: list[str]) -> NDArray[np.float64]:
+        """(episodes, names), so far. Raises InputError for an unknown one."""
+    @property
+    def metric_names(self) -> list[str]:
+        """Names of all metrics of the simulation."""
+    @property
+    def step_size(self) -> float:
+        """Seconds between two frames when shown."""
+    def scene(self) -> SceneFields:
+        """What the first one looks like, see `Episode.scene`."""
+    def scene_arrays(self) -> SceneArrays:
+        """The same as arrays."""
+    def text(self, columns: int, color: bool, rows: int = 24, unicode: bool = True) -> str:
+        """The same as text."""
+
 def decimals(genomes: NDArray[np.float32]) -> list[str]:
     """Each row of (candidates, genes) as text: the shortest decimals that read back as the same binary32.
 

@@ -5,6 +5,7 @@ mod broker;
 mod cma;
 mod controller;
 mod digests;
+mod episodes;
 mod errors;
 mod evolution;
 mod genomes;
@@ -48,6 +49,7 @@ fn _engine(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("InputError", module.py().get_type::<errors::InputError>())?;
     module.add_class::<controller::PyController>()?;
     module.add_class::<worlds::PyEpisode>()?;
+    module.add_class::<episodes::PyEpisodes>()?;
     module.add_class::<broker::PyBroker>()?;
     module.add_function(wrap_pyfunction!(broker::hash_password, module)?)?;
     module.add_function(wrap_pyfunction!(broker::hash_for_mosquitto, module)?)?;

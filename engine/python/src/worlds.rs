@@ -91,7 +91,7 @@ pub fn steers_itself(title: &str, parameters: &Bound<'_, PyDict>) -> PyResult<bo
 }
 
 /// Runs the code of a simulation; its failure becomes an error.
-fn kept<T>(call: impl FnOnce() -> T) -> PyResult<T> {
+pub fn kept<T>(call: impl FnOnce() -> T) -> PyResult<T> {
     guarded(call).map_err(|failure| engine(failure.reason))
 }
 
@@ -189,20 +189,11 @@ impl PyEpisode {
     }
 
     fn scene<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        to_python(py, &self.shown()?)
+        scene(py, self.0.simulation())
     }
 
     fn scene_arrays<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        let mut scene = self.shown()?;
-        let bodies = arrays::bodies(py, &std::mem::take(&mut scene.bodies))?;
-        let rays = arrays::rays(py, &std::mem::take(&mut scene.rays))?;
-        let links = arrays::links(py, &std::mem::take(&mut scene.links))?;
-        let fields = PyDict::new(py);
-        fields.set_item("scene", to_python(py, &scene)?)?;
-        fields.set_item("bodies", bodies)?;
-        fields.set_item("rays", rays)?;
-        fields.set_item("links", links)?;
-        Ok(fields)
+        scene_arrays(py, self.0.simulation())
     }
 
     fn machine_states<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray1<u32>>> {
@@ -211,20 +202,49 @@ impl PyEpisode {
 
     #[pyo3(signature = (columns, color, rows=24, unicode=true))]
     fn text(&self, columns: usize, color: bool, rows: usize, unicode: bool) -> PyResult<String> {
-        let style = worlds::TextStyle {
-            columns,
-            rows,
-            color,
-            unicode,
-        };
-        self.shown()
-            .map(|scene| worlds::render(&scene, style).join("\n"))
+        text(self.0.simulation(), columns, color, rows, unicode)
     }
 }
 
-impl PyEpisode {
-    fn shown(&self) -> PyResult<worlds::Scene> {
-        kept(|| self.0.simulation().scene())?
-            .ok_or_else(|| engine("this simulation has nothing to show"))
-    }
+fn shown(simulation: &dyn Simulation) -> PyResult<worlds::Scene> {
+    kept(|| simulation.scene())?.ok_or_else(|| engine("this simulation has nothing to show"))
+}
+
+/// What a simulation looks like, as plain values.
+pub fn scene<'py>(py: Python<'py>, simulation: &dyn Simulation) -> PyResult<Bound<'py, PyAny>> {
+    to_python(py, &shown(simulation)?)
+}
+
+/// The same with arrays.
+pub fn scene_arrays<'py>(
+    py: Python<'py>,
+    simulation: &dyn Simulation,
+) -> PyResult<Bound<'py, PyDict>> {
+    let mut scene = shown(simulation)?;
+    let bodies = arrays::bodies(py, &std::mem::take(&mut scene.bodies))?;
+    let rays = arrays::rays(py, &std::mem::take(&mut scene.rays))?;
+    let links = arrays::links(py, &std::mem::take(&mut scene.links))?;
+    let fields = PyDict::new(py);
+    fields.set_item("scene", to_python(py, &scene)?)?;
+    fields.set_item("bodies", bodies)?;
+    fields.set_item("rays", rays)?;
+    fields.set_item("links", links)?;
+    Ok(fields)
+}
+
+/// The same as text.
+pub fn text(
+    simulation: &dyn Simulation,
+    columns: usize,
+    color: bool,
+    rows: usize,
+    unicode: bool,
+) -> PyResult<String> {
+    let style = worlds::TextStyle {
+        columns,
+        rows,
+        color,
+        unicode,
+    };
+    shown(simulation).map(|scene| worlds::render(&scene, style).join("\n"))
 }

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from swarmwright.cli._output import Output
 from swarmwright.cli._validation import unseen_facts, validation_facts, validation_lines
 from swarmwright.core.formatting import duration
-from swarmwright.core.modules import controller_text
+from swarmwright.core.modules import controller_text, is_modules
 from swarmwright.core.untrusted import one_line
 from swarmwright.user_code.copying import shown
 
@@ -168,7 +168,7 @@ def _summary(output: Output, run: "Run", facts: dict[str, Any]) -> None:
         )
     if best is not None:
         output.text(f"  best {best.fitness:.6g} (generation {best.generation}, candidate {best.candidate})")
-    if best is not None and best.specification["kind"] == "modules":
+    if best is not None and is_modules(best.specification):
         for row in controller_text(best.specification).splitlines():
             output.text(f"    {row}")
     for line in () if validation is None else validation_lines(validation):

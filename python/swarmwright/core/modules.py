@@ -5,7 +5,8 @@ A subtree of a tree is a state with one transition, of which the condition count
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from functools import cached_property
+from typing import Any, Literal, Self
 
 from swarmwright.core.errors import InputError
 
@@ -40,8 +41,116 @@ RANGES: dict[str, tuple[float, float, bool]] = {
     "eta": (0, 20, False),
 }
 """Lowest and highest value of each parameter, and whether it is an integer."""
-_PLACES = {"rwm": 1, "alpha": 2, "probability": 2, "xi": 3, "eta": 4}
+PLACES = {"rwm": 1, "alpha": 2, "probability": 2, "xi": 3, "eta": 4}
 """In the weights of a state or of a transition."""
+
+KIND, PYTHON_KIND = "modules", "python_modules"
+"""Kinds of controllers: all modules are the engine's; some are written in Python."""
+
+Range = tuple[float, float, bool]
+"""Lowest and highest value of a parameter, and whether it is an integer."""
+
+
+@dataclass(frozen=True)
+class Module:
+    """A behaviour or a condition: its name, and what it is set by."""
+
+    name: str
+    parameters: Mapping[str, Range]
+
+    @property
+    def built_in(self) -> bool:
+        """Whether it is one of the engine's."""
+        return self.name in BEHAVIOURS or self.name in CONDITIONS
+
+    def as_mapping(self) -> dict[str, Any]:
+        """Return it as specifications hold it."""
+        return {"name": self.name, "parameters": {name: list(one) for name, one in self.parameters.items()}}
+
+
+def built_in(name: str) -> Module:
+    """Return one of the engine's modules by its name."""
+    if name in BEHAVIOUR_PARAMETERS:
+        names: tuple[str, ...] = (BEHAVIOUR_PARAMETERS[name],)
+    else:
+        names = CONDITION_PARAMETERS.get(name, ())
+    return Module(name, {one: RANGES[one] for one in names})
+
+
+@dataclass(frozen=True)
+class Catalogue:
+    """The modules that a machine is made of, in the order of their numbers, and where their parameters are.
+
+    Parameters of the engine's modules have the places that they have in the engine's weights. Those of
+    others follow, each in a place of its own.
+    """
+
+    behaviours: tuple[Module, ...]
+    conditions: tuple[Module, ...]
+
+    @classmethod
+    def of(cls, specification: Mapping[str, Any]) -> Self:
+        """Return the modules of a controller; of one of the kind `modules` all of the engine's."""
+        if specification.get("kind") != PYTHON_KIND:
+            return cls(tuple(map(built_in, BEHAVIOURS)), tuple(map(built_in, CONDITIONS)))
+        return cls(*(tuple(map(_module, specification[key])) for key in ("behaviours", "conditions")))
+
+    @property
+    def in_python(self) -> bool:
+        """Whether a module is not one of the engine's."""
+        return not all(one.built_in for one in (*self.behaviours, *self.conditions))
+
+    @cached_property
+    def of_state(self) -> int:
+        """Weights of a state without its transitions."""
+        return OF_STATE + _own_places(self.behaviours)
+
+    @cached_property
+    def of_transition(self) -> int:
+        """Weights of a transition."""
+        return OF_TRANSITION + _own_places(self.conditions)
+
+    @cached_property
+    def behaviour_places(self) -> dict[str, dict[str, int]]:
+        """Behaviour -> parameter -> its place among the weights of a state."""
+        return _places(self.behaviours, OF_STATE)
+
+    @cached_property
+    def condition_places(self) -> dict[str, dict[str, int]]:
+        """Condition -> parameter -> its place among the weights of a transition."""
+        return _places(self.conditions, OF_TRANSITION)
+
+    def behaviour(self, name: str) -> Module:
+        """Return a behaviour by its name."""
+        return next(one for one in self.behaviours if one.name == name)
+
+    def condition(self, name: str) -> Module:
+        """Return a condition by its name."""
+        return next(one for one in self.conditions if one.name == name)
+
+
+def _module(entry: Mapping[str, Any]) -> Module:
+    ranges = {name: (low, high, bool(whole)) for name, (low, high, whole) in entry["parameters"].items()}
+    return Module(str(entry["name"]), ranges)
+
+
+def _own_places(modules: Sequence[Module]) -> int:
+    return sum(len(one.parameters) for one in modules if not one.built_in)
+
+
+def _places(modules: Sequence[Module], first: int) -> dict[str, dict[str, int]]:
+    found: dict[str, dict[str, int]] = {}
+    for one in modules:
+        if one.built_in:
+            found[one.name] = {name: PLACES[name] for name in one.parameters}
+        else:
+            found[one.name] = {name: first + index for index, name in enumerate(one.parameters)}
+            first += len(one.parameters)
+    return found
+
+
+BUILT_IN = Catalogue(tuple(map(built_in, BEHAVIOURS)), tuple(map(built_in, CONDITIONS)))
+"""All modules of the engine."""
 
 
 @dataclass(frozen=True)
@@ -67,39 +176,53 @@ def is_tree(specification: Mapping[str, Any]) -> bool:
     return specification.get("form") == "tree"
 
 
+def is_modules(specification: Mapping[str, Any]) -> bool:
+    """Return whether a controller is a machine or a tree of modules."""
+    return specification.get("kind") in {KIND, PYTHON_KIND}
+
+
+def weight_count(architecture: Mapping[str, Any]) -> int:
+    """Return how many weights controllers of an architecture have."""
+    catalogue = Catalogue.of(architecture)
+    each = catalogue.of_state + int(architecture["transitions"]) * catalogue.of_transition
+    return 1 + int(architecture["states"]) * each
+
+
 def states_of(specification: Mapping[str, Any]) -> tuple[State, ...]:
     """Return the states of a controller of the kind `modules`, state 0 first; of a tree the subtrees."""
-    tree = is_tree(specification)
+    tree, catalogue = is_tree(specification), Catalogue.of(specification)
     weights = [float(weight) for weight in specification["weights"]]
     most = int(specification["transitions"])
-    width = OF_STATE + most * OF_TRANSITION
+    first, each = catalogue.of_state, catalogue.of_transition
+    width = first + most * each
     count = _whole(weights[0], 1, int(specification["states"]))
     found = []
     for index in range(count):
         row = weights[1 + index * width :][:width]
-        behaviour = BEHAVIOURS[_whole(row[0], 0, len(BEHAVIOURS) - 1)]
-        names = [BEHAVIOUR_PARAMETERS[behaviour]] if behaviour in BEHAVIOUR_PARAMETERS else []
+        behaviour = catalogue.behaviours[_whole(row[0], 0, len(catalogue.behaviours) - 1)]
         transitions = tuple(
-            _transition(row[OF_STATE + k * OF_TRANSITION :][:OF_TRANSITION], count)
+            _transition(row[first + k * each :][:each], count, catalogue)
             for k in range(1 if tree else _whole(row[3], 0, most))
         )
         if tree:
             transitions = (Transition(0, transitions[0].condition, transitions[0].parameters),)
-        found.append(State(behaviour, _parameters(row, names), transitions))
+        parameters = _parameters(row, behaviour, catalogue.behaviour_places)
+        found.append(State(behaviour.name, parameters, transitions))
     return tuple(found)
 
 
-def _transition(row: Sequence[float], states: int) -> Transition:
-    condition = CONDITIONS[_whole(row[1], 0, len(CONDITIONS) - 1)]
+def _transition(row: Sequence[float], states: int, catalogue: Catalogue) -> Transition:
+    condition = catalogue.conditions[_whole(row[1], 0, len(catalogue.conditions) - 1)]
     target = _whole(row[0], 0, states - 1)
-    return Transition(target, condition, _parameters(row, CONDITION_PARAMETERS[condition]))
+    return Transition(target, condition.name, _parameters(row, condition, catalogue.condition_places))
 
 
-def _parameters(row: Sequence[float], names: Sequence[str]) -> dict[str, float]:
+def _parameters(
+    row: Sequence[float], module: Module, places: Mapping[str, Mapping[str, int]]
+) -> dict[str, float]:
     found: dict[str, float] = {}
-    for name in names:
-        low, high, whole = RANGES[name]
-        value = min(max(row[_PLACES[name]], low), high)
+    for name, (low, high, whole) in module.parameters.items():
+        value = min(max(row[places[module.name][name]], low), high)
         found[name] = int(value) if whole else value
     return found
 
@@ -108,23 +231,35 @@ def _whole(weight: float, low: int, high: int) -> int:
     return int(min(max(weight, low), high))
 
 
-def weights_of(states: Sequence[State], most_states: int, most_transitions: int) -> list[float]:
+def weights_of(
+    states: Sequence[State], most_states: int, most_transitions: int, catalogue: Catalogue = BUILT_IN
+) -> list[float]:
     """Return the weights of a controller with these states; places that are not used are 0."""
+    first, each = catalogue.of_state, catalogue.of_transition
     weights = [float(len(states))]
     for state in states:
-        row = [float(BEHAVIOURS.index(state.behaviour)), 0.0, 0.0, float(len(state.transitions))]
+        row = [0.0] * first
+        row[0] = float(catalogue.behaviours.index(catalogue.behaviour(state.behaviour)))
+        row[3] = float(len(state.transitions))
         for name, value in state.parameters.items():
-            row[_PLACES[name]] = float(value)
+            row[catalogue.behaviour_places[state.behaviour][name]] = float(value)
         for transition in state.transitions:
-            part = [float(transition.target), float(CONDITIONS.index(transition.condition)), 0.0, 0.0, 0.0]
+            part = [0.0] * each
+            part[0] = float(transition.target)
+            part[1] = float(catalogue.conditions.index(catalogue.condition(transition.condition)))
             for name, value in transition.parameters.items():
-                part[_PLACES[name]] = float(value)
+                part[catalogue.condition_places[transition.condition][name]] = float(value)
             row += part
-        weights += row + [0.0] * (OF_STATE + most_transitions * OF_TRANSITION - len(row))
-    return weights + [0.0] * ((most_states - len(states)) * (OF_STATE + most_transitions * OF_TRANSITION))
+        weights += row + [0.0] * (first + most_transitions * each - len(row))
+    return weights + [0.0] * ((most_states - len(states)) * (first + most_transitions * each))
 
 
-def states_from(machine: Any, most_states: int, most_transitions: int) -> tuple[State, ...]:  # noqa: ANN401 - a file's
+def states_from(
+    machine: Any,  # noqa: ANN401 - a file's
+    most_states: int,
+    most_transitions: int,
+    catalogue: Catalogue = BUILT_IN,
+) -> tuple[State, ...]:
     """Return the states of a machine as files hold it: the mapping that `mapping_of` returns.
 
     Raises InputError with what is wrong, and where in the machine.
@@ -137,11 +272,12 @@ def states_from(machine: Any, most_states: int, most_transitions: int) -> tuple[
                 raise InputError(f"states[{index}].name: {entry['name']!r} is given twice")
             names[entry["name"]] = index
     return tuple(
-        _state(entry, f"states[{index}]", names, most_transitions) for index, entry in enumerate(entries)
+        _state(entry, f"states[{index}]", names, most_transitions, catalogue)
+        for index, entry in enumerate(entries)
     )
 
 
-def subtrees_from(tree: Any, most: int) -> tuple[State, ...]:  # noqa: ANN401 - a file's
+def subtrees_from(tree: Any, most: int, catalogue: Catalogue = BUILT_IN) -> tuple[State, ...]:  # noqa: ANN401 - a file's
     """Return the subtrees of a tree as files hold it: the mapping that `tree_mapping_of` returns.
 
     Raises InputError with what is wrong, and where in the tree.
@@ -150,13 +286,12 @@ def subtrees_from(tree: Any, most: int) -> tuple[State, ...]:  # noqa: ANN401 - 
     found = []
     for index, entry in enumerate(entries):
         here = f"subtrees[{index}]"
-        condition = _name(_keys(entry, here, None).get("condition"), f"{here}.condition", CONDITIONS)
-        behaviour = _name(entry.get("behaviour"), f"{here}.behaviour", BEHAVIOURS)
-        wanted = CONDITION_PARAMETERS[condition]
-        needed = [BEHAVIOUR_PARAMETERS[behaviour]] if behaviour in BEHAVIOUR_PARAMETERS else []
-        known = _keys(entry, here, {"condition", "behaviour", *wanted, *needed})
-        transition = Transition(0, condition, {name: _value(known, name, here) for name in wanted})
-        found.append(State(behaviour, {name: _value(known, name, here) for name in needed}, (transition,)))
+        given = _keys(entry, here, None)
+        condition = _name(given.get("condition"), f"{here}.condition", catalogue.conditions)
+        behaviour = _name(given.get("behaviour"), f"{here}.behaviour", catalogue.behaviours)
+        known = _keys(entry, here, {"condition", "behaviour", *condition.parameters, *behaviour.parameters})
+        transition = Transition(0, condition.name, _values(known, condition, here))
+        found.append(State(behaviour.name, _values(known, behaviour, here), (transition,)))
     return tuple(found)
 
 
@@ -181,26 +316,26 @@ def _state(
     where: str,
     names: Mapping[Any, int],
     most: int,
+    catalogue: Catalogue,
 ) -> State:
     """Return a state; names: the numbers of all states by their names and numbers."""
-    behaviour = _name(_keys(entry, where, None).get("behaviour"), f"{where}.behaviour", BEHAVIOURS)
-    needed = [BEHAVIOUR_PARAMETERS[behaviour]] if behaviour in BEHAVIOUR_PARAMETERS else []
-    known = _keys(entry, where, {"name", "behaviour", "transitions", *needed})
-    parameters = {name: _value(known, name, where) for name in needed}
+    given = _keys(entry, where, None).get("behaviour")
+    behaviour = _name(given, f"{where}.behaviour", catalogue.behaviours)
+    known = _keys(entry, where, {"name", "behaviour", "transitions", *behaviour.parameters})
+    parameters = _values(known, behaviour, where)
     parts = _list(known.get("transitions", []), f"{where}.transitions", 0, most)
     transitions = []
     for index, part in enumerate(parts):
         here = f"{where}.transitions[{index}]"
-        condition = _name(_keys(part, here, None).get("condition"), f"{here}.condition", CONDITIONS)
-        wanted = CONDITION_PARAMETERS[condition]
-        values = _keys(part, here, {"to", "condition", *wanted})
+        named = _keys(part, here, None).get("condition")
+        condition = _name(named, f"{here}.condition", catalogue.conditions)
+        values = _keys(part, here, {"to", "condition", *condition.parameters})
         to = values.get("to")
         if not isinstance(to, int | str) or isinstance(to, bool) or to not in names:
             shown = ", ".join(map(str, names))
             raise InputError(f"{here}.to: {to!r} found, expected one of the states {shown}")
-        chosen = {name: _value(values, name, here) for name in wanted}
-        transitions.append(Transition(names[to], condition, chosen))
-    return State(behaviour, parameters, tuple(transitions))
+        transitions.append(Transition(names[to], condition.name, _values(values, condition, here)))
+    return State(behaviour.name, parameters, tuple(transitions))
 
 
 def _keys(value: Any, where: str, known: set[str] | None) -> Mapping[str, Any]:  # noqa: ANN401 - a file's
@@ -220,14 +355,20 @@ def _list(value: Any, where: str, least: int, most: int) -> Sequence[Any]:  # no
     return value
 
 
-def _name(value: Any, where: str, names: Sequence[str]) -> str:  # noqa: ANN401 - a file's
-    if value not in names:
-        raise InputError(f"{where}: {value!r} found, expected one of {', '.join(names)}")
-    return str(value)
+def _name(value: Any, where: str, modules: Sequence[Module]) -> Module:  # noqa: ANN401 - a file's
+    for one in modules:
+        if one.name == value:
+            return one
+    names = ", ".join(one.name for one in modules)
+    raise InputError(f"{where}: {value!r} found, expected one of {names}")
 
 
-def _value(values: Mapping[str, Any], name: str, where: str) -> float:
-    low, high, whole = RANGES[name]
+def _values(values: Mapping[str, Any], module: Module, where: str) -> dict[str, float]:
+    return {name: _value(values, name, one, where) for name, one in module.parameters.items()}
+
+
+def _value(values: Mapping[str, Any], name: str, limits: Range, where: str) -> float:
+    low, high, whole = limits
     value = values.get(name)
     number = isinstance(value, int if whole else int | float) and not isinstance(value, bool)
     if value is None or not number or not low <= value <= high:

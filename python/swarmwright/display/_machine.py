@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from swarmwright.core.modules import states_of, words_of
+from swarmwright.core.modules import is_modules, states_of, words_of
 
 _MOST_STATES = 64
 """States of a machine that is drawn."""
@@ -17,7 +17,7 @@ def machine_of(specification: Mapping[str, Any], highest: int) -> dict[str, Any]
     highest: the last state that an agent was in, for machines of which no more is known.
     """
     kind = specification.get("kind")
-    if kind == "modules":
+    if is_modules(specification):
         found = states_of(specification)
         # A subtree that is done leads to the next one; after the last the tree begins again.
         tree = len(found) if specification.get("form") == "tree" else 0

@@ -127,7 +127,12 @@ def episode(
         raise InputError(f"seed: must be from 0 to 2**63 - 1, not {seed}")
     if servers is None and broker is None and experiment.broker is None and experiment.servers not in HERE:
         servers = 1
-    with open_backend(experiment, broker=broker, servers=servers, visual=visual, most=1) as backend:
+    in_python = controller is not None and controller.in_python
+    if experiment.in_python or in_python:
+        servers = None if servers == 1 else servers
+    with open_backend(
+        experiment, broker=broker, servers=servers, visual=visual, most=1, in_python=in_python
+    ) as backend:
         if controller is None:
             representation = experiment.representation(backend.sensors, backend.actuators)
             genome = representation.initial(Stream(experiment.seed, "initial"))

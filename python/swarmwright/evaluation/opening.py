@@ -33,6 +33,7 @@ def open_backend(
     wait: float | None = None,
     most: int | None = None,
     metrics: Sequence[str] = (),
+    in_python: bool = False,
 ) -> Iterator[Backend]:
     """Start what an experiment needs and yield the backend; end all of it afterwards.
 
@@ -45,28 +46,20 @@ def open_backend(
         wait: seconds to wait for a broker that does not answer, instead of the experiment's.
         most: evaluations that there are, if that is known: no more worker processes are started for `local`.
         metrics: asked for beside those that the fitness needs.
+        in_python: controllers are machines with modules in Python, although the experiment's are not.
 
     Raises:
         InputError: the simulation is unknown, or broker and local servers are both asked for.
         RunError: no broker, no fitting server, a server that does not start.
     """
-    loading = sys.modules.get("swarmwright.simulations.loading")
-    if loading is not None and loading.serving:
-        raise RunError(
-            "this is a simulation server, which imports the file only for its class; put what starts a run "
-            'under `if __name__ == "__main__":`'
-        )
-    if broker is not None:
-        problem = broker_problem(broker)
-        if problem is not None:
-            raise InputError(f"broker: {problem}")
-    if isinstance(servers, int) and servers < 1:
-        raise InputError(f"servers: must be auto, local, in-process or a number from 1 on, not {servers}")
-    if servers in HERE and broker is not None:
-        raise InputError(f"broker: servers are '{servers}', so no broker is used; leave one of the two out")
+    _check(broker, servers)
     wanted: Servers = experiment.servers if servers is None else servers
     if broker is None and servers not in HERE and wanted not in HERE:
         broker = experiment.broker
+    if experiment.in_python or in_python:
+        _require_alone(experiment, broker, wanted, visual=visual)
+        yield _in_process(experiment, metrics, in_python=True)
+        return
     if broker is None and wanted == "auto" and not visual and in_process_is_better(experiment):
         wanted = "local"
     if broker is None and wanted in HERE and not visual:
@@ -104,11 +97,31 @@ def open_backend(
         yield BrokerBackend(experiment, pool, local, where, metrics)
 
 
+def _check(broker: str | None, servers: Servers | None) -> None:
+    """Raise where nothing can be opened, whatever the experiment."""
+    loading = sys.modules.get("swarmwright.simulations.loading")
+    if loading is not None and loading.serving:
+        raise RunError(
+            "this is a simulation server, which imports the file only for its class; put what starts a run "
+            'under `if __name__ == "__main__":`'
+        )
+    if broker is not None:
+        problem = broker_problem(broker)
+        if problem is not None:
+            raise InputError(f"broker: {problem}")
+    if isinstance(servers, int) and servers < 1:
+        raise InputError(f"servers: must be auto, local, in-process or a number from 1 on, not {servers}")
+    if servers in HERE and broker is not None:
+        raise InputError(f"broker: servers are '{servers}', so no broker is used; leave one of the two out")
+
+
 def is_here(experiment: Experiment, broker: str | None, servers: Servers | None) -> bool:
     """Whether `open_backend` with these arguments uses no broker that is visible to others."""
     wanted: Servers = experiment.servers if servers is None else servers
     if broker is not None or wanted in HERE:
         return broker is None
+    if experiment.in_python:
+        return experiment.broker is None
     return wanted == "auto" and experiment.broker is None and in_process_is_better(experiment)
 
 
@@ -242,7 +255,26 @@ def require_here(experiment: Experiment) -> None:
         )
 
 
-def _in_process(experiment: Experiment, metrics: Sequence[str]) -> Backend:
+def _require_alone(experiment: Experiment, broker: str | None, wanted: Servers, *, visual: bool) -> None:
+    """Raise InputError where machines with modules in Python would have to be evaluated elsewhere."""
+    reason = (
+        "behaviours and conditions in Python are evaluated in this process alone; leave it out, or take "
+        "modules of the engine"
+    )
+    if broker is not None:
+        raise InputError(f"broker: {broker}: {reason}")
+    if isinstance(wanted, int):
+        raise InputError(f"servers: {wanted}: {reason}")
+    if visual:
+        raise InputError(f"visual: {reason}")
+    require_here(experiment)
+
+
+def _in_process(experiment: Experiment, metrics: Sequence[str], *, in_python: bool = False) -> Backend:
     from swarmwright.evaluation.in_process import InProcessBackend, PythonBackend  # noqa: PLC0415 - NumPy and hosts, not for servers
 
+    if in_python:
+        from swarmwright.evaluation.python_modules import ModulesBackend  # noqa: PLC0415 - as above
+
+        return ModulesBackend(experiment, metrics)
     return (PythonBackend if is_python(experiment.simulation) else InProcessBackend)(experiment, metrics)

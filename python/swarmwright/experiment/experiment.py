@@ -278,6 +278,11 @@ class Experiment:
         return REPRESENTATIONS.get(self.controller.kind).steers
 
     @property
+    def in_python(self) -> bool:
+        """Whether controllers are evaluated in Python: machines with modules that are not the engine's."""
+        return bool(getattr(self.controller, "in_python", False))
+
+    @property
     def label(self) -> str:
         """What the simulation is called in figures and folders: its title, or its class."""
         return SimulationName.parse(self.simulation).label

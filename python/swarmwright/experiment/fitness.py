@@ -30,6 +30,7 @@ from swarmwright.experiment.expression import (
 if TYPE_CHECKING:
     from swarmwright._engine import Episode
     from swarmwright.core.engine_types import SceneArrays, SceneFields
+    from swarmwright.modules._played import PlayedEpisode
 
 OWN = "fitness"
 """The name of the simulation's own fitness."""
@@ -97,7 +98,7 @@ class FitnessExpression:
 class JudgedEpisode:
     """An episode run in this process whose fitness is the experiment's, NaN where it has no value."""
 
-    def __init__(self, episode: "Episode", expression: FitnessExpression) -> None:
+    def __init__(self, episode: "Episode | PlayedEpisode", expression: FitnessExpression) -> None:
         self._episode = episode
         self._expression = expression
 

@@ -1,13 +1,15 @@
 """What every form of an exported controller does."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmwright.core import modules
+from swarmwright.core.errors import InputError
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Subject
 
@@ -72,6 +74,21 @@ class Exporter(ABC):
     def self_test(self, folder: Path, prefix: str) -> str | None:  # noqa: ARG002 - for those who have one
         """Run the generated self-test; return its name, None without one, the default. Raises as `run`."""
         return None
+
+
+def not_exported(subject: Subject, form: str, known: Iterable[str]) -> InputError:
+    """Return the error for a controller of a kind that has no such form; known: kinds that have it."""
+    reason = (
+        f"controller: the kind {subject.kind!r} cannot be exported to {form}, only {', '.join(sorted(known))}"
+    )
+    if subject.kind == modules.PYTHON_KIND:
+        catalogue = modules.Catalogue.of(subject.specification)
+        own = [one.name for one in (*catalogue.behaviours, *catalogue.conditions) if not one.built_in]
+        reason = (
+            f"controller: its modules {', '.join(own)} are code in Python, not translated to {form}; "
+            "--to machine writes the machine with the names of its modules"
+        )
+    return InputError(reason)
 
 
 def facts(subject: Subject, begin: str = " * ") -> str:

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.core import modules
-from swarmwright.core.errors import InputError
 from swarmwright.core.evostick import STEEP, as_layered
+from swarmwright.export._base import not_exported
 from swarmwright.export.subject import Subject
 from swarmwright.export.text import literals, render, wrapped
 
@@ -56,10 +56,7 @@ def code(subject: Subject, language: dict[str, str]) -> Code:
     """
     make = _KINDS.get(subject.kind)
     if make is None:
-        known = ", ".join(sorted(_KINDS))
-        raise InputError(
-            f"controller: the kind {subject.kind!r} cannot be exported to C and C++, only {known}"
-        )
+        raise not_exported(subject, "C and C++", _KINDS)
     return make(subject, language)
 
 

@@ -1,30 +1,33 @@
 """Machines and trees of modules to read, and to start from: `--to machine`."""
 
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.core import modules
+from swarmwright.core.automode import text_of
 from swarmwright.core.errors import InputError
 from swarmwright.core.yaml import read
 from swarmwright.export._base import Exporter, Files, facts
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Subject
+from swarmwright.modules._registered import module
 
 
 class Machine(Exporter):
     """`PREFIX.yaml`, the machine as an experiment's `controller.machine` has it, and drawings as text.
 
-    `PREFIX.dot` is for Graphviz, `PREFIX.mmd` for Mermaid.
+    `PREFIX.dot` is for Graphviz, `PREFIX.mmd` for Mermaid, `PREFIX.automode` what AutoMoDe's programs are
+    called with; there is none for a machine with modules that they lack.
     """
 
     form: ClassVar[str] = "machine"
 
     def files(self, subject: Subject, prefix: str) -> Files:
         """Return the machine and its drawings."""
-        if subject.kind != "modules":
+        if not modules.is_modules(subject.specification):
             raise InputError(
                 f"controller: one of the kind {subject.kind!r} is no machine of behaviours and conditions; "
                 "only modules is"
@@ -34,32 +37,54 @@ class Machine(Exporter):
         text = "\n".join(f"# {line}" for line in modules.controller_text(specification).splitlines())
         content = _tree_yaml(states) if modules.is_tree(specification) else _yaml(states)
         dot, mermaid = (modules.controller_diagram(specification, one) for one in ("dot", "mermaid"))
+        command = text_of(states, tree=modules.is_tree(specification))
         return {
+            **({f"{prefix}.automode": f"{command}\n"} if command else {}),
             f"{prefix}.yaml": f"{facts(subject, '# ')}\n#\n{text}\n\n{content}",
             f"{prefix}.dot": f"{facts(subject, '// ')}\n{dot}\n",
             f"{prefix}.mmd": f"{facts(subject, '%% ')}\n{mermaid}\n",
         }
 
     def run(self, folder: Path, prefix: str, sequences: Sequences) -> NDArray[np.float32]:
-        """Read the machine, and run it by the engine."""
+        """Read the machine, and run it by the engine, or in Python where that has modules of it."""
         values = read(folder / f"{prefix}.yaml").values
         tree = "subtrees" in values
         most = 1 if tree else modules.MOST_TRANSITIONS
+        catalogue = _catalogue(values)
         if tree:
-            states = modules.subtrees_from(values, modules.MOST_SUBTREES)
+            states = modules.subtrees_from(values, modules.MOST_SUBTREES, catalogue)
         else:
-            states = modules.states_from(values, modules.MOST_STATES, most)
+            states = modules.states_from(values, modules.MOST_STATES, most, catalogue)
+        own: dict[str, Any] = {"kind": modules.KIND}
+        if catalogue.in_python:
+            own = {
+                "kind": modules.PYTHON_KIND,
+                "behaviours": [one.as_mapping() for one in catalogue.behaviours],
+                "conditions": [one.as_mapping() for one in catalogue.conditions],
+            }
         specification = {
             "version": 1,
-            "kind": "modules",
+            **own,
             "form": "tree" if tree else "machine",
             "sensors": modules.SENSORS,
             "actuators": modules.ACTUATORS,
             "states": len(states),
             "transitions": most,
-            "weights": modules.weights_of(states, len(states), most),
+            "weights": modules.weights_of(states, len(states), most, catalogue),
         }
         return Sequences.computed(specification, sequences.first, sequences.sensors).actuators
+
+
+def _catalogue(machine: dict[str, Any]) -> modules.Catalogue:
+    """Return the engine's modules, and those in Python that a machine names."""
+    entries = machine.get("subtrees") or machine["states"]
+    transitions = [one for entry in entries for one in entry.get("transitions", [])]
+    behaviours = [entry["behaviour"] for entry in entries]
+    conditions = [one["condition"] for one in (*entries, *transitions) if "condition" in one]
+    return modules.Catalogue(
+        tuple(module("behaviour", one) for one in dict.fromkeys([*modules.BEHAVIOURS, *behaviours])),
+        tuple(module("condition", one) for one in dict.fromkeys([*modules.CONDITIONS, *conditions])),
+    )
 
 
 def _tree_yaml(subtrees: tuple[modules.State, ...]) -> str:

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from onnx import ModelProto, NodeProto, TensorProto, checker, helper, numpy_helper
 
-from swarmwright.core.errors import InputError
 from swarmwright.core.evostick import STEEP, STEEPNESS, as_layered
+from swarmwright.export._base import not_exported
 from swarmwright.export.c_code import machine_tables
 from swarmwright.export.subject import Subject
 
@@ -67,8 +67,7 @@ def graph_of(subject: Subject) -> Graph:
     """Return the graph of a controller that steers agents. Raises InputError for an unknown kind."""
     make = _KINDS.get(subject.kind)
     if make is None:
-        known = ", ".join(sorted(_KINDS))
-        raise InputError(f"controller: the kind {subject.kind!r} cannot be exported to ONNX, only {known}")
+        raise not_exported(subject, "ONNX", _KINDS)
     graph = Graph()
     make(subject, graph)
     return graph

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.core import modules
-from swarmwright.core.errors import InputError
 from swarmwright.core.evostick import STEEP, STEEPNESS, as_layered
+from swarmwright.export._base import not_exported
 from swarmwright.export.c_code import machine_tables, machine_weights
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Subject
@@ -51,8 +51,7 @@ def python_code(subject: Subject, numbers: Numbers) -> PythonCode:
     """Return the code of a controller that steers agents. Raises InputError for an unknown kind."""
     make = _KINDS.get(subject.kind)
     if make is None:
-        known = ", ".join(sorted(_KINDS))
-        raise InputError(f"controller: the kind {subject.kind!r} cannot be exported to Python, only {known}")
+        raise not_exported(subject, "Python", _KINDS)
     return make(subject, numbers)
 
 

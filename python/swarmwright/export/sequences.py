@@ -10,12 +10,15 @@ from numpy.typing import NDArray
 
 from swarmwright import _engine
 from swarmwright.core.errors import InputError, engine_errors
+from swarmwright.core.modules import PYTHON_KIND
+from swarmwright.modules._machine import Swarm
 
 RANDOM_SEQUENCES = 10_000
 LONGEST = 30
 _OPERATIONS = 1e8
 """Of nodes, at most, in all random sequences together: so that large networks are verified in minutes."""
 
+_LARGEST_SENSED = np.float32(1000)
 _BITS = [
     0x00000000, 0x80000000, 0x00000001, 0x80000001, 0x007FFFFF, 0x00800000, 0x34000000, 0x3F7FFFFF,
     0x3F800000, 0xBF800000, 0x3F800001, 0x4B800000, 0x7149F2CA, 0xF149F2CA, 0x7F7FFFFF, 0xFF7FFFFF,
@@ -57,7 +60,9 @@ class Sequences:
     def computed(
         cls, specification: Mapping[str, Any], first: NDArray[np.bool_], sensors: NDArray[np.float32]
     ) -> "Sequences":
-        """Return what the engine's controller does in these steps."""
+        """Return what the engine's controller does in these steps; of modules in Python, what these do."""
+        if specification.get("kind") == PYTHON_KIND:
+            return _in_python(specification, first, sensors)
         with engine_errors("controller: "):
             controller = _engine.Controller(json.dumps(dict(specification), allow_nan=False))
         actuators = np.zeros((len(first), controller.actuators), np.float32)
@@ -72,6 +77,24 @@ class Sequences:
         return cls(first, sensors, actuators, accepted)
 
 
+def _in_python(
+    specification: Mapping[str, Any], first: NDArray[np.bool_], sensors: NDArray[np.float32]
+) -> Sequences:
+    """Return what a machine with modules in Python does, all sequences side by side."""
+    swarm = Swarm(specification, np.array([specification["weights"]], dtype=np.float32))
+    accepted: NDArray[np.bool_] = np.array(np.isfinite(sensors).all(axis=1))
+    starts = np.flatnonzero(first)
+    lengths = np.diff([*starts.tolist(), len(first)])
+    actuators = np.zeros((len(first), int(specification["actuators"])), np.float32)
+    swarm.restart(np.zeros(len(starts), dtype=np.int64))
+    for step in range(int(lengths.max(initial=0))):
+        going = np.flatnonzero(lengths > step)
+        going = going[accepted[starts[going] + step]]
+        rows = starts[going] + step
+        actuators[rows] = swarm.step(going, sensors[rows])
+    return Sequences(first, sensors, actuators, accepted)
+
+
 def random_sequences(
     specification: Mapping[str, Any],
     count: int = RANDOM_SEQUENCES,
@@ -84,7 +107,8 @@ def random_sequences(
     Sensors are uniform in -1..1, or larger and smaller by up to forty orders of magnitude, or numbers at
     which arithmetic and thresholds change: zeros, subnormal, huge ones.
 
-    refused: some steps have a sensor that is NaN or infinite.
+    refused: some steps have a sensor that is NaN or infinite. Of a machine with modules in Python, sensors
+    are in -1000..1000: what these do with others is their author's.
     """
     width = int(specification["sensors"])
     numbers = np.random.default_rng(2026)
@@ -102,6 +126,8 @@ def random_sequences(
     chosen = special[numbers.integers(0, len(special), sensors.shape)]
     share = np.array([0.02, 0.02, 0.05, 0.5])[which]
     sensors = np.where(numbers.random(sensors.shape) < share[:, None], chosen, sensors)
+    if specification.get("kind") == PYTHON_KIND:
+        sensors = np.clip(sensors, -_LARGEST_SENSED, _LARGEST_SENSED)
     if refused:
         bad = np.flatnonzero(numbers.random(len(first)) < 0.01)
         values = np.array(_REFUSED, np.uint32).view(np.float32)

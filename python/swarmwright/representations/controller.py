@@ -9,8 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmwright import _engine
-from swarmwright.core.errors import InputError, engine_errors
+from swarmwright.core.errors import InputError, engine_errors, explained
 from swarmwright.core.files import read_bytes, write_text
+from swarmwright.core.modules import ACTUATORS, PYTHON_KIND, SENSORS
+from swarmwright.modules._machine import Swarm
 
 _LARGEST = 1 << 28
 """Bytes of a file."""
@@ -40,9 +42,23 @@ class Controller:
                 self._text = json.dumps(dict(specification), allow_nan=False)
             except (TypeError, ValueError) as error:
                 raise InputError(f"controller: cannot be written as JSON: {error}") from error
-        with engine_errors("controller: "):
-            self._agents = [_engine.Controller(self._text)]
+        self._swarm = self._in_python()
+        if self._swarm is None:
+            with engine_errors("controller: "):
+                self._agents = [_engine.Controller(self._text)]
         self._started = 0
+
+    def _in_python(self) -> Swarm | None:
+        """Return what steps a machine with modules in Python; None for a controller that the engine steps."""
+        if f'"{PYTHON_KIND}"' not in self._text:
+            return None
+        try:
+            values = json.loads(self._text)
+            if not isinstance(values, dict) or values.get("kind") != PYTHON_KIND:
+                return None
+            return Swarm(values, np.array([values["weights"]], dtype=np.float32))
+        except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+            raise InputError(f"controller: is not a machine of modules: {explained(error)}") from error
 
     @classmethod
     def load(cls, path: str | Path) -> Self:
@@ -93,22 +109,28 @@ class Controller:
     @property
     def parameters(self) -> dict[str, Any]:
         """Values of a parameter set, by name, as the simulation gets them; {} for what steers agents."""
-        return self._agents[0].parameters
+        return {} if self._swarm is not None else self._agents[0].parameters
 
     @property
     def sensors(self) -> int:
         """Numbers that an agent senses; 0 for a parameter set."""
-        return self._agents[0].sensors
+        return SENSORS if self._swarm is not None else self._agents[0].sensors
 
     @property
     def actuators(self) -> int:
         """Numbers that an agent is steered by; 0 for a parameter set."""
-        return self._agents[0].actuators
+        return ACTUATORS if self._swarm is not None else self._agents[0].actuators
+
+    @property
+    def in_python(self) -> bool:
+        """Whether it is a machine with modules in Python, which the engine does not compute."""
+        return self._swarm is not None
 
     def reset(self) -> None:
         """Begin a new episode: forget all state, and how many agents there are."""
-        self._agents = self._agents[:1]
-        self._agents[0].reset()
+        if self._swarm is None:
+            self._agents = self._agents[:1]
+            self._agents[0].reset()
         self._started = 0
 
     def __call__(self, sensors: ArrayLike) -> NDArray[np.float32]:
@@ -134,16 +156,29 @@ class Controller:
         rows = np.ascontiguousarray(np.atleast_2d(values))
         if not np.isfinite(rows).all():
             raise InputError("sensors: hold a number that is not finite")
+        if self._swarm is not None:
+            return self._stepped(self._swarm, rows, whole=values.ndim == 2)
         self._set_agents(len(rows))
         with engine_errors("sensors: "):
             actuators = np.stack([agent.step(row) for agent, row in zip(self._agents, rows, strict=True)])
         return actuators if values.ndim == 2 else actuators[0]
 
-    def _set_agents(self, agents: int) -> None:
+    def _stepped(self, swarm: Swarm, rows: NDArray[np.float32], *, whole: bool) -> NDArray[np.float32]:
+        self._check_agents(len(rows))
+        if not self._started:
+            swarm.restart(np.zeros(len(rows), dtype=np.int64))
+        self._started = len(rows)
+        actuators = swarm.step(np.arange(len(rows)), rows)
+        return actuators if whole else actuators[0]
+
+    def _check_agents(self, agents: int) -> None:
         if self._started not in {0, agents}:
             raise InputError(
                 f"sensors: {agents} agent(s) now, {self._started} before; call reset() in between"
             )
+
+    def _set_agents(self, agents: int) -> None:
+        self._check_agents(agents)
         with engine_errors("controller: "):
             self._agents += [_engine.Controller(self._text) for _ in range(agents - len(self._agents))]
         self._started = agents

@@ -1,107 +1,42 @@
 """Probabilistic finite-state machines, and behaviour trees, of given behaviours and conditions."""
 
-import json
 from collections.abc import Mapping
 from functools import cached_property
-from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, field_validator, model_validator
 
 from swarmwright.core import modules
-from swarmwright.core.automode import machine_of
 from swarmwright.core.errors import InputError
-from swarmwright.core.modules import OF_STATE, OF_TRANSITION, RANGES
+from swarmwright.core.modules import RANGES
 from swarmwright.core.options import Options
 from swarmwright.core.random_numbers import Stream, Streams
-from swarmwright.core.yaml import read
 from swarmwright.representations._base import Representation, in_parts
+from swarmwright.representations._module_changes import Changes, Layout
+from swarmwright.representations._module_options import ModulesOptions
 from swarmwright.typing import Genome, Genomes, Limits
+
+__all__ = ["Modules", "ModulesOptions"]
 
 _MOST_CHANGES = 8
 """Of one mutation."""
-_BEHAVIOURS, _CONDITIONS = len(modules.BEHAVIOURS), len(modules.CONDITIONS)
-_HAS_RWM, _HAS_ALPHA = (
-    np.array([modules.BEHAVIOUR_PARAMETERS.get(one) == name for one in modules.BEHAVIOURS])
-    for name in ("rwm", "alpha")
-)
-_COUNTS_NEIGHBOURS = np.array(["xi" in modules.CONDITION_PARAMETERS[one] for one in modules.CONDITIONS])
 
 
-class ModulesOptions(Options):
-    """A machine (AutoMoDe-Chocolate) or a tree (AutoMoDe-Maple) of given behaviours and conditions.
+def _only(genomes: Genomes) -> Genome:
+    """Return the one genome that there is."""
+    found: Genome = genomes[0]
+    return found
 
-    For robots with two wheels that sense what the preset e-puck-rm1.2 of `arena` does.
-    """
 
-    kind: Literal["modules"] = "modules"
-    form: Literal["machine", "tree"] = "machine"
-    """machine: a probabilistic finite-state machine. tree: a behaviour tree, whose root is a sequence with
-    memory of subtrees; each selects between a condition and a behaviour. If the condition of a subtree holds,
-    the next one is tried in the same step, else its behaviour acts, and the next step begins with it. After
-    the last one the robot stops for a step and begins again."""
-    states: int = Field(default=4, ge=1, le=modules.MOST_STATES)
-    """States that a machine has at most; every episode begins in the first. Of a tree: subtrees, up to 4."""
-    transitions: int = Field(default=4, ge=1, le=modules.MOST_TRANSITIONS)
-    """Transitions that a state has at most. Of a tree: 1."""
-    machine: dict[str, Any] | str | None = None
-    """A machine to start from: {states: [{behaviour, transitions: [{to, condition}]}]}, with the parameters
-    of each behaviour and condition beside it; the path of a YAML file with that, as `swarmwright export --to
-    machine` writes it; or the text that AutoMoDe's programs are called with, --nstates 2 --s0 4 --att0 5 ..
-    A tree is {subtrees: [{condition, behaviour}]}, or such a file. Evolution begins with it and with mutants
-    of it, of up to 8 changes each. Default: random ones."""
-
-    @model_validator(mode="before")
-    @classmethod
-    def _one_condition(cls, values: Any) -> Any:  # noqa: ANN401 - whatever the file says
-        if isinstance(values, Mapping) and values.get("form") == "tree" and "transitions" not in values:
-            return {**values, "transitions": 1}
-        return values
-
-    @field_validator("machine", mode="before")
-    @classmethod
-    def _plain(cls, value: Any) -> Any:  # noqa: ANN401 - whatever the file says
-        if isinstance(value, str) and not value.lstrip().startswith("--"):
-            try:
-                value = read(Path(value)).values
-            except InputError as error:
-                raise ValueError(
-                    f"{error}; expected a mapping, such a file, or AutoMoDe's --nstates .."
-                ) from None
-        return json.loads(json.dumps(value)) if isinstance(value, dict) else value
-
-    @model_validator(mode="after")
-    def _valid(self) -> "ModulesOptions":
-        if self.form == "tree" and self.states > modules.MOST_SUBTREES:
-            raise ValueError(
-                f"states: a tree has {modules.MOST_SUBTREES} subtrees at most, not {self.states}"
-            )
-        if self.form == "tree" and self.transitions != 1:
-            raise ValueError("transitions: a subtree has one condition; leave it out")
-        try:
-            self.start()
-        except InputError as error:
-            raise ValueError(f"machine: {error}") from None
-        return self
-
-    def start(self) -> tuple[modules.State, ...] | None:
-        """Return the machine to start from. Raises InputError when it is wrong."""
-        if self.machine is None:
-            return None
-        if self.form == "tree":
-            if isinstance(self.machine, str):
-                raise InputError("AutoMoDe's command describes a machine; a tree is a mapping or a file")
-            return modules.subtrees_from(self.machine, self.states)
-        machine = machine_of(self.machine) if isinstance(self.machine, str) else self.machine
-        states = modules.states_from(machine, self.states, self.transitions)
-        for index, state in enumerate(states):
-            for k, one in enumerate(state.transitions):
-                if one.target == index:
-                    where = f"states[{index}].transitions[{k}].to"
-                    raise InputError(f"{where}: a transition must lead to another state")
-        return states
+def _limits(
+    names: tuple[str, ...], chosen: tuple[modules.Module, ...], places: Mapping[str, Mapping[str, int]]
+) -> dict[int, modules.Range]:
+    """Return the limits of parameters by their places: of the engine's, whether chosen or not, and others."""
+    found = {modules.PLACES[name]: RANGES[name] for name in names}
+    for one in chosen:
+        found |= {places[one.name][name]: limits for name, limits in one.parameters.items()}
+    return dict(sorted(found.items()))
 
 
 class Modules(Representation):
@@ -145,9 +80,24 @@ class Modules(Representation):
                 f"{actuators}; take a robot such as e-puck-rm1.2 of arena, or another kind of controller"
             )
 
-    @property
+    @cached_property
+    def catalogue(self) -> modules.Catalogue:
+        """The modules of which machines are made; genes count them from 0."""
+        return self.options.catalogue
+
+    @cached_property
+    def _first(self) -> int:
+        """Where the genes of transitions begin among those of a state."""
+        return self.catalogue.of_state
+
+    @cached_property
+    def _each(self) -> int:
+        """Genes of a transition."""
+        return self.catalogue.of_transition
+
+    @cached_property
     def _width(self) -> int:
-        return OF_STATE + self._most * OF_TRANSITION
+        return self._first + self._most * self._each
 
     @property
     def _tree(self) -> bool:
@@ -167,47 +117,103 @@ class Modules(Representation):
     def bounds(self) -> Limits:
         """From the lowest to one more than the highest value of what is counted, else to the highest."""
         most, others = self._most, max(1, self.options.states - 1)
-        ranges = {name: (low, high + 1 if whole else high) for name, (low, high, whole) in RANGES.items()}
-        transition = [(0, others), (0, _CONDITIONS), ranges["probability"], ranges["xi"], ranges["eta"]]
-        state = [(0, _BEHAVIOURS), ranges["rwm"], ranges["alpha"], (0, most + 1), *(transition * most)]
+
+        def limits(one: modules.Range) -> tuple[float, float]:
+            low, high, whole = one
+            return low, high + 1 if whole else high
+
+        transition: list[tuple[float, float]] = [(0, others), (0, len(self.catalogue.conditions))]
+        transition += [limits(self._conditions[place]) for place in range(2, self._each)]
+        state: list[tuple[float, float]] = [(0, len(self.catalogue.behaviours)), limits(self._behaviours[1])]
+        state += [limits(self._behaviours[2]), (0, most + 1)]
+        state += [limits(self._behaviours[place]) for place in range(4, self._first)]
+        state += transition * most
         both = np.array([(1, self.options.states + 1), *(state * self.options.states)], dtype=np.float64)
         return both[:, 0].copy(), both[:, 1].copy()
+
+    @cached_property
+    def _behaviours(self) -> dict[int, modules.Range]:
+        """Limits of the parameters of behaviours, by their places in a state."""
+        return _limits(("rwm", "alpha"), self.catalogue.behaviours, self.catalogue.behaviour_places)
+
+    @cached_property
+    def _conditions(self) -> dict[int, modules.Range]:
+        """Limits of the parameters of conditions, by their places in a transition."""
+        names = ("probability", "xi", "eta")
+        return _limits(names, self.catalogue.conditions, self.catalogue.condition_places)
 
     def architecture(self) -> dict[str, Any]:
         """Return the specification of all controllers, without weights."""
         return {
             "version": 1,
-            "kind": self.kind,
+            "kind": modules.PYTHON_KIND if self.catalogue.in_python else modules.KIND,
             **({"form": "tree"} if self._tree else {}),
             "sensors": self.sensors,
             "actuators": self.actuators,
             "states": self.options.states,
             "transitions": self._most,
+            **self._named,
+        }
+
+    @property
+    def _named(self) -> dict[str, Any]:
+        """What controllers whose modules are not all of the engine say of these."""
+        if not self.catalogue.in_python:
+            return {}
+        return {
+            "behaviours": [one.as_mapping() for one in self.catalogue.behaviours],
+            "conditions": [one.as_mapping() for one in self.catalogue.conditions],
         }
 
     def weights(self, genomes: Genomes) -> NDArray[np.float32]:
         """Return the machines that genomes encode, see the class."""
+        weights = self._limited(genomes)
+        if not self.catalogue.in_python:
+            # What is counted among the modules that were chosen becomes the engine's number.
+            weights = weights.copy()
+            rows = weights[..., 1:].reshape(*weights.shape[:-1], self.options.states, self._width)
+            rows[..., 0] = self._behaviour_numbers[rows[..., 0].astype(np.int64)]
+            parts = rows[..., self._first + 1 :: self._each]
+            parts[...] = self._condition_numbers[parts.astype(np.int64)]
+        return weights.astype(np.float32)
+
+    @cached_property
+    def _behaviour_numbers(self) -> NDArray[np.float64]:
+        names = [one.name for one in self.catalogue.behaviours]
+        return np.array([modules.BEHAVIOURS.index(name) for name in names], dtype=np.float64)
+
+    @cached_property
+    def _condition_numbers(self) -> NDArray[np.float64]:
+        names = [one.name for one in self.catalogue.conditions]
+        return np.array([modules.CONDITIONS.index(name) for name in names], dtype=np.float64)
+
+    def _limited(self, genomes: Genomes) -> NDArray[np.float64]:
+        """Return weights whose behaviours and conditions are counted among those that were chosen."""
         lower, upper = self.bounds
         weights = np.clip(genomes.astype(np.float64), lower, upper)
         rows = self._rows_of(weights)
         states = self._whole(weights[..., 0], 1, self.options.states)
         weights[..., 0] = states
-        for place, most in ((0, _BEHAVIOURS - 1), (1, RANGES["rwm"][1]), (2, RANGES["alpha"][1])):
-            rows[..., place] = self._whole(rows[..., place], 0, most)
+        rows[..., 0] = self._whole(rows[..., 0], 0, len(self.catalogue.behaviours) - 1)
+        for place, (low, high, whole) in self._behaviours.items():
+            if whole:
+                rows[..., place] = self._whole(rows[..., place], low, high)
         alone = (states == 1)[..., np.newaxis]
         rows[..., 3] = np.where(alone, 0, self._whole(rows[..., 3], 0, self._most))
-        parts = rows[..., OF_STATE:].reshape(*rows.shape[:-1], self._most, OF_TRANSITION)
+        parts = rows[..., self._first :].reshape(*rows.shape[:-1], self._most, self._each)
         others = np.maximum(states - 1, 1)[..., np.newaxis, np.newaxis]
         target = np.floor(parts[..., 0]) % others
         own = np.arange(self.options.states)[:, np.newaxis]
         parts[..., 0] = np.where(alone[..., np.newaxis], 0, target + (target >= own))
         if self._tree:
             rows[..., 3], parts[..., 0] = 1, 0
-        parts[..., 1] = self._whole(parts[..., 1], 0, _CONDITIONS - 1)
-        parts[..., 3] = self._whole(parts[..., 3], 1, RANGES["xi"][1])
-        rows[..., OF_STATE:] = parts.reshape(*rows.shape[:-1], self._width - OF_STATE)
+        parts[..., 1] = self._whole(parts[..., 1], 0, len(self.catalogue.conditions) - 1)
+        for place, (low, high, whole) in self._conditions.items():
+            if whole:
+                parts[..., place] = self._whole(parts[..., place], low, high)
+        rows[..., self._first :] = parts.reshape(*rows.shape[:-1], self._width - self._first)
         weights[..., 1:] = rows.reshape(*weights.shape[:-1], self.genome_size - 1)
-        return weights.astype(np.float32)
+        return weights
 
     def _rows_of(self, genomes: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return a copy of the genes of states, (.., states, width)."""
@@ -230,57 +236,86 @@ class Modules(Representation):
             return None
         lower, upper = self.bounds
         genome = lower + (upper - lower) / 2
-        weights = np.array(modules.weights_of(start, self.options.states, self._most))
+        catalogue = self.catalogue
+        weights = np.array(
+            modules.weights_of(start, self.options.states, self._most, catalogue), dtype=np.float64
+        )
         genome[0] = weights[0] + 0.5
         for index, state in enumerate(start):
             at = 1 + index * self._width
             genome[at] = weights[at] + 0.5
-            for name, value in state.parameters.items():
-                genome[at + (1 if name == "rwm" else 2)] = value + 0.5
+            for name, place in catalogue.behaviour_places[state.behaviour].items():
+                genome[at + place] = state.parameters[name] + (0.5 if self._counted(at + place) else 0.0)
             genome[at + 3] = weights[at + 3] + 0.5
             for k, one in enumerate(state.transitions):
-                here = at + OF_STATE + k * OF_TRANSITION
+                here = at + self._first + k * self._each
                 genome[here] = one.target - (one.target > index) + 0.5
                 genome[here + 1] = weights[here + 1] + 0.5
-                for name, value in one.parameters.items():
-                    place = {"probability": 2, "xi": 3, "eta": 4}[name]
-                    genome[here + place] = value + (0.5 if name == "xi" else 0.0)
+                for name, place in catalogue.condition_places[one.condition].items():
+                    genome[here + place] = one.parameters[name] + (0.5 if self._counted(here + place) else 0)
         return np.clip(genome, lower, upper).astype(np.float32)
 
     def initial(self, stream: Stream) -> Genome:
         """Return a random machine, or the given one after 0 to 8 changes."""
         if self.start is not None:
-            genome = self.start.astype(np.float64)
-            for _ in range(stream.integer(_MOST_CHANGES + 1)):
-                self._change(genome, stream, 0.3)
-            return genome.astype(np.float32)
+            return _only(self._near_start([stream]))
+        return _only(self._random(stream.unit(self.genome_size)[np.newaxis]))
+
+    def initials(self, streams: Streams) -> Genomes:
+        """Return a machine for each stream, see `initial`."""
+        if self.start is not None:
+            return self._near_start(list(streams))
+        return self._random(streams.units(self.genome_size))
+
+    def _random(self, units: NDArray[np.float64]) -> Genomes:
+        """Return machines made of numbers of 0 to 1, (n, genes)."""
         lower, upper = self.bounds
-        genome = lower + (upper - lower) * stream.unit(self.genome_size)
+        genomes = lower + (upper - lower) * units
         # Of so many states as there are, all are equally likely targets.
-        others = max(1, int(self._whole(genome[:1], 1, self.options.states)[0]) - 1)
+        others = np.maximum(self._whole(genomes[:, :1], 1, self.options.states) - 1, 1)
         targets = self._targets()
-        share = (genome[targets] - lower[targets]) / (upper[targets] - lower[targets])
-        genome[targets] = np.minimum(share * others, upper[targets])
+        share = (genomes[:, targets] - lower[targets]) / (upper[targets] - lower[targets])
+        genomes[:, targets] = np.minimum(share * others, upper[targets])
         counts = 1 + self._width * np.arange(self.options.states) + 3
-        genome[counts] = 1 + genome[counts] / upper[counts] * self._most
-        return genome.astype(np.float32)
+        genomes[:, counts] = 1 + genomes[:, counts] / upper[counts] * self._most
+        return genomes.astype(np.float32)
+
+    def _near_start(self, streams: list[Stream]) -> Genomes:
+        """Return the given machine after 0 to 8 changes, for each stream."""
+        assert self.start is not None
+        genomes = np.repeat(self.start[np.newaxis].astype(np.float64), len(streams), axis=0)
+        left = np.array([stream.integer(_MOST_CHANGES + 1) for stream in streams], dtype=np.int64)
+        for done in range(_MOST_CHANGES):
+            self._change_some(genomes, streams, np.flatnonzero(left > done), np.full(len(streams), 0.3))
+        return genomes.astype(np.float32)
 
     def _targets(self) -> NDArray[np.intp]:
         """Return where the targets of all transitions are in a genome."""
         rows = 1 + self._width * np.arange(self.options.states)[:, np.newaxis]
-        found: NDArray[np.intp] = rows + OF_STATE + OF_TRANSITION * np.arange(self._most)
+        found: NDArray[np.intp] = rows + self._first + self._each * np.arange(self._most)
         return found.ravel()
 
     def mutate(self, genome: Genome, stream: Stream, *, severity: float, probability: float) -> Genome:
         """Return a copy after a few changes, see the class."""
-        mutant = genome.astype(np.float64)
-        chance = probability
-        for _ in range(_MOST_CHANGES):
-            if stream.unit(1)[0] >= chance:
-                break
-            self._change(mutant, stream, severity)
-            chance = severity
-        return mutant.astype(np.float32)
+        return _only(self._mutated(genome[np.newaxis], [stream], severity=severity, probability=probability))
+
+    def mutations(
+        self, parents: Genomes, streams: Streams, *, severity: float, probability: float
+    ) -> Genomes:
+        """Return a copy of each parent after a few changes."""
+        return self._mutated(parents, list(streams), severity=severity, probability=probability)
+
+    def _mutated(
+        self, parents: Genomes, streams: list[Stream], *, severity: float, probability: float
+    ) -> Genomes:
+        genomes = parents.astype(np.float64)
+        severities = np.full(len(genomes), severity)
+        going = np.arange(len(genomes))
+        for done in range(_MOST_CHANGES):
+            chance = severity if done else probability
+            going = going[[streams[row].unit(1)[0] < chance for row in going]]
+            self._change_some(genomes, streams, going, severities)
+        return genomes.astype(np.float32)
 
     def perturbations(
         self,
@@ -295,20 +330,50 @@ class Modules(Representation):
         After a change there is another one with the probability `fresh`, and parameters move by up to
         `spread` times their range.
         """
-        made = []
-        rows = zip(parents, streams, spread.tolist(), fresh.tolist(), strict=True)
-        for parent, stream, severity, chance in rows:
-            genome = parent.astype(np.float64)
-            for _ in range(_MOST_CHANGES):
-                self._change(genome, stream, severity)
-                if stream.unit(1)[0] >= chance:
-                    break
-            made.append(genome.astype(np.float32))
-        return self._rows(made)
+        genomes, each = parents.astype(np.float64), list(streams)
+        going = np.arange(len(genomes))
+        for _ in range(_MOST_CHANGES):
+            self._change_some(genomes, each, going, spread)
+            going = going[[each[row].unit(1)[0] < fresh[row] for row in going]]
+        return genomes.astype(np.float32)
+
+    def _change_some(
+        self,
+        genomes: NDArray[np.float64],
+        streams: list[Stream],
+        rows: NDArray[np.intp],
+        severities: NDArray[np.float64],
+    ) -> None:
+        """Change the genomes in these rows once, in place."""
+        if len(rows):
+            some = genomes[rows]
+            self._changes.make(some, [streams[row] for row in rows], severities[rows])
+            genomes[rows] = some
+
+    @cached_property
+    def _changes(self) -> Changes:
+        lower, upper = self.bounds
+        counted = np.zeros(self.genome_size, dtype=np.bool_)
+        rows = counted[1:].reshape(self.options.states, self._width)
+        rows[:, [place for place, one in self._behaviours.items() if one[2]]] = True
+        for place, one in self._conditions.items():
+            rows[:, self._first + place :: self._each] = one[2]
+        return Changes(
+            Layout(
+                states=self.options.states,
+                transitions=self._most,
+                tree=self._tree,
+                sets_state=self._sets_state,
+                sets_transition=self._sets_transition,
+                counted=counted,
+                lower=lower,
+                upper=upper,
+            )
+        )
 
     def likeness(self, genomes: Genomes) -> NDArray[np.float64]:
         """Return the machines' numbers in units of their ranges, choices as they are, those not used as 0."""
-        weights = self.weights(genomes).astype(np.float64)
+        weights = self._counts(genomes)
         lower, upper = self.bounds
         ranges = upper - lower
         ranges[self._choices] = 1.0
@@ -317,98 +382,72 @@ class Modules(Representation):
         rows = self._rows_of(weights)
         there = np.arange(self.options.states) < weights[:, :1]
         parts = used[:, 1:].reshape(len(weights), self.options.states, self._width)
-        behaviours = rows[..., 0].astype(np.int64)
-        parts[..., 0] = parts[..., 3] = there
-        parts[..., 1] = there & _HAS_RWM[behaviours]
-        parts[..., 2] = there & _HAS_ALPHA[behaviours]
+        parts[..., : self._first] = self._sets_state[rows[..., 0].astype(np.int64)] & there[..., np.newaxis]
         for k in range(self._most):
-            at = OF_STATE + k * OF_TRANSITION
+            at = self._first + k * self._each
             taken = there & (rows[..., 3] > k)
-            neighbours = _COUNTS_NEIGHBOURS[rows[..., at + 1].astype(np.int64)]
-            parts[..., at] = parts[..., at + 1] = taken
-            parts[..., at + 2] = taken & ~neighbours
-            parts[..., at + 3] = parts[..., at + 4] = taken & neighbours
+            sets = self._sets_transition[rows[..., at + 1].astype(np.int64)]
+            parts[..., at : at + self._each] = sets & taken[..., np.newaxis]
         return np.where(used, weights / ranges, 0.0)
 
-    def _change(self, genome: NDArray[np.float64], stream: Stream, severity: float) -> None:
-        """Make one change, in place: one of all that are possible."""
-        states = max(1, self._count(genome[0], self.options.states))
-        changes: list[tuple[str, int, int]] = []
-        if self.options.states > 1:
-            changes += [("more", 0, self.options.states)] * (states < self.options.states)
-            changes += [("less", 0, self.options.states)] * (states > 1)
-        for index in range(states):
-            at = 1 + index * self._width
-            changes.append(("choice", at, _BEHAVIOURS))
-            behaviour = modules.BEHAVIOURS[min(int(genome[at]), _BEHAVIOURS - 1)]
-            parameter = modules.BEHAVIOUR_PARAMETERS.get(behaviour)
-            if parameter is not None:
-                changes.append(("move", at + (1 if parameter == "rwm" else 2), 0))
-            if states > 1 or self._tree:
-                changes += self._of_transitions(genome, at, states)
-        kind, at, most = changes[stream.integer(len(changes))]
-        lower, upper = (float(limit[at]) for limit in self.bounds)
-        if kind == "move":
-            self._move(genome, at, stream, severity)
-        elif kind in {"more", "less"}:
-            genome[at] = max(1, self._count(genome[at], most) + (1 if kind == "more" else -1)) + 0.5
-        else:
-            value = int(genome[at]) % most
-            genome[at] = (value + 1 + stream.integer(most - 1)) % most + 0.5
-        genome[at] = min(max(genome[at], lower), upper)
+    def _counts(self, genomes: Genomes) -> NDArray[np.float64]:
+        """Return the numbers of machines, behaviours and conditions counted among those that were chosen."""
+        return self._limited(genomes).astype(np.float32).astype(np.float64)
 
-    def _of_transitions(
-        self, genome: NDArray[np.float64], at: int, states: int
-    ) -> list[tuple[str, int, int]]:
-        """Return what can be changed at the transitions of the state whose genes begin at `at`."""
-        most = self._most
-        count = 1 if self._tree else self._count(genome[at + 3], most)
-        changes: list[tuple[str, int, int]] = []
-        if not self._tree:
-            changes = [("more", at + 3, most)] * (count < most) + [("less", at + 3, most)] * (count > 1)
-        for k in range(count):
-            here = at + OF_STATE + k * OF_TRANSITION
-            if states > 2 and not self._tree:
-                changes.append(("choice", here, states - 1))
-            changes.append(("choice", here + 1, _CONDITIONS))
-            condition = modules.CONDITIONS[min(int(genome[here + 1]), _CONDITIONS - 1)]
-            places = (3, 4) if "xi" in modules.CONDITION_PARAMETERS[condition] else (2,)
-            changes += [("move", here + place, 0) for place in places]
-        return changes
+    @cached_property
+    def _sets_state(self) -> NDArray[np.bool_]:
+        """Of each behaviour, which genes of a state count: also the behaviour and how many transitions."""
+        found = np.zeros((len(self.catalogue.behaviours), self._first), dtype=np.bool_)
+        found[:, [0, 3]] = True
+        for index, places in enumerate(self.catalogue.behaviour_places.values()):
+            found[index, list(places.values())] = True
+        return found
 
-    @staticmethod
-    def _count(gene: float, most: int) -> int:
-        return min(max(int(gene), 0), most)
-
-    def _move(self, genome: NDArray[np.float64], at: int, stream: Stream, severity: float) -> None:
-        """Move a parameter uniformly, reflected at its limits; what is counted moves by 1 at least."""
-        lower, upper = (float(limit[at]) for limit in self.bounds)
-        step = float(stream.uniform(np.array([min(severity, 1.0) * (upper - lower)]))[0])
-        if self._counted(at) and abs(step) < 1:
-            step = 1.0 if step >= 0 else -1.0
-        value = genome[at] + step
-        if value > upper:
-            value = 2 * upper - value
-        if value < lower:
-            value = 2 * lower - value
-        genome[at] = value
+    @cached_property
+    def _sets_transition(self) -> NDArray[np.bool_]:
+        """Of each condition, which genes of a transition count: also the target and the condition."""
+        found = np.zeros((len(self.catalogue.conditions), self._each), dtype=np.bool_)
+        found[:, [0, 1]] = True
+        for index, places in enumerate(self.catalogue.condition_places.values()):
+            found[index, list(places.values())] = True
+        return found
 
     def _counted(self, at: int) -> bool:
-        """Return whether the whole part of a parameter counts: of all but probability and eta."""
+        """Return whether the whole part of a parameter counts."""
         place = (at - 1) % self._width
-        return place < OF_STATE or (place - OF_STATE) % OF_TRANSITION == 3
+        if place < self._first:
+            return self._behaviours[place][2]
+        return self._conditions[(place - self._first) % self._each][2]
 
     def crossover(self, mother: Genome, father: Genome, stream: Stream) -> Genome:
         """Return a copy of `mother` with a run of states of `father`, at least one and not all."""
-        units, unit, begin = (
-            (self.options.states, self._width, 1) if self.options.states > 1 else (self.genome_size, 1, 0)
-        )
+        units = self._units[0]
         count = stream.integer(units - 1) + 1
         first = stream.integer(units)
-        cut = slice(begin + first * unit, begin + min(first + count, units) * unit)
-        child = mother.copy()
-        child[cut] = father[cut]
-        return child
+        runs = np.array([[count - 1, first]])
+        return _only(self._crossed(mother[np.newaxis], father[np.newaxis], runs))
+
+    def crossovers(self, mothers: Genomes, fathers: Genomes, streams: Streams) -> Genomes:
+        """Return a child of each pair, see `crossover`."""
+        units = self._units[0]
+        drawn = [(stream.integer(units - 1), stream.integer(units)) for stream in streams]
+        return self._crossed(mothers, fathers, np.array(drawn, dtype=np.int64).reshape(len(drawn), 2))
+
+    @property
+    def _units(self) -> tuple[int, int, int]:
+        """What runs are made of: how many there are, genes of each, and where they begin."""
+        if self.options.states > 1:
+            return self.options.states, self._width, 1
+        return self.genome_size, 1, 0
+
+    def _crossed(self, mothers: Genomes, fathers: Genomes, runs: NDArray[np.int64]) -> Genomes:
+        """Return children. runs: (n, 2), units of the father but one, and the first of them."""
+        units, each, begin = self._units
+        first = runs[:, 1:]
+        last = np.minimum(first + runs[:, :1] + 1, units)
+        genes = np.arange(self.genome_size)
+        of_father = (genes >= begin + first * each) & (genes < begin + last * each)
+        return np.where(of_father, fathers, mothers)
 
     def distance(self, one: Genome, other: Genome) -> float:
         """Return behaviours, targets and conditions that differ, and shares of ranges, added in order."""
@@ -416,14 +455,14 @@ class Modules(Representation):
 
     def distances(self, one: Genome, others: Genomes) -> NDArray[np.float64]:
         """Return the distance of one genome to each row of others, (k, D) to (k,)."""
-        weights = self.weights(np.concatenate([one[np.newaxis], others])).astype(np.float64)
+        weights = self._counts(np.concatenate([one[np.newaxis], others]))
         return self._distances(weights[0], weights[1:])
 
     def distances_among(
         self, genomes: Genomes, ones: NDArray[np.int64], others: NDArray[np.int64]
     ) -> NDArray[np.float64]:
         """Return the distances of genomes that are named by their index."""
-        weights = self.weights(genomes).astype(np.float64)
+        weights = self._counts(genomes)
         found = np.empty(others.shape)
         for part in in_parts(len(ones), others.shape[1] * self.genome_size):
             found[part] = self._distances(weights[ones[part]][:, np.newaxis], weights[others[part]])

@@ -20,7 +20,7 @@ from swarmwright.simulations.names import absolute, name_of
 from swarmwright.user_code import notices
 from swarmwright.user_code.changes import choose, difference, near, present, summary
 from swarmwright.user_code.copying import FOLDER, Copy, Kept, digest_of
-from swarmwright.user_code.parts import SECTIONS, Part, of_plug_ins, of_simulation
+from swarmwright.user_code.parts import Part, is_plug_in, of_plug_ins, of_simulation
 from swarmwright.user_code.permission import require_copy, require_named
 from swarmwright.user_code.trust import trusting
 
@@ -325,7 +325,7 @@ def _tell(copy: Copy, kept: Kept) -> None:
     now = _differing(copy, kept)
     if now is None:
         return
-    if kept.name in SECTIONS or is_environment(kept.component):
+    if is_plug_in(kept.name) or is_environment(kept.component):
         notices.say(
             f"{near(copy.run)}: {_what(kept)}: {summary(kept, now)} since; the current version is used"
         )

@@ -10,6 +10,7 @@ from swarmwright import _engine
 from swarmwright.core.errors import InputError, engine_errors
 from swarmwright.display import Caption, Part, Playable, Recording
 from swarmwright.experiment.fitness import JudgedEpisode
+from swarmwright.modules._played import PlayedEpisode
 from swarmwright.representations.controller import Controller, controller_words
 from swarmwright.runs.choice import Choice, choose
 from swarmwright.runs.code import used_for
@@ -108,7 +109,7 @@ class Replay:
         host = catalogue.drawing(self.experiment.simulation)
         return record(self._episode(host), host.picture)
 
-    def engine_episode(self) -> _engine.Episode:
+    def engine_episode(self) -> _engine.Episode | PlayedEpisode:
         """Return the episode as the engine steps it, before its first step, with the simulation's fitness."""
         return self._engine_episode(catalogue.playable(self.experiment.simulation))
 
@@ -117,7 +118,11 @@ class Replay:
         expression = self.experiment.fitness_expression
         return episode if expression is None else JudgedEpisode(episode, expression)
 
-    def _engine_episode(self, simulation: Any) -> _engine.Episode:  # noqa: ANN401 - as the engine takes it
+    def _engine_episode(self, simulation: Any) -> _engine.Episode | PlayedEpisode:  # noqa: ANN401 - as the engine takes it
+        if self.controller.in_python:
+            values = self.controller.specification
+            with engine_errors():
+                return PlayedEpisode(simulation, dict(self.experiment.parameters), self.seed, values)
         evolved = self.controller.parameters  # of a parameter set; {} for what steers agents
         parameters = {**self.experiment.parameters, **evolved, "seed": self.seed}
         with engine_errors():

@@ -1,4 +1,4 @@
-"""Conformance checks for tests of representations, methods, rankings, batches and simulation servers.
+"""Conformance checks for tests of plug-ins, batches and simulation servers.
 
     import swarmwright.testing
 
@@ -14,11 +14,14 @@ A check raises AssertionError that says what is violated. The same checks run ov
 from swarmwright.testing._batches import check_batch_simulation
 from swarmwright.testing._conformance import check_optimizer, check_server
 from swarmwright.testing._methods import check_method
+from swarmwright.testing._modules import check_behaviour, check_condition
 from swarmwright.testing._rankings import check_ranking
 from swarmwright.testing._representations import check_representation
 
 __all__ = [
     "check_batch_simulation",
+    "check_behaviour",
+    "check_condition",
     "check_method",
     "check_optimizer",
     "check_ranking",

@@ -7,8 +7,10 @@ from typing import Any
 import numpy as np
 
 from swarmwright import _engine
+from swarmwright.core.modules import PYTHON_KIND, weight_count
 from swarmwright.core.random_numbers import Stream, Streams
 from swarmwright.representations import REPRESENTATIONS, Representation
+from swarmwright.representations.controller import Controller
 from swarmwright.testing._common import SHAPES, check_options, representation
 from swarmwright.typing import Genome, Genomes
 
@@ -80,7 +82,9 @@ def _check_weights(subject: Representation) -> None:
     rows = subject.weights(genomes)
     assert genomes.tobytes() == before, "weights must not change its argument"
     assert rows.dtype == np.float32, f"weights returns {rows.dtype}, not float32"
-    needed = _engine.genome_size(dict(subject.architecture()))
+    architecture = dict(subject.architecture())
+    in_python = architecture["kind"] == PYTHON_KIND
+    needed = weight_count(architecture) if in_python else _engine.genome_size(architecture)
     assert rows.shape == (len(genomes), needed), (
         f"weights returns the shape {rows.shape}; controllers of this architecture have {needed} weights"
     )
@@ -106,13 +110,13 @@ def _check_specification(subject: Representation) -> None:
     held = np.array(specification["weights"], dtype=np.float32)
     weights = subject.weights(genome[np.newaxis])[0]
     assert held.tobytes() == weights.tobytes(), "specification must hold the weights of the genome"
-    controller = _engine.Controller(text)
+    controller = Controller(text)
     if not subject.steers:
         assert controller.sensors == 0, "steers is False, but the controllers take sensors"
         return
     assert (controller.sensors, controller.actuators) == (subject.sensors, subject.actuators)
     sensors = np.linspace(-1, 1, subject.sensors, dtype=np.float32)
-    actuators = controller.step(sensors)
+    actuators = controller(sensors)
     assert actuators.shape == (subject.actuators,)
     assert (np.abs(actuators) <= 1).all(), "actuators must be in -1..1"
 

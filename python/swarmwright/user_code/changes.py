@@ -11,7 +11,7 @@ from pathlib import Path
 from swarmwright.core.errors import InputError
 from swarmwright.core.simulation_names import SimulationName, is_command, is_environment
 from swarmwright.user_code.copying import Copy, Kept, beside
-from swarmwright.user_code.parts import SECTIONS, Part, Source, of_plug_in, of_simulation
+from swarmwright.user_code.parts import Part, Source, is_plug_in, of_plug_in, of_simulation
 
 LINES = 60
 """Of a difference, at most."""
@@ -24,7 +24,7 @@ def present(copy: Copy, kept: Kept) -> Part | None:
     A file is looked for where it was seen from the run folder, then in and beside the run folder, then where
     it was: of several candidates the nearest file is meant. Raises InputError when it cannot be read.
     """
-    if kept.name in SECTIONS:
+    if is_plug_in(kept.name):
         try:
             return of_plug_in(kept.name, kept.component)
         except InputError:

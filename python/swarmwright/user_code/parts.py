@@ -15,6 +15,11 @@ SECTIONS = ("controller", "method", "ranking")
 """Sections of an experiment whose components may be plug-ins."""
 
 
+MODULES = ("behaviour", "condition")
+"""What in a `controller` of the kind `modules` may be plug-ins."""
+_SEPARATOR = "-"
+
+
 @dataclass(frozen=True)
 class Source:
     """One file."""
@@ -33,7 +38,7 @@ class Part:
     """The source of one component."""
 
     name: str
-    """simulation, controller, method or ranking"""
+    """simulation, controller, method or ranking; behaviour-NAME, condition-NAME"""
     component: str
     """What the experiment calls it: the class or environment, or the kind of a plug-in."""
     main: str
@@ -120,8 +125,19 @@ def _importable(module: str) -> bool:
     return bool(module) and all(part.isidentifier() for part in module.split("."))
 
 
+def is_plug_in(name: str) -> bool:
+    """Whether a part is that of a plug-in: of a section of the experiment, or of a module of `modules`."""
+    return name in SECTIONS or name.partition(_SEPARATOR)[0] in MODULES
+
+
 def of_plug_in(section: str, kind: str) -> Part | None:
     """Return the source of a plug-in, None for what is built in. Raises InputError as the registry does."""
+    what = section.partition(_SEPARATOR)[0]
+    if what in MODULES:
+        from swarmwright.modules._registered import REGISTRIES as OF_MODULES  # noqa: PLC0415 - NumPy, not for --help
+
+        found = OF_MODULES[what].module(kind)
+        return None if found is None else Part.of_module(section, kind, found)
     from swarmwright.plug_ins import REGISTRIES  # noqa: PLC0415 - NumPy, not for --help
 
     module = REGISTRIES[section].module(kind)
@@ -130,7 +146,10 @@ def of_plug_in(section: str, kind: str) -> Part | None:
 
 def of_plug_ins(experiment: Any) -> list[Part]:  # noqa: ANN401 - an Experiment, which is above this
     """Return the sources of all plug-ins that an experiment uses."""
-    found = (of_plug_in(section, getattr(experiment, section).kind) for section in SECTIONS)
+    names = [(section, getattr(experiment, section).kind) for section in SECTIONS]
+    for what, name in getattr(experiment.controller, "plug_ins", ()):
+        names.append((f"{what}{_SEPARATOR}{name}", name))
+    found = (of_plug_in(*one) for one in names)
     return [part for part in found if part is not None]
 
 

@@ -6,6 +6,7 @@ import pytest
 
 from swarmwright import InputError
 from swarmwright.core import modules
+from swarmwright.core.automode import tree_of
 from swarmwright.core.yaml import read
 from swarmwright.export.machine import Machine
 from swarmwright.export.sequences import difference
@@ -24,8 +25,12 @@ def test_what_is_written_is_the_machine(name: str, tmp_path: Path) -> None:
         assert modules.subtrees_from(read(tmp_path / "robot.yaml").values, 4) == states
         for file, arrow in (("robot.dot", " -> "), ("robot.mmd", " --> ")):
             assert (tmp_path / file).read_text().count(arrow) == 3 * len(states)
+        text = (tmp_path / "robot.automode").read_text()
+        assert modules.subtrees_from(tree_of(text), 4) == states
         return
     assert modules.states_from(read(tmp_path / "robot.yaml").values, 16, 4) == states
+    own = any(one.target == index for index, state in enumerate(states) for one in state.transitions)
+    assert (tmp_path / "robot.automode").exists() != own
     transitions = sum(len(state.transitions) for state in states)
     assert (tmp_path / "robot.dot").read_text().count(" -> ") == transitions
     assert (tmp_path / "robot.mmd").read_text().count(" --> ") == transitions + 1

@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from swarmwright import Experiment, InputError
 from swarmwright.core import modules
-from swarmwright.core.automode import machine_of
+from swarmwright.core.automode import machine_of, text_of, tree_of
 from swarmwright.core.random_numbers import Stream, Streams
 from swarmwright.core.yaml import dump
 from swarmwright.representations.modules import Modules, ModulesOptions
@@ -80,7 +80,7 @@ def test_a_change_changes_one_part_of_a_machine(seed: int, severity: float) -> N
     subject = machines()
     genome = subject.initial(Stream(seed, "initial"))
     changed = genome.astype(np.float64)
-    subject._change(changed, Stream(seed, "change"), severity)
+    subject._changes.make(changed[np.newaxis], [Stream(seed, "change")], np.array([severity]))
     assert (changed != genome).sum() <= 1
     lower, upper = subject.bounds
     assert ((lower <= changed) & (changed <= upper)).all()
@@ -234,6 +234,7 @@ def test_machines_in_automodes_form() -> None:
         ("--nstates 1 --s0 x", "--s0: 'x' found, expected a number"),
         ("--nstates 1 --s0 1 --s1 1", "--s1: is not a part of this machine"),
         ("--nstates 2 --s0 1 --s1 1 --n0 1 --n0x0 0 --c0x0 5 --p0x0 2", "probability: 2.0 found"),
+        ("--bt-config --nroot 3 --nchildroot 1", "AutoMoDe's --bt-config describes a tree; set form: tree"),
     ],
 )
 def test_what_is_wrong_in_automodes_form_is_named(text: str, words: str) -> None:
@@ -289,7 +290,7 @@ def test_a_change_changes_one_part_of_a_tree(seed: int, severity: float) -> None
     subject = machines(form="tree")
     genome = subject.initial(Stream(seed, "initial"))
     changed = genome.astype(np.float64)
-    subject._change(changed, Stream(seed, "change"), severity)
+    subject._changes.make(changed[np.newaxis], [Stream(seed, "change")], np.array([severity]))
     assert (changed != genome).sum() <= 1
     one, other = subject.states(genome), subject.states(changed.astype(np.float32))
     assert abs(len(one) - len(other)) <= 1
@@ -359,7 +360,7 @@ def test_trees_can_be_read() -> None:
             },
             "subtrees[0].rwm: is not known here",
         ),
-        ({"machine": AUTOMODE}, "AutoMoDe's command describes a machine; a tree is a mapping or a file"),
+        ({"machine": AUTOMODE}, "AutoMoDe's --fsm-config describes a machine; leave out form: tree"),
     ],
 )
 def test_what_is_wrong_with_a_tree_is_named(options: dict[str, Any], words: str) -> None:
@@ -388,3 +389,155 @@ def test_likeness_looks_at_what_is_used_only() -> None:
         changed = one.copy()
         changed[place] = value
         assert (subject.likeness(np.stack([one, changed]))[1] != rows[0]).any(), place
+
+
+SUBSET: dict[str, Any] = {
+    "behaviours": ["attraction", "stop", "exploration"],
+    "conditions": ["neighbours", "fixed_probability"],
+}
+
+
+@pytest.mark.parametrize("form", ["machine", "tree"])
+def test_a_choice_of_modules_is_a_representation_of_its_own(form: str) -> None:
+    check_representation("modules", {**SUBSET, "form": form})
+    check_representation(
+        "modules", {"behaviours": ["exploration"], "conditions": ["grey_floor"], "form": form}
+    )
+    subject = machines(**SUBSET, form=form)
+    assert subject.genome_size == machines(form=form).genome_size
+    assert subject.architecture() == machines(form=form).architecture()
+    genomes = subject.initials(Streams(1, "x", 0, range(300)))
+    for _ in range(3):
+        genomes = subject.mutations(genomes, Streams(2, "x", 0, range(300)), severity=0.9, probability=1.0)
+    found = [subject.states(genome) for genome in genomes]
+    assert {state.behaviour for states in found for state in states} == set(SUBSET["behaviours"])
+    conditions = {one.condition for states in found for state in states for one in state.transitions}
+    assert conditions == set(SUBSET["conditions"])
+
+
+@pytest.mark.parametrize("form", ["machine", "tree"])
+def test_all_modules_by_name_are_those_that_there_are_by_default(form: str) -> None:
+    named = {"behaviours": list(modules.BEHAVIOURS), "conditions": list(modules.CONDITIONS)}
+    one, other = machines(form=form), machines(form=form, **named)
+    streams = [Streams(seed, "x", 0, range(40)) for seed in (1, 1, 2, 2)]
+    mine, its = one.initials(streams[0]), other.initials(streams[1])
+    assert mine.tobytes() == its.tobytes()
+    options = {"severity": 0.4, "probability": 1.0}
+    mine, its = one.mutations(mine, streams[2], **options), other.mutations(its, streams[3], **options)
+    assert mine.tobytes() == its.tobytes()
+    assert one.weights(mine).tobytes() == other.weights(its).tobytes()
+    assert one.likeness(mine).tobytes() == other.likeness(its).tobytes()
+
+
+def test_a_machine_to_start_from_has_the_modules_that_were_chosen() -> None:
+    machine = {
+        "states": [
+            {
+                "behaviour": "exploration",
+                "rwm": 9,
+                "transitions": [{"to": 1, "condition": "neighbours", "xi": 2, "eta": 3.5}],
+            },
+            {"behaviour": "attraction", "alpha": 2},
+        ]
+    }
+    subject = machines(**SUBSET, machine=machine)
+    assert subject.start is not None
+    assert modules.mapping_of(subject.states(subject.start))["states"] == [
+        machine["states"][0],
+        {**machine["states"][1], "transitions": []},
+    ]
+    with pytest.raises(
+        ValidationError, match=r"states\[0\].behaviour: 'exploration' found, expected one of stop"
+    ):
+        machines(behaviours=["stop"], machine=machine)
+    with pytest.raises(ValidationError, match="expected one of black_floor"):
+        machines(conditions=["black_floor"], machine=machine)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"behaviours": ["explore"]}, "unknown behaviour 'explore'; did you mean 'exploration'?"),
+        ({"conditions": ["stop"]}, "unknown condition 'stop'; there is: black_floor"),
+        ({"behaviours": ["stop", "stop"]}, "behaviours: 'stop' is given twice"),
+        ({"conditions": []}, "at least 1 item"),
+    ],
+)
+def test_a_wrong_choice_of_modules_is_refused(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValidationError) as caught:
+        machines(**options)
+    assert message in str(caught.value)
+
+
+AUTOMODE_TREE = (
+    "--bt-config --nroot 3 --nchildroot 3 --n0 0 --nchild0 2 --n00 6 --c00 5 --p00 0.1642 --n01 5 --a01 4 "
+    "--att01 4.0508 --p01 0 --n1 0 --nchild1 2 --n10 6 --c10 3 --p10 8 --w10 15.1397 --n11 5 --a11 0 "
+    "--rwm11 4 --p11 0 --n2 0 --nchild2 2 --n20 6 --c20 1 --p20 0.8248 --n21 5 --a21 1 --p21 0"
+)
+
+
+@pytest.mark.parametrize("text", [AUTOMODE_TREE, AUTOMODE_TREE.removeprefix("--bt-config ")])
+def test_trees_in_automodes_form(text: str, tmp_path: Path) -> None:
+    subtrees = modules.subtrees_from(tree_of(text), 4)
+    assert modules.tree_mapping_of(subtrees) == {
+        "subtrees": [
+            {"condition": "fixed_probability", "probability": 0.1642, "behaviour": "attraction", "alpha": 4},
+            {"condition": "neighbours", "xi": 8, "eta": 15.1397, "behaviour": "exploration", "rwm": 4},
+            {"condition": "grey_floor", "probability": 0.8248, "behaviour": "stop"},
+        ]
+    }
+    (tmp_path / "best.automode").write_text(f"{text}\n")
+    for machine in (text, str(tmp_path / "best.automode")):
+        subject = machines(form="tree", machine=machine)
+        assert subject.start is not None
+        assert subject.states(subject.start) == subtrees
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("--nroot 3", "--nroot 2", "--nroot: 2 is a sequence; expected 3, a sequence with memory"),
+        (
+            "--n0 0",
+            "--n0 2",
+            "--n0: 2 is a sequence; expected 0, a selector, as in the trees",
+        ),
+        ("--n00 6", "--n00 5", "--n00: 5 is an action; expected 6, a condition"),
+        ("--n11 5", "--n11 6", "--n11: 6 is a condition; expected 5, an action"),
+        ("--nchild0 2", "--nchild0 3", "--nchild0: expected 2, a condition and an action"),
+        ("--nchildroot 3", "--nchildroot 4", "--n3: is missing"),
+        ("--nchildroot 3", "--nchildroot 5", "--nchildroot: expected an integer from 0 to 4, and found 5"),
+        ("--nchildroot 3", "--nchildroot 2", "--n2: is not a part of this"),
+        ("--p01 0", "--p01 0.5", "--p01: an action that may succeed is not known here; expected 0"),
+        ("--a01 4", "--a01 7", "--a01: expected an integer from 0 to 5, and found 7"),
+        ("--c00 5", "--c00 6", "--c00: expected an integer from 0 to 5, and found 6"),
+        ("--rwm11 4", "", "--rwm11: is missing"),
+        ("--bt-config --nroot 3", "--fsm-config --nstates 2", "describes a machine; leave out form: tree"),
+    ],
+)
+def test_what_is_wrong_in_automodes_trees_is_named(old: str, new: str, words: str) -> None:
+    assert old in AUTOMODE_TREE
+    with pytest.raises(ValidationError) as caught:
+        ModulesOptions(form="tree", machine=AUTOMODE_TREE.replace(old, new))
+    assert words in str(caught.value)
+
+
+@pytest.mark.parametrize("form", ["machine", "tree"])
+@given(seed=st.integers(0, 2**60))
+def test_what_automode_is_called_with_is_the_machine(form: str, seed: int) -> None:
+    subject = machines(form=form)
+    states = subject.states(subject.initial(Stream(seed, "x")))
+    text = text_of(states, tree=form == "tree")
+    assert text is not None
+    again = (
+        modules.subtrees_from(tree_of(text), 4)
+        if form == "tree"
+        else modules.states_from(machine_of(text), 4, 4)
+    )
+    assert again == states
+
+
+def test_automode_has_no_transition_from_a_state_to_itself() -> None:
+    stays = modules.Transition(0, "fixed_probability", {"probability": 0.5})
+    assert text_of([modules.State("stop", {}, (stays,))], tree=False) is None
+    assert text_of([modules.State("hop", {}, ())], tree=False) is None

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 from swarmwright.core.errors import InputError
 from swarmwright.core.evostick import as_layered
+from swarmwright.core.modules import is_modules
 from swarmwright.figures.controllers.names import Names
 
 if TYPE_CHECKING:
@@ -42,7 +43,7 @@ def figure(
         from swarmwright.figures.controllers.state_machine import draw as draw_machine
 
         return draw_machine(specification, Names.of(specification, simulation), title)
-    if kind == "modules":
+    if is_modules(specification):
         from swarmwright.figures.controllers.modules import draw as draw_modules
 
         return draw_modules(specification, title)

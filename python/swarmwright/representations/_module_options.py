@@ -1,0 +1,141 @@
+"""What an experiment says of machines and trees of modules."""
+
+import json
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import Field, field_validator, model_validator
+
+from swarmwright.core import modules
+from swarmwright.core.automode import machine_of, tree_of
+from swarmwright.core.errors import InputError
+from swarmwright.core.options import Options
+from swarmwright.core.yaml import read
+from swarmwright.modules._registered import module
+
+
+class ModulesOptions(Options):
+    """A machine (AutoMoDe-Chocolate) or a tree (AutoMoDe-Maple) of given behaviours and conditions.
+
+    For robots with two wheels that sense what the preset e-puck-rm1.2 of `arena` does.
+    """
+
+    kind: Literal["modules"] = "modules"
+    form: Literal["machine", "tree"] = "machine"
+    """machine: a probabilistic finite-state machine. tree: a behaviour tree, whose root is a sequence with
+    memory of subtrees; each selects between a condition and a behaviour. If the condition of a subtree holds,
+    the next one is tried in the same step, else its behaviour acts, and the next step begins with it. After
+    the last one the robot stops for a step and begins again."""
+    states: int = Field(default=4, ge=1, le=modules.MOST_STATES)
+    """States that a machine has at most; every episode begins in the first. Of a tree: subtrees, up to 4."""
+    transitions: int = Field(default=4, ge=1, le=modules.MOST_TRANSITIONS)
+    """Transitions that a state has at most. Of a tree: 1."""
+    behaviours: list[str] | None = Field(default=None, min_length=1)
+    """Those that machines are made of, in the order of their genes: exploration, stop, phototaxis,
+    anti_phototaxis, attraction and repulsion, by default all of them, and those of installed packages. With
+    one of these, or such a condition, machines are evaluated in Python, in this process."""
+    conditions: list[str] | None = Field(default=None, min_length=1)
+    """Those of transitions: black_floor, grey_floor, white_floor, neighbours, few_neighbours and
+    fixed_probability, by default all of them, and those of installed packages."""
+    machine: dict[str, Any] | str | None = None
+    """A machine to start from: {states: [{behaviour, transitions: [{to, condition}]}]}, with the parameters
+    of each behaviour and condition beside it; the path of a YAML file with that, as `swarmwright export --to
+    machine` writes it; or the text that AutoMoDe's programs are called with, --nstates 2 --s0 4 --att0 5 ..
+    A tree is {subtrees: [{condition, behaviour}]}, such a file, or AutoMoDe's --nroot 3 --nchildroot 2 .. The
+    text may be in a file, too. Evolution begins with it and with mutants of it, of up to 8 changes each.
+    Default: random ones."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _one_condition(cls, values: Any) -> Any:  # noqa: ANN401 - whatever the file says
+        if isinstance(values, Mapping) and values.get("form") == "tree" and "transitions" not in values:
+            return {**values, "transitions": 1}
+        return values
+
+    @field_validator("machine", mode="before")
+    @classmethod
+    def _plain(cls, value: Any) -> Any:  # noqa: ANN401 - whatever the file says
+        if isinstance(value, str) and not value.lstrip().startswith("--"):
+            try:
+                source = read(Path(value))
+            except InputError as error:
+                raise ValueError(
+                    f"{error}; expected a mapping, such a file, or AutoMoDe's --nstates .. or --nroot .."
+                ) from None
+            value = source.values
+        return json.loads(json.dumps(value)) if isinstance(value, dict) else value
+
+    @model_validator(mode="after")
+    def _valid(self) -> "ModulesOptions":
+        if self.form == "tree" and self.states > modules.MOST_SUBTREES:
+            raise ValueError(
+                f"states: a tree has {modules.MOST_SUBTREES} subtrees at most, not {self.states}"
+            )
+        if self.form == "tree" and self.transitions != 1:
+            raise ValueError("transitions: a subtree has one condition; leave it out")
+        for name in ("behaviours", "conditions"):
+            given = getattr(self, name) or []
+            twice = [one for one in given if given.count(one) > 1]
+            if twice:
+                raise ValueError(f"{name}: {twice[0]!r} is given twice")
+        try:
+            catalogue = self.catalogue
+        except InputError as error:
+            raise ValueError(str(error)) from None
+        both = {name for one in catalogue.behaviours for name in one.parameters}
+        both &= {name for one in catalogue.conditions for name in one.parameters}
+        if both and self.form == "tree":
+            raise ValueError(
+                f"conditions: {min(both)!r} is a parameter of a behaviour and of a condition, which stand "
+                "beside each other in a subtree; rename one of the two"
+            )
+        try:
+            self.start()
+        except InputError as error:
+            raise ValueError(f"machine: {error}") from None
+        return self
+
+    @property
+    def in_python(self) -> bool:
+        """Whether a module is written in Python, so that controllers are evaluated there."""
+        return self.catalogue.in_python
+
+    @property
+    def plug_ins(self) -> tuple[tuple[str, str], ...]:
+        """The modules in Python, as behaviour or condition and name."""
+        found = self.catalogue
+        parts = (("behaviour", found.behaviours), ("condition", found.conditions))
+        return tuple((what, one.name) for what, many in parts for one in many if not one.built_in)
+
+    @property
+    def catalogue(self) -> modules.Catalogue:
+        """The modules of which machines are made. Raises InputError for an unknown one."""
+        return _catalogue(
+            tuple(self.behaviours or modules.BEHAVIOURS), tuple(self.conditions or modules.CONDITIONS)
+        )
+
+    def start(self) -> tuple[modules.State, ...] | None:
+        """Return the machine to start from. Raises InputError when it is wrong."""
+        if self.machine is None:
+            return None
+        if self.form == "tree":
+            tree = tree_of(self.machine) if isinstance(self.machine, str) else self.machine
+            return modules.subtrees_from(tree, self.states, self.catalogue)
+        machine = machine_of(self.machine) if isinstance(self.machine, str) else self.machine
+        states = modules.states_from(machine, self.states, self.transitions, self.catalogue)
+        for index, state in enumerate(states):
+            for k, one in enumerate(state.transitions):
+                if one.target == index:
+                    where = f"states[{index}].transitions[{k}].to"
+                    raise InputError(f"{where}: a transition must lead to another state")
+        return states
+
+
+@cache
+def _catalogue(behaviours: tuple[str, ...], conditions: tuple[str, ...]) -> modules.Catalogue:
+    return modules.Catalogue(
+        tuple(module("behaviour", one) for one in behaviours),
+        tuple(module("condition", one) for one in conditions),
+    )
