@@ -23,7 +23,6 @@ from swarmwright import _engine
 Json = dict[str, Any]
 PATIENCE = 5.0
 STAMP = "2026-01-31T12:00:00Z"
-SENSORS, ACTUATORS = 2, 1
 
 
 class Refused(Exception):  # noqa: N818
@@ -66,6 +65,34 @@ class World:
         return {"arrived": arrived, "steps": float(self.step_number)}
 
 
+class Robots(World):
+    """Robots with two wheels on a line, which sense what machines of modules need."""
+
+    def __init__(self, parameters: Json) -> None:
+        super().__init__({"steps": 16, **parameters})
+        self.generator = np.random.default_rng(int(parameters.get("seed", 0)))
+        self.seen = self.look()
+
+    def look(self) -> Any:
+        seen = self.generator.uniform(-1, 1, (len(self.places), 9)).astype(np.float32)
+        seen[:, 4] = np.floor(seen[:, 8] * 1.5 + 1.5) / 2
+        seen[:, 5] = np.floor(np.abs(self.places))
+        seen[:, 8] = np.abs(seen[:, 8])
+        return seen
+
+    def acting(self) -> list[int]:
+        return list(range(len(self.places))) if self.step_number < self.steps else []
+
+    def sense(self, agent: int) -> list[float]:
+        return [float(str(value)) for value in self.seen[agent]]
+
+    def step(self, actuators: dict[int, list[float]]) -> None:
+        for agent, (left, right) in actuators.items():
+            self.places[agent] += np.float32(0.3) * np.float32(left) - np.float32(0.2) * np.float32(right)
+        self.step_number += 1
+        self.seen = self.look()
+
+
 def whole(value: object) -> int:
     """An integer from 0, 1.0 too."""
     if isinstance(value, bool) or not isinstance(value, int | float):
@@ -106,6 +133,8 @@ class SoundServer:
     """See above. What others break are methods of one purpose each."""
 
     title = "toy"
+    controllers: tuple[str, ...] = ("layered", "fully_meshed", "mealy_fsm", "evostick")
+    sensors, actuators_of_an_agent = 2, 1
 
     def __init__(self, url: str, server: int = 1) -> None:
         self.server = server
@@ -223,9 +252,9 @@ class SoundServer:
         announcement = {
             "version": 1,
             "modes": ["stepwise", "offloaded"],
-            "controllers": ["layered", "fully_meshed", "mealy_fsm"],
-            "sensors": SENSORS,
-            "actuators": ACTUATORS,
+            "controllers": self.controllers,
+            "sensors": self.sensors,
+            "actuators": self.actuators_of_an_agent,
             "metrics": ["arrived", "steps"],
         }
         return {"dimensions": 1, "max_agents": 100, "swarmwright": announcement}
@@ -347,7 +376,7 @@ class SoundServer:
         return self.state == "running" and hash_ == self.hash
 
     def actuators_of(self, values: object) -> list[float]:
-        if not isinstance(values, list) or len(values) != ACTUATORS:
+        if not isinstance(values, list) or len(values) != self.actuators_of_an_agent:
             raise Refused("the wrong number of actuators")
         return [self.clamp(real(value)) for value in values]
 
@@ -386,7 +415,7 @@ class SoundServer:
         if not isinstance(request["parameters"], dict):
             raise Invalid("parameters")
         controller = request["controller"]
-        if (controller["sensors"], controller["actuators"]) != (SENSORS, ACTUATORS):
+        if (controller["sensors"], controller["actuators"]) != (self.sensors, self.actuators_of_an_agent):
             raise Invalid("controller")
         size = _engine.genome_size(controller)
         genomes = np.frombuffer(request["genomes"], "<f4")
@@ -449,3 +478,14 @@ class SoundServer:
 
 
 Make = Callable[[str], SoundServer]
+
+
+class SoundRobots(SoundServer):
+    """A sound server whose agents have what machines of modules need."""
+
+    title = "robots"
+    controllers = (*SoundServer.controllers, "modules")
+    sensors, actuators_of_an_agent = 9, 2
+
+    def make(self, parameters: Json) -> World:
+        return Robots(parameters)

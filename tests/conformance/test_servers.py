@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from swarmwright.conformance import check_server
-from tests.conformance.sound import SoundServer
+from tests.conformance.sound import SoundRobots, SoundServer
 from tests.conftest import ROOT
 from tests.cpp import build
 from tests.enki import needs_enki
@@ -37,6 +37,8 @@ class Case:
     rules: str = SLOW
     skipped: frozenset[str] = frozenset()
     step_timeout: float | None = PATIENCE
+    modules: bool = False
+    """Whether agents have what machines of modules need."""
 
 
 def served(simulation: str) -> str:
@@ -61,7 +63,7 @@ STEERED = frozenset(
         4: (1, 2, 3, 4),
         6: (2, 3, 4, 6, 10, 11),
         7: (4,),
-        9: (1, 2, 3, 4, 5, 7, 8, 9, 10, 11, 12, 13, 14),
+        9: (1, 2, 3, 4, 5, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17),
         10: (1, 2, 3, 4, 5, 6),
         11: (5,),
     }.items()
@@ -71,7 +73,8 @@ STEERED = frozenset(
 UNLIMITED = frozenset({"S1.6"})
 """What cannot be asked of simulations that take any number of agents."""
 BY_CHANCE = frozenset(
-    {"S3.1", "S3.2", "S3.3", "S3.4", "S4.1", "S4.2", "S4.4", "S9.3", "S9.4", "S9.5", "S9.7", "S9.14", "S10.1"}
+    {"S3.1", "S3.2", "S3.3", "S3.4", "S4.1", "S4.2", "S4.4", "S9.3", "S9.4", "S9.5", "S9.7", "S9.14", "S9.15"}
+    | {"S10.1"}
 )
 """What cannot be compared where no two episodes are the same; the rest is tried all the same."""
 ROBOTS = {"agents": 3, "steps": 6}
@@ -82,6 +85,12 @@ CASES = {
     "java": Case(java, MANY, rules=""),
     "cpp": Case(cpp("minisim"), MANY),
     "cpp plug-in": Case(cpp("minisim_plugin"), MANY),
+    "arena": Case(
+        served("arena"),
+        {"mission": "aac", "robot": "e-puck-rm1.2", "robots": 3, "duration": 2},
+        skipped=frozenset({"S8.1", "S8.2", "S9.7", "S9.14"}),
+        modules=True,
+    ),
     "one agent": Case(
         served("minisim"), {"maxSteps": 6}, skipped=frozenset({"S2.5", "S3.3", "S3.4", "S4.2", "S4.3"})
     ),
@@ -123,9 +132,12 @@ def test_a_server_keeps_every_rule(name: str, tmp_path: Path, monkeypatch: pytes
         parameters=case.parameters,
         step_timeout=case.step_timeout,
         rules=[case.rules],
+        sensors=9 if case.modules else None,  # where they depend on the parameters
+        actuators=2 if case.modules else None,
     )
     assert report.ok, str(report)
-    assert set(report.of("skipped")) == case.skipped, [
+    expected = case.skipped if case.modules else case.skipped | {"S9.16", "S9.17"}
+    assert set(report.of("skipped")) == expected, [
         (result.id, result.detail) for result in report.results if result.status == "skipped"
     ]
 
@@ -137,7 +149,16 @@ def test_the_model_that_broken_servers_are_made_of_is_sound() -> None:
         )
     assert report.ok, str(report)
     batched = {"S10.1", "S10.2", "S10.3", "S10.4", "S10.5", "S10.6"}
-    assert set(report.of("skipped")) == {"S6.6", "S6.10", "S9.6", "S13.1", *batched}
+    assert set(report.of("skipped")) == {"S6.6", "S6.10", "S9.6", "S9.16", "S9.17", "S13.1", *batched}
+
+
+def test_the_model_with_robots_is_sound() -> None:
+    with ExitStack() as stack:
+        report = check_server(
+            start=lambda url: stack.callback(SoundRobots(url).close), rules=["S1,S2,S3,S9"], wait=10
+        )
+    assert report.ok, str(report)
+    assert set(report.of("skipped")) == {"S9.6"}
 
 
 def test_agents_that_steer_themselves() -> None:

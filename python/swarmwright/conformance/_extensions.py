@@ -48,10 +48,18 @@ class ControllerSet:
         return {**self.architecture, "weights": [float(str(value)) for value in self.weights[candidate]]}
 
 
-def controller_set(server: Server, kind: str, candidates: int) -> ControllerSet:
-    """Controllers that fit the server, the same in every run; skips the rule where there are none."""
+def controller_set(
+    server: Server,
+    kind: str,
+    candidates: int,
+    **changes: Any,  # noqa: ANN401 - options
+) -> ControllerSet:
+    """Controllers that fit the server, the same in every run; skips the rule where there are none.
+
+    changes: options of the representation, other than `OPTIONS` has.
+    """
     component = REPRESENTATIONS.get(kind)
-    options = component.options_model.model_validate(OPTIONS[kind])
+    options = component.options_model.model_validate({**OPTIONS[kind], **changes})
     try:
         made = component(options, sensors=server.sensors, actuators=server.actuators)
         genomes = made.initials(Streams(1, "conformance", 0, range(candidates)))

@@ -16,7 +16,7 @@ from paho.mqtt.client import MQTTMessage
 
 from swarmwright import _engine
 from tests.conformance import sound
-from tests.conformance.sound import Json, Refused, SoundServer, World, real
+from tests.conformance.sound import Json, Refused, SoundRobots, SoundServer, World, real
 from tests.protocol.controllers import Controller
 
 STEPWISE = "S1,S2,S3,S4,S5,S6,S7,S8,-S6.5,-S6.9"
@@ -262,7 +262,7 @@ class TakesNan(Broken):
     def actuators_of(self, values: object) -> list[float]:
         if not isinstance(values, list) or not all(isinstance(value, float) for value in values):
             return super().actuators_of(values)
-        if len(values) != sound.ACTUATORS:
+        if len(values) != self.actuators_of_an_agent:
             raise Refused("the wrong number of actuators")
         return [self.clamp(value) for value in values]
 
@@ -273,8 +273,10 @@ class FillsUp(Broken):
     breaks: ClassVar = {"S5.5"}
 
     def actuators_of(self, values: object) -> list[float]:
-        filled = [*values, *[0.0] * sound.ACTUATORS] if isinstance(values, list) else values
-        return super().actuators_of(filled[: sound.ACTUATORS] if isinstance(filled, list) else filled)
+        filled = [*values, *[0.0] * self.actuators_of_an_agent] if isinstance(values, list) else values
+        return super().actuators_of(
+            filled[: self.actuators_of_an_agent] if isinstance(filled, list) else filled
+        )
 
 
 class CountsAnybody(Broken):
@@ -448,7 +450,7 @@ class LosesAMetric(Broken):
 class RoundsOffloaded(Broken):
     """Gives other fitness offloaded than stepwise."""
 
-    breaks: ClassVar = {"S9.3", "S9.4", "S9.5"}
+    breaks: ClassVar = {"S9.3", "S9.4", "S9.5", "S9.15"}
     rules: ClassVar = OFFLOADED
 
     def compute(self, request: Json) -> tuple[list[float], dict[str, list[float]]]:
@@ -497,10 +499,74 @@ class Flushing(Controller):
         return np.float32(0) if abs(found) < np.finfo(np.float32).smallest_normal else found
 
 
+class LessSteep(Broken):
+    """Takes EvoStick's output for the logistic function of the sum itself."""
+
+    breaks: ClassVar = {"S9.15"}
+    rules: ClassVar = OFFLOADED
+
+    def rollout(self, specification: str, parameters: Json) -> World:
+        wanted = json.loads(specification)
+        if wanted["kind"] == "evostick":
+            weights = np.array(wanted["weights"], np.float32) / np.float32(4.924273)
+            wanted["weights"] = [float(str(weight)) for weight in weights]
+        return super().rollout(json.dumps(wanted), parameters)
+
+
+class BrokenRobots(Broken, SoundRobots):
+    """Computes machines and trees of modules in another way."""
+
+    breaks: ClassVar = {"S9.16", "S9.17"}
+    rules: ClassVar = OFFLOADED
+
+    def rollout(self, specification: str, parameters: Json) -> World:
+        world = self.make(parameters)
+        kind = json.loads(specification)
+        self.controllers_of: dict[int, _engine.Controller] = {}
+        while acting := world.acting():
+            done = {}
+            for agent in acting:
+                controller = self.controllers_of.setdefault(agent, _engine.Controller(specification))
+                done[agent] = self.stepped(kind, controller, np.array(world.sense(agent), np.float32))
+            world.step(done)
+        return world
+
+    def stepped(self, specification: Json, controller: _engine.Controller, seen: Any) -> list[float]:
+        """Draw a random number instead of taking the one that is sensed."""
+        if specification["kind"] == "modules":
+            seen[8] = random.random()
+        found: list[float] = controller.step(seen).tolist()
+        return found
+
+
+class RandomlyGoesOn(BrokenRobots):
+    """Takes the same random number in every step of a machine."""
+
+    breaks: ClassVar = {"S9.16"}
+
+    def stepped(self, specification: Json, controller: _engine.Controller, seen: Any) -> list[float]:
+        if specification["kind"] == "modules" and "form" not in specification:
+            seen[8] = 0.5
+        found: list[float] = controller.step(seen).tolist()
+        return found
+
+
+class ForgetsTheSubtree(BrokenRobots):
+    """Begins a tree with the first subtree in every step."""
+
+    breaks: ClassVar = {"S9.17"}
+
+    def stepped(self, specification: Json, controller: _engine.Controller, seen: Any) -> list[float]:
+        if specification.get("form") == "tree":
+            controller.reset()
+        found: list[float] = controller.step(seen).tolist()
+        return found
+
+
 class ColumnsFirst(Broken):
     """Writes episodes before candidates."""
 
-    breaks: ClassVar = {"S9.3", "S9.4", "S9.5"}
+    breaks: ClassVar = {"S9.3", "S9.4", "S9.5", "S9.15"}
     rules: ClassVar = OFFLOADED
 
     def compute(self, request: Json) -> tuple[list[float], dict[str, list[float]]]:
@@ -556,4 +622,4 @@ class TakesLeftovers(Broken):
         super().receive(message)
 
 
-SERVERS: list[type[Broken]] = Broken.__subclasses__()
+SERVERS: list[type[Broken]] = [*Broken.__subclasses__(), *BrokenRobots.__subclasses__()]

@@ -105,13 +105,13 @@ def properties(server: Server) -> None:
         )
 
 
-def _equal(server: Server, kind: str) -> str:
+def _equal(server: Server, kind: str, **options: str) -> str:
     server.announces(mode="offloaded")
     if kind not in server.announced.get("controllers", []):
         raise Skip(f"not announced: capabilities.swarmwright.controllers lacks {kind!r}")
     server.comparable()
     _ = server.reference
-    controllers = controller_set(server, kind, CANDIDATES)
+    controllers = controller_set(server, kind, CANDIDATES, **options)
     fitness = numbers(evaluated(server, evaluation(server, controllers, SEEDS)), "fitness", "<f8")
     free_again(server)
     for candidate in range(CANDIDATES):
@@ -162,6 +162,45 @@ def fully_meshed(server: Server) -> str:
 def mealy_fsm(server: Server) -> str:
     """Three candidates, two seeds."""
     return _equal(server, "mealy_fsm")
+
+
+@rule(
+    "S9.15",
+    "EvoStick's networks give the fitness that they give stepwise, to the last bit.",
+    where="decision 002",
+    fix="take the logistic function of 4.924273 times the sum, with the bias added last, mapped to -1..1; "
+    "replay protocol/vectors/controllers.json",
+    needs=["S9.1", "S3.2"],
+)
+def evostick(server: Server) -> str:
+    """Three candidates, two seeds."""
+    return _equal(server, "evostick")
+
+
+@rule(
+    "S9.16",
+    "Machines of modules give the fitness that they give stepwise, to the last bit.",
+    where="decision 002",
+    fix="take random numbers from the ninth sensor alone, and make no transition in the step in which a "
+    "state was entered; replay protocol/vectors/controllers.json",
+    needs=["S9.1", "S3.2"],
+)
+def machines(server: Server) -> str:
+    """Three candidates, two seeds."""
+    return _equal(server, "modules")
+
+
+@rule(
+    "S9.17",
+    "Behaviour trees of modules give the fitness that they give stepwise, to the last bit.",
+    where="decision 002",
+    fix="go on with the subtree of the last step, and stop for a step after the last one; replay "
+    "protocol/vectors/controllers.json",
+    needs=["S9.1", "S3.2"],
+)
+def trees(server: Server) -> str:
+    """Three candidates, two seeds."""
+    return _equal(server, "modules", form="tree")
 
 
 @rule(
