@@ -7,5 +7,6 @@ mod arena_metrics;
 mod arena_mistakes;
 mod arena_objects;
 mod arena_polygons;
+mod arena_presets;
 mod arena_robots;
 mod contacts_parts;

@@ -92,6 +92,18 @@ fn drives_and_sensors() {
 }
 
 #[test]
+fn changed_presets() {
+    for robot in [
+        json!({"preset": "e-puck-rm1.1", "radius": 0.04, "drive": {"noise": 0.15, "wheel_base": 0.06},
+            "sensors": {"proximity": {"range": 0.1, "noise": 0.2}, "light": {"noise": 0.9}, "range_and_bearing": {"loss": 0.5}}}),
+        json!({"preset": "e-puck-rm1.2", "drive": {"max_speed": 0.1}, "sensors": {"ground": {"noise": 0.3}}}),
+        json!({"preset": "point", "sensors": {"neighbours": {"range": 0.4}, "compass": {"noise": 20}}}),
+    ] {
+        check(&json!({"robot": robot, "robots": 9, "duration": 6}));
+    }
+}
+
+#[test]
 fn metrics_of_missions() {
     for mission in [
         "flocking",

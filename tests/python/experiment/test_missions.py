@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from swarmwright import Experiment, InputError, templates
+from swarmwright import Experiment, InputError, optimize, post_evaluate, templates
 from swarmwright.cli._commands import program
 from swarmwright.core.yaml import parse
 from swarmwright.experiment.validation import check
@@ -201,3 +201,68 @@ def test_a_mistake_in_a_robot(tmp_path: Path, old: str, new_text: str, answer: s
     with pytest.raises(InputError) as caught:
         Experiment.load(tmp_path / "swarm.yaml")
     assert f"{tmp_path}/swarm.yaml:2: parameters.robot: {tmp_path}/robot.yaml{answer}" in str(caught.value)
+
+
+PRESET = """\
+preset: e-puck-rm1.1
+drive: {noise: 0.15}
+sensors:
+  light: {noise: 0.9}
+  range_and_bearing: {loss: 0.9, range: 0.6}
+"""
+
+
+def test_a_controller_is_evaluated_on_its_robot_with_other_noise(tmp_path: Path) -> None:
+    robot = tmp_path / "noisier.yaml"
+    robot.write_text(PRESET)
+    values = {
+        "simulation": "arena",
+        "parameters": {"duration": 20},
+        "controller": {"kind": "evostick"},
+        "method": {"kind": "random_search", "population": 20, "generations": 1},
+        "ranking": {"kind": "absolute", "episodes": 1},
+        "servers": "local",
+        "validate": False,
+    }
+    run = optimize(Experiment.from_mapping(values), out=tmp_path / "run")
+
+    def fitness(setting: str) -> list[float]:
+        changed = run.experiment.with_settings([setting])
+        assert (changed.sensors, changed.actuators) == (24, 2)
+        found = post_evaluate(run, episodes=10, seed=5, experiment=changed)
+        return list(map(float, found.episodes))
+
+    plain = fitness("parameters.robot=e-puck-rm1.1")
+    same = "{preset: e-puck-rm1.1, drive: {noise: 0.05}, sensors: {range_and_bearing: {loss: 0.85}}}"
+    assert fitness(f"parameters.robot={same}") == plain
+    noisier = fitness(f"parameters.robot={robot}")
+    inline = "{preset: e-puck-rm1.1, drive: {noise: 0.15}, sensors: {light: {noise: 0.9}, range_and_bearing: "
+    assert noisier == fitness(f"parameters.robot={inline}{{loss: 0.9, range: 0.6}}}}}}")
+    assert noisier != plain
+
+
+@pytest.mark.parametrize(
+    ("old", "new_text", "answer"),
+    [
+        ("rm1.1", "rm1.3", ':1: preset: "e-puck-rm1.3" found, expected the name of a robot (e-puck-rm1.1, '),
+        ("noise: 0.15", "noise: 0.5", ":2: drive.noise: 0.5 found, expected 0 to 0.2"),
+        ("noise: 0.15", "max_turn: 90", ":2: drive.max_turn: the drive of e-puck-rm1.1 is differential"),
+        (
+            "light: {noise: 0.9}",
+            "compass: {noise: 5}",
+            ":4: sensors.compass: e-puck-rm1.1 has no such sensor",
+        ),
+        ("{noise: 0.9}", "0.9", ":4: sensors.light: 0.9 found, expected what is different from the preset"),
+        ("range: 0.6", "gives: [count]", ":5: sensors.range_and_bearing.gives: unknown field `gives`"),
+    ],
+)
+def test_a_mistake_in_a_changed_preset_is_told_with_its_line(
+    tmp_path: Path, old: str, new_text: str, answer: str
+) -> None:
+    assert PRESET.count(old) == 1
+    (tmp_path / "robot.yaml").write_text(PRESET.replace(old, new_text))
+    with pytest.raises(InputError) as caught:
+        Experiment.from_mapping(
+            {"simulation": "arena", "parameters": {"robot": str(tmp_path / "robot.yaml")}}
+        )
+    assert f"parameters.robot: {tmp_path}/robot.yaml{answer}" in str(caught.value)

@@ -2,9 +2,11 @@
 
 mod actuators;
 mod drive;
+mod preset;
 mod sensors;
 
 use serde::Deserialize;
+use serde::de::DeserializeOwned;
 use serde_json::Value;
 
 use super::Robot;
@@ -13,6 +15,17 @@ use drive::DriveText;
 use sensors::Sensor;
 use swarmwright_simulation::ParameterError;
 use swarmwright_simulation::parameters::wrong;
+
+/// Least and largest noise, range of rays and of what is seen of robots in metres, reach of light, and probability.
+const NOISE: [f32; 2] = [0.0, 1.0];
+const RAYS: [f32; 2] = [0.001, 100.0];
+const RANGE: [f32; 2] = [0.001, 1000.0];
+const REACH: [f32; 2] = [0.001, 1000.0];
+const SHARE: [f32; 2] = [0.0, 1.0];
+/// Of a robot, kilograms.
+const MASSES: [f32; 2] = [0.001, 1000.0];
+/// Of a compass, degrees.
+const TURNED: [f32; 2] = [0.0, 180.0];
 
 /// A robot.
 #[derive(Debug, Deserialize)]
@@ -43,20 +56,23 @@ fn friction() -> [f32; 2] {
     [0.49, 0.07]
 }
 
-/// Reads a robot. Complaints name places within it.
-pub(super) fn read(value: &Value) -> Result<Robot, ParameterError> {
-    let model: Model = serde_path_to_error::deserialize(value).map_err(|error| {
+/// What is written, with complaints that name the place.
+fn parsed<T: DeserializeOwned>(value: &Value) -> Result<T, ParameterError> {
+    serde_path_to_error::deserialize(value).map_err(|error| {
         let path = error.path().to_string();
         let name = if path == "." { "" } else { &path };
         wrong(name, error.inner().to_string())
-    })?;
-    within("radius", model.radius, [0.001, 10.0])?;
-    let height = model.height.unwrap_or(2.0 * model.radius);
-    within("height", height, [0.001, 10.0])?;
-    within("mass", model.mass, [0.001, 1000.0])?;
-    for number in model.friction {
-        within("friction", number, [0.0, 10.0])?;
+    })
+}
+
+/// Reads a robot. Complaints name places within it.
+pub(super) fn read(value: &Value) -> Result<Robot, ParameterError> {
+    if value.get("preset").is_some() {
+        return preset::read(value);
     }
+    let model: Model = parsed(value)?;
+    let height = model.height.unwrap_or(2.0 * model.radius);
+    within("mass", model.mass, MASSES)?;
     let mut robot = drive::body(model.radius, height, model.friction, &model.drive)?;
     robot.mass = model.mass;
     for (index, actuator) in model.actuators.iter().enumerate() {

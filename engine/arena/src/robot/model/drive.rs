@@ -48,6 +48,18 @@ fn acceleration() -> f32 {
     3.75
 }
 
+/// Degrees a second to rad/s.
+pub(super) fn turn(degrees: f32) -> Result<f32, ParameterError> {
+    within("drive.max_turn", degrees, [0.0, 1000.0])?;
+    Ok(degrees.to_radians())
+}
+
+/// Degrees to half turns.
+pub(super) fn steering(degrees: f32) -> Result<f32, ParameterError> {
+    within("drive.max_steering", degrees, [0.0, 80.0])?;
+    Ok(degrees / 180.0)
+}
+
 /// A robot without sensors.
 pub(super) fn body(
     radius: f32,
@@ -62,13 +74,8 @@ pub(super) fn body(
             acceleration,
             noise,
         } => {
-            within("drive.wheel_base", wheel_base, [0.001, 10.0])?;
-            (
-                Drive::Differential { wheel_base },
-                max_speed,
-                acceleration,
-                noise,
-            )
+            let kind = Drive::Differential { wheel_base };
+            (kind, max_speed, acceleration, noise)
         }
         DriveText::Holonomic {
             max_speed,
@@ -76,8 +83,7 @@ pub(super) fn body(
             acceleration,
             noise,
         } => {
-            within("drive.max_turn", max_turn, [0.0, 1000.0])?;
-            let turn = max_turn.to_radians();
+            let turn = turn(max_turn)?;
             (Drive::Holonomic { turn }, max_speed, acceleration, noise)
         }
         DriveText::Car {
@@ -87,9 +93,7 @@ pub(super) fn body(
             acceleration,
             noise,
         } => {
-            within("drive.wheel_base", wheel_base, [0.001, 10.0])?;
-            within("drive.max_steering", max_steering, [0.0, 80.0])?;
-            let steering = max_steering / 180.0;
+            let steering = steering(max_steering)?;
             let kind = Drive::Car {
                 wheel_base,
                 steering,
@@ -97,29 +101,7 @@ pub(super) fn body(
             (kind, max_speed, acceleration, noise)
         }
     };
-    // In a substep of 0.01 s bodies must not pass through each other.
-    let fastest = radius * 25.0;
-    if !(top_speed > 0.0 && top_speed <= fastest) {
-        return Err(wrong(
-            "drive.max_speed",
-            format!(
-                "{top_speed} found, expected a number above 0, at most 25 radii a second, {fastest}"
-            ),
-        ));
-    }
-    within("drive.acceleration", acceleration, [0.001, 1000.0])?;
-    within("drive.noise", noise, [0.0, 0.2])?;
-    let spin = kind.fastest_turn(top_speed);
-    if spin > FASTEST_TURN {
-        return Err(wrong(
-            "drive",
-            format!(
-                "it turns by up to {spin} rad/s, at most {FASTEST_TURN} are possible; take a smaller max_speed, \
-                 or a larger wheel_base"
-            ),
-        ));
-    }
-    Ok(Robot {
+    let robot = Robot {
         radius,
         height,
         mass: MASS,
@@ -137,5 +119,42 @@ pub(super) fn body(
         encoder_noise: 0.0,
         compass_noise: 0.0,
         outputs: Vec::new(),
-    })
+    };
+    check(&robot)?;
+    Ok(robot)
+}
+
+/// Checks body and drive, which depend on each other.
+pub(super) fn check(robot: &Robot) -> Result<(), ParameterError> {
+    within("radius", robot.radius, [0.001, 10.0])?;
+    within("height", robot.height, [0.001, 10.0])?;
+    for number in robot.friction {
+        within("friction", number, [0.0, 10.0])?;
+    }
+    if let Drive::Differential { wheel_base } | Drive::Car { wheel_base, .. } = robot.drive {
+        within("drive.wheel_base", wheel_base, [0.001, 10.0])?;
+    }
+    // In a substep of 0.01 s bodies must not pass through each other.
+    let (top_speed, fastest) = (robot.top_speed, robot.radius * 25.0);
+    if !(top_speed > 0.0 && top_speed <= fastest) {
+        return Err(wrong(
+            "drive.max_speed",
+            format!(
+                "{top_speed} found, expected a number above 0, at most 25 radii a second, {fastest}"
+            ),
+        ));
+    }
+    within("drive.acceleration", robot.acceleration, [0.001, 1000.0])?;
+    within("drive.noise", robot.wheel_noise, [0.0, 0.2])?;
+    let spin = robot.drive.fastest_turn(top_speed);
+    if spin > FASTEST_TURN {
+        return Err(wrong(
+            "drive",
+            format!(
+                "it turns by up to {spin} rad/s, at most {FASTEST_TURN} are possible; take a smaller max_speed, \
+                 or a larger wheel_base"
+            ),
+        ));
+    }
+    Ok(())
 }

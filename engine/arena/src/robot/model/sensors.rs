@@ -4,7 +4,7 @@ use serde::Deserialize;
 
 use super::super::parts::{Ray, half_turns};
 use super::super::{GroundSensors, LightSensors, Links, Output, Proximity, Robot};
-use super::within;
+use super::{NOISE, RANGE, RAYS, REACH, SHARE, TURNED, within};
 use swarmwright_simulation::ParameterError;
 use swarmwright_simulation::parameters::wrong;
 
@@ -187,7 +187,7 @@ fn only<T>(at: &str, kind: &str, known: Option<&T>) -> Result<(), ParameterError
 
 /// Gives a robot a sensor; `at` is what it is called in complaints.
 pub(super) fn add(robot: &mut Robot, sensor: &Sensor, at: &str) -> Result<(), ParameterError> {
-    let noisy = |noise: f32| within(&format!("{at}.noise"), noise, [0.0, 1.0]);
+    let noisy = |noise: f32| within(&format!("{at}.noise"), noise, NOISE);
     match sensor {
         Sensor::Proximity {
             count,
@@ -198,7 +198,7 @@ pub(super) fn add(robot: &mut Robot, sensor: &Sensor, at: &str) -> Result<(), Pa
             gives,
         } => {
             only(at, "proximity", robot.proximity.as_ref())?;
-            within(&format!("{at}.range"), *range, [0.001, 100.0])?;
+            within(&format!("{at}.range"), *range, RAYS)?;
             noisy(*noise)?;
             let directions = directions(at, *count, angles.as_deref())?;
             let ray = |degrees: f32| {
@@ -229,7 +229,7 @@ pub(super) fn add(robot: &mut Robot, sensor: &Sensor, at: &str) -> Result<(), Pa
             gives,
         } => {
             only(at, "light", robot.light.as_ref())?;
-            within(&format!("{at}.reach"), *reach, [0.001, 1000.0])?;
+            within(&format!("{at}.reach"), *reach, REACH)?;
             noisy(*noise)?;
             let directions = directions(at, *count, angles.as_deref())?;
             robot.light = Some(LightSensors {
@@ -269,8 +269,8 @@ pub(super) fn add(robot: &mut Robot, sensor: &Sensor, at: &str) -> Result<(), Pa
         }
         Sensor::RangeAndBearing { range, loss, gives } => {
             only(at, "range_and_bearing", robot.links.as_ref())?;
-            within(&format!("{at}.range"), *range, [0.001, 1000.0])?;
-            within(&format!("{at}.loss"), *loss, [0.0, 1.0])?;
+            within(&format!("{at}.range"), *range, RANGE)?;
+            within(&format!("{at}.loss"), *loss, SHARE)?;
             robot.links = Some(Links {
                 range: *range,
                 loss: *loss,
@@ -295,7 +295,7 @@ pub(super) fn add(robot: &mut Robot, sensor: &Sensor, at: &str) -> Result<(), Pa
         }
         Sensor::Neighbours { range, gives } => {
             only(at, "neighbours", robot.around.as_ref())?;
-            within(&format!("{at}.range"), *range, [0.001, 1000.0])?;
+            within(&format!("{at}.range"), *range, RANGE)?;
             robot.around = Some(*range);
             robot.outputs.extend(gives.iter().map(|seen| match seen {
                 Seen::Count => Output::AroundCount,
@@ -310,7 +310,7 @@ pub(super) fn add(robot: &mut Robot, sensor: &Sensor, at: &str) -> Result<(), Pa
             robot.outputs.push(Output::Encoders);
         }
         Sensor::Compass { noise } => {
-            within(&format!("{at}.noise"), *noise, [0.0, 180.0])?;
+            within(&format!("{at}.noise"), *noise, TURNED)?;
             robot.compass_noise = *noise / 180.0;
             robot.outputs.push(Output::Compass);
         }
