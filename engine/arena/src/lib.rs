@@ -6,6 +6,8 @@
 )]
 
 mod around;
+mod battery;
+mod camera;
 mod contact;
 mod contacts;
 mod failures;

@@ -4,6 +4,7 @@ use swarmwright_lanes::{Lanes, Mask, Number, number};
 
 use super::objects::{Form, Kind};
 use super::polygon;
+use super::robot::LedColor;
 use swarmwright_simulation::counter::uniform;
 
 /// The stream of random numbers of colours.
@@ -127,6 +128,8 @@ pub(super) struct Light {
     /// x, y, z, metres.
     pub at: [f32; 3],
     pub intensity: f32,
+    /// What cameras see at its foot.
+    pub color: Option<LedColor>,
 }
 
 /// Everything that does not move, and what robots can push.

@@ -26,6 +26,8 @@ pub(super) enum Purpose {
     Encoders,
     /// Noise of the compass.
     Compass,
+    /// Noise of the battery's reading.
+    Battery,
 }
 
 impl Purpose {
@@ -37,6 +39,7 @@ impl Purpose {
             Self::Floor => 2,
             Self::Encoders => 4,
             Self::Compass => 5,
+            Self::Battery => 6,
             Self::Proximity(block) => 16 + block,
             Self::Light(block) => 32 + block,
         }
@@ -86,6 +89,12 @@ impl<L: Lanes> Keys<L> {
     #[inline(always)]
     pub(super) fn links(self, tick: u32, robot: usize, block: usize) -> [L::Int; 4] {
         self.hash(tick | (1 + block as u32) << 18, robot as u32)
+    }
+
+    /// Numbers for what a robot's camera sees of eight things, of which `block` says which.
+    #[inline(always)]
+    pub(super) fn seen(self, tick: u32, robot: usize, block: usize) -> [L::Int; 4] {
+        self.hash(tick | (1 + block as u32) << 18, robot as u32 | 1 << 31)
     }
 
     #[inline(always)]

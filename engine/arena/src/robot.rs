@@ -7,9 +7,12 @@ mod presets;
 
 use serde_json::Value;
 
+use super::place::Place;
 use super::settings::with_place;
 pub(super) use outputs::Output;
-pub(super) use parts::{Drive, GroundSensors, LightSensors, Links, Proximity};
+pub(super) use parts::{
+    Battery, Camera, Drive, GroundSensors, LedColor, LightSensors, Links, Proximity, Sight,
+};
 use swarmwright_simulation::ParameterError;
 use swarmwright_simulation::parameters::wrong;
 
@@ -37,6 +40,12 @@ pub(super) struct Robot {
     pub links: Option<Links>,
     /// How far robots see others without loss or hiding, metres.
     pub around: Option<f32>,
+    pub camera: Option<Camera>,
+    /// The colours that the LEDs can show, an actuator each.
+    pub leds: Vec<LedColor>,
+    pub battery: Option<Battery>,
+    /// Uniform noise of its reading.
+    pub battery_noise: f32,
     /// Numbers of a message, actuators of their own.
     pub message: usize,
     /// Uniform noise of the encoders.
@@ -47,7 +56,7 @@ pub(super) struct Robot {
 }
 
 /// Seconds.
-const TICK: f32 = 0.1;
+pub(super) const TICK: f32 = 0.1;
 
 impl Robot {
     /// A model as a name or an object; `place` is what it is called in complaints.
@@ -67,6 +76,30 @@ impl Robot {
         }
     }
 
+    /// Finds what it names in a mission; `at` is what the robot is called in complaints.
+    ///
+    /// # Errors
+    /// The mission lacks the patch on which batteries charge.
+    pub(super) fn settle(&mut self, place: &Place, at: &str) -> Result<(), ParameterError> {
+        let battery = self.battery.as_mut();
+        let Some(charging) = battery.and_then(|battery| battery.charging.as_mut()) else {
+            return Ok(());
+        };
+        let name = &charging.name;
+        charging.patch = place.index(name).ok_or_else(|| {
+            let names: Vec<_> = place.patches.iter().map(|patch| &patch.name[..]).collect();
+            let there_is = match names.as_slice() {
+                [] => "there is none".to_owned(),
+                names => format!("there is {}", names.join(", ")),
+            };
+            wrong(
+                &format!("{at}.battery.charging.patch"),
+                format!("no patch of the mission's floor is named {name:?}; {there_is}"),
+            )
+        })?;
+        Ok(())
+    }
+
     /// How far anything of another robot matters to the sensors, metres from middle to middle.
     pub(super) fn range(&self) -> f32 {
         let proximity = self.proximity.as_ref();
@@ -76,6 +109,7 @@ impl Robot {
             .map_or(0.0, |links| links.range)
             .max(proximity)
             .max(self.around.unwrap_or(0.0))
+            .max(self.camera.as_ref().map_or(0.0, |camera| camera.range))
     }
 
     /// Rims that are further apart than this at the beginning of a tick do not touch in it, metres.

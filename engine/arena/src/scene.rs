@@ -2,7 +2,7 @@
 
 use super::objects::{Form, corners, distance as to_object};
 use super::place::{Face, Place, Shape};
-use super::robot::Robot;
+use super::robot::{LedColor, Robot};
 use super::settings::Settings;
 use super::start::Pose;
 use super::swarm::Swarm;
@@ -35,6 +35,7 @@ pub(super) fn scene(settings: &Settings, swarm: &Swarm<f32>) -> Scene {
         x: swarm.bodies.x[index].0 - low[0],
         y: swarm.bodies.y[index].0 - low[1],
         radius: robot.radius,
+        state: led(swarm, index).into(),
         heading: Some(swarm.bodies.heading[index].0 * std::f32::consts::PI),
         ..Body::default()
     });
@@ -55,6 +56,12 @@ pub(super) fn scene(settings: &Settings, swarm: &Swarm<f32>) -> Scene {
         }),
         ..Scene::default()
     };
+    scene.styles.extend(robot.leds.iter().map(|color| Style {
+        kind: "agent".to_owned(),
+        state: color.name().to_owned(),
+        color: color.shown().to_owned(),
+        shape: "circle".to_owned(),
+    }));
     for (patch, color) in place.patches.iter().zip(&swarm.colors) {
         let (points, radius) = outline_of(&patch.shape, low, high);
         scene.patches.push(Patch {
@@ -102,6 +109,17 @@ pub(super) fn scene(settings: &Settings, swarm: &Swarm<f32>) -> Scene {
         look(&mut scene, robot, place, swarm);
     }
     scene
+}
+
+/// The colour of a robot's LEDs; empty where they are off.
+fn led(swarm: &Swarm<f32>, index: usize) -> &'static str {
+    let code = swarm
+        .senses
+        .shown
+        .get(index)
+        .map_or(0, |code| code.0 as usize);
+    let color = code.checked_sub(1).and_then(|at| LedColor::ALL.get(at));
+    color.map_or("", |color| color.name())
 }
 
 /// Lower left and upper right corner: the walls with a margin, and lamps beside them that are not far away.

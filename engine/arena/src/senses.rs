@@ -11,7 +11,7 @@ use super::proximity::Seen;
 use super::random::{Keys, Purpose, halves, noise, uniform};
 use super::robot::{Output, Robot};
 use super::swarm::Bodies;
-use super::{around, contacts, grey, light, messages, proximity};
+use super::{around, camera, contacts, grey, light, messages, proximity};
 
 /// The way to another robot, along the axes of the arena.
 #[derive(Clone, Copy)]
@@ -49,6 +49,10 @@ pub(super) struct Senses<L: Lanes> {
     pub sent: Vec<Number<L>>,
     /// By robot: what the drive aimed at, for encoders.
     pub turned: Vec<Number<L>>,
+    /// By robot: the code of the colour that it shows; empty where robots have neither LEDs nor cameras.
+    pub shown: Vec<Number<L>>,
+    /// By robot: the charge of its battery; empty where robots have none.
+    pub charges: Vec<Number<L>>,
 }
 
 impl<L: Lanes> Senses<L> {
@@ -71,16 +75,26 @@ impl<L: Lanes> Senses<L> {
             seen: Seen::new(),
             sent: vec![number(0.0); robots * robot.message],
             turned: vec![number(0.0); robots * robot.width(Output::Encoders)],
+            shown: if robot.leds.is_empty() && robot.camera.is_none() {
+                Vec::new()
+            } else {
+                vec![number(0.0); robots]
+            },
+            charges: vec![number(0.0); if robot.battery.is_some() { robots } else { 0 }],
         }
     }
 
     /// Goes to the start of an episode.
     #[inline(always)]
-    pub(super) fn forget(&mut self) {
+    pub(super) fn forget(&mut self, robot: &Robot) {
         self.ground.clear();
         self.links.clear();
         self.sent.fill(number(0.0));
         self.turned.fill(number(0.0));
+        self.shown.fill(number(0.0));
+        if let Some(battery) = &robot.battery {
+            self.charges.fill(number(battery.charge));
+        }
     }
 
     /// All robots look, where they are now.
@@ -251,6 +265,26 @@ impl<L: Lanes> Senses<L> {
                         );
                         copy(&seen, numbers);
                     }
+                    Output::Camera => {
+                        if let Some(camera) = &robot.camera {
+                            let others = (&self.shown[..], &self.others[..], &self.indices[..]);
+                            camera::see(
+                                camera,
+                                robot,
+                                place,
+                                bodies,
+                                index,
+                                others,
+                                (keys, tick),
+                                numbers,
+                            );
+                        }
+                    }
+                    Output::Battery => {
+                        let [word, ..] = keys.draw(tick, index, Purpose::Battery);
+                        let off = noise(uniform(word), robot.battery_noise);
+                        copy(&[(self.charges[index] + off).within(0.0, 1.0)], numbers);
+                    }
                     Output::Random => copy(&[uniform(given)], numbers),
                 }
                 at += width;
@@ -319,7 +353,7 @@ fn sum_along<L: Lanes>(angles: &[f32], readings: &[Number<L>]) -> [Number<L>; 2]
 
 /// A vector squashed to the length tanh(length / 2), along the four diagonals; 0 where that is negative.
 #[inline(always)]
-fn parts<L: Lanes>([x, y]: [Number<L>; 2]) -> [Number<L>; 4] {
+pub(super) fn parts<L: Lanes>([x, y]: [Number<L>; 2]) -> [Number<L>; 4] {
     let length = (x * x + y * y).sqrt();
     let some = number(0.0).lt(length);
     let factor = (Number(tanh((length * 0.5).0)) / length).only_where(some);

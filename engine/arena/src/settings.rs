@@ -40,10 +40,11 @@ impl Settings {
         let duration = read
             .number("duration", 0.1, LONGEST)?
             .unwrap_or(mission.duration);
-        let robot = match parameters.get("robot") {
-            None => mission.robot.clone(),
-            Some(value) => Robot::read(value, "robot")?,
+        let (mut robot, at) = match parameters.get("robot") {
+            None => (mission.robot.clone(), "mission.robot"),
+            Some(value) => (Robot::read(value, "robot")?, "robot"),
         };
+        robot.settle(&mission.place, at)?;
         let failures = match parameters.get("failures") {
             None => mission.failures.clone(),
             Some(value) => failures::read(value, "failures")?,
@@ -132,8 +133,8 @@ pub(super) fn parameters() -> Vec<ParameterInfo> {
             "name or object",
             Value::Null,
             "Model of the robots: e-puck-rm1.1 (the inputs of EvoStick), e-puck-rm1.2 (those of Chocolate's modules), \
-             foot-bot, kilobot, turtlebot3 or point, or a robot as an object; in an experiment file also the path of a YAML \
-             file; left out: what the mission says.",
+             foot-bot, kilobot, turtlebot3 or point, or a robot as an object, which may name one of these as its preset; in \
+             an experiment file also the path of a YAML file; left out: what the mission says.",
         ),
         (
             "failures",

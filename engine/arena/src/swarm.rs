@@ -3,6 +3,8 @@
 use swarmwright_controllers::functions::lanes::{cos_pi, sin_pi};
 use swarmwright_lanes::{Int, Lanes, MOST_LANES, Number, number};
 
+use super::battery;
+use super::camera;
 use super::contacts::{self, Contacts};
 use super::failures::{Failing, Failure};
 use super::functions::normal;
@@ -141,7 +143,7 @@ impl<L: Lanes> Swarm<L> {
         }
         bodies.objects.start(object);
         self.contacts.forget();
-        self.senses.forget();
+        self.senses.forget(robot);
         self.sense(robot, place);
     }
 
@@ -150,12 +152,24 @@ impl<L: Lanes> Swarm<L> {
     pub(super) fn step(&mut self, robot: &Robot, place: &Place, actuators: &[L]) {
         self.tick += 1;
         let mut told = std::mem::take(&mut self.told);
-        let rows = (robot.actuators(), robot.actuators() - robot.message);
-        let other = self.failing.tell(self.tick, actuators, rows, &mut told);
+        let rows = (robot.actuators(), robot.drive.actuators().len());
+        let mut other = self.failing.tell(self.tick, actuators, rows, &mut told);
+        if robot.battery.is_some() {
+            if !other {
+                told.clear();
+                told.extend_from_slice(actuators);
+                other = true;
+            }
+            battery::stop(&self.senses.charges, rows.0, &mut told);
+        }
         self.drive(robot, if other { &told } else { actuators });
-        self.told = told;
         self.contacts
             .resolve(&mut self.bodies, &self.senses.close, robot, place);
+        if let Some(battery) = &robot.battery {
+            let charges = &mut self.senses.charges;
+            battery::update(battery, place, &self.bodies, &told, rows, charges);
+        }
+        self.told = told;
         let bodies = &mut self.bodies;
         for index in 0..bodies.len() {
             bodies.cos[index] = Number(cos_pi(bodies.heading[index].0));
@@ -219,6 +233,10 @@ impl<L: Lanes> Swarm<L> {
                     self.senses.turned[index * width + part] = Number(row[part]) * factor;
                 }
             }
+            if !robot.leds.is_empty() {
+                let given = &row[robot.drive.actuators().len()..];
+                self.senses.shown[index] = camera::shown(&robot.leds, given);
+            }
             let sent = &row[row.len() - robot.message..];
             for (kept, number) in self.senses.sent[index * robot.message..]
                 .iter_mut()
@@ -244,6 +262,9 @@ impl<L: Lanes> Swarm<L> {
         links.loss = self.failing.loss(self.tick);
         self.failing
             .mute(self.tick, self.bodies.len(), &mut links.mute);
+        if !self.senses.charges.is_empty() {
+            battery::mute(&self.senses.charges, &mut self.senses.links.mute);
+        }
         self.senses.update(
             &self.bodies,
             &self.neighbours,

@@ -1,6 +1,8 @@
 //! The integration tests of this crate as one program: each program links the whole engine anew.
 
 mod arena;
+mod arena_batteries;
+mod arena_cameras;
 mod arena_failures;
 mod arena_lanes;
 mod arena_metrics;

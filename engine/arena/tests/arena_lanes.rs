@@ -104,6 +104,29 @@ fn changed_presets() {
 }
 
 #[test]
+fn colours_cameras_and_batteries() {
+    let mission = json!({
+        "walls": {"rectangle": [2, 2]}, "obstacles": [{"center": [0, 0], "size": [0.1, 0.8], "angle": 20}],
+        "floor": {"patches": [{"name": "nest", "circle": {"center": [0.6, 0], "radius": 0.4}, "color": "black"}]},
+        "lights": [{"at": [0.9, 0, 0.4], "intensity": 2, "color": "yellow"}, {"at": [0, 0.9, 0.1], "intensity": 0, "color": "red"}],
+        "start": {"rectangle": {"x": [-1, 1], "y": [-1, 1]}}, "fitness": "order",
+    });
+    let robot = json!({
+        "radius": 0.04, "drive": {"kind": "differential", "wheel_base": 0.1, "max_speed": 0.4, "noise": 0.1},
+        "battery": {"standing": 8, "driving": 3, "charge": 0.9, "charging": {"patch": "nest", "duration": 2}},
+        "sensors": [
+            {"kind": "camera", "range": 0.9, "noise": 10, "colors": ["red", "yellow", "cyan"],
+                "gives": ["count", "seen", "attraction", "direction", "sectors"]},
+            {"kind": "battery", "noise": 0.05},
+            {"kind": "range_and_bearing", "range": 0.8, "loss": 0.3, "gives": ["message", "attraction"]},
+        ],
+        "actuators": [{"kind": "message", "numbers": 1}, {"kind": "led", "colors": ["red", "cyan"]}],
+    });
+    let parameters = json!({"mission": mission, "robot": robot, "robots": 12, "duration": 8, "failures": failures()});
+    check(&parameters);
+}
+
+#[test]
 fn metrics_of_missions() {
     for mission in [
         "flocking",

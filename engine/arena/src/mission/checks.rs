@@ -196,6 +196,7 @@ fn place(text: &Text) -> Result<Place, ParameterError> {
         place.lights.push(Light {
             at: lamp.at,
             intensity: lamp.intensity,
+            color: lamp.color,
         });
     }
     Ok(place)

@@ -6,6 +6,7 @@ use serde::Deserialize;
 use serde_json::Value;
 
 use super::super::metrics::Metric;
+use super::super::robot::LedColor;
 
 /// A mission as it is written.
 #[derive(Debug, Deserialize)]
@@ -200,6 +201,8 @@ impl Color {
 pub(super) struct Lamp {
     pub at: [f32; 3],
     pub intensity: f32,
+    /// What cameras see.
+    pub color: Option<LedColor>,
 }
 
 #[derive(Debug, Deserialize)]

@@ -1,6 +1,7 @@
 //! Robots as they are written: a body, a drive, and sensors and actuators by name.
 
 mod actuators;
+mod battery;
 mod drive;
 mod preset;
 mod sensors;
@@ -11,6 +12,7 @@ use serde_json::Value;
 
 use super::Robot;
 use actuators::Actuator;
+use battery::BatteryText;
 use drive::DriveText;
 use sensors::Sensor;
 use swarmwright_simulation::ParameterError;
@@ -42,6 +44,7 @@ struct Model {
     /// Coefficient of friction with other robots and with walls.
     #[serde(default = "friction")]
     friction: [f32; 2],
+    battery: Option<BatteryText>,
     #[serde(default)]
     sensors: Vec<Sensor>,
     #[serde(default)]
@@ -75,8 +78,9 @@ pub(super) fn read(value: &Value) -> Result<Robot, ParameterError> {
     within("mass", model.mass, MASSES)?;
     let mut robot = drive::body(model.radius, height, model.friction, &model.drive)?;
     robot.mass = model.mass;
+    robot.battery = model.battery.map(BatteryText::read).transpose()?;
     for (index, actuator) in model.actuators.iter().enumerate() {
-        actuators::add(&mut robot, *actuator, &format!("actuators[{index}]"))?;
+        actuators::add(&mut robot, actuator, &format!("actuators[{index}]"))?;
     }
     for (index, sensor) in model.sensors.iter().enumerate() {
         sensors::add(&mut robot, sensor, &format!("sensors[{index}]"))?;
@@ -91,6 +95,18 @@ pub(super) fn read(value: &Value) -> Result<Robot, ParameterError> {
         ));
     }
     Ok(robot)
+}
+
+/// That a list has something, and nothing twice.
+fn each_once<T: PartialEq>(name: &str, list: &[T]) -> Result<(), ParameterError> {
+    let twice = |index: usize| list[..index].contains(&list[index]);
+    if list.is_empty() {
+        return Err(wrong(name, "expected at least one"));
+    }
+    match (0..list.len()).find(|index| twice(*index)) {
+        Some(index) => Err(wrong(&format!("{name}[{index}]"), "it is there already")),
+        None => Ok(()),
+    }
 }
 
 fn within(name: &str, number: f32, [low, high]: [f32; 2]) -> Result<(), ParameterError> {

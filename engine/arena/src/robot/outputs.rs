@@ -1,6 +1,6 @@
 //! The numbers that controllers get and give.
 
-use super::Robot;
+use super::{Camera, Robot};
 
 /// Numbers that controllers get, in the order of a model's list.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -44,6 +44,10 @@ pub(in super::super) enum Output {
     Encoders,
     /// The direction of the x axis in the robot's frame as a unit vector: x, y.
     Compass,
+    /// What the camera gives, colour by colour.
+    Camera,
+    /// The charge of the battery, 0..=1.
+    Battery,
 }
 
 impl Robot {
@@ -54,6 +58,10 @@ impl Robot {
             Output::Light => self.light.as_ref().map_or(0, |l| l.angles.len()),
             Output::GroundReadings => self.ground.as_ref().map_or(0, |g| g.points.len()),
             Output::Message => self.message,
+            Output::Camera => self.camera.as_ref().map_or(0, |camera| {
+                let each: usize = camera.gives.iter().map(|sight| sight.width()).sum();
+                each * camera.colors.len()
+            }),
             Output::Encoders => self.drive.actuators().len(),
             Output::AroundCenter
             | Output::AroundHeading
@@ -66,6 +74,7 @@ impl Robot {
             | Output::Neighbours
             | Output::NeighboursSquashed
             | Output::Random
+            | Output::Battery
             | Output::AroundCount => 1,
         }
     }
@@ -96,6 +105,11 @@ impl Robot {
                     names.extend(drive.map(|name| format!("{name} encoder")));
                     continue;
                 }
+                Output::Camera => {
+                    names.extend(self.camera.iter().flat_map(camera_names));
+                    continue;
+                }
+                Output::Battery => &["battery"],
                 Output::AroundCount => &["robots around"],
                 Output::AroundCenter => &["center x", "center y"],
                 Output::AroundHeading => &["heading x", "heading y"],
@@ -129,13 +143,28 @@ impl Robot {
     /// Names of the actuators.
     pub(in super::super) fn actuator_names(&self) -> Vec<String> {
         let drive = self.drive.actuators().iter().map(|name| (*name).to_owned());
-        drive.chain(numbered("message", self.message)).collect()
+        let leds = self
+            .leds
+            .iter()
+            .map(|color| format!("led {}", color.name()));
+        drive
+            .chain(leds)
+            .chain(numbered("message", self.message))
+            .collect()
     }
 
     /// Numbers that controllers give.
     pub(in super::super) fn actuators(&self) -> usize {
-        self.drive.actuators().len() + self.message
+        self.drive.actuators().len() + self.leds.len() + self.message
     }
+}
+
+/// Colour by colour a name for each number.
+fn camera_names(camera: &Camera) -> impl Iterator<Item = String> + '_ {
+    camera.colors.iter().flat_map(|color| {
+        let names = camera.gives.iter().flat_map(|sight| sight.names());
+        names.map(|name| format!("{} {name}", color.name()))
+    })
 }
 
 /// A name for each of several sensors of a kind.

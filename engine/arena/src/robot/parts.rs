@@ -1,4 +1,6 @@
-//! Parts of robots: the drive and the sensors.
+//! Parts of robots: the drive, the sensors, LEDs and the battery.
+
+use serde::Deserialize;
 
 /// Degrees in half turns.
 pub(super) const fn half_turns(degrees: f32) -> f32 {
@@ -95,7 +97,7 @@ pub(in super::super) enum Drive {
 }
 
 impl Drive {
-    pub(super) fn actuators(self) -> &'static [&'static str] {
+    pub(in super::super) fn actuators(self) -> &'static [&'static str] {
         match self {
             Self::Differential { .. } => &["left wheel", "right wheel"],
             Self::Holonomic { .. } => &["ahead", "left", "turn"],
@@ -114,4 +116,130 @@ impl Drive {
             } => speed * (steering * std::f32::consts::PI).tan() / wheel_base,
         }
     }
+}
+
+/// What LEDs show, and cameras tell apart.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(in super::super) enum LedColor {
+    Red,
+    Green,
+    Blue,
+    Cyan,
+    Magenta,
+    Yellow,
+}
+
+impl LedColor {
+    pub(in super::super) const ALL: [Self; 6] = [
+        Self::Red,
+        Self::Green,
+        Self::Blue,
+        Self::Cyan,
+        Self::Magenta,
+        Self::Yellow,
+    ];
+
+    /// Its place among all.
+    pub(in super::super) const fn index(self) -> usize {
+        self as usize
+    }
+
+    /// The number of a robot that shows it; 0 is for none.
+    pub(in super::super) const fn code(self) -> f32 {
+        (self as usize + 1) as f32
+    }
+
+    pub(in super::super) const fn name(self) -> &'static str {
+        match self {
+            Self::Red => "red",
+            Self::Green => "green",
+            Self::Blue => "blue",
+            Self::Cyan => "cyan",
+            Self::Magenta => "magenta",
+            Self::Yellow => "yellow",
+        }
+    }
+
+    /// In pictures, a little darker than on screens so that it shows on white.
+    pub(in super::super) const fn shown(self) -> &'static str {
+        match self {
+            Self::Red => "#e02020",
+            Self::Green => "#18a818",
+            Self::Blue => "#2848e0",
+            Self::Cyan => "#10b8c8",
+            Self::Magenta => "#d020c0",
+            Self::Yellow => "#d8c010",
+        }
+    }
+}
+
+/// What a camera gives of each colour.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(in super::super) enum Sight {
+    /// How many robots and lamps have it.
+    Count,
+    /// 1 where one has it, else 0.
+    Seen,
+    /// The sum of 1 / (1 + range in cm) along their bearings: x, y.
+    Attraction,
+    /// The direction of that, of length 1: x, y.
+    Direction,
+    /// The same as of range and bearing along 45, 135, 225 and 315 degrees.
+    Sectors,
+}
+
+impl Sight {
+    pub(in super::super) const fn width(self) -> usize {
+        match self {
+            Self::Count | Self::Seen => 1,
+            Self::Attraction | Self::Direction => 2,
+            Self::Sectors => 4,
+        }
+    }
+
+    /// What the numbers are called after the name of the colour.
+    pub(super) const fn names(self) -> &'static [&'static str] {
+        match self {
+            Self::Count => &["count"],
+            Self::Seen => &["seen"],
+            Self::Attraction => &["attraction x", "attraction y"],
+            Self::Direction => &["direction x", "direction y"],
+            Self::Sectors => &["45", "135", "225", "315"],
+        }
+    }
+}
+
+/// An omnidirectional camera.
+#[derive(Debug, Clone, PartialEq)]
+pub(in super::super) struct Camera {
+    /// Metres from middle to middle.
+    pub range: f32,
+    /// Uniform noise of the direction of each thing seen, half turns.
+    pub noise: f32,
+    pub colors: Vec<LedColor>,
+    pub gives: Vec<Sight>,
+}
+
+/// A battery, full at 1.
+#[derive(Debug, Clone, PartialEq)]
+pub(in super::super) struct Battery {
+    /// Seconds that a full one lasts while the robot stands, and while its drive is told the most.
+    pub standing: f32,
+    pub driving: f32,
+    /// At the start.
+    pub charge: f32,
+    pub charging: Option<Charging>,
+}
+
+/// Where batteries charge.
+#[derive(Debug, Clone, PartialEq)]
+pub(in super::super) struct Charging {
+    /// The name of a patch of the floor.
+    pub name: String,
+    /// Its index, once the mission is known.
+    pub patch: usize,
+    /// Seconds from empty to full.
+    pub duration: f32,
 }

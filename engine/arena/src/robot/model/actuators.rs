@@ -2,35 +2,48 @@
 
 use serde::Deserialize;
 
-use super::super::Robot;
+use super::super::{LedColor, Robot};
+use super::each_once;
 use swarmwright_simulation::ParameterError;
 use swarmwright_simulation::parameters::wrong;
 
 /// Most numbers of a message.
 const MOST_NUMBERS: usize = 16;
 
-#[derive(Debug, Clone, Copy, Deserialize)]
+#[derive(Debug, Clone, Deserialize)]
 #[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
 pub(super) enum Actuator {
     /// Numbers that others hear.
     Message { numbers: usize },
+    /// A number for each colour that the robot can show.
+    Led { colors: Vec<LedColor> },
 }
 
 /// Gives a robot an actuator; `at` is what it is called in complaints.
-pub(super) fn add(robot: &mut Robot, actuator: Actuator, at: &str) -> Result<(), ParameterError> {
-    let Actuator::Message { numbers } = actuator;
-    if robot.message > 0 {
-        return Err(wrong(
-            at,
-            "there is a message already; give it more numbers",
-        ));
+pub(super) fn add(robot: &mut Robot, actuator: &Actuator, at: &str) -> Result<(), ParameterError> {
+    match actuator {
+        Actuator::Message { numbers } => {
+            if robot.message > 0 {
+                return Err(wrong(
+                    at,
+                    "there is a message already; give it more numbers",
+                ));
+            }
+            if !(1..=MOST_NUMBERS).contains(numbers) {
+                return Err(wrong(
+                    &format!("{at}.numbers"),
+                    format!("{numbers} found, expected 1 to {MOST_NUMBERS}"),
+                ));
+            }
+            robot.message = *numbers;
+        }
+        Actuator::Led { colors } => {
+            if !robot.leds.is_empty() {
+                return Err(wrong(at, "there is an LED already; give it more colors"));
+            }
+            each_once(&format!("{at}.colors"), colors)?;
+            robot.leds.clone_from(colors);
+        }
     }
-    if !(1..=MOST_NUMBERS).contains(&numbers) {
-        return Err(wrong(
-            &format!("{at}.numbers"),
-            format!("{numbers} found, expected 1 to {MOST_NUMBERS}"),
-        ));
-    }
-    robot.message = numbers;
     Ok(())
 }

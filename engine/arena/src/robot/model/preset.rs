@@ -4,6 +4,7 @@ use serde::Deserialize;
 use serde_json::Value;
 
 use super::super::{Drive, Output, Robot, presets};
+use super::battery::BatteryText;
 use super::{MASSES, NOISE, RANGE, RAYS, REACH, SHARE, TURNED, drive, parsed, within};
 use swarmwright_simulation::ParameterError;
 use swarmwright_simulation::parameters::wrong;
@@ -17,6 +18,7 @@ struct Changes {
     height: Option<f32>,
     mass: Option<f32>,
     friction: Option<[f32; 2]>,
+    battery: Option<BatteryText>,
     #[serde(default)]
     drive: DriveChanges,
     #[serde(default)]
@@ -95,6 +97,7 @@ pub(super) fn read(value: &Value) -> Result<Robot, ParameterError> {
     change_drive(&mut robot, &changes)?;
     drive::check(&robot)?;
     change_sensors(&mut robot, &changes)?;
+    robot.battery = changes.battery.map(BatteryText::read).transpose()?;
     Ok(robot)
 }
 
@@ -102,11 +105,12 @@ pub(super) fn read(value: &Value) -> Result<Robot, ParameterError> {
 fn check_nesting(value: &Value) -> Result<(), ParameterError> {
     let sensors = value["sensors"].as_object().into_iter().flatten();
     let sensors = sensors.map(|(name, value)| (format!("sensors.{name}"), value));
-    let parts = ["drive", "sensors"].map(|name| (name.to_owned(), &value[name]));
+    let parts = ["drive", "sensors", "battery"].map(|name| (name.to_owned(), &value[name]));
     for (name, part) in parts.into_iter().chain(sensors) {
         if !part.is_object() && !part.is_null() {
             let example = match name.as_str() {
                 "drive" => "{noise: 0.1}",
+                "battery" => "{standing: 600, driving: 300}",
                 "sensors" => "{light: {noise: 0.5}}",
                 _ => "{noise: 0.5}",
             };

@@ -3,8 +3,10 @@
 use serde::Deserialize;
 
 use super::super::parts::{Ray, half_turns};
-use super::super::{GroundSensors, LightSensors, Links, Output, Proximity, Robot};
-use super::{NOISE, RANGE, RAYS, REACH, SHARE, TURNED, within};
+use super::super::{
+    Camera, GroundSensors, LedColor, LightSensors, Links, Output, Proximity, Robot, Sight,
+};
+use super::{NOISE, RANGE, RAYS, REACH, SHARE, TURNED, each_once, within};
 use swarmwright_simulation::ParameterError;
 use swarmwright_simulation::parameters::wrong;
 
@@ -123,6 +125,24 @@ pub(super) enum Sensor {
         noise: f32,
     },
     Random,
+    Camera {
+        /// Metres from middle to middle.
+        range: f32,
+        /// Degrees by which the direction of each thing is off.
+        #[serde(default)]
+        noise: f32,
+        colors: Vec<LedColor>,
+        #[serde(default = "sights")]
+        gives: Vec<Sight>,
+    },
+    Battery {
+        #[serde(default)]
+        noise: f32,
+    },
+}
+
+fn sights() -> Vec<Sight> {
+    vec![Sight::Count, Sight::Attraction]
 }
 
 fn reach() -> f32 {
@@ -315,6 +335,36 @@ pub(super) fn add(robot: &mut Robot, sensor: &Sensor, at: &str) -> Result<(), Pa
             robot.outputs.push(Output::Compass);
         }
         Sensor::Random => robot.outputs.push(Output::Random),
+        Sensor::Camera {
+            range,
+            noise,
+            colors,
+            gives,
+        } => {
+            only(at, "camera", robot.camera.as_ref())?;
+            within(&format!("{at}.range"), *range, RANGE)?;
+            within(&format!("{at}.noise"), *noise, TURNED)?;
+            each_once(&format!("{at}.colors"), colors)?;
+            each_once(&format!("{at}.gives"), gives)?;
+            robot.camera = Some(Camera {
+                range: *range,
+                noise: *noise / 180.0,
+                colors: colors.clone(),
+                gives: gives.clone(),
+            });
+            robot.outputs.push(Output::Camera);
+        }
+        Sensor::Battery { noise } => {
+            if robot.battery.is_none() {
+                return Err(wrong(
+                    at,
+                    "the robot has no battery; add battery: {standing: 600, driving: 300}, seconds that it lasts",
+                ));
+            }
+            noisy(*noise)?;
+            robot.battery_noise = *noise;
+            robot.outputs.push(Output::Battery);
+        }
     }
     Ok(())
 }

@@ -1,0 +1,57 @@
+//! Batteries: what robots use up in a tick, and where they charge.
+
+use swarmwright_lanes::{Lanes, Mask, Number, number};
+
+use super::functions::absolute;
+use super::place::Place;
+use super::robot::{Battery, TICK};
+use super::swarm::Bodies;
+
+/// Takes everything from robots that are told something with an empty battery: they stand, show no colour.
+#[inline(always)]
+pub(super) fn stop<L: Lanes>(charges: &[Number<L>], row: usize, told: &mut [L]) {
+    for (robot, row) in told.chunks_exact_mut(row).enumerate() {
+        let left = number(0.0).lt(charges[robot]);
+        for told in row {
+            *told = Number(*told).only_where(left).0;
+        }
+    }
+}
+
+/// Writes in which lanes nobody hears a robot as it has no charge.
+#[inline(always)]
+pub(super) fn mute<L: Lanes>(charges: &[Number<L>], mute: &mut Vec<L::Mask>) {
+    mute.resize(charges.len(), L::Mask::from_bits(0));
+    for robot in 0..charges.len() {
+        mute[robot] = mute[robot].or(charges[robot].le(number(0.0)));
+    }
+}
+
+/// A tick: robots discharge by time and by the mean of what their drives are told, or charge on the patch for that. The
+/// first `drive` numbers of each robot's row are for the drive.
+#[inline(always)]
+pub(super) fn update<L: Lanes>(
+    battery: &Battery,
+    place: &Place,
+    bodies: &Bodies<L>,
+    told: &[L],
+    (row, drive): (usize, usize),
+    charges: &mut [Number<L>],
+) {
+    let standing = TICK / battery.standing;
+    let more = (TICK / battery.driving - standing) / drive as f32;
+    for (robot, row) in told.chunks_exact(row).enumerate() {
+        let mut effort = number::<L>(0.0);
+        for told in &row[..drive] {
+            effort += absolute(Number(*told)).at_most(number(1.0));
+        }
+        let charge = charges[robot];
+        let mut next = charge - (effort * more + standing);
+        if let Some(charging) = &battery.charging {
+            let shape = &place.patches[charging.patch].shape;
+            let on = shape.holds(bodies.x[robot], bodies.y[robot]);
+            next = (charge + TICK / charging.duration).select(next, on);
+        }
+        charges[robot] = next.within(0.0, 1.0);
+    }
+}

@@ -1,0 +1,179 @@
+//! The omnidirectional camera: robots and lamps in sight, by their colours.
+
+use swarmwright_controllers::functions::lanes::{cos_pi, sin_pi};
+use swarmwright_lanes::{Lanes, Mask, Number, number};
+
+use super::links;
+use super::place::Place;
+use super::random::{Keys, LINKS, halves, noise};
+use super::robot::{Camera, LedColor, Robot, Sight};
+use super::senses::{Other, parts};
+use super::swarm::Bodies;
+
+/// What is seen of a colour: how many things, and the sum over them of 1 / (1 + range in cm) along their bearings.
+#[derive(Clone, Copy)]
+struct Seen<L> {
+    count: Number<L>,
+    sum: [Number<L>; 2],
+}
+
+/// The numbers of LEDs by the colours that robots may show: the one with the largest number above 0, else none.
+#[inline(always)]
+pub(super) fn shown<L: Lanes>(colors: &[LedColor], numbers: &[L]) -> Number<L> {
+    let (mut most, mut shown) = (number::<L>(0.0), number::<L>(0.0));
+    for index in 0..colors.len() {
+        let given = Number(numbers[index]);
+        let more = most.lt(given);
+        most = given.select(most, more);
+        shown = number::<L>(colors[index].code()).select(shown, more);
+    }
+    shown
+}
+
+/// Writes what a robot sees in a tick: colour by colour what the camera gives. `shown`: the code of each robot's colour.
+#[expect(clippy::too_many_arguments, reason = "what a tick consists of")]
+#[inline(always)]
+pub(super) fn see<L: Lanes>(
+    camera: &Camera,
+    robot: &Robot,
+    place: &Place,
+    bodies: &Bodies<L>,
+    index: usize,
+    (shown, others, indices): (&[Number<L>], &[Other<L>], &[u32]),
+    (keys, tick): (Keys<L>, u32),
+    numbers: &mut [L],
+) {
+    let nothing = Seen {
+        count: number(0.0),
+        sum: [number(0.0); 2],
+    };
+    let mut seen = [nothing; LedColor::ALL.len()];
+    let range = number::<L>(camera.range * camera.range);
+    for k in 0..others.len() {
+        let (other, sender) = (others[k], indices[k] as usize);
+        let color = shown[sender];
+        let lit = other.square.lt(range).and(number(0.0).lt(color));
+        if !lit.any() {
+            continue;
+        }
+        let way = [other.x, other.y];
+        let lit = lit.and_not(links::behind_robot(robot, way, other.square, others));
+        let rims = 200.0 * robot.radius;
+        let sight = (way, other.square, lit, rims, sender);
+        note(
+            camera,
+            place,
+            bodies,
+            index,
+            sight,
+            color,
+            (keys, tick),
+            &mut seen,
+        );
+    }
+    for lamp in 0..place.lights.len() {
+        let light = &place.lights[lamp];
+        let Some(color) = light.color else {
+            continue;
+        };
+        let way = [
+            number::<L>(light.at[0]) - bodies.x[index],
+            number::<L>(light.at[1]) - bodies.y[index],
+        ];
+        let square = way[0] * way[0] + way[1] * way[1];
+        let lit = square.lt(range);
+        if !lit.any() {
+            continue;
+        }
+        let lit = lit.and_not(links::behind_robot(robot, way, square, others));
+        let sight = (way, square, lit, 100.0 * robot.radius, bodies.len() + lamp);
+        let color = number(color.code());
+        note(
+            camera,
+            place,
+            bodies,
+            index,
+            sight,
+            color,
+            (keys, tick),
+            &mut seen,
+        );
+    }
+    let mut at = 0;
+    for color in &camera.colors {
+        let Seen { count, sum } = seen[color.index()];
+        for sight in &camera.gives {
+            let some = number(0.0).lt(count);
+            match sight {
+                Sight::Count => numbers[at] = count.0,
+                Sight::Seen => numbers[at] = number::<L>(1.0).only_where(some).0,
+                Sight::Attraction => {
+                    numbers[at] = sum[0].0;
+                    numbers[at + 1] = sum[1].0;
+                }
+                Sight::Direction => {
+                    let length = (sum[0] * sum[0] + sum[1] * sum[1]).sqrt();
+                    let some = number(0.0).lt(length);
+                    let factor = (number::<L>(1.0) / length).only_where(some);
+                    numbers[at] = (sum[0] * factor).0;
+                    numbers[at + 1] = (sum[1] * factor).0;
+                }
+                Sight::Sectors => {
+                    let parts = parts(sum);
+                    for part in 0..parts.len() {
+                        numbers[at + part] = parts[part].0;
+                    }
+                }
+            }
+            at += sight.width();
+        }
+    }
+}
+
+/// Adds one thing to its colour: the way to it, its square, the lanes in which it is lit, near and not behind a robot, what
+/// is subtracted from its distance in centimetres, and its number for the noise.
+#[expect(clippy::too_many_arguments, reason = "what a tick consists of")]
+#[inline(always)]
+fn note<L: Lanes>(
+    camera: &Camera,
+    place: &Place,
+    bodies: &Bodies<L>,
+    index: usize,
+    (way, square, lit, rims, thing): ([Number<L>; 2], Number<L>, L::Mask, f32, usize),
+    color: Number<L>,
+    (keys, tick): (Keys<L>, u32),
+    seen: &mut [Seen<L>; LedColor::ALL.len()],
+) {
+    let position = [bodies.x[index], bodies.y[index]];
+    let lit = lit
+        .and_not(links::behind_wall(place, position, way))
+        .and_not(bodies.objects.hide(position, way));
+    if !lit.any() {
+        return;
+    }
+    let distance = square.sqrt();
+    let far = (distance * 100.0 - number(rims)).at_least(number(0.0)) + 1.0;
+    let weight = number::<L>(1.0) / (far * distance.at_least(number(f32::MIN_POSITIVE)));
+    // In the frame of the robot, turned by the noise.
+    let (cos, sin) = (bodies.cos[index], bodies.sin[index]);
+    let (mut x, mut y) = (
+        (way[0] * cos + way[1] * sin) * weight,
+        (way[1] * cos - way[0] * sin) * weight,
+    );
+    if camera.noise > 0.0 {
+        let word = keys.seen(tick, index, thing / LINKS)[thing % LINKS / 2];
+        let off = noise(halves::<L>(word)[thing % 2], camera.noise);
+        let (cos, sin) = (Number(cos_pi(off.0)), Number(sin_pi(off.0)));
+        (x, y) = (x * cos - y * sin, x * sin + y * cos);
+    }
+    for known in &camera.colors {
+        let code = number(known.code());
+        let same = lit.and(color.le(code)).and(code.le(color));
+        let seen = &mut seen[known.index()];
+        seen.count = seen.count.add_where(number(1.0), same);
+        seen.sum = [
+            seen.sum[0].add_where(x, same),
+            seen.sum[1].add_where(y, same),
+        ];
+    }
+}
