@@ -34,11 +34,13 @@ __all__ = [
     "Episode",
     "Evaluator",
     "InputError",
+    "LostError",
     "NoBrokerError",
     "NodeNetwork",
     "Pool",
     "Producer",
     "Ranks",
+    "RemoteEpisode",
     "Sample",
     "Search",
     "Stream",
@@ -89,6 +91,9 @@ class EngineError(RuntimeError):
 
 class NoBrokerError(EngineError):
     """No broker answers there; one may later."""
+
+class LostError(EngineError):
+    """Messages of an episode were lost, or its server: another time it may go well."""
 
 class InputError(ValueError):
     """The input is wrong (parameters, controller, URL); the message names the field."""
@@ -214,6 +219,50 @@ class Episodes:
         """The same as arrays."""
     def text(self, columns: int, color: bool, rows: int = 24, unicode: bool = True) -> str:
         """The same as text."""
+
+@final
+class RemoteEpisode:
+    """An episode that a simulation server computes and shows, step by step; controllers are here. As `Episode`, and:"""
+
+    def __new__(
+        cls,
+        broker: str,
+        *,
+        simulation: str,
+        parameters: dict[str, Any],
+        requirements: Requirements,
+        controller: str,
+        prefix: str = "",
+        discovery: float = 10.0,
+        step: float = 60.0,
+    ) -> RemoteEpisode:
+        """parameters: of the episode, its seed among them. controller: specification with weights, JSON. discovery, step: seconds to wait for a server, for its next message. Raises NoBrokerError, LostError, EngineError (refused, no server with scenes) or InputError."""
+    @property
+    def done(self) -> bool: ...
+    @property
+    def fitness(self) -> float:
+        """So far; NaN where the server does not say."""
+    @property
+    def server(self) -> int:
+        """Which server computes it."""
+    @property
+    def missing(self) -> int:
+        """Scenes before the last one that did not come."""
+    def metrics(self, names: list[str]) -> list[float]:
+        """So far; NaN for those that the server does not say."""
+    @property
+    def metric_names(self) -> list[str]: ...
+    @property
+    def step_size(self) -> float: ...
+    def step(self) -> None:
+        """Until the next scene. Raises LostError or EngineError; KeyboardInterrupt promptly."""
+    def step_observed(self) -> tuple[NDArray[np.uint32], NDArray[np.float32], NDArray[np.float32]]: ...
+    def scene(self) -> SceneFields: ...
+    def scene_arrays(self) -> SceneArrays: ...
+    def machine_states(self) -> NDArray[np.uint32] | None: ...
+    def text(self, columns: int, color: bool, rows: int = 24, unicode: bool = True) -> str: ...
+    def close(self) -> None:
+        """End it on the server, where it has not ended, and leave the broker."""
 
 def decimals(genomes: NDArray[np.float32]) -> list[str]:
     """Each row of (candidates, genes) as text: the shortest decimals that read back as the same binary32.

@@ -102,6 +102,13 @@ def whole(value: object) -> int:
     return int(value)
 
 
+def reply_of(control: Json) -> str | None:
+    """The topic on which a tool wants scenes."""
+    reply = str(control.get("reply"))
+    wanted = isinstance(control.get("scenes"), list) and reply.startswith("swarmwright/v1/tool/")
+    return reply if wanted else None
+
+
 def text(value: object) -> str:
     if not isinstance(value, str):
         raise Refused(f"{value!r} is no text")
@@ -147,6 +154,7 @@ class SoundServer:
         self.actuators: dict[int, list[float]] = {}
         self.parameters: dict[str, Json] = {}
         self.newest: str | None = None
+        self.topic: str | None = None
         self.told: tuple[str, str | None] | None = None
         self.changed = 0.0
         self.over = False
@@ -256,6 +264,7 @@ class SoundServer:
             "sensors": self.sensors,
             "actuators": self.actuators_of_an_agent,
             "metrics": ["arrived", "steps"],
+            "scenes": True,
         }
         return {"dimensions": 1, "max_agents": 100, "swarmwright": announcement}
 
@@ -309,6 +318,7 @@ class SoundServer:
         if not run:
             self.end(hash_, tool)
         elif self.offers(content) and hash_ in self.parameters and self.may_start(tool):
+            self.topic = reply_of(content)
             self.start(hash_, tool)
 
     def offers(self, content: Json) -> bool:
@@ -342,11 +352,23 @@ class SoundServer:
 
     def sense(self) -> None:
         assert self.world is not None
+        if self.topic:
+            self.show(self.topic, self.picture(self.world))
         self.acting, self.actuators = self.world.acting(), {}
         if not self.acting:
             self.finish(self.world)
         for agent in self.acting:
             self.publish("sensor", simulation_hash=self.hash, agent=agent, sensor=self.world.sense(agent))
+
+    def picture(self, world: World) -> Json:
+        """The scene before a step, or at the end."""
+        places = (world.places + 20).astype("<f4")
+        head = {"kind": "scene", "version": 1, "server": self.server, "simulation_hash": self.hash}
+        bodies = {"looks": [["agent", ""]], "x": places.tobytes(), "y": np.ones_like(places).tobytes()}
+        return {**head, "step": world.step_number, "width": 40, "height": 2, "bodies": bodies}
+
+    def show(self, topic: str, scene: Json) -> None:
+        self.client.publish(topic, msgpack.packb(scene))
 
     def finish(self, world: World) -> None:
         hash_ = self.hash

@@ -32,6 +32,7 @@ ANNOUNCED: Json = {
     "metrics": ["steps"],
     "determinism": "statistical",
     "tolerance": 0.5,
+    "scenes": True,
     "batch": 8,
     "lanes": 16,
     "instance": "a1",
@@ -62,6 +63,7 @@ SAMPLE: Json = {
     "mirrored": True,
     **dict.fromkeys(("center", "deviation", "middle", "reach", "lower", "upper"), ROW),
 }
+NUMBERS = struct.pack("<2f", 0.5, 1)
 ERROR: Json = {"kind": "invalid", "reason": "no such metric"}
 
 MESSAGES: dict[str, Json] = {
@@ -76,6 +78,7 @@ MESSAGES: dict[str, Json] = {
         "tool": "ada",
         "reply": "swarmwright/v1/tool/t1",
         "instance": "a1",
+        "scenes": ["rays", "links"],
     },
     "sensor": {**RUN, "agent": 0, "sensor": [0.5, -0.25]},
     "actuator": {**RUN, "agent": 0, "actuator": [0.5]},
@@ -169,11 +172,48 @@ MESSAGES: dict[str, Json] = {
         "stack": "wheel.py:3",
         "invalid": True,
     },
+    "scene": {
+        "kind": "scene",
+        "version": 1,
+        "server": 3,
+        "simulation_hash": "h",
+        "step": 4,
+        "fitness": -1.5,
+        "metrics": {"steps": 4.0},
+        "seconds": 0.25,
+        "width": 4.5,
+        "height": 3.0,
+        "grid": True,
+        "message": "Hello there",
+        "bodies": {
+            "looks": [["agent", "free"], ["goal", ""]],
+            "look": struct.pack("<2I", 0, 1),
+            "x": NUMBERS,
+            "y": NUMBERS,
+            "radius": NUMBERS,
+            "heading": struct.pack("<2f", 1.5, float("nan")),
+            "value": struct.pack("<2f", float("nan"), -2),
+            "agent": struct.pack("<2I", 0, 2**32 - 1),
+            "labels": ["leader", ""],
+        },
+        "rays": {
+            "body": struct.pack("<2I", 0, 0),
+            **dict.fromkeys(("angle", "start", "length"), NUMBERS),
+            "reading": struct.pack("<2f", 0.5, float("nan")),
+        },
+        "links": struct.pack("<2I", 0, 1),
+        "floor": {"grey": 0.5, "points": [[0.5, 0.0]], "radius": 2.0, "name": "floor"},
+        "patches": [{"grey": 1.0, "points": [[0.5, 0.0], [1.0, 0.0]], "radius": 0.0, "name": "nest"}],
+        "walls": [{"points": [[0.5, 0.0], [1.0, 0.0]], "solid": True}],
+        "lights": [{"x": 0.5, "y": 1.0, "intensity": 0.5}],
+        "styles": [{"kind": "agent", "state": "free", "color": "#0072b2", "shape": "star"}],
+        "scale": {"name": "charge", "low": 0.0, "high": 1.5},
+    },
 }
 """Each message with every field of its schema."""
 
 TOPICS = dict.fromkeys(("evaluate", "batch_start", "batch_actuators"), "to_server") | dict.fromkeys(
-    ("evaluated", "batch_sensors", "failed"), "to_tool"
+    ("evaluated", "batch_sensors", "failed", "scene"), "to_tool"
 )
 
 LENIENT: set[tuple[str, Path]] = {
@@ -181,6 +221,8 @@ LENIENT: set[tuple[str, Path]] = {
     ("control", ("tool",)),
     ("control", ("reply",)),
     ("control", ("instance",)),
+    ("control", ("scenes",)),
+    ("control", ("scenes", 0)),
     ("fitness", ("metrics",)),
 }
 """Fields of extensions in messages of D6.1: another peer may use the names for something else, so readers
@@ -222,10 +264,22 @@ def is_lenient(message: str, path: Path) -> bool:
     )
 
 
+def packed(message: str, value: Json) -> bytes:
+    """MessagePack; the numbers of a scene's world are binary32, as in its arrays."""
+    if message != "scene":
+        return bytes(msgpack.packb(value))
+    double, single = msgpack.Packer(), msgpack.Packer(use_single_float=True)
+    parts = [double.pack_map_header(len(value))]
+    for key, item in value.items():
+        packer = double if key in ("fitness", "metrics", "seconds") else single
+        parts += [double.pack(key), packer.pack(item)]
+    return b"".join(parts)
+
+
 def encoded(message: str, value: Json) -> Json:
     """The payload as the vectors have it."""
     if message in TOPICS:
-        return {"bytes": base64.b64encode(msgpack.packb(value)).decode()}
+        return {"bytes": base64.b64encode(packed(message, value)).decode()}
     return {"text": json.dumps(value)}
 
 

@@ -17,7 +17,7 @@ TOOL = {"discovery", "parameters", "control", "actuator", "status"}
 SERVER = {"server", "sensor", "fitness", "presence"}
 # Extensions: a topic for several messages.
 TO_SERVER = {"evaluate", "batch_start", "batch_actuators"}
-TO_TOOL = {"evaluated", "batch_sensors", "failed"}
+TO_TOOL = {"evaluated", "batch_sensors", "failed", "scene"}
 BLOCKS = TO_SERVER | TO_TOOL
 
 

@@ -3,6 +3,7 @@
 import base64
 import json
 import math
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,7 @@ SCHEMAS = {
     "evaluated": "evaluated",
     "sensors": "batch_sensors",
     "failed": "failed",
+    "scene": "scene",
 }
 ARRAYS = {
     "genomes": "<f4",
@@ -34,6 +36,15 @@ ARRAYS = {
     "ended": "<u4",
     "actuators": "<f4",
 }
+SCENE_ARRAYS = {
+    "look": "<u4",
+    **dict.fromkeys(("x", "y", "radius", "heading", "value"), "<f4"),
+    "agent": "<u4",
+    "body": "<u4",
+    **dict.fromkeys(("angle", "start", "length", "reading"), "<f4"),
+}
+"""Of bodies and rays."""
+SHAPES = ("", "circle", "cross", "triangle", "star", "square", "diamond", "pentagon", "hexagon")
 # What is left out means this.
 DEFAULTS: dict[str, Json] = {
     "evaluate": {"metrics": [], "instance": None},
@@ -41,6 +52,13 @@ DEFAULTS: dict[str, Json] = {
     "evaluated": {"fitness": b"", "metrics": {}, "failed": [], "error": None},
     "sensors": {"metrics": {}, "failed": [], "error": None},
     "failed": {"stack": None, "invalid": False},
+    "scene": {
+        **dict.fromkeys(("fitness", "seconds", "rays", "links", "floor", "scale")),
+        "metrics": {},
+        "grid": False,
+        "message": "",
+        **{key: [] for key in ("patches", "walls", "lights", "styles")},
+    },
 }
 
 
@@ -64,14 +82,50 @@ def demand(condition: object, reason: str) -> None:
         raise RefusedError(reason)
 
 
+def number_row(key: str, value: bytes, count: int) -> "np.ndarray[Any, Any]":
+    """An array of a scene with so many entries."""
+    row = array(key, value)
+    demand(row.size == count or (key == "radius" and row.size == 1), f"{key}: another length")
+    if key in ("x", "y", "radius", "angle", "start", "length"):
+        demand(np.isfinite(row).all(), f"{key}: not finite")
+    if key in ("heading", "value"):
+        demand(not np.isinf(row).any(), f"{key}: infinite")
+    return row
+
+
+def check_scene(message: Json) -> None:
+    """Arrays fit each other, and indices point at something."""
+    bodies, rays = message["bodies"], message.get("rays")
+    count = array("x", bodies["x"]).size
+    rows = {key: number_row(key, bodies[key], count) for key in SCENE_ARRAYS if key in bodies}
+    demand((rows.get("radius", np.zeros(1)) >= 0).all(), "radius: below 0")
+    looks = len(bodies["looks"])
+    demand((rows["look"] < looks).all() if "look" in rows else looks or not count, "look: no such look")
+    demand(len(bodies.get("labels") or [""] * count) == count, "labels: another length")
+    if rays is not None:
+        body = array("body", rays["body"])
+        demand((body < count).all(), "rays: no such body")
+        for key in SCENE_ARRAYS:
+            if key in rays:
+                number_row(key, rays[key], body.size)
+    links = array("links", message.get("links") or b"")
+    demand(links.size % 2 == 0 and (links < count).all(), "links: no pairs of bodies")
+    for style in message.get("styles", []):
+        demand(re.fullmatch("(#[0-9A-Fa-f]{6})?", style.get("color", "")), "color: none")
+        demand(style.get("shape", "") in SHAPES, "shape: unknown")
+
+
 def array(key: str, value: bytes) -> "np.ndarray[Any, Any]":
-    kind = np.dtype(ARRAYS.get(key, "<f8"))
+    kind = np.dtype((ARRAYS | SCENE_ARRAYS | {"links": "<u4"}).get(key, "<f8"))
     demand(len(value) % kind.itemsize == 0, f"{key}: not a whole number of numbers")
     return np.frombuffer(value, kind)
 
 
 def check(message: Json) -> None:
     """What no schema can say: shapes and finite numbers."""
+    if message["kind"] == "scene":
+        check_scene(message)
+        return
     arrays = {key: array(key, value) for key, value in message.items() if key in ARRAYS}
     for key in ("genomes", "actuators", "sensors"):
         demand(np.isfinite(arrays.get(key, np.empty(0))).all(), f"{key}: not finite")
@@ -104,14 +158,28 @@ def unpack(payload: bytes) -> Json:
 def read(topic: str, payload: bytes, validators: Validators) -> Json:
     """The typed message, defaults filled in."""
     message = unpack(payload)
-    kinds = ("evaluate", "start", "actuators") if topic == "to_server" else ("evaluated", "sensors", "failed")
+    kinds = (
+        ("evaluate", "start", "actuators")
+        if topic == "to_server"
+        else ("evaluated", "sensors", "failed", "scene")
+    )
     demand(message.get("kind") in kinds, "another kind")
     validator = validators(SCHEMAS[message["kind"]])
     demand(validator.is_valid(plain(message)), "does not fit its schema")
     # Base64 stands for binary in the schemas; text in its place is another thing.
-    demand(all(isinstance(message[key], bytes) for key in ARRAYS if key in message), "text for binary")
+    parts = [message] if message["kind"] != "scene" else [message["bodies"], message.get("rays") or {}]
+    names = ARRAYS if message["kind"] != "scene" else SCENE_ARRAYS
+    binary = [part[key] for part in parts for key in names if key in part]
+    binary += [message["links"]] if "links" in message else []
+    demand(all(isinstance(value, bytes) for value in binary), "text for binary")
     known = set(validator.schema["properties"])  # type: ignore[index]
     message = {**DEFAULTS.get(message["kind"], {}), **{k: v for k, v in message.items() if k in known}}
+    if message["kind"] == "scene":
+        bodies = dict.fromkeys(("look", "radius", "heading", "value", "agent"))
+        filled = {**bodies, "labels": [], **message["bodies"]}
+        check_scene(message if message["rays"] is not None else {**message, "rays": None})
+        rays = message["rays"]
+        return {**message, "bodies": filled, "rays": rays and {"reading": None, **rays}}
     if isinstance(message.get("failed"), list):
         message["failed"] = [{"stack": None, **failure} for failure in message["failed"]]
     check(message)
@@ -119,7 +187,7 @@ def read(topic: str, payload: bytes, validators: Validators) -> Json:
 
 
 def bits(key: str, value: bytes) -> list[str]:
-    size = np.dtype(ARRAYS.get(key, "<f8")).itemsize
+    size = np.dtype((ARRAYS | SCENE_ARRAYS | {"links": "<u4"}).get(key, "<f8")).itemsize
     return [value[start : start + size][::-1].hex() for start in range(0, len(value), size)]
 
 
@@ -128,7 +196,10 @@ def reading(message: Json) -> Json:
     read: Json = {
         key: bits(key, value) if isinstance(value, bytes) else value for key, value in message.items()
     }
-    if isinstance(read.get("metrics"), dict):
+    for part in ("bodies", "rays"):
+        if isinstance(read.get(part), dict):
+            read[part] = reading(read[part])
+    if isinstance(read.get("metrics"), dict) and read["kind"] != "scene":
         read["metrics"] = {name: bits(name, values) for name, values in read["metrics"].items()}
     return read
 

@@ -103,7 +103,7 @@ class PlainServer(Peer):
         if not content.get("run", True):
             self._hash = self._toy = None
             return
-        self._toy = Toy(self._parameters["starts"], self._parameters["steps"])
+        self._toy, self._actuators = Toy(self._parameters["starts"], self._parameters["steps"]), {}
         self.sense()
 
     def actuated(self, content: Json) -> None:

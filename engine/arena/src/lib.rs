@@ -267,6 +267,10 @@ impl Simulation for Arena {
             .map(|arena| Box::new(arena) as Box<dyn Simulation>)
     }
 
+    fn has_scenes(&self) -> bool {
+        true
+    }
+
     fn scene(&self) -> Option<Scene> {
         Some(scene::scene(&self.settings, &self.swarm))
     }

@@ -27,6 +27,7 @@ pub use shell::error::PoolError;
 pub use shell::options::{About, Options};
 pub use shell::pool::Pool;
 pub use shell::report::{Listener, Report};
+pub use shell::scenes::{SceneEpisode, SceneError, SceneOptions};
 pub use shell::supervision::{Place, Supervision};
 pub use shell::watch::{News, Watcher, list_servers};
 pub use work::{Work, WorkError, check_shape, check_work};

@@ -13,14 +13,15 @@ mod topics;
 mod values;
 
 pub use extension::{
-    BatchActuators, BatchSensors, BatchStart, EXTENSION_VERSION, Envelope, Evaluate, Evaluated,
-    F32s, F64s, Failed, Failure, GAUSSIAN, MAX_BLOCK, MEDIA_TYPE, MOST_REASON, MOST_STACK, Refusal,
-    RefusalKind, Sample, ToServer, ToTool, U32s, U64s, shortened,
+    BatchActuators, BatchSensors, BatchStart, Bodies, EXTENSION_VERSION, Envelope, Evaluate,
+    Evaluated, F32s, F64s, Failed, Failure, GAUSSIAN, MAX_BLOCK, MEDIA_TYPE, MOST_REASON,
+    MOST_STACK, NO_AGENT, Rays, Refusal, RefusalKind, Sample, SceneLight, SceneMessage, ScenePatch,
+    SceneScale, SceneStyle, SceneWall, ToServer, ToTool, U32s, U64s, shortened,
 };
 pub use hash::EpisodeHasher;
 pub use messages::{
     Announcement, Capabilities, Control, Discovery, Message, ParametersMessage, Requirements,
-    ServerMessage,
+    SCENE_PARTS, ServerMessage,
 };
 pub use presence::{Presence, State};
 pub use readings::{Actuator, Fitness, ReadingWriter, Sensor, SensorReading};

@@ -7,7 +7,9 @@ use std::path::PathBuf;
 
 use base64::Engine;
 use serde_json::{Value, json};
-use swarmwright_protocol::{F64s, Failure, Refusal, RefusalKind, ToServer, ToTool, shortened};
+use swarmwright_protocol::{
+    F64s, Failure, Refusal, RefusalKind, SceneMessage, ToServer, ToTool, shortened,
+};
 
 fn vectors() -> Vec<Value> {
     let path = "../../protocol/vectors/extension.json";
@@ -85,8 +87,41 @@ fn metrics(metrics: &BTreeMap<String, F64s>) -> Value {
     metrics.iter().map(read).collect()
 }
 
+/// With numbers of arrays by their bits, and without what is left out.
+fn scene(m: &SceneMessage) -> Value {
+    let b = &m.bodies;
+    let mut bodies =
+        json!({"looks": b.looks, "x": f32s(&b.x.0), "y": f32s(&b.y.0), "labels": b.labels});
+    for (name, numbers) in [
+        ("radius", &b.radius),
+        ("heading", &b.heading),
+        ("value", &b.value),
+    ] {
+        bodies[name] = numbers
+            .as_ref()
+            .map_or(Value::Null, |numbers| json!(f32s(&numbers.0)));
+    }
+    for (name, numbers) in [("look", &b.look), ("agent", &b.agent)] {
+        bodies[name] = numbers
+            .as_ref()
+            .map_or(Value::Null, |numbers| json!(u32s(&numbers.0)));
+    }
+    let rays = m.rays.as_ref().map(|r| {
+        json!({"body": u32s(&r.body.0), "angle": f32s(&r.angle.0), "start": f32s(&r.start.0),
+            "length": f32s(&r.length.0), "reading": r.reading.as_ref().map(|reading| f32s(&reading.0))})
+    });
+    json!({
+        "kind": "scene", "version": m.version, "server": m.server, "simulation_hash": m.simulation_hash,
+        "step": m.step, "fitness": m.fitness, "metrics": m.metrics, "seconds": m.seconds,
+        "width": m.width, "height": m.height, "grid": m.grid, "message": m.message, "bodies": bodies,
+        "rays": rays, "links": m.links.as_ref().map(|links| u32s(&links.0)), "floor": m.floor,
+        "patches": m.patches, "walls": m.walls, "lights": m.lights, "styles": m.styles, "scale": m.scale,
+    })
+}
+
 fn answer(message: &ToTool) -> Value {
     match message {
+        ToTool::Scene(m) => scene(m),
         ToTool::Evaluated(m) => json!({
             "kind": "evaluated", "version": m.version, "request": m.request, "server": m.server,
             "fitness": f64s(&m.fitness.0), "metrics": metrics(&m.metrics), "failed": failures(&m.failed),

@@ -20,6 +20,7 @@ mod remote;
 mod results;
 mod sample;
 mod sampling;
+mod scenes;
 mod selection;
 mod server;
 mod simulation;
@@ -46,6 +47,7 @@ fn _engine(module: &Bound<'_, PyModule>) -> PyResult<()> {
         "NoBrokerError",
         module.py().get_type::<errors::NoBrokerError>(),
     )?;
+    module.add("LostError", module.py().get_type::<errors::LostError>())?;
     module.add("InputError", module.py().get_type::<errors::InputError>())?;
     module.add_class::<controller::PyController>()?;
     module.add_class::<worlds::PyEpisode>()?;
@@ -59,6 +61,7 @@ fn _engine(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(log::log_to, module)?)?;
     module.add_function(wrap_pyfunction!(log::log_line, module)?)?;
     module.add_class::<watch::PyWatcher>()?;
+    module.add_class::<scenes::PyRemoteEpisode>()?;
     module.add_class::<streams::PyStream>()?;
     module.add_class::<streams::PyStreams>()?;
     module.add_class::<evolution::PyNodeNetwork>()?;

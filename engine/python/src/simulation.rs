@@ -49,6 +49,8 @@ pub struct Hosted {
     copies: bool,
     /// Episodes that can be stepped at once; 1 for most.
     pub lanes: usize,
+    /// Whether it has scenes.
+    scenes: bool,
     /// Milliseconds between two frames when shown.
     frame: u64,
     agents: usize,
@@ -102,6 +104,7 @@ impl Hosted {
             },
             copies: host.getattr("copies")?.extract()?,
             lanes: host.getattr("lanes")?.extract()?,
+            scenes: host.getattr("has_scenes")?.extract()?,
             frame: Duration::try_from_secs_f64(host.getattr("frame_seconds")?.extract()?)
                 .map_or(u64::MAX, |frame| {
                     u64::try_from(frame.as_millis()).unwrap_or(u64::MAX)
@@ -297,6 +300,10 @@ impl Simulation for Hosted {
         let fits = controller.steers()
             && (controller.sensors(), controller.actuators()) == (self.sensors(), self.actuators());
         (self.lanes > 1 && fits).then(|| lanes::evaluate(self, block))
+    }
+
+    fn has_scenes(&self) -> bool {
+        self.scenes
     }
 
     fn scene(&self) -> Option<Scene> {

@@ -102,7 +102,7 @@ fn controller(text: &str) -> PyResult<Controller> {
 }
 
 /// Agents, their sensors and their actuators, a row for each time that an agent acted.
-type Observed<'py> = (
+pub type Observed<'py> = (
     Bound<'py, PyArray1<u32>>,
     Bound<'py, PyArray2<f32>>,
     Bound<'py, PyArray2<f32>>,
@@ -180,12 +180,7 @@ impl PyEpisode {
             })
         })?
         .map_err(engine)?;
-        let rows = agents.len();
-        Ok((
-            agents.into_pyarray(py),
-            sensed.into_pyarray(py).reshape([rows, widths[0]])?,
-            done.into_pyarray(py).reshape([rows, widths[1]])?,
-        ))
+        observed(py, widths, agents, sensed, done)
     }
 
     fn scene<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
@@ -220,16 +215,7 @@ pub fn scene_arrays<'py>(
     py: Python<'py>,
     simulation: &dyn Simulation,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let mut scene = shown(simulation)?;
-    let bodies = arrays::bodies(py, &std::mem::take(&mut scene.bodies))?;
-    let rays = arrays::rays(py, &std::mem::take(&mut scene.rays))?;
-    let links = arrays::links(py, &std::mem::take(&mut scene.links))?;
-    let fields = PyDict::new(py);
-    fields.set_item("scene", to_python(py, &scene)?)?;
-    fields.set_item("bodies", bodies)?;
-    fields.set_item("rays", rays)?;
-    fields.set_item("links", links)?;
-    Ok(fields)
+    arrays_of(py, shown(simulation)?)
 }
 
 /// The same as text.
@@ -247,4 +233,33 @@ pub fn text(
         unicode,
     };
     shown(simulation).map(|scene| worlds::render(&scene, style).join("\n"))
+}
+
+/// What agents sensed and did, as arrays; widths: sensors and actuators of each.
+pub fn observed<'py>(
+    py: Python<'py>,
+    widths: [usize; 2],
+    agents: Vec<u32>,
+    sensed: Vec<f32>,
+    done: Vec<f32>,
+) -> PyResult<Observed<'py>> {
+    let rows = agents.len();
+    Ok((
+        agents.into_pyarray(py),
+        sensed.into_pyarray(py).reshape([rows, widths[0]])?,
+        done.into_pyarray(py).reshape([rows, widths[1]])?,
+    ))
+}
+
+/// A scene with what it has many of as arrays.
+pub fn arrays_of<'py>(py: Python<'py>, mut scene: worlds::Scene) -> PyResult<Bound<'py, PyDict>> {
+    let bodies = arrays::bodies(py, &std::mem::take(&mut scene.bodies))?;
+    let rays = arrays::rays(py, &std::mem::take(&mut scene.rays))?;
+    let links = arrays::links(py, &std::mem::take(&mut scene.links))?;
+    let fields = PyDict::new(py);
+    fields.set_item("scene", to_python(py, &scene)?)?;
+    fields.set_item("bodies", bodies)?;
+    fields.set_item("rays", rays)?;
+    fields.set_item("links", links)?;
+    Ok(fields)
 }

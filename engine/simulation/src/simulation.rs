@@ -272,6 +272,11 @@ pub trait Simulation: Send {
         1
     }
 
+    /// Whether [`scene`](Self::scene) gives a scene once an episode has begun, which can be shown elsewhere.
+    fn has_scenes(&self) -> bool {
+        false
+    }
+
     /// What can be seen now; none if there is nothing to show.
     fn scene(&self) -> Option<Scene> {
         None

@@ -30,7 +30,7 @@ impl Identity {
     }
 
     /// What this server says of its ability to run a simulation: in batches of at most `batch` episodes, and offloaded
-    /// `lanes` episodes in about the time of one.
+    /// `lanes` episodes in about the time of one; with scenes or without.
     #[must_use]
     pub fn capabilities(
         &self,
@@ -38,6 +38,7 @@ impl Identity {
         varies: bool,
         batch: usize,
         lanes: usize,
+        scenes: bool,
     ) -> Capabilities {
         Capabilities {
             dimensions: f64::from(simulation.dimensions),
@@ -60,6 +61,7 @@ impl Identity {
                     .collect(),
                 determinism: simulation.determinism.name().map(str::to_owned),
                 tolerance: simulation.determinism.tolerance(),
+                scenes,
                 instance: Some(self.instance.clone()),
                 host: Some(self.host.clone()),
                 pid: Some(self.pid),

@@ -21,6 +21,7 @@ pub mod machine;
 mod notice;
 mod progress;
 mod run;
+pub mod scenes;
 mod server;
 
 pub use genomes::gaussian;

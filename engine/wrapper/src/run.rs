@@ -5,10 +5,13 @@ use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
 use memchr::memmem::Finder;
-use swarmwright_protocol::{Actuator, Control, Fitness, MAX_SENSOR, ReadingWriter};
+use swarmwright_protocol::{
+    Actuator, Control, Fitness, MAX_SENSOR, ReadingWriter, SceneMessage, ToTool,
+};
 use swarmwright_worlds::{Failure, MetricInfo, ParameterError, Parameters, Simulation};
 
 use crate::guard::{finite, guarded};
+use crate::scenes::to_message;
 
 /// An episode that is being stepped.
 pub(crate) struct Run {
@@ -21,6 +24,8 @@ pub(crate) struct Run {
     /// Topic, without prefix, on which the tool wants to hear that the episode failed.
     pub reply: Option<String>,
     pub visual: bool,
+    /// What the tool wants of the scene of every step beside bodies; none for no scenes.
+    pub scenes: Option<Vec<String>>,
     /// Index of the simulation among those that the server offers.
     pub simulation: usize,
     /// Steps completed.
@@ -99,8 +104,11 @@ impl Run {
             tool,
             reply,
             visual,
+            scenes,
             ..
         } = control;
+        // Without a topic there is nowhere to send them.
+        let scenes = scenes.filter(|_| reply.is_some());
         Self {
             finder: Finder::new(&hash).into_owned(),
             writer: ReadingWriter::sensor(&title, &hash),
@@ -109,6 +117,7 @@ impl Run {
             tool,
             reply,
             visual,
+            scenes,
             simulation,
             steps: 0,
             waiting_since: now,
@@ -189,6 +198,30 @@ impl Run {
             metrics,
         };
         Ok((message, unmeasured))
+    }
+
+    /// The scene of this moment as a message, if the simulation has one. What cannot be measured yet is left out.
+    pub fn scene(
+        &self,
+        simulation: &dyn Simulation,
+        server: u64,
+    ) -> Result<Option<Vec<u8>>, Failure> {
+        let Some(parts) = &self.scenes else {
+            return Ok(None);
+        };
+        let Some(scene) = guarded(|| simulation.scene())? else {
+            return Ok(None);
+        };
+        let fitness = guarded(|| simulation.fitness()).and_then(finite).ok();
+        let message = SceneMessage {
+            server,
+            simulation_hash: self.hash.clone(),
+            fitness,
+            metrics: self.measured(simulation).unwrap_or_default(),
+            seconds: Some(Duration::from_millis(simulation.step_size()).as_secs_f64()),
+            ..to_message(&scene, parts)
+        };
+        Ok(Some(ToTool::Scene(Box::new(message)).encode()))
     }
 
     /// All metrics by name, but for those that no message can carry: the tool may not need them.

@@ -9,6 +9,7 @@ mod junk;
 mod metrics;
 mod offloaded;
 mod rival;
+mod scenes;
 mod self_steering;
 mod server;
 mod taken;

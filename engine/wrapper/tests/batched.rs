@@ -227,7 +227,7 @@ fn a_second_batch_and_evaluations_wait_until_the_first_is_over() {
         .map(|(_, message)| match message {
             ToTool::Sensors(message) => message.error.unwrap().kind,
             ToTool::Evaluated(message) => message.error.unwrap().kind,
-            ToTool::Failed(message) => panic!("{message:?}"),
+            message @ (ToTool::Failed(_) | ToTool::Scene(_)) => panic!("{message:?}"),
         })
         .collect();
     assert_eq!(kinds, [RefusalKind::Taken, RefusalKind::Taken]);

@@ -11,13 +11,16 @@ from swarmwright.cli._commands import Command
 from swarmwright.cli._options import (
     ExistingPath,
     WholeNumber,
+    broker_option,
     candidate_options,
+    experiment_broker,
     json_option,
     set_option,
     simulation_option,
     trust_option,
 )
 from swarmwright.cli._output import Output, show_warnings
+from swarmwright.core.errors import engine_errors
 
 if TYPE_CHECKING:
     from swarmwright import Run
@@ -31,6 +34,7 @@ if TYPE_CHECKING:
     example="swarmwright replay runs/minisim-1 --speed 2\n"
     "swarmwright replay runs/minisim-1 --generation 0 --candidate 7 --save early.gif\n"
     "swarmwright replay runs/minisim-1 --save best.html\n"
+    "swarmwright replay runs/line-1 --broker mqtt://lab-3:1883 --save line.html\n"
     "swarmwright replay runs/minisim-1 --beside 0:7 --beside runs/minisim-2 --save several.html",
 )
 @click.argument("run", type=ExistingPath(folder=True), metavar="RUN")
@@ -93,6 +97,11 @@ if TYPE_CHECKING:
     metavar="S",
     help="An episode that the run did not have: the simulation's seed.",
 )
+@broker_option(
+    default=None,
+    text="A server on this broker computes the episode and sends its scenes. Default: this process; for a "
+    "simulation that is not here, the run's broker or SWARMWRIGHT_BROKER's.",
+)
 @simulation_option
 @set_option("Override a value of the run: parameters.maxSteps=40.")
 @trust_option
@@ -109,14 +118,15 @@ def command(
     controller: Path | None,
     episode: int | None,
     seed: int | None,
+    broker: str | None,
     simulation: str | None,
     settings: tuple[str, ...],
     as_json: bool,
 ) -> None:
     """Show a candidate of RUN at work, the best one unless another is named.
 
-    The simulation runs in this process, with the parameters and the seed that the run used, unless others
-    are given.
+    The simulation runs in this process, or with --broker on a server that has scenes, with the parameters and
+    the seed that the run used, unless others are given.
     """
     if controller is not None and (generation is not None or candidate is not None):
         raise click.UsageError(
@@ -135,7 +145,11 @@ def command(
     output = Output(as_json=as_json)
     show_warnings()
     opened = Run.open(run)
-    how: dict[str, Any] = {"simulation": simulation, "settings": settings}
+    how: dict[str, Any] = {
+        "simulation": simulation,
+        "settings": settings,
+        "broker": _broker(opened, broker),
+    }
     replay = Replay.of(
         opened,
         generation=generation,
@@ -154,9 +168,19 @@ def command(
         from swarmwright.display.terminal import play
 
         output.text(replay.title)
-        played = replay.episode()
-        play(played, sys.stdout, in_place=output.terminal, color=output.color, speed=speed)
+        with engine_errors():
+            played = replay.episode()
+            play(played, sys.stdout, in_place=output.terminal, color=output.color, speed=speed)
         output.text(replay.outcome(played.fitness))
+
+
+def _broker(run: "Run", broker: str | None) -> str | None:
+    """The broker that is named; for a simulation that is not here, also the one of the environment."""
+    from swarmwright.simulations import catalogue
+
+    if broker is not None or catalogue.is_here(run.experiment.simulation):
+        return broker
+    return experiment_broker(None, run.experiment.broker, None)
 
 
 def _check_file(file: Path) -> None:
@@ -204,7 +228,7 @@ def _save(
     others: list["Replay"],
 ) -> None:
     from swarmwright import InputError
-    from swarmwright.display import Recording, record
+    from swarmwright.display import Recording
     from swarmwright.display.files import save
     from swarmwright.display.pictures import PictureRecording
     from swarmwright.display.pictures import save as save_pictures
@@ -217,9 +241,9 @@ def _save(
             recording = pictures = replay.pictures()
             save_pictures(pictures, file, caption=replay.caption(), speed=speed)
         else:
-            recording = scenes = record(replay.episode())
+            recording = scenes = replay.recording()
             parts = [replay.part(scenes, replay.name if others else "")]
-            parts += [other.part(record(other.episode()), other.name) for other in others]
+            parts += [other.part(other.recording(), other.name) for other in others]
             save(parts, file, caption=replay.caption(), speed=speed, shown=shown)
     except OSError as error:
         raise InputError(f"{file}: cannot be written: {error.strerror or error}") from error
@@ -233,9 +257,10 @@ def _what(file: Path) -> str:
 
 
 def _print_scenes(output: Output, replay: "Replay") -> None:
-    episode = replay.episode()
-    output.json({**episode.scene(), "fitness": episode.fitness})
-    while not episode.done:
-        episode.step()
+    with engine_errors():
+        episode = replay.episode()
         output.json({**episode.scene(), "fitness": episode.fitness})
+        while not episode.done:
+            episode.step()
+            output.json({**episode.scene(), "fitness": episode.fitness})
     output.json({"fitness": episode.fitness, **replay.identity()})

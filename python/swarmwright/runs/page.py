@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from swarmwright.core.files import write_text
-from swarmwright.display import record
 from swarmwright.display.page import page
 from swarmwright.runs.replay import Replay
 
@@ -29,7 +28,7 @@ class ReplayPage:
     def of(cls, run: "Run", *, speed: float = 1.0, **which: Any) -> Self:  # noqa: ANN401 - as `Replay.of` takes it
         """Play the episode; see `Run.replay`."""
         replay = Replay.of(run, **which)
-        recording = record(replay.episode())
+        recording = replay.recording()
         return cls(
             replay.title,
             recording.fitness,

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Any, Self
 
 from swarmwright import _engine
 from swarmwright.core.errors import InputError, engine_errors
-from swarmwright.display import Caption, Part, Playable, Recording
+from swarmwright.display import Caption, Part, Playable, Recording, record
 from swarmwright.experiment.fitness import JudgedEpisode
 from swarmwright.modules._played import PlayedEpisode
 from swarmwright.representations.controller import Controller, controller_words
+from swarmwright.runs import remote
 from swarmwright.runs.choice import Choice, choose
 from swarmwright.runs.code import used_for
 from swarmwright.runs.validation import by_instance
@@ -39,6 +40,8 @@ class Replay:
     """Seed of the simulation."""
     experiment: "Experiment"
     """The run's, or with other parameters."""
+    broker: str | None = None
+    """Where a server computes it; None in this process."""
 
     @classmethod
     def of(
@@ -52,6 +55,7 @@ class Replay:
         seed: int | None = None,
         simulation: str | type | None = None,
         settings: Iterable[str] = (),
+        broker: str | None = None,
     ) -> Self:
         """Choose what is played.
 
@@ -64,11 +68,14 @@ class Replay:
             seed: of the simulation, for an episode that the run did not have.
             simulation: a class, or `FILE:Class`, instead of the code with which the candidate was evaluated.
             settings: other values of parameters and fitness than the run's, see `Experiment.load`.
+            broker: a server on it computes the episode and sends its scenes. Default: this process does, or,
+                where the simulation is not here, servers on the run's broker.
 
         Raises:
-            InputError: the simulation is not here, or there is no such candidate, controller or episode.
+            InputError: the simulation is not here and no broker is known, or there is no such candidate,
+                controller or episode.
         """
-        _check_here(run)
+        broker = broker or _broker_of(run)
         chosen = None if controller is not None else choose(run, generation, candidate)
         used = used_for(run, None if chosen is None else chosen.generation, simulation)
         experiment = used.with_settings(
@@ -83,7 +90,7 @@ class Replay:
             )
         played = Controller.load(controller) if controller is not None else Controller(chosen.specification)  # type: ignore[union-attr] # one of the two is there
         played_seed = seeds[number] if number is not None else seed or 0
-        return cls(run, played, chosen, controller, number, played_seed, experiment)
+        return cls(run, played, chosen, controller, number, played_seed, experiment, broker)
 
     @property
     def pictured(self) -> bool:
@@ -91,16 +98,45 @@ class Replay:
 
         Raises InputError for a simulation that has neither.
         """
-        return catalogue.shown_as(self.experiment.simulation) == "picture"
+        return self.broker is None and catalogue.shown_as(self.experiment.simulation) == "picture"
 
     def episode(self) -> Playable:
-        """Return the episode, before its first step."""
+        """Return the episode, before its first step.
+
+        One on a server is to be ended with `close` where it is not played to its end. Raises RunError when no
+        server there has scenes.
+        """
+        if self.broker is not None:
+            return self._judged(self._remote())
         if not self.pictured:
             return self._episode(catalogue.playable(self.experiment.simulation))
         from swarmwright.display.pictures import Pictured
 
         host = catalogue.drawing(self.experiment.simulation)
         return Pictured(self._episode(host), host.picture)
+
+    def recording(self) -> Recording:
+        """Play the episode and return its scenes.
+
+        Raises RunError when a server cannot compute or show it.
+        """
+        if self.broker is None:
+            return record(self.episode())
+
+        def make() -> tuple[_engine.RemoteEpisode, Playable]:
+            episode = self._remote()
+            return episode, self._judged(episode)
+
+        return remote.recorded(make)
+
+    def _remote(self) -> _engine.RemoteEpisode:
+        parameters = {**self.experiment.parameters, "seed": self.seed}
+        return remote.begin(self.experiment, self.broker or "", parameters, self.controller.json)
+
+    def _judged(self, episode: Any) -> Playable:  # noqa: ANN401 - one of the engine's
+        expression = self.experiment.fitness_expression
+        played: Playable = episode if expression is None else JudgedEpisode(episode, expression)
+        return played
 
     def pictures(self) -> "PictureRecording":
         """Play the episode of a simulation that draws pictures, and return them."""
@@ -114,9 +150,7 @@ class Replay:
         return self._engine_episode(catalogue.playable(self.experiment.simulation))
 
     def _episode(self, simulation: Any) -> Playable:  # noqa: ANN401 - as the engine takes it
-        episode = self._engine_episode(simulation)
-        expression = self.experiment.fitness_expression
-        return episode if expression is None else JudgedEpisode(episode, expression)
+        return self._judged(self._engine_episode(simulation))
 
     def _engine_episode(self, simulation: Any) -> _engine.Episode | PlayedEpisode:  # noqa: ANN401 - as the engine takes it
         if self.controller.in_python:
@@ -226,10 +260,13 @@ def _origin(experiment: "Experiment") -> list[tuple[str, str]]:
     return [("method", method), ("seed of the run", str(experiment.seed))]
 
 
-def _check_here(run: "Run") -> None:
-    title = run.experiment.simulation
-    if not catalogue.is_here(title):
-        raise InputError(
-            f"{run.path}: the simulation '{title}' is not built in, so it cannot be shown here. Its servers "
-            f"can: swarmwright simulate {run.path / 'experiment.yaml'} --controller {run.path} --visual"
-        )
+def _broker_of(run: "Run") -> str | None:
+    """Where a simulation is computed that is not here; None for one that is."""
+    title, broker = run.experiment.simulation, run.experiment.broker
+    if catalogue.is_here(title) or broker is not None:
+        return None if catalogue.is_here(title) else broker
+    raise InputError(
+        f"{run.path}: the simulation '{title}' is not built in; name the broker of a server that offers it "
+        f"and has scenes (--broker URL), or have a server draw it itself: swarmwright simulate "
+        f"{run.path / 'experiment.yaml'} --controller {run.path} --visual"
+    )

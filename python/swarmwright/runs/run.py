@@ -285,6 +285,7 @@ class Run:
         episode: int | None = None,
         seed: int | None = None,
         speed: float = 1.0,
+        broker: str | None = None,
     ) -> "ReplayPage":
         """Play an episode again; return the page that shows it, which a notebook displays.
 
@@ -294,13 +295,21 @@ class Run:
             episode: one of the run's, default 0.
             seed: of the simulation, for an episode that the run did not have.
             speed: how many times faster than the simulation's step size it plays at first.
+            broker: a server on it that has scenes computes the episode, as for a simulation that is not here.
 
-        Raises InputError when the simulation is not here, or there is no such candidate or episode.
+        Raises InputError when the simulation is not here and no broker is known, or there is no such
+        candidate or episode; RunError when no server shows it.
         """
         from swarmwright.runs.page import ReplayPage
 
         return ReplayPage.of(
-            self, generation=generation, candidate=candidate, episode=episode, seed=seed, speed=speed
+            self,
+            generation=generation,
+            candidate=candidate,
+            episode=episode,
+            seed=seed,
+            speed=speed,
+            broker=broker,
         )
 
     def _repr_html_(self) -> str:

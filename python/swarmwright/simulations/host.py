@@ -19,6 +19,7 @@ from swarmwright.simulations.batch_checks import BatchChecks, Many
 from swarmwright.simulations.batches import BatchSimulation
 from swarmwright.simulations.description import Description, describe
 from swarmwright.simulations.parameters import filled_in
+from swarmwright.simulations.visualization import defines
 
 if TYPE_CHECKING:
     from swarmwright.core.engine_types import SceneFields
@@ -72,6 +73,7 @@ class Host:
         self.tolerance = description.tolerance
         self.takes_controller = description.takes_controller
         self.steers_itself = description.steers_itself
+        self.has_scenes = defines(kind, "scene")
         self._agents = 0
 
     def another(self) -> "Host":

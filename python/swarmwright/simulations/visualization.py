@@ -14,9 +14,9 @@ def shown_as(kind: type[Simulation] | type[BatchSimulation]) -> Literal["scene",
 
     Raises InputError with the reason where there is nothing to show.
     """
-    if _defines(kind, "scene"):
+    if defines(kind, "scene"):
         return "scene"
-    if issubclass(kind, Simulation) and _defines(kind, "picture"):
+    if issubclass(kind, Simulation) and defines(kind, "picture"):
         unshown = getattr(kind, "unshown", None)  # of environments of libraries
         reason = None if unshown is None else unshown()
         if reason is not None:
@@ -41,7 +41,7 @@ def drawing(kind: type[Simulation]) -> type[Simulation]:
     return made
 
 
-def _defines(kind: type[Described], method: str) -> bool:
+def defines(kind: type[Described], method: str) -> bool:
     """Return whether a class overrides a method."""
     found = getattr(kind, method, None)
     return found is not None and all(

@@ -23,6 +23,7 @@ STEPWISE = "S1,S2,S3,S4,S5,S6,S7,S8,-S6.5,-S6.9"
 """What is tried on those that break what every server must do, but for what takes seconds."""
 OFFLOADED = "S1,S2,S3,S9"
 CONNECTION = "S1,S2,S11,-S11.2"
+SCENES = "S1,S2,S14"
 
 
 class Broken(SoundServer):
@@ -620,6 +621,39 @@ class TakesLeftovers(Broken):
     def receive(self, message: MQTTMessage) -> None:
         message.retain = False
         super().receive(message)
+
+
+class SkipsTheFirstScene(Broken):
+    """Shows an episode from its first step on."""
+
+    breaks: ClassVar = {"S14.1"}
+    rules: ClassVar = SCENES
+
+    def show(self, topic: str, scene: Json) -> None:
+        if scene["step"]:
+            super().show(topic, scene)
+
+
+class DrawsHalfABody(Broken):
+    """Has fewer y than x."""
+
+    breaks: ClassVar = {"S14.2"}
+    rules: ClassVar = SCENES
+
+    def picture(self, world: World) -> Json:
+        scene = super().picture(world)
+        scene["bodies"]["y"] = scene["bodies"]["y"][:-4]
+        return scene
+
+
+class ShowsEverybody(Broken):
+    """Sends scenes to tools that did not ask for them."""
+
+    breaks: ClassVar = {"S14.3"}
+    rules: ClassVar = SCENES
+
+    def on_control(self, content: Json) -> None:
+        super().on_control({**content, "scenes": []})
 
 
 SERVERS: list[type[Broken]] = [*Broken.__subclasses__(), *BrokenRobots.__subclasses__()]

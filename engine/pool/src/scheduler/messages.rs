@@ -123,6 +123,7 @@ impl Messages {
             visual: run && config.visual,
             tool: Some(config.tool.clone()),
             reply: run.then(|| self.reply.clone()),
+            scenes: None,
         }
     }
 }

@@ -5,5 +5,6 @@ pub(crate) mod options;
 pub(crate) mod pool;
 pub(crate) mod probe;
 pub(crate) mod report;
+pub(crate) mod scenes;
 pub(crate) mod supervision;
 pub(crate) mod watch;

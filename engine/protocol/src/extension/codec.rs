@@ -159,7 +159,8 @@ impl ToTool {
             "evaluated" => Self::Evaluated(decode(payload)?),
             "sensors" => Self::Sensors(decode(payload)?),
             "failed" => Self::Failed(decode(payload)?),
-            _ => return Err(unknown(&kind, "evaluated, sensors or failed")),
+            "scene" => Self::Scene(Box::new(decode(payload)?)),
+            _ => return Err(unknown(&kind, "evaluated, sensors, failed or scene")),
         };
         match &message {
             Self::Evaluated(m) => {
@@ -193,6 +194,10 @@ impl ToTool {
                 }
             }
             Self::Failed(m) => check(m.version)?,
+            Self::Scene(m) => {
+                check(m.version)?;
+                m.check()?;
+            }
         }
         Ok(message)
     }
@@ -204,6 +209,7 @@ impl ToTool {
             Self::Evaluated(m) => size_of_val(&m.fitness.0[..]) * (1 + m.metrics.len()),
             Self::Sensors(m) => size_of_val(&m.sensors.0[..]) + 8 * m.agents.0.len(),
             Self::Failed(_) => 0,
+            Self::Scene(m) => m.numbers(),
         };
         encode(self, numbers)
     }

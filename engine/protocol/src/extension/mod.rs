@@ -5,8 +5,12 @@
 
 mod codec;
 mod numbers;
+mod scene;
 
 pub use numbers::{F32s, F64s, U32s, U64s};
+pub use scene::{
+    Bodies, NO_AGENT, Rays, SceneLight, SceneMessage, ScenePatch, SceneScale, SceneStyle, SceneWall,
+};
 
 use std::collections::BTreeMap;
 
@@ -322,6 +326,8 @@ pub enum ToTool {
     Sensors(BatchSensors),
     /// A stepwise episode has failed.
     Failed(Failed),
+    /// What a stepwise episode looks like at a step.
+    Scene(Box<SceneMessage>),
 }
 
 /// Characters of a failure's reason and stack, at most: writers cut longer ones, and so do readers that keep them.

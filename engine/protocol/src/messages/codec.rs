@@ -209,6 +209,7 @@ impl Announcement {
             tolerance: keys
                 .lenient("tolerance")
                 .filter(|tolerance| *tolerance >= 0.0),
+            scenes: keys.lenient("scenes").unwrap_or_default(),
             instance: keys.lenient("instance"),
             host: keys.lenient("host"),
             pid: keys.lenient("pid"),
@@ -229,6 +230,7 @@ impl Announcement {
         insert(&mut object, "metrics", metrics);
         insert(&mut object, "determinism", self.determinism.clone());
         insert(&mut object, "tolerance", self.tolerance);
+        insert(&mut object, "scenes", self.scenes.then_some(true));
         insert(&mut object, "instance", self.instance.clone());
         insert(&mut object, "host", self.host.clone());
         insert(&mut object, "pid", self.pid);
@@ -298,6 +300,7 @@ impl Control {
             tool: keys.lenient("tool"),
             reply: keys.lenient("reply"),
             instance: keys.lenient("instance"),
+            scenes: keys.lenient("scenes"),
         })
     }
 
@@ -314,6 +317,7 @@ impl Control {
         insert(&mut object, "tool", self.tool.clone());
         insert(&mut object, "reply", self.reply.clone());
         insert(&mut object, "instance", self.instance.clone());
+        insert(&mut object, "scenes", self.scenes.clone());
         bytes(&object)
     }
 }

@@ -83,6 +83,8 @@ pub struct Announcement {
     pub determinism: Option<String>,
     /// With `statistical`: how far fitness and metrics may differ, as a part of the larger one, absolute below 1.
     pub tolerance: Option<f64>,
+    /// Whether it sends the scenes of stepwise episodes to tools that ask for them.
+    pub scenes: bool,
     /// Random for each start of a server: tells two servers with one id apart.
     pub instance: Option<String>,
     /// Where the server runs.
@@ -115,6 +117,9 @@ pub struct ParametersMessage {
     pub parameters: Map<String, Value>,
 }
 
+/// What of scenes is sent only to tools that name it.
+pub const SCENE_PARTS: [&str; 2] = ["rays", "links"];
+
 /// Start or end of a run.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Control {
@@ -134,4 +139,7 @@ pub struct Control {
     pub reply: Option<String>,
     /// Extension: which start of the server is meant, as it announced it; another one with its id is not.
     pub instance: Option<String>,
+    /// Extension: the scene of every step is wanted on the topic of `reply`, and of what not all tools draw, these parts:
+    /// [`SCENE_PARTS`].
+    pub scenes: Option<Vec<String>>,
 }

@@ -117,10 +117,20 @@ fn conversation() -> impl Strategy<Value = Message> {
             any::<(bool, bool)>(),
             optional(),
             optional(),
-            optional()
+            optional(),
+            proptest::option::of(proptest::collection::vec(text(), 0..3))
         )
             .prop_map(
-                |(server, simulation, simulation_hash, (run, visual), tool, reply, instance)| {
+                |(
+                    server,
+                    simulation,
+                    simulation_hash,
+                    (run, visual),
+                    tool,
+                    reply,
+                    instance,
+                    scenes,
+                )| {
                     Message::Control(Control {
                         server,
                         simulation,
@@ -130,6 +140,7 @@ fn conversation() -> impl Strategy<Value = Message> {
                         tool,
                         reply,
                         instance,
+                        scenes,
                     })
                 }
             ),

@@ -338,6 +338,10 @@ impl Simulation for EmergencyExit {
         crate::evaluate("emergency_exit", block, means)
     }
 
+    fn has_scenes(&self) -> bool {
+        true
+    }
+
     fn scene(&self) -> Option<Scene> {
         // Scenes have y pointing up.
         let top = self.field.rows as f32;

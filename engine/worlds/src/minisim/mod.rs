@@ -308,6 +308,10 @@ impl Simulation for Minisim {
         crate::evaluate("minisim", block, means)
     }
 
+    fn has_scenes(&self) -> bool {
+        true
+    }
+
     fn scene(&self) -> Option<Scene> {
         let Settings {
             map,

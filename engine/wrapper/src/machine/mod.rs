@@ -376,13 +376,7 @@ impl Machine {
     /// Whether an answer can be sent to a topic: only to those of tools, so that no client can make a server publish
     /// elsewhere.
     fn can_reply(&mut self, reply: &str) -> bool {
-        let token = reply
-            .strip_prefix(Topic::ToTool.name())
-            .and_then(|rest| rest.strip_prefix('/'));
-        let fits = token.is_some_and(|token| {
-            let plain = |byte: u8| byte.is_ascii_alphanumeric() || matches!(byte, b'-' | b'_');
-            !token.is_empty() && token.len() <= 200 && token.bytes().all(plain)
-        });
+        let fits = reply_fits(reply);
         if !fits {
             self.complain(format!(
                 "cannot answer a request: its \"reply\" is {reply:?}, expected {}/ and letters, digits, - or _",
@@ -402,6 +396,17 @@ impl Machine {
             self.warn(text);
         }
     }
+}
+
+/// Whether a topic is one of a tool.
+fn reply_fits(reply: &str) -> bool {
+    let token = reply
+        .strip_prefix(Topic::ToTool.name())
+        .and_then(|rest| rest.strip_prefix('/'));
+    token.is_some_and(|token| {
+        let plain = |byte: u8| byte.is_ascii_alphanumeric() || matches!(byte, b'-' | b'_');
+        !token.is_empty() && token.len() <= 200 && token.bytes().all(plain)
+    })
 }
 
 fn asker(control: &Control) -> &str {

@@ -16,6 +16,8 @@ pub(super) struct Offer {
     pub(super) together: bool,
     /// Episodes that are computed in about the time of one.
     pub(super) lanes: usize,
+    /// Whether it has scenes.
+    pub(super) scenes: bool,
     /// None while it is at work elsewhere: in a job, or in a batch.
     pub(super) simulation: Option<Box<dyn Simulation>>,
     /// Duplicates from batches before, for the next one of the same tool.
@@ -38,6 +40,7 @@ impl Offer {
             batch: if several { most } else { 1 },
             together,
             lanes,
+            scenes: simulation.has_scenes(),
             simulation: Some(simulation),
             spares: Vec::new(),
         }

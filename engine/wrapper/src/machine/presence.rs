@@ -29,8 +29,16 @@ impl Machine {
     }
 
     pub(super) fn capabilities(&self, offer: &Offer) -> Capabilities {
+        let Offer {
+            description,
+            varies,
+            batch,
+            lanes,
+            scenes,
+            ..
+        } = offer;
         self.identity
-            .capabilities(&offer.description, offer.varies, offer.batch, offer.lanes)
+            .capabilities(description, *varies, *batch, *lanes, *scenes)
     }
 
     /// Whether no tool holds the server.

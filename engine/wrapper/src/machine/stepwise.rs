@@ -3,12 +3,12 @@
 use std::time::{Duration, Instant};
 
 use swarmwright_protocol::{
-    Actuator, Control, EXTENSION_VERSION, Failed, MAX_PAYLOAD, MAX_SENSOR, MOST_REASON, ToTool,
-    Topic, shortened,
+    Actuator, Control, EXTENSION_VERSION, Failed, MAX_BLOCK, MAX_PAYLOAD, MAX_SENSOR, MOST_REASON,
+    ToTool, Topic, shortened,
 };
 use swarmwright_worlds::Failure;
 
-use super::{Action, BEGUN, Machine, Offer, PATIENCE, State, asker, name};
+use super::{Action, BEGUN, Machine, Offer, PATIENCE, State, asker, name, reply_fits};
 use crate::run::{NoStart, Outcome, Run};
 
 /// Characters of a foreign title that are quoted, at most.
@@ -233,7 +233,11 @@ impl Machine {
     pub fn unsent(&mut self, topic: Topic, bytes: usize, most: usize, now: Instant) {
         let reason = format!(
             "a {} message of {bytes} bytes is larger than the {most} that the broker takes",
-            topic.name()
+            if topic == Topic::ToTool {
+                "scene"
+            } else {
+                topic.name()
+            }
         );
         if !matches!(self.state, State::Running(_)) {
             return self.complain(reason);
@@ -279,17 +283,45 @@ impl Machine {
         self.leave(now);
     }
 
-    /// Shows a frame and slows the run down to the pace at which people watch.
+    /// Sends the scene to the tool, if it wants that. Shows a frame and slows the run down to the pace at which people watch.
     fn show(&mut self, now: Instant) {
         let State::Running(run) = &mut self.state else {
             return;
         };
-        let Some(simulation) = &self.offers[run.simulation].simulation else {
+        let Offer {
+            simulation: Some(simulation),
+            scenes,
+            ..
+        } = &self.offers[run.simulation]
+        else {
             return;
         };
         // Where agents act in turn there is a frame a step, not one for every agent.
+        if simulation.mid_step() {
+            return;
+        }
+        if *scenes
+            && let Some(topic) = run.reply.clone()
+            && reply_fits(&topic)
+        {
+            match run.scene(&**simulation, self.identity.id) {
+                Ok(Some(payload)) if payload.len() > MAX_BLOCK => {
+                    let bytes = payload.len();
+                    let reason = format!(
+                        "a scene message of {bytes} bytes is larger than the {MAX_BLOCK} that one may have"
+                    );
+                    return self.fail(reason.into(), true, now);
+                }
+                Ok(Some(payload)) => self.actions.push(Action::Reply {
+                    topic,
+                    request: None,
+                    payload,
+                }),
+                Ok(None) => {}
+                Err(failure) => return self.fail(failure, false, now),
+            }
+        }
         if run.visual
-            && !simulation.mid_step()
             && let Some(scene) = simulation.scene()
         {
             run.resume_at = Some(now + Duration::from_millis(simulation.step_size()));

@@ -21,7 +21,7 @@ use crate::notice::Rival;
 use crate::progress::Progress;
 use crate::{Identity, identity};
 use rival::find_rival;
-use words::{lost, refusal};
+use words::{is_scene, lost, refusal};
 
 /// For how long the broker keeps the news that a server was lost.
 const LOST_EXPIRY: u32 = 3600;
@@ -374,7 +374,11 @@ impl SimulationServer {
                     };
                     let topic = self.topics.under(&topic);
                     let sent = self.connection.publish_with(&topic, &payload, &options);
-                    if let Err(TooLarge { bytes, most }) = sent {
+                    if let Err(error) = sent
+                        && is_scene(&payload)
+                    {
+                        unsent = unsent.or(Some((Topic::ToTool, error)));
+                    } else if let Err(TooLarge { bytes, most }) = sent {
                         let reason = format!(
                             "its answer of {bytes} bytes is larger than the {most} that the broker takes"
                         );

@@ -44,6 +44,11 @@ pub(super) fn refusal(answer: &[u8], reason: String) -> Vec<u8> {
         })
         .encode(),
         // A reason is short: only a broker that takes next to nothing refuses it.
-        Ok(ToTool::Failed(_)) | Err(_) => Vec::new(),
+        Ok(ToTool::Failed(_) | ToTool::Scene(_)) | Err(_) => Vec::new(),
     }
+}
+
+/// Whether an answer is a scene: its episode ends where it cannot be sent.
+pub(super) fn is_scene(answer: &[u8]) -> bool {
+    matches!(ToTool::decode(answer), Ok(ToTool::Scene(_)))
 }

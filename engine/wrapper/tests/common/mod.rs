@@ -207,7 +207,7 @@ fn number(message: &ToTool) -> Option<u64> {
     match message {
         ToTool::Evaluated(message) => Some(message.request),
         ToTool::Sensors(message) => Some(message.request),
-        ToTool::Failed(_) => None,
+        ToTool::Failed(_) | ToTool::Scene(_) => None,
     }
 }
 

@@ -16,6 +16,7 @@ GROUPS = {
     "S11": "The connection",
     "S12": "Speed",
     "S13": "The end",
+    "S14": "Scenes",
 }
 RULES = Rules("server", GROUPS)
 rule = RULES.rule

@@ -89,6 +89,8 @@ impl Scheduler {
                 }
             }
             ToTool::Failed(message) => self.episode_failed(message, now),
+            // It asks for none.
+            ToTool::Scene(_) => {}
         }
     }
 

@@ -60,12 +60,20 @@ public interface Simulation {
     return new double[0];
   }
 
+  /**
+   * What the episode looks like now, for tools that show it elsewhere; null if there is nothing to
+   * see. Servers announce scenes if this method is overridden.
+   */
+  default Scene scene() {
+    return null;
+  }
+
   /** The current state as lines of text to be read; null if there is nothing to show. */
   default String picture() {
     return null;
   }
 
-  /** Milliseconds between two pictures. */
+  /** Milliseconds between two pictures or scenes. */
   default int pictureMillis() {
     return 250;
   }

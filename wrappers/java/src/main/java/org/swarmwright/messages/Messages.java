@@ -95,7 +95,8 @@ public final class Messages {
         .withVisual(visual != null && visual)
         .withTool(fields.lenient(() -> fields.optionalText("tool")))
         .withReply(fields.lenient(() -> fields.optionalText("reply")))
-        .withInstance(fields.lenient(() -> fields.optionalText("instance")));
+        .withInstance(fields.lenient(() -> fields.optionalText("instance")))
+        .withScenes(fields.lenient(() -> fields.optionalTexts("scenes")));
   }
 
   /**
@@ -183,6 +184,7 @@ public final class Messages {
         .withDeterminism(fields.lenient(() -> determinism(fields)))
         .withTolerance(
             fields.has("tolerance") ? fields.lenient(() -> fields.number("tolerance")) : null)
+        .withScenes(fields.lenient(() -> fields.optionalFlag("scenes")))
         .withInstance(fields.lenient(() -> fields.optionalText("instance")))
         .withHost(fields.lenient(() -> fields.optionalText("host")))
         .withPid(count(fields, "pid"));

@@ -2,8 +2,10 @@ package org.swarmwright.minisim;
 
 import com.google.gson.JsonObject;
 import java.util.Arrays;
+import java.util.Locale;
 import org.swarmwright.Description;
 import org.swarmwright.ParameterReader;
+import org.swarmwright.Scene;
 import org.swarmwright.Simulation;
 import org.swarmwright.controllers.Functions;
 
@@ -123,6 +125,20 @@ public final strictfp class Minisim implements Simulation {
 
   private double count(State wanted) {
     return Arrays.stream(states).filter(state -> state == wanted).count();
+  }
+
+  @Override
+  public Scene scene() {
+    Scene scene = new Scene(settings.width, settings.height).message(settings.helloMessage);
+    scene.body("goal", settings.goal[0], settings.goal[1]).radius(settings.goalRadius);
+    for (float[] defender : defenders) {
+      scene.body("defender", defender[0], defender[1]).radius(settings.captureRadius);
+    }
+    for (int i = 0; i < agents.length; i++) {
+      String state = states[i].name().toLowerCase(Locale.ROOT);
+      scene.body("agent", agents[i][0], agents[i][1]).state(state);
+    }
+    return scene;
   }
 
   @Override

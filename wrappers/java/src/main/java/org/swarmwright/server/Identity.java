@@ -74,6 +74,7 @@ final class Identity {
                 .withTolerance(simulation.tolerance())
                 .withSensors(simulation.sensors())
                 .withActuators(simulation.actuators())
+                .withScenes(offer.hasScenes() ? true : null)
                 .withInstance(instance)
                 .withHost(host)
                 .withPid(pid));

@@ -44,6 +44,15 @@ final class Offer {
     return description.title().equals(title);
   }
 
+  /** Whether the simulation has scenes: its class has a method of its own for them. */
+  boolean hasScenes() {
+    try {
+      return first().getClass().getMethod("scene").getDeclaringClass() != Simulation.class;
+    } catch (NoSuchMethodException error) {
+      return false;
+    }
+  }
+
   /** The largest number of episodes of a batch. */
   int maxBatch() {
     return maker == null ? 1 : MAX_BATCH;

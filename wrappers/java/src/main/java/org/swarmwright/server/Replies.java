@@ -182,6 +182,27 @@ final class Replies {
     }
   }
 
+  /** Sends the scene of this moment to a tool that asked for scenes. */
+  void scene(Run run) throws Guard.EpisodeFailed {
+    if (run.reply == null || !canReply(run.reply)) {
+      return;
+    }
+    byte[] scene = run.scene(server);
+    if (scene == null) {
+      return;
+    }
+    if (scene.length > MapReader.MAX_BLOCK) {
+      throw new Guard.EpisodeFailed(
+          "a scene message of "
+              + scene.length
+              + " bytes is larger than the "
+              + MapReader.MAX_BLOCK
+              + " that one may have",
+          true);
+    }
+    outbox.reply(run.reply, null, scene);
+  }
+
   void send(Job job) {
     byte[] payload =
         job.error != null

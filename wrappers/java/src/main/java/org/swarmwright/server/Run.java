@@ -12,7 +12,9 @@ import java.util.function.Consumer;
 import java.util.stream.Collectors;
 import java.util.stream.IntStream;
 import org.swarmwright.ParameterReader;
+import org.swarmwright.Scene;
 import org.swarmwright.Simulation;
+import org.swarmwright.extension.SceneWriter;
 import org.swarmwright.messages.Actuator;
 import org.swarmwright.messages.Control;
 import org.swarmwright.messages.Decimals;
@@ -31,6 +33,11 @@ final class Run {
   final String reply;
 
   final boolean visual;
+
+  /** What the tool wants of scenes in addition to bodies; null if it wants none. */
+  private final List<String> scenes;
+
+  private long steps;
 
   /** When the step under way began to wait for actuators. */
   long waitingSince;
@@ -60,6 +67,7 @@ final class Run {
     tool = control.getTool();
     reply = control.getReply();
     visual = control.getVisual();
+    scenes = reply == null ? null : control.getScenes();
     Guard.reset(simulation, new ParameterReader(parameters));
     String title = new JsonPrimitive(simulation.description().title()).toString();
     String text = new JsonPrimitive(hash).toString();
@@ -91,6 +99,7 @@ final class Run {
         return Next.FITNESS;
       }
       Guard.run(() -> simulation.step(actuators));
+      steps++;
       return Next.STEP;
     }
     missing = acting.length;
@@ -136,8 +145,30 @@ final class Run {
     return sensors;
   }
 
-  /** The message that ends the episode, with all metrics that are finite. */
-  Fitness fitness() throws Guard.EpisodeFailed {
+  /**
+   * The scene of this moment as a message; null if the tool wants none, or there is none. What
+   * cannot be measured yet is left out.
+   */
+  byte[] scene(long server) throws Guard.EpisodeFailed {
+    Scene scene = scenes == null ? null : Guard.call(simulation::scene);
+    if (scene == null) {
+      return null;
+    }
+    Double fitness = null;
+    Map<String, Double> metrics = Map.of();
+    try {
+      fitness = Guard.finite(Guard.call(simulation::fitness));
+      metrics = metrics();
+    } catch (Guard.EpisodeFailed unknown) {
+      // It is known at the end only.
+      metrics = Map.of();
+    }
+    double seconds = pictureNanos() / 1e9;
+    SceneWriter.Head head = new SceneWriter.Head(server, hash, steps, fitness, metrics, seconds);
+    return Guard.call(() -> SceneWriter.write(scene, head, scenes));
+  }
+
+  private Map<String, Double> metrics() throws Guard.EpisodeFailed {
     List<String> names = simulation.description().metrics();
     double[] values = names.isEmpty() ? new double[0] : Guard.call(simulation::metrics);
     Map<String, Double> metrics = new TreeMap<>();
@@ -146,6 +177,12 @@ final class Run {
         metrics.put(names.get(i), values[i]);
       }
     }
+    return metrics;
+  }
+
+  /** The message that ends the episode, with all metrics that are finite. */
+  Fitness fitness() throws Guard.EpisodeFailed {
+    Map<String, Double> metrics = metrics();
     return new Fitness()
         .withSimulation(simulation.description().title())
         .withSimulationHash(hash)
@@ -181,6 +218,7 @@ final class Run {
       return false;
     }
     Guard.run(() -> simulation.step(actuators));
+    steps++;
     return true;
   }
 

@@ -51,9 +51,17 @@ final class Stepwise {
     }
   }
 
-  /** Whether there was a picture to show; the episode goes on when it has been seen. */
+  /**
+   * Sends the scene. Whether there was a picture to show; the episode goes on when it has been
+   * seen.
+   */
   private boolean show(long now) throws Guard.EpisodeFailed {
     Run run = occupancy.run();
+    try {
+      replies.scene(run);
+    } catch (TooLarge error) {
+      throw new Guard.EpisodeFailed(error.getMessage(), true);
+    }
     String picture = run.picture();
     if (picture != null) {
       outbox.show(picture);

@@ -1,0 +1,625 @@
+//! One episode on a server whose scenes are wanted: controllers here, the simulation there (docs/reference/protocol.md,
+//! Scenes).
+
+use std::collections::{BTreeMap, VecDeque};
+use std::time::{Duration, Instant};
+
+use serde_json::{Map, Value};
+use swarmwright_controllers::Controller;
+use swarmwright_mqtt::{
+    ConnectError, Connection, Event, PublishOptions, QoS, Settings, Subscription, TooLarge,
+};
+use swarmwright_protocol::{
+    Control, DecodeError, Discovery, EpisodeHasher, Fitness, Message, ParametersMessage,
+    ReadingWriter, Requirements, SCENE_PARTS, SceneMessage, SensorReading, ServerMessage, ToTool,
+    Topic, TopicError, Topics,
+};
+
+/// How often discovery is repeated.
+const ASK: Duration = Duration::from_millis(500);
+/// How long is waited for a server with scenes, once one without them has answered.
+const BETTER: Duration = Duration::from_secs(2);
+/// How long the server that was chosen may take to begin, if the next step may take as long.
+const BEGIN: Duration = Duration::from_secs(10);
+/// How often the caller is asked whether to go on.
+const TURN: Duration = Duration::from_millis(100);
+/// How long scenes that the fitness has overtaken are waited for.
+const OVERTAKEN: Duration = Duration::from_millis(250);
+/// More agents than this are a mistake of the server.
+const MOST_AGENTS: usize = 1_000_000;
+/// Times the patience for a message that a step may take in which messages come, but no scene.
+const MOST_STEPS: u32 = 10;
+/// Where the hash is looked for in a message that cannot be read, bytes.
+const AROUND: usize = 4096;
+
+/// Which episode, and how long to wait.
+#[derive(Debug, Clone)]
+pub struct SceneOptions {
+    /// Where the broker is.
+    pub settings: Settings,
+    /// Topic prefix, empty for none.
+    pub prefix: String,
+    /// Title of the simulation.
+    pub simulation: String,
+    /// What a server must be able to do.
+    pub requirements: Requirements,
+    /// Of the episode, its seed among them.
+    pub parameters: Map<String, Value>,
+    /// Of every agent.
+    pub controller: Controller,
+    /// For a server that has scenes.
+    pub discovery: Duration,
+    /// For the next message of an episode.
+    pub step: Duration,
+}
+
+/// Why an episode cannot be shown.
+#[derive(Debug, thiserror::Error)]
+pub enum SceneError {
+    /// No connection to the broker.
+    #[error(transparent)]
+    Connect(#[from] ConnectError),
+    /// A prefix that cannot be used in a topic.
+    #[error(transparent)]
+    Topic(#[from] TopicError),
+    /// It would go no better another time.
+    #[error("{0}")]
+    Impossible(String),
+    /// Messages were lost, or the server: another time it may go well.
+    #[error("{0}")]
+    Lost(String),
+    /// The caller does not want to go on.
+    #[error("interrupted")]
+    Interrupted,
+}
+
+use SceneError::{Impossible, Interrupted, Lost};
+
+/// What came for this episode.
+enum News {
+    Sensors { agent: usize, values: Vec<f32> },
+    Scene(Box<SceneMessage>),
+}
+
+/// What an agent sensed and did last.
+#[derive(Default)]
+struct Acted {
+    controller: Option<Controller>,
+    sensors: Vec<f32>,
+    actuators: Vec<f32>,
+    /// In which step.
+    step: Option<u64>,
+}
+
+/// An episode that a server computes, a step at a time.
+pub struct SceneEpisode {
+    connection: Connection,
+    topics: Topics,
+    options: SceneOptions,
+    reply: String,
+    tool: String,
+    server: u64,
+    hash: String,
+    writer: ReadingWriter,
+    events: Vec<Event>,
+    /// What came and has not been dealt with.
+    waiting: VecDeque<News>,
+    agents: Vec<Acted>,
+    scene: SceneMessage,
+    /// Scenes that did not come.
+    missing: u64,
+    /// The fitness and when it came; it may have overtaken scenes.
+    fitness: Option<(Fitness, Instant)>,
+    /// Fitness and metrics at the end.
+    ended: Option<(f64, BTreeMap<String, f64>)>,
+    heard: Instant,
+}
+
+/// Where an agent acted: its index, sensors and actuators.
+pub type Observe<'a> = &'a mut dyn FnMut(u32, &[f32], &[f32]);
+/// Whether the caller wants to go on; asked every 0.1 s.
+pub type GoOn<'a> = &'a mut dyn FnMut() -> bool;
+
+impl SceneEpisode {
+    /// Finds a server and waits for the scene before the first step.
+    ///
+    /// # Errors
+    /// See [`SceneError`].
+    pub fn start(options: SceneOptions, go_on: GoOn<'_>) -> Result<Self, SceneError> {
+        let topics = Topics::new(&options.prefix)?;
+        let token = format!("{:016x}", fastrand::u64(..));
+        let at = |filter| Subscription {
+            filter,
+            qos: QoS::AtMostOnce,
+        };
+        let subscriptions = vec![
+            at(topics.name(Topic::Server)),
+            at(topics.name(Topic::Sensor)),
+            at(topics.name(Topic::Fitness)),
+            at(topics.to_tool(&token)),
+        ];
+        let connection = Connection::open(options.settings.clone(), subscriptions)?;
+        let host = gethostname::gethostname().to_string_lossy().into_owned();
+        let parameters = options.controller.merged(&options.parameters).into_owned();
+        let hasher = EpisodeHasher::new(&options.simulation, &parameters);
+        let first = fastrand::u64(..1 << 52);
+        let hash = hasher.hash(first + 1);
+        let mut episode = Self {
+            writer: ReadingWriter::actuator(&options.simulation, &hash),
+            reply: Topics::default().to_tool(&token),
+            tool: format!(
+                "replay@{host}/{}/{:04x}",
+                std::process::id(),
+                fastrand::u16(..)
+            ),
+            connection,
+            topics,
+            server: 0,
+            hash,
+            events: Vec::new(),
+            waiting: VecDeque::new(),
+            agents: Vec::new(),
+            scene: SceneMessage::default(),
+            missing: 0,
+            fitness: None,
+            ended: None,
+            heard: Instant::now(),
+            options,
+        };
+        let (server, instance) = episode.find(&hasher.hash(first), go_on)?;
+        episode.server = server;
+        let message = ParametersMessage {
+            server,
+            simulation_hash: episode.hash.clone(),
+            parameters,
+        };
+        episode.send(Topic::Parameters, &message.encode())?;
+        episode.control(true, instance)?;
+        let begun = episode.begin(go_on);
+        if begun.is_err() {
+            episode.give_up();
+        }
+        begun.map(|()| episode)
+    }
+
+    /// Looks for a free server that has scenes; its id and its start.
+    fn find(&mut self, hash: &str, go_on: GoOn<'_>) -> Result<(u64, Option<String>), SceneError> {
+        let begin = Instant::now();
+        let mut limit = begin + self.options.discovery;
+        let mut ask = begin;
+        let mut without: Vec<u64> = Vec::new();
+        while Instant::now() < limit {
+            if Instant::now() >= ask {
+                ask += ASK;
+                let discovery = Discovery {
+                    simulation: self.options.simulation.clone(),
+                    simulation_hash: hash.to_owned(),
+                    requirements: self.options.requirements.clone(),
+                    tool: Some(self.tool.clone()),
+                };
+                self.send(Topic::Discovery, &discovery.encode())?;
+            }
+            for message in self.answers(hash, ask.min(limit), go_on)? {
+                let announced = message.capabilities.swarmwright.as_ref();
+                if announced.is_some_and(|announced| announced.scenes) {
+                    let instance = announced.and_then(|announced| announced.instance.clone());
+                    return Ok((message.server, instance));
+                }
+                if !without.contains(&message.server) {
+                    without.push(message.server);
+                    limit = limit.min(Instant::now() + BETTER);
+                }
+            }
+        }
+        Err(Impossible(self.none_found(&without, begin.elapsed())))
+    }
+
+    fn none_found(&self, without: &[u64], waited: Duration) -> String {
+        let (url, title) = (self.connection.url(), &self.options.simulation);
+        if without.is_empty() {
+            return format!(
+                "no free server on {url} offers {title:?} ({:.1} s waited); start one, and see `swarmwright servers`",
+                waited.as_secs_f64()
+            );
+        }
+        let ids: Vec<String> = without.iter().take(8).map(u64::to_string).collect();
+        format!(
+            "server {} on {url} offers {title:?} without scenes (capabilities.swarmwright.scenes), so its episodes cannot be \
+             shown here; give its simulation a scene, or have the server draw them: swarmwright simulate --visual",
+            ids.join(", ")
+        )
+    }
+
+    /// The answers to a discovery that have come, after a turn at most.
+    fn answers(
+        &mut self,
+        hash: &str,
+        until: Instant,
+        go_on: GoOn<'_>,
+    ) -> Result<Vec<ServerMessage>, SceneError> {
+        self.turn(until, go_on)?;
+        let mut answers = Vec::new();
+        for event in std::mem::take(&mut self.events) {
+            match event {
+                Event::Message(message) if !message.retained() => {
+                    if self.topics.parse(message.topic()) == Some(Topic::Server)
+                        && let Ok(Message::Server(answer)) =
+                            Message::decode(Topic::Server, message.payload())
+                        && answer.simulation_hash == hash
+                        && answer.simulations.contains(&self.options.simulation)
+                        && answer.capabilities.fulfil(&self.options.requirements)
+                    {
+                        answers.push(answer);
+                    }
+                }
+                Event::Disconnected { reason, .. } => return Err(self.broken(&reason)),
+                Event::Message(_) | Event::Connected => {}
+            }
+        }
+        Ok(answers)
+    }
+
+    fn broken(&self, reason: &str) -> SceneError {
+        Lost(format!(
+            "the connection to {} broke: {reason}",
+            self.connection.url()
+        ))
+    }
+
+    /// Waits for messages until `until`, for a tenth of a second at most.
+    fn turn(&mut self, until: Instant, go_on: GoOn<'_>) -> Result<(), SceneError> {
+        let until = until.min(Instant::now() + TURN);
+        self.connection.poll(until, &mut self.events);
+        if go_on() { Ok(()) } else { Err(Interrupted) }
+    }
+
+    fn send(&mut self, topic: Topic, payload: &[u8]) -> Result<(), SceneError> {
+        let name = self.topics.name(topic);
+        let options = PublishOptions::default();
+        let sent = self.connection.publish_with(&name, payload, &options);
+        sent.map_err(|TooLarge { bytes, most }| {
+            Impossible(format!(
+                "a {} message of {bytes} bytes is larger than the {most} that the broker takes",
+                topic.name()
+            ))
+        })
+    }
+
+    fn control(&mut self, run: bool, instance: Option<String>) -> Result<(), SceneError> {
+        let parts = || SCENE_PARTS.iter().map(ToString::to_string).collect();
+        let control = Control {
+            server: self.server,
+            simulation: Some(self.options.simulation.clone()),
+            simulation_hash: self.hash.clone(),
+            run,
+            visual: false,
+            tool: Some(self.tool.clone()),
+            reply: run.then(|| self.reply.clone()),
+            instance,
+            scenes: run.then(parts),
+        };
+        self.send(Topic::Control, &control.encode())
+    }
+
+    /// Waits for the first scene.
+    fn begin(&mut self, go_on: GoOn<'_>) -> Result<(), SceneError> {
+        self.heard = Instant::now();
+        let limit = self.heard + self.options.step.min(BEGIN);
+        loop {
+            // Sensor messages may overtake it.
+            let first = |news: &News| matches!(news, News::Scene(_));
+            if let Some(place) = self.waiting.iter().position(first)
+                && let Some(News::Scene(scene)) = self.waiting.remove(place)
+            {
+                self.missing = scene.step;
+                self.scene = *scene;
+                return self.look_ahead(go_on);
+            }
+            let begun = self.fitness.is_some() || !self.waiting.is_empty();
+            if self.settled() || Instant::now() >= limit {
+                let why = if begun {
+                    "announces scenes, but sent none"
+                } else {
+                    "did not begin the episode; another tool may have it"
+                };
+                return Err(Lost(format!("server {} {why}", self.server)));
+            }
+            self.receive(limit, go_on)?;
+        }
+    }
+
+    /// Waits until it is known whether the episode goes on after the scene, and for all of one that steers itself: its
+    /// server does not wait, and a broker does not keep much.
+    fn look_ahead(&mut self, go_on: GoOn<'_>) -> Result<(), SceneError> {
+        let steers = self.options.controller.steers();
+        let step = self.scene.step;
+        let goes_on = |news: &News| match news {
+            News::Sensors { .. } => true,
+            News::Scene(scene) => scene.step > step,
+        };
+        while !self.settled() {
+            if steers && self.waiting.iter().any(goes_on) {
+                return Ok(());
+            }
+            self.wait(go_on)?;
+        }
+        if !self.waiting.iter().any(goes_on) {
+            self.end();
+        }
+        Ok(())
+    }
+
+    /// Whether the fitness is there, and everything that it may have overtaken.
+    fn settled(&self) -> bool {
+        let came = self.fitness.as_ref().map(|(_, came)| *came);
+        came.is_some_and(|came| came.elapsed() >= OVERTAKEN)
+    }
+
+    fn end(&mut self) {
+        if let Some((fitness, _)) = self.fitness.take() {
+            self.ended = Some((fitness.fitness, fitness.metrics));
+            self.waiting.clear();
+        }
+    }
+
+    /// One step: agents act, until the next scene. Nothing happens once the episode has ended.
+    ///
+    /// # Errors
+    /// See [`SceneError`]; the episode is given up then.
+    pub fn step(&mut self, observe: Observe<'_>, go_on: GoOn<'_>) -> Result<(), SceneError> {
+        let stepped = self.stepped(observe, go_on);
+        if stepped.is_err() {
+            self.give_up();
+        }
+        stepped
+    }
+
+    fn stepped(&mut self, observe: Observe<'_>, go_on: GoOn<'_>) -> Result<(), SceneError> {
+        let (begun, next) = (Instant::now(), self.scene.step + 1);
+        while self.ended.is_none() {
+            match self.waiting.pop_front() {
+                Some(News::Sensors { agent, values }) => {
+                    self.sensed(agent, values, observe)?;
+                }
+                Some(News::Scene(scene)) if scene.step >= next => {
+                    self.missing += scene.step - next;
+                    self.scene = *scene;
+                    return self.look_ahead(go_on);
+                }
+                // One that came late, or twice.
+                Some(News::Scene(_)) => {}
+                None if self.settled() => self.end(),
+                None => {
+                    self.wait(go_on)?;
+                    if begun.elapsed() > MOST_STEPS * self.options.step {
+                        return Err(self.silent("sent no scene"));
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn sensed(
+        &mut self,
+        agent: usize,
+        values: Vec<f32>,
+        observe: Observe<'_>,
+    ) -> Result<(), SceneError> {
+        let (server, controller) = (self.server, &self.options.controller);
+        if !controller.steers() {
+            return Err(Impossible(format!(
+                "server {server} asks for actuators of agent {agent}, but a parameter set steers none"
+            )));
+        }
+        if values.len() != controller.sensors() {
+            return Err(Impossible(format!(
+                "server {server}: agent {agent} has {} sensors, the controller {}; use a controller that was made for it",
+                values.len(),
+                controller.sensors()
+            )));
+        }
+        if agent >= self.agents.len() {
+            self.agents.resize_with(agent + 1, Acted::default);
+        }
+        let acted = &self.agents[agent];
+        // A message that came twice. Actuators have no step, so that none can be sent twice.
+        if acted.step == Some(self.scene.step) && acted.sensors == values {
+            return Ok(());
+        }
+        self.act(agent, values, observe)
+    }
+
+    /// Steps the controller of an agent and sends its actuators.
+    fn act(
+        &mut self,
+        agent: usize,
+        values: Vec<f32>,
+        observe: Observe<'_>,
+    ) -> Result<(), SceneError> {
+        let prototype = &self.options.controller;
+        let acted = &mut self.agents[agent];
+        let controller = acted.controller.get_or_insert_with(|| {
+            let mut controller = prototype.clone();
+            controller.reset();
+            controller
+        });
+        acted.actuators.resize(prototype.actuators(), 0.0);
+        let server = self.server;
+        controller
+            .step(&values, &mut acted.actuators)
+            .map_err(|error| Impossible(format!("server {server}: agent {agent}: {error}")))?;
+        acted.step = Some(self.scene.step);
+        acted.sensors = values;
+        observe(agent as u32, &acted.sensors, &acted.actuators);
+        let payload = self.writer.encode(agent as u64, &acted.actuators);
+        self.send(Topic::Actuator, &payload)
+    }
+
+    /// Waits for messages of the episode, for a tenth of a second at most.
+    fn wait(&mut self, go_on: GoOn<'_>) -> Result<(), SceneError> {
+        let mut limit = self.heard + self.options.step;
+        if let Some((_, came)) = &self.fitness {
+            limit = limit.min(*came + OVERTAKEN);
+        } else if Instant::now() >= limit {
+            return Err(self.silent("sent nothing"));
+        }
+        self.receive(limit, go_on)
+    }
+
+    fn silent(&self, what: &str) -> SceneError {
+        Lost(format!(
+            "server {} {what} for {:.1} s after step {}",
+            self.server,
+            self.options.step.as_secs_f64(),
+            self.scene.step
+        ))
+    }
+
+    /// Reads what has come by then, after a tenth of a second at most.
+    fn receive(&mut self, until: Instant, go_on: GoOn<'_>) -> Result<(), SceneError> {
+        self.turn(until, go_on)?;
+        for event in std::mem::take(&mut self.events) {
+            match event {
+                Event::Message(message) if !message.retained() => {
+                    if let Some(topic) = self.topics.parse(message.topic()) {
+                        self.read(topic, message.payload())?;
+                    }
+                }
+                Event::Disconnected { reason, .. } => return Err(self.broken(&reason)),
+                Event::Message(_) | Event::Connected => {}
+            }
+        }
+        Ok(())
+    }
+
+    /// A message: what is not of this episode, or cannot be read, is passed over.
+    fn read(&mut self, topic: Topic, payload: &[u8]) -> Result<(), SceneError> {
+        match topic {
+            Topic::Sensor => match SensorReading::decode(payload) {
+                Ok(sensor) if sensor.simulation_hash == self.hash => {
+                    let agent = usize::try_from(sensor.agent).unwrap_or(usize::MAX);
+                    if agent >= MOST_AGENTS {
+                        return Err(Impossible(format!(
+                            "server {}: agent {agent} is above {}, the largest index of an agent",
+                            self.server,
+                            MOST_AGENTS - 1
+                        )));
+                    }
+                    let values = sensor.sensor;
+                    self.heard = Instant::now();
+                    self.waiting.push_back(News::Sensors { agent, values });
+                }
+                Err(error) if self.is_named_in(payload) => return Err(self.unread(topic, &error)),
+                _ => {}
+            },
+            Topic::Fitness => match Message::decode(topic, payload) {
+                Ok(Message::Fitness(fitness)) if fitness.simulation_hash == self.hash => {
+                    self.heard = Instant::now();
+                    self.fitness.get_or_insert((fitness, self.heard));
+                }
+                Err(error) if self.is_named_in(payload) => return Err(self.unread(topic, &error)),
+                _ => {}
+            },
+            Topic::ToTool => match ToTool::decode(payload) {
+                Ok(ToTool::Scene(scene)) if scene.simulation_hash == self.hash => {
+                    self.heard = Instant::now();
+                    self.waiting.push_back(News::Scene(scene));
+                }
+                Ok(ToTool::Failed(failed)) if failed.simulation_hash == self.hash => {
+                    let reason = format!(
+                        "the episode failed on server {}: {}",
+                        self.server, failed.reason
+                    );
+                    self.ended = Some((f64::NAN, BTreeMap::new()));
+                    return Err(Impossible(reason));
+                }
+                // The topic is this tool's own.
+                Err(error) => return Err(self.unread(topic, &error)),
+                Ok(_) => {}
+            },
+            _ => {}
+        }
+        Ok(())
+    }
+
+    fn is_named_in(&self, payload: &[u8]) -> bool {
+        let end = payload.len().min(AROUND);
+        String::from_utf8_lossy(&payload[..end]).contains(&self.hash)
+    }
+
+    fn unread(&self, topic: Topic, error: &DecodeError) -> SceneError {
+        let name = if topic == Topic::ToTool {
+            "scene"
+        } else {
+            topic.name()
+        };
+        Impossible(format!("server {}: {name} message: {error}", self.server))
+    }
+
+    /// Ends the episode on the server, if it has not ended.
+    fn give_up(&mut self) {
+        if self.ended.is_none() && self.control(false, None).is_ok() {
+            self.connection.poll(Instant::now(), &mut self.events);
+            self.events.clear();
+        }
+    }
+
+    /// Whether the episode has ended.
+    #[must_use]
+    pub fn done(&self) -> bool {
+        self.ended.is_some()
+    }
+
+    /// Fitness so far; NaN where the server does not say.
+    #[must_use]
+    pub fn fitness(&self) -> f64 {
+        let so_far = self.scene.fitness.unwrap_or(f64::NAN);
+        self.ended.as_ref().map_or(so_far, |(fitness, _)| *fitness)
+    }
+
+    /// Metrics so far, those that the server says.
+    #[must_use]
+    pub fn metrics(&self) -> &BTreeMap<String, f64> {
+        self.ended
+            .as_ref()
+            .map_or(&self.scene.metrics, |(_, metrics)| metrics)
+    }
+
+    /// What it looks like.
+    #[must_use]
+    pub fn scene(&self) -> &SceneMessage {
+        &self.scene
+    }
+
+    /// The server that computes it.
+    #[must_use]
+    pub fn server(&self) -> u64 {
+        self.server
+    }
+
+    /// Scenes before the last one that did not come.
+    #[must_use]
+    pub fn missing(&self) -> u64 {
+        self.missing
+    }
+
+    /// The state of each agent's state machine, as far as agents have acted; none for other controllers.
+    #[must_use]
+    pub fn machine_states(&self) -> Option<Vec<u32>> {
+        let first = self.options.controller.current()?;
+        let state = |acted: &Acted| {
+            acted
+                .controller
+                .as_ref()
+                .map_or(Some(first), Controller::current)
+        };
+        self.agents.iter().map(state).collect()
+    }
+
+    /// Ends the episode on the server, if it has not ended, and leaves the broker.
+    pub fn close(mut self) {
+        self.give_up();
+        self.connection.close(Duration::from_secs(1));
+    }
+}

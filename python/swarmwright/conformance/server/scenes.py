@@ -1,0 +1,143 @@
+"""S14: scenes."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from swarmwright.conformance._client import TO_TOOL
+from swarmwright.conformance._extensions import decoded
+from swarmwright.conformance._rules import Failure, Skip
+from swarmwright.conformance._server_under_test import Json, Server, is_number
+from swarmwright.conformance._trajectory import Trajectory
+from swarmwright.conformance.server._rules import rule
+
+SCENES = "protocol.md, Scenes"
+PARTS = ["rays", "links"]
+_FLOATS = {"x", "y", "radius", "heading", "value", "angle", "start", "length", "reading"}
+_FINITE = {"x", "y", "radius", "angle", "start", "length"}
+
+
+def announced(server: Server) -> None:
+    """Skip the rule unless scenes are announced."""
+    server.announces()
+    if server.announced.get("scenes") is not True:
+        raise Skip("not announced: no capabilities.swarmwright.scenes")
+
+
+def shown(server: Server, **asked: Any) -> tuple[Trajectory, list[Json], str]:  # noqa: ANN401 - JSON
+    """A whole episode of a tool with a topic of its own: what happened, what came there, what was sent."""
+    episode = server.episode()
+    episode.configure()
+    topic = TO_TOOL + server.token
+    sent = episode.start(reply=topic, **asked)
+    trajectory = episode.play()
+    came = [decoded(message) for message in server.client.drain(server.quiet) if message.topic == topic]
+    return trajectory, [message for message in came if message.get("simulation_hash") == episode.hash], sent
+
+
+@rule(
+    "S14.1",
+    "A tool that asks for scenes gets one before the first step, and one after each.",
+    where=f"{SCENES}; protocol/schemas/scene.schema.json",
+    fix="publish scene on the topic in reply, with kind, version, server, simulation_hash and step: before "
+    "the first sensor messages, and after every step",
+    needs=["S2.3"],
+)
+def every_step_is_shown(server: Server) -> str:
+    """The steps of the scenes: all from 0, as many as agents were asked."""
+    announced(server)
+    trajectory, scenes, sent = shown(server, scenes=PARTS)
+    for scene in scenes:
+        for key, wanted in (("kind", "scene"), ("version", 1), ("server", server.id)):
+            if scene.get(key) != wanted:
+                raise Failure(f'"{key}" is {scene.get(key)!r}', f"{wanted!r}", sent)
+    steps = [scene.get("step") for scene in scenes]
+    asked = max(map(len, trajectory.readings.values()), default=0)
+    if steps != list(range(len(steps))) or len(steps) < asked + 1:
+        few = ", ".join(map(str, steps[:20])) or "none"
+        raise Failure(f"scenes of the steps {few} came", f"0, 1, 2, and so on, at least {asked + 1}", sent)
+    return f"{len(scenes)} scenes"
+
+
+@rule(
+    "S14.2",
+    "The arrays of a scene fit each other, and are of finite numbers.",
+    where=f"{SCENES}; protocol/schemas/scene.schema.json",
+    fix="write bodies and rays as binary: binary32 or unsigned 32-bit integers, little-endian, one for each",
+    needs=["S14.1"],
+)
+def they_can_be_drawn(server: Server) -> None:
+    """What a viewer needs of the first scene and the last."""
+    announced(server)
+    _, scenes, sent = shown(server, scenes=PARTS)
+    if not scenes:
+        raise Failure("no scene came", "one before the first step, and after each", sent)
+    for scene in (scenes[0], scenes[-1]):
+        for key in ("width", "height"):
+            if not is_number(scene.get(key)) or scene[key] <= 0:
+                raise Failure(f'"{key}" is {scene.get(key)!r}', "a number above 0", sent)
+        bodies = scene.get("bodies")
+        if not isinstance(bodies, Mapping):
+            raise Failure(f'"bodies" is {bodies!r}', "a map", sent)
+        count = len(_row(bodies, "x", None, sent))
+        looks = bodies.get("looks")
+        if not isinstance(looks, list) or not all(
+            isinstance(look, list) and len(look) == 2 for look in looks
+        ):
+            raise Failure(f'"looks" is {looks!r}', "a list of pairs: kind and state", sent)
+        for key in ("y", "look", "radius", "heading", "value", "agent"):
+            row = _row(bodies, key, count, sent) if key in bodies or key == "y" else None
+            if key == "look" and row is not None and (row >= len(looks)).any():
+                raise Failure(f"look {int(row.max())}", f"an index in {len(looks)} looks", sent)
+        _rays(scene.get("rays"), count, sent)
+
+
+def _rays(rays: object, bodies: int, sent: str) -> None:
+    if rays is None:
+        return
+    if not isinstance(rays, Mapping):
+        raise Failure(f'"rays" is {rays!r}', "a map", sent)
+    body = _row(rays, "body", None, sent)
+    if (body >= bodies).any():
+        raise Failure(f"a ray of body {int(body.max())}", f"an index in {bodies} bodies", sent)
+    for key in ("angle", "start", "length", "reading"):
+        if key in rays or key != "reading":
+            _row(rays, key, len(body), sent)
+
+
+def _row(part: Mapping[str, Any], key: str, count: int | None, sent: str) -> "np.ndarray[Any, Any]":
+    """An array with so many entries. Raises Failure when it is none."""
+    value = part.get(key)
+    if not isinstance(value, bytes) or len(value) % 4:
+        found = f"{len(value)} bytes" if isinstance(value, bytes) else f"{value!r:.80}"
+        raise Failure(f'"{key}" is {found}', "binary, 4 bytes for each entry", sent)
+    row = np.frombuffer(value, "<f4" if key in _FLOATS else "<u4")
+    if count is not None and len(row) != count and not (key == "radius" and len(row) == 1):
+        raise Failure(f'"{key}" has {len(row)} entries', f"{count}, one for each", sent)
+    if (key in _FINITE and not np.isfinite(row).all()) or np.isinf(row).any():
+        raise Failure(f'a number of "{key}" is not finite', "finite numbers", sent)
+    return row
+
+
+@rule(
+    "S14.3",
+    "Scenes change nothing else, and a tool that does not ask for them gets none.",
+    where=SCENES,
+    fix="send scenes only if control has scenes and reply, and do not wait for anything",
+    needs=["S14.1"],
+)
+def nothing_else_changes(server: Server) -> None:
+    """An episode with scenes and one without them."""
+    announced(server)
+    without, unasked, sent = shown(server)
+    if unasked:
+        raise Failure(
+            f'{len(unasked)} messages, the first of the kind "{unasked[0].get("kind")}"', "none", sent
+        )
+    if not server.repeatable:
+        raise Skip("episodes cannot be compared: two with the same actuators differ")
+    seen, _, sent = shown(server, scenes=[])
+    difference = without.difference(seen)
+    if difference:
+        raise Failure(f"with scenes the episode is another one: {difference}", "the same one", sent)
