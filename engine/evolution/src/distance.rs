@@ -1,9 +1,11 @@
 //! How different genomes are.
 
+use swarmwright_lanes::{Kernel, Lanes, Level};
+
 /// Genomes compared at once: their sums do not wait for one another.
 const AT_ONCE: usize = 4;
 /// Sums of [`nearly`].
-const LANES: usize = 8;
+const LANES: usize = 16;
 
 /// The sum of absolute differences, added in the genome's order.
 #[must_use]
@@ -58,8 +60,11 @@ impl Farthest {
         #[expect(clippy::cast_precision_loss, reason = "a bound is meant")]
         let doubt = 2.0 * (one.len() + LANES) as f32 * f32::EPSILON;
         self.0.clear();
-        self.0
-            .extend(others.clone().map(|other| nearly(one, other)));
+        Level::best().run(Nearly {
+            one,
+            others: others.clone(),
+            distances: &mut self.0,
+        });
         let largest = self.0.iter().copied().fold(0.0, f32::max);
         let certain = largest.is_finite() && doubt < 1.0;
         let least = if certain {
@@ -90,28 +95,47 @@ impl Farthest {
     }
 }
 
+/// Adds the distance to each of several genomes, in binary32.
+struct Nearly<'a, I> {
+    one: &'a [f32],
+    others: I,
+    distances: &'a mut Vec<f32>,
+}
+
+impl<'a, I: Iterator<Item = &'a [f32]>> Kernel for Nearly<'_, I> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self) {
+        for other in self.others {
+            self.distances.push(nearly(self.one, other));
+        }
+    }
+}
+
 /// The distance in binary32, in sums of their own.
+#[inline(always)]
 fn nearly(one: &[f32], other: &[f32]) -> f32 {
     let (ones, rest) = one.as_chunks::<LANES>();
     let (others, other_rest) = other[..one.len()].as_chunks::<LANES>();
     let mut sums = [0.0; LANES];
-    for index in 0..ones.len() {
-        sums = added(sums, ones[index], others[index]);
+    for (ones, others) in ones.iter().zip(others) {
+        for lane in 0..LANES {
+            sums[lane] += (ones[lane] - others[lane]).abs();
+        }
     }
-    let [a, b, c, d, e, f, g, h] = sums;
-    let mut sum = ((a + e) + (b + f)) + ((c + g) + (d + h));
-    for index in 0..rest.len() {
-        sum += (rest[index] - other_rest[index]).abs();
+    let mut width = LANES / 2;
+    while width > 0 {
+        for lane in 0..width {
+            sums[lane] += sums[lane + width];
+        }
+        width /= 2;
+    }
+    let mut sum = sums[0];
+    for (one, other) in rest.iter().zip(other_rest) {
+        sum += (one - other).abs();
     }
     sum
-}
-
-#[inline]
-fn added(mut sums: [f32; LANES], one: [f32; LANES], other: [f32; LANES]) -> [f32; LANES] {
-    for lane in 0..LANES {
-        sums[lane] += (one[lane] - other[lane]).abs();
-    }
-    sums
 }
 
 #[inline]

@@ -89,6 +89,8 @@ const ODD: [f64; 12] = [
     1.0 / 3.0,
     1.0,
 ];
+/// Depth up to which the tails go.
+const FARTHEST: f64 = 5.0;
 /// 2^-54.
 const LEAST: f64 = 1.0 / 18_014_398_509_481_984.0;
 
@@ -100,15 +102,15 @@ const LEAST: f64 = 1.0 / 18_014_398_509_481_984.0;
 #[inline]
 pub fn normal_at(share: f64) -> f64 {
     let centered = share - 0.5;
-    if centered.abs() <= 0.425 {
+    if centered.abs() <= BORDER {
         return centered * CENTER.at(0.180_625 - centered * centered);
     }
     let rare = if centered < 0.0 { share } else { 1.0 - share };
     let depth = (-logarithm(rare.max(LEAST))).sqrt();
-    let size = if depth <= 5.0 {
+    let size = if depth <= FARTHEST {
         TAIL.at(depth - 1.6)
     } else {
-        FAR.at(depth - 5.0)
+        FAR.at(depth - FARTHEST)
     };
     if centered < 0.0 { -size } else { size }
 }
@@ -126,6 +128,12 @@ pub(crate) fn of_units(units: &mut [f64]) {
 
 /// Numbers that are computed together.
 const TOGETHER: usize = 256;
+/// Numbers of a vector; so many more than are wanted may be computed.
+const VECTOR: usize = 8;
+/// Room for as many as are computed together and a vector behind them.
+const ROOM: usize = TOGETHER + VECTOR;
+/// How far from 1/2 a share is in the center at most.
+const BORDER: f64 = 0.425;
 
 struct Center<'a>(&'a mut [f64]);
 
@@ -134,50 +142,60 @@ impl Kernel for Center<'_> {
 
     #[inline(always)]
     fn run<L: Lanes>(self) {
-        for numbers in self.0.chunks_mut(TOGETHER) {
-            let mut shares = [0.5; TOGETHER];
-            for (share, number) in shares.iter_mut().zip(&*numbers) {
-                *share = number + LEAST;
-            }
-            let mut drawn = [0.0; TOGETHER];
-            for (number, share) in drawn.iter_mut().zip(&shares) {
-                let centered = share - 0.5;
-                *number = centered * CENTER.at(0.180_625 - centered * centered);
-            }
-            numbers.copy_from_slice(&drawn[..numbers.len()]);
-            tails(&shares, numbers);
+        let mut parts = self.0.chunks_exact_mut(TOGETHER);
+        for numbers in &mut parts {
+            together::<L>(numbers);
+        }
+        let rest = parts.into_remainder();
+        if !rest.is_empty() {
+            let mut numbers = [0.5; TOGETHER];
+            numbers[..rest.len()].copy_from_slice(rest);
+            together::<L>(&mut numbers[..rest.len().next_multiple_of(VECTOR)]);
+            rest.copy_from_slice(&numbers[..rest.len()]);
         }
     }
 }
 
-/// Computes the numbers again that do not lie in the center.
+/// Whole vectors of numbers, at most [`TOGETHER`].
 #[inline(always)]
-fn tails(shares: &[f64; TOGETHER], numbers: &mut [f64]) {
-    let mut places = [0; TOGETHER];
-    let mut count = 0;
-    for (index, share) in shares.iter().enumerate() {
-        places[count] = index;
-        count += usize::from((share - 0.5).abs() > 0.425);
+fn together<L: Lanes>(numbers: &mut [f64]) {
+    let mut shares = [0.5; TOGETHER];
+    let shares = &mut shares[..numbers.len()];
+    for (share, number) in shares.iter_mut().zip(&mut *numbers) {
+        *share = *number + LEAST;
+        let centered = *share - 0.5;
+        *number = centered * CENTER.at(0.180_625 - centered * centered);
     }
-    let mut depths = [1.0; TOGETHER];
-    for (depth, place) in depths.iter_mut().zip(&places[..count]) {
-        let share = shares[*place];
-        *depth = if share < 0.5 { share } else { 1.0 - share };
+    let (mut places, mut tails) = ([0; ROOM], [0.25; ROOM]);
+    let count = L::outside(shares, 0.5, BORDER, &mut places, &mut tails);
+    let tails = &mut tails[..count.next_multiple_of(VECTOR)];
+    tails[count..].fill(0.25);
+    let mut deepest = 0.0;
+    let mut depths = [0.0; ROOM];
+    for (depth, share) in depths.iter_mut().zip(&mut *tails) {
+        let rare = if *share < 0.5 { *share } else { 1.0 - *share };
+        *depth = (-logarithm(rare.max(LEAST))).sqrt();
+        let size = TAIL.at(*depth - 1.6);
+        *share = if *share < 0.5 { -size } else { size };
     }
-    let mut sizes = [0.0; TOGETHER];
-    let together = count.next_multiple_of(8);
-    for (size, depth) in sizes[..together].iter_mut().zip(&mut depths[..together]) {
-        *depth = (-logarithm(depth.max(LEAST))).sqrt();
-        *size = TAIL.at(*depth - 1.6);
+    for depth in &depths[..count] {
+        deepest = if *depth > deepest { *depth } else { deepest };
     }
-    for index in 0..count {
-        let (place, depth) = (places[index], depths[index]);
-        let size = if depth <= 5.0 {
-            sizes[index]
-        } else {
-            FAR.at(depth - 5.0)
-        };
-        numbers[place] = if shares[place] < 0.5 { -size } else { size };
+    if deepest > FARTHEST {
+        far(&depths[..count], tails);
+    }
+    for (place, size) in places[..count].iter().zip(tails) {
+        numbers[*place as usize] = *size;
+    }
+}
+
+/// Computes those again that lie beyond the tails.
+#[cold]
+fn far(depths: &[f64], numbers: &mut [f64]) {
+    for (depth, number) in depths.iter().zip(numbers) {
+        if *depth > FARTHEST {
+            *number = FAR.at(*depth - FARTHEST).copysign(*number);
+        }
     }
 }
 
@@ -213,4 +231,37 @@ fn logarithm(number: f64) -> f64 {
     let ratio = (mantissa - 1.0) / (mantissa + 1.0); // at most 0.1716 in size
     let series = polynomial(&ODD, ratio * ratio);
     power * std::f64::consts::LN_2 + 2.0 * ratio * series
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        // All over, in the tails and beyond them, and at their borders.
+        #[test]
+        fn many_are_the_same_as_each_with_every_instruction_set(
+            units in prop::collection::vec(
+                prop_oneof![
+                    4 => 0_u64..1 << 53,
+                    1 => 0_u64..100_000,
+                    1 => (1_u64 << 53) - 100_000..1 << 53,
+                    1 => (0_u64..5).prop_map(|next| (0.075 * 9_007_199_254_740_992.0) as u64 + next - 2),
+                    1 => (0_u64..5).prop_map(|next| (0.925 * 9_007_199_254_740_992.0) as u64 + next - 2),
+                    1 => Just(0),
+                ],
+                0..600,
+            ),
+        ) {
+            let units: Vec<f64> = units.into_iter().map(|unit| unit as f64 / 9_007_199_254_740_992.0).collect();
+            let expected: Vec<u64> = units.iter().map(|unit| of_unit(*unit).to_bits()).collect();
+            for level in Level::available() {
+                let mut numbers = units.clone();
+                level.run(Center(&mut numbers));
+                let found: Vec<u64> = numbers.into_iter().map(f64::to_bits).collect();
+                prop_assert_eq!(&found, &expected, "{}", level.name());
+            }
+        }
+    }
 }

@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use crate::sampling::{Scale, samples};
-use crate::stream::{normal_rows, purpose_key};
+use crate::stream::{normal_rows, purpose_key, rows_of};
 
 /// Numbers of directions that are drawn at once.
 const TOGETHER: usize = 2048;
@@ -67,7 +67,7 @@ impl GaussianSample<'_> {
     /// When lengths do not fit together.
     pub fn genomes_parallel(&self, first: u64, genomes: &mut [f32]) {
         let genes = self.center.len().max(1);
-        let rows = 2 * (FEW / 2).div_ceil(genes);
+        let rows = 2 * rows_of(FEW / 2, genes);
         // Pairs stay together.
         let alone = usize::from(self.mirrored && !first.is_multiple_of(2)) * genes;
         let (alone, rest) = genomes.split_at_mut(alone.min(genomes.len()));
@@ -83,7 +83,7 @@ impl GaussianSample<'_> {
         let genes = self.center.len();
         let each = if self.mirrored { 2 } else { 1 };
         let purpose = purpose_key(self.purpose);
-        let rows = (TOGETHER / genes).max(1);
+        let rows = rows_of(TOGETHER, genes);
         let mut directions = vec![0.0; (rows * genes).min(genomes.len() / each)];
         for part in genomes.chunks_mut(each * rows * genes) {
             let directions = &mut directions[..part.len() / each];

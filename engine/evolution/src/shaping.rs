@@ -1,9 +1,7 @@
 //! Fitness shaping: what a candidate's fitness is worth among the others', without regard to its size.
 
-use std::cmp::Reverse;
-
 use crate::log;
-use crate::ranking::key;
+use crate::ranking::{key, ordered};
 
 /// Fitness in order: equal values are one group.
 struct Groups {
@@ -17,14 +15,15 @@ impl Groups {
     /// `fitness`: NaN where a candidate failed, which is worse than anything else.
     fn of(fitness: &[f64]) -> Self {
         let keys: Vec<u64> = fitness.iter().map(|fitness| key(*fitness)).collect();
-        let mut order: Vec<usize> = (0..fitness.len()).collect();
-        order.sort_unstable_by_key(|index| Reverse(keys[*index]));
-        let (mut group, mut ends) = (vec![0; order.len()], Vec::new());
-        for (place, index) in order.iter().enumerate() {
-            if place > 0 && keys[*index] == keys[order[place - 1]] {
+        let (mut group, mut ends) = (vec![0; keys.len()], Vec::with_capacity(keys.len()));
+        let mut before = None;
+        for (place, index) in ordered(&keys).iter().rev().enumerate() {
+            let index = *index as usize;
+            let key = Some(keys[index]);
+            if std::mem::replace(&mut before, key) == key {
                 ends.pop();
             }
-            group[*index] = ends.len();
+            group[index] = ends.len();
             ends.push(place + 1);
         }
         Self { group, ends }

@@ -1,5 +1,7 @@
 //! Streams of random numbers, each with an address of its own.
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 use sha2::{Digest, Sha256};
 use swarmwright_lanes::{Kernel, Lanes, Level};
@@ -51,6 +53,21 @@ impl Stream {
             block: [0; WORDS],
             used: WORDS,
         }
+    }
+
+    /// The streams of candidates that follow each other, as [`new`](Self::new) makes them; where that is faster, their first blocks
+    /// are drawn together.
+    pub(crate) fn of_each(
+        seed: u64,
+        purpose: u64,
+        generation: u64,
+        candidates: Range<u64>,
+    ) -> Vec<Self> {
+        let mut streams: Vec<Self> = candidates
+            .map(|candidate| Self::new(seed, purpose, generation, candidate))
+            .collect();
+        Level::best().run(FirstBlocks(&mut streams));
+        streams
     }
 
     /// The next 64 random bits.
@@ -172,6 +189,38 @@ impl Stream {
     }
 }
 
+/// Draws the first blocks of streams whose addresses differ in the candidate alone.
+struct FirstBlocks<'a>(&'a mut [Stream]);
+
+impl Kernel for FirstBlocks<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self) {
+        if !are_wide::<L>() {
+            return; // each when it is wanted
+        }
+        for streams in self.0.as_chunks_mut::<SIDE>().0 {
+            let mut candidates = [0; SIDE];
+            for (candidate, stream) in candidates.iter_mut().zip(&*streams) {
+                *candidate = stream.candidate;
+            }
+            let rest = [candidates, [streams[0].generation; SIDE], [0; SIDE]];
+            let words = side_by_side([1; SIDE], rest, streams[0].key);
+            for (lane, stream) in streams.iter_mut().enumerate() {
+                stream.block = [
+                    words[0][lane],
+                    words[1][lane],
+                    words[2][lane],
+                    words[3][lane],
+                ];
+                stream.blocks = 1;
+                stream.used = 0;
+            }
+        }
+    }
+}
+
 /// Rows of `length` normal numbers, each from the stream of its own candidate: `first`, `first + 1`, ...
 ///
 /// As [`Stream::normals`] for each, and faster, as short rows are computed together.
@@ -184,7 +233,7 @@ pub fn normal_rows(
     numbers: &mut [f64],
 ) {
     let length = length.max(1);
-    let together = (TOGETHER / length).max(1) * length;
+    let together = rows_of(TOGETHER, length) * length;
     let mut candidate = first;
     for part in numbers.chunks_mut(together) {
         let rows = Rows {
@@ -198,6 +247,44 @@ pub fn normal_rows(
         candidate = candidate.wrapping_add((together / length) as u64);
         of_units(part);
     }
+}
+
+/// A row of `length` units from each stream; as [`Stream::units`] for each, and faster where streams begin with these and belong to
+/// candidates that follow each other.
+pub(crate) fn unit_rows(streams: &mut [Stream], length: usize, numbers: &mut [f64]) {
+    let Some(first) = streams.first().cloned() else {
+        return;
+    };
+    let is_next = |(candidate, stream): (u64, &Stream)| {
+        stream.candidate == first.candidate.wrapping_add(candidate)
+            && (stream.key, stream.generation) == (first.key, first.generation)
+            && (stream.blocks, stream.used) == (0, WORDS)
+    };
+    if streams.len() < SIDE || !(0..).zip(&*streams).all(is_next) {
+        for (stream, row) in streams.iter_mut().zip(numbers.chunks_exact_mut(length)) {
+            stream.units(row);
+        }
+        return;
+    }
+    Level::best().run(Rows {
+        key: first.key,
+        generation: first.generation,
+        first: first.candidate,
+        length,
+        numbers: &mut numbers[..streams.len() * length],
+    });
+    for stream in streams {
+        stream.skip(length);
+    }
+}
+
+/// About as many rows of `length` numbers as have `numbers`, at least one: short ones are drawn fastest in sixteens.
+pub(crate) fn rows_of(numbers: usize, length: usize) -> usize {
+    let rows = (numbers / length.max(1)).max(1);
+    if rows < SIDE / 2 {
+        return rows;
+    }
+    rows.next_multiple_of(SIDE)
 }
 
 /// Rows of units, each from the stream of its own candidate.
@@ -228,38 +315,81 @@ impl Kernel for Rows<'_> {
             }
             return;
         }
-        // Blocks of several rows side by side: what is left of a row fills no vector.
-        let (mut candidate, mut row, mut block) = (first, 0, 0);
-        while row < numbers.len() {
-            let (mut counters, mut candidates) = ([0; SIDE], [0; SIDE]);
-            let mut places = [(0, 0); SIDE];
+        let mut candidate = first;
+        let mut whole = numbers.chunks_exact_mut(SIDE * length);
+        for rows in &mut whole {
+            rows_side_by_side::<L>([seed, purpose], generation, candidate, length, rows);
+            candidate = candidate.wrapping_add(SIDE as u64);
+        }
+        let rest = whole.into_remainder();
+        blocks_side_by_side([seed, purpose], generation, candidate, length, rest);
+    }
+}
+
+/// As many rows as there are blocks side by side, one block of each at a time.
+#[inline(always)]
+fn rows_side_by_side<L: Lanes>(
+    key: [u64; 2],
+    generation: u64,
+    first: u64,
+    length: usize,
+    rows: &mut [f64],
+) {
+    let candidates = std::array::from_fn(|row| first.wrapping_add(row as u64));
+    for start in (0..length).step_by(WORDS) {
+        let counter = [1 + (start / WORDS) as u64; SIDE];
+        let words = side_by_side(counter, [candidates, [generation; SIDE], [0; SIDE]], key);
+        if start + WORDS <= length {
+            L::units_of_rows(&words, &mut rows[start..], length);
+            continue;
+        }
+        for (row, numbers) in rows.chunks_exact_mut(length).enumerate() {
+            for (place, words) in numbers[start..].iter_mut().zip(&words) {
+                *place = unit(words[row]);
+            }
+        }
+    }
+}
+
+/// Blocks of several rows side by side: what is left of a row fills no vector.
+#[inline(always)]
+fn blocks_side_by_side(
+    key: [u64; 2],
+    generation: u64,
+    first: u64,
+    length: usize,
+    numbers: &mut [f64],
+) {
+    let (mut candidate, mut row, mut block) = (first, 0, 0);
+    while row < numbers.len() {
+        let (mut counters, mut candidates) = ([0; SIDE], [0; SIDE]);
+        let mut places = [(0, 0); SIDE];
+        for lane in 0..SIDE {
+            let start = row + WORDS * block;
+            let end = (start + WORDS).min(row + length).min(numbers.len());
+            (counters[lane], candidates[lane]) = (1 + block as u64, candidate);
+            places[lane] = (start.min(end), end);
+            block += 1;
+            if block * WORDS >= length {
+                (row, block) = (row + length, 0);
+                candidate = candidate.wrapping_add(1);
+            }
+        }
+        let rest = [candidates, [generation; SIDE], [0; SIDE]];
+        let words = side_by_side(counters, rest, key);
+        let mut units = [[0.0; WORDS]; SIDE];
+        for (place, words) in words.iter().enumerate() {
             for lane in 0..SIDE {
-                let start = row + WORDS * block;
-                let end = (start + WORDS).min(row + length).min(numbers.len());
-                (counters[lane], candidates[lane]) = (1 + block as u64, candidate);
-                places[lane] = (start.min(end), end);
-                block += 1;
-                if block * WORDS >= length {
-                    (row, block) = (row + length, 0);
-                    candidate = candidate.wrapping_add(1);
-                }
+                units[lane][place] = unit(words[lane]);
             }
-            let rest = [candidates, [generation; SIDE], [0; SIDE]];
-            let words = side_by_side(counters, rest, [seed, purpose]);
-            let mut units = [[0.0; WORDS]; SIDE];
-            for (place, words) in words.iter().enumerate() {
-                for lane in 0..SIDE {
-                    units[lane][place] = unit(words[lane]);
-                }
-            }
-            for (units, (start, end)) in units.iter().zip(places) {
-                match numbers
-                    .get_mut(start..start + WORDS)
-                    .filter(|_| end - start == WORDS)
-                {
-                    Some(whole) => whole.copy_from_slice(units),
-                    None => numbers[start..end].copy_from_slice(&units[..end - start]),
-                }
+        }
+        for (units, (start, end)) in units.iter().zip(places) {
+            match numbers
+                .get_mut(start..start + WORDS)
+                .filter(|_| end - start == WORDS)
+            {
+                Some(whole) => whole.copy_from_slice(units),
+                None => numbers[start..end].copy_from_slice(&units[..end - start]),
             }
         }
     }
@@ -334,9 +464,50 @@ mod tests {
 
     proptest! {
         #[test]
+        fn streams_that_begin_together_are_those_that_begin_alone(
+            seed in any::<u64>(), purpose in any::<u64>(), generation in any::<u64>(), first in 0..u64::MAX / 2,
+            count in 0u64..70, words in 0usize..30, skipped in 0usize..9,
+        ) {
+            let together = Stream::of_each(seed, purpose, generation, first..first + count);
+            prop_assert_eq!(together.len() as u64, count);
+            for (candidate, mut stream) in (first..).zip(together) {
+                let mut alone = Stream::new(seed, purpose, generation, candidate);
+                stream.skip(skipped);
+                alone.skip(skipped);
+                let (mut found, mut expected) = (vec![0; words], vec![0; words]);
+                stream.fill(&mut found);
+                alone.fill(&mut expected);
+                prop_assert_eq!(found, expected);
+                prop_assert_eq!(stream.word(), alone.word());
+            }
+        }
+
+        #[test]
+        fn rows_of_streams_are_what_each_gives(
+            seed in any::<u64>(), first in any::<u64>(), count in 0u64..50, length in 1usize..70, skipped in 0usize..3,
+            odd in 0usize..60,
+        ) {
+            let mut streams: Vec<Stream> =
+                (0..count).map(|candidate| Stream::new(seed, 1, 2, first.wrapping_add(candidate))).collect();
+            // One that is not like the others, now and then.
+            if let Some(stream) = streams.get_mut(odd) {
+                stream.skip(skipped);
+            }
+            let mut others = streams.clone();
+            let mut found = vec![0.0; streams.len() * length];
+            unit_rows(&mut streams, length, &mut found);
+            for ((stream, other), row) in streams.iter_mut().zip(&mut others).zip(found.chunks_exact(length)) {
+                let mut expected = vec![0.0; length];
+                other.units(&mut expected);
+                prop_assert_eq!(row, expected);
+                prop_assert_eq!(stream.word(), other.word());
+            }
+        }
+
+        #[test]
         fn rows_are_the_units_of_their_streams_with_every_instruction_set(
             seed in any::<u64>(), purpose in any::<u64>(), generation in any::<u64>(), first in any::<u64>(),
-            length in 1usize..70, rows in 0usize..9, cut in 0usize..70,
+            length in 1usize..70, rows in 0usize..50, cut in 0usize..70,
         ) {
             let mut expected = vec![0.0; (rows * length).saturating_sub(cut)];
             for (candidate, row) in expected.chunks_mut(length).enumerate() {

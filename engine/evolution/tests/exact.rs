@@ -101,3 +101,47 @@ fn the_leader_is_the_first_of_the_best() {
     assert_eq!(outcome(&[f64::NAN; 3]), (0, 3));
     assert_eq!(outcome(&[-0.0, 0.0]), (0, 0));
 }
+
+/// Type 7 of Hyndman and Fan, of ordered numbers.
+fn quantile(ordered: &[f64], share: f64) -> f64 {
+    #[expect(clippy::cast_precision_loss, reason = "few numbers")]
+    let position = share * (ordered.len() - 1) as f64;
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "a place"
+    )]
+    let low = position.floor() as usize;
+    let high = (low + 1).min(ordered.len() - 1);
+    let part = position - position.floor();
+    ordered[low] * (1.0 - part) + ordered[high] * part
+}
+
+proptest! {
+    // Numbers of like and unlike size, of few bits and of many: sums in parts and those that need another way.
+    #[test]
+    fn figures_of_many_are_those_of_exact_sums_and_ordered_numbers(
+        mantissas in prop::collection::vec(any::<i64>(), 1..300), times in 1_usize..8, spread in 0_i32..90, bits in 1_u32..63,
+        offset in prop::sample::select(vec![0, -700, -640, 600, 660]), failed in 0_usize..3,
+    ) {
+        let mut values = Vec::new();
+        for (index, mantissa) in mantissas.iter().enumerate() {
+            for time in 0..i32::try_from(times).unwrap() {
+                let power = (i32::try_from(index).unwrap() * 7 + time) % (spread + 1);
+                #[expect(clippy::cast_precision_loss, reason = "rounded")]
+                let number = (mantissa >> (63 - bits)) as f64;
+                values.push(number * 2_f64.powi(power - spread / 2 + offset));
+            }
+        }
+        let mut ordered = values.clone();
+        ordered.sort_unstable_by(f64::total_cmp);
+        #[expect(clippy::cast_precision_loss, reason = "few numbers")]
+        let mean = exact_sum(values.iter().copied()).unwrap() / values.len() as f64;
+        values.extend(vec![f64::NAN; failed]);
+        let found = Figures::of(&values);
+        let found = [found.best, found.mean, found.lower_quartile, found.median, found.upper_quartile];
+        let [low, middle, high] = [0.25, 0.5, 0.75].map(|share| quantile(&ordered, share));
+        let expected = [ordered[ordered.len() - 1], mean, low, middle, high];
+        prop_assert_eq!(found.map(f64::to_bits), expected.map(f64::to_bits));
+    }
+}

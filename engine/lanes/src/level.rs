@@ -15,7 +15,7 @@ pub enum Level {
     Portable,
     /// AVX2: 8 lanes.
     Avx2,
-    /// AVX-512 F, BW, DQ, VL: 16 lanes.
+    /// AVX-512 F, BW, DQ, VL, and POPCNT: 16 lanes.
     Avx512,
 }
 
@@ -88,6 +88,7 @@ impl Level {
                     && is_x86_feature_detected!("avx512bw")
                     && is_x86_feature_detected!("avx512dq")
                     && is_x86_feature_detected!("avx512vl")
+                    && is_x86_feature_detected!("popcnt")
             }
             #[cfg(not(target_arch = "x86_64"))]
             Self::Avx2 | Self::Avx512 => false,
@@ -131,7 +132,7 @@ impl Level {
 }
 
 #[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl")]
+#[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,popcnt")]
 fn avx512<K: Kernel>(kernel: K) -> K::Output {
     kernel.run::<crate::x86::avx512::F32s>()
 }

@@ -1,5 +1,6 @@
 //! What is asked of the pool.
 
+use std::borrow::Cow;
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -18,7 +19,12 @@ pub struct Work {
     seeds: Vec<u64>,
     /// What all genomes were made from, if servers can make them from it, too.
     sample: Option<Box<Sample>>,
+    /// Makes them here, where there is only the sample.
+    make: Option<MakeGenomes>,
 }
+
+/// Makes the genomes of a sound sample, (candidates, weights) row-major.
+pub type MakeGenomes = fn(&Sample) -> Vec<f32>;
 
 /// Work that cannot be done.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -146,7 +152,25 @@ impl Work {
             forgotten: 0,
             seeds,
             sample: None,
+            make: None,
         })
+    }
+
+    /// As [`of`](Self::of) and [`sampled`](Self::sampled), with genomes that are made when one is needed here: for servers that
+    /// cannot make them, or few candidates.
+    ///
+    /// # Errors
+    /// A sample that cannot be made, or of other controllers; no seed.
+    pub fn drawn(
+        architecture: impl Into<Arc<Architecture>>,
+        specification: Map<String, Value>,
+        sample: Sample,
+        make: MakeGenomes,
+        seeds: Vec<u64>,
+    ) -> Result<Self, WorkError> {
+        let mut work = Self::of(architecture, specification, Vec::new(), seeds)?;
+        work.make = Some(make);
+        work.sampled(sample)
     }
 
     /// The genomes are those of this sample: servers that can make them get it instead.
@@ -156,7 +180,9 @@ impl Work {
     pub fn sampled(mut self, sample: Sample) -> Result<Self, WorkError> {
         let (candidates, weights) = (self.candidates(), self.architecture.weight_count());
         let (count, genes) = (sample.count, sample.center.0.len());
-        if count != candidates as u64 || genes != weights {
+        let fits =
+            usize::try_from(count).is_ok_and(|count| self.make.is_some() || count == candidates);
+        if !fits || genes != weights {
             return Err(WorkError::Sample(format!(
                 "{count} candidates of {genes} genes, but there are {candidates} of {weights}"
             )));
@@ -181,11 +207,7 @@ impl Work {
             .sample
             .as_deref()
             .filter(|_| candidates.len() >= MIN_SAMPLE)?;
-        Some(Box::new(Sample {
-            first: whole.first + candidates.start as u64,
-            count: candidates.len() as u64,
-            ..whole.clone()
-        }))
+        Some(Box::new(part(whole, candidates)))
     }
 
     /// What all controllers have in common.
@@ -214,16 +236,19 @@ impl Work {
 
     /// The genomes of some candidates that are not forgotten.
     #[must_use]
-    pub fn genomes_of(&self, candidates: Range<usize>) -> &[f32] {
+    pub fn genomes_of(&self, candidates: Range<usize>) -> Cow<'_, [f32]> {
+        if let (Some(make), Some(whole)) = (self.make, &self.sample) {
+            return Cow::Owned(make(&part(whole, &candidates)));
+        }
         let weights = self.architecture.weight_count();
         let (start, end) = (
             candidates.start - self.forgotten,
             candidates.end - self.forgotten,
         );
-        &self.genomes[start * weights..end * weights]
+        Cow::Borrowed(&self.genomes[start * weights..end * weights])
     }
 
-    /// The genomes of all candidates that are not forgotten.
+    /// The genomes of all candidates that are not forgotten; none of [`drawn`](Self::drawn) work.
     #[must_use]
     pub fn into_genomes(self) -> Vec<f32> {
         self.genomes
@@ -232,7 +257,11 @@ impl Work {
     /// Number of candidates, forgotten ones included.
     #[must_use]
     pub fn candidates(&self) -> usize {
-        self.forgotten + self.genomes.len() / self.architecture.weight_count()
+        match (self.make, &self.sample) {
+            // It was checked that there are no more.
+            (Some(_), Some(sample)) => usize::try_from(sample.count).unwrap_or(usize::MAX),
+            _ => self.forgotten + self.genomes.len() / self.architecture.weight_count(),
+        }
     }
 
     /// Adds candidates behind the others. `genomes`: (more candidates, weights), row-major.
@@ -242,6 +271,12 @@ impl Work {
     pub fn extend(&mut self, genomes: &[f32]) -> Result<(), WorkError> {
         check_whole(&self.architecture, genomes)?;
         check_finite(&self.architecture, genomes)?;
+        if self.make.is_some() {
+            self.genomes = self
+                .genomes_of(self.forgotten..self.candidates())
+                .into_owned();
+            self.make = None;
+        }
         self.genomes.extend_from_slice(genomes);
         self.sample = None;
         Ok(())
@@ -249,8 +284,10 @@ impl Work {
 
     /// Drops the genomes of all candidates before this one, which are not needed any more.
     pub fn forget_before(&mut self, candidate: usize) {
-        let weights = self.architecture.weight_count();
-        self.genomes.drain(..(candidate - self.forgotten) * weights);
+        if self.make.is_none() {
+            let weights = self.architecture.weight_count();
+            self.genomes.drain(..(candidate - self.forgotten) * weights);
+        }
         self.forgotten = candidate;
     }
 
@@ -279,5 +316,14 @@ impl Work {
     pub fn controller(&self, candidate: usize) -> Result<Controller, ControllerError> {
         let genome = self.genomes_of(candidate..candidate + 1);
         Controller::with_weights(&self.architecture, genome.into())
+    }
+}
+
+/// Some candidates of a sample.
+fn part(whole: &Sample, candidates: &Range<usize>) -> Sample {
+    Sample {
+        first: whole.first + candidates.start as u64,
+        count: candidates.len() as u64,
+        ..whole.clone()
     }
 }

@@ -8,7 +8,8 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use common::{ARCHITECTURE, Line, Net, Party, SEEDS, begin, begin_with, offloaded, server};
 use proptest::prelude::*;
-use serde_json::{Value, json};
+use serde_json::{Map, Value, json};
+use swarmwright_controllers::Architecture;
 use swarmwright_evolution::{GaussianSample, Scale};
 use swarmwright_pool::{Faults, Mode, Work, WorkError};
 use swarmwright_protocol::{F64s, GAUSSIAN, Sample, ToServer};
@@ -61,8 +62,27 @@ fn by_weights(sample: &Sample) -> Work {
     Work::new(ARCHITECTURE, genomes(sample), SEEDS.to_vec()).unwrap()
 }
 
-fn by_numbers(sample: &Sample) -> Work {
-    by_weights(sample).sampled(sample.clone()).unwrap()
+/// `drawn`: the genomes are made only where one is needed.
+fn by_numbers(sample: &Sample, drawn: bool) -> Work {
+    if !drawn {
+        return by_weights(sample).sampled(sample.clone()).unwrap();
+    }
+    let (architecture, specification) = controller();
+    Work::drawn(
+        architecture,
+        specification,
+        sample.clone(),
+        genomes,
+        SEEDS.to_vec(),
+    )
+    .unwrap()
+}
+
+fn controller() -> (Architecture, Map<String, Value>) {
+    (
+        Architecture::from_json(ARCHITECTURE).unwrap(),
+        serde_json::from_str(ARCHITECTURE).unwrap(),
+    )
 }
 
 /// What comes out where all genomes travel.
@@ -78,7 +98,7 @@ proptest! {
 
     #[test]
     fn results_do_not_depend_on_who_makes_the_genomes(
-        making in 0u64..4, others in 0u64..3, seed_only in 0u64..2, seed: u64, mirrored: bool, random: u64,
+        making in 0u64..4, others in 0u64..3, seed_only in 0u64..2, seed: u64, mirrored: bool, random: u64, drawn: bool,
     ) {
         prop_assume!(making + others + seed_only > 0);
         let sample = sample(seed, mirrored);
@@ -92,21 +112,21 @@ proptest! {
         for id in 0..seed_only {
             net.add_seed_only(id);
         }
-        let index = begin(&mut net, Mode::Auto, by_numbers(&sample));
+        let index = begin(&mut net, Mode::Auto, by_numbers(&sample, drawn));
         prop_assert_eq!(net.finish(index), expected(&sample));
         prop_assert!(net.warnings.is_empty(), "{:?}", net.warnings);
     }
 
     #[test]
     fn a_server_lost_with_a_part_of_a_sample_costs_nothing_but_time(
-        after in 0usize..120, seed: u64, mirrored: bool, random: u64,
+        after in 0usize..120, seed: u64, mirrored: bool, random: u64, drawn: bool,
     ) {
         let sample = sample(seed, mirrored);
         let mut net = Net::new(random);
         let doomed = net.add(Party::Server(Box::new(server(30, Line::new()))));
         net.add(Party::Server(Box::new(server(31, Line::new()))));
         net.add(Party::Extended(Box::new(offloaded(20))));
-        let index = begin(&mut net, Mode::Auto, by_numbers(&sample));
+        let index = begin(&mut net, Mode::Auto, by_numbers(&sample, drawn));
         for _ in 0..after {
             net.turn();
         }
@@ -115,14 +135,16 @@ proptest! {
     }
 
     #[test]
-    fn an_audit_finds_no_difference_between_a_sample_and_its_genomes(seed: u64, mirrored: bool, random: u64) {
+    fn an_audit_finds_no_difference_between_a_sample_and_its_genomes(
+        seed: u64, mirrored: bool, random: u64, drawn: bool,
+    ) {
         let sample = sample(seed, mirrored);
         let mut net = Net::new(random);
         net.add(Party::Server(Box::new(server(30, Line::new()))));
         net.add(Party::Server(Box::new(server(31, Line::new()))));
         net.add(Party::Extended(Box::new(offloaded(20))));
         let faults = Faults { audit: 0.3, ..Faults::default() };
-        let index = begin_with(&mut net, faults, by_numbers(&sample));
+        let index = begin_with(&mut net, faults, by_numbers(&sample, drawn));
         prop_assert_eq!(net.finish(index), expected(&sample));
         let counts = *net.tool(index).counts();
         prop_assert!(counts.audits > 0 && counts.disagreements == 0, "{counts:?}");
@@ -162,13 +184,47 @@ fn a_sample_of_other_candidates_or_genes_is_refused() {
 
 #[test]
 fn parts_of_a_sample_are_addressed_by_their_numbers_and_few_candidates_travel_as_genomes() {
-    let work = by_numbers(&sample(1, true));
-    let part = work.sample_of(&(21..90)).unwrap();
-    assert_eq!((part.first, part.count), (21, 69));
-    assert!(work.sample_of(&(5..10)).is_none());
-    let mut longer = work.clone();
-    longer.extend(&[0.0; WEIGHTS]).unwrap();
-    assert!(longer.sample_of(&(21..90)).is_none(), "not all are of it");
+    for drawn in [false, true] {
+        let work = by_numbers(&sample(1, true), drawn);
+        let part = work.sample_of(&(21..90)).unwrap();
+        assert_eq!((part.first, part.count), (21, 69));
+        assert!(work.sample_of(&(5..10)).is_none());
+        let mut longer = work.clone();
+        longer.extend(&[0.0; WEIGHTS]).unwrap();
+        assert!(longer.sample_of(&(21..90)).is_none(), "not all are of it");
+    }
+}
+
+#[test]
+fn genomes_that_are_made_when_they_are_needed_are_those_of_the_sample() {
+    let sample = sample(1, true);
+    let (all, mut work) = (genomes(&sample), by_numbers(&sample, true));
+    assert_eq!(
+        (work.candidates(), work.len()),
+        (CANDIDATES, SEEDS.len() * CANDIDATES)
+    );
+    assert_eq!(work.genomes_of(7..50)[..], all[7 * WEIGHTS..50 * WEIGHTS]);
+    work.forget_before(20);
+    assert_eq!(work.genomes_of(21..22)[..], all[21 * WEIGHTS..22 * WEIGHTS]);
+    let more = [1.0, 2.0, 3.0];
+    work.extend(&more).unwrap();
+    assert_eq!(work.candidates(), CANDIDATES + 1);
+    assert_eq!(
+        work.genomes_of(199..201)[..],
+        [&all[199 * WEIGHTS..], &more].concat()
+    );
+    work.forget_before(200);
+    assert_eq!(work.into_genomes(), more);
+}
+
+#[test]
+fn a_sample_for_other_controllers_is_refused_without_genomes() {
+    let mut sample = sample(1, true);
+    sample.center.0.push(1.0);
+    let (architecture, specification) = controller();
+    let refused = Work::drawn(architecture, specification, sample, genomes, vec![1]);
+    let error = refused.unwrap_err().to_string();
+    assert!(error.contains("200 candidates of 4 genes"), "{error}");
 }
 
 #[test]
@@ -177,7 +233,7 @@ fn only_servers_that_announce_the_distribution_get_samples() {
     let mut net = Net::new(5);
     net.add(Party::Server(Box::new(server(30, Line::new()))));
     net.add(Party::Extended(Box::new(offloaded(20))));
-    let index = begin(&mut net, Mode::Offloaded, by_numbers(&sample));
+    let index = begin(&mut net, Mode::Offloaded, by_numbers(&sample, false));
     net.finish(index);
     let mut samples = [0, 0];
     for common::Message { topic, payload, .. } in &net.log {

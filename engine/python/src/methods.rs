@@ -41,6 +41,24 @@ pub struct Conversation {
     failed: Failure,
 }
 
+/// What is to be evaluated.
+pub enum Asked {
+    /// (candidates, genes), row-major.
+    Genomes(Vec<f32>),
+    /// What they are made from.
+    Sample(Box<Sample>),
+}
+
+impl Asked {
+    /// Number of candidates of so many genes.
+    pub fn candidates(&self, genes: usize) -> usize {
+        match self {
+            Self::Genomes(genomes) => genomes.len() / genes.max(1),
+            Self::Sample(sample) => usize::try_from(sample.count).unwrap_or(usize::MAX),
+        }
+    }
+}
+
 /// Where an error of Python's goes, in whose stead there is only a [`NoStart`].
 pub type Failure = Arc<Mutex<Option<PyErr>>>;
 
@@ -78,6 +96,29 @@ impl Conversation {
     pub fn told(&mut self, genomes: Vec<f32>, fitness: &[f64]) -> PyResult<Vec<f32>> {
         self.asked = Some(genomes);
         self.tell(fitness)
+    }
+
+    /// As [`take`](Self::take) without making genomes that a sample stands for, in the store and for servers.
+    pub fn draw(&mut self) -> PyResult<Asked> {
+        if self.asked.is_none()
+            && let Some(count) = self.search.draw().map_err(|error| self.reason(error))?
+        {
+            if let Some(sample) = self.short_sample(count) {
+                return Ok(Asked::Sample(Box::new(sample)));
+            }
+            let mut genomes = vec![0.0; count * self.genes];
+            if let Some(drawn) = self.search.drawn() {
+                drawn.genomes_parallel(0, &mut genomes);
+            }
+            return Ok(Asked::Genomes(genomes));
+        }
+        self.take().map(Asked::Genomes)
+    }
+
+    /// As [`told`](Self::told), for a sample.
+    pub fn told_sample(&mut self, fitness: &[f64]) -> PyResult<()> {
+        let told = self.search.tell(&[], fitness);
+        told.map_err(|error| self.reason(error))
     }
 
     /// What so many genomes asked for last were made from, where servers can make them from it, too.

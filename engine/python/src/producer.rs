@@ -18,11 +18,11 @@ use crate::digests::{Columns, PyDigests, columns, of_genomes, of_sample};
 use crate::errors::{engine, input};
 use crate::genomes::architecture;
 use crate::local::{Evaluation, PyEvaluator, REPORT, lock};
-use crate::methods::{Conversation, PySearch};
+use crate::methods::{Asked, Conversation, PySearch};
 use crate::pool::{AttemptRow, PyPool, rows};
 use crate::remote::{Evaluated, Servers};
 use crate::results::{Fitness, Metrics, apart, arrays};
-use crate::sample::PySample;
+use crate::sample::{PySample, genomes_of};
 use crate::statistics::aggregate;
 
 /// Generations that wait at most, and how many bytes of them, unless it is a single one.
@@ -72,26 +72,27 @@ struct Produced {
     fitness: Vec<f64>,
     /// None: the fitness.
     population: Option<Vec<f64>>,
-    figures: Figures,
     outcome: Outcome,
-    /// Those of its columns, where they are known.
-    digests: Option<Columns>,
+    /// What is computed from its columns, where it is known.
+    summary: Option<(Columns, Figures)>,
     attempts: Vec<Attempt>,
     warnings: Vec<String>,
 }
 
 impl Produced {
-    /// The digests of its columns.
-    fn digested(&mut self) -> PyResult<Columns> {
-        if let Some(known) = self.digests {
+    /// The digests of its columns, and what the fitness looks like.
+    fn summary(&mut self) -> PyResult<(Columns, Figures)> {
+        if let Some(known) = self.summary {
             return Ok(known);
         }
         let genomes = match &self.genomes {
             Kept::Genomes(genomes) => of_genomes(genomes),
             Kept::Sample(sample) => of_sample(sample)?,
         };
-        let found = columns(&self.fitness, &self.episodes, &self.metrics, genomes);
-        self.digests = Some(found);
+        let digests = columns(&self.fitness, &self.episodes, &self.metrics, genomes);
+        let population = self.population.as_ref().unwrap_or(&self.fitness);
+        let found = (digests, Figures::of(population));
+        self.summary = Some(found);
         Ok(found)
     }
 
@@ -270,7 +271,7 @@ impl Work {
             };
             let go_on = self.limits.counted(&produced.fitness);
             if shared.is_ahead() {
-                produced.digested()?; // so that who takes it, and has more to do, need not
+                produced.summary()?; // so that who takes it, and has more to do, need not
             }
             if !shared.put(produced, began.elapsed() > QUICK) || !go_on {
                 break;
@@ -284,15 +285,16 @@ impl Work {
 
     /// A generation; None when it was interrupted, or the budget ends before it.
     fn next(&mut self, seeds: &[u64], shared: &Shared) -> PyResult<Option<Produced>> {
-        let genomes = self.conversation.take()?;
-        let candidates = genomes.len() / self.conversation.genes().max(1);
+        let asked = self.ask()?;
+        let candidates = asked.candidates(self.conversation.genes());
         if self.limits.excludes(candidates) {
             return Ok(None);
         }
         shared.done.store(0, Ordering::Relaxed);
         let total = candidates * seeds.len();
         shared.total.store(total, Ordering::Relaxed);
-        let Some(found) = self.evaluate(genomes, candidates, seeds, shared)? else {
+        let is_made = matches!(asked, Asked::Genomes(_));
+        let Some(found) = self.evaluate(asked, candidates, seeds, shared)? else {
             return Ok(None);
         };
         let fitness = self.aggregate.of_rows(found.fitness.clone(), seeds.len());
@@ -301,15 +303,19 @@ impl Work {
         } else {
             None
         };
-        let genomes = self.conversation.told(found.genomes, &fitness)?;
+        let genomes = if is_made {
+            self.conversation.told(found.genomes, &fitness)?
+        } else {
+            self.conversation.told_sample(&fitness)?;
+            Vec::new()
+        };
         let genomes = sample.map_or(Kept::Genomes(genomes), |sample| {
             Kept::Sample(Box::new(sample))
         });
         let population = self.conversation.members();
         Ok(Some(Produced {
-            figures: Figures::of(population.as_deref().unwrap_or(&fitness)),
             outcome: Outcome::of(&fitness),
-            digests: None,
+            summary: None,
             genomes,
             episodes: found.fitness,
             metrics: found.metrics,
@@ -320,20 +326,32 @@ impl Work {
         }))
     }
 
+    /// What is to be evaluated next: servers make the genomes of a sample themselves, and a store that keeps samples needs none.
+    fn ask(&mut self) -> PyResult<Asked> {
+        match self.place {
+            Place::Servers(_) if self.samples => self.conversation.draw(),
+            _ => self.conversation.take().map(Asked::Genomes),
+        }
+    }
+
     /// What came out of a generation; None when it was interrupted.
     fn evaluate(
         &mut self,
-        genomes: Vec<f32>,
+        asked: Asked,
         candidates: usize,
         seeds: &[u64],
         shared: &Shared,
     ) -> PyResult<Option<Evaluated>> {
         let go_on = || !shared.stopped.load(Ordering::Relaxed);
-        let evaluation = match &mut self.place {
-            Place::Here(evaluation) => evaluation,
-            Place::Servers(servers) => {
-                let sample = self.conversation.sample(candidates);
-                return servers.evaluate(genomes, sample, seeds, go_on, |done, waiting_for| {
+        let (evaluation, genomes) = match (&mut self.place, asked) {
+            (Place::Here(evaluation), Asked::Genomes(genomes)) => (evaluation, genomes),
+            (Place::Here(evaluation), Asked::Sample(sample)) => (evaluation, genomes_of(&sample)),
+            (Place::Servers(servers), asked) => {
+                let sample = match asked {
+                    Asked::Genomes(_) => self.conversation.sample(candidates),
+                    Asked::Sample(_) => None,
+                };
+                return servers.evaluate(asked, sample, seeds, go_on, |done, waiting_for| {
                     waiting_for.clone_into(&mut lock(&shared.waits));
                     shared.done.store(done, Ordering::Relaxed);
                 });
@@ -531,7 +549,7 @@ impl PyProducer {
     }
 
     fn arrays<'py>(&self, py: Python<'py>, mut produced: Produced) -> PyResult<Generation<'py>> {
-        let digests = py.detach(|| produced.digested())?;
+        let (digests, one) = py.detach(|| produced.summary())?;
         let candidates = produced.fitness.len();
         let shape = [candidates, self.episodes, self.metrics];
         let (episodes, metrics) = arrays(py, produced.episodes, produced.metrics, shape)?;
@@ -546,7 +564,6 @@ impl PyProducer {
             Some(population) => PyArray1::from_vec(py, population),
             None => fitness.clone(),
         };
-        let one = produced.figures;
         let figures = (
             one.best,
             one.mean,

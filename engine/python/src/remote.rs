@@ -10,7 +10,9 @@ use swarmwright_pool::{About, Attempt, Pool, PoolError, Work};
 use swarmwright_protocol::Sample;
 
 use crate::errors::input;
+use crate::methods::Asked;
 use crate::pool::error;
+use crate::sample::genomes_of;
 
 /// A pool, and what it evaluates generation after generation.
 pub struct Servers {
@@ -27,6 +29,7 @@ pub struct Servers {
 
 /// What came out of a generation.
 pub struct Evaluated {
+    /// Those that were evaluated; none of a sample.
     pub genomes: Vec<f32>,
     /// (candidates, episodes)
     pub fitness: Vec<f64>,
@@ -37,10 +40,10 @@ pub struct Evaluated {
 }
 
 impl Servers {
-    /// Evaluates a generation; None when `go_on` said no.
+    /// Evaluates a generation; None when `go_on` said no. `sample`: what genomes are made from, where that is known.
     pub fn evaluate(
         &mut self,
-        genomes: Vec<f32>,
+        asked: Asked,
         sample: Option<Sample>,
         seeds: &[u64],
         go_on: impl Fn() -> bool,
@@ -54,11 +57,20 @@ impl Servers {
         });
         self.generation += 1;
         let (architecture, specification) = (self.architecture.clone(), self.specification.clone());
-        let mut work =
-            Work::of(architecture, specification, genomes, seeds.to_vec()).map_err(input)?;
-        if let Some(sample) = sample {
-            work = work.sampled(sample).map_err(input)?;
-        }
+        let seeds = seeds.to_vec();
+        let work = match (asked, sample) {
+            (Asked::Sample(sample), _) => {
+                Work::drawn(architecture, specification, *sample, genomes_of, seeds)
+            }
+            (Asked::Genomes(genomes), None) => {
+                Work::of(architecture, specification, genomes, seeds)
+            }
+            (Asked::Genomes(genomes), Some(sample)) => {
+                Work::of(architecture, specification, genomes, seeds)
+                    .and_then(|work| work.sampled(sample))
+            }
+        };
+        let work = work.map_err(input)?;
         let (results, genomes) = match self.pool.evaluate_while(work, go_on, on_progress) {
             Ok(found) => found,
             Err(PoolError::Interrupted) => return Ok(None),

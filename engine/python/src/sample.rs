@@ -53,6 +53,14 @@ pub fn numbers(sample: &Sample) -> Vec<u8> {
     made.into_flattened()
 }
 
+/// The genomes that are made from it.
+pub fn genomes_of(sample: &Sample) -> Vec<f32> {
+    let candidates = usize::try_from(sample.count).unwrap_or(usize::MAX);
+    let mut made = vec![0.0; candidates.saturating_mul(sample.center.0.len())];
+    gaussian(sample).genomes_parallel(sample.first, &mut made);
+    made
+}
+
 /// Whether it has fewer bytes than the genomes that are made from it.
 pub fn is_shorter(sample: &Sample) -> bool {
     sample.count > (ROWS * size_of::<f64>() / size_of::<f32>()) as u64

@@ -16,15 +16,15 @@ use self::constants::Constants;
 use self::full::Full;
 use self::stop::Monitor;
 pub use self::stop::Stop;
-use crate::Stream;
 use crate::linear::{add_rows, dot};
 use crate::normal::of_units;
 use crate::ranking::key;
+use crate::stream::{Stream, unit_rows};
 
 /// Standard deviations are at most this share of the distance of two bounds.
 const WIDEST: f64 = 1.0 / 3.0;
 /// Genomes that are made together, with one pass through the matrix.
-const TOGETHER: usize = 8;
+const TOGETHER: usize = 16;
 /// Numbers below which other threads are not worth their start.
 const FEW: usize = 1 << 13;
 
@@ -159,9 +159,7 @@ impl Cma {
         genomes: &mut [f32],
     ) {
         let genes = self.mean.len().max(1);
-        for (stream, step) in streams.iter_mut().zip(steps.chunks_exact_mut(genes)) {
-            stream.units(step);
-        }
+        unit_rows(streams, genes, steps);
         of_units(steps);
         if let Some(full) = &self.full {
             for (step, length) in steps.chunks_exact(genes).zip(lengths) {

@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex};
 
 use rayon::prelude::*;
 
-use crate::stream::normal_rows;
+use crate::stream::{normal_rows, rows_of};
 
 /// Numbers, 64 MiB: larger samples are not drawn ahead.
 const MOST: usize = 1 << 23;
@@ -115,7 +115,7 @@ impl Address {
         let length = self.length.max(1);
         let count = usize::try_from(self.rows).unwrap_or(0);
         let mut drawn = vec![0.0; count * self.length];
-        let rows = FEW.div_ceil(length);
+        let rows = rows_of(FEW, length);
         let draw = |(part, numbers): (usize, &mut [f64])| {
             let first = (part * rows) as u64;
             normal_rows(self.seed, self.purpose, generation, first, length, numbers);

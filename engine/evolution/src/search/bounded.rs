@@ -83,8 +83,8 @@ impl Bounded {
 
     fn candidates(&mut self) -> Vec<f32> {
         let genes = self.lower.len();
-        let stream = |member| Stream::new(self.seed, self.purpose, self.generation, member);
-        let mut streams: Vec<_> = (0..self.fitness.len() as u64).map(stream).collect();
+        let members = 0..self.fitness.len() as u64;
+        let mut streams = Stream::of_each(self.seed, self.purpose, self.generation, members);
         let mut genomes = vec![0.0; self.members.len()];
         let best = self.best();
         let (lower, upper) = (&self.lower[..], &self.upper[..]);

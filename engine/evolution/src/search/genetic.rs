@@ -221,9 +221,8 @@ impl Genetic {
     }
 
     fn streams(&self, purpose: u64, candidates: Range<usize>) -> Vec<Stream> {
-        candidates
-            .map(|candidate| self.stream(purpose, candidate))
-            .collect()
+        let candidates = candidates.start as u64..candidates.end as u64;
+        Stream::of_each(self.seed, purpose, self.generation, candidates)
     }
 
     /// Drops all members but those that stay, in every population.

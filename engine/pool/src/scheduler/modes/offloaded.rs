@@ -57,7 +57,7 @@ impl Scheduler {
         let sample = work.sample_of(&candidates).filter(|_| makes_samples);
         let genomes = match sample {
             Some(_) => Vec::new(),
-            None => work.genomes_of(candidates).to_vec(),
+            None => work.genomes_of(candidates).into_owned(),
         };
         let message = ToServer::Evaluate(Evaluate {
             version: EXTENSION_VERSION,
