@@ -85,7 +85,7 @@ EXIT = {"steps": 3, "width": 8, "height": 8, "numAgents": 4, "numExits": 1, "num
 CASES = {
     "minisim": Case(served("minisim"), MANY, rules=""),
     "java": Case(java, MANY, rules=""),
-    "cpp": Case(cpp("minisim"), MANY, skipped=UNSEEN),
+    "cpp": Case(cpp("minisim"), MANY),
     "cpp plug-in": Case(cpp("minisim_plugin"), MANY, skipped=UNSEEN),
     "arena": Case(
         served("arena"),

@@ -14,7 +14,7 @@ from swarmwright.display import Recording
 from swarmwright.runs import remote
 from swarmwright.runs.replay import Replay
 from tests.system.brokers import BrokerProcess
-from tests.system.conftest import Experiment, Launch, ServeJava
+from tests.system.conftest import Experiment, Launch
 from tests.system.plain_server import Json, PlainServer
 from tests.system.scene_server import SceneServer
 from tests.system.test_plain_server import TOY
@@ -295,11 +295,13 @@ def test_a_server_shows_what_this_process_would(
     assert states[0] is None or (states[0] == states[1]).all()
 
 
+@pytest.mark.timeout(600)  # it may build the wrappers
 @pytest.mark.parametrize("text", [MINISIM, RULE], ids=["minisim", "rule"])
-def test_a_server_in_java_shows_the_same(
-    embedded: BrokerProcess, serve_java: ServeJava, evolved: Evolved, text: str
+@pytest.mark.parametrize("language", ["java", "cpp"])
+def test_a_server_in_another_language_shows_the_same(
+    embedded: BrokerProcess, request: pytest.FixtureRequest, evolved: Evolved, text: str, language: str
 ) -> None:
-    serve_java(embedded.url)
+    request.getfixturevalue(f"serve_{language}")(embedded.url)
     run = Run.open(evolved(text, embedded.url))
     here, there = (Replay.of(run, broker=broker).recording() for broker in (None, embedded.url))
     assert there.fitness == here.fitness == run.best.fitness

@@ -28,6 +28,8 @@ OBJECTS = {
     "Given": "swarmwright_parameters",
     "Server": "swarmwright_server",
     "Plugin": "swarmwright_plugin",
+    "RawBody": "swarmwright_body",
+    "Picture": "swarmwright_scene",
 }
 
 
@@ -126,7 +128,7 @@ def test_every_structure_has_the_fields_that_it_has() -> None:
             r"#\[repr\(C\)\] #\[derive\(Clone, Copy\)\] pub struct (\w+) \{(.*?)\}", _rust()
         )
     }
-    assert len(rust) == 5
+    assert len(rust) == 6
     assert c == rust
 
 

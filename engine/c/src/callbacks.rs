@@ -5,12 +5,13 @@ use std::ptr::{null, null_mut};
 use std::slice;
 use std::sync::Arc;
 
-use swarmwright_worlds::Description;
+use swarmwright_worlds::{Description, Scene};
 
 use crate::error::{OK, Trouble, forget, from_callback};
 use crate::input::{self, Structure};
 use crate::live::{Live, inside};
 use crate::parameters::Given;
+use crate::scene::Picture;
 
 type Create = unsafe extern "C" fn(context: *mut c_void, simulation: *mut *mut c_void) -> i32;
 type Destroy = unsafe extern "C" fn(simulation: *mut c_void);
@@ -22,6 +23,7 @@ type Step = unsafe extern "C" fn(*mut c_void, actuators: *const f32, count: usiz
 type Fitness = unsafe extern "C" fn(*mut c_void, fitness: *mut f64) -> i32;
 type Metrics = unsafe extern "C" fn(*mut c_void, metrics: *mut f64) -> i32;
 type Show = unsafe extern "C" fn(*mut c_void, milliseconds: *mut u32) -> i32;
+type Draw = unsafe extern "C" fn(*mut c_void, scene: *mut Picture, milliseconds: *mut u32) -> i32;
 
 /// `swarmwright_simulation`.
 #[repr(C)]
@@ -40,6 +42,7 @@ pub struct RawSimulation {
     fitness: Option<Fitness>,
     metrics: Option<Metrics>,
     show: Option<Show>,
+    scene: Option<Draw>,
 }
 
 // SAFETY: as `Structure` asks.
@@ -61,6 +64,7 @@ pub(crate) struct Table {
     fitness: Fitness,
     metrics: Option<Metrics>,
     show: Option<Show>,
+    scene: Option<Draw>,
     pub description: Description,
     pub live: Live,
 }
@@ -101,6 +105,7 @@ pub(crate) unsafe fn read(
         fitness: raw.fitness.ok_or_else(|| missing("fitness"))?,
         metrics: raw.metrics,
         show: raw.show,
+        scene: raw.scene,
         description,
         live: Live::default(),
     }))
@@ -213,6 +218,24 @@ impl Object {
             })?;
         }
         Ok(metrics)
+    }
+
+    /// Whether it says what it looks like.
+    pub(crate) fn has_scenes(&self) -> bool {
+        self.table.scene.is_some()
+    }
+
+    /// What it looks like, and for how many milliseconds; none without an extent.
+    pub(crate) fn scene(&self) -> Result<Option<(Scene, u32)>, Trouble> {
+        let Some(call) = self.table.scene else {
+            return Ok(None);
+        };
+        let (mut picture, mut milliseconds) = (Picture(Scene::default()), 250);
+        // SAFETY: as said above.
+        called("scene", || unsafe {
+            call(self.pointer, &raw mut picture, &raw mut milliseconds)
+        })?;
+        Ok((picture.0.width > 0.0).then_some((picture.0, milliseconds)))
     }
 
     /// Lets the simulation show itself; for how many milliseconds it is to be looked at, none if there is nothing to see.

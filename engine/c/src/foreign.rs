@@ -7,6 +7,7 @@ use swarmwright_worlds::{
     Block, Description, Means, ParameterError, ParameterReader, Parameters, RolloutError, Scene,
     Simulation, fail,
 };
+use swarmwright_wrapper::scenes::is_sent;
 
 use crate::callbacks::{Object, Table};
 use crate::error::Trouble;
@@ -25,6 +26,8 @@ pub(crate) struct Foreign {
     /// Why it could not be shown: the next step says so, for a picture cannot fail.
     not_shown: Cell<Option<Trouble>>,
     workers: WorkerGroup,
+    /// Steps done.
+    steps: u32,
 }
 
 impl Foreign {
@@ -40,11 +43,25 @@ impl Foreign {
             milliseconds: Cell::new(250),
             not_shown: Cell::new(None),
             workers: WorkerGroup::default(),
+            steps: 0,
         })
     }
 
     fn table(&self) -> &Arc<Table> {
         self.object.table()
+    }
+
+    /// What the simulation looks like.
+    fn sent(&self) -> Option<Scene> {
+        let (scene, milliseconds) = self
+            .object
+            .scene()
+            .unwrap_or_else(|trouble| give_up(trouble))?;
+        self.milliseconds.set(milliseconds);
+        Some(Scene {
+            step: self.steps,
+            ..scene
+        })
     }
 
     /// Asks who acts next.
@@ -112,6 +129,7 @@ impl Simulation for Foreign {
     fn reset(&mut self, parameters: &Parameters) -> Result<(), ParameterError> {
         let seed = seed(parameters)?;
         self.not_shown.set(None);
+        self.steps = 0;
         let given = Given::new(parameters);
         match self.object.reset(&given, seed) {
             Err(Trouble::Parameter(error)) => return Err(error),
@@ -137,6 +155,7 @@ impl Simulation for Foreign {
     }
 
     fn step(&mut self, actuators: &[f32]) {
+        self.steps = self.steps.saturating_add(1);
         let shown = self.not_shown.take().map_or(Ok(()), Err);
         let result = shown
             .and_then(|()| self.object.step(actuators))
@@ -179,8 +198,16 @@ impl Simulation for Foreign {
         self.workers.evaluate(&table, block, threads).map(Ok)
     }
 
-    /// The simulation shows itself, wherever it likes; what comes back only says that it did.
+    fn has_scenes(&self) -> bool {
+        self.object.has_scenes()
+    }
+
+    /// What is sent to a tool; otherwise the simulation shows itself, wherever it likes, and what comes back only says that
+    /// it did.
     fn scene(&self) -> Option<Scene> {
+        if is_sent() {
+            return self.sent();
+        }
         match self.object.show() {
             Ok(Some(milliseconds)) if milliseconds > 0 => self.milliseconds.set(milliseconds),
             Ok(_) => return None,

@@ -17,6 +17,7 @@ mod options;
 mod parallel;
 mod parameters;
 mod plugin;
+mod scene;
 mod server;
 
 /// Version of the ABI: what a caller was compiled against is to be the same.

@@ -11,7 +11,7 @@ use swarmwright_protocol::{
 use swarmwright_worlds::{Failure, MetricInfo, ParameterError, Parameters, Simulation};
 
 use crate::guard::{finite, guarded};
-use crate::scenes::to_message;
+use crate::scenes::{sending, to_message};
 
 /// An episode that is being stepped.
 pub(crate) struct Run {
@@ -209,7 +209,7 @@ impl Run {
         let Some(parts) = &self.scenes else {
             return Ok(None);
         };
-        let Some(scene) = guarded(|| simulation.scene())? else {
+        let Some(scene) = sending(|| guarded(|| simulation.scene()))? else {
             return Ok(None);
         };
         let fitness = guarded(|| simulation.fitness()).and_then(finite).ok();

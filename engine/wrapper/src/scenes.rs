@@ -1,6 +1,7 @@
 //! Scenes as messages, for tools that show episodes of simulations that they do not have.
 
 use std::borrow::Cow;
+use std::cell::Cell;
 use std::collections::HashMap;
 
 use swarmwright_protocol::{
@@ -8,6 +9,25 @@ use swarmwright_protocol::{
     SceneScale, SceneStyle, SceneWall, U32s,
 };
 use swarmwright_worlds::{Body, Light, Patch, Ray, Scale, Scene, Style, Wall};
+
+thread_local! {
+    static SENT: Cell<bool> = const { Cell::new(false) };
+}
+
+/// Whether the scene that the simulation is asked for in this thread goes to a tool, rather than to people here: for
+/// simulations that show themselves.
+#[must_use]
+pub fn is_sent() -> bool {
+    SENT.get()
+}
+
+/// Runs a call in which scenes are asked for that go to a tool.
+pub(crate) fn sending<T>(call: impl FnOnce() -> T) -> T {
+    SENT.set(true);
+    let done = call();
+    SENT.set(false);
+    done
+}
 
 /// A message with what a scene has; of rays and links only those that are among `parts`. What tells the episode and what
 /// is measured in it is left out.

@@ -199,6 +199,65 @@ typedef struct swarmwright_options {
 #define SWARMWRIGHT_OPTIONS \
   { sizeof(swarmwright_options), NULL, 1, NULL, 60.0, 1, NULL, NULL }
 
+/* ---- What an episode looks like. ---- */
+
+/**
+ * The world from above, filled by the functions below within one call of your `scene`. Lengths are metres or cells,
+ * (0, 0) is at the bottom left, angles are radians, counter-clockwise. What cannot be is SWARMWRIGHT_INVALID.
+ */
+typedef struct swarmwright_scene swarmwright_scene;
+
+/** One thing in it. */
+typedef struct swarmwright_body {
+  size_t size;
+  /** agent, defender, goal, exit, obstacle, or any other word. */
+  const char* kind;
+  /** free, arrived, caught, crashed, out, or any other word; null for none. */
+  const char* state;
+  float x;
+  float y;
+  /** 0 for a point. */
+  float radius;
+  /** Where it looks, from the x axis; NaN for nowhere. Bodies with a heading are drawn in their true size. */
+  float heading;
+  /** A number that gives it a colour; NaN for none. */
+  float value;
+  /** Which agent it is; -1: bodies of the kind agent are the agents in their order. */
+  int64_t agent;
+  /** A short text beside it; null for none. */
+  const char* label;
+} swarmwright_body;
+
+/** The extent of the world; `grid`: its unit is a cell; `message`: a line to show above, or null. */
+swarmwright_status swarmwright_scene_world(swarmwright_scene* scene, float width, float height, bool grid,
+                                           const char* message) SWARMWRIGHT_NOEXCEPT;
+/** Adds a body above those that are there; `index`, which may be null, gets its number from 0. */
+swarmwright_status swarmwright_scene_body(swarmwright_scene* scene, const swarmwright_body* body,
+                                          uint32_t* index) SWARMWRIGHT_NOEXCEPT;
+/** Adds what a sensor looks along: `angle` from the heading of the body, `start` from its middle, `reading` 0 to 1 or
+ * NaN. */
+swarmwright_status swarmwright_scene_ray(swarmwright_scene* scene, uint32_t body, float angle, float start,
+                                         float length, float reading) SWARMWRIGHT_NOEXCEPT;
+/** Adds a line between two bodies, of which the second hears the first. */
+swarmwright_status swarmwright_scene_link(swarmwright_scene* scene, uint32_t from, uint32_t to) SWARMWRIGHT_NOEXCEPT;
+/** Adds a part of the floor, 0 black to 1 white: a polygon of `count` corners x, y, x, y, ..; with one, a circle around
+ * it; with none, the whole floor. */
+swarmwright_status swarmwright_scene_patch(swarmwright_scene* scene, float grey, float radius, const float* corners,
+                                           size_t count, const char* name) SWARMWRIGHT_NOEXCEPT;
+/** Adds a wall along `count` points, or with `solid` an obstacle with these corners. */
+swarmwright_status swarmwright_scene_wall(swarmwright_scene* scene, const float* points, size_t count,
+                                          bool solid) SWARMWRIGHT_NOEXCEPT;
+/** Adds a lamp; intensity 0 is off. */
+swarmwright_status swarmwright_scene_light(swarmwright_scene* scene, float x, float y,
+                                           float intensity) SWARMWRIGHT_NOEXCEPT;
+/** Chooses the look of bodies of a kind and state: #rrggbb, and circle, cross, triangle, star, square, diamond,
+ * pentagon or hexagon; null for the default. */
+swarmwright_status swarmwright_scene_style(swarmwright_scene* scene, const char* kind, const char* state,
+                                           const char* color, const char* shape) SWARMWRIGHT_NOEXCEPT;
+/** Says what the values of bodies are, and which have the first and the last colour. */
+swarmwright_status swarmwright_scene_scale(swarmwright_scene* scene, const char* name, float low,
+                                           float high) SWARMWRIGHT_NOEXCEPT;
+
 /* ---- A server that calls your functions. ---- */
 
 /**
@@ -239,6 +298,9 @@ typedef struct swarmwright_simulation {
   /** Shows the episode as it is now, if it is to be shown, for so many milliseconds (250 if you write nothing,
    * 0 to go on at once); null if there is nothing to see. */
   swarmwright_status (*show)(void* simulation, uint32_t* milliseconds);
+  /** Says what the episode looks like now, to be shown elsewhere for so many milliseconds: calls
+   * swarmwright_scene_world, then the others as needed. Null: it has no scenes. */
+  swarmwright_status (*scene)(void* simulation, swarmwright_scene* scene, uint32_t* milliseconds);
 } swarmwright_simulation;
 
 /** A server. */

@@ -205,7 +205,10 @@ impl SceneMessage {
                 return wrong(format!("\"{name}\" is {size}, expected a number above 0"));
             }
         }
-        if self.seconds.is_some_and(|seconds| !(seconds >= 0.0)) {
+        if self
+            .seconds
+            .is_some_and(|seconds| seconds.is_nan() || seconds < 0.0)
+        {
             return wrong("\"seconds\" is no number of seconds".to_owned());
         }
         self.bodies.check()?;
@@ -225,7 +228,7 @@ impl SceneMessage {
     fn check_world(&self) -> Result<(), DecodeError> {
         for patch in self.patches.iter().chain(&self.floor) {
             points("patches", &patch.points)?;
-            if !(0.0..=1.0).contains(&patch.grey) || !(patch.radius >= 0.0) {
+            if !(0.0..=1.0).contains(&patch.grey) || !(0.0..=f32::MAX).contains(&patch.radius) {
                 return wrong(
                     "a patch's \"grey\" is not in 0..1, or its \"radius\" below 0".to_owned(),
                 );

@@ -31,6 +31,7 @@ class Minisim final : public swarmwright::Simulation {
     says.actuators = 1;
     says.max_agents = most_bodies;
     says.metrics = {{"arrived", "agents"}, {"caught", "agents"}, {"steps", "steps"}, {"distance", "metres"}};
+    says.scenes = true;
     says.determinism = swarmwright::Determinism::bitwise;
     return says;
   }
@@ -98,6 +99,28 @@ class Minisim final : public swarmwright::Simulation {
 
   std::vector<double> metrics() override {
     return {count(State::arrived), count(State::caught), static_cast<double>(step_), 0.0 - fitness()};
+  }
+
+  std::chrono::milliseconds scene(swarmwright::Scene& scene) override {
+    scene.world(settings_.map[0], settings_.map[1], false, settings_.hello_message);
+    const auto add = [&scene](const char* kind, const Point& at, const char* state, float radius) {
+      swarmwright::Body body;
+      body.kind = kind;
+      body.x = at[0];
+      body.y = at[1];
+      body.state = state;
+      body.radius = radius;
+      scene.body(body);
+    };
+    add("goal", settings_.goal, "", settings_.goal_radius);
+    for (const Point& defender : defenders_) {
+      add("defender", defender, "", settings_.capture_radius);
+    }
+    for (std::size_t i = 0; i < agents_.size(); ++i) {
+      const State state = states_[i];
+      add("agent", agents_[i], state == State::free ? "free" : state == State::arrived ? "arrived" : "caught", 0);
+    }
+    return settings_.frame;
   }
 
   std::chrono::milliseconds show() override {

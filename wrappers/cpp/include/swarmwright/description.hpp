@@ -54,6 +54,8 @@ struct Description {
   /// For statistical determinism: how far fitness and metrics may differ, relative to the larger one, absolute below
   /// 1.
   double tolerance = 0;
+  /// Whether Simulation::scene says what episodes look like.
+  bool scenes = false;
 };
 
 /// What a notice is about.

@@ -106,6 +106,9 @@ class Server {
     functions.context = context_.get();
     functions.only_one = only_one ? 1 : 0;
     functions.create = &Server::create;
+    if (!offers.scenes) {
+      functions.scene = nullptr;
+    }
     detail::check(swarmwright_server_open(&plain, &description, &functions, &server_));
     context_->listener.stops(server_);
   }

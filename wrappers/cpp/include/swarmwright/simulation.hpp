@@ -4,6 +4,7 @@
 #include <swarmwright/description.hpp>
 #include <swarmwright/error.hpp>
 #include <swarmwright/parameters.hpp>
+#include <swarmwright/scene.hpp>
 #include <swarmwright/span.hpp>
 
 #include <algorithm>
@@ -70,6 +71,10 @@ class Simulation {
   /// Metrics of the episode, in the order of the description; an experiment can define its fitness from them.
   virtual std::vector<double> metrics() { return {}; }
 
+  /// Says what the episode looks like, for tools that show it elsewhere; returns how long it is to be seen. Called
+  /// where the description has `scenes`.
+  virtual std::chrono::milliseconds scene(Scene& /*scene*/) { return std::chrono::milliseconds(250); }
+
   /// Shows the current state of the episode, if that was asked for; returns how long it stays visible, 0 if there is
   /// nothing to see.
   virtual std::chrono::milliseconds show() { return std::chrono::milliseconds(0); }
@@ -116,6 +121,12 @@ struct Hosted {
   Simulation* simulation;
   Description offers;
 };
+
+/// Milliseconds in 32 bits.
+inline std::uint32_t whole(std::chrono::milliseconds time) {
+  const auto longest = std::chrono::milliseconds(std::numeric_limits<std::uint32_t>::max());
+  return static_cast<std::uint32_t>(std::clamp(time, std::chrono::milliseconds(0), longest).count());
+}
 
 /// Calls a hosted simulation; an exception becomes a status.
 template <class Call>
@@ -165,12 +176,14 @@ inline swarmwright_simulation functions() noexcept {
       std::copy(measured.begin(), measured.end(), metrics);
     });
   };
-  table.show = [](void* object, std::uint32_t* milliseconds) noexcept {
+  table.scene = [](void* object, swarmwright_scene* scene, std::uint32_t* milliseconds) noexcept {
     return hosted(object, [&](Hosted& host) {
-      const auto longest = std::chrono::milliseconds(std::numeric_limits<std::uint32_t>::max());
-      const auto shown = std::clamp(host.simulation->show(), std::chrono::milliseconds(0), longest);
-      *milliseconds = static_cast<std::uint32_t>(shown.count());
+      Scene filled(scene);
+      *milliseconds = whole(host.simulation->scene(filled));
     });
+  };
+  table.show = [](void* object, std::uint32_t* milliseconds) noexcept {
+    return hosted(object, [&](Hosted& host) { *milliseconds = whole(host.simulation->show()); });
   };
   return table;
 }

@@ -14,6 +14,7 @@
 #include <swarmwright/error.hpp>
 #include <swarmwright/parameters.hpp>
 #include <swarmwright/plugin.hpp>
+#include <swarmwright/scene.hpp>
 #include <swarmwright/serve.hpp>
 #include <swarmwright/server.hpp>
 #include <swarmwright/simulation.hpp>
