@@ -4,8 +4,9 @@ use swarmwright_lanes::{Lanes, Mask, Number, number};
 
 use super::functions::absolute;
 use super::place::Place;
-use super::robot::{Battery, TICK};
+use super::robot::TICK;
 use super::swarm::Bodies;
+use super::team::Team;
 
 /// Takes everything from robots that are told something with an empty battery: they stand, show no colour.
 #[inline(always)]
@@ -31,16 +32,19 @@ pub(super) fn mute<L: Lanes>(charges: &[Number<L>], mute: &mut Vec<L::Mask>) {
 /// first `drive` numbers of each robot's row are for the drive.
 #[inline(always)]
 pub(super) fn update<L: Lanes>(
-    battery: &Battery,
+    team: &Team,
     place: &Place,
     bodies: &Bodies<L>,
     told: &[L],
     (row, drive): (usize, usize),
     charges: &mut [Number<L>],
 ) {
-    let standing = TICK / battery.standing;
-    let more = (TICK / battery.driving - standing) / drive as f32;
     for (robot, row) in told.chunks_exact(row).enumerate() {
+        let Some(battery) = &team.robot(robot).battery else {
+            continue;
+        };
+        let standing = TICK / battery.standing;
+        let more = (TICK / battery.driving - standing) / drive as f32;
         let mut effort = number::<L>(0.0);
         for told in &row[..drive] {
             effort += absolute(Number(*told)).at_most(number(1.0));

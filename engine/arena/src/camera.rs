@@ -9,6 +9,7 @@ use super::random::{Keys, LINKS, halves, noise};
 use super::robot::{Camera, LedColor, Robot, Sight};
 use super::senses::{Other, parts};
 use super::swarm::Bodies;
+use super::team::Team;
 
 /// What is seen of a colour: how many things, and the sum over them of 1 / (1 + range in cm) along their bearings.
 #[derive(Clone, Copy)]
@@ -35,7 +36,7 @@ pub(super) fn shown<L: Lanes>(colors: &[LedColor], numbers: &[L]) -> Number<L> {
 #[inline(always)]
 pub(super) fn see<L: Lanes>(
     camera: &Camera,
-    robot: &Robot,
+    (robot, team): (&Robot, &Team),
     place: &Place,
     bodies: &Bodies<L>,
     index: usize,
@@ -57,8 +58,8 @@ pub(super) fn see<L: Lanes>(
             continue;
         }
         let way = [other.x, other.y];
-        let lit = lit.and_not(links::behind_robot(robot, way, other.square, others));
-        let rims = 200.0 * robot.radius;
+        let lit = lit.and_not(links::behind_robot(team, way, other.square, others));
+        let rims = 100.0 * (robot.radius + team.kind(other.group as usize).radius);
         let sight = (way, other.square, lit, rims, sender);
         note(
             camera,
@@ -85,7 +86,7 @@ pub(super) fn see<L: Lanes>(
         if !lit.any() {
             continue;
         }
-        let lit = lit.and_not(links::behind_robot(robot, way, square, others));
+        let lit = lit.and_not(links::behind_robot(team, way, square, others));
         let sight = (way, square, lit, 100.0 * robot.radius, bodies.len() + lamp);
         let color = number(color.code());
         note(

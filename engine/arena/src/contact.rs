@@ -8,7 +8,7 @@ use super::swarm::SUBSTEP;
 /// Length of a part, seconds.
 pub(super) const PART: f32 = 2.0 * SUBSTEP;
 
-/// What a contact has for the solver. Impulses are divided by the mass of a robot.
+/// What a contact has for the solver. Impulses are divided by the mass of a robot, of the first kind where two robots touch.
 #[derive(Clone, Copy)]
 pub(super) struct Contact<L: Lanes> {
     /// From the first robot to the other, or into the wall.
@@ -35,18 +35,22 @@ impl<L: Lanes> Contact<L> {
     }
 
     /// At the beginning of a part: `way` between points that touch at a distance of `limit` and move with `speed` along it
-    /// and across. `fastest`: no two bodies approach each other faster, m/s. Returns the impulse that the part begins with.
+    /// and across. `fastest`: no two bodies approach each other faster, m/s. `lanes`: where they may touch in this tick. Returns the impulse that the part begins with.
     #[inline(always)]
     pub(super) fn begin(
         &mut self,
         way: [Number<L>; 2],
         speed: [Number<L>; 2],
         (limit, fastest): (f32, f32),
+        lanes: L::Mask,
     ) -> [Number<L>; 2] {
         let square = square(way);
         let far = limit + fastest * PART;
         // Middles that lie on each other press in no direction.
-        let possible = square.lt(number(far * far)).and(number(0.0).lt(square));
+        let possible = square
+            .lt(number(far * far))
+            .and(number(0.0).lt(square))
+            .and(lanes);
         self.active = possible.any();
         if !self.active {
             self.pressed = number(0.0);
@@ -106,6 +110,8 @@ impl<L: Lanes> Contact<L> {
 #[derive(Clone, Copy)]
 pub(super) struct PairContact<L: Lanes> {
     pub robots: [u32; 2],
+    /// In which lanes they are near each other.
+    pub lanes: L::Mask,
     pub contact: Contact<L>,
 }
 

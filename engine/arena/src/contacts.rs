@@ -14,6 +14,7 @@ use super::place::Place;
 use super::robot::Robot;
 use super::senses::Close;
 use super::swarm::{Bodies, SUBSTEP, SUBSTEPS};
+use super::team::Team;
 
 /// Parts of a tick, each of two substeps of free motion.
 const PARTS: usize = 5;
@@ -48,15 +49,11 @@ pub(super) struct Contacts<L: Lanes> {
     moved: Vec<Moved<L>>,
 }
 
-/// Middles that are further apart at the beginning of a tick do not touch in it, metres.
-pub(super) fn reach(robot: &Robot) -> f32 {
-    2.0 * robot.radius + robot.reach()
-}
-
-/// Lines of walls that are further away at the beginning of a tick matter neither to contacts nor to rays, metres.
-pub(super) fn reach_of_walls(robot: &Robot) -> f32 {
+/// Lines of walls that are further away at the beginning of a tick matter neither to contacts nor to rays, metres. `gap`: how
+/// far robots come in a tick towards each other.
+pub(super) fn reach_of_walls(robot: &Robot, gap: f32) -> f32 {
     let rays = robot.proximity.as_ref().map_or(0.0, |p| p.start + p.range);
-    rays.max(robot.radius + robot.reach() / 2.0)
+    rays.max(robot.radius + gap / 2.0)
 }
 
 impl<L: Lanes> Contacts<L> {
@@ -93,14 +90,14 @@ impl<L: Lanes> Contacts<L> {
         &mut self,
         bodies: &mut Bodies<L>,
         close: &Close,
-        robot: &Robot,
+        team: &Team,
         place: &Place,
     ) {
         self.near.fill(L::Mask::from_bits(0));
-        self.find_pairs(bodies, &close.robots, robot);
-        self.find_walls(bodies, &close.faces, robot, place);
+        self.find_pairs(bodies, &close.robots, team);
+        self.find_walls(bodies, &close.faces, team, place);
         let mut objects = std::mem::take(&mut bodies.objects);
-        objects.find(bodies, robot, place, &mut self.near);
+        objects.find(bodies, team, place, &mut self.near);
         self.involved.clear();
         for index in 0..bodies.len() {
             if self.near[index].any() {
@@ -110,13 +107,13 @@ impl<L: Lanes> Contacts<L> {
                 moved.velocity = [bodies.vx[index], bodies.vy[index]];
             }
         }
-        self.move_freely(bodies, robot);
+        self.move_freely(bodies, team);
         if self.involved.is_empty() && !objects.awake() {
             bodies.objects = objects;
             return;
         }
         for _ in 0..PARTS {
-            self.part(bodies, &mut objects, robot, place);
+            self.part(bodies, &mut objects, team, place);
         }
         bodies.objects = objects;
         for index in &self.involved {
@@ -131,15 +128,15 @@ impl<L: Lanes> Contacts<L> {
 
     /// Finds which robots may touch each other in this tick.
     #[inline(always)]
-    fn find_pairs(&mut self, bodies: &Bodies<L>, pairs: &[[u32; 2]], robot: &Robot) {
+    fn find_pairs(&mut self, bodies: &Bodies<L>, pairs: &[[u32; 2]], team: &Team) {
         let [now, old] = &mut self.pairs;
         std::mem::swap(now, old);
         now.clear();
         let mut at = 0;
-        let reach = number(reach(robot) * reach(robot));
         for pair in pairs {
             let (i, j) = (pair[0] as usize, pair[1] as usize);
-            let close = square(bodies.between(i, j)).lt(reach);
+            let reach = team.pair(i, j).reach;
+            let close = square(bodies.between(i, j)).lt(number(reach * reach));
             self.near[i] = self.near[i].or(close);
             self.near[j] = self.near[j].or(close);
             let mut contact = Contact::none();
@@ -153,6 +150,7 @@ impl<L: Lanes> Contacts<L> {
             }
             now.push(PairContact {
                 robots: *pair,
+                lanes: close,
                 contact,
             });
         }
@@ -160,14 +158,16 @@ impl<L: Lanes> Contacts<L> {
 
     /// Finds which walls a robot may touch in this tick.
     #[inline(always)]
-    fn find_walls(&mut self, bodies: &Bodies<L>, pairs: &[[u32; 2]], robot: &Robot, place: &Place) {
+    fn find_walls(&mut self, bodies: &Bodies<L>, pairs: &[[u32; 2]], team: &Team, place: &Place) {
         let [now, old] = &mut self.walls;
         std::mem::swap(now, old);
         now.clear();
         let (mut first, mut at) = (0, 0);
-        let reach = robot.radius + robot.reach() / 2.0;
+        // Slow robots may be pushed by faster ones.
+        let gap = team.gap();
         for (number_of_pair, [index, face_index]) in pairs.iter().enumerate() {
             let robot = *index as usize;
+            let reach = team.robot(robot).radius + gap / 2.0;
             let face = &place.faces[*face_index as usize];
             let way = to_face(face, bodies.x[robot], bodies.y[robot]);
             let close = square(way).lt(number(reach * reach));
@@ -204,9 +204,9 @@ impl<L: Lanes> Contacts<L> {
 
     /// A tick of robots that touch nothing, at once.
     #[inline(always)]
-    fn move_freely(&mut self, bodies: &mut Bodies<L>, robot: &Robot) {
-        let most = number::<L>(robot.acceleration * SUBSTEP);
+    fn move_freely(&mut self, bodies: &mut Bodies<L>, team: &Team) {
         for index in 0..bodies.len() {
+            let most = number::<L>(team.robot(index).acceleration * SUBSTEP);
             let [ax, ay] = self.aim[index];
             let (vx, vy) = (bodies.vx[index], bodies.vy[index]);
             let (dx, dy) = (ax - vx, ay - vy);
@@ -227,7 +227,7 @@ impl<L: Lanes> Contacts<L> {
     }
 
     #[inline(always)]
-    fn part(&mut self, bodies: &Bodies<L>, objects: &mut Objects<L>, robot: &Robot, place: &Place) {
+    fn part(&mut self, bodies: &Bodies<L>, objects: &mut Objects<L>, team: &Team, place: &Place) {
         let Self {
             aim,
             involved,
@@ -237,6 +237,8 @@ impl<L: Lanes> Contacts<L> {
             moved,
             ..
         } = self;
+        let fastest = team.fastest();
+        let all = L::Mask::from_bits(u64::MAX);
         for index in involved.iter() {
             let index = *index as usize;
             moved[index].before = moved[index].velocity;
@@ -251,10 +253,15 @@ impl<L: Lanes> Contacts<L> {
             let (a, b) = (&moved[i], &moved[j]);
             let way = [b.at[0] - a.at[0], b.at[1] - a.at[1]];
             let speed = [b.before[0] - a.before[0], b.before[1] - a.before[1]];
-            let impulse = contact.begin(way, speed, (2.0 * robot.radius, robot.fastest()));
+            let impulse = contact.begin(
+                way,
+                speed,
+                (team.pair(i, j).limit, fastest),
+                pair_contact.lanes,
+            );
             if contact.active {
-                pull(&mut moved[i], impulse);
-                push(&mut moved[j], impulse);
+                pull(&mut moved[i], impulse, team.lightness(i));
+                push(&mut moved[j], impulse, team.lightness(j));
                 let touches = contact.touches();
                 touched[i] = touched[i].or(touches);
                 touched[j] = touched[j].or(touches);
@@ -264,18 +271,23 @@ impl<L: Lanes> Contacts<L> {
             let i = wall_contact.robot as usize;
             let way = wall_contact.way(moved[i].at);
             let speed = [-moved[i].before[0], -moved[i].before[1]];
-            let impulse = wall_contact
-                .contact
-                .begin(way, speed, (robot.radius, robot.fastest()));
+            let impulse =
+                wall_contact
+                    .contact
+                    .begin(way, speed, (team.robot(i).radius, fastest), all);
             if wall_contact.contact.active {
-                pull(&mut moved[i], impulse);
+                pull(&mut moved[i], impulse, 1.0);
                 touched[i] = touched[i].or(wall_contact.contact.touches());
             }
         }
-        objects.begin(moved, touched, (robot, place));
+        objects.begin(moved, touched, (team, place));
         for index in involved.iter() {
             let index = *index as usize;
-            drive(&mut moved[index], aim[index], robot.acceleration);
+            drive(
+                &mut moved[index],
+                aim[index],
+                team.robot(index).acceleration,
+            );
         }
         objects.rest(false);
         let passes = if objects.any() {
@@ -288,7 +300,7 @@ impl<L: Lanes> Contacts<L> {
                 for index in involved.iter() {
                     let index = *index as usize;
                     if touched[index].any() {
-                        let limit = robot.acceleration * PART;
+                        let limit = team.robot(index).acceleration * PART;
                         drive_on(&mut moved[index], aim[index], limit, touched[index]);
                     }
                 }
@@ -307,12 +319,18 @@ impl<L: Lanes> Contacts<L> {
                 let (u, v) = (moved[i].velocity, moved[j].velocity);
                 let relative = [v[0] - u[0], v[1] - u[1]];
                 let approach = relative[0] * nx + relative[1] * ny;
-                let slip = relative[1] * nx
-                    - relative[0] * ny
-                    - (bodies.spin[i] + bodies.spin[j]) * robot.radius;
-                let impulse = contact.solve(approach, slip, 0.5, robot.friction[0]);
-                pull(&mut moved[i], impulse);
-                push(&mut moved[j], impulse);
+                let pair = team.pair(i, j);
+                let rims = match pair.same {
+                    Some(radius) => (bodies.spin[i] + bodies.spin[j]) * radius,
+                    None => {
+                        bodies.spin[i] * team.robot(i).radius
+                            + bodies.spin[j] * team.robot(j).radius
+                    }
+                };
+                let slip = relative[1] * nx - relative[0] * ny - rims;
+                let impulse = contact.solve(approach, slip, pair.share, pair.friction);
+                pull(&mut moved[i], impulse, team.lightness(i));
+                push(&mut moved[j], impulse, team.lightness(j));
                 let touches = contact.touches();
                 touched[i] = touched[i].or(touches);
                 touched[j] = touched[j].or(touches);
@@ -323,14 +341,14 @@ impl<L: Lanes> Contacts<L> {
                     continue;
                 }
                 let [nx, ny] = contact.normal;
-                let u = moved[i].velocity;
+                let (robot, u) = (team.robot(i), moved[i].velocity);
                 let approach = -(u[0] * nx + u[1] * ny);
                 let slip = u[0] * ny - u[1] * nx - bodies.spin[i] * robot.radius;
                 let impulse = contact.solve(approach, slip, 1.0, robot.friction[1]);
-                pull(&mut moved[i], impulse);
+                pull(&mut moved[i], impulse, 1.0);
                 touched[i] = touched[i].or(contact.touches());
             }
-            objects.solve(moved, touched, &bodies.spin, robot);
+            objects.solve(moved, touched, &bodies.spin, team);
         }
         objects.advance();
         for index in involved.iter() {
@@ -344,15 +362,15 @@ impl<L: Lanes> Contacts<L> {
 }
 
 #[inline(always)]
-fn push<L: Lanes>(moved: &mut Moved<L>, [x, y]: [Number<L>; 2]) {
-    moved.velocity[0] += x;
-    moved.velocity[1] += y;
+fn push<L: Lanes>(moved: &mut Moved<L>, [x, y]: [Number<L>; 2], lightness: f32) {
+    moved.velocity[0] += x * lightness;
+    moved.velocity[1] += y * lightness;
 }
 
 #[inline(always)]
-fn pull<L: Lanes>(moved: &mut Moved<L>, [x, y]: [Number<L>; 2]) {
-    moved.velocity[0] -= x;
-    moved.velocity[1] -= y;
+fn pull<L: Lanes>(moved: &mut Moved<L>, [x, y]: [Number<L>; 2], lightness: f32) {
+    moved.velocity[0] -= x * lightness;
+    moved.velocity[1] -= y * lightness;
 }
 
 /// The drive pulls the velocity to its aim. `velocity` has the impulses of the contacts already: it works against them.
@@ -370,7 +388,7 @@ fn drive<L: Lanes>(moved: &mut Moved<L>, aim: [Number<L>; 2], acceleration: f32)
         vy * PART + wanted[1] * half * SUBSTEP,
     ];
     moved.load = [wanted[0] * whole, wanted[1] * whole];
-    push(moved, moved.load);
+    push(moved, moved.load, 1.0);
 }
 
 /// The drive once more, after contacts, in the lanes that have some: it gives no more than it can in all.
@@ -383,5 +401,9 @@ fn drive_on<L: Lanes>(moved: &mut Moved<L>, aim: [Number<L>; 2], limit: f32, lan
         (wanted[0] * part).select(load[0], lanes),
         (wanted[1] * part).select(load[1], lanes),
     ];
-    push(moved, [moved.load[0] - load[0], moved.load[1] - load[1]]);
+    push(
+        moved,
+        [moved.load[0] - load[0], moved.load[1] - load[1]],
+        1.0,
+    );
 }

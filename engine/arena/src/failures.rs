@@ -1,5 +1,7 @@
 //! Robots that fail in an episode, and links that become worse.
 
+use std::ops::Range;
+
 use serde::Deserialize;
 use serde_json::Value;
 use swarmwright_lanes::{Lanes, Mask, Number, number};
@@ -8,6 +10,7 @@ use swarmwright_simulation::counter::uniform;
 use swarmwright_simulation::parameters::wrong;
 
 use super::settings::{LONGEST, MOST_ROBOTS};
+use super::swarm::Bodies;
 
 /// The stream of random numbers that choose robots.
 const STREAM: u64 = 0x0066_6169_6c75_7265;
@@ -15,12 +18,13 @@ const STREAM: u64 = 0x0066_6169_6c75_7265;
 const MOST_FAILURES: usize = 16;
 
 /// What happens to some robots for a time.
-#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
 pub(super) enum Failure {
     /// They stand.
     Stop {
         share: f64,
+        robots: Option<String>,
         #[serde(default)]
         at: f64,
         until: Option<f64>,
@@ -28,6 +32,7 @@ pub(super) enum Failure {
     /// They drive at this share of what they are told.
     Slow {
         share: f64,
+        robots: Option<String>,
         factor: f32,
         #[serde(default)]
         at: f64,
@@ -36,6 +41,7 @@ pub(super) enum Failure {
     /// All that they sense is 0.
     Blind {
         share: f64,
+        robots: Option<String>,
         #[serde(default)]
         at: f64,
         until: Option<f64>,
@@ -43,6 +49,7 @@ pub(super) enum Failure {
     /// Nobody hears them.
     Mute {
         share: f64,
+        robots: Option<String>,
         #[serde(default)]
         at: f64,
         until: Option<f64>,
@@ -58,15 +65,32 @@ pub(super) enum Failure {
 
 impl Failure {
     /// Share of the robots, and begin and end in seconds.
-    const fn scope(&self) -> (f64, f64, Option<f64>) {
+    fn scope(&self) -> (f64, f64, Option<f64>) {
         match *self {
-            Self::Stop { share, at, until }
+            Self::Stop {
+                share, at, until, ..
+            }
             | Self::Slow {
                 share, at, until, ..
             }
-            | Self::Blind { share, at, until }
-            | Self::Mute { share, at, until } => (share, at, until),
+            | Self::Blind {
+                share, at, until, ..
+            }
+            | Self::Mute {
+                share, at, until, ..
+            } => (share, at, until),
             Self::Loss { at, until, .. } => (1.0, at, until),
+        }
+    }
+
+    /// The kind of robots that it befalls; all where it does not say.
+    pub(super) fn robots(&self) -> Option<&str> {
+        match self {
+            Self::Stop { robots, .. }
+            | Self::Slow { robots, .. }
+            | Self::Blind { robots, .. }
+            | Self::Mute { robots, .. } => robots.as_deref(),
+            Self::Loss { .. } => None,
         }
     }
 
@@ -103,10 +127,10 @@ impl Failure {
     }
 
     /// Which of the robots it befalls: so many that their share is nearest to what it should be, chosen by the seed.
-    fn chosen(&self, index: usize, robots: usize, seed: u64) -> Vec<bool> {
+    fn chosen(&self, index: usize, robots: usize, of: Range<usize>, seed: u64) -> Vec<bool> {
         let (share, ..) = self.scope();
-        let count = (share * robots as f64).round() as usize;
-        let mut order: Vec<(u32, usize)> = (0..robots)
+        let count = (share * of.len() as f64).round() as usize;
+        let mut order: Vec<(u32, usize)> = of
             .map(|robot| {
                 let counter = index as u64 * u64::from(MOST_ROBOTS) + robot as u64;
                 // Of numbers from 0 to 1 the patterns are in their order.
@@ -115,7 +139,7 @@ impl Failure {
             .collect();
         order.sort_unstable();
         let mut chosen = vec![false; robots];
-        for (_, robot) in &order[..count.min(robots)] {
+        for (_, robot) in &order[..count.min(order.len())] {
             chosen[*robot] = true;
         }
         chosen
@@ -169,20 +193,22 @@ impl<L: Lanes> Failing<L> {
     pub(super) fn start(
         &mut self,
         failures: &[Failure],
-        robots: usize,
+        bodies: &Bodies<L>,
         seed: impl Fn(usize) -> u64,
     ) {
         self.befallen.clear();
         for (index, failure) in failures.iter().enumerate() {
+            let robots = bodies.len();
+            let of = bodies.named(failure.robots());
             let mut bits = vec![0_u64; robots];
             for lane in 0..L::WIDTH {
-                let chosen = failure.chosen(index, robots, seed(lane));
+                let chosen = failure.chosen(index, robots, of.clone(), seed(lane));
                 for (bits, chosen) in bits.iter_mut().zip(chosen) {
                     *bits |= u64::from(chosen) << lane;
                 }
             }
             let masks = bits.into_iter().map(L::Mask::from_bits).collect();
-            self.befallen.push((*failure, masks));
+            self.befallen.push((failure.clone(), masks));
         }
     }
 

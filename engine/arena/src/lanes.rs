@@ -38,7 +38,7 @@ impl LaneWorld for ArenaLanes {
 
     fn new(block: &Block<'_>) -> Result<Option<Self>, ParameterError> {
         let mut settings = Settings::read(block.parameters)?;
-        if settings.robots > MOST_IN_LANES {
+        if settings.team.len() > MOST_IN_LANES {
             return Ok(None);
         }
         let mut starts = Vec::with_capacity(block.seeds.len());
@@ -62,16 +62,12 @@ impl LaneWorld for ArenaLanes {
     }
 
     fn room<L: Lanes>(&self, controllers: &LaneController<'_, L>) -> Room<L> {
-        let robots = self.settings.robots;
+        let robots = self.settings.team.len();
         Room {
-            swarm: Swarm::new(
-                robots,
-                &self.settings.robot,
-                &self.settings.mission.place.objects,
-            ),
+            swarm: Swarm::new(&self.settings.team, &self.settings.mission.place.objects),
             tallies: Vec::new(),
             states: vec![L::splat(0.0); robots * controllers.state_length()],
-            actuators: vec![L::splat(0.0); robots * self.settings.robot.actuators()],
+            actuators: vec![L::splat(0.0); robots * self.settings.team.actuators()],
         }
     }
 
@@ -84,7 +80,7 @@ impl LaneWorld for ArenaLanes {
         stop: Option<&AtomicBool>,
         fitness: &mut [f64],
     ) {
-        let Settings { mission, robot, .. } = &self.settings;
+        let Settings { mission, team, .. } = &self.settings;
         let place = &mission.place;
         room.states.fill(L::splat(0.0));
         room.tallies.clear();
@@ -92,7 +88,7 @@ impl LaneWorld for ArenaLanes {
             .extend(mission.metrics.iter().map(|_| Tally::new()));
         let starts = |lane: usize| &self.starts[episodes[lane]];
         room.swarm.start(
-            robot,
+            team,
             place,
             &self.settings.failures,
             |lane| starts(lane).0,
@@ -116,15 +112,15 @@ impl LaneWorld for ArenaLanes {
                 break;
             }
             let state = controllers.state_length();
-            let (sensors, actuators) = (robot.sensors(), robot.actuators());
-            for index in 0..self.settings.robots {
+            let (sensors, actuators) = (team.sensors(), team.actuators());
+            for index in 0..team.len() {
                 controllers.step_slice(
                     &mut room.states[index * state..][..state],
                     &room.swarm.senses.outputs[index * sensors..][..sensors],
                     &mut room.actuators[index * actuators..][..actuators],
                 );
             }
-            room.swarm.step(robot, place, &room.actuators);
+            room.swarm.step(team, place, &room.actuators);
         }
         for (lane, fitness) in fitness.iter_mut().enumerate() {
             *fitness = mission.fitness(|metric| room.tallies[metric].values[lane]);

@@ -33,6 +33,7 @@ mod settings;
 mod slots;
 mod start;
 mod swarm;
+mod team;
 
 use lanes::ArenaLanes;
 use metrics::Tally;
@@ -74,7 +75,7 @@ pub struct Arena {
 impl Arena {
     fn new(settings: Settings) -> Result<Self, ParameterError> {
         let place = &settings.mission.place;
-        let swarm = Swarm::new(settings.robots, &settings.robot, &place.objects);
+        let swarm = Swarm::new(&settings.team, &place.objects);
         let mut arena = Self {
             settings,
             swarm,
@@ -87,10 +88,10 @@ impl Arena {
 
     fn start(&mut self) -> Result<(), ParameterError> {
         let settings = &self.settings;
-        let (mission, robot) = (&settings.mission, &settings.robot);
+        let (mission, team) = (&settings.mission, &settings.team);
         let starts = settings.starts()?;
         self.swarm.start(
-            robot,
+            team,
             &mission.place,
             &settings.failures,
             |_| settings.seed,
@@ -101,7 +102,7 @@ impl Arena {
         self.tallies
             .extend((0..mission.counted).map(|_| Tally::new()));
         self.acting.clear();
-        self.acting.extend(0..settings.robots as u32);
+        self.acting.extend(0..team.len() as u32);
         self.count();
         self.end();
         Ok(())
@@ -143,8 +144,8 @@ fn describe(settings: &Settings) -> Description {
         title: "arena".to_owned(),
         dimensions: 2,
         max_agents: Some(MOST_ROBOTS),
-        sensors: settings.robot.sensors(),
-        actuators: settings.robot.actuators(),
+        sensors: settings.team.sensors(),
+        actuators: settings.team.actuators(),
         metrics: metrics
             .map(|(name, metric)| MetricInfo {
                 name: name.clone().into(),
@@ -174,29 +175,26 @@ impl Simulation for Arena {
     }
 
     fn sensor_names(&self) -> Vec<String> {
-        self.settings.robot.sensor_names()
+        self.settings.team.sensor_names()
     }
 
     fn sensor_units(&self) -> Vec<String> {
-        vec![String::new(); self.settings.robot.sensors()]
+        vec![String::new(); self.settings.team.sensors()]
     }
 
     fn actuator_units(&self) -> Vec<String> {
-        vec![String::new(); self.settings.robot.actuators()]
+        vec![String::new(); self.settings.team.actuators()]
     }
 
     fn actuator_names(&self) -> Vec<String> {
-        self.settings.robot.actuator_names()
+        self.settings.team.actuator_names()
     }
 
     fn reset(&mut self, parameters: &Parameters) -> Result<(), ParameterError> {
         let settings = Settings::read(parameters)?;
         let objects = &settings.mission.place.objects;
-        if settings.robots != self.settings.robots
-            || settings.robot != self.settings.robot
-            || *objects != self.settings.mission.place.objects
-        {
-            self.swarm = Swarm::new(settings.robots, &settings.robot, objects);
+        if settings.team != self.settings.team || *objects != self.settings.mission.place.objects {
+            self.swarm = Swarm::new(&settings.team, objects);
         }
         self.settings = settings;
         self.start()
@@ -220,7 +218,7 @@ impl Simulation for Arena {
         }
         let mission = &self.settings.mission;
         self.swarm
-            .step(&self.settings.robot, &mission.place, actuators);
+            .step(&self.settings.team, &mission.place, actuators);
         self.count();
         self.end();
     }

@@ -4,15 +4,16 @@ use swarmwright_lanes::{Lanes, Mask, Number, number};
 
 use super::functions::{absolute, bearing, exp};
 use super::place::{Light, Place};
-use super::robot::{LightSensors, Robot};
+use super::robot::LightSensors;
 use super::senses::Other;
 use super::swarm::Bodies;
+use super::team::Team;
 
 /// Writes the readings of a robot, without noise.
 #[inline(always)]
 pub(super) fn read<L: Lanes>(
     sensors: &LightSensors,
-    robot: &Robot,
+    (team, range): (&Team, f32),
     place: &Place,
     bodies: &Bodies<L>,
     index: usize,
@@ -39,7 +40,7 @@ pub(super) fn read<L: Lanes>(
         }
         let distance = square.sqrt();
         let at = [bodies.x[index], bodies.y[index]];
-        let hidden = behind_robot(robot, light, [dx, dy], distance, others)
+        let hidden = behind_robot((team, range), light, [dx, dy], distance, others)
             .or(behind_wall(place, light, at[0], at[1]))
             .or(bodies.objects.shade(at, light));
         let seen = seen.and_not(hidden);
@@ -64,21 +65,27 @@ pub(super) fn read<L: Lanes>(
 /// `distance` in the plane.
 #[inline(always)]
 fn behind_robot<L: Lanes>(
-    robot: &Robot,
+    (team, range): (&Team, f32),
     light: &Light,
     way: [Number<L>; 2],
     distance: Number<L>,
     others: &[Other<L>],
 ) -> L::Mask {
     let mut hidden = L::Mask::from_bits(0);
-    // Up to here the line is not above the robots.
-    let below = distance * (robot.height / light.at[2]).min(1.0);
     let inverse = number::<L>(1.0) / distance.at_least(number(f32::MIN_POSITIVE));
     let (ux, uy) = (way[0] * inverse, way[1] * inverse);
-    let radius = number::<L>(robot.radius * robot.radius);
-    let reach = (below + robot.radius).at_most(number(robot.range()));
-    let reach = reach * reach;
+    let mut group = u32::MAX;
+    let (mut below, mut radius, mut reach) = (number(0.0), number(0.0), number(0.0));
     for other in others {
+        if other.group != group {
+            group = other.group;
+            let robot = team.kind(group as usize);
+            // Up to here the line is not above the robots.
+            below = distance * (robot.height / light.at[2]).min(1.0);
+            radius = number(robot.radius * robot.radius);
+            reach = (below + robot.radius).at_most(number(range));
+            reach = reach * reach;
+        }
         let near = other.square.lt(reach);
         if !near.any() {
             continue;

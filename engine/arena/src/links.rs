@@ -8,6 +8,7 @@ use super::robot::{Links, Robot};
 use super::senses::Other;
 use super::slots::Slots;
 use super::swarm::Bodies;
+use super::team::Team;
 
 /// Ticks whose messages count for the attraction.
 const WINDOW: usize = 11;
@@ -62,7 +63,7 @@ impl<L: Lanes> LinkWindow<L> {
     pub(super) fn hear(
         &mut self,
         links: &Links,
-        robot: &Robot,
+        team: &Team,
         place: &Place,
         bodies: &Bodies<L>,
         index: usize,
@@ -72,7 +73,8 @@ impl<L: Lanes> LinkWindow<L> {
     ) {
         let loss = self.loss.unwrap_or(links.loss);
         let lost = L::Int::splat((loss * 65536.0) as i32 - 1);
-        let range = number::<L>(links.range * links.range);
+        let mut group = u32::MAX;
+        let mut range = number::<L>(0.0);
         let mut arrived = Arrived {
             count: number(0.0),
             sum: [number(0.0); 2],
@@ -84,6 +86,10 @@ impl<L: Lanes> LinkWindow<L> {
         let at = [bodies.x[index], bodies.y[index]];
         for k in 0..others.len() {
             let (other, sender) = (&others[k], indices[k] as usize);
+            if other.group != group {
+                group = other.group;
+                range = number(both(links, team.kind(group as usize)));
+            }
             if sender / LINKS != block {
                 block = sender / LINKS;
                 words = keys.links(tick, index, block);
@@ -103,7 +109,7 @@ impl<L: Lanes> LinkWindow<L> {
                 if rest.any() {
                     receive(
                         links,
-                        robot,
+                        team,
                         (place, bodies),
                         at,
                         others,
@@ -117,7 +123,7 @@ impl<L: Lanes> LinkWindow<L> {
         }
         receive(
             links,
-            robot,
+            team,
             (place, bodies),
             at,
             others,
@@ -137,11 +143,22 @@ impl<L: Lanes> LinkWindow<L> {
     }
 }
 
+/// The square of the distance up to which a sender is heard, m^2: the shorter range of both; 0 of those that send nothing.
+#[inline(always)]
+pub(super) fn both(links: &Links, sender: &Robot) -> f32 {
+    let range = match &sender.links {
+        Some(links) => links.range,
+        None => 0.0,
+    };
+    let range = range.min(links.range);
+    range * range
+}
+
 /// Adds the messages that nothing hides.
 #[inline(always)]
 fn receive<L: Lanes>(
     links: &Links,
-    robot: &Robot,
+    team: &Team,
     (place, bodies): (&Place, &Bodies<L>),
     at: [Number<L>; 2],
     others: &[Other<L>],
@@ -153,7 +170,7 @@ fn receive<L: Lanes>(
         // As of all others, so that the sender itself does not stand between.
         let square = way[0] * way[0] + way[1] * way[1];
         let hidden = nothing
-            .or(behind_robot(robot, way, square, others))
+            .or(behind_robot(team, way, square, others))
             .or(behind_wall(place, at, way))
             .or(bodies.objects.hide(at, way));
         let distance = square.sqrt();
@@ -168,14 +185,20 @@ fn receive<L: Lanes>(
 /// Whether a third robot stands between.
 #[inline(always)]
 pub(super) fn behind_robot<L: Lanes>(
-    robot: &Robot,
+    team: &Team,
     [x, y]: [Number<L>; 2],
     square: Number<L>,
     others: &[Other<L>],
 ) -> L::Mask {
     let mut hidden = L::Mask::from_bits(0);
-    let width = square * (robot.radius * robot.radius);
+    let mut group = u32::MAX;
+    let mut width = number(0.0);
     for other in others {
+        if other.group != group {
+            group = other.group;
+            let radius = team.kind(group as usize).radius;
+            width = square * (radius * radius);
+        }
         let cross = x * other.y - y * other.x;
         let dot = x * other.x + y * other.y;
         let between = number(0.0).lt(dot).and(other.square.lt(square));

@@ -8,13 +8,14 @@ use super::random::{Keys, LINKS};
 use super::robot::Robot;
 use super::senses::Other;
 use super::swarm::Bodies;
+use super::team::Team;
 
 /// Writes the mean of the messages that a robot hears in a tick, number by number; 0 where it hears none. Those arrive that
 /// count as heard.
 #[expect(clippy::too_many_arguments, reason = "what a tick consists of")]
 #[inline(always)]
 pub(super) fn hear<L: Lanes>(
-    robot: &Robot,
+    (robot, team): (&Robot, &Team),
     place: &Place,
     bodies: &Bodies<L>,
     index: usize,
@@ -28,11 +29,16 @@ pub(super) fn hear<L: Lanes>(
         return;
     };
     let lost = L::Int::splat((window.loss.unwrap_or(links.loss) * 65536.0) as i32 - 1);
-    let range = number::<L>(links.range * links.range);
+    let mut group = u32::MAX;
+    let mut range = number::<L>(0.0);
     let mut heard = number::<L>(0.0);
     let position = [bodies.x[index], bodies.y[index]];
     for at in 0..others.len() {
         let (other, sender) = (others[at], indices[at] as usize);
+        if other.group != group {
+            group = other.group;
+            range = number(links::both(links, team.kind(group as usize)));
+        }
         let word = keys.links(tick, index, sender / LINKS)[sender % LINKS / 2];
         let half = if sender.is_multiple_of(2) {
             word.and(L::Int::splat(0xFFFF))
@@ -48,7 +54,7 @@ pub(super) fn hear<L: Lanes>(
         }
         let way = [other.x, other.y];
         let arrives = arrives
-            .and_not(links::behind_robot(robot, way, other.square, others))
+            .and_not(links::behind_robot(team, way, other.square, others))
             .and_not(links::behind_wall(place, position, way))
             .and_not(bodies.objects.hide(position, way));
         heard = heard.add_where(number(1.0), arrives);

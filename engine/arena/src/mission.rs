@@ -8,8 +8,8 @@ use serde_json::Value;
 use super::failures::Failure;
 use super::metrics::Metric;
 use super::place::Place;
-use super::robot::Robot;
 use super::start::Start;
+use super::team::Team;
 use swarmwright_simulation::ParameterError;
 use swarmwright_simulation::parameters::wrong;
 
@@ -81,7 +81,7 @@ pub fn missions() -> Vec<MissionInfo> {
             name: built_in.name,
             also: built_in.also.first().copied(),
             title: mission.title,
-            robots: mission.robots,
+            robots: mission.team.len() as u32,
             duration: mission.duration,
             text: built_in.text,
         })
@@ -93,12 +93,10 @@ pub fn missions() -> Vec<MissionInfo> {
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Mission {
     pub title: String,
-    /// Number of robots where the parameter `robots` is left out.
-    pub robots: u32,
+    /// The robots, where the parameters `robots` and `robot` are left out.
+    pub team: Team,
     /// Seconds, where the parameter `duration` is left out.
     pub duration: f64,
-    /// Model of the robots, where the parameter `robot` is left out.
-    pub robot: Robot,
     pub failures: Vec<Failure>,
     pub place: Place,
     pub start: Start,

@@ -4,10 +4,11 @@ use swarmwright_lanes::{Lanes, Mask, Number, number};
 
 use super::functions::absolute;
 use super::place::Place;
-use super::robot::{Proximity, Robot};
+use super::robot::Proximity;
 use super::senses::Other;
 use super::slots::Slots;
 use super::swarm::Bodies;
+use super::team::Team;
 
 /// Robots, or walls, that a lane has in reach at a time; more of them are looked at in several turns.
 const AT_A_TIME: usize = 4;
@@ -41,7 +42,7 @@ impl<L: Lanes> Seen<L> {
 #[inline(always)]
 pub(super) fn read<L: Lanes>(
     sensors: &Proximity,
-    robot: &Robot,
+    team: &Team,
     place: &Place,
     bodies: &Bodies<L>,
     index: usize,
@@ -54,21 +55,29 @@ pub(super) fn read<L: Lanes>(
         readings[index] = number(sensors.range);
     }
     let turn = [bodies.cos[index], bodies.sin[index]];
-    let reach = sensors.start + sensors.range + robot.radius;
     let slots = &mut seen.robots;
-    slots.clear();
-    for other in others {
-        let near = other.square.lt(number(reach * reach));
-        if near.any() {
-            let rest = slots.put([other.x, other.y], near);
-            if rest.any() {
-                to_robots(sensors, robot, turn, slots, readings);
-                slots.clear();
-                slots.put([other.x, other.y], rest);
+    let mut first = 0;
+    // One kind of robots after another.
+    while first < others.len() {
+        let group = others[first].group;
+        let radius = team.kind(group as usize).radius;
+        let reach = sensors.start + sensors.range + radius;
+        slots.clear();
+        while first < others.len() && others[first].group == group {
+            let other = &others[first];
+            first += 1;
+            let near = other.square.lt(number(reach * reach));
+            if near.any() {
+                let rest = slots.put([other.x, other.y], near);
+                if rest.any() {
+                    to_robots(sensors, radius, turn, slots, readings);
+                    slots.clear();
+                    slots.put([other.x, other.y], rest);
+                }
             }
         }
+        to_robots(sensors, radius, turn, slots, readings);
     }
-    to_robots(sensors, robot, turn, slots, readings);
     let (x, y) = (bodies.x[index], bodies.y[index]);
     let reach = number(sensors.start + sensors.range);
     let slots = &mut seen.faces;
@@ -139,13 +148,13 @@ fn shorten<L: Lanes>(
 #[inline(always)]
 fn to_robots<L: Lanes>(
     sensors: &Proximity,
-    robot: &Robot,
+    radius: f32,
     turn: [Number<L>; 2],
     slots: &Slots<L, 2, AT_A_TIME>,
     readings: &mut [Number<L>],
 ) {
     let zero = number(0.0);
-    let radius = number(robot.radius * robot.radius);
+    let radius = number(radius * radius);
     for place in 0..slots.used() {
         let [x, y] = turned(turn, slots.get(place).0);
         for index in 0..sensors.halves() {

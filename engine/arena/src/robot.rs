@@ -101,9 +101,10 @@ impl Robot {
     }
 
     /// How far anything of another robot matters to the sensors, metres from middle to middle.
-    pub(super) fn range(&self) -> f32 {
+    /// `largest`: the radius of the largest robot.
+    pub(super) fn range(&self, largest: f32) -> f32 {
         let proximity = self.proximity.as_ref();
-        let proximity = proximity.map_or(0.0, |p| p.start + p.range + self.radius);
+        let proximity = proximity.map_or(0.0, |p| p.start + p.range + largest);
         self.links
             .as_ref()
             .map_or(0.0, |links| links.range)

@@ -1,11 +1,13 @@
 //! What the arena looks like.
 
+use super::links::both;
 use super::objects::{Form, corners, distance as to_object};
 use super::place::{Face, Place, Shape};
-use super::robot::{LedColor, Robot};
+use super::robot::LedColor;
 use super::settings::Settings;
 use super::start::Pose;
 use super::swarm::Swarm;
+use super::team::Team;
 use swarmwright_simulation::{Body, Light, Patch, Ray, Scene, Style, Wall};
 
 /// With more robots, rays and links are left out: they would hide everything.
@@ -21,7 +23,9 @@ const SAME: f32 = 1e-4;
 
 /// The scene of an episode in the only lane.
 pub(super) fn scene(settings: &Settings, swarm: &Swarm<f32>) -> Scene {
-    let (place, robot) = (&settings.mission.place, &settings.robot);
+    let (place, team) = (&settings.mission.place, &settings.team);
+    // Robots of several kinds have a look by their kind.
+    let several = team.groups().len() > 1;
     let [low, high] = shown(place);
     let shifted = |points: Vec<[f32; 2]>| -> Vec<[f32; 2]> {
         let shift = |[x, y]: [f32; 2]| [x - low[0], y - low[1]];
@@ -34,8 +38,11 @@ pub(super) fn scene(settings: &Settings, swarm: &Swarm<f32>) -> Scene {
         kind: "agent".into(),
         x: swarm.bodies.x[index].0 - low[0],
         y: swarm.bodies.y[index].0 - low[1],
-        radius: robot.radius,
-        state: led(swarm, index).into(),
+        radius: team.robot(index).radius,
+        state: match led(swarm, index) {
+            "" if several => team.groups()[team.group(index)].name.clone().into(),
+            lit => lit.into(),
+        },
         heading: Some(swarm.bodies.heading[index].0 * std::f32::consts::PI),
         ..Body::default()
     });
@@ -56,7 +63,9 @@ pub(super) fn scene(settings: &Settings, swarm: &Swarm<f32>) -> Scene {
         }),
         ..Scene::default()
     };
-    scene.styles.extend(robot.leds.iter().map(|color| Style {
+    let lit = |color: &&LedColor| team.any(|robot| robot.leds.contains(*color));
+    let leds = LedColor::ALL.iter().filter(lit);
+    scene.styles.extend(leds.map(|color| Style {
         kind: "agent".to_owned(),
         state: color.name().to_owned(),
         color: color.shown().to_owned(),
@@ -106,7 +115,7 @@ pub(super) fn scene(settings: &Settings, swarm: &Swarm<f32>) -> Scene {
         intensity: light.intensity,
     }));
     if swarm.bodies.len() <= MOST_IN_DETAIL {
-        look(&mut scene, robot, place, swarm);
+        look(&mut scene, team, place, swarm);
     }
     scene
 }
@@ -168,16 +177,17 @@ fn rim(form: Form, pose: Pose) -> Vec<[f32; 2]> {
 /// Adds what each robot sees with its proximity sensors, without noise, and whom it can hear.
 ///
 /// This is for pictures alone, one robot after the other; what controllers get is computed in lanes elsewhere.
-fn look(scene: &mut Scene, robot: &Robot, place: &Place, swarm: &Swarm<f32>) {
+fn look(scene: &mut Scene, team: &Team, place: &Place, swarm: &Swarm<f32>) {
     let bodies = &swarm.bodies;
     let at = |index: usize| [bodies.x[index].0, bodies.y[index].0];
     for index in 0..bodies.len() {
+        let robot = team.robot(index);
         let others: Vec<([f32; 2], usize)> = swarm
             .neighbours
             .of(index)
             .iter()
             .map(|other| (at(*other as usize), *other as usize))
-            .filter(|(other, _)| distance(at(index), *other) < robot.range())
+            .filter(|(other, _)| distance(at(index), *other) < robot.range(team.radius()))
             .collect();
         if let Some(sensors) = &robot.proximity {
             let [cos, sin] = [bodies.cos[index].0, bodies.sin[index].0];
@@ -185,9 +195,9 @@ fn look(scene: &mut Scene, robot: &Robot, place: &Place, swarm: &Swarm<f32>) {
                 let [x, y] = ray.along;
                 let along = [x * cos - y * sin, x * sin + y * cos];
                 let from = ahead(at(index), along, sensors.start);
-                let robots = others
-                    .iter()
-                    .filter_map(|(other, _)| to_disc(from, along, *other, robot.radius));
+                let robots = others.iter().filter_map(|(other, which)| {
+                    to_disc(from, along, *other, team.robot(*which).radius)
+                });
                 let walls = place.faces.iter();
                 let walls = walls.filter_map(|face| to_wall(from, along, face));
                 let pushed = objects(place, swarm)
@@ -205,13 +215,20 @@ fn look(scene: &mut Scene, robot: &Robot, place: &Place, swarm: &Swarm<f32>) {
                 });
             }
         }
-        let range = robot.links.as_ref().map_or(0.0, |links| links.range);
         for (other, sender) in &others {
+            let heard = robot.links.as_ref();
+            let range = heard.map_or(0.0, |links| both(links, team.robot(*sender)).sqrt());
             let away = distance(at(index), *other);
             let along = [0, 1].map(|axis| (other[axis] - at(index)[axis]) / away);
             let nearer = |found: Option<f32>| found.is_some_and(|found| found < away);
             let hidden = others.iter().any(|(third, number)| {
-                number != sender && nearer(to_disc(at(index), along, *third, robot.radius))
+                number != sender
+                    && nearer(to_disc(
+                        at(index),
+                        along,
+                        *third,
+                        team.robot(*number).radius,
+                    ))
             });
             let inner = place.faces.iter().filter(|face| !face.outer);
             let walls = inner.map(|face| to_wall(at(index), along, face));

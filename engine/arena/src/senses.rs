@@ -9,8 +9,9 @@ use super::neighbours::Neighbours;
 use super::place::Place;
 use super::proximity::Seen;
 use super::random::{Keys, Purpose, halves, noise, uniform};
-use super::robot::{Output, Robot};
+use super::robot::Output;
 use super::swarm::Bodies;
+use super::team::{Group, Team};
 use super::{around, camera, contacts, grey, light, messages, proximity};
 
 /// The way to another robot, along the axes of the arena.
@@ -19,6 +20,8 @@ pub(super) struct Other<L> {
     pub x: Number<L>,
     pub y: Number<L>,
     pub square: Number<L>,
+    /// The group of the team that it is of.
+    pub group: u32,
 }
 
 /// What may touch in the next tick, in any lane.
@@ -42,8 +45,8 @@ pub(super) struct Senses<L: Lanes> {
     indices: Vec<u32>,
     proximity: Vec<Number<L>>,
     light: Vec<Number<L>>,
-    /// Which controllers are told of them, half turns.
-    angles: [Vec<f32>; 2],
+    /// By group: which controllers are told of both, half turns.
+    angles: Vec<[Vec<f32>; 2]>,
     seen: Seen<L>,
     /// By robot: the numbers of its message.
     pub sent: Vec<Number<L>>,
@@ -56,44 +59,56 @@ pub(super) struct Senses<L: Lanes> {
 }
 
 impl<L: Lanes> Senses<L> {
-    pub(super) fn new(robots: usize, robot: &Robot) -> Self {
-        let rays = robot.proximity.as_ref().map_or(&[][..], |p| &p.rays);
-        let lights = robot.light.as_ref().map_or(&[][..], |l| &l.angles);
+    pub(super) fn new(team: &Team) -> Self {
+        let robots = team.len();
+        let angles = |group: &Group| {
+            let rays = group.robot.proximity.as_ref().map_or(&[][..], |p| &p.rays);
+            let lights = group.robot.light.as_ref().map_or(&[][..], |l| &l.angles);
+            [
+                rays.iter().map(|ray| ray.reported).collect(),
+                lights.to_vec(),
+            ]
+        };
+        let angles: Vec<[Vec<f32>; 2]> = team.groups().iter().map(angles).collect();
+        let most = |part: usize| angles.iter().map(|angles| angles[part].len()).max();
         Self {
-            outputs: vec![L::splat(0.0); robots * robot.sensors()],
+            outputs: vec![L::splat(0.0); robots * team.sensors()],
             close: Close::default(),
             ground: GroundWindow::new(robots),
             links: LinkWindow::new(robots),
             others: Vec::new(),
             indices: Vec::new(),
-            proximity: vec![number(0.0); rays.len()],
-            light: vec![number(0.0); lights.len()],
-            angles: [
-                rays.iter().map(|ray| ray.reported).collect(),
-                lights.to_vec(),
-            ],
+            proximity: vec![number(0.0); most(0).unwrap_or(0)],
+            light: vec![number(0.0); most(1).unwrap_or(0)],
+            angles,
             seen: Seen::new(),
-            sent: vec![number(0.0); robots * robot.message],
-            turned: vec![number(0.0); robots * robot.width(Output::Encoders)],
-            shown: if robot.leds.is_empty() && robot.camera.is_none() {
-                Vec::new()
-            } else {
+            sent: vec![number(0.0); robots * team.message()],
+            turned: vec![number(0.0); robots * team.encoders()],
+            shown: if team.any(|robot| !robot.leds.is_empty() || robot.camera.is_some()) {
                 vec![number(0.0); robots]
+            } else {
+                Vec::new()
             },
-            charges: vec![number(0.0); if robot.battery.is_some() { robots } else { 0 }],
+            charges: if team.any(|robot| robot.battery.is_some()) {
+                vec![number(0.0); robots]
+            } else {
+                Vec::new()
+            },
         }
     }
 
     /// Goes to the start of an episode.
     #[inline(always)]
-    pub(super) fn forget(&mut self, robot: &Robot) {
+    pub(super) fn forget(&mut self, team: &Team) {
         self.ground.clear();
         self.links.clear();
         self.sent.fill(number(0.0));
         self.turned.fill(number(0.0));
         self.shown.fill(number(0.0));
-        if let Some(battery) = &robot.battery {
-            self.charges.fill(number(battery.charge));
+        for (index, charge) in self.charges.iter_mut().enumerate() {
+            // Robots without a battery have what they need.
+            let battery = team.robot(index).battery.as_ref();
+            *charge = number(battery.map_or(1.0, |battery| battery.charge));
         }
     }
 
@@ -103,19 +118,21 @@ impl<L: Lanes> Senses<L> {
         &mut self,
         bodies: &Bodies<L>,
         neighbours: &Neighbours,
-        robot: &Robot,
+        team: &Team,
         (place, colors): (&Place, &[Number<L>]),
         keys: Keys<L>,
         tick: u32,
     ) {
-        let width = robot.sensors();
+        let width = team.sensors();
         self.close.robots.clear();
         self.close.faces.clear();
-        let reach = contacts::reach(robot);
-        let reaches = [robot.range().max(reach), reach];
-        let beside = number(contacts::reach_of_walls(robot));
+        let (reach, largest) = (team.reach(), team.radius());
+        let (encoders, gap) = (team.encoders(), team.gap());
         for index in 0..bodies.len() {
-            self.look_around(bodies, neighbours, reaches, index);
+            let (group, robot) = (team.group(index), team.robot(index));
+            let range = robot.range(largest);
+            let beside = number(contacts::reach_of_walls(robot, gap));
+            self.look_around(bodies, (neighbours, team), [range.max(reach), reach], index);
             let first = self.close.faces.len();
             let (x, y) = (bodies.x[index], bodies.y[index]);
             for (face, wall) in place.faces.iter().enumerate() {
@@ -126,32 +143,34 @@ impl<L: Lanes> Senses<L> {
             }
             let faces = &self.close.faces[first..];
             if let Some(sensors) = &robot.proximity {
+                let readings = &mut self.proximity[..sensors.rays.len()];
                 proximity::read(
                     sensors,
-                    robot,
+                    team,
                     place,
                     bodies,
                     index,
                     (&self.others, faces),
                     &mut self.seen,
-                    &mut self.proximity,
+                    readings,
                 );
-                for (block, readings) in self.proximity.chunks_mut(8).enumerate() {
+                for (block, readings) in readings.chunks_mut(8).enumerate() {
                     let words = keys.draw(tick, index, Purpose::Proximity(block as u32));
                     add_noise(readings, sensors.noise, words);
                 }
             }
             if let Some(sensors) = &robot.light {
+                let readings = &mut self.light[..sensors.angles.len()];
                 light::read(
                     sensors,
-                    robot,
+                    (team, range),
                     place,
                     bodies,
                     index,
                     &self.others,
-                    &mut self.light,
+                    readings,
                 );
-                for (block, readings) in self.light.chunks_mut(8).enumerate() {
+                for (block, readings) in readings.chunks_mut(8).enumerate() {
                     let words = keys.draw(tick, index, Purpose::Light(block as u32));
                     add_noise(readings, sensors.noise, words);
                 }
@@ -172,7 +191,7 @@ impl<L: Lanes> Senses<L> {
             if let Some(links) = &robot.links {
                 self.links.hear(
                     links,
-                    robot,
+                    team,
                     place,
                     bodies,
                     index,
@@ -190,16 +209,16 @@ impl<L: Lanes> Senses<L> {
                     Output::Proximity => copy(&self.proximity, numbers),
                     Output::Light => copy(&self.light, numbers),
                     Output::ProximityVector => {
-                        let [x, y] = sum_along(&self.angles[0], &self.proximity);
+                        let [x, y] = sum_along(&self.angles[group][0], &self.proximity);
                         let length = (x * x + y * y).sqrt();
                         let long = number(1.0).lt(length);
                         let factor = (number::<L>(1.0) / length).select(number(1.0), long);
                         copy(&[x * factor, y * factor], numbers);
                     }
                     Output::LightDirection => {
-                        let [x, y] = sum_along(&self.angles[1], &self.light);
+                        let [x, y] = sum_along(&self.angles[group][1], &self.light);
                         let mut seen = L::Mask::from_bits(0);
-                        for reading in &self.light {
+                        for reading in &self.light[..self.angles[group][1].len()] {
                             seen = seen.or(number(0.2).lt(*reading));
                         }
                         let length = (x * x + y * y).sqrt();
@@ -227,7 +246,7 @@ impl<L: Lanes> Senses<L> {
                     Output::Message => {
                         let others = (&self.sent[..], &self.others[..], &self.indices[..]);
                         messages::hear(
-                            robot,
+                            (robot, team),
                             place,
                             bodies,
                             index,
@@ -239,7 +258,7 @@ impl<L: Lanes> Senses<L> {
                     }
                     Output::Encoders => {
                         let draw = keys.draw(tick, index, Purpose::Encoders);
-                        let turned = &self.turned[index * width..][..width];
+                        let turned = &self.turned[index * encoders..][..width];
                         for ((number, turned), word) in numbers.iter_mut().zip(turned).zip(draw) {
                             *number = (*turned + noise(uniform(word), robot.encoder_noise)).0;
                         }
@@ -270,7 +289,7 @@ impl<L: Lanes> Senses<L> {
                             let others = (&self.shown[..], &self.others[..], &self.indices[..]);
                             camera::see(
                                 camera,
-                                robot,
+                                (robot, team),
                                 place,
                                 bodies,
                                 index,
@@ -297,7 +316,7 @@ impl<L: Lanes> Senses<L> {
     fn look_around(
         &mut self,
         bodies: &Bodies<L>,
-        neighbours: &Neighbours,
+        (neighbours, team): (&Neighbours, &Team),
         [range, reach]: [f32; 2],
         index: usize,
     ) {
@@ -310,7 +329,13 @@ impl<L: Lanes> Senses<L> {
             let [x, y] = bodies.between(index, *other as usize);
             let square = x * x + y * y;
             if square.lt(number(range * range)).any() {
-                self.others.push(Other { x, y, square });
+                let group = team.group(*other as usize) as u32;
+                self.others.push(Other {
+                    x,
+                    y,
+                    square,
+                    group,
+                });
                 self.indices.push(*other);
                 if *other as usize > index && square.lt(number(reach * reach)).any() {
                     self.close.robots.push([index as u32, *other]);

@@ -6,8 +6,8 @@ use super::failures::{self, Failure};
 use super::mission::Mission;
 use super::objects;
 use super::random::MOST_TICKS;
-use super::robot::Robot;
 use super::start::{self, Starts};
+use super::team::Team;
 use swarmwright_simulation::parameters::wrong;
 use swarmwright_simulation::{ParameterError, ParameterInfo, ParameterReader, Parameters};
 
@@ -21,8 +21,7 @@ pub(super) const LONGEST: f64 = (MOST_TICKS - 1) as f64 / 10.0;
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Settings {
     pub mission: Mission,
-    pub robot: Robot,
-    pub robots: usize,
+    pub team: Team,
     pub failures: Vec<Failure>,
     /// Ticks of 0.1 s; the first one is the start.
     pub ticks: u32,
@@ -34,25 +33,39 @@ impl Settings {
     pub(super) fn read(parameters: &Parameters) -> Result<Self, ParameterError> {
         let read = ParameterReader::new(parameters);
         let mission = Mission::read(parameters.get("mission"))?;
-        let robots = read
-            .integer("robots", 1, MOST_ROBOTS)?
-            .unwrap_or(mission.robots);
         let duration = read
             .number("duration", 0.1, LONGEST)?
             .unwrap_or(mission.duration);
-        let (mut robot, at) = match parameters.get("robot") {
-            None => (mission.robot.clone(), "mission.robot"),
-            Some(value) => (Robot::read(value, "robot")?, "robot"),
+        let (robots, robot) = (parameters.get("robots"), parameters.get("robot"));
+        let mut team = mission.team.but(robots, robot)?;
+        let at = match (robots, robot) {
+            (Some(Value::Array(_)), _) => "robots",
+            (_, Some(_)) => "robot",
+            _ if mission.team.is_listed() => "mission.robots",
+            _ => "mission.robot",
         };
-        robot.settle(&mission.place, at)?;
+        team.settle(&mission.place, at)?;
         let failures = match parameters.get("failures") {
             None => mission.failures.clone(),
             Some(value) => failures::read(value, "failures")?,
         };
+        let place = match parameters.get("failures") {
+            None => "mission.failures",
+            Some(_) => "failures",
+        };
+        for (index, failure) in failures.iter().enumerate() {
+            if let Some(name) = failure.robots() {
+                team.check(name, &format!("{place}[{index}].robots"))?;
+            }
+        }
+        for (metric, kind) in &mission.metrics {
+            if let Some(name) = kind.robots() {
+                team.check(name, &format!("mission.metrics.{metric}.robots"))?;
+            }
+        }
         Ok(Self {
-            robot,
+            team,
             failures,
-            robots: robots as usize,
             ticks: (duration * 10.0).round() as u32,
             seed: read.seed("seed")?.unwrap_or(0),
             step_size: read.integer("stepSize", 0, 3_600_000)?.unwrap_or(100),
@@ -73,7 +86,7 @@ pub(super) fn with_place(place: &str, error: ParameterError) -> ParameterError {
 impl Settings {
     /// Where robots and objects are at the start.
     pub(super) fn starts(&self) -> Result<Starts, ParameterError> {
-        let (mission, robots) = (&self.mission, self.robots);
+        let (mission, robots) = (&self.mission, self.team.len());
         let place = &mission.place;
         let objects = objects::draw(&place.objects, place, self.seed).map_err(|(kind, found)| {
             wrong(
@@ -88,8 +101,7 @@ impl Settings {
         let forms = place.forms().zip(objects.iter().copied());
         let poses = start::draw(
             &mission.start,
-            robots,
-            &self.robot,
+            &self.team,
             (place, &forms.collect::<Vec<_>>()),
             self.seed,
         );
@@ -118,9 +130,10 @@ pub(super) fn parameters() -> Vec<ParameterInfo> {
         ),
         (
             "robots",
-            "integer",
+            "integer or objects",
             Value::Null,
-            "Number of robots, 1 to 100,000; left out: what the mission says.",
+            "Number of robots, 1 to 100,000, or a list of kinds {robot, count, name} for robots of several models; left out: \
+             what the mission says.",
         ),
         (
             "duration",

@@ -5,7 +5,7 @@ use swarmwright_controllers::functions::{cos_pi, sin_pi};
 use super::contact::to_face;
 use super::objects::{self, Form};
 use super::place::Place;
-use super::robot::Robot;
+use super::team::Team;
 use swarmwright_simulation::counter::uniform;
 
 /// Where a robot stands and looks.
@@ -44,14 +44,13 @@ const STREAM: u64 = 0x0073_7461_7274;
 /// How many robots found a place, if not all did.
 pub(super) fn draw(
     start: &Start,
-    robots: usize,
-    robot: &Robot,
+    team: &Team,
     (place, objects): (&Place, &[(Form, Pose)]),
     seed: u64,
 ) -> Result<Vec<Pose>, usize> {
-    let mut poses: Vec<Pose> = Vec::with_capacity(robots);
-    let mut taken = Taken::new(start, robots, robot);
-    for index in 0..robots as u64 {
+    let mut poses: Vec<Pose> = Vec::with_capacity(team.len());
+    let mut taken = Taken::new(start, team.len(), team.radius());
+    for index in 0..team.len() as u64 {
         let pose = (0..TRIES)
             .map(|attempt| {
                 let number =
@@ -59,7 +58,7 @@ pub(super) fn draw(
                 pose(start, [number(0), number(1), number(2)])
             })
             .find(|pose| {
-                within(pose.at, start) && fits(*pose, &poses, &taken, robot, (place, objects))
+                within(pose.at, start) && fits(*pose, &poses, &taken, team, (place, objects))
             });
         let Some(pose) = pose else {
             return Err(poses.len());
@@ -117,7 +116,7 @@ struct Taken {
 const NONE: u32 = u32::MAX;
 
 impl Taken {
-    fn new(start: &Start, robots: usize, robot: &Robot) -> Self {
+    fn new(start: &Start, robots: usize, radius: f32) -> Self {
         let (low, high) = match (start.disc, start.rectangle) {
             (Some((center, radius)), _) => (
                 center.map(|middle| middle - radius),
@@ -130,7 +129,7 @@ impl Taken {
         let side = (extent[0] * extent[1] / robots as f32)
             .sqrt()
             .max(extent[0].max(extent[1]) / robots as f32)
-            .max(robot.radius * 2.001);
+            .max(radius * 2.001);
         let counts = extent.map(|extent| (extent / side) as usize + 1);
         Self {
             low,
@@ -173,10 +172,12 @@ fn fits(
     pose: Pose,
     others: &[Pose],
     taken: &Taken,
-    robot: &Robot,
+    team: &Team,
     (place, objects): (&Place, &[(Form, Pose)]),
 ) -> bool {
     let [x, y] = pose.at;
+    // The next one.
+    let radius = team.robot(others.len()).radius;
     let apart =
         |way: [f32; 2], distance: f32| way[0] * way[0] + way[1] * way[1] >= distance * distance;
     place.faces.iter().all(|face| {
@@ -185,12 +186,12 @@ fn fits(
             swarmwright_lanes::Number(x),
             swarmwright_lanes::Number(y),
         );
-        apart(way.map(|number| number.0), robot.radius)
+        apart(way.map(|number| number.0), radius)
     }) && taken.around(pose.at).all(|other| {
         let [ox, oy] = others[other as usize].at;
-        apart([ox - x, oy - y], 2.0 * robot.radius)
+        apart([ox - x, oy - y], radius + team.robot(other as usize).radius)
     }) && objects
         .iter()
-        .all(|object| objects::distance(*object, pose.at) >= robot.radius)
+        .all(|object| objects::distance(*object, pose.at) >= radius)
         && place.is_free(pose.at.map(f64::from))
 }

@@ -1,20 +1,23 @@
 //! The robots of as many episodes as there are lanes: where they are, and a tick.
 
+use std::ops::Range;
+
 use swarmwright_controllers::functions::lanes::{cos_pi, sin_pi};
 use swarmwright_lanes::{Int, Lanes, MOST_LANES, Number, number};
 
 use super::battery;
 use super::camera;
-use super::contacts::{self, Contacts};
+use super::contacts::Contacts;
 use super::failures::{Failing, Failure};
 use super::functions::normal;
 use super::neighbours::Neighbours;
 use super::objects::{Kind, Objects};
 use super::place::Place;
 use super::random::{Keys, Purpose, halves, key};
-use super::robot::{Drive, Output, Robot};
+use super::robot::{Drive, Output};
 use super::senses::Senses;
 use super::start::Pose;
+use super::team::Team;
 
 /// Substeps of a tick.
 pub(super) const SUBSTEPS: u32 = 10;
@@ -36,10 +39,13 @@ pub(super) struct Bodies<L: Lanes> {
     /// Rotation, rad/s.
     pub spin: Vec<Number<L>>,
     pub objects: Objects<L>,
+    /// What kinds of robots are called, and which they are.
+    kinds: Vec<(String, Range<usize>)>,
 }
 
 impl<L: Lanes> Bodies<L> {
-    fn new(robots: usize, objects: &[Kind]) -> Self {
+    fn new(team: &Team, objects: &[Kind]) -> Self {
+        let robots = team.len();
         let zeros = || vec![number(0.0); robots];
         Self {
             x: zeros(),
@@ -51,6 +57,7 @@ impl<L: Lanes> Bodies<L> {
             vy: zeros(),
             spin: zeros(),
             objects: Objects::new(objects),
+            kinds: team.named().collect(),
         }
     }
 
@@ -58,6 +65,20 @@ impl<L: Lanes> Bodies<L> {
     #[inline(always)]
     pub(super) fn len(&self) -> usize {
         self.x.len()
+    }
+
+    /// The robots of a kind, or all.
+    #[inline(always)]
+    pub(super) fn named(&self, name: Option<&str>) -> Range<usize> {
+        let Some(name) = name else {
+            return 0..self.len();
+        };
+        for (kind, robots) in &self.kinds {
+            if kind == name {
+                return robots.clone();
+            }
+        }
+        0..0
     }
 
     /// From one robot to another.
@@ -86,11 +107,12 @@ pub(super) struct Swarm<L: Lanes> {
 impl<L: Lanes> Swarm<L> {
     /// Room for robots and objects; [`start`](Self::start) puts them somewhere.
     #[inline(always)]
-    pub(super) fn new(robots: usize, robot: &Robot, objects: &[Kind]) -> Self {
+    pub(super) fn new(team: &Team, objects: &[Kind]) -> Self {
+        let robots = team.len();
         Self {
-            bodies: Bodies::new(robots, objects),
-            neighbours: Neighbours::new::<L>(robots, contacts::reach(robot).max(robot.range())),
-            senses: Senses::new(robots, robot),
+            bodies: Bodies::new(team, objects),
+            neighbours: Neighbours::new::<L>(robots, team.reach().max(team.range())),
+            senses: Senses::new(team),
             contacts: Contacts::new(robots),
             keys: Keys::new(|_| key(0)),
             failing: Failing::new(),
@@ -104,7 +126,7 @@ impl<L: Lanes> Swarm<L> {
     #[inline(always)]
     pub(super) fn start(
         &mut self,
-        robot: &Robot,
+        team: &Team,
         place: &Place,
         failures: &[Failure],
         seed: impl Fn(usize) -> u64,
@@ -112,7 +134,7 @@ impl<L: Lanes> Swarm<L> {
         object: impl FnMut(usize, usize) -> Pose,
     ) {
         self.keys = Keys::new(|lane| key(seed(lane)));
-        self.failing.start(failures, self.bodies.len(), &seed);
+        self.failing.start(failures, &self.bodies, &seed);
         let mut colors = vec![[0.0; MOST_LANES]; place.patches.len()];
         for lane in 0..L::WIDTH {
             for (lanes, color) in colors.iter_mut().zip(place.colors(seed(lane))) {
@@ -143,18 +165,18 @@ impl<L: Lanes> Swarm<L> {
         }
         bodies.objects.start(object);
         self.contacts.forget();
-        self.senses.forget(robot);
-        self.sense(robot, place);
+        self.senses.forget(team);
+        self.sense(team, place);
     }
 
     /// One tick: all drive with these actuators, one robot's after another's, each in -1..=1, then all look.
     #[inline(always)]
-    pub(super) fn step(&mut self, robot: &Robot, place: &Place, actuators: &[L]) {
+    pub(super) fn step(&mut self, team: &Team, place: &Place, actuators: &[L]) {
         self.tick += 1;
         let mut told = std::mem::take(&mut self.told);
-        let rows = (robot.actuators(), robot.drive.actuators().len());
+        let rows = (team.actuators(), team.drive());
         let mut other = self.failing.tell(self.tick, actuators, rows, &mut told);
-        if robot.battery.is_some() {
+        if !self.senses.charges.is_empty() {
             if !other {
                 told.clear();
                 told.extend_from_slice(actuators);
@@ -162,12 +184,12 @@ impl<L: Lanes> Swarm<L> {
             }
             battery::stop(&self.senses.charges, rows.0, &mut told);
         }
-        self.drive(robot, if other { &told } else { actuators });
+        self.drive(team, if other { &told } else { actuators });
         self.contacts
-            .resolve(&mut self.bodies, &self.senses.close, robot, place);
-        if let Some(battery) = &robot.battery {
-            let charges = &mut self.senses.charges;
-            battery::update(battery, place, &self.bodies, &told, rows, charges);
+            .resolve(&mut self.bodies, &self.senses.close, team, place);
+        let charges = &mut self.senses.charges;
+        if !charges.is_empty() {
+            battery::update(team, place, &self.bodies, &told, rows, charges);
         }
         self.told = told;
         let bodies = &mut self.bodies;
@@ -175,16 +197,17 @@ impl<L: Lanes> Swarm<L> {
             bodies.cos[index] = Number(cos_pi(bodies.heading[index].0));
             bodies.sin[index] = Number(sin_pi(bodies.heading[index].0));
         }
-        self.sense(robot, place);
+        self.sense(team, place);
     }
 
     /// What the drives aim at, with their noise; turns the robots.
     #[inline(always)]
-    fn drive(&mut self, robot: &Robot, actuators: &[L]) {
+    fn drive(&mut self, team: &Team, actuators: &[L]) {
         let bodies = &mut self.bodies;
-        let encoders = robot.outputs.contains(&Output::Encoders);
+        let encoders = team.encoders();
         let mut words = [L::Int::splat(0); 4];
-        for (index, row) in actuators.chunks_exact(robot.actuators()).enumerate() {
+        for (index, row) in actuators.chunks_exact(team.actuators()).enumerate() {
+            let robot = team.robot(index);
             if index % 4 == 0 {
                 words = self.keys.draw(self.tick, index / 4, Purpose::Wheels);
             }
@@ -226,11 +249,11 @@ impl<L: Lanes> Swarm<L> {
                     ([speed * cos, speed * sin], spin)
                 }
             };
-            if encoders {
-                let width = robot.width(Output::Encoders);
+            if encoders > 0 {
+                let width = robot.width(Output::Encoders).min(encoders);
                 let factors = [noise[0], noise[1], number(1.0)];
                 for (part, factor) in factors.into_iter().enumerate().take(width) {
-                    self.senses.turned[index * width + part] = Number(row[part]) * factor;
+                    self.senses.turned[index * encoders + part] = Number(row[part]) * factor;
                 }
             }
             if !robot.leds.is_empty() {
@@ -256,7 +279,7 @@ impl<L: Lanes> Swarm<L> {
     }
 
     #[inline(always)]
-    fn sense(&mut self, robot: &Robot, place: &Place) {
+    fn sense(&mut self, team: &Team, place: &Place) {
         self.neighbours.update(&self.bodies);
         let links = &mut self.senses.links;
         links.loss = self.failing.loss(self.tick);
@@ -268,12 +291,12 @@ impl<L: Lanes> Swarm<L> {
         self.senses.update(
             &self.bodies,
             &self.neighbours,
-            robot,
+            team,
             (place, &self.colors),
             self.keys,
             self.tick,
         );
         self.failing
-            .blind(self.tick, robot.sensors(), &mut self.senses.outputs);
+            .blind(self.tick, team.sensors(), &mut self.senses.outputs);
     }
 }

@@ -169,3 +169,50 @@ fn objects_that_robots_push() {
         );
     }
 }
+
+#[test]
+fn robots_of_several_kinds() {
+    let sensors = json!([
+        {"kind": "proximity", "count": 5, "range": 0.2, "noise": 0.05},
+        {"kind": "light", "count": 2},
+        {"kind": "range_and_bearing", "range": 0.7, "loss": 0.2, "gives": ["count", "message"]},
+    ]);
+    let wheels = |speed: f64| json!({"kind": "differential", "wheel_base": 0.1, "max_speed": speed, "noise": 0.05});
+    let kinds = json!([
+        {"name": "large", "count": 4, "robot": {"radius": 0.08, "mass": 1.5, "height": 0.2, "drive": wheels(0.3),
+            "sensors": sensors, "actuators": [{"kind": "message", "numbers": 1}]}},
+        {"name": "small", "count": 7, "robot": {"radius": 0.03, "mass": 0.2, "drive": wheels(0.1),
+            "friction": [0.2, 0.1], "actuators": [{"kind": "message", "numbers": 1}],
+            "sensors": [
+                {"kind": "proximity", "angles": [0, 30, -30], "range": 0.1, "gives": "vector"},
+                {"kind": "range_and_bearing", "range": 0.5, "gives": ["attraction", "message"]},
+                {"kind": "light", "count": 8, "gives": "vector"},
+                {"kind": "encoders", "noise": 0.1},
+            ]}},
+    ]);
+    let objects = json!([{"name": "load", "radius": 0.1, "mass": 0.4, "center": [0, 0]}]);
+    let mission = json!({
+        "walls": {"rectangle": [1.6, 1.2]}, "start": {"rectangle": {"x": [-0.7, 0.7], "y": [-0.5, 0.5]}},
+        "lights": [{"at": [1, 0, 0.3], "intensity": 3}], "objects": objects, "robots": kinds,
+        "floor": {"patches": [{"name": "east", "rectangle": {"x": [0, 2], "y": [-1, 1]}, "color": 0}]},
+        "metrics": {"small": {"kind": "robots_on", "patch": "east", "robots": "small"}},
+        "failures": [{"kind": "slow", "share": 0.5, "factor": 0.3, "robots": "large"}, {"kind": "mute", "share": 0.3}],
+        "fitness": "small",
+    });
+    check(&json!({"mission": mission, "duration": 12}));
+    // One kind shows colours and has a battery, the other one sees colours.
+    let leds = json!([{"kind": "led", "colors": ["red", "blue"]}]);
+    let mut mission = mission;
+    mission["robots"][0]["robot"]["sensors"] = json!([
+        {"kind": "camera", "range": 0.6, "noise": 5, "colors": ["red", "blue"], "gives": ["count", "attraction"]},
+        {"kind": "light", "count": 3},
+    ]);
+    mission["robots"][0]["robot"]["actuators"] = leds.clone();
+    mission["robots"][1]["robot"]["sensors"] = json!([
+        {"kind": "proximity", "count": 8, "range": 0.1}, {"kind": "battery", "noise": 0.01},
+    ]);
+    mission["robots"][1]["robot"]["actuators"] = leds;
+    mission["robots"][1]["robot"]["battery"] =
+        json!({"standing": 10, "driving": 4, "charging": {"patch": "east", "duration": 5}});
+    check(&json!({"mission": mission, "duration": 12}));
+}

@@ -34,8 +34,8 @@ mod objects {
 
     use super::contacts::Moved;
     use super::place::Place;
-    use super::robot::Robot;
     use super::swarm::Bodies;
+    use super::team::Team;
 
     /// As in the library where there is none.
     pub struct Objects<L>(std::marker::PhantomData<L>);
@@ -47,7 +47,7 @@ mod objects {
     }
 
     impl<L: Lanes> Objects<L> {
-        pub fn find(&mut self, _: &Bodies<L>, _: &Robot, _: &Place, _: &mut [L::Mask]) {}
+        pub fn find(&mut self, _: &Bodies<L>, _: &Team, _: &Place, _: &mut [L::Mask]) {}
 
         pub fn any(&self) -> bool {
             false
@@ -57,12 +57,11 @@ mod objects {
             false
         }
 
-        pub fn begin(&mut self, _: &mut [Moved<L>], _: &mut [L::Mask], _: (&Robot, &Place)) {}
+        pub fn begin(&mut self, _: &mut [Moved<L>], _: &mut [L::Mask], _: (&Team, &Place)) {}
 
         pub fn rest(&mut self, _: bool) {}
 
-        pub fn solve(&mut self, _: &mut [Moved<L>], _: &mut [L::Mask], _: &[Number<L>], _: &Robot) {
-        }
+        pub fn solve(&mut self, _: &mut [Moved<L>], _: &mut [L::Mask], _: &[Number<L>], _: &Team) {}
 
         pub fn advance(&mut self) {}
     }
@@ -88,6 +87,50 @@ mod robot {
 
         pub fn fastest(&self) -> f32 {
             0.3
+        }
+    }
+}
+
+mod team {
+    use super::robot::Robot;
+
+    pub struct Pair {
+        pub limit: f32,
+        pub reach: f32,
+        pub share: f32,
+        pub friction: f32,
+        pub same: Option<f32>,
+    }
+
+    /// As in the library, with one kind.
+    pub struct Team(pub Robot);
+
+    impl Team {
+        pub fn robot(&self, _: usize) -> &Robot {
+            &self.0
+        }
+
+        pub fn pair(&self, _: usize, _: usize) -> Pair {
+            let limit = 2.0 * self.0.radius;
+            Pair {
+                limit,
+                reach: limit + self.0.reach(),
+                share: 0.5,
+                friction: self.0.friction[0],
+                same: Some(self.0.radius),
+            }
+        }
+
+        pub fn lightness(&self, _: usize) -> f32 {
+            1.0
+        }
+
+        pub fn gap(&self) -> f32 {
+            self.0.reach()
+        }
+
+        pub fn fastest(&self) -> f32 {
+            self.0.fastest()
         }
     }
 }
@@ -135,12 +178,12 @@ type Run = ([f32; 2], f32, f32, [f32; 2]);
 
 /// Where robots are after 8 s beside a wall at x = 1.226.
 fn driven<L: Lanes>(runs: &[Run]) -> Vec<[f32; 2]> {
-    let robot = robot::Robot {
+    let team = team::Team(robot::Robot {
         radius: 0.035,
         acceleration: 3.75,
         friction: [0.49, 0.07],
         proximity: None,
-    };
+    });
     let wall = place::Face {
         middle: [1.226, 0.0],
         along: [0.0, 1.0],
@@ -168,7 +211,7 @@ fn driven<L: Lanes>(runs: &[Run]) -> Vec<[f32; 2]> {
         *aim = [number(speed * cos), number(speed * sin)];
     }
     for _ in 0..TICKS {
-        contacts.resolve(&mut bodies, &close, &robot, &place);
+        contacts.resolve(&mut bodies, &close, &team, &place);
     }
     let of = |number: swarmwright_lanes::Number<L>| {
         let mut lanes = [0.0; swarmwright_lanes::MOST_LANES];

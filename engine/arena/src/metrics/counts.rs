@@ -1,5 +1,7 @@
 //! Counts of robots in a tick, a vector of lanes at a time.
 
+use std::ops::Range;
+
 use swarmwright_lanes::{Lanes, Mask, Number, number};
 
 use super::super::functions::absolute;
@@ -7,12 +9,17 @@ use super::super::place::{Place, Shape};
 use super::super::swarm::Bodies;
 use super::one_where;
 
-/// Robots on a patch.
+/// Robots on a patch, of those in a range.
 #[inline(always)]
-pub(super) fn on<L: Lanes>(bodies: &Bodies<L>, place: &Place, patch: &str) -> Number<L> {
+pub(super) fn on<L: Lanes>(
+    bodies: &Bodies<L>,
+    place: &Place,
+    patch: &str,
+    robots: Range<usize>,
+) -> Number<L> {
     let mut count = number(0.0);
     if let Some(patch) = place.patch(patch) {
-        for index in 0..bodies.len() {
+        for index in robots {
             let on = patch.shape.holds(bodies.x[index], bodies.y[index]);
             count = count.add_where(number(1.0), on);
         }

@@ -13,6 +13,8 @@ pub(in super::super) enum Metric {
     /// Robots on a patch.
     RobotsOn {
         patch: String,
+        /// The kind of robots that counts; all where it is left out.
+        robots: Option<String>,
         #[serde(default)]
         when: When,
         /// Whether it is divided by the number of robots.
@@ -214,6 +216,14 @@ impl Metric {
         }
     }
 
+    /// The kind of robots that it is about, if it is one.
+    pub(in super::super) fn robots(&self) -> Option<&str> {
+        match self {
+            Self::RobotsOn { robots, .. } => robots.as_deref(),
+            _ => None,
+        }
+    }
+
     /// What is wrong with it in this place.
     pub(in super::super) fn check(&self, place: &Place) -> Result<(), String> {
         for name in self.patches() {
@@ -386,8 +396,14 @@ impl Metric {
         };
         match self {
             Self::RobotsOn {
-                patch, when: at, ..
-            } => format!("Robots on {patch}, {}.", when(at)),
+                patch,
+                robots,
+                when: at,
+                ..
+            } => {
+                let robots = robots.as_deref().unwrap_or("Robots");
+                format!("{robots} on {patch}, {}.", when(at))
+            }
             Self::MostRobotsOn {
                 patches, when: at, ..
             } => format!(

@@ -96,9 +96,16 @@ impl<L: Lanes> Tally<L> {
         last: bool,
     ) {
         match metric {
-            Metric::RobotsOn { patch, when, share } if *when != When::End || last => {
-                let count = counts::on(bodies, place, patch);
-                self.add(count, bodies.len(), *share, *when);
+            Metric::RobotsOn {
+                patch,
+                robots,
+                when,
+                share,
+            } if *when != When::End || last => {
+                let robots = bodies.named(robots.as_deref());
+                let all = robots.len();
+                let count = counts::on(bodies, place, patch, robots);
+                self.add(count, all, *share, *when);
             }
             Metric::MostRobotsOn {
                 patches,
@@ -107,7 +114,7 @@ impl<L: Lanes> Tally<L> {
             } if *when != When::End || last => {
                 let mut most = number(0.0);
                 for patch in patches {
-                    most = counts::on(bodies, place, patch).at_least(most);
+                    most = counts::on(bodies, place, patch, 0..bodies.len()).at_least(most);
                 }
                 self.add(most, bodies.len(), *share, *when);
             }

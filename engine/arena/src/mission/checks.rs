@@ -8,9 +8,9 @@ use super::super::failures;
 use super::super::metrics::{self, Metric};
 use super::super::place::{Face, Light, Patch, Place, Shape};
 use super::super::polygon;
-use super::super::robot::Robot;
-use super::super::settings::{LONGEST, MOST_ROBOTS};
+use super::super::settings::LONGEST;
 use super::super::start::Start;
+use super::super::team::Team;
 use super::Mission;
 use super::text::{Circle, Fitness, Obstacle, PatchText, Rectangle, StartText, Sum, Text, Walls};
 use swarmwright_simulation::ParameterError;
@@ -51,12 +51,6 @@ fn length(place: &str, number: f32) -> Result<(), ParameterError> {
 
 /// Reads what is written.
 pub(super) fn check(text: Text) -> Result<Mission, ParameterError> {
-    if !(1..=MOST_ROBOTS).contains(&text.robots) {
-        return Err(wrong_in(
-            "robots",
-            format!("{} found, expected 1 to {MOST_ROBOTS}", text.robots),
-        ));
-    }
     if !(0.1..=LONGEST).contains(&text.duration) {
         return Err(wrong_in(
             "duration",
@@ -66,7 +60,7 @@ pub(super) fn check(text: Text) -> Result<Mission, ParameterError> {
             ),
         ));
     }
-    let robot = Robot::read(&text.robot, "mission.robot")?;
+    let team = Team::of_mission(text.robots.as_ref(), text.robot.as_ref())?;
     let failures = match &text.failures {
         Some(list) => failures::read(list, "mission.failures")?,
         None => Vec::new(),
@@ -108,9 +102,8 @@ pub(super) fn check(text: Text) -> Result<Mission, ParameterError> {
     }
     Ok(Mission {
         title: text.title.unwrap_or_else(|| "Arena".to_owned()),
-        robots: text.robots,
         duration: text.duration,
-        robot,
+        team,
         failures,
         place,
         start,

@@ -13,12 +13,10 @@ use super::super::robot::LedColor;
 #[serde(deny_unknown_fields)]
 pub(super) struct Text {
     pub title: Option<String>,
-    #[serde(default = "twenty")]
-    pub robots: u32,
+    pub robots: Option<Value>,
     #[serde(default = "two_minutes")]
     pub duration: f64,
-    #[serde(default = "e_puck")]
-    pub robot: Value,
+    pub robot: Option<Value>,
     pub walls: Walls,
     #[serde(default)]
     pub obstacles: Vec<Obstacle>,
@@ -36,16 +34,8 @@ pub(super) struct Text {
     pub fitness: Fitness,
 }
 
-fn twenty() -> u32 {
-    20
-}
-
 fn two_minutes() -> f64 {
     120.0
-}
-
-fn e_puck() -> Value {
-    Value::from("e-puck-rm1.1")
 }
 
 fn wall_height() -> f32 {

@@ -9,8 +9,8 @@ use super::super::contact::{PART, square, to_face};
 use super::super::contacts::Moved;
 use super::super::functions::absolute;
 use super::super::place::{Face, Place};
-use super::super::robot::Robot;
 use super::super::swarm::Bodies;
+use super::super::team::Team;
 use super::{Form, Moving, Object, Objects};
 
 /// Coefficients of friction between objects, and with walls.
@@ -84,7 +84,7 @@ impl<L: Lanes> Objects<L> {
     pub(in super::super) fn find(
         &mut self,
         bodies: &Bodies<L>,
-        robot: &Robot,
+        team: &Team,
         place: &Place,
         near: &mut [L::Mask],
     ) {
@@ -102,8 +102,9 @@ impl<L: Lanes> Objects<L> {
                 at: &mut at,
                 object: index as u32,
             };
-            let reach = object.radius + robot.radius + robot.reach() + WAY;
             for other in 0..bodies.len() {
+                let robot = team.robot(other);
+                let reach = object.radius + robot.radius + team.gap() + WAY;
                 let way = [bodies.x[other] - moving.x, bodies.y[other] - moving.y];
                 let close = square(way).lt(number(reach * reach));
                 if close.any() {
@@ -173,7 +174,7 @@ impl<L: Lanes> Objects<L> {
         &mut self,
         moved: &mut [Moved<L>],
         touched: &mut [L::Mask],
-        (robot, place): (&Robot, &Place),
+        (team, place): (&Team, &Place),
     ) {
         let Self {
             things,
@@ -182,7 +183,7 @@ impl<L: Lanes> Objects<L> {
             ..
         } = self;
         for touch in touches.iter_mut() {
-            let (point, radius, arm) = point(touch.point, things, moving, moved, (robot, place));
+            let (point, radius, arm) = point(touch.point, things, moving, moved, (team, place));
             let gap = match touch.surface {
                 Surface::Object(index) => {
                     let (object, moving) = (&things[index], &moving[index]);
@@ -215,9 +216,9 @@ impl<L: Lanes> Objects<L> {
             let overlap = ((gap.size + SLOP) * (SHARE / PART)).at_least(number(-APART));
             let slack = before + overlap.at_most(number(0.0));
             touch.slack = slack.select(number(f32::MAX), possible);
-            touch.weigh(things, robot);
+            touch.weigh(things, team);
             let impulse = touch.along(touch.pressed, touch.rubbed);
-            touch.push(things, moving, moved, robot, impulse);
+            touch.push(things, moving, moved, team, impulse);
             if let Point::Robot(index) = touch.point {
                 touched[index] = touched[index].or(number(0.0).lt(touch.pressed));
             }
@@ -231,7 +232,7 @@ impl<L: Lanes> Objects<L> {
         moved: &mut [Moved<L>],
         touched: &mut [L::Mask],
         spins: &[Number<L>],
-        robot: &Robot,
+        team: &Team,
     ) {
         let Self {
             things,
@@ -249,6 +250,7 @@ impl<L: Lanes> Objects<L> {
             match touch.point {
                 Point::Robot(index) => {
                     relative = moved[index].velocity;
+                    let robot = team.robot(index);
                     rim = spins[index] * robot.radius;
                     friction = robot.friction[0];
                 }
@@ -276,7 +278,7 @@ impl<L: Lanes> Objects<L> {
             let impulse = touch.along(pressed - touch.pressed, rubbed - touch.rubbed);
             touch.pressed = pressed;
             touch.rubbed = rubbed;
-            touch.push(things, moving, moved, robot, impulse);
+            touch.push(things, moving, moved, team, impulse);
             if let Point::Robot(index) = touch.point {
                 touched[index] = touched[index].or(number(0.0).lt(pressed));
             }
@@ -332,7 +334,7 @@ impl<L: Lanes> List<'_, L> {
 impl<L: Lanes> Touch<L> {
     /// The masses that resist.
     #[inline(always)]
-    fn weigh(&mut self, things: &[Object], robot: &Robot) {
+    fn weigh(&mut self, things: &[Object], team: &Team) {
         let [nx, ny] = self.normal;
         for (axis, along) in [[nx, ny], [-ny, nx]].into_iter().enumerate() {
             let mut inverse = number(0.0);
@@ -341,7 +343,7 @@ impl<L: Lanes> Touch<L> {
                 inverse += turn * turn * things[index].nimble + things[index].light;
             }
             match self.point {
-                Point::Robot(_) => inverse += number(1.0 / robot.mass),
+                Point::Robot(index) => inverse += number(1.0 / team.robot(index).mass),
                 Point::Center(index) | Point::Corner(index, _) => {
                     let turn = cross(self.arms[1], along);
                     inverse += turn * turn * things[index].nimble + things[index].light;
@@ -365,7 +367,7 @@ impl<L: Lanes> Touch<L> {
         things: &[Object],
         moving: &mut [Moving<L>],
         moved: &mut [Moved<L>],
-        robot: &Robot,
+        team: &Team,
         [x, y]: [Number<L>; 2],
     ) {
         if let Surface::Object(index) = self.surface {
@@ -374,8 +376,9 @@ impl<L: Lanes> Touch<L> {
         match self.point {
             Point::Robot(index) => {
                 let velocity = &mut moved[index].velocity;
-                velocity[0] += x * (1.0 / robot.mass);
-                velocity[1] += y * (1.0 / robot.mass);
+                let light = 1.0 / team.robot(index).mass;
+                velocity[0] += x * light;
+                velocity[1] += y * light;
             }
             Point::Center(index) | Point::Corner(index, _) => {
                 moving[index].push(&things[index], self.arms[1], [x, y]);
@@ -423,11 +426,11 @@ fn point<L: Lanes>(
     things: &[Object],
     moving: &[Moving<L>],
     moved: &[Moved<L>],
-    (robot, place): (&Robot, &Place),
+    (team, place): (&Team, &Place),
 ) -> ([Number<L>; 2], f32, [Number<L>; 2]) {
     let none = [number(0.0); 2];
     match point {
-        Point::Robot(index) => (moved[index].at, robot.radius, none),
+        Point::Robot(index) => (moved[index].at, team.robot(index).radius, none),
         Point::Center(index) => {
             let of = &moving[index];
             ([of.x, of.y], things[index].radius, none)

@@ -1,0 +1,455 @@
+//! The robots of a swarm: kinds one after another, each with so many robots. All have the same controller.
+
+use std::ops::Range;
+
+use serde::Deserialize;
+use serde_json::Value;
+
+use super::place::Place;
+use super::robot::{Output, Robot};
+use super::settings::{MOST_ROBOTS, with_place};
+use swarmwright_simulation::ParameterError;
+use swarmwright_simulation::parameters::wrong;
+
+/// Most kinds of robots.
+const MOST_KINDS: usize = 16;
+
+/// Robots of the same model.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Group {
+    /// What it is called in pictures and metrics.
+    pub name: String,
+    pub robot: Robot,
+    pub count: usize,
+}
+
+/// What matters where a robot touches another.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Pair {
+    /// Distance of middles at which they touch, metres.
+    pub limit: f32,
+    /// Middles that are further apart at the beginning of a tick do not touch in it, metres.
+    pub reach: f32,
+    /// Impulse that ends an approach of 1 m/s, for robots with the mass of the first kind.
+    pub share: f32,
+    /// Coefficient of friction.
+    pub friction: f32,
+    /// The radius of both, where it is the same.
+    pub same: Option<f32>,
+}
+
+/// All robots, at least one.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Team {
+    groups: Vec<Group>,
+    /// By robot: its group.
+    of: Vec<u32>,
+    /// By group and group.
+    pairs: Vec<Pair>,
+    /// By group: the change of velocity by an impulse that changes that of a robot of the first kind by 1.
+    lightness: Vec<f32>,
+}
+
+/// A kind of robots as it is written.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Text {
+    name: Option<String>,
+    robot: Value,
+    count: u32,
+}
+
+/// A complaint about a model beside a list of kinds.
+fn both(place: &str) -> ParameterError {
+    let reason = "robots lists kinds with a robot each; leave this out, or say a number of robots";
+    wrong(place, reason)
+}
+
+/// A number of robots.
+fn number(value: &Value, place: &str) -> Result<u32, ParameterError> {
+    let whole = value.as_u64().or_else(|| {
+        value
+            .as_f64()
+            .filter(|n| n.fract() == 0.0)
+            .map(|n| n as u64)
+    });
+    let number = whole.and_then(|number| u32::try_from(number).ok());
+    number
+        .filter(|number| (1..=MOST_ROBOTS).contains(number))
+        .ok_or_else(|| {
+            let reason = format!(
+                "{value} found, expected 1 to {MOST_ROBOTS}, or a list such as [{{robot: e-puck-rm1.1, count: 10}}, ..]"
+            );
+            wrong(place, reason)
+        })
+}
+
+impl Team {
+    /// Robots of the same model.
+    pub(super) fn uniform(robot: Robot, count: u32) -> Self {
+        Self::new(vec![Group {
+            name: String::new(),
+            robot,
+            count: count as usize,
+        }])
+    }
+
+    fn new(groups: Vec<Group>) -> Self {
+        let mut of = Vec::new();
+        for (index, group) in groups.iter().enumerate() {
+            of.extend(std::iter::repeat_n(index as u32, group.count));
+        }
+        let first = groups[0].robot.mass;
+        let lightness: Vec<f32> = groups
+            .iter()
+            .map(|group| first / group.robot.mass)
+            .collect();
+        let gap = groups
+            .iter()
+            .map(|group| group.robot.reach())
+            .fold(0.0, f32::max);
+        let pair = |one: usize, two: usize| {
+            let (a, b) = (&groups[one].robot, &groups[two].robot);
+            let limit = a.radius + b.radius;
+            Pair {
+                limit,
+                reach: limit + gap,
+                share: 1.0 / (lightness[one] + lightness[two]),
+                friction: (a.friction[0] + b.friction[0]) / 2.0,
+                same: (a.radius <= b.radius && b.radius <= a.radius).then_some(a.radius),
+            }
+        };
+        let all = 0..groups.len();
+        let pairs = all
+            .clone()
+            .flat_map(|one| all.clone().map(move |two| (one, two)));
+        let pairs = pairs.map(|(one, two)| pair(one, two)).collect();
+        Self {
+            groups,
+            of,
+            pairs,
+            lightness,
+        }
+    }
+
+    /// The robots of a mission: `robots`, a number or a list of kinds, and `robot`, the model of all.
+    ///
+    /// # Errors
+    /// What is wrong with them.
+    pub(super) fn of_mission(
+        robots: Option<&Value>,
+        robot: Option<&Value>,
+    ) -> Result<Self, ParameterError> {
+        let model = Value::from("e-puck-rm1.1");
+        let one = || Robot::read(robot.unwrap_or(&model), "mission.robot");
+        match robots {
+            None => Ok(Self::uniform(one()?, 20)),
+            Some(Value::Array(items)) => {
+                if robot.is_some() {
+                    return Err(both("mission.robot"));
+                }
+                Self::read(items, "mission.robots")
+            }
+            Some(count) => {
+                let count = number(count, "mission.robots")?;
+                Ok(Self::uniform(one()?, count))
+            }
+        }
+    }
+
+    /// The robots where parameters say others.
+    ///
+    /// # Errors
+    /// What is wrong with the parameters; a number where the robots are of several kinds.
+    pub(super) fn but(
+        &self,
+        robots: Option<&Value>,
+        robot: Option<&Value>,
+    ) -> Result<Self, ParameterError> {
+        if let Some(Value::Array(items)) = robots {
+            if robot.is_some() {
+                return Err(both("robot"));
+            }
+            return Self::read(items, "robots");
+        }
+        let model = robot.map(|robot| Robot::read(robot, "robot")).transpose()?;
+        let count = match robots {
+            None => self.len() as u32,
+            Some(count) => number(count, "robots")?,
+        };
+        match (model, &self.groups[..]) {
+            (Some(model), _) => Ok(Self::uniform(model, count)),
+            (None, [one]) => Ok(Self::uniform(one.robot.clone(), count)),
+            (None, _) if robots.is_none() => Ok(self.clone()),
+            (None, groups) => Err(wrong(
+                "robots",
+                format!(
+                    "{count} found, but the mission has {} kinds of robots; expected a list such as \
+                     [{{robot: {}, count: 10}}, ..], or a robot beside the number",
+                    groups.len(),
+                    groups[0].name
+                ),
+            )),
+        }
+    }
+
+    /// Reads a list of kinds; `place` is what it is called in complaints.
+    ///
+    /// # Errors
+    /// What is wrong with it; kinds with other numbers of sensors or actuators than the first one.
+    pub(super) fn read(items: &[Value], place: &str) -> Result<Self, ParameterError> {
+        if !(1..=MOST_KINDS).contains(&items.len()) {
+            let reason = format!("{} kinds found, expected 1 to {MOST_KINDS}", items.len());
+            return Err(wrong(place, reason));
+        }
+        let mut groups: Vec<Group> = Vec::new();
+        for (index, item) in items.iter().enumerate() {
+            let at = format!("{place}[{index}]");
+            let text: Text = serde_path_to_error::deserialize(item).map_err(|error| {
+                let path = error.path().to_string();
+                let inner = wrong(
+                    if path == "." { "" } else { &path },
+                    error.inner().to_string(),
+                );
+                with_place(&at, inner)
+            })?;
+            if !(1..=MOST_ROBOTS).contains(&text.count) {
+                let reason = format!("{} found, expected 1 to {MOST_ROBOTS}", text.count);
+                return Err(wrong(&format!("{at}.count"), reason));
+            }
+            let robot = Robot::read(&text.robot, &format!("{at}.robot"))?;
+            let name = text.name.unwrap_or_else(|| match &text.robot {
+                Value::String(name) => name.clone(),
+                _ => format!("robot {index}"),
+            });
+            if groups.iter().any(|group| group.name == name) {
+                let reason = format!("another kind is named {name:?}; give each a name of its own");
+                return Err(wrong(&format!("{at}.name"), reason));
+            }
+            groups.push(Group {
+                name,
+                robot,
+                count: text.count as usize,
+            });
+        }
+        let count: usize = groups.iter().map(|group| group.count).sum();
+        if count > MOST_ROBOTS as usize {
+            let reason = format!("{count} robots found, at most {MOST_ROBOTS} are possible");
+            return Err(wrong(place, reason));
+        }
+        let first = &groups[0];
+        for (index, other) in groups.iter().enumerate() {
+            for (what, of) in [
+                ("sensor values", Robot::sensors as fn(&Robot) -> usize),
+                ("actuator values", Robot::actuators),
+                ("values for its drive", |robot: &Robot| {
+                    robot.drive.actuators().len()
+                }),
+                ("numbers of a message", |robot: &Robot| robot.message),
+            ] {
+                let (one, two) = (of(&first.robot), of(&other.robot));
+                if one != two {
+                    return Err(wrong(
+                        &format!("{place}[{index}].robot"),
+                        format!(
+                            "{} has {two} {what}, {} has {one}; all kinds have the same controller and need as many: describe \
+                             robots with the same sensors and actuators",
+                            other.name, first.name
+                        ),
+                    ));
+                }
+            }
+        }
+        Ok(Self::new(groups))
+    }
+
+    /// Number of robots.
+    #[inline(always)]
+    pub(super) fn len(&self) -> usize {
+        self.of.len()
+    }
+
+    pub(super) fn groups(&self) -> &[Group] {
+        &self.groups
+    }
+
+    /// What kinds are called, and which robots they are; all robots are of one kind without a name where there is no list.
+    pub(super) fn named(&self) -> impl Iterator<Item = (String, Range<usize>)> + '_ {
+        let mut first = 0;
+        self.groups.iter().map(move |group| {
+            let robots = first..first + group.count;
+            first = robots.end;
+            (group.name.clone(), robots)
+        })
+    }
+
+    /// Checks that there is a kind with this name.
+    pub(super) fn check(&self, name: &str, place: &str) -> Result<(), ParameterError> {
+        let known: Vec<&str> = self
+            .groups
+            .iter()
+            .map(|group| group.name.as_str())
+            .collect();
+        if known.contains(&name) && !name.is_empty() {
+            return Ok(());
+        }
+        let known = known.join(", ");
+        let known = if known.is_empty() { "none" } else { &known };
+        Err(wrong(
+            place,
+            format!(
+                "no kind of robots is named {name:?}; there is {known}; the list robots names them"
+            ),
+        ))
+    }
+
+    /// The group of a robot.
+    #[inline(always)]
+    pub(super) fn group(&self, index: usize) -> usize {
+        if self.groups.len() == 1 {
+            0
+        } else {
+            self.of[index] as usize
+        }
+    }
+
+    /// What a robot is.
+    #[inline(always)]
+    pub(super) fn robot(&self, index: usize) -> &Robot {
+        &self.groups[self.group(index)].robot
+    }
+
+    /// What a robot of a group is.
+    #[inline(always)]
+    pub(super) fn kind(&self, group: usize) -> &Robot {
+        &self.groups[group].robot
+    }
+
+    fn most(&self, of: impl Fn(&Robot) -> f32) -> f32 {
+        let numbers = self.groups.iter().map(|group| of(&group.robot));
+        numbers.fold(0.0, f32::max)
+    }
+
+    /// The largest radius, metres.
+    pub(super) fn radius(&self) -> f32 {
+        self.most(|robot| robot.radius)
+    }
+
+    /// Middles that are further apart than this at the beginning of a tick do not touch in it, metres.
+    pub(super) fn reach(&self) -> f32 {
+        let reaches = self.pairs.iter().map(|pair| pair.reach);
+        reaches.fold(0.0, f32::max)
+    }
+
+    /// How far robots come towards each other in a tick at most, metres.
+    pub(super) fn gap(&self) -> f32 {
+        self.most(Robot::reach)
+    }
+
+    /// What matters where a robot touches another.
+    #[inline(always)]
+    pub(super) fn pair(&self, one: usize, two: usize) -> Pair {
+        self.pairs[self.group(one) * self.groups.len() + self.group(two)]
+    }
+
+    /// No two robots approach each other faster, m/s.
+    pub(super) fn fastest(&self) -> f32 {
+        self.most(Robot::fastest)
+    }
+
+    /// How far anything of another robot matters to the sensors of any, metres from middle to middle.
+    pub(super) fn range(&self) -> f32 {
+        let largest = self.radius();
+        self.most(|robot| robot.range(largest))
+    }
+
+    /// The change of its velocity by an impulse that changes that of a robot of the first kind by 1.
+    #[inline(always)]
+    pub(super) fn lightness(&self, index: usize) -> f32 {
+        self.lightness[self.group(index)]
+    }
+
+    /// Numbers that controllers get.
+    pub(super) fn sensors(&self) -> usize {
+        self.groups[0].robot.sensors()
+    }
+
+    /// Numbers that controllers give.
+    pub(super) fn actuators(&self) -> usize {
+        self.groups[0].robot.actuators()
+    }
+
+    /// Those of them that are for the drive.
+    pub(super) fn drive(&self) -> usize {
+        self.groups[0].robot.drive.actuators().len()
+    }
+
+    /// Whether any kind is such.
+    pub(super) fn any(&self, is: impl Fn(&Robot) -> bool) -> bool {
+        self.groups.iter().any(|group| is(&group.robot))
+    }
+
+    /// Whether they come from a list of kinds.
+    pub(super) fn is_listed(&self) -> bool {
+        self.groups.iter().any(|group| !group.name.is_empty())
+    }
+
+    /// Finds what the robots name in a mission; `at` is what they are called in complaints.
+    ///
+    /// # Errors
+    /// The mission lacks something.
+    pub(super) fn settle(&mut self, place: &Place, at: &str) -> Result<(), ParameterError> {
+        let listed = self.is_listed();
+        for (index, group) in self.groups.iter_mut().enumerate() {
+            let robot = if listed {
+                format!("{at}[{index}].robot")
+            } else {
+                at.to_owned()
+            };
+            group.robot.settle(place, &robot)?;
+        }
+        Ok(())
+    }
+
+    /// Numbers of a message.
+    pub(super) fn message(&self) -> usize {
+        self.groups[0].robot.message
+    }
+
+    /// Largest number of encoders.
+    pub(super) fn encoders(&self) -> usize {
+        let encoders = |group: &Group| {
+            let some = group.robot.outputs.contains(&Output::Encoders);
+            if some {
+                group.robot.width(Output::Encoders)
+            } else {
+                0
+            }
+        };
+        self.groups.iter().map(encoders).max().unwrap_or(0)
+    }
+
+    /// What controllers get, number by number; where kinds differ, all their names.
+    pub(super) fn sensor_names(&self) -> Vec<String> {
+        self.names(Robot::sensor_names)
+    }
+
+    /// What controllers give, in the same way.
+    pub(super) fn actuator_names(&self) -> Vec<String> {
+        self.names(Robot::actuator_names)
+    }
+
+    fn names(&self, of: impl Fn(&Robot) -> Vec<String>) -> Vec<String> {
+        let mut names: Vec<Vec<String>> = Vec::new();
+        for group in &self.groups {
+            for (index, name) in of(&group.robot).into_iter().enumerate() {
+                match names.get_mut(index) {
+                    None => names.push(vec![name]),
+                    Some(known) if !known.contains(&name) => known.push(name),
+                    Some(_) => {}
+                }
+            }
+        }
+        names.into_iter().map(|same| same.join(" or ")).collect()
+    }
+}
