@@ -518,7 +518,7 @@ class BrokenRobots(Broken, SoundRobots):
     """Computes machines and trees of modules in another way."""
 
     breaks: ClassVar = {"S9.16", "S9.17"}
-    rules: ClassVar = OFFLOADED
+    rules: ClassVar = "S1.1,S2.3,S3.2,S9.1,S9.3,S9.15,S9.16,S9.17"
 
     def rollout(self, specification: str, parameters: Json) -> World:
         world = self.make(parameters)
