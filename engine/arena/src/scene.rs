@@ -8,6 +8,7 @@ use super::settings::Settings;
 use super::start::Pose;
 use super::swarm::Swarm;
 use super::team::Team;
+use swarmwright_lanes::Mask;
 use swarmwright_simulation::{Body, Light, Patch, Ray, Scene, Style, Wall};
 
 /// With more robots, rays and links are left out: they would hide everything.
@@ -174,6 +175,13 @@ fn rim(form: Form, pose: Pose) -> Vec<[f32; 2]> {
     }
 }
 
+/// Whether nothing that a robot sends arrives now: it is mute, or all messages are lost.
+fn silent(swarm: &Swarm<f32>, sender: usize) -> bool {
+    let links = &swarm.senses.links;
+    let mute = links.mute.get(sender).is_some_and(|mute| mute.any());
+    mute || links.loss.is_some_and(|loss| loss >= 1.0)
+}
+
 /// Adds what each robot sees with its proximity sensors, without noise, and whom it can hear.
 ///
 /// This is for pictures alone, one robot after the other; what controllers get is computed in lanes elsewhere.
@@ -187,7 +195,10 @@ fn look(scene: &mut Scene, team: &Team, place: &Place, swarm: &Swarm<f32>) {
             .of(index)
             .iter()
             .map(|other| (at(*other as usize), *other as usize))
-            .filter(|(other, _)| distance(at(index), *other) < robot.range(team.radius()))
+            // Where all are near to all, a robot is among its neighbours.
+            .filter(|(other, number)| {
+                *number != index && distance(at(index), *other) < robot.range(team.radius())
+            })
             .collect();
         if let Some(sensors) = &robot.proximity {
             let [cos, sin] = [bodies.cos[index].0, bodies.sin[index].0];
@@ -216,6 +227,9 @@ fn look(scene: &mut Scene, team: &Team, place: &Place, swarm: &Swarm<f32>) {
             }
         }
         for (other, sender) in &others {
+            if silent(swarm, *sender) {
+                continue;
+            }
             let heard = robot.links.as_ref();
             let range = heard.map_or(0.0, |links| both(links, team.robot(*sender)).sqrt());
             let away = distance(at(index), *other);

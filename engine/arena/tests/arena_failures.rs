@@ -128,9 +128,14 @@ fn mute_robots_are_not_heard_and_lost_messages_do_not_arrive() {
     let mut heard: Vec<[f32; 2]> = sensed(&two).iter().map(|n| [n[2], n[3]]).collect();
     heard.sort_by(|a, b| a[0].total_cmp(&b[0]));
     assert_eq!(heard, [[0.0, 0.0], [1.0, 1.0]]);
+    let links = two.scene().unwrap().links;
+    assert_eq!(links.len(), 1, "the mute one hears the other");
+    assert_eq!(sensed(&two)[links[0][1] as usize][2..], [1.0, 1.0]);
     let mut all = arena(&json!([{"kind": "loss", "loss": 1, "at": 0.2}]), 2, 5);
     for heard in [1.0, 1.0, 0.0, 0.0] {
         assert!(sensed(&all).iter().all(|numbers| numbers[2] == heard));
+        let links = all.scene().unwrap().links.len();
+        assert_eq!(links, if heard > 0.0 { 2 } else { 0 });
         turns(&mut all);
     }
 }
