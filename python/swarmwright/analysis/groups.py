@@ -1,7 +1,7 @@
 """Grouping of runs whose experiments differ only in the seed."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,8 +25,10 @@ class RunGroup:
     runs: tuple[Run, ...]
 
 
-def group(runs: Sequence[Run]) -> tuple[list[RunGroup], list[str]]:
+def group(runs: Sequence[Run], *, besides: Collection[str] = ()) -> tuple[list[RunGroup], list[str]]:
     """Group runs by what differs between their experiments, in the order in which they were given.
+
+    besides: keys in which runs of a group may differ as well, such as parameters.seed.
 
     A run that is given twice, or was made again with the same experiment and seed, counts once: it is not a
     second sample.
@@ -35,7 +37,9 @@ def group(runs: Sequence[Run]) -> tuple[list[RunGroup], list[str]]:
         The groups, and notes on what was left out.
     """
     kept, notes = _once(runs)
-    flattened = [flattened_of(run) for run in kept]
+    flattened = [
+        {key: value for key, value in flattened_of(run).items() if key not in besides} for run in kept
+    ]
     keys = distinguishing(flattened)
     found: dict[str, tuple[dict[str, Any], list[Run]]] = {}
     for run, values in zip(kept, flattened, strict=True):

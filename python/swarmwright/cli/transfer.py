@@ -42,6 +42,13 @@ from swarmwright.cli._server_output import server_output_option
     "LOW to HIGH, another model for each seed (pseudo-reality). May be repeated.",
 )
 @click.option(
+    "--pseudo-reality",
+    "pseudo_reality",
+    is_flag=True,
+    help="Vary the noise of the arena's e-pucks, around that of the reference model: drive 0..0.15, "
+    "proximity and ground 0..0.1, light 0..0.9, loss of messages 0.8..0.95.",
+)
+@click.option(
     "--candidates",
     type=WholeNumber(min=1, max=100_000),
     metavar="K",
@@ -98,6 +105,7 @@ def command(
     runs: tuple[Path, ...],
     targets: tuple[str, ...],
     vary: tuple[str, ...],
+    pseudo_reality: bool,
     candidates: int,
     random: int,
     seeds: int,
@@ -114,15 +122,15 @@ def command(
     (Mann-Whitney, with the effect's size).
     """
     from swarmwright import transfer
+    from swarmwright.analysis.transfer.ranges import Range
     from swarmwright.analysis.transfer.result import check_table
-    from swarmwright.analysis.transfer.targets import Range
     from swarmwright.cli._comparison import run_folders
     from swarmwright.figures import style
 
     output = Output(as_json=as_json)
     show_warnings()
     names = [name.strip() for text in targets for name in text.split(",") if name.strip()]
-    if not names and not vary:
+    if not names and not vary and not pseudo_reality:
         raise click.UsageError(
             "nothing to transfer to: name simulations with --to, or parameters with --vary KEY=LOW..HIGH."
         )
@@ -134,6 +142,7 @@ def command(
         run_folders(runs),
         names,
         vary=[Range.parse(text) for text in vary],
+        pseudo_reality=pseudo_reality,
         candidates=candidates,
         random=random,
         seeds=seeds,

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 _CANDIDATES = 15
 """Most candidates of a run that are printed; the plain values and the table of episodes have all."""
+_PAIRS = 15
+"""Most pairs of designs that are printed; the plain values have all."""
 
 
 def table(transfer: "Transfer") -> str:
@@ -82,13 +84,15 @@ def _designs(transfer: "Transfer") -> Iterator[str]:
         yield "Medians of the runs' best:"
         yield from columns(rows)
         rows = [["design", "against", "A12 of the loss", "effect", "difference", "p (Holm)"]]
-        for pair in transfer.pairs:
-            if pair.first.target == target:
-                found = pair.difference
-                row = [pair.first.label, pair.second.label, f"{found.effect:.2f}", found.magnitude]
-                rows.append([*row, number(found.shift), p_value(pair.p_holm)])
+        pairs = [pair for pair in transfer.pairs if pair.first.target == target]
+        for pair in sorted(pairs, key=lambda one: one.difference.p)[:_PAIRS]:
+            found = pair.difference
+            row = [pair.first.label, pair.second.label, f"{found.effect:.2f}", found.magnitude]
+            rows.append([*row, number(found.shift), p_value(pair.p_holm)])
         yield ""
         yield from columns(rows)
+        if len(pairs) > _PAIRS:
+            yield f"and {len(pairs) - _PAIRS} pairs with larger p; --json has all"
 
 
 def _interval(estimate: "Estimate") -> str:

@@ -1,17 +1,14 @@
 """Where candidates are transferred to: another simulation, or models sampled around the run's own."""
 
-import math
-import re
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from swarmwright.analysis.transfer.ranges import PRESETS, Range
 from swarmwright.core.errors import InputError
 from swarmwright.core.random_numbers import Stream
 from swarmwright.core.yaml import dotted_path, read
 from swarmwright.experiment.experiment import ELSEWHERE, Experiment
-from swarmwright.experiment.settings import key_path
 from swarmwright.simulations import catalogue
 
 CHANGED = ELSEWHERE - {"validate"} | {"simulation", "parameters", "sensors", "actuators", "fitness"}
@@ -57,81 +54,6 @@ class OtherSimulation:
 
 
 @dataclass(frozen=True)
-class Range:
-    """The values that a key of the experiment has in sampled models, all equally likely.
-
-    low, high: included; whole numbers where both are.
-    """
-
-    path: tuple[str, ...]
-    low: float
-    high: float
-
-    @classmethod
-    def parse(cls, text: str) -> "Range":
-        """Read `parameters.speedDefenders=0.4..0.8`. Raises InputError."""
-        try:
-            path, rest = key_path(text)
-            return cls(path, *_ends(rest)).checked()
-        except InputError as error:
-            raise InputError(f"--vary {text}: {error}") from None
-
-    @classmethod
-    def of(cls, key: str, values: Sequence[float]) -> "Range":
-        """Return the range of a key, `parameters.speedDefenders`. Raises InputError."""
-        try:
-            path, rest = key_path(f"{key}=")
-            if rest or len(values) != 2:
-                raise InputError("expected a key and the lowest and highest value")
-            return cls(path, *values).checked()
-        except InputError as error:
-            raise InputError(f"vary: {key}: {error}") from None
-
-    def checked(self) -> "Range":
-        """Return it; raises InputError when it is none."""
-        if self.path[0] != "parameters":
-            raise InputError(f"{self.path[0]}: only parameters of the simulation can be varied")
-        if self.path == ("parameters", "seed"):
-            raise InputError("parameters.seed: every episode has a seed of its own anyway")
-        if not self.low <= self.high:
-            raise InputError(f"from {self.low:g} to {self.high:g}: the first is greater than the second")
-        return self
-
-    def at(self, share: float) -> float:
-        """Return the value at a share, 0 to below 1, of the range."""
-        if isinstance(self.low, int) and isinstance(self.high, int):
-            return self.low + int(share * (self.high - self.low + 1))
-        return self.low + share * (self.high - self.low)
-
-
-_HINT = "write KEY=LOW..HIGH, such as parameters.speedDefenders=0.4..0.8"
-
-
-def _ends(text: str) -> tuple[float, float]:
-    """Read `0.4..0.8`; in `.5...7` the third point belongs to the second number."""
-    places = [found.start() for found in re.finditer(r"(?=\.\.)", text)]
-    pairs = [(text[:at].strip(), text[at + 2 :].strip()) for at in places]
-    if not pairs:
-        raise InputError(_HINT)
-    for low, high in pairs:
-        first, last = _number(low), _number(high)
-        if first is not None and last is not None:
-            return first, last
-    wrong = next(one for one in pairs[0] if _number(one) is None)
-    raise InputError(f"{wrong!r} is not a number; {_HINT}")
-
-
-def _number(text: str) -> float | None:
-    """Return a whole number as one; None for text that is no finite number."""
-    try:
-        return int(text)
-    except ValueError:
-        with suppress(ValueError):
-            return number if math.isfinite(number := float(text)) else None
-    return None
-
-
-@dataclass(frozen=True)
 class PseudoReality:
     """Models of the run's own simulation, sampled around its parameters, one for each episode.
 
@@ -157,23 +79,28 @@ class PseudoReality:
             for one, share in zip(self.ranges, shares, strict=True)
         ]
         try:
-            return experiment.with_settings(settings)
+            return self._with_preset(experiment).with_settings(settings)
         except InputError as error:
             raise InputError(str(error).replace("--set ", f"{self.name}, model {model}: ")) from error
+
+    def _with_preset(self, experiment: Experiment) -> Experiment:
+        """Return the experiment with a robot whose parts vary as a mapping of its preset."""
+        robot = experiment.parameters.get("robot", PRESETS[0])
+        varies = any(one.path[1] == "robot" and len(one.path) > 2 for one in self.ranges)
+        if not (varies and experiment.simulation == "arena" and isinstance(robot, str)):
+            return experiment
+        return experiment.replace(parameters={"robot": {"preset": robot}})
 
 
 Target = OtherSimulation | PseudoReality
 
 
-def targets_of(
-    to: Iterable[str], vary: Mapping[str, Sequence[float]] | Iterable[Range], seed: int
-) -> list[Target]:
+def targets_of(to: Iterable[str], ranges: Sequence[Range], seed: int = 0) -> list[Target]:
     """Return what candidates are transferred to. Raises InputError for nothing, or the same one twice."""
     names = list(to)
     doubled = next((name for name in names if names.count(name) > 1), None)
     if doubled is not None:
         raise InputError(f"to: {doubled} is named twice")
-    ranges = [Range.of(*one) for one in vary.items()] if isinstance(vary, Mapping) else list(vary)
     found: list[Target] = [OtherSimulation(name) for name in names]
     if ranges:
         found.append(PseudoReality(tuple(ranges), seed))

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.analysis.groups import RunGroup, group
+from swarmwright.analysis.transfer.ranges import E_PUCKS, Range, ranges_of, require_e_pucks
 from swarmwright.analysis.transfer.result import Candidate, Transfer, Transferred
-from swarmwright.analysis.transfer.targets import Range, Target, targets_of
+from swarmwright.analysis.transfer.targets import Target, targets_of
 from swarmwright.core.errors import InputError, RunError
 from swarmwright.core.random_numbers import Streams
 from swarmwright.evaluation.base import Progress, Servers
@@ -34,6 +35,7 @@ def transfer(
     to: Sequence[str] = (),
     *,
     vary: Mapping[str, Sequence[float]] | Sequence[Range] = (),
+    pseudo_reality: bool = False,
     candidates: int = CANDIDATES,
     random: int = 0,
     seeds: int = SEEDS,
@@ -53,6 +55,8 @@ def transfer(
             (.yaml) with the keys of the experiment that differ, such as simulation, parameters and servers.
         vary: key of a parameter -> its lowest and highest value, both included; whole numbers where both
             are: {"parameters.speedDefenders": (0.4, 0.8)}. Every episode has a model of its own.
+        pseudo_reality: vary the noise of the arena's e-pucks as well, in ranges around the reference model's:
+            drive 0 to 0.15, proximity and ground 0 to 0.1, light 0 to 0.9, loss of messages 0.8 to 0.95.
         candidates: how many of the best ones with different controllers, of each run.
         random: how many random controllers beside them.
         seeds: how many episodes, with held-out seeds, the same for all candidates and runs.
@@ -72,9 +76,14 @@ def transfer(
     for name, number, least in (("candidates", candidates, 1), ("random", random, 0), ("seeds", seeds, 2)):
         if number < least:
             raise InputError(f"{name}: must be at least {least}, not {number}")
-    groups, notes = group(opened)
+    groups, notes = group(opened, besides={"parameters.seed"})
     kept = [run for one in groups for run in one.runs]
-    targets = targets_of(to, vary, 0)
+    ranges = ranges_of(vary)
+    if pseudo_reality:
+        for run in kept:
+            require_e_pucks(run.experiment)
+        ranges = [*E_PUCKS, *ranges]
+    targets = targets_of(to, ranges)
     used = set[int]().union(*(run.store.used_seeds() for run in kept))
     first = min(run.experiment.first_seed for run in kept)
     episodes = unseen_seeds(first, used if seed is None else set(), seeds, seed)

@@ -1,13 +1,15 @@
 """What candidates are transferred to."""
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmwright import Experiment, InputError
-from swarmwright.analysis.transfer.targets import OtherSimulation, PseudoReality, Range, targets_of
+from swarmwright.analysis.transfer.ranges import E_PUCKS, Range, ranges_of, require_e_pucks
+from swarmwright.analysis.transfer.targets import OtherSimulation, PseudoReality, targets_of
 
 EXPERIMENT = Experiment.from_mapping(
     {"simulation": "minisim", "parameters": {"speedDefenders": 0.5}, "servers": "local"}
@@ -114,12 +116,32 @@ def test_mistakes_in_a_file_have_its_lines(tmp_path: Path) -> None:
 
 
 def test_there_is_something_to_transfer_to_and_only_once() -> None:
-    assert [one.name for one in targets_of(["a", "b"], {"parameters.x": (0, 1)}, 0)] == [
-        "a", "b", "pseudo-reality",
-    ]  # fmt: skip
+    ranges = ranges_of({"parameters.x": (0, 1)})
+    assert [one.name for one in targets_of(["a", "b"], ranges)] == ["a", "b", "pseudo-reality"]
     with pytest.raises(InputError, match="nothing to transfer to"):
-        targets_of([], {}, 0)
+        targets_of([], [])
     with pytest.raises(InputError, match="a is named twice"):
-        targets_of(["a", "b", "a"], {}, 0)
+        targets_of(["a", "b", "a"], [])
     with pytest.raises(InputError, match=r"vary: parameters\.x: expected a key and the lowest and highest"):
-        targets_of([], {"parameters.x": (0, 1, 2)}, 0)
+        ranges_of({"parameters.x": (0, 1, 2)})
+
+
+def test_e_pucks_get_other_noise() -> None:
+    def swarm(robot: Any) -> Experiment:
+        return Experiment.from_mapping({"simulation": "arena", "parameters": {"robot": robot}})
+
+    require_e_pucks(swarm("e-puck-rm1.2"))
+    models = PseudoReality(E_PUCKS).experiments(swarm("e-puck-rm1.2"), 20)
+    robots = [one.parameters["robot"] for one in models]
+    assert {robot["preset"] for robot in robots} == {"e-puck-rm1.2"}
+    noise = [robot["sensors"]["light"]["noise"] for robot in robots]
+    assert len(set(noise)) == 20
+    assert 0 <= min(noise) < 0.3 < 0.6 < max(noise) <= 0.9
+    other = swarm({"preset": "e-puck-rm1.1", "radius": 0.04})
+    (robot,) = [one.parameters["robot"] for one in PseudoReality(E_PUCKS).experiments(other, 1)]
+    assert (robot["radius"], robot["preset"]) == (0.04, "e-puck-rm1.1")
+    for robot in ("kilobot", {"preset": "foot-bot"}):
+        with pytest.raises(InputError, match="ranges are known of the arena's e-puck"):
+            require_e_pucks(swarm(robot))
+    with pytest.raises(InputError, match="ranges are known"):
+        require_e_pucks(EXPERIMENT)

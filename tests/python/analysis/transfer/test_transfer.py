@@ -88,6 +88,13 @@ def test_designs_are_compared(runs: list[Run]) -> None:
         assert word in text
 
 
+def test_runs_of_a_design_may_have_other_seeds_of_episodes(runs: list[Run], tmp_path: Path) -> None:
+    experiment = runs[0].experiment.replace(seed=5, parameters={"seed": 77})
+    other = optimize(experiment, out=tmp_path / "other")
+    found = transfer([*runs[:2], other], vary=FASTER, candidates=1, seeds=2)
+    assert [len(one.runs) for one in found.groups] == [3]
+
+
 def test_one_run_shows_its_candidates_and_their_order(runs: list[Run], tmp_path: Path) -> None:
     found = transfer(runs[:1], vary=FASTER, candidates=6, random=12, seeds=4)
     lines = str(found).splitlines()

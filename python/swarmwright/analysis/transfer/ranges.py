@@ -1,0 +1,113 @@
+"""Ranges of parameters that sampled models have."""
+
+import math
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+
+from swarmwright.core.errors import InputError
+from swarmwright.experiment.experiment import Experiment
+from swarmwright.experiment.settings import key_path
+
+
+@dataclass(frozen=True)
+class Range:
+    """The values that a key of the experiment has in sampled models, all equally likely.
+
+    low, high: included; whole numbers where both are.
+    """
+
+    path: tuple[str, ...]
+    low: float
+    high: float
+
+    @classmethod
+    def parse(cls, text: str) -> "Range":
+        """Read `parameters.speedDefenders=0.4..0.8`. Raises InputError."""
+        try:
+            path, rest = key_path(text)
+            return cls(path, *_ends(rest)).checked()
+        except InputError as error:
+            raise InputError(f"--vary {text}: {error}") from None
+
+    @classmethod
+    def of(cls, key: str, values: Sequence[float]) -> "Range":
+        """Return the range of a key, `parameters.speedDefenders`. Raises InputError."""
+        try:
+            path, rest = key_path(f"{key}=")
+            if rest or len(values) != 2:
+                raise InputError("expected a key and the lowest and highest value")
+            return cls(path, *values).checked()
+        except InputError as error:
+            raise InputError(f"vary: {key}: {error}") from None
+
+    def checked(self) -> "Range":
+        """Return it; raises InputError when it is none."""
+        if self.path[0] != "parameters":
+            raise InputError(f"{self.path[0]}: only parameters of the simulation can be varied")
+        if self.path == ("parameters", "seed"):
+            raise InputError("parameters.seed: every episode has a seed of its own anyway")
+        if not self.low <= self.high:
+            raise InputError(f"from {self.low:g} to {self.high:g}: the first is greater than the second")
+        return self
+
+    def at(self, share: float) -> float:
+        """Return the value at a share, 0 to below 1, of the range."""
+        if isinstance(self.low, int) and isinstance(self.high, int):
+            return self.low + int(share * (self.high - self.low + 1))
+        return self.low + share * (self.high - self.low)
+
+
+_HINT = "write KEY=LOW..HIGH, such as parameters.speedDefenders=0.4..0.8"
+
+
+def _ends(text: str) -> tuple[float, float]:
+    """Read `0.4..0.8`; in `.5...7` the third point belongs to the second number."""
+    places = [found.start() for found in re.finditer(r"(?=\.\.)", text)]
+    pairs = [(text[:at].strip(), text[at + 2 :].strip()) for at in places]
+    if not pairs:
+        raise InputError(_HINT)
+    for low, high in pairs:
+        first, last = _number(low), _number(high)
+        if first is not None and last is not None:
+            return first, last
+    wrong = next(one for one in pairs[0] if _number(one) is None)
+    raise InputError(f"{wrong!r} is not a number; {_HINT}")
+
+
+def _number(text: str) -> float | None:
+    """Return a whole number as one; None for text that is no finite number."""
+    try:
+        return int(text)
+    except ValueError:
+        with suppress(ValueError):
+            return number if math.isfinite(number := float(text)) else None
+    return None
+
+
+E_PUCKS = (
+    Range(("parameters", "robot", "drive", "noise"), 0.0, 0.15),
+    Range(("parameters", "robot", "sensors", "proximity", "noise"), 0.0, 0.1),
+    Range(("parameters", "robot", "sensors", "light", "noise"), 0.0, 0.9),
+    Range(("parameters", "robot", "sensors", "ground", "noise"), 0.0, 0.1),
+    Range(("parameters", "robot", "sensors", "range_and_bearing", "loss"), 0.8, 0.95),
+)
+"""Of the arena's e-pucks, around the reference model's 0.05 and loss of 0.85."""
+PRESETS = ("e-puck-rm1.1", "e-puck-rm1.2")
+
+
+def require_e_pucks(experiment: Experiment) -> None:
+    """Raise InputError unless an experiment has the arena's e-pucks."""
+    robot = experiment.parameters.get("robot", PRESETS[0])
+    preset = robot.get("preset") if isinstance(robot, Mapping) else robot
+    if experiment.simulation != "arena" or preset not in PRESETS:
+        raise InputError(
+            f"pseudo-reality: ranges are known of the arena's {' and '.join(PRESETS)} only; name the "
+            "parameters that vary and their ranges instead"
+        )
+
+
+def ranges_of(vary: Mapping[str, Sequence[float]] | Iterable[Range]) -> list[Range]:
+    """Return ranges by their keys. Raises InputError."""
+    return [Range.of(*one) for one in vary.items()] if isinstance(vary, Mapping) else list(vary)
