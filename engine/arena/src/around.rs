@@ -3,7 +3,7 @@
 use swarmwright_lanes::{Lanes, Mask, Number, number};
 
 use super::robot::Output;
-use super::senses::Other;
+use super::senses::Others;
 use super::swarm::Bodies;
 
 /// What a robot sees of the others within a range; of a count the first number alone has a meaning.
@@ -13,7 +13,7 @@ pub(super) fn see<L: Lanes>(
     range: f32,
     bodies: &Bodies<L>,
     index: usize,
-    (others, indices): (&[Other<L>], &[u32]),
+    (others, indices): (&Others<L>, &[u32]),
 ) -> [Number<L>; 2] {
     let square = number::<L>(range * range);
     let (mut count, mut sum) = (number::<L>(0.0), [number::<L>(0.0); 2]);

@@ -7,7 +7,7 @@ use super::links;
 use super::place::Place;
 use super::random::{Keys, LINKS, halves, noise};
 use super::robot::{Camera, LedColor, Robot, Sight};
-use super::senses::{Other, parts};
+use super::senses::{Others, parts};
 use super::swarm::Bodies;
 use super::team::Team;
 
@@ -40,7 +40,7 @@ pub(super) fn see<L: Lanes>(
     place: &Place,
     bodies: &Bodies<L>,
     index: usize,
-    (shown, others, indices): (&[Number<L>], &[Other<L>], &[u32]),
+    (shown, others, indices): (&[Number<L>], &Others<L>, &[u32]),
     (keys, tick): (Keys<L>, u32),
     numbers: &mut [L],
 ) {
@@ -59,7 +59,7 @@ pub(super) fn see<L: Lanes>(
         }
         let way = [other.x, other.y];
         let lit = lit.and_not(links::behind_robot(team, way, other.square, others));
-        let rims = 100.0 * (robot.radius + team.kind(other.group as usize).radius);
+        let rims = 100.0 * (robot.radius + team.robot(sender).radius);
         let sight = (way, other.square, lit, rims, sender);
         note(
             camera,

@@ -260,8 +260,7 @@ impl<L: Lanes> Contacts<L> {
                 pair_contact.lanes,
             );
             if contact.active {
-                pull(&mut moved[i], impulse, team.lightness(i));
-                push(&mut moved[j], impulse, team.lightness(j));
+                part_from(moved, (i, j), impulse, team);
                 let touches = contact.touches();
                 touched[i] = touched[i].or(touches);
                 touched[j] = touched[j].or(touches);
@@ -276,7 +275,7 @@ impl<L: Lanes> Contacts<L> {
                     .contact
                     .begin(way, speed, (team.robot(i).radius, fastest), all);
             if wall_contact.contact.active {
-                pull(&mut moved[i], impulse, 1.0);
+                pull(&mut moved[i], impulse);
                 touched[i] = touched[i].or(wall_contact.contact.touches());
             }
         }
@@ -329,8 +328,7 @@ impl<L: Lanes> Contacts<L> {
                 };
                 let slip = relative[1] * nx - relative[0] * ny - rims;
                 let impulse = contact.solve(approach, slip, pair.share, pair.friction);
-                pull(&mut moved[i], impulse, team.lightness(i));
-                push(&mut moved[j], impulse, team.lightness(j));
+                part_from(moved, (i, j), impulse, team);
                 let touches = contact.touches();
                 touched[i] = touched[i].or(touches);
                 touched[j] = touched[j].or(touches);
@@ -345,7 +343,7 @@ impl<L: Lanes> Contacts<L> {
                 let approach = -(u[0] * nx + u[1] * ny);
                 let slip = u[0] * ny - u[1] * nx - bodies.spin[i] * robot.radius;
                 let impulse = contact.solve(approach, slip, 1.0, robot.friction[1]);
-                pull(&mut moved[i], impulse, 1.0);
+                pull(&mut moved[i], impulse);
                 touched[i] = touched[i].or(contact.touches());
             }
             objects.solve(moved, touched, &bodies.spin, team);
@@ -362,15 +360,33 @@ impl<L: Lanes> Contacts<L> {
 }
 
 #[inline(always)]
-fn push<L: Lanes>(moved: &mut Moved<L>, [x, y]: [Number<L>; 2], lightness: f32) {
-    moved.velocity[0] += x * lightness;
-    moved.velocity[1] += y * lightness;
+fn push<L: Lanes>(moved: &mut Moved<L>, [x, y]: [Number<L>; 2]) {
+    moved.velocity[0] += x;
+    moved.velocity[1] += y;
+}
+
+/// An impulse of the second robot of a pair on itself, and on the first one the other way.
+#[inline(always)]
+fn part_from<L: Lanes>(
+    moved: &mut [Moved<L>],
+    (i, j): (usize, usize),
+    [x, y]: [Number<L>; 2],
+    team: &Team,
+) {
+    if team.equal() {
+        pull(&mut moved[i], [x, y]);
+        push(&mut moved[j], [x, y]);
+        return;
+    }
+    let (one, two) = (team.lightness(i), team.lightness(j));
+    pull(&mut moved[i], [x * one, y * one]);
+    push(&mut moved[j], [x * two, y * two]);
 }
 
 #[inline(always)]
-fn pull<L: Lanes>(moved: &mut Moved<L>, [x, y]: [Number<L>; 2], lightness: f32) {
-    moved.velocity[0] -= x * lightness;
-    moved.velocity[1] -= y * lightness;
+fn pull<L: Lanes>(moved: &mut Moved<L>, [x, y]: [Number<L>; 2]) {
+    moved.velocity[0] -= x;
+    moved.velocity[1] -= y;
 }
 
 /// The drive pulls the velocity to its aim. `velocity` has the impulses of the contacts already: it works against them.
@@ -388,7 +404,7 @@ fn drive<L: Lanes>(moved: &mut Moved<L>, aim: [Number<L>; 2], acceleration: f32)
         vy * PART + wanted[1] * half * SUBSTEP,
     ];
     moved.load = [wanted[0] * whole, wanted[1] * whole];
-    push(moved, moved.load, 1.0);
+    push(moved, moved.load);
 }
 
 /// The drive once more, after contacts, in the lanes that have some: it gives no more than it can in all.
@@ -401,9 +417,5 @@ fn drive_on<L: Lanes>(moved: &mut Moved<L>, aim: [Number<L>; 2], limit: f32, lan
         (wanted[0] * part).select(load[0], lanes),
         (wanted[1] * part).select(load[1], lanes),
     ];
-    push(
-        moved,
-        [moved.load[0] - load[0], moved.load[1] - load[1]],
-        1.0,
-    );
+    push(moved, [moved.load[0] - load[0], moved.load[1] - load[1]]);
 }

@@ -5,7 +5,7 @@ use swarmwright_lanes::{Lanes, Mask, Number, number};
 use super::functions::{absolute, bearing, exp};
 use super::place::{Light, Place};
 use super::robot::LightSensors;
-use super::senses::Other;
+use super::senses::Others;
 use super::swarm::Bodies;
 use super::team::Team;
 
@@ -17,7 +17,7 @@ pub(super) fn read<L: Lanes>(
     place: &Place,
     bodies: &Bodies<L>,
     index: usize,
-    others: &[Other<L>],
+    others: &Others<L>,
     readings: &mut [Number<L>],
 ) {
     for index in 0..readings.len() {
@@ -69,37 +69,34 @@ fn behind_robot<L: Lanes>(
     light: &Light,
     way: [Number<L>; 2],
     distance: Number<L>,
-    others: &[Other<L>],
+    others: &Others<L>,
 ) -> L::Mask {
     let mut hidden = L::Mask::from_bits(0);
     let inverse = number::<L>(1.0) / distance.at_least(number(f32::MIN_POSITIVE));
     let (ux, uy) = (way[0] * inverse, way[1] * inverse);
-    let mut group = u32::MAX;
-    let (mut below, mut radius, mut reach) = (number(0.0), number(0.0), number(0.0));
-    for other in others {
-        if other.group != group {
-            group = other.group;
-            let robot = team.kind(group as usize);
-            // Up to here the line is not above the robots.
-            below = distance * (robot.height / light.at[2]).min(1.0);
-            radius = number(robot.radius * robot.radius);
-            reach = (below + robot.radius).at_most(number(range));
-            reach = reach * reach;
+    for kind in 0..others.kinds() {
+        let robot = team.kind(kind);
+        // Up to here the line is not above the robots.
+        let below = distance * (robot.height / light.at[2]).min(1.0);
+        let radius = number::<L>(robot.radius * robot.radius);
+        let reach = (below + robot.radius).at_most(number(range));
+        let reach = reach * reach;
+        for other in others.of(kind) {
+            let near = other.square.lt(reach);
+            if !near.any() {
+                continue;
+            }
+            let along = other.x * ux + other.y * uy;
+            let aside = other.x * uy - other.y * ux;
+            let depth = radius - aside * aside;
+            let meets = near.and(number(0.0).lt(depth)).and(number(0.0).lt(along));
+            if !meets.any() {
+                continue;
+            }
+            // Where the line enters the body: not before its start, since a body around the start does not hide.
+            let entry = along - depth.at_least(number(0.0)).sqrt();
+            hidden = hidden.or(meets.and(number(0.0).le(entry)).and(entry.le(below)));
         }
-        let near = other.square.lt(reach);
-        if !near.any() {
-            continue;
-        }
-        let along = other.x * ux + other.y * uy;
-        let aside = other.x * uy - other.y * ux;
-        let depth = radius - aside * aside;
-        let meets = near.and(number(0.0).lt(depth)).and(number(0.0).lt(along));
-        if !meets.any() {
-            continue;
-        }
-        // Where the line enters the body: not before its start, since a body around the start does not hide.
-        let entry = along - depth.at_least(number(0.0)).sqrt();
-        hidden = hidden.or(meets.and(number(0.0).le(entry)).and(entry.le(below)));
     }
     hidden
 }

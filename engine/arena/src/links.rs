@@ -5,7 +5,7 @@ use swarmwright_lanes::{Int, Lanes, Mask, Number, number};
 use super::place::Place;
 use super::random::{Keys, LINKS};
 use super::robot::{Links, Robot};
-use super::senses::Other;
+use super::senses::Others;
 use super::slots::Slots;
 use super::swarm::Bodies;
 use super::team::Team;
@@ -67,13 +67,13 @@ impl<L: Lanes> LinkWindow<L> {
         place: &Place,
         bodies: &Bodies<L>,
         index: usize,
-        (others, indices): (&[Other<L>], &[u32]),
+        (others, indices): (&Others<L>, &[u32]),
         keys: Keys<L>,
         tick: u32,
     ) {
         let loss = self.loss.unwrap_or(links.loss);
         let lost = L::Int::splat((loss * 65536.0) as i32 - 1);
-        let mut group = u32::MAX;
+        let (mut kind, mut left) = (0, 0);
         let mut range = number::<L>(0.0);
         let mut arrived = Arrived {
             count: number(0.0),
@@ -86,10 +86,12 @@ impl<L: Lanes> LinkWindow<L> {
         let at = [bodies.x[index], bodies.y[index]];
         for k in 0..others.len() {
             let (other, sender) = (&others[k], indices[k] as usize);
-            if other.group != group {
-                group = other.group;
-                range = number(both(links, team.kind(group as usize)));
+            while left == 0 {
+                range = number(both(links, team.kind(kind)));
+                left = others.of(kind).len();
+                kind += 1;
             }
+            left -= 1;
             if sender / LINKS != block {
                 block = sender / LINKS;
                 words = keys.links(tick, index, block);
@@ -161,7 +163,7 @@ fn receive<L: Lanes>(
     team: &Team,
     (place, bodies): (&Place, &Bodies<L>),
     at: [Number<L>; 2],
-    others: &[Other<L>],
+    others: &Others<L>,
     slots: &Sent<L>,
     arrived: &mut Arrived<L>,
 ) {
@@ -188,21 +190,18 @@ pub(super) fn behind_robot<L: Lanes>(
     team: &Team,
     [x, y]: [Number<L>; 2],
     square: Number<L>,
-    others: &[Other<L>],
+    others: &Others<L>,
 ) -> L::Mask {
     let mut hidden = L::Mask::from_bits(0);
-    let mut group = u32::MAX;
-    let mut width = number(0.0);
-    for other in others {
-        if other.group != group {
-            group = other.group;
-            let radius = team.kind(group as usize).radius;
-            width = square * (radius * radius);
+    for kind in 0..others.kinds() {
+        let radius = team.kind(kind).radius;
+        let width = square * (radius * radius);
+        for other in others.of(kind) {
+            let cross = x * other.y - y * other.x;
+            let dot = x * other.x + y * other.y;
+            let between = number(0.0).lt(dot).and(other.square.lt(square));
+            hidden = hidden.or((cross * cross).lt(width).and(between));
         }
-        let cross = x * other.y - y * other.x;
-        let dot = x * other.x + y * other.y;
-        let between = number(0.0).lt(dot).and(other.square.lt(square));
-        hidden = hidden.or((cross * cross).lt(width).and(between));
     }
     hidden
 }

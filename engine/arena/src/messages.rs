@@ -6,7 +6,7 @@ use super::links::{self, LinkWindow};
 use super::place::Place;
 use super::random::{Keys, LINKS};
 use super::robot::Robot;
-use super::senses::Other;
+use super::senses::Others;
 use super::swarm::Bodies;
 use super::team::Team;
 
@@ -19,7 +19,7 @@ pub(super) fn hear<L: Lanes>(
     place: &Place,
     bodies: &Bodies<L>,
     index: usize,
-    (sent, others, indices): (&[Number<L>], &[Other<L>], &[u32]),
+    (sent, others, indices): (&[Number<L>], &Others<L>, &[u32]),
     window: &LinkWindow<L>,
     (keys, tick): (Keys<L>, u32),
     means: &mut [L],
@@ -29,16 +29,18 @@ pub(super) fn hear<L: Lanes>(
         return;
     };
     let lost = L::Int::splat((window.loss.unwrap_or(links.loss) * 65536.0) as i32 - 1);
-    let mut group = u32::MAX;
+    let (mut kind, mut left) = (0, 0);
     let mut range = number::<L>(0.0);
     let mut heard = number::<L>(0.0);
     let position = [bodies.x[index], bodies.y[index]];
     for at in 0..others.len() {
         let (other, sender) = (others[at], indices[at] as usize);
-        if other.group != group {
-            group = other.group;
-            range = number(links::both(links, team.kind(group as usize)));
+        while left == 0 {
+            range = number(links::both(links, team.kind(kind)));
+            left = others.of(kind).len();
+            kind += 1;
         }
+        left -= 1;
         let word = keys.links(tick, index, sender / LINKS)[sender % LINKS / 2];
         let half = if sender.is_multiple_of(2) {
             word.and(L::Int::splat(0xFFFF))

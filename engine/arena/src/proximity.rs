@@ -5,7 +5,7 @@ use swarmwright_lanes::{Lanes, Mask, Number, number};
 use super::functions::absolute;
 use super::place::Place;
 use super::robot::Proximity;
-use super::senses::Other;
+use super::senses::Others;
 use super::slots::Slots;
 use super::swarm::Bodies;
 use super::team::Team;
@@ -46,7 +46,7 @@ pub(super) fn read<L: Lanes>(
     place: &Place,
     bodies: &Bodies<L>,
     index: usize,
-    (others, faces): (&[Other<L>], &[[u32; 2]]),
+    (others, faces): (&Others<L>, &[[u32; 2]]),
     seen: &mut Seen<L>,
     readings: &mut [Number<L>],
 ) {
@@ -56,16 +56,11 @@ pub(super) fn read<L: Lanes>(
     }
     let turn = [bodies.cos[index], bodies.sin[index]];
     let slots = &mut seen.robots;
-    let mut first = 0;
-    // One kind of robots after another.
-    while first < others.len() {
-        let group = others[first].group;
-        let radius = team.kind(group as usize).radius;
+    for kind in 0..others.kinds() {
+        let radius = team.kind(kind).radius;
         let reach = sensors.start + sensors.range + radius;
         slots.clear();
-        while first < others.len() && others[first].group == group {
-            let other = &others[first];
-            first += 1;
+        for other in others.of(kind) {
             let near = other.square.lt(number(reach * reach));
             if near.any() {
                 let rest = slots.put([other.x, other.y], near);

@@ -20,8 +20,37 @@ pub(super) struct Other<L> {
     pub x: Number<L>,
     pub y: Number<L>,
     pub square: Number<L>,
-    /// The group of the team that it is of.
-    pub group: u32,
+}
+
+/// The robots around one, kind by kind.
+pub(super) struct Others<L> {
+    all: Vec<Other<L>>,
+    /// By kind: where its robots end.
+    ends: Vec<usize>,
+}
+
+impl<L> std::ops::Deref for Others<L> {
+    type Target = [Other<L>];
+
+    #[inline(always)]
+    fn deref(&self) -> &[Other<L>] {
+        &self.all
+    }
+}
+
+impl<L> Others<L> {
+    /// Number of kinds.
+    #[inline(always)]
+    pub(super) fn kinds(&self) -> usize {
+        self.ends.len()
+    }
+
+    /// Those of a kind.
+    #[inline(always)]
+    pub(super) fn of(&self, kind: usize) -> &[Other<L>] {
+        let first = if kind == 0 { 0 } else { self.ends[kind - 1] };
+        &self.all[first..self.ends[kind]]
+    }
 }
 
 /// What may touch in the next tick, in any lane.
@@ -40,7 +69,7 @@ pub(super) struct Senses<L: Lanes> {
     pub close: Close,
     ground: GroundWindow<L>,
     pub links: LinkWindow<L>,
-    others: Vec<Other<L>>,
+    others: Others<L>,
     /// Which robots they are.
     indices: Vec<u32>,
     proximity: Vec<Number<L>>,
@@ -76,7 +105,10 @@ impl<L: Lanes> Senses<L> {
             close: Close::default(),
             ground: GroundWindow::new(robots),
             links: LinkWindow::new(robots),
-            others: Vec::new(),
+            others: Others {
+                all: Vec::new(),
+                ends: Vec::new(),
+            },
             indices: Vec::new(),
             proximity: vec![number(0.0); most(0).unwrap_or(0)],
             light: vec![number(0.0); most(1).unwrap_or(0)],
@@ -244,7 +276,7 @@ impl<L: Lanes> Senses<L> {
                     }
                     Output::GroundReadings => copy(&self.ground.readings, numbers),
                     Output::Message => {
-                        let others = (&self.sent[..], &self.others[..], &self.indices[..]);
+                        let others = (&self.sent[..], &self.others, &self.indices[..]);
                         messages::hear(
                             (robot, team),
                             place,
@@ -286,7 +318,7 @@ impl<L: Lanes> Senses<L> {
                     }
                     Output::Camera => {
                         if let Some(camera) = &robot.camera {
-                            let others = (&self.shown[..], &self.others[..], &self.indices[..]);
+                            let others = (&self.shown[..], &self.others, &self.indices[..]);
                             camera::see(
                                 camera,
                                 (robot, team),
@@ -320,7 +352,9 @@ impl<L: Lanes> Senses<L> {
         [range, reach]: [f32; 2],
         index: usize,
     ) {
-        self.others.clear();
+        let Others { all, ends } = &mut self.others;
+        all.clear();
+        ends.clear();
         self.indices.clear();
         for other in neighbours.of(index) {
             if *other as usize == index {
@@ -329,18 +363,19 @@ impl<L: Lanes> Senses<L> {
             let [x, y] = bodies.between(index, *other as usize);
             let square = x * x + y * y;
             if square.lt(number(range * range)).any() {
-                let group = team.group(*other as usize) as u32;
-                self.others.push(Other {
-                    x,
-                    y,
-                    square,
-                    group,
-                });
+                let kind = team.group(*other as usize);
+                while ends.len() < kind {
+                    ends.push(all.len());
+                }
+                all.push(Other { x, y, square });
                 self.indices.push(*other);
                 if *other as usize > index && square.lt(number(reach * reach)).any() {
                     self.close.robots.push([index as u32, *other]);
                 }
             }
+        }
+        while ends.len() < team.groups().len() {
+            ends.push(all.len());
         }
     }
 }

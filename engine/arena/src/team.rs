@@ -363,6 +363,12 @@ impl Team {
         self.most(|robot| robot.range(largest))
     }
 
+    /// Whether all weigh the same.
+    #[inline(always)]
+    pub(super) fn equal(&self) -> bool {
+        self.groups.len() == 1
+    }
+
     /// The change of its velocity by an impulse that changes that of a robot of the first kind by 1.
     #[inline(always)]
     pub(super) fn lightness(&self, index: usize) -> f32 {
