@@ -98,7 +98,7 @@ pub(super) fn length<L: Lanes>([x, y]: [L; 2]) -> L {
 }
 
 /// The weights of all states, and in which of them each lane is.
-struct Row<'a, L: Lanes> {
+pub(super) struct Row<'a, L: Lanes> {
     weights: &'a [L],
     length: usize,
     states: usize,
@@ -108,7 +108,7 @@ struct Row<'a, L: Lanes> {
 impl<L: Lanes> Row<'_, L> {
     /// The weight of each lane's state with this place in its row.
     #[inline(always)]
-    fn get(&self, index: usize) -> L {
+    pub(super) fn get(&self, index: usize) -> L {
         let mut weight = self.weights[index];
         for state in 1..self.states {
             weight = self.weights[state * self.length + index].select(weight, self.is[state]);
@@ -149,7 +149,7 @@ impl Modules {
             self.tick_lanes(weights, state, sensors, random, actuators);
             return;
         }
-        let [left, right] = act_in_lanes(|place| row.get(place), &mut state[2], sensors, random);
+        let [left, right] = act_in_lanes(&row, &mut state[2], sensors, random);
         (actuators[0], actuators[1]) = (left, right);
         self.change(&row, state, sensors, random);
     }
@@ -187,8 +187,7 @@ impl Modules {
                 states: 1,
                 is: row.is,
             };
-            let probability =
-                probability_in_lanes(|place| only.get(OF_STATE + place), ground, sensors[5]);
+            let probability = probability_in_lanes(&only, OF_STATE, ground, sensors[5]);
             let holds = random.unit(index).lt(probability).and(here);
             going = going.and_not(here.and_not(holds));
             current = current.add(one_where::<L>(holds));
@@ -199,7 +198,7 @@ impl Modules {
         }
         // Those that have come to the end do what some subtree does, which does not count.
         let ended = count.eq(current);
-        let [left, right] = act_in_lanes(|place| row.get(place), &mut state[2], sensors, random);
+        let [left, right] = act_in_lanes(&row, &mut state[2], sensors, random);
         actuators[0] = zero.select(left, ended);
         actuators[1] = zero.select(right, ended);
         state[0] = zero.select(L::from_int(current), ended);
@@ -225,8 +224,7 @@ impl Modules {
             let first = OF_STATE + index * OF_TRANSITION;
             let there = L::Int::splat(index as i32).lt(count).and(settled);
             if there.any() {
-                let probability =
-                    probability_in_lanes(|place| row.get(first + place), ground, sensors[5]);
+                let probability = probability_in_lanes(row, first, ground, sensors[5]);
                 *holds = random.unit(index).lt(probability).and(there);
                 held = held.add(one_where::<L>(*holds));
             }

@@ -10,6 +10,7 @@ mod stop;
 
 use swarmwright_lanes::{Int, Lanes, Mask};
 
+use super::lanes::Row;
 use super::random::{LaneRandom, Random};
 use super::{Sensed, names};
 use follow::{LanePull, Pull};
@@ -59,17 +60,17 @@ pub fn act(
     }
 }
 
-/// What the behaviours of the lanes' states do: the speeds of both wheels. `row`: the weight of each lane's state with this place in
-/// its row.
+/// What the behaviours of the lanes' states do: the speeds of both wheels. No closure gives the weights: what it
+/// does would not be inlined into kernels.
 #[inline(always)]
 pub fn act_in_lanes<L: Lanes>(
-    row: impl Fn(usize) -> L,
+    row: &Row<'_, L>,
     turn: &mut L,
     sensors: &[L],
     random: LaneRandom<L>,
 ) -> [L; 2] {
     let zero = L::splat(0.0);
-    let behaviour = row(0).floor();
+    let behaviour = row.get(0).floor();
     let none = L::Mask::from_bits(0);
     let (mut explores, mut follows) = (none, none);
     let mut pulls = LanePull::none();
@@ -87,10 +88,10 @@ pub fn act_in_lanes<L: Lanes>(
     let (mut left, mut right) = (zero, zero);
     if explores.any() {
         let proximity = [sensors[0], sensors[1]];
-        [left, right] = exploration::act_in_lanes(explores, row(1), turn, proximity, random);
+        [left, right] = exploration::act_in_lanes(explores, row.get(1), turn, proximity, random);
     }
     if follows.any() {
-        let [steered_left, steered_right] = pulls.act(row(2), sensors);
+        let [steered_left, steered_right] = pulls.act(row.get(2), sensors);
         left = steered_left.select(left, follows);
         right = steered_right.select(right, follows);
     }

@@ -9,6 +9,7 @@ mod white_floor;
 
 use swarmwright_lanes::{Int, Lanes, Mask};
 
+use super::lanes::Row;
 use super::{BLACK, Sensed, TRANSITION_LIMITS, WHITE, limited, names};
 use crate::functions::{lanes, sigmoid};
 
@@ -84,35 +85,33 @@ pub fn ground_in_lanes<L: Lanes>(sensor: L) -> L::Int {
     number(Ground::Black).select(bright, sensor.le(L::splat(BLACK)))
 }
 
-/// As [`probability`]. `transition`: the weight of each lane's transition with this place; `ground`: see [`ground_in_lanes`].
+/// As [`probability`]. The weights of the transition begin at `first`; `ground`: see [`ground_in_lanes`].
 #[inline(always)]
 pub fn probability_in_lanes<L: Lanes>(
-    transition: impl Fn(usize) -> L,
+    row: &Row<'_, L>,
+    first: usize,
     ground: L::Int,
     neighbours: L,
 ) -> L {
-    let condition = transition(1).floor();
+    let condition = row.get(first + 1).floor();
     let none = L::Mask::from_bits(0);
-    let is = |wanted: Condition| {
-        let places = MODULES
-            .iter()
-            .enumerate()
-            .filter(|(_, module)| module.condition == wanted);
-        places.fold(none, |mask, (place, _)| {
-            mask.or(condition.eq(L::Int::splat(place as i32)))
-        })
-    };
-    let fixed = condition.eq(ground).or(is(Condition::Fixed));
-    let simple = transition(2).select(L::splat(0.0), fixed);
-    let (many, few) = (
-        is(Condition::Neighbours(1.0)),
-        is(Condition::Neighbours(-1.0)),
-    );
+    // No closures: what they do is not always inlined into kernels.
+    let (mut fixed, mut many, mut few) = (condition.eq(ground), none, none);
+    for (place, module) in MODULES.iter().enumerate() {
+        let is = condition.eq(L::Int::splat(place as i32));
+        match module.condition {
+            Condition::Fixed => fixed = fixed.or(is),
+            Condition::Neighbours(sign) if sign < 0.0 => few = few.or(is),
+            Condition::Neighbours(_) => many = many.or(is),
+            Condition::Ground(_) => {}
+        }
+    }
+    let simple = row.get(first + 2).select(L::splat(0.0), fixed);
     let counted = many.or(few);
     if !counted.any() {
         return simple;
     }
-    let more = neighbours.sub(transition(3));
+    let more = neighbours.sub(row.get(first + 3));
     let signed = more.neg().select(more, few);
-    lanes::sigmoid(transition(4).mul(signed)).select(simple, counted)
+    lanes::sigmoid(row.get(first + 4).mul(signed)).select(simple, counted)
 }
