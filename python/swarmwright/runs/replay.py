@@ -89,6 +89,10 @@ class Replay:
                 f"episode {number}: the run evaluated {has}; another is played by its seed (--seed)"
             )
         played = Controller.load(controller) if controller is not None else Controller(chosen.specification)  # type: ignore[union-attr] # one of the two is there
+        if broker is not None and played.in_python:
+            raise InputError(
+                f"broker: {broker}: behaviours and conditions in Python are evaluated in this process alone"
+            )
         played_seed = seeds[number] if number is not None else seed or 0
         return cls(run, played, chosen, controller, number, played_seed, experiment, broker)
 

@@ -52,6 +52,8 @@ def test_a_design_is_a_run_like_others(form: str, method: str, own: Path, tmp_pa
         episode.step()
     seed = replay.seed
     assert episode.fitness == simulate(experiment, best.controller, seed=seed)
+    with pytest.raises(InputError, match=r"broker: mqtt://127\.0\.0\.1:1: .* in this process alone"):
+        Replay.of(run, broker="mqtt://127.0.0.1:1")
     assert (run.path / "code/1/behaviour-wander/own_modules.py").read_text() == CODE
     reopened = Run.open(run.path)
     assert reopened.best.specification == best.specification
