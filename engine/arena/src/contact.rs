@@ -4,6 +4,7 @@ use swarmwright_lanes::{Lanes, Mask, Number, number};
 
 use super::place::Face;
 use super::swarm::SUBSTEP;
+use super::team::Pair;
 
 /// Length of a part, seconds.
 pub(super) const PART: f32 = 2.0 * SUBSTEP;
@@ -112,6 +113,7 @@ pub(super) struct PairContact<L: Lanes> {
     pub robots: [u32; 2],
     /// In which lanes they are near each other.
     pub lanes: L::Mask,
+    pub pair: Pair,
     pub contact: Contact<L>,
 }
 

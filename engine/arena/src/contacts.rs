@@ -135,8 +135,8 @@ impl<L: Lanes> Contacts<L> {
         let mut at = 0;
         for pair in pairs {
             let (i, j) = (pair[0] as usize, pair[1] as usize);
-            let reach = team.pair(i, j).reach;
-            let close = square(bodies.between(i, j)).lt(number(reach * reach));
+            let both = team.pair(i, j);
+            let close = square(bodies.between(i, j)).lt(number(both.reach * both.reach));
             self.near[i] = self.near[i].or(close);
             self.near[j] = self.near[j].or(close);
             let mut contact = Contact::none();
@@ -151,6 +151,7 @@ impl<L: Lanes> Contacts<L> {
             now.push(PairContact {
                 robots: *pair,
                 lanes: close,
+                pair: both,
                 contact,
             });
         }
@@ -256,7 +257,7 @@ impl<L: Lanes> Contacts<L> {
             let impulse = contact.begin(
                 way,
                 speed,
-                (team.pair(i, j).limit, fastest),
+                (pair_contact.pair.limit, fastest),
                 pair_contact.lanes,
             );
             if contact.active {
@@ -318,7 +319,7 @@ impl<L: Lanes> Contacts<L> {
                 let (u, v) = (moved[i].velocity, moved[j].velocity);
                 let relative = [v[0] - u[0], v[1] - u[1]];
                 let approach = relative[0] * nx + relative[1] * ny;
-                let pair = team.pair(i, j);
+                let pair = &pair_contact.pair;
                 let rims = match pair.same {
                     Some(radius) => (bodies.spin[i] + bodies.spin[j]) * radius,
                     None => {

@@ -94,6 +94,7 @@ mod robot {
 mod team {
     use super::robot::Robot;
 
+    #[derive(Clone, Copy)]
     pub struct Pair {
         pub limit: f32,
         pub reach: f32,
