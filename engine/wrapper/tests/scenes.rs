@@ -13,6 +13,9 @@ const REPLY: &str = "swarmwright/v1/tool/ada1";
 
 /// Plays an episode; the scenes, and all other messages of the episode.
 fn played(title: &str, parameters: &Value, control: Value) -> (Vec<SceneMessage>, Vec<Value>) {
+    let mut simulation = create(title).unwrap();
+    simulation.reset(parameters.as_object().unwrap()).unwrap();
+    let actuators = vec![0.25; simulation.description().actuators];
     let mut server = Server::new(vec![create(title).unwrap()]);
     let mut message = parameters.clone();
     message["server"] = common::ID.into();
@@ -31,8 +34,7 @@ fn played(title: &str, parameters: &Value, control: Value) -> (Vec<SceneMessage>
         let mut over = false;
         for (topic, message) in came {
             if topic == Topic::Sensor {
-                let actuator =
-                    json!({"simulation_hash": "h", "agent": message["agent"], "actuator": [0.25]});
+                let actuator = json!({"simulation_hash": "h", "agent": message["agent"], "actuator": actuators});
                 server.receive(Topic::Actuator.name(), actuator.to_string().as_bytes());
             }
             over |= topic == Topic::Fitness;
