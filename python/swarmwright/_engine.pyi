@@ -32,6 +32,7 @@ __all__ = [
     "Digests",
     "EngineError",
     "Episode",
+    "Episodes",
     "Evaluator",
     "InputError",
     "LostError",
