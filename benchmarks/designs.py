@@ -137,7 +137,7 @@ def draw(found: Sequence[Design]) -> "Figure":
                 drawn["boxes"][0].set(facecolor=color, alpha=0.6, edgecolor=INK)
         dress(field)
         field.set_title(mission, fontsize=11, color=INK)
-        field.set_xticks([0, 1], ["as designed", "pseudo-reality"])
+        field.set_xticks([0, 1], ["as\ndesigned", "pseudo-\nreality"])
     handles = [
         figure.axes[0].fill([], [], color=color, alpha=0.6, label=kind)[0]
         for kind, color in zip(DESIGNS, COLORS, strict=False)
