@@ -92,7 +92,7 @@ def design(folder: Path, mission: str, kind: str, budget: int, repetition: int) 
     assert run.validation is not None
     best = run.validation.best
     (found,) = transfer([run], pseudo_reality=True, candidates=1, seeds=EPISODES).runs
-    transferred = found.fitness_there[0].mean
+    transferred = found.target_fitness[0].mean
     return Design(mission, kind, repetition, best.recorded, best.fitness.mean, transferred, seconds)
 
 

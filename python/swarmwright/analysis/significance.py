@@ -66,7 +66,7 @@ def mann_whitney(one: Values, two: Values, u: float) -> float:
         from scipy.stats import mannwhitneyu
 
         return float(mannwhitneyu(one, two, alternative="two-sided", method="asymptotic").pvalue)
-    counts = _rank_sums(_doubled_midranks(pooled), n)
+    counts = _rank_sums(doubled_midranks(pooled), n)
     distance = np.abs(np.arange(len(counts)) - n * (n + m + 1))  # of doubled sums, from their mean
     seen = abs(2 * u - n * m)
     return float(min(1.0, counts[distance >= seen - 1e-9].sum() / counts.sum()))
@@ -83,7 +83,7 @@ def _rank_sums(ranks: NDArray[np.int64], size: int) -> Values:
     return sums
 
 
-def _doubled_midranks(values: Values) -> NDArray[np.int64]:
+def doubled_midranks(values: Values) -> NDArray[np.int64]:
     """Return twice the rank of each value, from 1; equal ones share the mean of theirs."""
     ordered = np.sort(values)
     low = np.searchsorted(ordered, values, side="left")
@@ -139,7 +139,7 @@ def kruskal_wallis(groups: Sequence[Values]) -> Kruskal:
     from scipy.stats import kruskal
 
     # Computed from ranks, which are finite for infinite values too.
-    ranks = np.split(_doubled_midranks(pooled), np.cumsum([len(values) for values in ordered])[:-1])
+    ranks = np.split(doubled_midranks(pooled), np.cumsum([len(values) for values in ordered])[:-1])
     found = kruskal(*ranks)
     return Kruskal(float(found.statistic), float(found.pvalue))
 

@@ -110,7 +110,7 @@ class Experiment:
         object.__setattr__(changed, "path", self.path)
         return changed
 
-    def changed_by(self, path: Path, *, only: Collection[str], reason: str) -> Self:
+    def with_file(self, path: Path, *, only: Collection[str], reason: str) -> Self:
         """Return a copy with the keys that a file has.
 
         Its parameters are added to these, unless it names another simulation.

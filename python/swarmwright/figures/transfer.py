@@ -54,7 +54,7 @@ def draw(transfer: "Transfer") -> "Figure":
 def _points(axes: "Axes", one: "Transferred", group: int) -> None:
     color, _ = look(group)
     for index, (candidate, here, there) in enumerate(
-        zip(one.candidates, one.fitness, one.fitness_there, strict=True)
+        zip(one.candidates, one.source_fitness, one.target_fitness, strict=True)
     ):
         random = candidate.generation is None
         across, up = (0.0 if of.low is None else of.mean - of.low for of in (here, there))

@@ -2,6 +2,7 @@
 
 # ruff: noqa: ARG002 - all have the same arguments
 
+from abc import abstractmethod
 from collections.abc import Mapping
 from typing import ClassVar
 
@@ -152,9 +153,9 @@ class _Floor(Condition):
 
     parameters = _parameters("probability")
 
+    @abstractmethod
     def holds(self, ground: Numbers) -> NDArray[np.bool_]:
         """Return where the ground has the colour."""
-        raise NotImplementedError
 
     def probability(
         self, senses: Senses, parameters: Parameters, state: Numbers, random: RandomNumbers

@@ -267,8 +267,10 @@ def _origin(experiment: "Experiment") -> list[tuple[str, str]]:
 def _broker_of(run: "Run") -> str | None:
     """Where a simulation is computed that is not here; None for one that is."""
     title, broker = run.experiment.simulation, run.experiment.broker
-    if catalogue.is_here(title) or broker is not None:
-        return None if catalogue.is_here(title) else broker
+    if catalogue.is_here(title):
+        return None
+    if broker is not None:
+        return broker
     raise InputError(
         f"{run.path}: the simulation '{title}' is not built in; name the broker of a server that offers it "
         f"and has scenes (--broker URL), or have a server draw it itself: swarmwright simulate "

@@ -5,9 +5,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Values = NDArray[np.float64]
+from swarmwright.analysis.significance import doubled_midranks
+
 _LEAST = 4
 """Candidates from which on there is an interval of a rank correlation."""
 _Z = 1.959963984540054
@@ -30,8 +30,10 @@ class Correlation:
 def rank_correlation(source: Sequence[float], target: Sequence[float]) -> Correlation | None:
     """Return the rank correlation; None where fewer than three candidates, or none, differ."""
     pairs = [(a, b) for a, b in zip(source, target, strict=True) if math.isfinite(a) and math.isfinite(b)]
-    one, other = (_ranks(np.array(values)) for values in zip(*pairs, strict=True)) if pairs else ((), ())
-    if len(pairs) < 3 or np.ptp(one) == 0 or np.ptp(other) == 0:
+    if len(pairs) < 3:
+        return None
+    one, other = (doubled_midranks(np.array(values)) for values in zip(*pairs, strict=True))
+    if np.ptp(one) == 0 or np.ptp(other) == 0:
         return None
     rho = float(np.clip(np.corrcoef(one, other)[0, 1], -1, 1))
     if len(pairs) < _LEAST:
@@ -41,10 +43,3 @@ def rank_correlation(source: Sequence[float], target: Sequence[float]) -> Correl
     reach = _Z * math.sqrt((1 + rho**2 / 2) / (len(pairs) - 3))
     middle = math.atanh(rho)
     return Correlation(rho, math.tanh(middle - reach), math.tanh(middle + reach), len(pairs))
-
-
-def _ranks(values: Values) -> Values:
-    """Return ranks from 0; equal values share the mean of theirs."""
-    ordered = np.sort(values)
-    low, high = (np.searchsorted(ordered, values, side=side) for side in ("left", "right"))
-    return (low + high - 1) / 2

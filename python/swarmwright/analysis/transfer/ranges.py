@@ -5,6 +5,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from typing import Any
 
 from swarmwright.core.errors import InputError
 from swarmwright.experiment.experiment import Experiment
@@ -97,14 +98,24 @@ E_PUCKS = (
 PRESETS = ("e-puck-rm1.1", "e-puck-rm1.2")
 
 
+def robot_of(experiment: Experiment) -> Any:  # noqa: ANN401 - as the arena's parameter has it
+    """Return the robot of an experiment in the arena: the parameter's, the mission's, or the default."""
+    mission = experiment.parameters.get("mission")
+    robots = experiment.parameters.get("robots")
+    of_mission = mission if isinstance(mission, Mapping) else {}
+    if isinstance(robots, list) or (robots is None and isinstance(of_mission.get("robots"), list)):
+        return None  # of several kinds
+    return experiment.parameters.get("robot", of_mission.get("robot", PRESETS[0]))
+
+
 def require_e_pucks(experiment: Experiment) -> None:
-    """Raise InputError unless an experiment has the arena's e-pucks."""
-    robot = experiment.parameters.get("robot", PRESETS[0])
+    """Raise InputError unless all robots of an experiment are the arena's e-pucks of one kind."""
+    robot = robot_of(experiment) if experiment.simulation == "arena" else None
     preset = robot.get("preset") if isinstance(robot, Mapping) else robot
-    if experiment.simulation != "arena" or preset not in PRESETS:
+    if preset not in PRESETS:
         raise InputError(
-            f"pseudo-reality: ranges are known of the arena's {' and '.join(PRESETS)} only; name the "
-            "parameters that vary and their ranges instead"
+            f"pseudo-reality: ranges are known of the arena's {' and '.join(PRESETS)} only, of one kind; "
+            "name the parameters that vary and their ranges instead"
         )
 
 

@@ -1,5 +1,7 @@
 """What came out of a transfer."""
 
+import csv
+import io
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
@@ -51,39 +53,41 @@ class Transferred:
     target: str
     candidates: tuple[Candidate, ...]
     """The best of the run first, random ones last."""
-    source: Values
+    source_episodes: Values
     """(candidates, seeds) fitness of episodes in the run's own simulation, NaN where one failed."""
-    there: Values
+    target_episodes: Values
     """(candidates, seeds) fitness of episodes in the target, NaN where one failed."""
     ranking: Ranking
 
     @cached_property
-    def fitness(self) -> list[Estimate]:
+    def source_fitness(self) -> list[Estimate]:
         """Mean fitness of each candidate in the run's own simulation, on held-out seeds."""
-        return [estimate(self._samples(row)) for row in self.source]
+        return [estimate(self._samples(row)) for row in self.source_episodes]
 
     @cached_property
-    def fitness_there(self) -> list[Estimate]:
+    def target_fitness(self) -> list[Estimate]:
         """Mean fitness of each candidate in the target."""
-        return [estimate(self._samples(row)) for row in self.there]
+        return [estimate(self._samples(row)) for row in self.target_episodes]
 
     @cached_property
     def losses(self) -> list[Estimate]:
         """Mean fitness that each candidate loses, of pairs with the same seed; negative: it gains."""
         return [
             estimate([one - other for one, other in zip(*self._together(*row), strict=True)])
-            for row in zip(self.source, self.there, strict=True)
+            for row in zip(self.source_episodes, self.target_episodes, strict=True)
         ]
 
     @cached_property
     def correlation(self) -> Correlation | None:
         """Whether candidates keep their order; None of fewer than three."""
-        return rank_correlation(*([one.mean for one in of] for of in (self.fitness, self.fitness_there)))
+        return rank_correlation(
+            *([one.mean for one in of] for of in (self.source_fitness, self.target_fitness))
+        )
 
     @property
     def failed(self) -> int:
         """Episodes that failed in the target."""
-        return int(np.isnan(self.there).sum())
+        return int(np.isnan(self.target_episodes).sum())
 
     def _samples(self, episodes: Values) -> list[float]:
         return list(self.ranking.samples(episodes[np.isfinite(episodes)].tolist()))
@@ -101,12 +105,12 @@ class DesignLoss:
     label: str
     """What distinguishes these runs from the others."""
     target: str
-    fitness: Values
+    source_fitness: Values
     """(runs,) mean fitness of the best candidate of each run in its own simulation."""
-    there: Values
+    target_fitness: Values
     """(runs,) the same in the target."""
     losses: Values
-    """(runs,) their differences: fitness minus there."""
+    """(runs,) what is lost: the first minus the second."""
 
 
 @dataclass(frozen=True)
@@ -148,7 +152,10 @@ class Transfer:
             for group in self.groups:
                 members = [of[str(run.path)] for run in group.runs]
                 columns = np.array(
-                    [(one.fitness[0].mean, one.fitness_there[0].mean, one.losses[0].mean) for one in members]
+                    [
+                        (one.source_fitness[0].mean, one.target_fitness[0].mean, one.losses[0].mean)
+                        for one in members
+                    ]
                 ).T
                 found.append(DesignLoss(group.label, target, *columns))
         return tuple(found)
@@ -180,7 +187,7 @@ class Transfer:
         return to_mapping(self)
 
     def figure(self) -> "Figure":
-        """Return a matplotlib figure: for each target, fitness there over fitness in the run's simulation."""
+        """Return a matplotlib figure: for each target, its fitness over that in the run's simulation."""
         from swarmwright.figures.transfer import draw
 
         return draw(self)
@@ -203,24 +210,20 @@ class Transfer:
         Raises InputError for another ending, and when the file cannot be written.
         """
         check_table(Path(path))
-        lines = ["run,target,generation,candidate,seed,fitness,fitness_in_target"]
+        text = io.StringIO()
+        table = csv.writer(text, lineterminator="\n")
+        table.writerow(["run", "target", "generation", "candidate", "seed", "fitness", "fitness_in_target"])
         for one in self.runs:
-            for candidate, source, there in zip(one.candidates, one.source, one.there, strict=True):
-                generation = "" if candidate.generation is None else str(candidate.generation)
-                whose = f"{_cell(str(one.run.path))},{_cell(one.target)},{generation},{candidate.candidate}"
-                lines += [
-                    f"{whose},{seed},{here!r},{away!r}"
-                    for seed, here, away in zip(self.seeds, source.tolist(), there.tolist(), strict=True)
-                ]
-        write_text(path, "\n".join([*lines, ""]))
+            rows = zip(
+                one.candidates, one.source_episodes.tolist(), one.target_episodes.tolist(), strict=True
+            )
+            for candidate, source, target in rows:
+                whose = (one.run.path, one.target, candidate.generation, candidate.candidate)
+                table.writerows((*whose, *row) for row in zip(self.seeds, source, target, strict=True))
+        write_text(path, text.getvalue())
 
 
 def check_table(path: Path) -> None:
     """Raise InputError unless the table of a transfer can have this name."""
     if path.suffix.lower() != ".csv":
         raise InputError(f"{path}: the table of a transfer ends with .csv")
-
-
-def _cell(text: str) -> str:
-    quoted = text.replace('"', '""')
-    return f'"{quoted}"' if any(one in text for one in ',"\n') else text

@@ -34,7 +34,7 @@ def _one_run(transfer: "Transfer") -> Iterator[str]:
     yield f"Mean fitness of {count} episodes with held-out seeds, and what is lost (95 % interval):"
     for one in transfer.runs:
         rows = [["candidate", "during evolution", "fitness", f"in {one.target}", "loss", "95 % interval"]]
-        shown = zip(one.candidates, one.fitness, one.fitness_there, one.losses, strict=True)
+        shown = zip(one.candidates, one.source_fitness, one.target_fitness, one.losses, strict=True)
         for candidate, here, there, lost in list(shown)[:_CANDIDATES]:
             recorded = "" if candidate.recorded is None else number(candidate.recorded)
             rows.append(
@@ -67,7 +67,7 @@ def _runs(transfer: "Transfer") -> Iterator[str]:
 
 
 def _of_run(one: "Transferred") -> list[str]:
-    numbers = (one.fitness[0].mean, one.fitness_there[0].mean, one.losses[0].mean)
+    numbers = (one.source_fitness[0].mean, one.target_fitness[0].mean, one.losses[0].mean)
     order = "" if one.correlation is None else _correlation(one.correlation)
     return [str(one.run.path), *map(number, numbers), _interval(one.losses[0]), order]
 
@@ -78,7 +78,10 @@ def _designs(transfer: "Transfer") -> Iterator[str]:
         for one in transfer.designs:
             if one.target == target:
                 low, high = np.quantile(one.losses, [0.25, 0.75])
-                medians = (float(np.median(values)) for values in (one.fitness, one.there, one.losses))
+                medians = (
+                    float(np.median(values))
+                    for values in (one.source_fitness, one.target_fitness, one.losses)
+                )
                 row = [one.label, str(len(one.losses)), *map(number, medians)]
                 rows.append([*row, f"{number(low)} to {number(high)}"])
         yield "Medians of the runs' best:"
@@ -128,7 +131,7 @@ def to_mapping(transfer: "Transfer") -> dict[str, Any]:
                         "loss": vars(lost),
                     }
                     for candidate, here, there, lost in zip(
-                        one.candidates, one.fitness, one.fitness_there, one.losses, strict=True
+                        one.candidates, one.source_fitness, one.target_fitness, one.losses, strict=True
                     )
                 ],
             }
@@ -138,8 +141,8 @@ def to_mapping(transfer: "Transfer") -> dict[str, Any]:
             {
                 "label": one.label,
                 "target": one.target,
-                "fitness": one.fitness.tolist(),
-                "fitness_in_target": one.there.tolist(),
+                "fitness": one.source_fitness.tolist(),
+                "fitness_in_target": one.target_fitness.tolist(),
                 "loss": one.losses.tolist(),
             }
             for one in transfer.designs

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from swarmwright.analysis.transfer.ranges import PRESETS, Range
+from swarmwright.analysis.transfer.ranges import Range, robot_of
 from swarmwright.core.errors import InputError
 from swarmwright.core.random_numbers import Stream
 from swarmwright.core.yaml import dotted_path, read
@@ -41,7 +41,7 @@ class OtherSimulation:
 
     def _changed(self, experiment: Experiment) -> Experiment:
         if self.name.endswith(_FILES):
-            return experiment.changed_by(
+            return experiment.with_file(
                 Path(self.name), only=CHANGED, reason="a target says where candidates are evaluated, not this"
             )
         try:
@@ -63,7 +63,6 @@ class PseudoReality:
     """
 
     ranges: tuple[Range, ...]
-    seed: int = 0
     name: str = "pseudo-reality"
     places = False
 
@@ -72,7 +71,7 @@ class PseudoReality:
         return [self._sampled(experiment, model) for model in range(count)]
 
     def _sampled(self, experiment: Experiment, model: int) -> Experiment:
-        stream = Stream(self.seed, "pseudo-reality", 0, model)
+        stream = Stream(0, "pseudo-reality", 0, model)
         shares = stream.unit(len(self.ranges)).tolist()
         settings = [
             f"{dotted_path(one.path)}={one.at(share)!r}"
@@ -84,8 +83,11 @@ class PseudoReality:
             raise InputError(str(error).replace("--set ", f"{self.name}, model {model}: ")) from error
 
     def _with_preset(self, experiment: Experiment) -> Experiment:
-        """Return the experiment with a robot whose parts vary as a mapping of its preset."""
-        robot = experiment.parameters.get("robot", PRESETS[0])
+        """Return the experiment with a robot whose parts vary as a mapping of its preset.
+
+        A name has no parts that could be set.
+        """
+        robot = robot_of(experiment)
         varies = any(one.path[1] == "robot" and len(one.path) > 2 for one in self.ranges)
         if not (varies and experiment.simulation == "arena" and isinstance(robot, str)):
             return experiment
@@ -95,7 +97,7 @@ class PseudoReality:
 Target = OtherSimulation | PseudoReality
 
 
-def targets_of(to: Iterable[str], ranges: Sequence[Range], seed: int = 0) -> list[Target]:
+def targets_of(to: Iterable[str], ranges: Sequence[Range]) -> list[Target]:
     """Return what candidates are transferred to. Raises InputError for nothing, or the same one twice."""
     names = list(to)
     doubled = next((name for name in names if names.count(name) > 1), None)
@@ -103,7 +105,7 @@ def targets_of(to: Iterable[str], ranges: Sequence[Range], seed: int = 0) -> lis
         raise InputError(f"to: {doubled} is named twice")
     found: list[Target] = [OtherSimulation(name) for name in names]
     if ranges:
-        found.append(PseudoReality(tuple(ranges), seed))
+        found.append(PseudoReality(tuple(ranges)))
     if not found:
         raise InputError("nothing to transfer to: name simulations, or parameters that vary")
     return found

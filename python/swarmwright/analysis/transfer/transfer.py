@@ -3,6 +3,7 @@
 import math
 import os
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -97,19 +98,16 @@ def transfer(
     return Transfer(tuple(episodes), names, tuple(found), tuple(groups), (*notes, *_cautions(groups, found)))
 
 
+@dataclass(frozen=True)
 class _Plan:
     """What is evaluated of one run."""
 
-    def __init__(
-        self,
-        run: Run,
-        experiment: Experiment,
-        targets: Sequence[tuple[Target, list[Experiment]]],
-        candidates: tuple[Candidate, ...],
-        genomes: Genomes,
-    ) -> None:
-        self.run, self.experiment, self.targets = run, experiment, targets
-        self.candidates, self.genomes = candidates, genomes
+    run: Run
+    experiment: Experiment
+    targets: list[tuple[Target, list[Experiment]]]
+    """Each with the experiment of all its episodes, or with one for each."""
+    candidates: tuple[Candidate, ...]
+    genomes: Genomes
 
     @classmethod
     def of(cls, run: Run, targets: Sequence[Target], candidates: int, random: int, seeds: int) -> "_Plan":

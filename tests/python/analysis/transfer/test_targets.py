@@ -143,5 +143,13 @@ def test_e_pucks_get_other_noise() -> None:
     for robot in ("kilobot", {"preset": "foot-bot"}):
         with pytest.raises(InputError, match="ranges are known of the arena's e-puck"):
             require_e_pucks(swarm(robot))
+    kinds = [{"robot": "e-puck-rm1.1", "count": 3}, {"robot": {"preset": "e-puck-rm1.1"}, "count": 2}]
+    mission = {"walls": {"rectangle": [2, 2]}, "start": {"disc": {"radius": 0.5}}, "fitness": "order"}
+    for parameters in ({"robots": kinds}, {"mission": {**mission, "robot": "kilobot"}}):
+        with pytest.raises(InputError, match="of one kind"):
+            require_e_pucks(Experiment.from_mapping({"simulation": "arena", "parameters": parameters}))
+    of_mission = {"simulation": "arena", "parameters": {"mission": {**mission, "robot": "e-puck-rm1.2"}}}
+    (sampled,) = PseudoReality(E_PUCKS).experiments(Experiment.from_mapping(of_mission), 1)
+    assert sampled.parameters["robot"]["preset"] == "e-puck-rm1.2"
     with pytest.raises(InputError, match="ranges are known"):
         require_e_pucks(EXPERIMENT)

@@ -43,19 +43,23 @@ def test_scores_are_those_of_a_post_evaluation(runs: list[Run], tmp_path: Path) 
     first, sampled = found.runs
     assert (first.target, sampled.target) == (str(path), "pseudo-reality")
     others = run.experiment.replace(parameters={"speedDefenders": 0.8})
-    for candidate, here, there in zip(first.candidates, first.source, first.there, strict=True):
+    for candidate, here, there in zip(
+        first.candidates, first.source_episodes, first.target_episodes, strict=True
+    ):
         which: dict[str, Any] = {"candidate": candidate.candidate, "generation": candidate.generation}
         expected = post_evaluate(run, **which, episodes=12)
         assert here.tolist() == expected.episodes.tolist()
         assert candidate.recorded == expected.recorded
         assert list(found.seeds) == expected.seeds
         assert there.tolist() == post_evaluate(run, **which, episodes=12, experiment=others).episodes.tolist()
-    assert sampled.there.tolist() == first.there.tolist()  # each of its models is as fast
+    assert sampled.target_episodes.tolist() == first.target_episodes.tolist()  # each of its models is as fast
     lost = first.losses[0]
     pairs = [
         a - b
         for a, b in zip(
-            first.source[0].reshape(-1, 2).mean(1), first.there[0].reshape(-1, 2).mean(1), strict=True
+            first.source_episodes[0].reshape(-1, 2).mean(1),
+            first.target_episodes[0].reshape(-1, 2).mean(1),
+            strict=True,
         )
     ]
     assert lost.mean == pytest.approx(np.mean(pairs))
@@ -79,7 +83,7 @@ def test_designs_are_compared(runs: list[Run]) -> None:
     assert [one.label for one in found.designs] == ["hidden [2]", "hidden [8]"]
     for design, members in zip(found.designs, (found.runs[:2], found.runs[2:]), strict=True):
         assert design.losses.tolist() == [one.losses[0].mean for one in members]
-        assert design.losses == pytest.approx(design.fitness - design.there)
+        assert design.losses == pytest.approx(design.source_fitness - design.target_fitness)
     (pair,) = found.pairs
     assert 0 <= pair.difference.p <= pair.p_holm <= 1
     assert any("fewer than 5 runs" in note for note in found.notes)
@@ -108,8 +112,8 @@ def test_one_run_shows_its_candidates_and_their_order(runs: list[Run], tmp_path:
     with (tmp_path / "all.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 18 * 4
-    assert [float(row["fitness"]) for row in rows] == found.runs[0].source.ravel().tolist()
-    assert [float(row["fitness_in_target"]) for row in rows] == found.runs[0].there.ravel().tolist()
+    assert [float(row["fitness"]) for row in rows] == found.runs[0].source_episodes.ravel().tolist()
+    assert [float(row["fitness_in_target"]) for row in rows] == found.runs[0].target_episodes.ravel().tolist()
     assert rows[-1]["generation"] == ""
     with pytest.raises(InputError, match=r"ends with \.csv"):
         found.export(tmp_path / "all.txt")
@@ -133,8 +137,8 @@ def test_another_simulator_on_a_broker(any_broker: str, foreign: Callable[..., A
         found = transfer([run], [str(path)], candidates=4, seeds=3, broker=any_broker)
         assert there.episodes == 12
     (one,) = found.runs
-    assert np.isfinite(one.there).all()
-    assert (one.there != one.source).any()
+    assert np.isfinite(one.target_episodes).all()
+    assert (one.target_episodes != one.source_episodes).any()
 
 
 @pytest.mark.parametrize(
@@ -197,6 +201,6 @@ def test_episodes_that_fail_are_left_out(tmp_path: Path) -> None:
     found = transfer([run], vary={"parameters.weight": (3.0, 4.0)}, candidates=2, seeds=6)
     (one,) = found.runs
     assert one.failed == 6
-    assert np.isnan(one.there).sum(axis=1).tolist() == [3, 3]
+    assert np.isnan(one.target_episodes).sum(axis=1).tolist() == [3, 3]
     assert all(math.isfinite(lost.mean) for lost in one.losses)
     assert found.notes == ("6 episodes failed in pseudo-reality and are left out",)
