@@ -52,7 +52,8 @@ def disk(place: Path, size: str = "8m") -> Iterator[Path]:
     try:
         yield place
     finally:
-        subprocess.run(["umount", str(place)], check=True)
+        # Lazily, since a file that is still open would keep it, and pytest cannot remove what is mounted.
+        subprocess.run(["umount", "--lazy", str(place)], check=True)
 
 
 def test_a_read_only_folder_can_be_read(copy: Path, tmp_path: Path) -> None:
