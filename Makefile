@@ -5,6 +5,7 @@
 # make test-peers  servers, tools and brokers of other makes and in other languages (Java, C++, JavaScript, Go)
 # make test-docs   every command and snippet of the documentation
 # make test-ros1  ROS 1 as Debian has it: real masters, nodes and launch files
+# make test-simulators  SUMO and others that take hundreds of megabytes: adapters, and pages of the documentation
 # make test-arm64  whole runs on an emulated arm64 processor have the records of this one
 # make test-export  controllers in C, C++, .. on emulated processors of other makes
 # make fuzz    many more inputs for every decoder than `make test` has (INPUTS=1000000 of each kind)
@@ -21,7 +22,7 @@ SHELL := /bin/bash
 .ONESHELL:
 .DELETE_ON_ERROR:
 .DEFAULT_GOAL := help
-.PHONY: brokers test-brokers test-ros1 test-export test-arm64 test-peers test-docs help demo java cpp test schedules test-engine test-java test-cpp test-python lint lint-engine lint-java lint-cpp lint-python lint-protocol audit bench docs check-docs clean fuzz
+.PHONY: brokers test-brokers test-ros1 test-simulators test-export test-arm64 test-peers test-docs help demo java cpp test schedules test-engine test-java test-cpp test-python lint lint-engine lint-java lint-cpp lint-python lint-protocol audit bench docs check-docs clean fuzz
 
 VENV := .venv
 BIN := $(CURDIR)/$(VENV)/bin
@@ -164,6 +165,10 @@ test-ros1: $(VENV)/.engine $(VENV)/.dev
 		&& [ -e /usr/lib/python3/dist-packages/nav_msgs ] && command -v catkin_make > /dev/null \
 		&& command -v roslaunch > /dev/null && command -v rosrun > /dev/null || { $(call install,$(ROS1)); }
 	SWARMWRIGHT_ROS1=1 $(BIN)/python -m pytest $(AGAIN) -n 3 --dist loadfile --durations=10 tests/ros1 tests/docs/test_snippets.py -k "ros1 or attach-ros"
+
+# Simulators that take hundreds of megabytes: their adapters, and the pages of the documentation.
+test-simulators: $(VENV)/.engine $(VENV)/.simulators
+	$(BIN)/python -m pytest $(AGAIN) -n 2 --durations=10 tests/python/adapters/sumo tests/docs/test_snippets.py -k "sumo"
 
 INPUTS ?= 1000000
 
@@ -317,6 +322,11 @@ $(VENV)/.dev: $(VENV)/.engine $(VENV)/.docs pyproject.toml
 # What builds the documentation.
 $(VENV)/.docs: $(VENV)/.tools pyproject.toml
 	$(BIN)/python -m pip install --quiet --group docs
+	touch $@
+
+# Simulators that not everybody wants to have.
+$(VENV)/.simulators: $(VENV)/.dev pyproject.toml
+	$(BIN)/python -m pip install --quiet --group simulators
 	touch $@
 
 # What only benchmarks need: those that Swarmwright is compared with.

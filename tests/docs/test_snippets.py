@@ -10,11 +10,14 @@ The words behind the language of a fenced block, which are not displayed, say ho
 - `python`: run as a script; any language with `file=NAME`: written to that file;
 - `text output`: what the `bash` or `python` block before it has said; `...` stands for anything.
 
+Pages of simulators that take hundreds of megabytes are run where those are installed, by
+`make test-simulators`.
 Pages that build with `catkin_make` are run where ROS is, by `make test-ros1`. The experiments, FREVO's files
 and the wrappers for Java and C++ are there as in a clone, and built.
 """
 
 import contextlib
+import importlib.util
 import os
 import re
 import shlex
@@ -42,6 +45,8 @@ SOURCES = {"javascript", "go"}
 """Shown as they stand in a file of the repository, which `tests/conformance/test_examples.py` compares."""
 RUN = {"bash", "python", "yaml"}
 FENCE = re.compile(r"^```(\S*)[ ]*(.*?)\n(.*?)^```[ ]*$", re.MULTILINE | re.DOTALL)
+SIMULATORS = {"adapters.sumo": "libsumo"}
+"""What a page says that needs a simulator of `make test-simulators`, and the simulator's module."""
 PORTS = re.compile(r"\b(1883|8883|8884|9001|11311)\b")
 
 
@@ -151,6 +156,9 @@ def test_every_snippet_of_the_page_works(page: Path, tmp_path: Path) -> None:
         pytest.skip(WHY_NOT)
     if "catkin_make" in page.read_text(encoding="utf-8") and not os.environ.get("SWARMWRIGHT_ROS1"):
         pytest.skip("make test-ros1 runs this page")
+    for words, module in SIMULATORS.items():
+        if words in page.read_text(encoding="utf-8") and importlib.util.find_spec(module) is None:
+            pytest.skip(f"{module} is not installed; make test-simulators runs this page")
     programs = [str(Path(sys.executable).parent), os.environ["PATH"], "/usr/sbin"]
     environment = {key: value for key, value in os.environ.items() if not key.startswith("SWARMWRIGHT_")}
     environment["PATH"] = os.pathsep.join(programs)

@@ -1,0 +1,175 @@
+"""What vehicles and traffic lights have in common: SUMO in this process, episodes, metrics, pictures."""
+
+import contextlib
+import io
+from abc import abstractmethod
+from collections.abc import Mapping
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmwright.adapters.sumo._files import checked
+from swarmwright.core.errors import EpisodeError, InputError
+from swarmwright.display import Body, Scene, Wall
+from swarmwright.simulations.base import Simulation
+from swarmwright.simulations.parameters import Parameter
+
+_LARGEST_SEED = 0x7FFF_FFFF
+HALTING = 0.1
+"""Metres per second; slower vehicles wait, as in SUMO's own statistics."""
+
+
+def _library() -> ModuleType:
+    """Return SUMO; InputError where there is none."""
+    try:
+        # It prints a warning where pyarrow is not the version that it was built with, which only matters to
+        # those who use both to write files.
+        with contextlib.redirect_stdout(io.StringIO()):
+            import libsumo
+    except ModuleNotFoundError as error:
+        raise InputError(f"{error.name} is not installed; pip install 'swarmwright[sumo]'") from error
+    return libsumo  # type: ignore[no-any-return,unused-ignore]
+
+
+class Traffic(Simulation):
+    """Traffic of a SUMO configuration; who the agents are is left to subclasses.
+
+    An agent acts every `interval` seconds, one or more steps of SUMO's. `libsumo.load` begins an episode,
+    with SUMO's random numbers set by the episode's seed.
+    """
+
+    copies = False  # libsumo has one simulation in a process
+    determinism = "bitwise"
+    metrics = {  # noqa: RUF012 - as in the base class
+        "speed": "Mean speed of the vehicles, m/s, over vehicles and steps.",
+        "waiting": "Seconds slower than 0.1 m/s, mean over the vehicles that have departed.",
+        "arrived": "Vehicles that have arrived.",
+        "collisions": "Collisions, counted in each step of SUMO.",
+        "teleported": "Vehicles that SUMO moved on, since they waited too long or collided.",
+    }
+    parameters: Mapping[str, Any] = {
+        "config": Parameter("", "Path of the configuration, such as town.sumocfg."),
+        "interval": Parameter(1.0, "Seconds from one action to the next.", minimum=0.01, maximum=60.0),
+        "steps": Parameter(300, "Actions in an episode.", minimum=1),
+    }
+
+    def __init__(self) -> None:
+        self.sumo = _library()
+        self._config = ""
+
+    @abstractmethod
+    def begin(self, parameters: dict[str, Any], lately: list[str]) -> NDArray[np.float64]:
+        """Find the agents of an episode that has been loaded; return what they sense.
+
+        lately: vehicles that have departed before the first action, sorted.
+        """
+
+    @abstractmethod
+    def act(self, actions: NDArray[np.float32]) -> None:
+        """Pass the agents' actions to SUMO."""
+
+    @abstractmethod
+    def look(self, lately: list[str]) -> NDArray[np.float64]:
+        """Return what agents sense, (agents, sensors).
+
+        lately: vehicles that have departed in this step, sorted.
+        """
+
+    def reset(self, parameters: dict[str, Any], seed: int) -> NDArray[np.float64]:
+        """Go to the start of an episode."""
+        if parameters["config"] != self._config or not self._config:
+            self._path = checked(parameters["config"])
+            self._config = parameters["config"]
+        options = ["-c", str(self._path), "--seed", str((seed ^ seed >> 32) & _LARGEST_SEED)]
+        try:
+            self.sumo.load([*options, "--no-step-log", "--no-warnings", "--duration-log.disable"])
+        except self.sumo.TraCIException as error:
+            raise InputError(f"config: {self._path}: SUMO reports: {_words(error)}") from None
+        self.interval, self.steps = parameters["interval"], parameters["steps"]
+        tick = self.sumo.simulation.getDeltaT()
+        self._ticks = round(self.interval / tick)
+        if self._ticks < 1 or abs(self._ticks * tick - self.interval) > 1e-6:
+            raise InputError(
+                f"interval: {self.interval:g} s found, expected a multiple of SUMO's step-length, {tick:g} s"
+            )
+        self._taken = 0
+        self._speeds = self._seen = self._waited = self._departed = 0.0
+        self._counts = dict.fromkeys(("arrived", "collisions", "teleported"), 0)
+        self.vehicles: tuple[str, ...] = ()
+        return self.begin(parameters, self._advance(1))  # vehicles depart in a step
+
+    def step(self, actions: NDArray[np.float32]) -> NDArray[np.float64]:
+        """Go on by `interval` seconds."""
+        self.act(actions)
+        lately = self._advance(self._ticks)
+        self._taken += 1
+        vehicle = self.sumo.vehicle
+        speeds = [vehicle.getSpeed(one) for one in self.vehicles]
+        self._speeds += sum(speeds)
+        self._seen += len(speeds)
+        self._waited += self.interval * sum(speed < HALTING for speed in speeds)
+        return self.look(lately)
+
+    def done(self) -> bool:
+        """Return whether the time is over, or no vehicle is left and none will come."""
+        return bool(self._taken == self.steps or self.sumo.simulation.getMinExpectedNumber() == 0)
+
+    def measure(self) -> dict[str, float]:
+        """Return the metrics."""
+        return {
+            "speed": self._speeds / max(self._seen, 1),
+            "waiting": self._waited / max(self._departed, 1),
+            **self._counts,
+        }
+
+    def scene(self) -> Scene:
+        """Return roads and vehicles as seen from above, in metres."""
+        sumo = self.sumo
+        (left, low), (right, high) = sumo.simulation.getNetBoundary()
+        margin = 0.05 * max(right - left, high - low, 1.0)
+        left, low = left - margin, low - margin
+
+        def place(point: tuple[float, float]) -> tuple[float, float]:
+            return point[0] - left, point[1] - low
+
+        roads = [Wall([place(point) for point in sumo.lane.getShape(lane)]) for lane in sumo.lane.getIDList()]
+        bodies = []
+        for one in self.vehicles:
+            x, y = place(sumo.vehicle.getPosition(one))
+            bodies.append(Body("vehicle", x, y, self.state(one)))
+        return Scene(
+            right - left + margin,
+            high - low + margin,
+            self._taken,
+            f"{self.title}, {sumo.simulation.getTime():.0f} s",
+            bodies,
+            walls=roads,
+        )
+
+    def state(self, vehicle: str) -> str:
+        """Return what pictures call a vehicle: waiting or driving."""
+        return "waiting" if self.sumo.vehicle.getSpeed(vehicle) < HALTING else "driving"
+
+    def _advance(self, ticks: int) -> list[str]:
+        """Let SUMO go on; return the vehicles that have departed and are still there, sorted."""
+        simulation, counts = self.sumo.simulation, self._counts
+        departed: list[str] = []
+        for _ in range(ticks):
+            try:
+                self.sumo.simulationStep()
+            except self.sumo.TraCIException as error:
+                raise EpisodeError(f"SUMO reports: {_words(error)}") from None
+            departed += simulation.getDepartedIDList()
+            counts["arrived"] += simulation.getArrivedNumber()
+            counts["collisions"] += len(simulation.getCollisions())
+            counts["teleported"] += simulation.getStartingTeleportNumber()
+        self._departed += len(departed)
+        self.vehicles = self.sumo.vehicle.getIDList()
+        there = set(self.vehicles)
+        return sorted(one for one in departed if one in there)
+
+
+def _words(error: Exception) -> str:
+    return " ".join(str(error).split())
