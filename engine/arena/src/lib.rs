@@ -22,6 +22,7 @@ mod metrics;
 mod mission;
 mod neighbours;
 mod objects;
+mod physics;
 mod place;
 mod polygon;
 mod proximity;
@@ -35,13 +36,20 @@ mod start;
 mod swarm;
 mod team;
 
+use std::sync::Arc;
+
 use lanes::ArenaLanes;
 use metrics::Tally;
 pub use mission::{MissionInfo, missions};
+pub use physics::{
+    Motion, Physics, PhysicsKind, PhysicsSimulation, Pose, RobotModel, Start, World, WorldLight,
+    WorldObject, WorldPatch, WorldWall,
+};
 use settings::{MOST_ROBOTS, Settings};
 use swarm::Swarm;
 use swarmwright_lanes::Lanes;
 use swarmwright_simulation::block::{self, Create};
+use swarmwright_simulation::simulation::Describer;
 use swarmwright_simulation::{
     Block, Description, Determinism, Means, MetricInfo, ParameterError, ParameterInfo, Parameters,
     RolloutError, Scene, Simulation,
@@ -162,12 +170,10 @@ impl Simulation for Arena {
         describe(&self.settings)
     }
 
-    fn varies(&self) -> bool {
-        true
-    }
-
-    fn described(&self, parameters: &Parameters) -> Result<Description, ParameterError> {
-        Settings::read(parameters).map(|settings| describe(&settings))
+    fn describer(&self) -> Option<Describer> {
+        Some(Arc::new(|parameters| {
+            Settings::read(parameters).map(|settings| describe(&settings))
+        }))
     }
 
     fn parameters(&self) -> Vec<ParameterInfo> {

@@ -34,13 +34,14 @@ impl<L: Lanes> Seen<L> {
     }
 }
 
-/// Writes the readings of a robot, without noise. A ray that begins inside of a body does not see it.
+/// Writes the distances from where a robot's rays begin, the sensor's range where they meet nothing. A ray that begins inside
+/// of a body does not see it.
 #[expect(
     clippy::too_many_arguments,
     reason = "what rays meet, and where they look"
 )]
 #[inline(always)]
-pub(super) fn read<L: Lanes>(
+pub(super) fn measure<L: Lanes>(
     sensors: &Proximity,
     team: &Team,
     place: &Place,
@@ -50,7 +51,6 @@ pub(super) fn read<L: Lanes>(
     seen: &mut Seen<L>,
     readings: &mut [Number<L>],
 ) {
-    // While rays are followed, a reading is the distance from the start of the ray.
     for index in 0..readings.len() {
         readings[index] = number(sensors.range);
     }
@@ -102,6 +102,11 @@ pub(super) fn read<L: Lanes>(
     }
     to_walls(sensors, turn, slots, readings);
     bodies.objects.shorten(sensors, bodies, index, readings);
+}
+
+/// Turns distances into readings, without noise.
+#[inline(always)]
+pub(super) fn respond<L: Lanes>(sensors: &Proximity, readings: &mut [Number<L>]) {
     let range = number(sensors.range);
     let [c0, c1, c2] = sensors.response;
     for reading in readings {

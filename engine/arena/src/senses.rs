@@ -73,6 +73,8 @@ pub(super) struct Senses<L: Lanes> {
     /// Which robots they are.
     indices: Vec<u32>,
     proximity: Vec<Number<L>>,
+    /// By robot: the lengths of its rays where another simulator measured them; empty where they are followed here.
+    measured: Vec<Number<L>>,
     light: Vec<Number<L>>,
     /// By group: which controllers are told of both, half turns.
     angles: Vec<[Vec<f32>; 2]>,
@@ -111,6 +113,7 @@ impl<L: Lanes> Senses<L> {
             },
             indices: Vec::new(),
             proximity: vec![number(0.0); most(0).unwrap_or(0)],
+            measured: Vec::new(),
             light: vec![number(0.0); most(1).unwrap_or(0)],
             angles,
             seen: Seen::new(),
@@ -134,6 +137,7 @@ impl<L: Lanes> Senses<L> {
     pub(super) fn forget(&mut self, team: &Team) {
         self.ground.clear();
         self.links.clear();
+        self.measured.clear();
         self.sent.fill(number(0.0));
         self.turned.fill(number(0.0));
         self.shown.fill(number(0.0));
@@ -175,17 +179,24 @@ impl<L: Lanes> Senses<L> {
             }
             let faces = &self.close.faces[first..];
             if let Some(sensors) = &robot.proximity {
+                let most = self.proximity.len();
                 let readings = &mut self.proximity[..sensors.rays.len()];
-                proximity::read(
-                    sensors,
-                    team,
-                    place,
-                    bodies,
-                    index,
-                    (&self.others, faces),
-                    &mut self.seen,
-                    readings,
-                );
+                if self.measured.is_empty() {
+                    proximity::measure(
+                        sensors,
+                        team,
+                        place,
+                        bodies,
+                        index,
+                        (&self.others, faces),
+                        &mut self.seen,
+                        readings,
+                    );
+                } else {
+                    let measured = &self.measured[index * most..][..readings.len()];
+                    readings.copy_from_slice(measured);
+                }
+                proximity::respond(sensors, readings);
                 for (block, readings) in readings.chunks_mut(8).enumerate() {
                     let words = keys.draw(tick, index, Purpose::Proximity(block as u32));
                     add_noise(readings, sensors.noise, words);
@@ -377,6 +388,16 @@ impl<L: Lanes> Senses<L> {
         while ends.len() < team.groups().len() {
             ends.push(all.len());
         }
+    }
+}
+
+impl Senses<f32> {
+    /// The lengths of the rays of `robots` robots, as many for each as that with most of them has, metres; empty where they
+    /// are to be followed here.
+    pub(super) fn measured(&mut self, distances: &[f32], robots: usize) {
+        debug_assert!(distances.is_empty() || distances.len() == robots * self.proximity.len());
+        self.measured.clear();
+        self.measured.extend(distances.iter().copied().map(Number));
     }
 }
 

@@ -172,6 +172,15 @@ impl<L: Lanes> Swarm<L> {
     /// One tick: all drive with these actuators, one robot's after another's, each in -1..=1, then all look.
     #[inline(always)]
     pub(super) fn step(&mut self, team: &Team, place: &Place, actuators: &[L]) {
+        self.command(team, actuators);
+        self.contacts
+            .resolve(&mut self.bodies, &self.senses.close, team, place);
+        self.look(team, place);
+    }
+
+    /// The first part of a tick: what drives aim at.
+    #[inline(always)]
+    pub(super) fn command(&mut self, team: &Team, actuators: &[L]) {
         self.tick += 1;
         let mut told = std::mem::take(&mut self.told);
         let rows = (team.actuators(), team.drive());
@@ -185,13 +194,17 @@ impl<L: Lanes> Swarm<L> {
             battery::stop(&self.senses.charges, rows.0, &mut told);
         }
         self.drive(team, if other { &told } else { actuators });
-        self.contacts
-            .resolve(&mut self.bodies, &self.senses.close, team, place);
+        self.told = told;
+    }
+
+    /// The last part of a tick: all look, where they are now.
+    #[inline(always)]
+    pub(super) fn look(&mut self, team: &Team, place: &Place) {
         let charges = &mut self.senses.charges;
         if !charges.is_empty() {
-            battery::update(team, place, &self.bodies, &told, rows, charges);
+            let rows = (team.actuators(), team.drive());
+            battery::update(team, place, &self.bodies, &self.told, rows, charges);
         }
-        self.told = told;
         let bodies = &mut self.bodies;
         for index in 0..bodies.len() {
             bodies.cos[index] = Number(cos_pi(bodies.heading[index].0));
@@ -298,5 +311,38 @@ impl<L: Lanes> Swarm<L> {
         );
         self.failing
             .blind(self.tick, team.sensors(), &mut self.senses.outputs);
+    }
+}
+
+impl Swarm<f32> {
+    /// What a drive aims at: velocity along the axes of the arena, m/s, and rotation, rad/s.
+    pub(super) fn aim(&self, robot: usize) -> ([f32; 2], f32) {
+        let velocity = self.contacts.aim[robot].map(|number| number.0);
+        (velocity, self.bodies.spin[robot].0)
+    }
+
+    /// All are elsewhere, `seconds` later.
+    pub(super) fn put(
+        &mut self,
+        robots: impl Iterator<Item = Pose>,
+        objects: impl Iterator<Item = Pose>,
+        seconds: f32,
+    ) {
+        let bodies = &mut self.bodies;
+        for (
+            index,
+            Pose {
+                at: [x, y],
+                heading,
+            },
+        ) in robots.enumerate()
+        {
+            bodies.vx[index] = Number((x - bodies.x[index].0) / seconds);
+            bodies.vy[index] = Number((y - bodies.y[index].0) / seconds);
+            bodies.x[index] = Number(x);
+            bodies.y[index] = Number(y);
+            bodies.heading[index] = Number(heading);
+        }
+        bodies.objects.put(objects);
     }
 }

@@ -9,6 +9,7 @@ mod arena_lanes;
 mod arena_metrics;
 mod arena_mistakes;
 mod arena_objects;
+mod arena_physics;
 mod arena_polygons;
 mod arena_presets;
 mod arena_robots;

@@ -13,8 +13,9 @@ use crate::live::{Live, inside};
 use crate::parameters::Given;
 use crate::scene::Picture;
 
-type Create = unsafe extern "C" fn(context: *mut c_void, simulation: *mut *mut c_void) -> i32;
-type Destroy = unsafe extern "C" fn(simulation: *mut c_void);
+pub(crate) type Create =
+    unsafe extern "C" fn(context: *mut c_void, simulation: *mut *mut c_void) -> i32;
+pub(crate) type Destroy = unsafe extern "C" fn(simulation: *mut c_void);
 type Reset = unsafe extern "C" fn(*mut c_void, parameters: *const Given<'_>, seed: u64) -> i32;
 type Acting = unsafe extern "C" fn(*mut c_void, agents: *mut *const u32, count: *mut usize) -> i32;
 type IsDone = unsafe extern "C" fn(*mut c_void, done: *mut bool) -> i32;
@@ -50,12 +51,19 @@ unsafe impl Structure for RawSimulation {
     const NAME: &'static str = "swarmwright_simulation";
 }
 
+/// How objects of the caller's are made and ended.
+#[derive(Clone)]
+pub(crate) struct Maker {
+    pub context: *mut c_void,
+    pub create: Create,
+    pub destroy: Option<Destroy>,
+    pub live: Arc<Live>,
+}
+
 /// The functions of a simulation, those that must be there being there.
 pub(crate) struct Table {
-    context: *mut c_void,
     pub only_one: bool,
-    create: Create,
-    destroy: Option<Destroy>,
+    maker: Maker,
     reset: Reset,
     acting: Acting,
     done: Option<IsDone>,
@@ -66,7 +74,6 @@ pub(crate) struct Table {
     show: Option<Show>,
     scene: Option<Draw>,
     pub description: Description,
-    pub live: Live,
 }
 
 // SAFETY: the header says that the functions are called from several threads, and `create` from one at a time.
@@ -93,10 +100,13 @@ pub(crate) unsafe fn read(
         return Err(missing("metrics"));
     }
     Ok(Arc::new(Table {
-        context: raw.context,
         only_one: raw.only_one != 0,
-        create: raw.create.ok_or_else(|| missing("create"))?,
-        destroy: raw.destroy,
+        maker: Maker {
+            context: raw.context,
+            create: raw.create.ok_or_else(|| missing("create"))?,
+            destroy: raw.destroy,
+            live: Arc::default(),
+        },
         reset: raw.reset.ok_or_else(|| missing("reset"))?,
         acting: raw.acting.ok_or_else(|| missing("acting"))?,
         done: raw.done,
@@ -107,20 +117,65 @@ pub(crate) unsafe fn read(
         show: raw.show,
         scene: raw.scene,
         description,
-        live: Live::default(),
     }))
+}
+
+impl Table {
+    /// Counts the objects that are there.
+    pub(crate) fn live(&self) -> Arc<Live> {
+        Arc::clone(&self.maker.live)
+    }
+}
+
+/// An object of the caller's, which is ended when this is dropped.
+pub(crate) struct Made {
+    pub pointer: *mut c_void,
+    maker: Maker,
+}
+
+impl Maker {
+    /// Makes an object.
+    ///
+    /// # Errors
+    /// The caller says so.
+    pub(crate) fn make(&self) -> Result<Made, Trouble> {
+        let mut pointer = null_mut();
+        // SAFETY: the functions keep to the header, and none of them unwinds.
+        called("create", || unsafe {
+            (self.create)(self.context, &raw mut pointer)
+        })?;
+        self.live.add();
+        Ok(Made {
+            pointer,
+            maker: self.clone(),
+        })
+    }
+}
+
+impl Drop for Made {
+    fn drop(&mut self) {
+        if let Some(destroy) = self.maker.destroy {
+            // SAFETY: `create` made the object, and no other reference to it is left.
+            inside(|| unsafe { destroy(self.pointer) });
+        }
+        self.maker.live.remove();
+    }
 }
 
 /// One of the caller's simulations.
 pub(crate) struct Object {
     table: Arc<Table>,
-    pointer: *mut c_void,
+    made: Made,
 }
 
 // SAFETY: the header says that an object is called from several threads, from one at a time.
 unsafe impl Send for Object {}
 
-fn called(name: &str, call: impl FnOnce() -> i32) -> Result<(), Trouble> {
+/// Calls a function of the caller's.
+///
+/// # Errors
+/// What it says is wrong.
+pub(crate) fn called(name: &str, call: impl FnOnce() -> i32) -> Result<(), Trouble> {
     forget();
     match inside(call) {
         OK => Ok(()),
@@ -132,15 +187,9 @@ fn called(name: &str, call: impl FnOnce() -> i32) -> Result<(), Trouble> {
 // `create` made, and what is pointed to is there and as long as the header says.
 impl Object {
     pub(crate) fn create(table: &Arc<Table>) -> Result<Self, Trouble> {
-        let mut pointer = null_mut();
-        // SAFETY: as said above.
-        called("create", || unsafe {
-            (table.create)(table.context, &raw mut pointer)
-        })?;
-        table.live.add();
         Ok(Self {
+            made: table.maker.make()?,
             table: Arc::clone(table),
-            pointer,
         })
     }
 
@@ -151,7 +200,7 @@ impl Object {
     pub(crate) fn reset(&mut self, given: &Given<'_>, seed: u64) -> Result<(), Trouble> {
         // SAFETY: as said above.
         called("reset", || unsafe {
-            (self.table.reset)(self.pointer, given, seed)
+            (self.table.reset)(self.made.pointer, given, seed)
         })
     }
 
@@ -160,7 +209,7 @@ impl Object {
         let (mut first, mut count) = (null(), 0);
         // SAFETY: as said above.
         called("acting", || unsafe {
-            (self.table.acting)(self.pointer, &raw mut first, &raw mut count)
+            (self.table.acting)(self.made.pointer, &raw mut first, &raw mut count)
         })?;
         agents.clear();
         if count > 0 {
@@ -182,21 +231,21 @@ impl Object {
         };
         let mut done = false;
         // SAFETY: as said above.
-        called("done", || unsafe { call(self.pointer, &raw mut done) })?;
+        called("done", || unsafe { call(self.made.pointer, &raw mut done) })?;
         Ok(Some(done))
     }
 
     pub(crate) fn sense(&self, agent: u32, sensors: &mut [f32]) -> Result<(), Trouble> {
         // SAFETY: as said above.
         called("sense", || unsafe {
-            (self.table.sense)(self.pointer, agent, sensors.as_mut_ptr())
+            (self.table.sense)(self.made.pointer, agent, sensors.as_mut_ptr())
         })
     }
 
     pub(crate) fn step(&mut self, actuators: &[f32]) -> Result<(), Trouble> {
         // SAFETY: as said above.
         called("step", || unsafe {
-            (self.table.step)(self.pointer, actuators.as_ptr(), actuators.len())
+            (self.table.step)(self.made.pointer, actuators.as_ptr(), actuators.len())
         })
     }
 
@@ -204,7 +253,7 @@ impl Object {
         let mut fitness = f64::NAN;
         // SAFETY: as said above.
         called("fitness", || unsafe {
-            (self.table.fitness)(self.pointer, &raw mut fitness)
+            (self.table.fitness)(self.made.pointer, &raw mut fitness)
         })?;
         Ok(fitness)
     }
@@ -214,7 +263,7 @@ impl Object {
         if let (Some(call), false) = (self.table.metrics, metrics.is_empty()) {
             // SAFETY: as said above.
             called("metrics", || unsafe {
-                call(self.pointer, metrics.as_mut_ptr())
+                call(self.made.pointer, metrics.as_mut_ptr())
             })?;
         }
         Ok(metrics)
@@ -233,7 +282,7 @@ impl Object {
         let (mut picture, mut milliseconds) = (Picture(Scene::default()), 250);
         // SAFETY: as said above.
         called("scene", || unsafe {
-            call(self.pointer, &raw mut picture, &raw mut milliseconds)
+            call(self.made.pointer, &raw mut picture, &raw mut milliseconds)
         })?;
         Ok((picture.0.width > 0.0).then_some((picture.0, milliseconds)))
     }
@@ -246,18 +295,8 @@ impl Object {
         let mut milliseconds = 250;
         // SAFETY: as said above.
         called("show", || unsafe {
-            call(self.pointer, &raw mut milliseconds)
+            call(self.made.pointer, &raw mut milliseconds)
         })?;
         Ok(Some(milliseconds))
-    }
-}
-
-impl Drop for Object {
-    fn drop(&mut self) {
-        if let Some(destroy) = self.table.destroy {
-            // SAFETY: as said above; no other reference to the object is left.
-            inside(|| unsafe { destroy(self.pointer) });
-        }
-        self.table.live.remove();
     }
 }

@@ -42,6 +42,20 @@ unsafe impl Structure for RawDescription {
     const NAME: &'static str = "swarmwright_description";
 }
 
+/// Checks a title.
+///
+/// # Errors
+/// It is empty or too long.
+pub(crate) fn check_title(title: &str) -> Result<(), Trouble> {
+    if title.is_empty() || title.len() > LONGEST_TITLE {
+        return Err(Trouble::Invalid(format!(
+            "the title has {} bytes, expected 1 to {LONGEST_TITLE}",
+            title.len()
+        )));
+    }
+    Ok(())
+}
+
 /// Reads a description.
 ///
 /// # Errors
@@ -61,12 +75,7 @@ pub(crate) unsafe fn read(pointer: *const RawDescription) -> Result<Description,
         )?;
         (raw, title, metrics)
     };
-    if title.is_empty() || title.len() > LONGEST_TITLE {
-        return Err(Trouble::Invalid(format!(
-            "the title has {} bytes, expected 1 to {LONGEST_TITLE}",
-            title.len()
-        )));
-    }
+    check_title(title)?;
     for (what, count) in [("sensors", raw.sensors), ("actuators", raw.actuators)] {
         if !(1..=MOST_NUMBERS).contains(&count) {
             return Err(Trouble::Invalid(format!(
@@ -87,7 +96,11 @@ pub(crate) unsafe fn read(pointer: *const RawDescription) -> Result<Description,
     })
 }
 
-fn determinism(title: &str, declared: i32, tolerance: f64) -> Result<Determinism, Trouble> {
+pub(crate) fn determinism(
+    title: &str,
+    declared: i32,
+    tolerance: f64,
+) -> Result<Determinism, Trouble> {
     Ok(match declared {
         0 => Determinism::Undeclared,
         1 => Determinism::Bitwise,

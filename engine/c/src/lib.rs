@@ -16,6 +16,7 @@ mod live;
 mod options;
 mod parallel;
 mod parameters;
+mod physics;
 mod plugin;
 mod scene;
 mod server;

@@ -4,15 +4,18 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, TryLockError};
 use std::time::Duration;
 
-use swarmwright_wrapper::{ServeError, SimulationServer};
+use swarmwright_arena::PhysicsSimulation;
+use swarmwright_worlds::Simulation;
+use swarmwright_wrapper::{Options, ServeError, SimulationServer};
 
-use crate::callbacks::{self, RawSimulation, Table};
+use crate::callbacks::{self, RawSimulation};
 use crate::description::{self, RawDescription};
 use crate::error::{Trouble, shield};
 use crate::foreign::Foreign;
 use crate::input;
-use crate::live::is_inside;
+use crate::live::{Live, is_inside};
 use crate::options::{self, Listener, RawOptions, seconds};
+use crate::physics::{self, RawPhysics};
 
 /// How often a server that runs looks whether it is to stop.
 const TURN: Duration = Duration::from_millis(100);
@@ -23,7 +26,7 @@ pub struct Server {
     server: Mutex<Option<SimulationServer>>,
     stop: AtomicBool,
     listener: Listener,
-    table: Arc<Table>,
+    live: Arc<Live>,
 }
 
 // SAFETY: its listener's pointer is only handed to the listener, on the thread that has the lock.
@@ -60,7 +63,7 @@ impl Server {
         if let Some(server) = self.lock()?.take() {
             server.close();
         }
-        self.table.live.wait_for_none();
+        self.live.wait_for_none();
         Ok(())
     }
 }
@@ -95,20 +98,60 @@ pub unsafe extern "C" fn swarmwright_server_open(
                 callbacks::read(simulation, description)?,
             )
         };
-        let first = Foreign::new(&table)?;
-        let opened = SimulationServer::connect(vec![Box::new(first)], options).map_err(trouble)?;
-        let opened = Box::into_raw(Box::new(Server {
-            server: Mutex::new(Some(opened)),
-            stop: AtomicBool::new(false),
-            listener,
-            table,
-        }));
-        // SAFETY: as the caller promises; what cannot be given out is freed again.
-        unsafe {
-            input::write("where the server is to go", server, opened)
-                .inspect_err(|_| drop(Box::from_raw(opened)))
-        }
+        let first = Box::new(Foreign::new(&table)?);
+        // SAFETY: as the caller promises.
+        unsafe { open(first, table.live(), (options, listener), server) }
     })
+}
+
+/// Connects to the broker, offers a mission's simulation that the caller's simulator moves.
+///
+/// # Safety
+/// The pointers are null or point to what the header says.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn swarmwright_server_open_physics(
+    options: *const RawOptions,
+    physics: *const RawPhysics,
+    server: *mut *mut Server,
+) -> i32 {
+    shield(|| {
+        // SAFETY: as the caller promises.
+        let ((options, listener), (kind, live)) =
+            unsafe { (options::read(options)?, physics::read(physics)?) };
+        if options.threads != 1 {
+            return Err(Trouble::invalid(format!(
+                "threads: {} found, but missions in other simulators are evaluated by one; start more servers",
+                options.threads
+            )));
+        }
+        let first = PhysicsSimulation::new(Arc::new(kind)).map_err(Trouble::Failed)?;
+        // SAFETY: as the caller promises.
+        unsafe { open(Box::new(first), live, (options, listener), server) }
+    })
+}
+
+/// Connects a simulation, and gives the server out.
+///
+/// # Safety
+/// `server` is null or may be written to.
+unsafe fn open(
+    first: Box<dyn Simulation>,
+    live: Arc<Live>,
+    (options, listener): (Options, Listener),
+    server: *mut *mut Server,
+) -> Result<(), Trouble> {
+    let opened = SimulationServer::connect(vec![first], options).map_err(trouble)?;
+    let opened = Box::into_raw(Box::new(Server {
+        server: Mutex::new(Some(opened)),
+        stop: AtomicBool::new(false),
+        listener,
+        live,
+    }));
+    // SAFETY: as the caller promises; what cannot be given out is freed again.
+    unsafe {
+        input::write("where the server is to go", server, opened)
+            .inspect_err(|_| drop(Box::from_raw(opened)))
+    }
 }
 
 /// Serves until it is stopped, then leaves the broker.

@@ -1,6 +1,7 @@
 //! The trait that every simulation implements.
 
 use std::borrow::Cow;
+use std::sync::Arc;
 
 use serde::Serialize;
 use serde_json::{Map, Value};
@@ -148,15 +149,19 @@ pub struct ParameterError {
     pub reason: String,
 }
 
+/// Describes a simulation with given parameters, or says which of them it refuses; apart from the simulation, which may be in
+/// an episode meanwhile.
+pub type Describer = Arc<dyn Fn(&Parameters) -> Result<Description, ParameterError> + Send + Sync>;
+
 /// An environment that can be reset and stepped. One object runs one episode at a time, any number in turn.
 pub trait Simulation: Send {
     /// What this simulation offers; the same at any time, but for those whose sensors, actuators and metrics depend on
     /// parameters: then as after the last [`reset`](Self::reset).
     fn description(&self) -> Description;
 
-    /// Whether sensors, actuators and metrics depend on parameters: of built-in simulations alone.
-    fn varies(&self) -> bool {
-        false
+    /// What describes it with given parameters, where its sensors, actuators and metrics depend on them.
+    fn describer(&self) -> Option<Describer> {
+        None
     }
 
     /// What this simulation offers with these parameters.
@@ -164,8 +169,10 @@ pub trait Simulation: Send {
     /// # Errors
     /// As [`reset`](Self::reset), for those where it depends on parameters.
     fn described(&self, parameters: &Parameters) -> Result<Description, ParameterError> {
-        let _ = parameters;
-        Ok(self.description())
+        match self.describer() {
+            Some(describe) => describe(parameters),
+            None => Ok(self.description()),
+        }
     }
 
     /// Every parameter that `reset` understands, for documentation and checks.

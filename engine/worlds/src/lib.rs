@@ -9,6 +9,7 @@ pub use emergency_exit::EmergencyExit;
 pub use minisim::Minisim;
 pub use registry::{create, describe, described, evaluate, titles};
 pub use swarmwright_arena::{Arena, MissionInfo, missions};
+pub use swarmwright_simulation::simulation::Describer;
 pub use swarmwright_simulation::{
     Block, Body, Description, Determinism, Episode, Failure, Light, Means, MetricInfo,
     ParameterError, ParameterInfo, ParameterReader, Parameters, Patch, Ray, RolloutError, Scale,

@@ -8,7 +8,7 @@ from typing import Any
 from swarmwright.core.flatten import flat
 from swarmwright.experiment.experiment import ELSEWHERE, Experiment
 from swarmwright.runs.run import Run
-from swarmwright.simulations.catalogue import description, titles
+from swarmwright.simulations.catalogue import built_in, description
 from swarmwright.user_code.copying import shown
 
 _NO_GROUP = ELSEWHERE | {"seed"}
@@ -99,7 +99,7 @@ def _plain(value: Any) -> Any:  # noqa: ANN401 - any value of a file
 
 
 def _defaults(simulation: str) -> dict[str, Any]:
-    if simulation not in titles():
+    if built_in(simulation) is None:
         return {}
     parameters = description(simulation)["parameters"]
     return {name: parameter.get("default") for name, parameter in parameters.items()}

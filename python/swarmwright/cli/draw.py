@@ -85,7 +85,7 @@ def _described(simulation: str | None) -> dict[str, Any] | None:
     """Return the description of a simulation; None if it is not available here."""
     from swarmwright.simulations import catalogue
 
-    if simulation is None or not catalogue.is_here(simulation):
+    if simulation is None or not catalogue.is_described(simulation):
         return None
     return catalogue.description(simulation)
 

@@ -161,7 +161,7 @@ def _rows(genomes: ArrayLike) -> NDArray[np.float32]:
 
 def _check_fit(controller: Controller, sensors: int, actuators: int, simulation: str) -> None:
     if controller.parameters:
-        if catalogue.is_here(simulation):
+        if catalogue.is_described(simulation):
             for name, message in unknown(simulation, controller.parameters):
                 raise InputError(f"controller: {name}: {message}")
         return

@@ -93,7 +93,7 @@ def _read_yaml(path: Path) -> yaml.Source:
 
 def _objects(simulation: str) -> Iterator[tuple[str, bool]]:
     """Yield the names of parameters that are objects, each with whether it may be a name instead."""
-    if simulation in catalogue.titles():
+    if catalogue.built_in(simulation) is not None:
         for name, parameter in catalogue.description(simulation)["parameters"].items():
             if parameter["type"] in ("object", "name or object"):
                 yield name, parameter["type"] != "object"

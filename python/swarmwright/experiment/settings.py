@@ -123,7 +123,7 @@ def _other_simulation(source: Source, setting: Setting) -> None:
     """Drop what the file says that its own simulation announces, where the other one can be asked itself."""
     if setting.value == source.values.get("simulation") or not isinstance(setting.value, str):
         return
-    if catalogue.is_here(setting.value):
+    if catalogue.is_described(setting.value):
         for name in ANNOUNCED:
             source.values.pop(name, None)
             _forget(source, (name,))

@@ -104,7 +104,7 @@ def _with_simulation(values: dict[str, Any], folder: Path, report: Report, *, as
     if not isinstance(simulation, str):
         return False
     if not is_python(simulation):
-        return simulation in catalogue.titles()
+        return catalogue.built_in(simulation) is not None
     find = of_run if (folder / FILE).exists() else absolute
     values["simulation"] = find(simulation, folder)
     if ask:

@@ -212,7 +212,7 @@ def _described(run: "Run") -> Mapping[str, Any]:
     """
     simulation = run.experiment.simulation
     is_ros = SimulationName.parse(simulation).prefix == SimulationName.ROS
-    return catalogue.description(simulation) if is_ros or simulation in catalogue.titles() else {}
+    return catalogue.description(simulation) if is_ros or catalogue.built_in(simulation) else {}
 
 
 def _recorded(run: "Run", chosen: "Choice") -> tuple[Mapping[str, Any], Sequences, int]:

@@ -203,7 +203,7 @@ def post_evaluate(
 
 def _asked(experiment: Experiment, metrics: Sequence[str]) -> list[str]:
     """Return the names of the metrics that are asked for. Raises InputError for one that is not there."""
-    if not catalogue.is_here(experiment.simulation):
+    if not catalogue.is_described(experiment.simulation):
         if metrics == "all":
             raise InputError(
                 f"metrics: those of {experiment.label}, which is not here, are not known; give their names"

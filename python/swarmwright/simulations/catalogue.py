@@ -14,6 +14,10 @@ if TYPE_CHECKING:
     from swarmwright.simulations.host import Host
 
 
+ARENA = "arena"
+"""The simulation whose missions other simulators can have."""
+
+
 @cache
 def titles() -> tuple[str, ...]:
     """Return the titles of the built-in simulations, sorted."""
@@ -31,6 +35,21 @@ def _described(kind: Any) -> Any:  # noqa: ANN401 - as above
     from swarmwright.simulations.host import Host
 
     return Host(kind).description
+
+
+def built_in(simulation: str) -> str | None:
+    """Return the built-in simulation whose parameters, sensors, actuators and metrics a simulation has.
+
+    Its own title; `arena` for the arena's missions in another simulator, `arena-SIMULATOR`; None for others.
+    """
+    if simulation in titles():
+        return simulation
+    return ARENA if simulation.startswith(f"{ARENA}-") else None
+
+
+def is_described(simulation: str) -> bool:
+    """Whether it is known here what a simulation offers, wherever it is run."""
+    return built_in(simulation) is not None or is_python(simulation)
 
 
 def is_here(simulation: str) -> bool:
@@ -79,7 +98,7 @@ def title(simulation: str) -> str:
 
 
 def description(simulation: str, parameters: dict[str, Any] | None = None) -> dict[str, Any]:
-    """Return the description of a simulation that is available here, with default parameters or with these.
+    """Return the description of a simulation that is known here, with default parameters or with these.
 
     Title, dimensions, max_agents, sensors, actuators, their names (sensor_names, actuator_names) and units
     (sensor_units, actuator_units; empty where the simulation has none), parameters, and metrics (name ->
@@ -89,17 +108,18 @@ def description(simulation: str, parameters: dict[str, Any] | None = None) -> di
     if is_python(simulation):
         plain: dict[str, Any] = _python_description(simulation).plain()
         return plain
-    announced = _built_in(simulation)
+    title = built_in(simulation) or simulation
+    announced = _announced(title)
     if announced["varies"] and parameters:
         with engine_errors():
-            announced = _engine.describe(simulation, parameters)
-    return {**announced}
+            announced = _engine.describe(title, parameters)
+    return {**announced, "title": simulation}
 
 
 @cache
-def _built_in(simulation: str) -> "Description":
+def _announced(title: str) -> "Description":
     with engine_errors():
-        return _engine.describe(simulation)
+        return _engine.describe(title)
 
 
 def parameter_names(simulation: str) -> list[str]:
@@ -127,7 +147,7 @@ def steers_itself(simulation: str, parameters: dict[str, Any]) -> bool:
                 return bool(host.steers_itself)
             acting, _, done = host.reset(parameters)
             return not len(acting) and not done
-        return _engine.steers_itself(simulation, parameters)
+        return _engine.steers_itself(built_in(simulation) or simulation, parameters)
 
 
 def parameters_problem(simulation: str, parameters: dict[str, Any]) -> str | None:
@@ -139,7 +159,7 @@ def parameters_problem(simulation: str, parameters: dict[str, Any]) -> str | Non
             filled_in(_python_description(simulation).parameters, parameters)
             return None
         with engine_errors():
-            _engine.check_parameters(simulation, parameters)
+            _engine.check_parameters(built_in(simulation) or simulation, parameters)
     except InputError as error:
         return str(error)
     return None

@@ -304,3 +304,14 @@ impl<L: Lanes> Objects<L> {
         }
     }
 }
+
+impl Objects<f32> {
+    /// All are elsewhere.
+    pub(super) fn put(&mut self, poses: impl Iterator<Item = Pose>) {
+        for (moving, pose) in self.moving.iter_mut().zip(poses) {
+            let [x, y] = pose.at.map(Number);
+            (moving.x, moving.y) = (x, y);
+            moving.turn(Number(pose.heading));
+        }
+    }
+}

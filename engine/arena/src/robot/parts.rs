@@ -105,6 +105,11 @@ impl Drive {
         }
     }
 
+    /// Whether it moves sideways.
+    pub(in super::super) const fn is_holonomic(self) -> bool {
+        matches!(self, Self::Holonomic { .. })
+    }
+
     /// rad/s, at a speed of the wheels or of the robot.
     pub(super) fn fastest_turn(self, speed: f32) -> f32 {
         match self {

@@ -324,6 +324,155 @@ void swarmwright_server_stop(const swarmwright_server* server) SWARMWRIGHT_NOEXC
  * and frees the server. No other thread may use it any more. Null is nothing to do. */
 swarmwright_status swarmwright_server_close(swarmwright_server* server) SWARMWRIGHT_NOEXCEPT;
 
+/* ---- A simulator that moves the robots of missions. ---- */
+
+/*
+ * The built-in simulation `arena` has missions, robots with sensors, metrics. With these functions another simulator
+ * takes the place of its motions and collisions: it is given what drives are to do, and says where all are. All the
+ * rest stays the same, so that one experiment runs in many simulators.
+ */
+
+/** Where something is. */
+typedef struct swarmwright_pose {
+  /** Metres. */
+  float x, y;
+  /** Radians counter-clockwise from x. */
+  float heading;
+} swarmwright_pose;
+
+/** What a drive is to do in a step, in the frame of the robot, its noise included. The wheels of a differential drive
+ * have the speeds forward - turn * wheel_base / 2 (left) and forward + turn * wheel_base / 2 (right). */
+typedef struct swarmwright_motion {
+  /** m/s ahead, and to the left: 0 of robots with wheels. */
+  float forward, sideways;
+  /** rad/s counter-clockwise. */
+  float turn;
+} swarmwright_motion;
+
+/** A wall, or a part of the floor with a colour of its own. */
+typedef struct swarmwright_polygon {
+  /** Corners counter-clockwise, metres: x and y of each. */
+  const float* points;
+  /** Number of corners. */
+  size_t count;
+  /** Of a wall, metres. */
+  float height;
+  /** Of the floor, 0 black to 1 white; below 0: black or white, drawn anew for each episode. */
+  float grey;
+} swarmwright_polygon;
+
+typedef struct swarmwright_light {
+  /** Metres. */
+  float x, y, z;
+  /** 1 of the reference model's. */
+  float intensity;
+} swarmwright_light;
+
+/** What robots of a kind are. */
+typedef struct swarmwright_robot {
+  /** Metres. */
+  float radius, height;
+  /** Kilograms. */
+  float mass;
+  /** Between the wheels of a differential drive, metres; 0 for other drives. */
+  float wheel_base;
+  /** Of a wheel or of the robot, m/s. */
+  float top_speed;
+  /** Largest change of velocity by the drive, m/s^2. */
+  float acceleration;
+  /** Where proximity rays begin, from the middle, and how far they reach from there, metres. */
+  float ray_start, ray_range;
+  /** Their directions, radians counter-clockwise from ahead. */
+  const float* rays;
+  size_t ray_count;
+} swarmwright_robot;
+
+/** Something that robots can push: a disc or a box. */
+typedef struct swarmwright_object {
+  /** Of a disc, metres; 0 for a box. */
+  float radius;
+  /** Sides of a box along its heading and across it, metres. */
+  float width, depth;
+  /** Metres. */
+  float height;
+  /** Kilograms. */
+  float mass;
+  /** Coefficient of friction with the floor. */
+  float friction;
+} swarmwright_object;
+
+/** What a simulator is to build; the same for all episodes of a mission. */
+typedef struct swarmwright_world {
+  size_t size;
+  /** Seconds of a step. */
+  float tick;
+  /** Of the floor beside the patches, 0 black to 1 white. */
+  float grey;
+  /** The first one is the outline, with the robots inside, the others are obstacles. */
+  const swarmwright_polygon* walls;
+  size_t wall_count;
+  /** For pictures, and for sensors of the simulator's own; later ones lie on earlier ones. */
+  const swarmwright_polygon* patches;
+  size_t patch_count;
+  const swarmwright_light* lights;
+  size_t light_count;
+  const swarmwright_robot* models;
+  size_t model_count;
+  /** The model of each robot. */
+  const uint32_t* robots;
+  size_t robot_count;
+  const swarmwright_object* objects;
+  size_t object_count;
+} swarmwright_world;
+
+/** How an episode begins. */
+typedef struct swarmwright_start {
+  size_t size;
+  const swarmwright_world* world;
+  /** Whether the world differs from that of the episode before; if not, robots and objects are put back. */
+  bool changed;
+  /** Where they are, as many as the world has. */
+  const swarmwright_pose* robots;
+  const swarmwright_pose* objects;
+  /** The parameter "seed", different in each of several episodes, 0 by default. */
+  uint64_t seed;
+} swarmwright_start;
+
+/** Your simulator and its functions, which return, and are called by threads, as those of swarmwright_simulation. What
+ * they are given stays until they return. */
+typedef struct swarmwright_physics {
+  size_t size;
+  /** Its name in experiments: "arena-" and the simulator's, by which they know what it is. */
+  const char* title;
+  /** SWARMWRIGHT_BITWISE, ..: whether it repeats episodes. */
+  int32_t determinism;
+  /** As in swarmwright_description. */
+  double tolerance;
+  /** Handed to `create`. */
+  void* context;
+  /** Not 0: there can be only one object in a process. */
+  uint32_t only_one;
+  /** Makes an object; called by one thread at a time. */
+  swarmwright_status (*create)(void* context, void** physics);
+  /** Ends an object; null if there is nothing to do. */
+  void (*destroy)(void* physics);
+  /** Goes to the start of an episode. SWARMWRIGHT_INVALID: the simulator cannot do that, and
+   * swarmwright_set_parameter_error says which parameter of the mission it is about. */
+  swarmwright_status (*start)(void* physics, const swarmwright_start* start);
+  /** Moves on by a tick; a motion for each robot. */
+  swarmwright_status (*step)(void* physics, const swarmwright_motion* robots, size_t count);
+  /** Writes where all are. */
+  swarmwright_status (*poses)(void* physics, swarmwright_pose* robots, swarmwright_pose* objects);
+  /** Writes how far each proximity ray of a robot reaches from where it begins, metres, ray_range where it meets
+   * nothing. Null for simulators without rays: they are computed from the poses, as at the start of each episode. */
+  swarmwright_status (*rays)(void* physics, uint32_t robot, float* distances, size_t count);
+} swarmwright_physics;
+
+/** Connects to the broker and offers missions in a simulator; as swarmwright_server_open, with options.threads 1. */
+swarmwright_status swarmwright_server_open_physics(const swarmwright_options* options,
+                                                   const swarmwright_physics* physics,
+                                                   swarmwright_server** server) SWARMWRIGHT_NOEXCEPT;
+
 /* ---- A simulator that has its own loop. ---- */
 
 /** A plug-in; used by one thread at a time. The server behind it has a thread of its own. */

@@ -1,6 +1,6 @@
 //! A simulation that the server offers.
 
-use swarmwright_worlds::{Description, ParameterError, Parameters, Simulation, described};
+use swarmwright_worlds::{Describer, Description, ParameterError, Parameters, Simulation};
 
 use super::MAX_BATCH;
 use crate::guard::guarded;
@@ -8,8 +8,8 @@ use crate::guard::guarded;
 /// A simulation that is offered.
 pub(super) struct Offer {
     pub(super) description: Description,
-    /// Whether the description depends on parameters.
-    pub(super) varies: bool,
+    /// Where the description depends on parameters: what gives it.
+    pub(super) describer: Option<Describer>,
     /// Most episodes of a batch.
     pub(super) batch: usize,
     /// Whether the simulation steps the episodes of a batch by itself.
@@ -36,7 +36,7 @@ impl Offer {
         };
         Self {
             description: simulation.description(),
-            varies: simulation.varies(),
+            describer: simulation.describer(),
             batch: if several { most } else { 1 },
             together,
             lanes,
@@ -48,13 +48,9 @@ impl Offer {
 
     /// The description with these parameters.
     pub(super) fn described(&self, parameters: &Parameters) -> Result<Description, ParameterError> {
-        let known = || Ok(self.description.clone());
-        if !self.varies {
-            return known();
-        }
-        match described(&self.description.title, parameters) {
-            Some(description) => description.map(std::borrow::Cow::into_owned),
-            None => known(),
+        match &self.describer {
+            Some(describe) => describe(parameters),
+            None => Ok(self.description.clone()),
         }
     }
 }

@@ -31,14 +31,14 @@ impl Machine {
     pub(super) fn capabilities(&self, offer: &Offer) -> Capabilities {
         let Offer {
             description,
-            varies,
+            describer,
             batch,
             lanes,
             scenes,
             ..
         } = offer;
         self.identity
-            .capabilities(description, *varies, *batch, *lanes, *scenes)
+            .capabilities(description, describer.is_some(), *batch, *lanes, *scenes)
     }
 
     /// Whether no tool holds the server.

@@ -34,7 +34,7 @@ class OtherSimulation:
     def experiments(self, experiment: Experiment, count: int) -> list[Experiment]:  # noqa: ARG002 - as targets have it
         """Return the experiment of all episodes. Raises InputError where it cannot be changed like this."""
         changed = self._changed(experiment)
-        if changed.sensors is None and not catalogue.is_here(changed.simulation):
+        if changed.sensors is None and not catalogue.is_described(changed.simulation):
             # The controller has these; the server's are compared with them.
             changed = changed.replace(sensors=experiment.sensors, actuators=experiment.actuators)
         return [changed]

@@ -62,7 +62,8 @@ def transfer(
         random: how many random controllers beside them.
         seeds: how many episodes, with held-out seeds, the same for all candidates and runs.
         seed: simulation seed of the first episode, the next ones follow; default: seeds that no run used.
-        broker: as in `optimize`, except for targets whose file names servers or a broker.
+        broker: of the servers that offer simulations which are not here, and of all where the run had a
+            broker; not for targets whose file names servers or a broker.
         servers: as in `optimize`, likewise.
         on_progress: as in `optimize`.
 
@@ -209,6 +210,8 @@ class _Work:
                 self._on_progress(before + done, self.total, waiting_for)
 
         broker, servers = (None, None) if placed else (self._broker, self._servers)
+        if experiment.broker is None and catalogue.is_here(experiment.simulation):
+            broker = None
         with open_backend(experiment, broker=broker, servers=servers, most=count) as backend:
             results = evaluated(experiment, backend, genomes, seeds, on_progress, may_fail=may_fail)
         self._done += count

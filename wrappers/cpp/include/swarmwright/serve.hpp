@@ -34,7 +34,7 @@ extern "C" inline void swarmwright_stop_by_signal(int) {
 /// Lets signals stop a server during the lifetime of this object.
 class StoppedBySignals {
  public:
-  explicit StoppedBySignals(Server& server) noexcept {
+  explicit StoppedBySignals(RunningServer& server) noexcept {
     stopped_by_signals = server.handle();
     if (stop_requested != 0) {
       server.stop();
@@ -103,9 +103,11 @@ inline Options arguments(int count, const char* const* values) {
   return options;
 }
 
-/// The main function of a server: reads its arguments, serves until it is terminated (SIGINT, SIGTERM). Returns the
-/// exit status: 0, 1 if the server could not be started, 2 for wrong arguments, with a message on standard error.
-inline int serve(int count, char** values, Server::Factory factory) {
+namespace detail {
+
+/// The main function of a server that `open` makes from options.
+template <class Open>
+int serve_opened(int count, char** values, Open&& open) {
   for (int i = 1; i < count; ++i) {
     if (std::string_view(values[i]) == "--help") {
       std::cout << usage;
@@ -115,11 +117,11 @@ inline int serve(int count, char** values, Server::Factory factory) {
   try {
     const Options options = arguments(count, values);
     // Before the start, so that a program terminated while it starts closes its server, too.
-    std::signal(SIGINT, detail::swarmwright_stop_by_signal);
-    std::signal(SIGTERM, detail::swarmwright_stop_by_signal);
-    Server server(std::move(factory), options);
-    const detail::StoppedBySignals stopped(server);
-    server.run();
+    std::signal(SIGINT, swarmwright_stop_by_signal);
+    std::signal(SIGTERM, swarmwright_stop_by_signal);
+    const auto server = open(options);
+    const StoppedBySignals stopped(*server);
+    server->run();
     return 0;
   } catch (const std::invalid_argument& error) {
     std::cerr << "error: " << error.what() << std::endl;
@@ -128,6 +130,15 @@ inline int serve(int count, char** values, Server::Factory factory) {
     std::cerr << "error: " << error.what() << std::endl;
     return 1;
   }
+}
+
+}  // namespace detail
+
+/// The main function of a server: reads its arguments, serves until it is terminated (SIGINT, SIGTERM). Returns the
+/// exit status: 0, 1 if the server could not be started, 2 for wrong arguments, with a message on standard error.
+inline int serve(int count, char** values, Server::Factory factory) {
+  return detail::serve_opened(
+      count, values, [&](const Options& options) { return std::make_unique<Server>(std::move(factory), options); });
 }
 
 /// As above, for simulations of one type.

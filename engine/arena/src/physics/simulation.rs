@@ -1,0 +1,252 @@
+//! The simulation of a mission whose robots another simulator moves.
+
+use std::f32::consts::PI;
+use std::sync::Arc;
+
+use swarmwright_simulation::simulation::Describer;
+use swarmwright_simulation::{
+    Description, Determinism, ParameterError, ParameterInfo, Parameters, Scene, Simulation, fail,
+};
+
+use super::world::half_turns;
+use super::{Motion, Physics, Pose, Start, World};
+use crate::robot::TICK;
+use crate::start::Pose as At;
+use crate::{Arena, describe, settings};
+
+/// Makes simulators.
+type Create = dyn Fn() -> Result<Box<dyn Physics>, String> + Send + Sync;
+
+/// A kind of simulators, under the name that experiments have for it.
+pub struct PhysicsKind {
+    /// The name.
+    pub title: String,
+    /// Whether the simulator repeats episodes.
+    pub determinism: Determinism,
+    /// Whether there can be only one simulator in a process.
+    pub only_one: bool,
+    /// Makes a simulator, or says why there cannot be one.
+    pub create: Box<Create>,
+}
+
+/// A mission of the arena in a simulator; its parameters, sensors and metrics are those of the arena.
+pub struct PhysicsSimulation {
+    kind: Arc<PhysicsKind>,
+    physics: Box<dyn Physics>,
+    arena: Arena,
+    /// That of the episode before.
+    world: Option<World>,
+    motions: Vec<Motion>,
+    robots: Vec<Pose>,
+    objects: Vec<Pose>,
+    rays: Vec<f32>,
+}
+
+impl PhysicsSimulation {
+    /// A simulator before its first episode.
+    ///
+    /// # Errors
+    /// Why there cannot be one.
+    pub fn new(kind: Arc<PhysicsKind>) -> Result<Self, String> {
+        Ok(Self {
+            physics: (kind.create)()?,
+            kind,
+            arena: Arena::default(),
+            world: None,
+            motions: Vec::new(),
+            robots: Vec::new(),
+            objects: Vec::new(),
+            rays: Vec::new(),
+        })
+    }
+
+    /// Asks the simulator where all are, and lets the robots look.
+    fn look(&mut self) {
+        self.physics.poses(&mut self.robots, &mut self.objects);
+        for (what, poses) in [("robot", &self.robots), ("object", &self.objects)] {
+            for (index, Pose { x, y, heading }) in poses.iter().enumerate() {
+                if !(x + y + heading).is_finite() {
+                    fail(format!(
+                        "{}: {what} {index} is at ({x}, {y}) with heading {heading}, not finite numbers",
+                        self.kind.title
+                    ));
+                }
+            }
+        }
+        let mut measured = false;
+        if let Some(world) = self.world.as_ref().filter(|world| world.most_rays() > 0) {
+            let most = world.most_rays();
+            self.rays.resize(world.robots.len() * most, 0.0);
+            for (index, distances) in self.rays.chunks_exact_mut(most).enumerate() {
+                let count = world.models[world.robots[index] as usize].rays.len();
+                let given = self.physics.rays(index, &mut distances[..count]);
+                if given && distances[..count].iter().any(|distance| distance.is_nan()) {
+                    fail(format!(
+                        "{}: a ray of robot {index} is NaN",
+                        self.kind.title
+                    ));
+                }
+                measured = given;
+                if !given {
+                    break;
+                }
+            }
+        }
+        let rays = if measured { &self.rays[..] } else { &[] };
+        self.arena.look(&self.robots, &self.objects, rays);
+    }
+
+    fn describe(kind: &PhysicsKind, settings: &settings::Settings) -> Description {
+        Description {
+            title: kind.title.clone(),
+            determinism: kind.determinism,
+            ..describe(settings)
+        }
+    }
+}
+
+impl Arena {
+    /// What the drives are to do with these actuators.
+    fn motions(&mut self, actuators: &[f32], motions: &mut Vec<Motion>) {
+        let (team, swarm) = (&self.settings.team, &mut self.swarm);
+        swarm.command(team, actuators);
+        motions.clear();
+        motions.extend((0..team.len()).map(|index| {
+            let ([vx, vy], turn) = swarm.aim(index);
+            let (cos, sin) = (swarm.bodies.cos[index].0, swarm.bodies.sin[index].0);
+            Motion {
+                forward: vx * cos + vy * sin,
+                sideways: if team.robot(index).drive.is_holonomic() {
+                    vy * cos - vx * sin
+                } else {
+                    0.0
+                },
+                turn,
+            }
+        }));
+    }
+
+    /// All are here now; looks and measures.
+    fn look(&mut self, robots: &[Pose], objects: &[Pose], rays: &[f32]) {
+        let (mission, team) = (&self.settings.mission, &self.settings.team);
+        let at = |pose: &Pose| At {
+            at: [pose.x, pose.y],
+            heading: half_turns(pose.heading),
+        };
+        self.swarm
+            .put(robots.iter().map(at), objects.iter().map(at), TICK);
+        self.swarm.senses.measured(rays, team.len());
+        self.swarm.look(team, &mission.place);
+        self.count();
+        self.end();
+    }
+}
+
+/// A pose at the start, for the simulator.
+fn radians(pose: &At) -> Pose {
+    Pose {
+        x: pose.at[0],
+        y: pose.at[1],
+        heading: pose.heading * PI,
+    }
+}
+
+impl Simulation for PhysicsSimulation {
+    fn description(&self) -> Description {
+        Self::describe(&self.kind, &self.arena.settings)
+    }
+
+    fn describer(&self) -> Option<Describer> {
+        let kind = Arc::clone(&self.kind);
+        Some(Arc::new(move |parameters| {
+            settings::Settings::read(parameters).map(|settings| Self::describe(&kind, &settings))
+        }))
+    }
+
+    fn parameters(&self) -> Vec<ParameterInfo> {
+        self.arena.parameters()
+    }
+
+    fn sensor_names(&self) -> Vec<String> {
+        self.arena.sensor_names()
+    }
+
+    fn sensor_units(&self) -> Vec<String> {
+        self.arena.sensor_units()
+    }
+
+    fn actuator_names(&self) -> Vec<String> {
+        self.arena.actuator_names()
+    }
+
+    fn actuator_units(&self) -> Vec<String> {
+        self.arena.actuator_units()
+    }
+
+    fn reset(&mut self, parameters: &Parameters) -> Result<(), ParameterError> {
+        self.arena.reset(parameters)?;
+        let settings = &self.arena.settings;
+        let starts = settings.starts()?;
+        self.robots = starts.robots.iter().map(radians).collect();
+        self.objects = starts.objects.iter().map(radians).collect();
+        let world = World::new(settings);
+        let before = self.world.take();
+        let start = Start {
+            changed: before.as_ref() != Some(&world),
+            world: &world,
+            robots: &self.robots,
+            objects: &self.objects,
+            seed: settings.seed,
+        };
+        self.physics.start(&start)?;
+        self.world = Some(world);
+        Ok(())
+    }
+
+    fn acting(&self) -> &[u32] {
+        self.arena.acting()
+    }
+
+    fn sense(&self, agent: u32, sensors: &mut [f32]) {
+        self.arena.sense(agent, sensors);
+    }
+
+    fn step(&mut self, actuators: &[f32]) {
+        if self.arena.acting.is_empty() {
+            return;
+        }
+        self.arena.motions(actuators, &mut self.motions);
+        self.physics.step(&self.motions);
+        self.look();
+    }
+
+    fn fitness(&self) -> f64 {
+        self.arena.fitness()
+    }
+
+    fn metrics(&self) -> Vec<f64> {
+        self.arena.metrics()
+    }
+
+    fn duplicate(&self) -> Option<Box<dyn Simulation>> {
+        if self.kind.only_one {
+            return None;
+        }
+        match Self::new(Arc::clone(&self.kind)) {
+            Ok(another) => Some(Box::new(another)),
+            Err(reason) => fail(reason),
+        }
+    }
+
+    fn has_scenes(&self) -> bool {
+        true
+    }
+
+    fn scene(&self) -> Option<Scene> {
+        self.arena.scene()
+    }
+
+    fn step_size(&self) -> u64 {
+        self.arena.step_size()
+    }
+}

@@ -1,0 +1,213 @@
+//! What a simulator is to build for a mission.
+
+use std::f32::consts::{PI, TAU};
+
+use crate::objects::Form;
+use crate::place::{Place, Shape};
+use crate::robot::{Drive, Robot, TICK};
+use crate::settings::Settings;
+
+/// Corners of a polygon that stands for a circle.
+const CORNERS: usize = 32;
+
+/// A wall: a closed polygon.
+#[derive(Debug, Clone, PartialEq)]
+pub struct WorldWall {
+    /// Corners counter-clockwise, metres.
+    pub points: Vec<[f32; 2]>,
+    /// Metres.
+    pub height: f32,
+}
+
+/// A part of the floor with a colour of its own, for pictures and for sensors of the simulator's own.
+#[derive(Debug, Clone, PartialEq)]
+pub struct WorldPatch {
+    /// Corners counter-clockwise, metres.
+    pub points: Vec<[f32; 2]>,
+    /// 0 black to 1 white; below 0: black or white, drawn anew for each episode.
+    pub grey: f32,
+}
+
+/// A lamp.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[repr(C)]
+pub struct WorldLight {
+    /// Metres.
+    pub x: f32,
+    /// Metres.
+    pub y: f32,
+    /// Height, metres.
+    pub z: f32,
+    /// 1 of the reference model's.
+    pub intensity: f32,
+}
+
+/// What robots of a kind are.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RobotModel {
+    /// Metres.
+    pub radius: f32,
+    /// Metres.
+    pub height: f32,
+    /// Kilograms.
+    pub mass: f32,
+    /// Between the wheels of a differential drive, metres; 0 for other drives.
+    pub wheel_base: f32,
+    /// Of a wheel or of the robot, m/s.
+    pub top_speed: f32,
+    /// Largest change of velocity by the drive, m/s^2.
+    pub acceleration: f32,
+    /// Directions of the proximity rays, radians counter-clockwise from ahead.
+    pub rays: Vec<f32>,
+    /// Where they begin, metres from the middle.
+    pub ray_start: f32,
+    /// How far they reach from there, metres.
+    pub ray_range: f32,
+}
+
+/// Something that robots can push: a disc or a box.
+#[derive(Debug, Clone, PartialEq)]
+pub struct WorldObject {
+    /// Of a disc, metres; 0 for a box.
+    pub radius: f32,
+    /// Sides of a box along its heading and across it, metres.
+    pub size: [f32; 2],
+    /// Metres.
+    pub height: f32,
+    /// Kilograms.
+    pub mass: f32,
+    /// Coefficient of friction with the floor.
+    pub friction: f32,
+}
+
+/// Everything that a simulator is to build; the same for all episodes of a mission.
+#[derive(Debug, Clone, PartialEq)]
+pub struct World {
+    /// Seconds of a step.
+    pub tick: f32,
+    /// Of the floor beside the patches, 0 black to 1 white.
+    pub grey: f32,
+    /// The first one is the outline, with the robots inside, the others are obstacles.
+    pub walls: Vec<WorldWall>,
+    /// Later ones lie on earlier ones.
+    pub patches: Vec<WorldPatch>,
+    /// Lamps.
+    pub lights: Vec<WorldLight>,
+    /// The kinds of robots.
+    pub models: Vec<RobotModel>,
+    /// The model of each robot.
+    pub robots: Vec<u32>,
+    /// What can be pushed.
+    pub objects: Vec<WorldObject>,
+}
+
+impl World {
+    pub(super) fn new(settings: &Settings) -> Self {
+        let (place, team) = (&settings.mission.place, &settings.team);
+        let objects = place.objects.iter().flat_map(|kind| {
+            let (radius, size) = match kind.form {
+                Form::Disc { radius } => (radius, [0.0; 2]),
+                Form::Box { half } => (0.0, half.map(|half| 2.0 * half)),
+            };
+            let object = WorldObject {
+                radius,
+                size,
+                height: kind.height,
+                mass: kind.mass,
+                friction: kind.friction,
+            };
+            std::iter::repeat_n(object, kind.count())
+        });
+        let lights = place.lights.iter().map(|light| WorldLight {
+            x: light.at[0],
+            y: light.at[1],
+            z: light.at[2],
+            intensity: light.intensity,
+        });
+        Self {
+            tick: TICK,
+            grey: place.grey,
+            walls: walls(place),
+            patches: patches(place),
+            lights: lights.collect(),
+            models: team.groups().iter().map(|g| model(&g.robot)).collect(),
+            robots: (0..team.len()).map(|one| team.group(one) as u32).collect(),
+            objects: objects.collect(),
+        }
+    }
+
+    /// Rays of the robot with most of them.
+    #[must_use]
+    pub fn most_rays(&self) -> usize {
+        let rays = self.models.iter().map(|model| model.rays.len());
+        rays.max().unwrap_or(0)
+    }
+}
+
+fn walls(place: &Place) -> Vec<WorldWall> {
+    let boxes = place.boxes.iter().map(|corners| corners.to_vec());
+    let mut faces = place.faces.iter();
+    std::iter::once(place.outline.clone())
+        .chain(boxes)
+        .map(|points| {
+            // Each has a face for each of its corners, in the same order.
+            let height = faces.next().map_or(0.0, |face| face.height);
+            faces.by_ref().take(points.len() - 1).for_each(drop);
+            WorldWall { points, height }
+        })
+        .collect()
+}
+
+fn patches(place: &Place) -> Vec<WorldPatch> {
+    let [least, most] = place.extent();
+    let points = |shape: &Shape| match shape {
+        Shape::Circle { center, radius } => (0..CORNERS)
+            .map(|corner| {
+                let (sin, cos) = (TAU * corner as f32 / CORNERS as f32).sin_cos();
+                [center[0] + radius * cos, center[1] + radius * sin]
+            })
+            .collect(),
+        Shape::Polygon { corners } => corners.clone(),
+        Shape::Box { low, high } => {
+            let [x, y] = [low[0].max(least[0]), low[1].max(least[1])];
+            let [right, top] = [high[0].min(most[0]).max(x), high[1].min(most[1]).max(y)];
+            vec![[x, y], [right, y], [right, top], [x, top]]
+        }
+    };
+    let patch = |patch: &crate::place::Patch| WorldPatch {
+        points: points(&patch.shape),
+        grey: patch.grey.unwrap_or(-1.0),
+    };
+    place.patches.iter().map(patch).collect()
+}
+
+fn model(robot: &Robot) -> RobotModel {
+    let (rays, start, range) = robot.proximity.as_ref().map_or_else(
+        || (Vec::new(), 0.0, 0.0),
+        |sensors| {
+            let rays = sensors.rays.iter();
+            let angles = rays.map(|ray| ray.along[1].atan2(ray.along[0]));
+            (angles.collect(), sensors.start, sensors.range)
+        },
+    );
+    RobotModel {
+        radius: robot.radius,
+        height: robot.height,
+        mass: robot.mass,
+        wheel_base: match robot.drive {
+            Drive::Differential { wheel_base } => wheel_base,
+            Drive::Holonomic { .. } | Drive::Car { .. } => 0.0,
+        },
+        top_speed: robot.top_speed,
+        acceleration: robot.acceleration,
+        rays,
+        ray_start: start,
+        ray_range: range,
+    }
+}
+
+/// Radians in half turns, -1..=1.
+pub(super) fn half_turns(radians: f32) -> f32 {
+    let turns = radians / PI;
+    turns - 2.0 * (turns / 2.0).round()
+}
