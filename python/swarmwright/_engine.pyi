@@ -723,6 +723,9 @@ class Producer:
         the thread from going on.
         """
 
+    def is_ready(self) -> bool:
+        """Whether `next` returns without waiting."""
+
     def expect(self, generations: int) -> None:
         """Say, for those who watch a pool, how many generations the run is expected to have."""
 

@@ -7,7 +7,8 @@ use sha2::{Digest, Sha256};
 use swarmwright_lanes::{Kernel, Lanes, Level};
 
 use crate::normal::{of_unit, of_units};
-use crate::philox::{SIDE, are_wide, blocks, side_by_side, words};
+pub(crate) use crate::philox::SIDE;
+use crate::philox::{are_wide, blocks, side_by_side, words};
 
 const WORDS: usize = 4;
 /// Numbers that are made in little more time than another thread takes to begin.
@@ -323,6 +324,52 @@ impl Kernel for Rows<'_> {
         }
         let rest = whole.into_remainder();
         blocks_side_by_side([seed, purpose], generation, candidate, length, rest);
+    }
+}
+
+/// Streams of candidates that follow each other.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Streams {
+    pub(crate) seed: u64,
+    /// See [`purpose_key`].
+    pub(crate) purpose: u64,
+    pub(crate) generation: u64,
+    /// The first candidate.
+    pub(crate) first: u64,
+}
+
+impl Streams {
+    /// The stream of a candidate, counted from the first one.
+    pub(crate) fn of(&self, candidate: usize) -> Stream {
+        let candidate = self.first.wrapping_add(candidate as u64);
+        Stream::new(self.seed, self.purpose, self.generation, candidate)
+    }
+
+    /// Draws the first words of as many streams as there are rows of `length` words, at most [`SIDE`], from `candidate` on.
+    #[inline(always)]
+    pub(crate) fn fill_rows<L: Lanes>(&self, candidate: usize, length: usize, words: &mut [u64]) {
+        if !are_wide::<L>() || words.len() < SIDE * length {
+            for (row, words) in words.chunks_exact_mut(length).enumerate() {
+                self.of(candidate + row).fill(words);
+            }
+            return;
+        }
+        let first = self.first.wrapping_add(candidate as u64);
+        let candidates = std::array::from_fn(|row| first.wrapping_add(row as u64));
+        let rest = [candidates, [self.generation; SIDE], [0; SIDE]];
+        for start in (0..length).step_by(WORDS) {
+            let counter = [1 + (start / WORDS) as u64; SIDE];
+            let found = side_by_side(counter, rest, [self.seed, self.purpose]);
+            if start + WORDS <= length {
+                L::words_of_rows(&found, &mut words[start..], length);
+                continue;
+            }
+            for (row, words) in words.chunks_exact_mut(length).enumerate() {
+                for (place, found) in words[start..].iter_mut().zip(&found) {
+                    *place = found[row];
+                }
+            }
+        }
     }
 }
 

@@ -2,9 +2,9 @@
 
 use swarmwright_lanes::{Kernel, Lanes, Level};
 
-use crate::Stream;
 use crate::differential::within;
 use crate::polynomial::mutate;
+use crate::stream::{SIDE, Stream, Streams};
 
 /// 2^-32, the distance of two neighbouring shares.
 const SHARE: f64 = 1.0 / 4_294_967_296.0;
@@ -56,14 +56,16 @@ impl Swarm<'_> {
         velocity: &mut [f64],
         to: &mut [f64],
     ) {
-        self.fly_in(&mut Room::default(), flight, stream, velocity, to);
+        let before = velocity.to_vec();
+        self.fly_from(0, flight, &before, stream, velocity, to);
     }
 
-    /// As [`fly`](Self::fly), with room for numbers that is used again.
-    pub(crate) fn fly_in(
+    /// As [`fly`](Self::fly), where a particle with the velocity `before` has made so many attempts already.
+    fn fly_from(
         &self,
-        room: &mut Room,
+        attempts: usize,
         flight: Flight<'_>,
+        before: &[f64],
         stream: &mut Stream,
         velocity: &mut [f64],
         to: &mut [f64],
@@ -72,19 +74,17 @@ impl Swarm<'_> {
         for row in [flight.from, flight.own, flight.social] {
             assert_eq!(row.len(), genes);
         }
-        for row in [self.fastest, self.lower, self.upper, velocity] {
+        for row in [self.fastest, self.lower, self.upper, before, velocity] {
             assert_eq!(row.len(), genes);
         }
-        room.words.resize(genes, 0);
-        room.before.clear();
-        room.before.extend_from_slice(velocity);
-        for _ in 0..=ATTEMPTS {
-            stream.fill(&mut room.words);
+        let mut words = vec![0; genes];
+        for _ in attempts..=ATTEMPTS {
+            stream.fill(&mut words);
             let inside = Level::best().run(Attempt {
                 swarm: self,
                 flight,
-                words: &room.words,
-                before: &room.before,
+                words: &words,
+                before,
                 velocity,
                 to,
             });
@@ -98,6 +98,54 @@ impl Swarm<'_> {
         }
     }
 
+    /// Moves particles that follow each other, rows of as many genes, as [`fly`](Self::fly) does with the stream of each.
+    ///
+    /// `from`, `own`: rows. `genomes`: where they are then, rounded to binary32.
+    ///
+    /// # Panics
+    ///
+    /// When lengths do not fit together.
+    pub(crate) fn fly_all(
+        &self,
+        (from, own, social): (&[f32], &[f32], &[f32]),
+        streams: Streams,
+        velocities: &mut [f64],
+        genomes: &mut [f32],
+    ) {
+        let genes = social.len();
+        for rows in [from, own, &*genomes] {
+            assert_eq!(rows.len(), velocities.len());
+        }
+        for row in [self.fastest, self.lower, self.upper] {
+            assert_eq!(row.len(), genes);
+        }
+        if genes == 0 {
+            return;
+        }
+        let outside = Level::best().run(FirstAttempts {
+            swarm: self,
+            rows: (from, own, social),
+            streams,
+            velocities,
+            genomes,
+        });
+        let (mut velocity, mut to) = (vec![0.0; genes], vec![0.0; genes]);
+        for particle in outside {
+            let its = particle * genes..(particle + 1) * genes;
+            let flight = Flight {
+                from: &from[its.clone()],
+                own: &own[its.clone()],
+                social,
+            };
+            let mut stream = streams.of(particle);
+            stream.skip(genes);
+            let before = &velocities[its.clone()];
+            self.fly_from(1, flight, before, &mut stream, &mut velocity, &mut to);
+            velocities[its.clone()].copy_from_slice(&velocity);
+            rounded(&to, self.lower, self.upper, &mut genomes[its]);
+        }
+    }
+
     /// Returns in `to` a place near the best one, by polynomial mutation, instead of a flight.
     pub fn perturb(&self, best: &[f32], stream: &mut Stream, to: &mut [f64]) {
         for (place, value) in to.iter_mut().zip(best) {
@@ -108,11 +156,61 @@ impl Swarm<'_> {
     }
 }
 
-/// Room for numbers of a flight.
-#[derive(Debug, Default)]
-pub(crate) struct Room {
-    words: Vec<u64>,
-    before: Vec<f64>,
+/// The first flights of particles; those that leave the box are found, and are where they were.
+struct FirstAttempts<'a, 'b> {
+    swarm: &'a Swarm<'b>,
+    /// Where particles are, their best places, and the best of all.
+    rows: (&'a [f32], &'a [f32], &'a [f32]),
+    streams: Streams,
+    velocities: &'a mut [f64],
+    genomes: &'a mut [f32],
+}
+
+impl Kernel for FirstAttempts<'_, '_> {
+    /// The particles that leave it.
+    type Output = Vec<usize>;
+
+    #[inline(always)]
+    fn run<L: Lanes>(self) -> Vec<usize> {
+        let (from, own, social) = self.rows;
+        let genes = social.len();
+        let (mut words, mut fresh, mut to) =
+            (vec![0; SIDE * genes], vec![0.0; genes], vec![0.0; genes]);
+        let mut outside = Vec::new();
+        let groups = self.genomes.chunks_mut(SIDE * genes);
+        for (group, genomes) in groups.enumerate() {
+            let first = group * SIDE;
+            let words = &mut words[..genomes.len()];
+            self.streams.fill_rows::<L>(first, genes, words);
+            let particles = genomes
+                .chunks_exact_mut(genes)
+                .zip(words.chunks_exact(genes));
+            for (particle, (genome, words)) in (first..).zip(particles) {
+                let its = particle * genes..(particle + 1) * genes;
+                let velocity = &mut self.velocities[its.clone()];
+                let inside = Attempt {
+                    swarm: self.swarm,
+                    flight: Flight {
+                        from: &from[its.clone()],
+                        own: &own[its],
+                        social,
+                    },
+                    words,
+                    before: velocity,
+                    velocity: &mut fresh,
+                    to: &mut to,
+                }
+                .run::<L>();
+                if inside {
+                    velocity.copy_from_slice(&fresh);
+                    rounded(&to, self.swarm.lower, self.swarm.upper, genome);
+                } else {
+                    outside.push(particle);
+                }
+            }
+        }
+        outside
+    }
 }
 
 /// One flight of a particle, with two random shares for each gene.
@@ -164,6 +262,17 @@ impl Kernel for Attempt<'_, '_> {
             outside |= u64::from(!(place >= lower[gene] && place <= upper[gene]));
         }
         outside == 0
+    }
+}
+
+/// A genome: within the bounds, rounded to binary32.
+#[expect(clippy::cast_possible_truncation, reason = "genomes are binary32")]
+#[inline(always)]
+pub(crate) fn rounded(values: &[f64], lower: &[f64], upper: &[f64], genome: &mut [f32]) {
+    let bounds = lower.iter().zip(upper);
+    for (place, (value, (lower, upper))) in genome.iter_mut().zip(values.iter().zip(bounds)) {
+        let value = if value < lower { lower } else { value };
+        *place = *(if value > upper { upper } else { value }) as f32;
     }
 }
 
@@ -238,6 +347,58 @@ impl Kernel for Distances<'_> {
         }
         for distance in &mut *self.distances {
             *distance = distance.sqrt();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    proptest! {
+        #[test]
+        fn particles_fly_together_as_one_by_one(
+            seed: u64, first in 0_u64..1000, count in 0_usize..40, genes in 1_usize..60, wide in 0.2..6.0_f64,
+        ) {
+            let streams = Streams { seed, purpose: 7, generation: 3, first };
+            // The narrower the box, the more of them leave it, some until they have no attempt left.
+            let (lower, upper) = (vec![-wide; genes], vec![wide; genes]);
+            let fastest = vec![1.5; genes];
+            let swarm = Swarm {
+                inertia: 0.6,
+                own: 1.7,
+                social: 1.7,
+                fastest: &fastest,
+                lower: &lower,
+                upper: &upper,
+            };
+            let number = |of: usize| {
+                let mut numbers = Stream::new(seed, 8, 0, of as u64);
+                move |_| numbers.uniform(wide)
+            };
+            let row = |of| -> Vec<f32> {
+                let values: Vec<f64> = (0..count * genes).map(number(of)).collect();
+                let (low, high) = (vec![-wide; values.len()], vec![wide; values.len()]);
+                let mut row = vec![0.0; values.len()];
+                rounded(&values, &low, &high, &mut row);
+                row
+            };
+            let (from, own, social) = (row(1), row(2), vec![0.1; genes]);
+            let mut velocities: Vec<f64> = (0..count * genes).map(number(3)).collect();
+            let (mut expected, mut moved) = (vec![0.0; count * genes], velocities.clone());
+            let mut to = vec![0.0; genes];
+            for particle in 0..count {
+                let its = particle * genes..(particle + 1) * genes;
+                let flight = Flight { from: &from[its.clone()], own: &own[its.clone()], social: &social };
+                swarm.fly(flight, &mut streams.of(particle), &mut moved[its.clone()], &mut to);
+                rounded(&to, &lower, &upper, &mut expected[its]);
+            }
+            let mut genomes = vec![0.0; count * genes];
+            swarm.fly_all((&from, &own, &social), streams, &mut velocities, &mut genomes);
+            prop_assert_eq!(genomes, expected);
+            prop_assert_eq!(velocities, moved);
         }
     }
 }

@@ -7,10 +7,21 @@ pub const UNIT: f64 = 1.0 / 9_007_199_254_740_992.0;
 #[inline(always)]
 #[expect(clippy::cast_precision_loss, reason = "53 bits are exact")]
 pub fn units_of_rows(columns: &[[u64; 16]; 4], rows: &mut [f64], stride: usize) {
+    in_rows(columns, rows, stride, |word| (word >> 11) as f64 * UNIT);
+}
+
+/// See [`crate::Lanes::words_of_rows`].
+#[inline(always)]
+pub fn words_of_rows(columns: &[[u64; 16]; 4], rows: &mut [u64], stride: usize) {
+    in_rows(columns, rows, stride, |word| word);
+}
+
+#[inline(always)]
+fn in_rows<T>(columns: &[[u64; 16]; 4], rows: &mut [T], stride: usize, of: impl Fn(u64) -> T) {
     for row in 0..16 {
         let to = &mut rows[row * stride..][..4];
         for (place, column) in to.iter_mut().zip(columns) {
-            *place = (column[row] >> 11) as f64 * UNIT;
+            *place = of(column[row]);
         }
     }
 }

@@ -116,6 +116,11 @@ pub trait Lanes: Copy {
     fn units_of_rows(columns: &[[u64; 16]; 4], rows: &mut [f64], stride: usize) {
         doubles::units_of_rows(columns, rows, stride);
     }
+    /// As [`units_of_rows`](Self::units_of_rows), the words as they are.
+    #[inline(always)]
+    fn words_of_rows(columns: &[[u64; 16]; 4], rows: &mut [u64], stride: usize) {
+        doubles::words_of_rows(columns, rows, stride);
+    }
     /// Which numbers of binary64 are farther than `border` from `center`, in order: their places and themselves are the first
     /// in `places` and `found`, and what is behind them there does not count; returns how many they are. No number is NaN.
     /// Panics when they are not a multiple of eight, or when there is no room for eight more of either than there are numbers.

@@ -293,18 +293,20 @@ struct Doubles<'a> {
 }
 
 impl Kernel for Doubles<'_> {
-    type Output = (Vec<f64>, Vec<u32>, Vec<f64>);
+    type Output = (Vec<f64>, Vec<u64>, Vec<u32>, Vec<f64>);
 
     #[inline(always)]
     fn run<L: Lanes>(self) -> Self::Output {
         let mut rows = vec![0.5; 15 * self.stride + 4];
         L::units_of_rows(self.columns, &mut rows, self.stride);
+        let mut words = vec![7; rows.len()];
+        L::words_of_rows(self.columns, &mut words, self.stride);
         let room = self.numbers.len() + 8;
         let (mut places, mut found) = (vec![0; room], vec![0.0; room]);
         let count = L::outside(self.numbers, 0.5, self.border, &mut places, &mut found);
         places.truncate(count);
         found.truncate(count);
-        (rows, places, found)
+        (rows, words, places, found)
     }
 }
 
@@ -320,17 +322,20 @@ proptest! {
             *number = 0.5 - border;
         }
         let mut expected = vec![0.5; 15 * stride + 4];
+        let mut expected_words = vec![7; expected.len()];
         for (place, column) in columns.iter().enumerate() {
             for (row, word) in column.iter().enumerate() {
                 expected[row * stride + place] = (word >> 11) as f64 / (1_u64 << 53) as f64;
+                expected_words[row * stride + place] = *word;
             }
         }
         let outside = |(_, number): &(usize, &f64)| (*number - 0.5).abs() > border;
         let far: Vec<(usize, &f64)> = numbers.iter().enumerate().filter(outside).collect();
         for level in Level::available() {
             let numbers = &numbers;
-            let (rows, places, found) = level.run(Doubles { columns: &columns, stride, numbers, border });
+            let (rows, words, places, found) = level.run(Doubles { columns: &columns, stride, numbers, border });
             prop_assert_eq!(&rows, &expected, "{}", level.name());
+            prop_assert_eq!(&words, &expected_words, "{}", level.name());
             prop_assert_eq!(
                 places.iter().zip(&found).map(|(place, number)| (*place as usize, number)).collect::<Vec<_>>(),
                 far.clone(), "{}", level.name()

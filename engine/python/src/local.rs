@@ -23,6 +23,8 @@ use crate::worlds::known;
 const PART: Duration = Duration::from_millis(30);
 /// A share of `PART`, 50 microseconds, in which other threads hardly begin.
 const MODEST: usize = 600;
+/// A share of `PART`, half a millisecond: less is not worth the time of another thread that has work of its own.
+const ALONE: usize = 60;
 /// Evaluations of the very first part, which tells how long they take.
 const FIRST: usize = 64;
 /// Pause between two reports.
@@ -69,6 +71,17 @@ fn means(level: &str, threads: usize) -> PyResult<Means> {
 /// Evaluates controllers of one architecture in this process.
 #[pyclass(name = "Evaluator", module = "swarmwright._engine")]
 pub struct PyEvaluator(pub Arc<Evaluation>);
+
+/// What other threads do while one evaluates.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Others {
+    /// They wait for it.
+    Wait,
+    /// They have work as well, and are not there at once: what takes next to no time is done by one thread alone.
+    Begin,
+    /// They have work of their own, and there is no processor for more.
+    Work,
+}
 
 /// A simulation, and controllers of one architecture.
 pub struct Evaluation {
@@ -171,7 +184,7 @@ impl PyEvaluator {
         let results = py.detach(|| {
             self.0.in_parts(
                 block,
-                false,
+                Others::Wait,
                 meanwhile.map(|call| move || ask(&|py| call.call0(py).map(|_| ()))),
                 |done, report| {
                     ask(&|py| {
@@ -230,11 +243,11 @@ impl Evaluation {
 
     /// Evaluates in parts of some 10 ms; `go_on(done, whether to report)` is asked after each, and `meanwhile` during the first.
     ///
-    /// `modest`: others have work too, so what takes next to no time is done by this thread alone. Raises InputError.
+    /// `others`: what other threads do meanwhile. Raises InputError.
     pub fn in_parts(
         &self,
         whole: &Block<'_>,
-        modest: bool,
+        others: Others,
         mut meanwhile: Option<impl FnOnce() -> bool>,
         mut go_on: impl FnMut(usize, bool) -> bool,
     ) -> PyResult<Vec<f64>> {
@@ -256,7 +269,13 @@ impl Evaluation {
             };
             let work = || {
                 let began = Instant::now();
-                let means = match modest && count.saturating_mul(MODEST) < most {
+                let quick = |share| count.saturating_mul(share) < most;
+                let alone = match others {
+                    Others::Wait => false,
+                    Others::Begin => quick(MODEST),
+                    Others::Work => quick(ALONE),
+                };
+                let means = match alone {
                     true => Means {
                         threads: 1,
                         ..self.means

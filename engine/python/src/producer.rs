@@ -17,7 +17,7 @@ use swarmwright_protocol::Sample;
 use crate::digests::{Columns, PyDigests, columns, of_genomes, of_sample};
 use crate::errors::{engine, input};
 use crate::genomes::architecture;
-use crate::local::{Evaluation, PyEvaluator, REPORT, lock};
+use crate::local::{Evaluation, Others, PyEvaluator, REPORT, lock};
 use crate::methods::{Asked, Conversation, PySearch};
 use crate::pool::{AttemptRow, PyPool, rows};
 use crate::remote::{Evaluated, Servers};
@@ -183,6 +183,15 @@ impl Shared {
     /// Whether more wait than are handed over together, so that who takes them has more to do.
     fn is_ahead(&self) -> bool {
         lock(&self.queue).waiting.len() > 2 * TOGETHER
+    }
+
+    /// What other threads do while a generation is evaluated: of two processors, the other one is that of the taker.
+    fn others(&self) -> Others {
+        if rayon::current_num_threads() > 2 || lock(&self.queue).taker_waits {
+            Others::Begin
+        } else {
+            Others::Work
+        }
     }
 
     /// Waits for a generation; returns it, and whether nothing more comes.
@@ -359,7 +368,7 @@ impl Work {
         };
         let block = evaluation.block(&genomes, seeds, Some(&shared.stopped))?;
         let none: Option<fn() -> bool> = None;
-        let results = evaluation.in_parts(&block, true, none, |done, _| {
+        let results = evaluation.in_parts(&block, shared.others(), none, |done, _| {
             shared.done.store(done, Ordering::Relaxed);
             go_on()
         })?;
@@ -520,6 +529,12 @@ impl PyProducer {
                 on_progress.call1((done, total, waits))?;
             }
         }
+    }
+
+    /// Whether `next` returns without waiting.
+    fn is_ready(&self) -> bool {
+        let queue = lock(&self.shared.queue);
+        queue.ready || queue.over
     }
 
     /// For those who watch: how many generations the run is expected to have.

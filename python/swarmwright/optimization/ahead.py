@@ -111,6 +111,11 @@ class Ahead:
             )
         return cls(producer, backend, on_progress)
 
+    @property
+    def is_ready(self) -> bool:
+        """Whether the next generation is there, so that nobody waits for it."""
+        return self._next is not None or self._producer.is_ready()
+
     def fits(self) -> bool:
         """Wait for the next generation; return whether there is one within the budget of evaluations."""
         if self._next is None:

@@ -299,6 +299,8 @@ class Loop:
         ahead.expect(self._budget.expected_generations(self._stored, self._evaluations))
         while self.ended is None:
             number = self._method.generation
+            if not ahead.is_ready:
+                self._store.has_time()
             found = ahead.take()
             self._check_first(len(found.genomes))
             self._waiting_for = ""

@@ -88,9 +88,10 @@ class Run:
     def written(cls, path: Path) -> Self:
         """Open the folder of a run that this process has written: what is in it is read when it is needed."""
         run = cls(path)
-        last = run.store.last()
-        run._finished = 0 if last is None else last.generation + 1
-        _ = run.experiment
+        with run.store.together():
+            last = run.store.last()
+            run._finished = 0 if last is None else last.generation + 1
+            _ = run.experiment
         return run
 
     @cached_property

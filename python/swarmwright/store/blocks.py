@@ -17,6 +17,7 @@ _BLOCK = 1 << 22
 _GENERATION = struct.Struct("<3q")
 _COLUMNS = ("fitness", "episodes", "metrics", "genomes")
 _KINDS = ("<f8", "<f8", "<f8", "<f4")
+_DOUBLE, _SINGLE = np.dtype("<f8"), np.dtype("<f4")
 
 COLUMNS = "first, generation, evaluations, fitness, episodes, metrics, genomes"
 """Columns of the table `block`."""
@@ -100,15 +101,11 @@ def encoded(evaluated: Evaluated, first: int) -> Iterator[Block]:
     fitness = evaluated.fitness + 0.0
     if evaluated.summary.failed:
         fitness[np.isnan(fitness)] = np.nan
-    columns: list[NDArray[Any]] = [
-        np.ascontiguousarray(fitness, dtype=_KINDS[0]),
-        np.ascontiguousarray(evaluated.episodes, dtype=_KINDS[1]),
-        np.ascontiguousarray(evaluated.metrics, dtype=_KINDS[2]),
-        _genomes(evaluated),
-    ]
+    columns = (_plain(fitness), _plain(evaluated.episodes), _plain(evaluated.metrics), _genomes(evaluated))
     count = len(fitness)
-    size = max(1, _BLOCK * count // max(sum([column.nbytes for column in columns]), 1))
-    for start in range(0, count, size):
+    whole = sum([column.nbytes for column in columns])
+    size = count if whole <= _BLOCK else max(1, _BLOCK * count // whole)
+    for start in range(0, count, max(size, 1)):
         parts = columns if size >= count else [column[start : start + size] for column in columns]
         yield (
             *(first + start, evaluated.generation, len(parts[0])),
@@ -116,12 +113,19 @@ def encoded(evaluated: Evaluated, first: int) -> Iterator[Block]:
         )
 
 
+def _plain(numbers: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return numbers as they are stored: those of the engine are already."""
+    if numbers.dtype == _DOUBLE and numbers.flags.c_contiguous:
+        return numbers
+    return np.ascontiguousarray(numbers, dtype=_DOUBLE)
+
+
 def _genomes(evaluated: Evaluated) -> NDArray[Any]:
     """Return the genomes that blocks have: none of them where they are made from a sample."""
     genomes = evaluated.genomes
     if isinstance(genomes, _engine.Sample):
-        return np.empty((len(genomes), 0), dtype=_KINDS[3])
-    return np.ascontiguousarray(genomes, dtype=_KINDS[3])
+        return np.empty((len(genomes), 0), dtype=_SINGLE)
+    return np.ascontiguousarray(genomes, dtype=_SINGLE)
 
 
 def _column(part: NDArray[Any]) -> Column:

@@ -145,11 +145,20 @@ def reading(file: Path) -> Iterator[sqlite3.Connection]:
         try:
             # One snapshot for all that is read here, whatever is committed meanwhile.
             connection.execute("BEGIN")
+            with reading_on(connection, file):
+                yield connection
+        finally:
+            connection.close()
+
+
+@contextmanager
+def reading_on(connection: sqlite3.Connection, file: Path) -> Iterator[sqlite3.Connection]:
+    """Yield a connection that is open already; raise InputError for damage that is found while it is used."""
+    with errors(file, InputError):
+        try:
             yield connection
         except (ValueError, TypeError, OverflowError) as error:  # SQLite takes text in a column of numbers
             raise InputError(f"{file}: is damaged: {error}") from error
-        finally:
-            connection.close()
 
 
 def _connect_to_read(file: Path) -> sqlite3.Connection:

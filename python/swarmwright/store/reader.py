@@ -17,7 +17,7 @@ from swarmwright.core.errors import InputError, RunError
 from swarmwright.core.statistics import Summary
 from swarmwright.rankings._base import best_first
 from swarmwright.store.blocks import Record, joined
-from swarmwright.store.database import FILE, checked_facts, reading
+from swarmwright.store.database import FILE, checked_facts, reading, reading_on
 from swarmwright.store.generations import Generations, Row
 from swarmwright.store.rows import Attempt, Evaluated, Event, ServerShare, Session, journal_line
 from swarmwright.typing import Genome
@@ -64,16 +64,33 @@ class StoreReader:
     Args:
         folder: of the run.
         name: of the file in it.
+        connect: returns the connection of who writes the store in this process, which reads faster than a
+            new one; it is not used while something is written.
     """
 
-    def __init__(self, folder: Path, name: str = FILE) -> None:
+    def __init__(
+        self, folder: Path, name: str = FILE, connect: Callable[[], sqlite3.Connection] | None = None
+    ) -> None:
         self._folder = folder
+        self._connect = connect
         self.file = folder / name
         """The store itself."""
         _ = self._facts  # report errors now rather than later
 
     def _reading(self) -> AbstractContextManager[sqlite3.Connection]:
+        if self._connect is not None:
+            return reading_on(self._connect(), self.file)
         return reading(self.file)
+
+    @contextmanager
+    def together(self) -> Iterator[None]:
+        """Read all that is read within from one snapshot, by one connection."""
+        with self._reading() as connection:
+            before, self._connect = self._connect, lambda: connection
+            try:
+                yield
+            finally:
+                self._connect = before
 
     @contextmanager
     def _generations(self) -> Iterator[Generations]:

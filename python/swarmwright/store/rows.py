@@ -14,8 +14,7 @@ from swarmwright.core.statistics import Summary
 from swarmwright.typing import Fitness, Genomes
 
 
-@dataclass(frozen=True, kw_only=True)
-class Evaluated:
+class Evaluated(NamedTuple):
     """A generation as it was evaluated: what counts for the record."""
 
     generation: int

@@ -18,8 +18,9 @@ from swarmwright.core.yaml import dump
 from swarmwright.representations import Representation
 from swarmwright.store.blocks import EvaluationsDigest, Sample, encoded, of_columns
 from swarmwright.store.database import FILE, NEW, code_of, seal_facts, transaction
+from swarmwright.store.digests import of_generation
 from swarmwright.store.folder import EXPERIMENT, check_folder, without_store
-from swarmwright.store.generations import Row, digest_before
+from swarmwright.store.generations import digest_before
 from swarmwright.store.lock import Lock
 from swarmwright.store.open_store import OpenStore
 from swarmwright.store.provenance import recorded, timestamp, versions
@@ -43,6 +44,8 @@ _EVENT = "INSERT INTO event VALUES (?, ?, ?, ?, ?)"
 
 _TOGETHER = 0.02
 """Seconds within which generations are written in one transaction."""
+_SOME = 32
+"""Generations that are worth a transaction while there is nothing else to do."""
 _MUCH = 1 << 20
 """Bytes of genomes and results that are written at once all the same: memory used soon again is cached."""
 _DRAFT = 1.0
@@ -88,6 +91,7 @@ class StoreWriter:
         self._outcome: str | None = None
         self._ended: float | None = None
         self._finished: list[_Finished] = []
+        self._facts: dict[str, str] = {}  # that are to be written
         self._bytes = 0  # of genomes and results, in what is finished
         self._seeds = _Seeds()
 
@@ -229,6 +233,14 @@ class StoreWriter:
             self._flush()
         self.keep_soon()
 
+    def has_time(self) -> None:
+        """Write what is finished if there is enough of it: who calls waits for something anyway.
+
+        Raises RunError as `commit`.
+        """
+        if len(self._finished) >= _SOME:
+            self._flush()
+
     @property
     def samples(self) -> bool:
         """Whether it keeps what genomes are made from instead of them."""
@@ -266,14 +278,14 @@ class StoreWriter:
 
     def _write_now(self) -> None:
         """Write what is finished, in one transaction."""
-        if self._finished:
+        if self._finished or self._facts:
             with self._writing():
                 pass  # that comes before anything else
 
     def reader(self) -> StoreReader:
         """Return a reader of what has been written so far, all that is finished among it."""
         self._flush()
-        return StoreReader(self.folder, self._store.name)
+        return StoreReader(self.folder, self._store.name, lambda: self._store.connection)
 
     def _write_finished(self) -> None:
         """Write the generations that are finished, within a transaction."""
@@ -305,25 +317,15 @@ class StoreWriter:
         known = evaluated.digests or total
         assert known is not None
         digest = of_columns(known.columns(), first, number, len(evaluated.genomes))
-        row = Row(number, first, seeds, summary, evaluated.leader, digest, "")
-        after = row.digest_after(previous)
-        connection.execute(
-            _GENERATION,
-            (
-                number,
-                first,
-                seeds,
-                summary.evaluations,
-                *(summary.best, summary.mean, summary.best_so_far),
-                *(summary.lower_quartile, summary.median, summary.upper_quartile),
-                summary.failed,
-                evaluated.leader,
-                self._session,
-                seconds,
-                row.evaluations_digest,
-                after,
-            ),
+        leader, failed = evaluated.leader, summary.failed
+        whole = (number, first, summary.evaluations, failed, leader)
+        figures = (
+            *(summary.best, summary.mean, summary.best_so_far),
+            *(summary.lower_quartile, summary.median, summary.upper_quartile),
         )
+        after = of_generation(previous, whole, figures, seeds, digest)
+        row = (number, first, seeds, summary.evaluations, *figures)
+        connection.execute(_GENERATION, (*row, failed, leader, self._session, seconds, digest, after))
         return after
 
     def note(self, generation: int, journal: Journal) -> None:
@@ -347,8 +349,14 @@ class StoreWriter:
                         "reserved it; what it writes counts, and this one ends"
                     )
             self._write_finished()
+            if self._facts:
+                self._store.connection.executemany(
+                    "INSERT OR REPLACE INTO fact VALUES (?, ?)", self._facts.items()
+                )
+                seal_facts(self._store.connection)
             yield
         self._finished.clear()
+        self._facts.clear()
         self._written = time.monotonic()
 
     def _note(self, generation: int, journal: Journal) -> None:
@@ -368,16 +376,18 @@ class StoreWriter:
 
     def note_validation(self, values: Mapping[str, Any]) -> None:
         """Write what is known of the best candidates on held-out seeds; it is not part of the record."""
-        text = json.dumps(dict(values), allow_nan=False)
-        with self._writing():
-            self._store.connection.execute("INSERT OR REPLACE INTO fact VALUES ('validation', ?)", (text,))
-            seal_facts(self._store.connection)
+        self._note_fact("validation", json.dumps(dict(values), allow_nan=False))
+        self.keep_soon()
 
     def note_ended(self, ended: str | None) -> None:
         """Write which budget a run that is done has used, or that the target was reached."""
-        with self._writing():
-            self._store.connection.execute("INSERT OR REPLACE INTO fact VALUES ('ended', ?)", (ended or "",))
-            seal_facts(self._store.connection)
+        self._note_fact("ended", ended or "")
+
+    def _note_fact(self, name: str, value: str) -> None:
+        """Write a fact; with what is written next, where the end of the process would take it anyway."""
+        self._facts[name] = value
+        if not self._store.draft:
+            self._flush()
 
     def conclude(self, outcome: str) -> None:
         """Say how this session ended: done, interrupted, stopped, or why it failed.
@@ -439,6 +449,7 @@ class StoreWriter:
         except RunError as error:
             failed = error
             self._finished.clear()  # there is no room for it, but perhaps for how the session ended
+            self._facts.clear()
         try:
             if self._session:
                 with self._writing():

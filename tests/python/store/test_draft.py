@@ -1,16 +1,17 @@
 """A new store is a draft at first: who can read it when, and what the end of the process leaves."""
 
+import sqlite3
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
 import pytest
 
 from swarmwright import Experiment, InputError, Run, optimize, resume
-from swarmwright.store import FILE, StoreWriter, open_store
+from swarmwright.store import FILE, Journal, StoreReader, StoreWriter, database, open_store, reader, writer
 from swarmwright.store.database import NEW
 from tests.python.records import EXPERIMENT, same_record
 
@@ -74,6 +75,62 @@ def test_a_short_run_writes_its_store_once(tmp_path: Path, monkeypatch: pytest.M
     assert seen == [(count, False, True) for count in (1, 2, 3, 4)]
     assert sorted(path.name for path in folder.glob("run.*")) == [FILE]
     assert Run.open(folder).history == run.history
+
+
+def test_generations_are_written_while_others_are_waited_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As many as are worth a transaction."""
+    run = optimize(EXPERIMENT.replace(method={"generations": 33}), out=tmp_path / "run")
+    monkeypatch.setattr(writer, "_TOGETHER", 1e9)
+    written = []
+    with StoreWriter.create(tmp_path / "again", run.experiment, run.metrics) as store:
+        store.begin("here")
+        for evaluated in run.store.generations():
+            store.commit(evaluated, Journal())
+            store.has_time()
+            written.append(len(StoreReader(tmp_path / "again", NEW).history()))
+    assert written == [0] * 31 + [32, 32]
+    assert Run.open(tmp_path / "again").digest == run.digest
+
+
+def test_facts_are_written_with_what_comes_next(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run = optimize(EXPERIMENT, out=tmp_path / "run")
+    with StoreWriter.create(tmp_path / "again", run.experiment, run.metrics) as store:
+        store.begin("here")
+        store.note_ended("target")
+        store.note_validation({"state": "due"})
+        assert StoreReader(tmp_path / "again", NEW).validation() is None
+        read = store.reader()
+        assert (read.ended(), read.validation()) == ("target", {"state": "due"})
+        # A validation may take long: when the second of the draft is over, it ends.
+        monkeypatch.setattr(writer, "_DRAFT", 0.0)
+        store.note_validation({"state": "none"})
+        assert StoreReader(tmp_path / "again").validation() == {"state": "none"}
+        assert read.validation() == {"state": "none"}
+        store.note_validation({"state": "same"})
+        assert StoreReader(tmp_path / "again").validation() == {"state": "same"}
+
+
+def test_what_is_read_together_is_read_by_one_connection(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store = optimize(EXPERIMENT, out=tmp_path / "run").store
+    opened: list[Path] = []
+    reading = database.reading
+
+    def counted(file: Path) -> AbstractContextManager[sqlite3.Connection]:
+        opened.append(file)
+        return reading(file)
+
+    monkeypatch.setattr(reader, "reading", counted)
+    apart = store.history(), store.digest(), store.leading(2)[1].number
+    assert len(opened) == 3
+    with store.together():
+        assert (store.history(), store.digest(), store.leading(2)[1].number) == apart
+    assert len(opened) == 4
+    assert store.history() == apart[0]
+    assert len(opened) == 5
 
 
 def test_what_is_reported_is_in_the_store(tmp_path: Path) -> None:

@@ -3,7 +3,8 @@
 use super::swarm::Swarming;
 use super::{Members, NoStart, Search};
 use crate::differential::{Base, Crossover, Differential};
-use crate::stream::{Stream, purpose_key, rows_of_two};
+use crate::stream::{Stream, Streams, purpose_key, rows_of_two};
+use crate::swarm::rounded;
 
 /// Genes that are made in little more time than another thread takes to begin.
 const FEW: usize = 1 << 12;
@@ -83,20 +84,18 @@ impl Bounded {
 
     fn candidates(&mut self) -> Vec<f32> {
         let genes = self.lower.len();
-        let members = 0..self.fitness.len() as u64;
-        let mut streams = Stream::of_each(self.seed, self.purpose, self.generation, members);
         let mut genomes = vec![0.0; self.members.len()];
         let best = self.best();
         let (lower, upper) = (&self.lower[..], &self.upper[..]);
         match &mut self.challenger {
             Challenger::Swarm(swarm) => {
-                swarm.fly(
-                    &self.members,
-                    best,
-                    (lower, upper),
-                    &mut streams,
-                    &mut genomes,
-                );
+                let streams = Streams {
+                    seed: self.seed,
+                    purpose: self.purpose,
+                    generation: self.generation,
+                    first: 0,
+                };
+                swarm.fly(&self.members, best, (lower, upper), streams, &mut genomes);
             }
             Challenger::Differential {
                 base,
@@ -114,6 +113,8 @@ impl Bounded {
                     lower,
                     upper,
                 };
+                let count = 0..self.fitness.len() as u64;
+                let mut streams = Stream::of_each(self.seed, self.purpose, self.generation, count);
                 let members = &self.members[..];
                 let mut none = vec![(); genomes.len()];
                 let numbers = (&mut genomes[..], &mut none[..]);
@@ -205,15 +206,5 @@ impl Search for Bounded {
             Challenger::Swarm(swarm) => swarm.state(name),
             Challenger::Differential { .. } => None,
         }
-    }
-}
-
-/// A genome: within the bounds, rounded to binary32.
-#[expect(clippy::cast_possible_truncation, reason = "genomes are binary32")]
-pub(super) fn rounded(values: &[f64], lower: &[f64], upper: &[f64], genome: &mut [f32]) {
-    let bounds = lower.iter().zip(upper);
-    for (place, (value, (lower, upper))) in genome.iter_mut().zip(values.iter().zip(bounds)) {
-        let value = if value < lower { lower } else { value };
-        *place = *(if value > upper { upper } else { value }) as f32;
     }
 }

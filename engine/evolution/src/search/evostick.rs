@@ -1,8 +1,8 @@
 //! The evolutionary algorithm of EvoStick: a few best genomes stay, the others are their mutants.
 
-use super::bounded::rounded;
 use super::{NoStart, Search};
 use crate::stream::{Stream, purpose_key, rows};
+use crate::swarm::rounded;
 
 /// Probability that a gene is moved, and that it is drawn anew.
 type Chances = (f64, f64);

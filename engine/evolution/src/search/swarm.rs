@@ -1,11 +1,12 @@
 //! A swarm of particles from generation to generation, with settings that may follow its state.
 
-use super::bounded::rounded;
-use crate::stream::{Stream, purpose_key, rows_of_two};
-use crate::swarm::{Flight, Room, Swarm, spread};
+use rayon::prelude::*;
+
+use crate::stream::{Stream, Streams, purpose_key, rows_of};
+use crate::swarm::{Flight, Swarm, rounded, spread};
 
 /// Genes of particles that fly in little more time than another thread takes to begin.
-const FEW: usize = 1 << 12;
+const FEW: usize = 1 << 14;
 
 /// Settings of a swarm.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -72,7 +73,7 @@ impl Swarming {
         members: &[f32],
         best: usize,
         (lower, upper): (&[f64], &[f64]),
-        streams: &mut [Stream],
+        streams: Streams,
         genomes: &mut [f32],
     ) {
         let genes = lower.len();
@@ -84,30 +85,44 @@ impl Swarming {
             lower,
             upper,
         };
-        let social = &members[best * genes..(best + 1) * genes];
-        let (places, perturb) = (&self.places[..], self.settings.perturb);
-        let numbers = (genomes, &mut self.velocities[..]);
-        let room = || (Room::default(), vec![0.0; genes]);
-        rows_of_two(
-            streams,
-            numbers,
-            genes,
-            FEW,
-            room,
-            |(room, to), particle, stream, genome, velocity| {
-                let its = particle * genes..(particle + 1) * genes;
-                let flight = Flight {
-                    from: &places[its.clone()],
-                    own: &members[its],
-                    social,
-                };
-                settings.fly_in(room, flight, stream, velocity, to);
-                if perturb && particle == best {
-                    settings.perturb(social, stream, to);
-                }
-                rounded(to, lower, upper, genome);
-            },
-        );
+        let its = best * genes..(best + 1) * genes;
+        let social = &members[its.clone()];
+        let part = |first: usize, velocities: &mut [f64], genomes: &mut [f32]| {
+            let part = first * genes..first * genes + genomes.len();
+            let rows = (&self.places[part.clone()], &members[part], social);
+            let streams = Streams {
+                first: first as u64,
+                ..streams
+            };
+            settings.fly_all(rows, streams, velocities, genomes);
+        };
+        let moved = self
+            .settings
+            .perturb
+            .then(|| self.velocities[its.clone()].to_vec());
+        if genomes.len() < 2 * FEW {
+            part(0, &mut self.velocities, genomes);
+        } else {
+            let rows = rows_of(FEW, genes);
+            let velocities = self.velocities.par_chunks_mut(rows * genes);
+            let parts = velocities.zip(genomes.par_chunks_mut(rows * genes));
+            parts
+                .enumerate()
+                .for_each(|(number, (velocities, genomes))| {
+                    part(number * rows, velocities, genomes);
+                });
+        }
+        if let Some(mut velocity) = moved {
+            let (mut stream, mut to) = (streams.of(best), vec![0.0; genes]);
+            let flight = Flight {
+                from: &self.places[its.clone()],
+                own: social,
+                social,
+            };
+            settings.fly(flight, &mut stream, &mut velocity, &mut to);
+            settings.perturb(social, &mut stream, &mut to);
+            rounded(&to, lower, upper, &mut genomes[its]);
+        }
     }
 
     /// Sets inertia and pulls by how far the best place that all flew to is from the others; `address`: seed and generation.

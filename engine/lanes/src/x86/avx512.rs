@@ -138,45 +138,11 @@ impl Lanes for F32s {
     }
     #[inline(always)]
     fn units_of_rows(columns: &[[u64; 16]; 4], rows: &mut [f64], stride: usize) {
-        assert!(rows.len() >= 4 && (rows.len() - 4) / 15 >= stride);
-        for half in 0..2 {
-            let mut units = [simd!(_mm512_setzero_pd()); 4];
-            for (unit, column) in units.iter_mut().zip(columns) {
-                // SAFETY: both halves of sixteen words are there.
-                let words = unsafe { _mm512_loadu_si512(column.as_ptr().add(8 * half).cast()) };
-                let integers = simd!(_mm512_cvtepi64_pd(_mm512_srli_epi64::<11>(words)));
-                *unit = simd!(_mm512_mul_pd(integers, _mm512_set1_pd(UNIT)));
-            }
-            let [a, b, c, d] = units;
-            // Rows 0, 2, 4, 6, and those between them, two numbers of each.
-            let (low, high) = (
-                [
-                    simd!(_mm512_unpacklo_pd(a, b)),
-                    simd!(_mm512_unpacklo_pd(c, d)),
-                ],
-                [
-                    simd!(_mm512_unpackhi_pd(a, b)),
-                    simd!(_mm512_unpackhi_pd(c, d)),
-                ],
-            );
-            let (first, second) = (
-                simd!(_mm512_setr_epi64(0, 1, 8, 9, 2, 3, 10, 11)),
-                simd!(_mm512_setr_epi64(4, 5, 12, 13, 6, 7, 14, 15)),
-            );
-            for (odd, [ones, others]) in [low, high].into_iter().enumerate() {
-                for (part, order) in [first, second].into_iter().enumerate() {
-                    let both = simd!(_mm512_permutex2var_pd(ones, order, others));
-                    let row = 8 * half + 4 * part + odd;
-                    // SAFETY: four numbers of row 15 are there, as asserted, so those of the rows before are.
-                    unsafe {
-                        let to = rows.as_mut_ptr().add(row * stride);
-                        _mm256_storeu_pd(to, _mm512_castpd512_pd256(both));
-                        let to = rows.as_mut_ptr().add((row + 2) * stride);
-                        _mm256_storeu_pd(to, _mm512_extractf64x4_pd::<1>(both));
-                    }
-                }
-            }
-        }
+        in_rows::<true, f64>(columns, rows, stride);
+    }
+    #[inline(always)]
+    fn words_of_rows(columns: &[[u64; 16]; 4], rows: &mut [u64], stride: usize) {
+        in_rows::<false, u64>(columns, rows, stride);
     }
     #[inline(always)]
     fn outside(
@@ -406,5 +372,55 @@ impl Int for I32s {
             )
         };
         Self::of_halves(low, high)
+    }
+}
+
+/// Four columns of sixteen words, or units of them, in rows that begin `stride` apart.
+#[inline(always)]
+fn in_rows<const UNITS: bool, T>(columns: &[[u64; 16]; 4], rows: &mut [T], stride: usize) {
+    const { assert!(size_of::<T>() == size_of::<f64>()) };
+    assert!(rows.len() >= 4 && (rows.len() - 4) / 15 >= stride);
+    for half in 0..2 {
+        let mut numbers = [simd!(_mm512_setzero_pd()); 4];
+        for (number, column) in numbers.iter_mut().zip(columns) {
+            // SAFETY: both halves of sixteen words are there.
+            let words = unsafe { _mm512_loadu_si512(column.as_ptr().add(8 * half).cast()) };
+            *number = if UNITS {
+                let integers = simd!(_mm512_cvtepi64_pd(_mm512_srli_epi64::<11>(words)));
+                simd!(_mm512_mul_pd(integers, _mm512_set1_pd(UNIT)))
+            } else {
+                simd!(_mm512_castsi512_pd(words))
+            };
+        }
+        let [a, b, c, d] = numbers;
+        // Rows 0, 2, 4, 6, and those between them, two numbers of each.
+        let (low, high) = (
+            [
+                simd!(_mm512_unpacklo_pd(a, b)),
+                simd!(_mm512_unpacklo_pd(c, d)),
+            ],
+            [
+                simd!(_mm512_unpackhi_pd(a, b)),
+                simd!(_mm512_unpackhi_pd(c, d)),
+            ],
+        );
+        let (first, second) = (
+            simd!(_mm512_setr_epi64(0, 1, 8, 9, 2, 3, 10, 11)),
+            simd!(_mm512_setr_epi64(4, 5, 12, 13, 6, 7, 14, 15)),
+        );
+        for (odd, [ones, others]) in [low, high].into_iter().enumerate() {
+            for (part, order) in [first, second].into_iter().enumerate() {
+                let both = simd!(_mm512_permutex2var_pd(ones, order, others));
+                let row = 8 * half + 4 * part + odd;
+                // SAFETY: four numbers of row 15 are there, as asserted, so those of the rows before are; they are as long as
+                // binary64, as asserted.
+                unsafe {
+                    let to = rows.as_mut_ptr().add(row * stride).cast();
+                    _mm256_storeu_pd(to, _mm512_castpd512_pd256(both));
+                    let to = rows.as_mut_ptr().add((row + 2) * stride).cast();
+                    _mm256_storeu_pd(to, _mm512_extractf64x4_pd::<1>(both));
+                }
+            }
+        }
     }
 }
