@@ -40,6 +40,8 @@ pub struct Stream {
     block: [u64; WORDS],
     /// Words of the block that are used up.
     used: usize,
+    /// Words of the next block that are passed over; 0 where this block is not used up.
+    passed: usize,
 }
 
 impl Stream {
@@ -53,6 +55,7 @@ impl Stream {
             blocks: 0,
             block: [0; WORDS],
             used: WORDS,
+            passed: 0,
         }
     }
 
@@ -85,32 +88,54 @@ impl Stream {
     /// As many words as there are places.
     pub fn fill(&mut self, words: &mut [u64]) {
         let rest = (WORDS - self.used).min(words.len());
-        let (head, body) = words.split_at_mut(rest);
+        let (head, mut body) = words.split_at_mut(rest);
         head.copy_from_slice(&self.block[self.used..self.used + rest]);
         self.used += rest;
-        let (whole, rest) = body.as_chunks_mut::<WORDS>();
-        let first = self.blocks.wrapping_add(1);
-        blocks([first, self.candidate, self.generation, 0], self.key, whole);
-        self.blocks = self.blocks.wrapping_add(whole.len() as u64);
-        for place in rest {
-            *place = self.word();
+        if self.passed == 0 {
+            let whole = body.len() / (SIDE * WORDS) * SIDE;
+            let (blocks, others) = body.split_at_mut(whole * WORDS);
+            self.draw_blocks(blocks.as_chunks_mut().0);
+            body = others;
         }
+        // What is left may begin and end within a block: all of these are drawn side by side.
+        let mut room = [[0; WORDS]; SIDE];
+        while !body.is_empty() {
+            let count = (self.passed + body.len()).div_ceil(WORDS).min(SIDE);
+            self.draw_blocks(&mut room[..count]);
+            let drawn = &room[..count].as_flattened()[self.passed..];
+            let taken = drawn.len().min(body.len());
+            let (places, others) = body.split_at_mut(taken);
+            places.copy_from_slice(&drawn[..taken]);
+            if taken < drawn.len() {
+                self.block = room[count - 1];
+                self.used = WORDS - (drawn.len() - taken);
+            }
+            self.passed = 0;
+            body = others;
+        }
+    }
+
+    /// The next blocks; this one is used up.
+    fn draw_blocks(&mut self, places: &mut [[u64; WORDS]]) {
+        let first = self.blocks.wrapping_add(1);
+        blocks(
+            [first, self.candidate, self.generation, 0],
+            self.key,
+            places,
+        );
+        self.blocks = self.blocks.wrapping_add(places.len() as u64);
     }
 
     /// Goes past words without drawing them.
     pub fn skip(&mut self, words: usize) {
         let rest = WORDS - self.used;
-        if words <= rest {
+        if words < rest {
             self.used += words;
             return;
         }
-        let beyond = words - rest;
+        let beyond = self.passed + words - rest;
         self.blocks = self.blocks.wrapping_add((beyond / WORDS) as u64);
-        self.used = WORDS;
-        if !beyond.is_multiple_of(WORDS) {
-            self.draw();
-            self.used = beyond % WORDS;
-        }
+        (self.used, self.passed) = (WORDS, beyond % WORDS);
     }
 
     /// The next multiple of 2^-53, uniform in 0 .. 1 without 1.
@@ -181,7 +206,7 @@ impl Stream {
     fn draw(&mut self) {
         self.blocks = self.blocks.wrapping_add(1);
         self.block = self.at(self.blocks);
-        self.used = 0;
+        (self.used, self.passed) = (self.passed, 0);
     }
 
     #[inline]
@@ -259,7 +284,7 @@ pub(crate) fn unit_rows(streams: &mut [Stream], length: usize, numbers: &mut [f6
     let is_next = |(candidate, stream): (u64, &Stream)| {
         stream.candidate == first.candidate.wrapping_add(candidate)
             && (stream.key, stream.generation) == (first.key, first.generation)
-            && (stream.blocks, stream.used) == (0, WORDS)
+            && (stream.blocks, stream.used, stream.passed) == (0, WORDS, 0)
     };
     if streams.len() < SIDE || !(0..).zip(&*streams).all(is_next) {
         for (stream, row) in streams.iter_mut().zip(numbers.chunks_exact_mut(length)) {

@@ -25,8 +25,8 @@ const PART: Duration = Duration::from_millis(30);
 const MODEST: usize = 600;
 /// A share of `PART`, half a millisecond: less is not worth the time of another thread that has work of its own.
 const ALONE: usize = 60;
-/// Evaluations of the very first part, which tells how long they take.
-const FIRST: usize = 64;
+/// Evaluations of each thread in the very first part, which tells how long they take.
+const FIRST: usize = 32;
 /// Pause between two reports.
 pub const REPORT: Duration = Duration::from_millis(100);
 
@@ -72,17 +72,6 @@ fn means(level: &str, threads: usize) -> PyResult<Means> {
 #[pyclass(name = "Evaluator", module = "swarmwright._engine")]
 pub struct PyEvaluator(pub Arc<Evaluation>);
 
-/// What other threads do while one evaluates.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Others {
-    /// They wait for it.
-    Wait,
-    /// They have work as well, and are not there at once: what takes next to no time is done by one thread alone.
-    Begin,
-    /// They have work of their own, and there is no processor for more.
-    Work,
-}
-
 /// A simulation, and controllers of one architecture.
 pub struct Evaluation {
     title: String,
@@ -91,7 +80,7 @@ pub struct Evaluation {
     /// Those that are wanted, by their index in the simulation's description.
     metrics: Vec<usize>,
     means: Means,
-    /// Evaluations that take about as long as `PART`, as far as is known.
+    /// Evaluations for which one thread takes about as long as `PART`, as far as is known.
     most: AtomicUsize,
 }
 
@@ -184,7 +173,7 @@ impl PyEvaluator {
         let results = py.detach(|| {
             self.0.in_parts(
                 block,
-                Others::Wait,
+                false,
                 meanwhile.map(|call| move || ask(&|py| call.call0(py).map(|_| ()))),
                 |done, report| {
                     ask(&|py| {
@@ -230,24 +219,30 @@ impl Evaluation {
         })
     }
 
-    /// As many evaluations as fill vectors of lanes on all threads, at least one vector on each: a vector that is not full
-    /// takes as long as a full one.
-    fn in_vectors(&self, evaluations: usize) -> usize {
-        let threads = match self.means.threads {
+    fn threads(&self) -> usize {
+        match self.means.threads {
             0 => rayon::current_num_threads(),
             threads => threads,
-        };
-        let lanes = self.means.level.map_or(1, Level::width) * threads;
-        (evaluations / lanes).max(1) * lanes
+        }
+    }
+
+    /// As many evaluations on all threads as fill vectors of lanes, of so many on each, at least one vector: a vector that is not full
+    /// takes as long as a full one.
+    fn in_vectors(&self, evaluations: usize) -> usize {
+        let lanes = self.means.level.map_or(1, Level::width);
+        (evaluations / lanes)
+            .max(1)
+            .saturating_mul(lanes * self.threads())
     }
 
     /// Evaluates in parts of some 10 ms; `go_on(done, whether to report)` is asked after each, and `meanwhile` during the first.
     ///
-    /// `others`: what other threads do meanwhile. Raises InputError.
+    /// `busy`: there is no processor for other threads. What takes next to no time is done by this one alone all the same. Raises
+    /// InputError.
     pub fn in_parts(
         &self,
         whole: &Block<'_>,
-        others: Others,
+        busy: bool,
         mut meanwhile: Option<impl FnOnce() -> bool>,
         mut go_on: impl FnMut(usize, bool) -> bool,
     ) -> PyResult<Vec<f64>> {
@@ -269,22 +264,17 @@ impl Evaluation {
             };
             let work = || {
                 let began = Instant::now();
-                let quick = |share| count.saturating_mul(share) < most;
-                let alone = match others {
-                    Others::Wait => false,
-                    Others::Begin => quick(MODEST),
-                    Others::Work => quick(ALONE),
-                };
-                let means = match alone {
-                    true => Means {
-                        threads: 1,
-                        ..self.means
-                    },
-                    false => self.means,
+                let share = if busy { ALONE } else { MODEST };
+                let alone = count.saturating_mul(share) < most;
+                let threads = if alone { 1 } else { self.threads() };
+                let means = Means {
+                    threads: if alone { 1 } else { self.means.threads },
+                    ..self.means
                 };
                 let part = worlds::evaluate(&self.title, &block, means);
                 let factor = PART.as_secs_f64() / began.elapsed().as_secs_f64().max(1e-6);
-                self.most.store(scaled(count, factor), Ordering::Relaxed);
+                let each = scaled(count.div_ceil(threads), factor);
+                self.most.store(each, Ordering::Relaxed);
                 part
             };
             let (part, wanted) = match meanwhile.take() {

@@ -17,7 +17,7 @@ use swarmwright_protocol::Sample;
 use crate::digests::{Columns, PyDigests, columns, of_genomes, of_sample};
 use crate::errors::{engine, input};
 use crate::genomes::architecture;
-use crate::local::{Evaluation, Others, PyEvaluator, REPORT, lock};
+use crate::local::{Evaluation, PyEvaluator, REPORT, lock};
 use crate::methods::{Asked, Conversation, PySearch};
 use crate::pool::{AttemptRow, PyPool, rows};
 use crate::remote::{Evaluated, Servers};
@@ -185,13 +185,9 @@ impl Shared {
         lock(&self.queue).waiting.len() > 2 * TOGETHER
     }
 
-    /// What other threads do while a generation is evaluated: of two processors, the other one is that of the taker.
-    fn others(&self) -> Others {
-        if rayon::current_num_threads() > 2 || lock(&self.queue).taker_waits {
-            Others::Begin
-        } else {
-            Others::Work
-        }
+    /// Whether there is no processor for more threads: of two, the other one is that of the taker, unless it waits.
+    fn is_busy(&self) -> bool {
+        rayon::current_num_threads() <= 2 && !lock(&self.queue).taker_waits
     }
 
     /// Waits for a generation; returns it, and whether nothing more comes.
@@ -368,7 +364,7 @@ impl Work {
         };
         let block = evaluation.block(&genomes, seeds, Some(&shared.stopped))?;
         let none: Option<fn() -> bool> = None;
-        let results = evaluation.in_parts(&block, shared.others(), none, |done, _| {
+        let results = evaluation.in_parts(&block, shared.is_busy(), none, |done, _| {
             shared.done.store(done, Ordering::Relaxed);
             go_on()
         })?;

@@ -4,8 +4,7 @@ Each message is complete, and each class has the exit status of a command line t
 """
 
 import traceback
-from collections.abc import Iterator
-from contextlib import contextmanager
+from types import TracebackType
 from typing import ClassVar
 
 from swarmwright.core.untrusted import one_line
@@ -61,18 +60,32 @@ def explained(error: BaseException) -> str:
     return f"{kind} ({last.filename}:{last.lineno}{line})"
 
 
-@contextmanager
-def engine_errors(where: str = "") -> Iterator[None]:
+class engine_errors:  # noqa: N801 - used like a function
     """Turn the compiled engine's errors into InputError and RunError.
 
-    Their messages may quote peers, and are reduced to one line, see `untrusted`. `where` is put before an
-    input error's message.
-    """
-    from swarmwright import _engine  # noqa: PLC0415 - loads in 10 ms, not for --help
+    Their messages may quote peers, and are reduced to one line, see `untrusted`.
 
-    try:
-        yield
-    except _engine.InputError as error:
-        raise InputError(f"{where}{one_line(str(error))}") from error
-    except _engine.EngineError as error:
-        raise RunError(one_line(str(error))) from error
+    Args:
+        where: put before an input error's message.
+    """
+
+    __slots__ = ("_where",)
+
+    def __init__(self, where: str = "") -> None:
+        self._where = where
+
+    def __enter__(self) -> None:
+        """Do nothing."""
+
+    def __exit__(
+        self, _: type[BaseException] | None, error: BaseException | None, __: TracebackType | None
+    ) -> None:
+        """Raise the error that is meant."""
+        if error is None:
+            return
+        from swarmwright import _engine  # noqa: PLC0415 - loads in 10 ms, not for --help
+
+        if isinstance(error, _engine.InputError):
+            raise InputError(f"{self._where}{one_line(str(error))}") from error
+        if isinstance(error, _engine.EngineError):
+            raise RunError(one_line(str(error))) from error
