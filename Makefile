@@ -168,7 +168,8 @@ test-ros1: $(VENV)/.engine $(VENV)/.dev
 
 # Simulators that take hundreds of megabytes: their adapters, and the pages of the documentation.
 test-simulators: $(VENV)/.engine $(VENV)/.simulators
-	$(BIN)/python -m pytest $(AGAIN) -n 2 --durations=10 tests/python/adapters/sumo tests/docs/test_snippets.py -k "sumo or pybullet or ir-sim"
+	$(BIN)/python -m pytest $(AGAIN) -n 2 --durations=10 tests/python/adapters/sumo tests/benchmarks/test_simulators.py tests/docs/test_snippets.py \
+		-k "sumo or test_simulators or pybullet or ir-sim"
 
 INPUTS ?= 1000000
 
