@@ -40,6 +40,7 @@ Overview:
     export_bundle, verify_bundle  an archive to hand over, with proof; its check
     evaluate, simulate, repeat  the fitness of given genomes; one episode; one evaluation again
     Simulation, BatchSimulation, CommandSimulation, Parameter   base classes of custom simulations
+    Physics                     base class of simulators that move the robots of the arena's missions
     callbacks, templates, frevo, testing     TensorBoard and MLflow; experiments to start from; FREVO's files;
                                 checks for plug-ins
     InputError, RunError        invalid input; a run that failed for other reasons
@@ -74,6 +75,7 @@ if TYPE_CHECKING:
     from swarmwright.simulations.base import Simulation
     from swarmwright.simulations.batches import BatchSimulation
     from swarmwright.simulations.parameters import Parameter
+    from swarmwright.simulations.physics import Physics
 
     __version__: str
 
@@ -89,6 +91,7 @@ __all__ = [
     "Generation",
     "InputError",
     "Parameter",
+    "Physics",
     "PostEvaluation",
     "Repeated",
     "Run",
@@ -126,6 +129,7 @@ _LAZY = {
     "Exported": "export.exporting",
     "Generation": "optimization.optimize",
     "Parameter": "simulations.parameters",
+    "Physics": "simulations.physics",
     "PostEvaluation": "runs.post_evaluation",
     "Repeated": "runs.repeat",
     "Run": "runs.run",

@@ -21,7 +21,7 @@ from swarmwright.core.engine_types import (
     ServerEvent,
     Timeouts,
 )
-from swarmwright.simulations.host import Host
+from swarmwright.simulations.hosts import AnyHost
 
 __all__ = [
     "FAULTS",
@@ -156,7 +156,7 @@ def genome_size(architecture: dict[str, Any]) -> int:
 class Episode:
     """One simulation, by its title or as a host, stepped in this process by one controller for all agents."""
 
-    def __new__(cls, simulation: str | Host, parameters: dict[str, Any], controller: str) -> Episode:
+    def __new__(cls, simulation: str | AnyHost, parameters: dict[str, Any], controller: str) -> Episode:
         """controller: specification as JSON text."""
     @property
     def done(self) -> bool: ...
@@ -189,7 +189,7 @@ class Episode:
 class Episodes:
     """Episodes of one simulation, by its title or as a host, that are stepped side by side from outside."""
 
-    def __new__(cls, simulation: str | Host, parameters: dict[str, Any], seeds: Sequence[int]) -> Episodes:
+    def __new__(cls, simulation: str | AnyHost, parameters: dict[str, Any], seeds: Sequence[int]) -> Episodes:
         """seeds: of the simulation, one for each episode. Raises InputError for wrong parameters."""
     @property
     def done(self) -> bool:
@@ -896,7 +896,7 @@ def log_line(line: str) -> None:
     """Write a line to where the engine's lines go, see `log_to`; without it nowhere."""
 
 def evaluate_host(
-    simulation: Host,
+    simulation: AnyHost,
     parameters: dict[str, Any],
     architecture: dict[str, Any],
     genomes: NDArray[np.float32],
@@ -928,7 +928,7 @@ def certificates(hosts: Sequence[str], days: int) -> tuple[str, str, str, str]:
     """
 
 def serve(
-    simulation: str | Host,
+    simulation: str | AnyHost,
     broker: str,
     *,
     id: int,

@@ -14,6 +14,7 @@ mod local;
 mod log;
 mod methods;
 mod operators;
+mod physics;
 mod pool;
 mod producer;
 mod remote;

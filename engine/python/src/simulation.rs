@@ -19,6 +19,7 @@ use crate::errors::{InputError, input};
 use crate::genomes::{architecture, rows};
 use crate::lanes;
 use crate::local::REPORT;
+use crate::physics;
 use crate::results::{Fitness, Metrics, apart, arrays};
 use crate::values::{dict, object, read};
 use crate::worlds::create;
@@ -35,6 +36,8 @@ pub fn watched(
 ) -> PyResult<Box<dyn Simulation>> {
     if simulation.is_instance_of::<PyString>() {
         create(&simulation.extract::<String>()?)
+    } else if physics::moves_robots(simulation)? {
+        physics::simulation(simulation, progress)
     } else {
         let mut hosted = Hosted::new(simulation.clone())?;
         hosted.progress = progress;
@@ -69,7 +72,7 @@ pub struct Hosted {
 }
 
 /// Whether an episode can be repeated; `_describe.py` has checked the name.
-fn determinism(host: &Bound<'_, PyAny>) -> PyResult<Determinism> {
+pub fn determinism(host: &Bound<'_, PyAny>) -> PyResult<Determinism> {
     let name: Option<String> = host.getattr("determinism")?.extract()?;
     Ok(match name.as_deref() {
         Some("bitwise") => Determinism::Bitwise,
@@ -87,6 +90,40 @@ pub enum Trouble {
     /// The parameters are refused.
     Refused(String),
     Failed(Failure),
+}
+
+/// Runs Python's code, which gives a sign of life; its exceptions become a reason.
+pub fn call<T>(
+    host: &Py<PyAny>,
+    progress: Option<&Progress>,
+    call: impl FnOnce(&Bound<'_, PyAny>) -> PyResult<T>,
+) -> Result<T, Trouble> {
+    if let Some(progress) = progress {
+        progress.beat();
+    }
+    Python::attach(|py| {
+        call(host.bind(py)).map_err(|error| {
+            if error.is_instance_of::<PyKeyboardInterrupt>(py) {
+                // It is raised again in the thread that waits for the episode.
+                let again = py
+                    .import("_thread")
+                    .and_then(|m| m.call_method0("interrupt_main"));
+                let reason = again.map_or_else(|e| e.to_string(), |_| "interrupted".to_owned());
+                return Trouble::Failed(reason.into());
+            }
+            let reason = error.value(py).to_string();
+            if error.is_instance_of::<InputError>(py) {
+                Trouble::Refused(reason)
+            } else {
+                let stack = error.value(py).getattr("stack");
+                let stack = stack.and_then(|stack| stack.extract::<Option<String>>());
+                Trouble::Failed(Failure {
+                    reason,
+                    stack: stack.unwrap_or_default(),
+                })
+            }
+        })
+    })
 }
 
 impl Hosted {
@@ -136,32 +173,7 @@ impl Hosted {
         &self,
         call: impl FnOnce(&Bound<'_, PyAny>) -> PyResult<T>,
     ) -> Result<T, Trouble> {
-        if let Some(progress) = &self.progress {
-            progress.beat();
-        }
-        Python::attach(|py| {
-            call(self.host.bind(py)).map_err(|error| {
-                if error.is_instance_of::<PyKeyboardInterrupt>(py) {
-                    // It is raised again in the thread that waits for the episode.
-                    let again = py
-                        .import("_thread")
-                        .and_then(|m| m.call_method0("interrupt_main"));
-                    let reason = again.map_or_else(|e| e.to_string(), |_| "interrupted".to_owned());
-                    return Trouble::Failed(reason.into());
-                }
-                let reason = error.value(py).to_string();
-                if error.is_instance_of::<InputError>(py) {
-                    Trouble::Refused(reason)
-                } else {
-                    let stack = error.value(py).getattr("stack");
-                    let stack = stack.and_then(|stack| stack.extract::<Option<String>>());
-                    Trouble::Failed(Failure {
-                        reason,
-                        stack: stack.unwrap_or_default(),
-                    })
-                }
-            })
-        })
+        self::call(&self.host, self.progress.as_deref(), call)
     }
 
     /// A call after which agents act.
@@ -352,12 +364,13 @@ pub fn evaluate_host<'py>(
     metrics: Option<Vec<String>>,
 ) -> PyResult<(Fitness<'py>, Metrics<'py>, Vec<EpisodeFailure>)> {
     // Nothing is detached: the simulation's code needs the interpreter all the time.
-    let mut simulation = Hosted::new(simulation)?;
+    let mut simulation = any(&simulation)?;
+    let parameters = object("parameters", parameters)?;
     let metrics = simulation
-        .description
+        .described(&parameters)
+        .map_err(input)?
         .metrics_named(&metrics.unwrap_or_default())
         .map_err(input)?;
-    let parameters = object("parameters", parameters)?;
     let (architecture, _) = self::architecture(architecture)?;
     let rows = rows(&architecture, &genomes)?;
     check_work(&architecture, &rows, &seeds).map_err(input)?;
@@ -386,7 +399,7 @@ pub fn evaluate_host<'py>(
         Ok::<(), PyErr>(())
     };
     // As many at once as can be; where that is not possible, or something fails, one by one.
-    let together = simulation.lanes.div_ceil(seeds.len()).max(1);
+    let together = simulation.lanes().div_ceil(seeds.len()).max(1);
     while results.len() < block.len() * numbers {
         let first = results.len() / numbers / seeds.len();
         let count = together.min(block.candidates() - first);
@@ -410,7 +423,7 @@ pub fn evaluate_host<'py>(
             let first = results.len();
             results.resize(first + numbers, f64::NAN);
             let place = &mut results[first..];
-            let failure = evaluated(&mut simulation, parameters, &controller, &metrics, place)
+            let failure = evaluated(&mut *simulation, parameters, &controller, &metrics, place)
                 .map_err(input)?;
             if let Some(Failure { reason, stack }) = failure {
                 results[first..].fill(f64::NAN);
@@ -430,7 +443,7 @@ pub fn evaluate_host<'py>(
 /// # Errors
 /// Parameters or a controller with which no episode could go well.
 fn evaluated(
-    simulation: &mut Hosted,
+    simulation: &mut dyn Simulation,
     parameters: &Parameters,
     controller: &Controller,
     metrics: &[usize],

@@ -1,4 +1,4 @@
-"""E-pucks and Thymios in Enki, a fast simulator of robots on a plane.
+"""E-pucks and Thymios in Enki, a fast simulator of robots on a plane, and the arena's missions.
 
 `swarmwright serve swarmwright.adapters.enki:EPucks`, or `simulation: swarmwright.adapters.enki:Thymios` in an
 experiment. Enki is Debian's package python3-enki2; it needs the version of Python that Debian has.
@@ -14,12 +14,13 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from swarmwright.core.errors import InputError
 from swarmwright.display import Body, Scene
 from swarmwright.simulations.base import Simulation
 from swarmwright.simulations.parameters import Parameter
+from swarmwright.simulations.physics import Physics, PushedObject, World
 
 _DEBIAN = Path("/usr/lib/python3/dist-packages")
 _TRIES = 10_000
@@ -174,6 +175,89 @@ class Thymios(Robots):
     def robot(self) -> Any:  # noqa: ANN401 - Enki's
         """Return a Thymio II."""
         return enki.Thymio2()
+
+
+class Missions(Physics):
+    """The arena's missions with Enki's e-pucks: their motors, whose speed is 5 % off at random, and contacts.
+
+    Enki steps objects in the order of their addresses in memory, so that two episodes may differ.
+    """
+
+    title = "arena-enki"
+    determinism = "none"
+    copies = False  # as above
+
+    def start(
+        self,
+        world: World,
+        changed: bool,
+        robots: NDArray[np.float32],
+        objects: NDArray[np.float32],
+        seed: int,
+    ) -> None:
+        """Go to the start of an episode. InputError for robots that are no e-pucks."""
+        if changed:
+            self._check(world)
+        self._world = enki.World()
+        self._world.setRandomSeed((seed ^ seed >> 32) & 0x7FFF_FFFF)
+        for box in world.wall_boxes(_WALL):
+            sides = (100 * box.length, 100 * box.thickness, 100 * box.height)
+            self._add(enki.RectangularObject(*sides, -1, _GREY), box.x, box.y, box.angle)
+        self._objects = [
+            self._add(_pushed(one), *pose) for one, pose in zip(world.objects, objects.tolist(), strict=True)
+        ]
+        self._robots = [self._add(enki.EPuck(), *pose) for pose in robots.tolist()]
+        self._tick, self._bases = world.tick, [model.wheel_base for model in world.models]
+        self._models = world.robots
+
+    def step(self, motions: NDArray[np.float32]) -> None:
+        """Go on by a tick."""
+        for robot, model, (ahead, _, turn) in zip(self._robots, self._models, motions.tolist(), strict=True):
+            half = turn * self._bases[model] / 2
+            robot.leftSpeed, robot.rightSpeed = 100 * (ahead - half), 100 * (ahead + half)
+        self._world.step(self._tick, _PARTS)
+
+    def poses(self) -> tuple[ArrayLike, ArrayLike]:
+        """Return where robots and objects are."""
+        return _poses(self._robots), _poses(self._objects)
+
+    def _add(self, thing: Any, x: float, y: float, angle: float) -> Any:  # noqa: ANN401 - Enki's
+        thing.pos, thing.angle = (100 * x, 100 * y), angle
+        self._world.addObject(thing)
+        return thing
+
+    @staticmethod
+    def _check(world: World) -> None:
+        for model in world.models:
+            if not model.wheel_base or abs(model.radius - _EPUCK) > 0.005:
+                raise InputError(
+                    f"robot: one with a radius of {model.radius:.3g} m"
+                    f"{'' if model.wheel_base else ' and without wheels'} found; Enki has e-pucks here: "
+                    "expected a robot with a differential drive and a radius of 0.035 m, such as e-puck-rm1.1"
+                )
+
+
+_EPUCK = 0.035
+"""Radius of an e-puck, metres."""
+_WALL = 0.05
+"""Thickness of walls, metres."""
+_PARTS = 10
+"""Steps of the physics in a tick."""
+_GREY = enki.Color(0.4, 0.4, 0.4)
+
+
+def _pushed(one: PushedObject) -> Any:  # noqa: ANN401 - Enki's
+    """Return an object that robots push."""
+    if one.radius:
+        made = enki.CircularObject(100 * one.radius, 100 * one.height, one.mass, _GREY)
+    else:
+        made = enki.RectangularObject(100 * one.width, 100 * one.depth, 100 * one.height, one.mass, _GREY)
+    made.dryFrictionCoefficient = one.friction
+    return made
+
+
+def _poses(things: list[Any]) -> ArrayLike:
+    return [(thing.pos[0] / 100, thing.pos[1] / 100, thing.angle) for thing in things]
 
 
 def _free(

@@ -11,7 +11,7 @@ from swarmwright.core.errors import engine_errors
 from swarmwright.evaluation.base import Controllers, Feed, Progress, Results, apply_expression, metrics_of
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.simulations import catalogue
-from swarmwright.simulations.host import Host
+from swarmwright.simulations.hosts import hosted
 from swarmwright.simulations.loading import load
 from swarmwright.store import Journal, WarningEntry
 
@@ -140,7 +140,7 @@ class PythonBackend(InProcessBackend):
 
     def __init__(self, experiment: Experiment, metrics: Sequence[str] = ()) -> None:
         super().__init__(experiment, metrics)
-        self._host = Host(load(experiment.simulation))
+        self._host = hosted(load(experiment.simulation))
 
     def evaluator(self, architecture: dict[str, Any]) -> None:
         """Return None: code in Python is evaluated by Python."""

@@ -48,7 +48,7 @@ def _simulation(name: str, files: dict[str, str], failed: Callable[[str, str], N
     if name in catalogue.titles():
         return name
     from swarmwright.simulations import loading  # noqa: PLC0415 - only for simulations in Python
-    from swarmwright.simulations.host import Host  # noqa: PLC0415 - only for simulations in Python
+    from swarmwright.simulations.hosts import hosted  # noqa: PLC0415 - only for simulations in Python
     from swarmwright.user_code.changes import check_unchanged  # noqa: PLC0415 - only for simulations in Python
 
     loading.serving = True
@@ -56,7 +56,7 @@ def _simulation(name: str, files: dict[str, str], failed: Callable[[str, str], N
     check_unchanged(files)
     if visual and hasattr(kind, "runVisual"):  # of a command
         kind.visual = True  # type: ignore[union-attr] # a CommandSimulation, which is above this
-    return Host(kind, failed)
+    return hosted(kind, failed)
 
 
 def _prepare(settings: dict[str, Any]) -> None:

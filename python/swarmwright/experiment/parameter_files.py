@@ -19,6 +19,8 @@ def resolve(
     parameters: Mapping[str, Any],
     folder: Callable[[str], Path],
     report: Callable[[str, str], None],
+    *,
+    ask: bool = True,
 ) -> tuple[dict[str, Any], dict[str, yaml.Source]]:
     """Return the parameters with files read: text in the place of an object is the path of a file with it.
 
@@ -27,13 +29,15 @@ def resolve(
     Where a parameter may be a name, too, only text that ends in .yaml, .yml or .json is a path.
 
     Args:
-        simulation: title; only those of built-in simulations are known to be objects.
+        simulation: its name; only of built-in simulations, and of missions in others, it is known what is an
+            object.
         parameters: as they stand in the experiment.
         folder: of a parameter's name: what its path is relative to.
         report: called with name and message for every file that cannot be read.
+        ask: whether a class in Python may be imported.
     """
     result, files = dict(parameters), {}
-    for name, named in _objects(simulation):
+    for name, named in _objects(simulation, ask=ask):
         value = result.get(name)
         if not isinstance(value, str):
             continue
@@ -91,9 +95,10 @@ def _read_yaml(path: Path) -> yaml.Source:
     return source
 
 
-def _objects(simulation: str) -> Iterator[tuple[str, bool]]:
+def _objects(simulation: str, *, ask: bool) -> Iterator[tuple[str, bool]]:
     """Yield the names of parameters that are objects, each with whether it may be a name instead."""
-    if catalogue.built_in(simulation) is not None:
+    known = catalogue.described_as if ask else catalogue.built_in
+    if known(simulation) is not None:
         for name, parameter in catalogue.description(simulation)["parameters"].items():
             if parameter["type"] in ("object", "name or object"):
                 yield name, parameter["type"] != "object"

@@ -60,7 +60,7 @@ def check(source: Source, *, ask: bool = True, folder: Path | None = None) -> Ch
         # A section left empty ("method:") means its defaults.
         values = {key: value for key, value in source.values.items() if not (value is None and key in _EMPTY)}
         here = _with_simulation(values, folder or _folder(source, ("simulation",)), report, ask=ask)
-        values, files = _with_files(source, values, report)
+        values, files = _with_files(source, values, report, ask=here)
         values = _with_controllers(source, values, report)
         checked = _check_values(values, here, _in_files(files, report))
         if ask and checked.get("method") is not None:  # a run can be read without
@@ -129,7 +129,7 @@ def _in_files(files: Mapping[str, Source], report: Report) -> Report:
 
 
 def _with_files(
-    source: Source, values: dict[str, Any], report: Report
+    source: Source, values: dict[str, Any], report: Report, *, ask: bool
 ) -> tuple[dict[str, Any], dict[str, Source]]:
     """Return the values with files in the place of parameters that name them, and the files."""
     simulation, parameters = values.get("simulation"), values.get("parameters")
@@ -140,6 +140,7 @@ def _with_files(
         parameters,
         lambda name: _folder(source, ("parameters", name)),
         lambda name, message: report(("parameters", name), message),
+        ask=ask,
     )
     return {**values, "parameters": resolved}, files
 

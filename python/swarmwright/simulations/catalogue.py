@@ -24,10 +24,42 @@ def titles() -> tuple[str, ...]:
     return tuple(_engine.simulations())
 
 
-def _python_description(name: str) -> Any:  # noqa: ANN401 - a Description, whose module is imported when one is asked for
+def _simulated(name: str) -> Any:  # noqa: ANN401 - a class, as `_is_physics` says which
+    """Return the class of a simulation without missions. Raises InputError when it cannot be loaded."""
     from swarmwright.simulations.loading import load
 
-    return _described(load(name))  # the class may have changed when its file was edited
+    return load(name)
+
+
+def _is_physics(name: str) -> bool:
+    """Whether a class in Python moves the robots of missions.
+
+    Raises InputError when it cannot be loaded, or does not say what it has to.
+    """
+    from swarmwright.simulations.loading import load
+    from swarmwright.simulations.physics import Physics
+    from swarmwright.simulations.physics_host import check
+
+    kind = load(name)
+    if not issubclass(kind, Physics):
+        return False
+    check(kind)
+    return True
+
+
+def described_as(simulation: str) -> str | None:
+    """As `built_in`, also for classes in Python, which are imported: `arena` for a subclass of Physics.
+
+    Raises InputError for a class that cannot be loaded.
+    """
+    if is_python(simulation):
+        return ARENA if _is_physics(simulation) else None
+    return built_in(simulation)
+
+
+def _python_description(name: str) -> Any:  # noqa: ANN401 - a Description, whose module is imported when one is asked for
+
+    return _described(_simulated(name))  # the class may have changed when its file was edited
 
 
 @cache
@@ -64,10 +96,10 @@ def playable(simulation: str) -> Any:  # noqa: ANN401 - as the engine takes it
     """
     if not is_python(simulation):
         return simulation
-    from swarmwright.simulations.host import Host
+    from swarmwright.simulations.hosts import hosted
     from swarmwright.simulations.loading import load
 
-    return Host(load(simulation))
+    return hosted(load(simulation))
 
 
 def shown_as(simulation: str) -> Literal["scene", "picture"]:
@@ -75,26 +107,30 @@ def shown_as(simulation: str) -> Literal["scene", "picture"]:
 
     Raises InputError for a class that cannot be loaded, or has nothing to show.
     """
-    if not is_python(simulation):
+    if not is_python(simulation) or _is_physics(simulation):
         return "scene"
-    from swarmwright.simulations.loading import load
     from swarmwright.simulations.visualization import shown_as
 
-    return shown_as(load(simulation))
+    return shown_as(_simulated(simulation))
 
 
 def drawing(simulation: str) -> "Host":
     """Return a host of a class that draws pictures. Raises InputError when it cannot."""
     from swarmwright.simulations.host import Host
-    from swarmwright.simulations.loading import load
     from swarmwright.simulations.visualization import drawing
 
-    return Host(drawing(load(simulation)))
+    return Host(drawing(_simulated(simulation)))
 
 
 def title(simulation: str) -> str:
     """Return the title of a simulation in discovery. Raises InputError for a class that cannot be loaded."""
-    return str(_python_description(simulation).title) if is_python(simulation) else simulation
+    if not is_python(simulation):
+        return simulation
+    from swarmwright.simulations.loading import load
+    from swarmwright.simulations.physics import Physics, title_of
+
+    kind = load(simulation)
+    return title_of(kind) if issubclass(kind, Physics) else str(_described(kind).title)
 
 
 def description(simulation: str, parameters: dict[str, Any] | None = None) -> dict[str, Any]:
@@ -105,15 +141,15 @@ def description(simulation: str, parameters: dict[str, Any] | None = None) -> di
     unit, description).
     Raises InputError for a class that cannot be loaded, and for parameters that the simulation refuses.
     """
-    if is_python(simulation):
+    known = described_as(simulation)
+    if known is None and is_python(simulation):
         plain: dict[str, Any] = _python_description(simulation).plain()
         return plain
-    title = built_in(simulation) or simulation
-    announced = _announced(title)
+    announced = _announced(known or simulation)
     if announced["varies"] and parameters:
         with engine_errors():
-            announced = _engine.describe(title, parameters)
-    return {**announced, "title": simulation}
+            announced = _engine.describe(known or simulation, parameters)
+    return {**announced, "title": title(simulation)}
 
 
 @cache
@@ -138,16 +174,16 @@ def steers_itself(simulation: str, parameters: dict[str, Any]) -> bool:
     Raises InputError for parameters that the simulation refuses.
     """
     with engine_errors():
-        if is_python(simulation):
+        known = described_as(simulation)
+        if known is None and is_python(simulation):
             from swarmwright.simulations.host import Host
-            from swarmwright.simulations.loading import load
 
-            host = Host(load(simulation))
+            host = Host(_simulated(simulation))
             if host.steers_itself is not None:
                 return bool(host.steers_itself)
             acting, _, done = host.reset(parameters)
             return not len(acting) and not done
-        return _engine.steers_itself(built_in(simulation) or simulation, parameters)
+        return _engine.steers_itself(known or simulation, parameters)
 
 
 def parameters_problem(simulation: str, parameters: dict[str, Any]) -> str | None:
@@ -155,11 +191,12 @@ def parameters_problem(simulation: str, parameters: dict[str, Any]) -> str | Non
     if not _is_finite(parameters):
         return "a number is not finite; .inf and .nan cannot be sent to a simulation"
     try:
-        if is_python(simulation):
+        known = described_as(simulation)
+        if known is None and is_python(simulation):
             filled_in(_python_description(simulation).parameters, parameters)
             return None
         with engine_errors():
-            _engine.check_parameters(built_in(simulation) or simulation, parameters)
+            _engine.check_parameters(known or simulation, parameters)
     except InputError as error:
         return str(error)
     return None

@@ -118,6 +118,11 @@ def _channels(where: str, name: str, value: Any, count: int) -> tuple[str, ...]:
     return names
 
 
+def check_determinism(where: str, name: Any, tolerance: Any) -> tuple[str | None, float]:  # noqa: ANN401 - whatever the class says
+    """Return what a class declares. Raises InputError, naming class (`where`) and attribute."""
+    return _determinism(where, name), _tolerance(where, tolerance)
+
+
 def _determinism(where: str, value: Any) -> str | None:  # noqa: ANN401 - whatever the class says
     if value is not None and value not in _DETERMINISMS:
         expected = ", ".join(_DETERMINISMS)

@@ -15,7 +15,9 @@ from swarmwright.core.suggestions import did_you_mean
 from swarmwright.simulations import isolation
 from swarmwright.simulations.base import Described, Simulation
 from swarmwright.simulations.batches import BatchSimulation
+from swarmwright.simulations.hosts import Kind
 from swarmwright.simulations.names import FROM_FILE, files
+from swarmwright.simulations.physics import Physics
 from swarmwright.user_code.changes import choose
 from swarmwright.user_code.copying import Copy, Kept
 from swarmwright.user_code.imports import Walk
@@ -30,7 +32,7 @@ serving = False
 """Whether this process is a simulation server, which imports a module only for its class."""
 
 
-def load(name: str, folder: Path | None = None) -> type[Simulation] | type[BatchSimulation]:
+def load(name: str, folder: Path | None = None) -> Kind:
     """Import the module and return the class.
 
     A file that is a run's copy means the class of that run: the original file is used if it has not changed,
@@ -58,14 +60,14 @@ def load(name: str, folder: Path | None = None) -> type[Simulation] | type[Batch
     else:
         module = _module(parsed.module)
     found = getattr(module, wanted, None)
-    if isinstance(found, type) and issubclass(found, Simulation | BatchSimulation):
+    if isinstance(found, type) and issubclass(found, Simulation | BatchSimulation | Physics):
         return found
     classes = [
         key
         for key, value in vars(module).items()
         if isinstance(value, type)
-        and issubclass(value, Described)
-        and value not in {Described, Simulation, BatchSimulation}
+        and issubclass(value, Described | Physics)
+        and value not in {Described, Simulation, BatchSimulation, Physics}
     ]
     where = getattr(module, "__file__", None) or parsed.place
     if found is not None:

@@ -1,0 +1,119 @@
+"""Calls of a user's code: what it raises is explained, and reported once."""
+
+import contextlib
+import os
+import sys
+import traceback
+from collections.abc import Callable
+from typing import Any, ClassVar, Generic, NoReturn, TypeVar
+
+from swarmwright import _engine
+from swarmwright.core.errors import EpisodeError, InputError, SimulationError
+from swarmwright.core.tracebacks import is_installed
+from swarmwright.core.tracebacks import shown as shown_path
+
+_STACK = 8000
+"""Characters of a traceback that are kept, of its end, which has the exception."""
+
+_REMEMBERED = 100
+"""Different failures that are reported, so that each is reported once."""
+
+Made = TypeVar("Made")
+
+
+class Calls(Generic[Made]):
+    """Calls of one object of a user's class.
+
+    Args:
+        kind: the class.
+        report: gets (reason, traceback) of a failure, once for each reason.
+    """
+
+    _beginning: ClassVar[str]
+    """The method that gets the parameters, and may refuse them."""
+    _needs: ClassVar[str]
+    """What the class has to define, in words."""
+
+    def __init__(self, kind: type[Made], report: Callable[[str, str], None] | None = None) -> None:
+        self._kind = kind
+        self._report = report or (lambda _reason, _traceback: None)
+        self._reported: set[str] = set()
+        self._object: Made | None = None
+
+    def _call(self, method: str, *arguments: Any) -> Any:  # noqa: ANN401 - whatever the code takes and returns
+        """Call a method of the user's; what it raises becomes SimulationError."""
+        try:
+            return getattr(self._object, method)(*arguments)
+        except (InputError, _engine.InputError) as error:
+            if method == self._beginning:  # about the parameters
+                raise _engine.InputError(str(error)) from None
+            self._fail(self._cause(method, error), error)
+        except EpisodeError as error:  # it says where and what
+            self._tell(str(error), error.stack)
+            raise
+        # Also `sys.exit` ends only the episode.
+        except (Exception, SystemExit) as error:  # noqa: BLE001 - a user's code may fail in any way
+            self._fail(self._cause(method, error), error)
+
+    def _made(self) -> Made:
+        """Make an object. Raises InputError where it cannot be made with what is there."""
+        check_methods(self._kind, self._needs)
+        try:
+            return self._kind()
+        except InputError:  # what it needs is not there
+            raise
+        except (Exception, SystemExit) as error:  # noqa: BLE001 - as in `_call`
+            self._fail(self._cause("__init__", error), error)
+
+    def _cause(self, method: str, error: BaseException) -> str:
+        """What was raised, and the last line of the user's file that led there, or else the last of all.
+
+        What came from an environment of another library is reported with the last line of user code.
+        """
+        frames = traceback.extract_tb(error.__traceback__)[1:]
+        file = getattr(sys.modules.get(self._kind.__module__), "__file__", None)
+        if self._kind.__module__.startswith("swarmwright.adapters."):
+            mine = [frame for frame in frames if not is_installed(frame.filename)] or frames
+        else:
+            mine = [frame for frame in frames if frame.filename == file] or frames
+        where = f" ({shown_path(mine[-1].filename)}:{mine[-1].lineno})" if mine else ""
+        words = str(error)
+        return f"{method}: {type(error).__name__}{': ' if words else ''}{words}{where}"
+
+    def _fail(self, reason: str, error: BaseException | None = None) -> NoReturn:
+        """Report and raise."""
+        reason = f"{self._kind.__name__}.{reason}"
+        stack = None if error is None else _traceback(error)
+        self._tell(reason, stack)
+        raise SimulationError(reason, stack) from error
+
+    def _tell(self, reason: str, stack: str | None) -> None:
+        """Report a failure, the first time."""
+        if reason not in self._reported and len(self._reported) < _REMEMBERED:
+            self._reported.add(reason)
+            self._report(reason, stack or "")
+
+
+def check_methods(kind: type, needs: str) -> None:
+    """Raise InputError where a class lacks methods; needs: which it has to define, in words."""
+    missing = sorted(getattr(kind, "__abstractmethods__", ()))
+    if missing:
+        raise InputError(f"{kind.__name__}: has no method {', '.join(missing)}; {needs}")
+
+
+def short(value: Any) -> str:  # noqa: ANN401 - any object
+    """Return what an object is, in at most 60 characters."""
+    with contextlib.suppress(Exception):
+        text = " ".join(repr(value).split())
+        return text if len(text) <= 60 else f"{text[:57]}..."
+    return f"a {type(value).__name__}"
+
+
+def _traceback(error: BaseException) -> str:
+    """The traceback from the user's code on, without the lines of this folder."""
+    folder = os.path.dirname(os.path.abspath(__file__))  # noqa: PTH100, PTH120 - as in frames
+    trace = error.__traceback__
+    while trace is not None and os.path.dirname(os.path.abspath(trace.tb_frame.f_code.co_filename)) == folder:  # noqa: PTH100, PTH120
+        trace = trace.tb_next
+    text = "".join(traceback.format_exception(type(error), error, trace)).rstrip()
+    return text if len(text) <= _STACK else f"...{text[3 - _STACK :]}"

@@ -1,0 +1,225 @@
+"""The class that simulators derive from which move the robots of missions."""
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+PREFIX = "arena-"
+"""What the names of missions in other simulators begin with."""
+
+
+@dataclass(frozen=True)
+class Wall:
+    """A wall: a closed polygon."""
+
+    points: NDArray[np.float32]
+    """Corners counter-clockwise, (corners, 2), metres."""
+    height: float
+    """Metres."""
+
+
+@dataclass(frozen=True)
+class Patch:
+    """A part of the floor with a colour of its own."""
+
+    points: NDArray[np.float32]
+    """Corners counter-clockwise, (corners, 2), metres."""
+    grey: float
+    """0 black to 1 white; below 0: black or white, drawn anew for each episode."""
+
+
+@dataclass(frozen=True)
+class Light:
+    """A lamp."""
+
+    x: float
+    """Metres."""
+    y: float
+    """Metres."""
+    z: float
+    """Height, metres."""
+    intensity: float
+    """1 of the reference model's."""
+
+
+@dataclass(frozen=True)
+class RobotModel:
+    """What robots of a kind are."""
+
+    radius: float
+    """Metres."""
+    height: float
+    """Metres."""
+    mass: float
+    """Kilograms."""
+    wheel_base: float
+    """Between the wheels of a differential drive, metres; 0 for other drives."""
+    top_speed: float
+    """Of a wheel or of the robot, m/s."""
+    acceleration: float
+    """Largest change of velocity by the drive, m/s^2."""
+    rays: NDArray[np.float32]
+    """Directions of proximity rays, radians counter-clockwise from ahead."""
+    ray_start: float
+    """Where rays begin, metres from the middle."""
+    ray_range: float
+    """How far they reach from there, metres."""
+
+
+@dataclass(frozen=True)
+class PushedObject:
+    """Something that robots can push: a disc or a box."""
+
+    radius: float
+    """Of a disc, metres; 0 for a box."""
+    width: float
+    """Of a box along its heading, metres."""
+    depth: float
+    """Of a box across its heading, metres."""
+    height: float
+    """Metres."""
+    mass: float
+    """Kilograms."""
+    friction: float
+    """Coefficient of friction with the floor."""
+
+
+@dataclass(frozen=True)
+class WallBox:
+    """A box that stands on the floor."""
+
+    x: float
+    """Of its middle, metres."""
+    y: float
+    """Of its middle, metres."""
+    angle: float
+    """Of its length, radians counter-clockwise from x."""
+    length: float
+    """Metres."""
+    thickness: float
+    """Metres."""
+    height: float
+    """Metres."""
+
+
+def _boxes(wall: Wall, left: float) -> Iterator[WallBox]:
+    """Yield a box for each side, that much to its left."""
+    for (x, y), (end_x, end_y) in zip(
+        wall.points.tolist(), np.roll(wall.points, -1, 0).tolist(), strict=True
+    ):
+        length, angle = math.hypot(end_x - x, end_y - y), math.atan2(end_y - y, end_x - x)
+        yield WallBox(
+            (x + end_x) / 2 - math.sin(angle) * left / 2,
+            (y + end_y) / 2 + math.cos(angle) * left / 2,
+            angle,
+            length,
+            abs(left),
+            wall.height,
+        )
+
+
+@dataclass(frozen=True)
+class World:
+    """What a simulator is to build for a mission; the same for all its episodes."""
+
+    tick: float
+    """Seconds of a step."""
+    grey: float
+    """Of the floor beside the patches, 0 black to 1 white."""
+    walls: Sequence[Wall]
+    """The first one is the outline, with the robots inside, the others are obstacles."""
+    patches: Sequence[Patch]
+    """For pictures, and for sensors of the simulator's own; later ones lie on earlier ones."""
+    lights: Sequence[Light]
+    """Lamps."""
+    models: Sequence[RobotModel]
+    """The kinds of robots."""
+    robots: Sequence[int]
+    """The model of each robot."""
+    objects: Sequence[PushedObject]
+    """What can be pushed."""
+
+    def model(self, robot: int) -> RobotModel:
+        """Return the model of a robot."""
+        return self.models[self.robots[robot]]
+
+    def wall_boxes(self, thickness: float) -> list["WallBox"]:
+        """Return all walls as boxes of this thickness, metres: one behind each face that robots can touch."""
+        return [
+            box
+            for index, wall in enumerate(self.walls)
+            for box in _boxes(wall, thickness if index else -thickness)
+        ]
+
+
+class Physics(ABC):
+    """A simulator that moves robots, while missions, sensors and metrics are those of the simulation `arena`.
+
+    An experiment names the class as its simulation; parameters are those of the arena (mission, robots,
+    robot, duration, failures, seed).
+
+    An episode: `start`, then `step` and `poses` for each tick. It is made without arguments. An exception
+    ends the episode: its evaluation has failed, the next one begins with `start`.
+    """
+
+    title: str = ""
+    """The name in discovery, `arena-NAME`; default: that of the class in small letters after `arena-`."""
+    determinism: Literal["bitwise", "statistical", "none"] | None = None
+    """Whether the same motions give the same poses, as in `Simulation`."""
+    tolerance: float = 0.0
+    """Where `determinism` is statistical: as in `Simulation`."""
+    copies: bool = True
+    """Whether one process can have several objects of this class."""
+
+    @abstractmethod
+    def start(
+        self,
+        world: World,
+        changed: bool,
+        robots: NDArray[np.float32],
+        objects: NDArray[np.float32],
+        seed: int,
+    ) -> None:
+        """Go to the start of an episode: all stand at these poses, at rest.
+
+        Args:
+            world: what is to be there.
+            changed: whether it differs from that of the episode before; that of the first one does.
+            robots: (robots, 3): x and y in metres, heading in radians counter-clockwise from x.
+            objects: (objects, 3), likewise.
+            seed: of the episode, 0 to 2**64 - 1; the only source of chance.
+
+        Raises:
+            swarmwright.InputError: the simulator cannot do this, "name of the parameter: why".
+        """
+
+    @abstractmethod
+    def step(self, motions: NDArray[np.float32]) -> None:
+        """Go on by a tick of the world.
+
+        Args:
+            motions: (robots, 3): speed ahead and to the left in m/s, rotation in rad/s, noise of the drive
+                included. Wheels of a differential drive have the speeds ahead -+ rotation * wheel_base / 2.
+        """
+
+    @abstractmethod
+    def poses(self) -> tuple[ArrayLike, ArrayLike]:
+        """Return where robots and objects are now, (robots, 3) and (objects, 3), as in `start`."""
+
+    def rays(self) -> ArrayLike | None:
+        """Return how far proximity rays reach from where they begin, (robots, most rays of a model), metres.
+
+        A ray that meets nothing has the model's range. None, the default: they are computed from the poses,
+        as they are at the start of each episode.
+        """
+        return None
+
+
+def title_of(kind: type[Physics]) -> str:
+    """Return the name of a class in discovery."""
+    return kind.title or f"{PREFIX}{kind.__name__.lower()}"
