@@ -60,9 +60,9 @@ class Run:
     _finished: int | None = None
     """Generations, where the history is read later."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, store: StoreReader | None = None) -> None:
         self.path = path
-        self.store = StoreReader(path)
+        self.store = store or StoreReader(path)
         """What run.sqlite holds, table by table."""
 
     @classmethod
@@ -87,9 +87,9 @@ class Run:
     @classmethod
     def written(cls, path: Path) -> Self:
         """Open the folder of a run that this process has written: what is in it is read when it is needed."""
-        run = cls(path)
-        with run.store.together():
-            last = run.store.last()
+        with StoreReader.opened(path) as store:
+            run = cls(path, store)
+            last = store.last()
             run._finished = 0 if last is None else last.generation + 1
             _ = run.experiment
         return run

@@ -25,6 +25,7 @@ from swarmwright.experiment.document import AUTO
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.methods import METHODS
 from swarmwright.rankings import Ranking
+from swarmwright.representations import Representation
 from swarmwright.runs.post_evaluation import (
     EPISODES,
     PostEvaluation,
@@ -34,6 +35,7 @@ from swarmwright.runs.post_evaluation import (
     unseen_seeds,
 )
 from swarmwright.store import Evaluation, StoreReader
+from swarmwright.typing import Genome
 
 if TYPE_CHECKING:
     from swarmwright.runs.run import Run
@@ -341,13 +343,27 @@ def _planned(experiment: Experiment, reader: StoreReader) -> _Plan | None:
 
 def leading(experiment: Experiment, reader: StoreReader, count: int) -> list[Evaluation]:
     """Return the best evaluation of a run, and the next best ones of other controllers; at most `count`."""
-    representation = experiment.representation()
     return reader.leading(
         count,
         last_only=experiment.ranking.reevaluate,
         by_instance=by_instance(experiment),
-        key=lambda genome: json.dumps(representation.specification(genome), sort_keys=True),
+        key=_key(experiment.representation()),
     )
+
+
+def _key(representation: Representation) -> Callable[[Genome], str | bytes]:
+    """Return what is the same for genomes of the same controller."""
+
+    def of_weights(genome: Genome) -> bytes:
+        weights: NDArray[np.float32] = representation.weights(genome[np.newaxis])
+        return weights.astype(np.float32).tobytes()
+
+    def of_specification(genome: Genome) -> str:
+        return json.dumps(representation.specification(genome), sort_keys=True)
+
+    # Text takes longer, and is needed only where a representation says more of a controller than its weights.
+    alike = type(representation).specification is Representation.specification
+    return of_weights if alike else of_specification
 
 
 def _differ(rows: list[NDArray[np.float64]]) -> bool:

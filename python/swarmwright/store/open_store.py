@@ -1,8 +1,9 @@
 """A store that is being written: at first a draft under another name, which the end of the process takes."""
 
+import _thread
+import atexit
 import os
 import sqlite3
-import threading
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -10,6 +11,9 @@ from typing import Self
 
 from swarmwright.core.errors import RunError
 from swarmwright.store.database import FILE, NEW, SAMPLES, connect, create, errors, reopen, version_of
+
+_LONGEST = 60.0
+"""Seconds for which the end of the process waits for the disk."""
 
 
 class OpenStore:
@@ -87,7 +91,7 @@ class OpenStore:
         if self.draft:
             self._publish()
             # A power cut must not take the run either, but nobody has to wait for that.
-            threading.Thread(target=_flush, args=(self.file,)).start()
+            _flush_later(self.file)
             return
         with errors(self.file, RunError):
             self.connection.execute("PRAGMA busy_timeout = 100")
@@ -110,3 +114,30 @@ def _flush(file: Path) -> None:
     """Wait until a file is on the disk, as far as the system offers that."""
     with suppress(OSError), file.open("rb") as opened:
         os.fsync(opened.fileno())
+
+
+_unfinished: "set[_thread.LockType]" = set()
+"""Locks of the threads that flush files."""
+
+
+def _flush_later(file: Path) -> None:
+    """Flush a file in a thread, for which this process waits when it ends."""
+    # That of `threading` is waited for until it has begun: while others have work, that takes long.
+    done = _thread.allocate_lock()
+    done.acquire()
+    _unfinished.add(done)
+    _thread.start_new_thread(_flush_now, (file, done))
+
+
+def _flush_now(file: Path, done: "_thread.LockType") -> None:
+    try:
+        _flush(file)
+    finally:
+        _unfinished.discard(done)
+        done.release()
+
+
+@atexit.register
+def _wait() -> None:
+    for done in list(_unfinished):
+        done.acquire(timeout=_LONGEST)

@@ -8,11 +8,12 @@ from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmwright import _engine
 from swarmwright.core.errors import InputError, RunError
 from swarmwright.core.statistics import Summary
 from swarmwright.rankings._base import best_first
@@ -52,6 +53,20 @@ class Best:
     genome: Genome
 
 
+@dataclass(frozen=True)
+class _Whole:
+    """A generation that was read."""
+
+    row: Row
+    sample: _engine.Sample | None
+    """What its genomes are made from; None where `part` has them."""
+    part: Record
+
+    def __contains__(self, number: int) -> bool:
+        """Return whether the evaluation of this number in the run belongs to it."""
+        return self.row.first <= number < self.row.summary.evaluations
+
+
 _LOOKED_AT = 50
 """Evaluations that are read for each of the leading ones, at most: many may have the same genome."""
 
@@ -82,15 +97,16 @@ class StoreReader:
             return reading_on(self._connect(), self.file)
         return reading(self.file)
 
+    @classmethod
     @contextmanager
-    def together(self) -> Iterator[None]:
-        """Read all that is read within from one snapshot, by one connection."""
-        with self._reading() as connection:
-            before, self._connect = self._connect, lambda: connection
+    def opened(cls, folder: Path) -> Iterator[Self]:
+        """Return a reader that reads all that is read within from one snapshot, by one connection."""
+        with reading(folder / FILE) as connection:
+            reader = cls(folder, FILE, lambda: connection)
             try:
-                yield
+                yield reader
             finally:
-                self._connect = before
+                reader._connect = None
 
     @contextmanager
     def _generations(self) -> Iterator[Generations]:
@@ -243,10 +259,12 @@ class StoreReader:
             key: the same for genomes that count as one, such as those of the same controller.
         """
         with self._generations() as generations:
-            best = self._evaluation(generations, None, None)
+            row, number = self._place(generations, None, None)
+            whole = self._whole(generations, row)
+            best = self._line(whole, number)
             found, known = [best], {key(best.genome)}
-            row = generations.last()
-            first = row.first if last_only and row is not None else 0
+            last = generations.last()
+            first = last.first if last_only and last is not None else 0
             numbers: Sequence[int] = ()
             if count > 1 and by_instance:
                 numbers = generations.by_instances(_LOOKED_AT * count)
@@ -255,7 +273,9 @@ class StoreReader:
             for number in numbers:
                 if len(found) >= count:
                     break
-                one = self._evaluation(generations, number, None)
+                if number not in whole:  # the best ones are often of the same generation
+                    whole = self._whole(generations, self._place(generations, number, None)[0])
+                one = self._line(whole, number)
                 if key(one.genome) not in known:
                     known.add(key(one.genome))
                     found.append(one)
@@ -270,8 +290,16 @@ class StoreReader:
         self, generations: Generations, candidate: int | None, generation: int | None
     ) -> Evaluation:
         row, number = self._place(generations, candidate, generation)
+        return self._line(self._whole(generations, row), number)
+
+    def _whole(self, generations: Generations, row: Row) -> "_Whole":
+        """Read a generation, compared with its digest."""
         sample = generations.sample(row)
-        part = self._joined(list(generations.evaluations(row, made=False)))
+        return _Whole(row, sample, self._joined(list(generations.evaluations(row, made=False))))
+
+    def _line(self, whole: "_Whole", number: int | None) -> Evaluation:
+        """Return an evaluation of a generation by its number in the run; None: the best."""
+        row, part = whole.row, whole.part
         index = int(best_first(part.fitness)[0]) if number is None else number - row.first
         return Evaluation(
             row.first + index,
@@ -281,7 +309,7 @@ class StoreReader:
             self._parsed(row.seeds),
             part.episodes[index],
             part.metrics[index],
-            part.genomes[index] if sample is None else sample.genomes(index, 1)[0],
+            part.genomes[index] if whole.sample is None else whole.sample.genomes(index, 1)[0],
         )
 
     def _place(

@@ -1,5 +1,6 @@
 """A new store is a draft at first: who can read it when, and what the end of the process leaves."""
 
+import os
 import sqlite3
 import subprocess
 import sys
@@ -112,7 +113,7 @@ def test_facts_are_written_with_what_comes_next(tmp_path: Path, monkeypatch: pyt
         assert StoreReader(tmp_path / "again").validation() == {"state": "same"}
 
 
-def test_what_is_read_together_is_read_by_one_connection(
+def test_an_opened_reader_has_one_connection_until_it_is_left(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     store = optimize(EXPERIMENT, out=tmp_path / "run").store
@@ -126,11 +127,35 @@ def test_what_is_read_together_is_read_by_one_connection(
     monkeypatch.setattr(reader, "reading", counted)
     apart = store.history(), store.digest(), store.leading(2)[1].number
     assert len(opened) == 3
-    with store.together():
-        assert (store.history(), store.digest(), store.leading(2)[1].number) == apart
+    with StoreReader.opened(tmp_path / "run") as other:
+        assert (other.history(), other.digest(), other.leading(2)[1].number) == apart
     assert len(opened) == 4
-    assert store.history() == apart[0]
+    assert other.history() == apart[0]
     assert len(opened) == 5
+
+
+def test_the_end_of_the_process_waits_for_the_disk(tmp_path: Path) -> None:
+    """A run is on the disk when its process has ended, also where that is slow."""
+    mark = tmp_path / "flushed"
+    slow = f"""
+import time
+from pathlib import Path
+from swarmwright.store import open_store
+
+def flush(file):
+    time.sleep(1)
+    Path({str(mark)!r}).touch()
+
+open_store._flush = flush
+"""
+    code = slow + RUNNING.replace("sys.argv[1]", repr(str(tmp_path / "run.yaml"))).replace(
+        "sys.argv[2]", repr(str(tmp_path / "run"))
+    )
+    EXPERIMENT.save(tmp_path / "run.yaml")
+    # The plot would keep the process, too.
+    environment = {**os.environ, "SWARMWRIGHT_PLOT": "0"}
+    subprocess.run([sys.executable, "-c", code], check=True, env=environment)
+    assert mark.exists()
 
 
 def test_what_is_reported_is_in_the_store(tmp_path: Path) -> None:
