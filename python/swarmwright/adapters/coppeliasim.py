@@ -21,6 +21,7 @@ from swarmwright.core.errors import InputError
 PORT = 23000
 """Of a CoppeliaSim that was started without an option for it."""
 _LONGEST_STOP = 1000
+_CHECK_MS = 200
 
 
 def _proximity(sim: Any, handle: int, _: int) -> float | None:  # noqa: ANN401 - of the client
@@ -59,14 +60,8 @@ class CoppeliaSim(Simulator):
 
     def __init__(self, attachment: Attachment) -> None:
         attachment.check_kinds(SENSORS, ACTUATORS)
-        try:
-            import zmq
-            from coppeliasim_zmqremoteapi_client import RemoteAPIClient
-        except ModuleNotFoundError as error:
-            raise InputError(
-                f"{error.name} is not installed; pip install 'swarmwright[coppeliasim]'"
-            ) from None
-        self._given = attachment
+        connect = _client()
+        self._given, self._seconds = attachment, attachment.startup
         port = PORT if attachment.start is None else _attached.free_port()
         self._started = (
             None if attachment.start is None else Started(attachment.start, port, attachment.folder)
@@ -74,13 +69,9 @@ class CoppeliaSim(Simulator):
         self._where = f"{attachment.host if self._started is None else '127.0.0.1'}:{port}"
         try:
             host, _, _ = self._where.partition(":")
-            self._client = RemoteAPIClient(host, port)
-            self._client.socket.setsockopt(zmq.LINGER, 0)
-            # A request waits for CoppeliaSim to start.
-            self._client.socket.setsockopt(zmq.RCVTIMEO, round(1000 * attachment.startup))
-            self._again = zmq.Again
-            self._call(self._connect)
-            self._client.socket.setsockopt(zmq.RCVTIMEO, round(1000 * attachment.patience))
+            self._client = connect(host, port, self._await)
+            self._call(self._connect)  # the first request waits for CoppeliaSim to start
+            self._seconds = attachment.patience
         except BaseException:
             self.close()
             raise
@@ -164,20 +155,51 @@ class CoppeliaSim(Simulator):
         for _ in range(self._given.ticks):
             self._sim.step()
 
+    def _await(self, has_answer: Callable[[int], object]) -> None:
+        """Wait for an answer. Raises AttachmentError when CoppeliaSim has ended, or no time is left."""
+        deadline = time.monotonic() + self._seconds
+        while not has_answer(_CHECK_MS):
+            if self._started is not None:
+                self._started.check()
+            if time.monotonic() > deadline:
+                raise AttachmentError(
+                    f"CoppeliaSim does not answer at {self._where} for {self._seconds:g} s; is it running, "
+                    "with the ZeroMQ remote API?"
+                )
+
     def _call(self, function: Callable[..., Any], *arguments: object) -> Any:  # noqa: ANN401 - what it returns
         """Call something that calls CoppeliaSim. Raises AttachmentError for any failure."""
         try:
             return function(*arguments)
         except AttachmentError:
             raise
-        except self._again:
-            if self._started is not None:
-                self._started.check()
-            raise AttachmentError(
-                f"CoppeliaSim does not answer at {self._where}; is it running, with the ZeroMQ remote API?"
-            ) from None
         except Exception as error:  # noqa: BLE001 - the client raises nothing else
             raise AttachmentError(f"CoppeliaSim reports: {' '.join(str(error).split())}") from None
+
+
+def _client() -> Callable[[str, int, Callable[[Callable[[int], object]], None]], Any]:
+    """Return what makes a client, given host, port, and what waits for answers.
+
+    Raises InputError when the published client is not installed.
+    """
+    try:
+        from coppeliasim_zmqremoteapi_client import RemoteAPIClient
+    except ModuleNotFoundError as error:
+        raise InputError(f"{error.name} is not installed; pip install 'swarmwright[coppeliasim]'") from None
+
+    class Client(RemoteAPIClient):  # type: ignore[misc] # it has no types
+        """Waits for an answer for a limited time; the published client does so for ever."""
+
+        def __init__(self, host: str, port: int, wait: Callable[[Callable[[int], object]], None]) -> None:
+            super().__init__(host, port)
+            self.socket.linger = 0
+            self._wait = wait
+
+        def _recv(self) -> Any:  # noqa: ANN401 - what CoppeliaSim answers
+            self._wait(self.socket.poll)
+            return super()._recv()
+
+    return Client
 
 
 def main(arguments: Sequence[str]) -> int:

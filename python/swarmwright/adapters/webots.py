@@ -33,6 +33,8 @@ _ROBOT = Path(__file__).with_name("_webots_robot.py")
 _PIECE = 1 << 16
 _END_S = 2.0
 _CHECK_S = 0.5
+_LATE_S = 0.1
+"""Seconds until the end of a process is noticed, after that of its connections."""
 
 
 class _Robot:
@@ -82,14 +84,17 @@ class _Robot:
             raise AttachmentError(f"{self.name}: {found['error']}")
         return found
 
-    def close(self) -> None:
-        """End it."""
+    def leave(self) -> None:
+        """Tell it to end."""
         assert self._process.stdin is not None
-        assert self._process.stdout is not None
         with suppress(OSError):
             self._process.stdin.close()
+
+    def end(self, seconds: float) -> None:
+        """Wait until it has ended; kill it after so many seconds."""
+        assert self._process.stdout is not None
         try:
-            self._process.wait(_END_S)
+            self._process.wait(max(seconds, 0))
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
@@ -148,8 +153,11 @@ class Webots(Simulator):
 
     def close(self) -> None:
         """End the controllers, and Webots where it was started for this."""
+        deadline = time.monotonic() + _END_S
         for robot in self._robots:
-            robot.close()
+            robot.leave()
+        for robot in self._robots:
+            robot.end(deadline - time.monotonic())
         if self._started is not None:
             self._started.end()
 
@@ -182,7 +190,12 @@ class Webots(Simulator):
             if not ready:
                 self._check(left, [robot.name for robot in waiting.values()])
             for output in ready:
-                answer = waiting[output].answer()
+                try:
+                    answer = waiting[output].answer()
+                except AttachmentError:
+                    time.sleep(_LATE_S)
+                    self._check(1, [])  # the end of Webots is the reason, where it has ended
+                    raise
                 if answer is not None:
                     answers[waiting.pop(output).name] = answer
         return [answers[robot.name] for robot in asked]

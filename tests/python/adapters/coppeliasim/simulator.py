@@ -1,4 +1,4 @@
-"""Stands in for CoppeliaSim: `python simulator.py PORT`, a scene behind the published remote API.
+"""Stands in for CoppeliaSim: `python simulator.py PORT [STEPS]`, a scene behind the published remote API.
 
 Requests and answers are CBOR over a ZeroMQ socket, as the published client sends them. Two robots, /rover[0]
 and /rover[1], have two wheels (leftJoint, rightJoint) and a proximity sensor (front), which senses a wall at
@@ -112,7 +112,8 @@ def info():
     return found
 
 
-def main(port):
+def main(port, steps):
+    """Serve; end in the step of this number."""
     sim, waits = Sim(), None
     socket = zmq.Context().socket(zmq.REP)
     socket.bind(f"tcp://127.0.0.1:{port}")
@@ -127,6 +128,9 @@ def main(port):
             waits, answer = arguments, {"func": "_*wait*_", "args": []}
         else:
             if function == "_*executed*_":
+                steps -= 1
+                if steps == 0:
+                    sys.exit(3)
                 function, arguments, waits = "sim.step", waits, None
             try:
                 value = getattr(sim, function.removeprefix("sim."))(*arguments)
@@ -139,4 +143,4 @@ def main(port):
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]))
+    main(int(sys.argv[1]), int(sys.argv[2]) if len(sys.argv) > 2 else 0)

@@ -1,4 +1,4 @@
-"""Stands in for Webots: `python simulator.py --port=PORT`, a world whose robots have extern controllers.
+"""Stands in for Webots: `simulator.py --port=PORT [STEPS]`, a world whose robots have extern controllers.
 
 The module `controller` beside it talks to it; how, is a matter of these two. As in Webots the simulation goes
 on when the controllers of all robots have called `step`, and a reset takes place in a step.
@@ -58,7 +58,8 @@ def send(connection, message):
     connection.sendall(f"{json.dumps(message)}\n".encode())
 
 
-def main(port):
+def main(port, steps):
+    """Serve; end in the step of this number."""
     world, names, rests = World(), {}, {}
     server = socket.create_server(("127.0.0.1", port))
     selector = selectors.DefaultSelector()
@@ -83,8 +84,12 @@ def main(port):
                     if known:  # Webots lets others wait
                         send(connection, {})
                 else:
+                    if "step" in request and names[connection] == "supervisor":
+                        steps -= 1
+                        if steps == 0:
+                            sys.exit(3)
                     world.answer(names[connection], request, connection)
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1].removeprefix("--port=")))
+    main(int(sys.argv[1].removeprefix("--port=")), int(sys.argv[2]) if len(sys.argv) > 2 else 0)

@@ -111,14 +111,19 @@ def test_one_record_on_one_server_and_on_two_and_nothing_left(tmp_path: Path) ->
         (("device: ds,", "device: ds, kind: sonar,"), r"'sonar' found, expected value, values, range_image"),
         (("scale: 10}", "scale: 20}"), "rover.*: ValueError: setVelocity: more than maxVelocity"),
         (("steps: 20", "start: ['false']\nsteps: 2"), r"start: false has ended \(status 1\)"),
-        (("robots: [rover, rover(1)]", "robots: [rover]"), "does not answer for 2 s"),
-        (("rover(1)", "truck"), r'truck.*: Webots does not answer for 2 s; .* controller is "<extern>"'),
+        (
+            ("steps: 20", f"{START.replace(']', ', 9]')}steps: 20"),
+            r"start: .*python.* has ended \(status 3\)",
+        ),
+        (("robots: [rover, rover(1)]", "robots: [rover]"), "does not answer for 4 s"),
+        (("rover(1)", "truck"), r'truck.*: Webots does not answer for 4 s; .* controller is "<extern>"'),
     ],
 )
 def test_mistakes(change: tuple[str, str], words: str, tmp_path: Path) -> None:
     text = ROBOTS.replace(*change)
     assert text != ROBOTS
-    one = experiment(tmp_path, f"{text}startup: 2\npatience: 2\n")
+    silent = "startup: 4\npatience: 4\n" if "does not answer" in words else ""
+    one = experiment(tmp_path, text + silent)
     with pytest.raises(RunError, match=words):
         simulate(one, servers="in-process")
 
