@@ -7,6 +7,8 @@
 # make test-ros1  ROS 1 as Debian has it: real masters, nodes and launch files
 # make test-simulators  SUMO and others that take hundreds of megabytes: adapters, and pages of the documentation
 # make test-arm64  whole runs on an emulated arm64 processor have the records of this one
+# make gazebo  missions of the arena in Gazebo classic 11, of Debian 11, which it downloads (2 GB, outside of this folder)
+# make test-gazebo  whole runs in it; skipped where it cannot be set up
 # make test-export  controllers in C, C++, .. on emulated processors of other makes
 # make fuzz    many more inputs for every decoder than `make test` has (INPUTS=1000000 of each kind)
 # make schedules  100,000 seeded schedules of faults for pools and servers, in virtual time (minutes)
@@ -39,6 +41,9 @@ JAVA := wrappers/java/target/minisim.jar
 JAVA_SOURCES := wrappers/java/pom.xml $(shell find wrappers/java/src/main protocol/schemas -type f)
 CPP := wrappers/cpp/build
 CPP_SOURCES := $(shell find wrappers/cpp engine/c/include -path $(CPP) -prune -o -type f -print)
+GAZEBO := wrappers/gazebo/build
+GAZEBO_ROOT ?= $(or $(XDG_CACHE_HOME),$(HOME)/.cache)/swarmwright/gazebo/root
+GAZEBO_SOURCES := $(shell find wrappers/gazebo -path $(GAZEBO) -prune -o -type f -print)
 ROS1_SOURCES := $(wildcard wrappers/ros1/*/src/*.[ch] wrappers/ros1/*/src/*.cpp python/swarmwright/export/templates/ros*/src/*.[ch]pp)
 MAVEN := mvn -q -B -Dstyle.color=never -f wrappers/java/pom.xml
 ENGINE := $(shell find engine -name target -prune -o -path 'engine/*/tests' -prune -o -type f \( -name '*.rs' -o -name 'Cargo.*' \) -print)
@@ -171,6 +176,35 @@ test-simulators: $(VENV)/.engine $(VENV)/.simulators
 	$(BIN)/python -m pytest $(AGAIN) -n 2 --durations=10 tests/python/adapters/sumo tests/benchmarks/test_simulators.py tests/docs/test_snippets.py \
 		-k "sumo or test_simulators or pybullet or ir-sim"
 
+# Gazebo 11 is not in newer releases of Debian: its programs are compiled and run in the files of Debian 11.
+gazebo: $(CPP)/.built
+	@command -v mmdebstrap > /dev/null || { $(call install,mmdebstrap); }
+	wrappers/gazebo/make-root $(GAZEBO_ROOT)
+	$(MAKE) --no-print-directory $(GAZEBO)/.built
+
+$(GAZEBO)/.built: $(GAZEBO_SOURCES) $(CPP)/.built
+	@wrappers/gazebo/in-root $(GAZEBO_ROOT) cmake -S wrappers/gazebo -B $(GAZEBO) -DCMAKE_BUILD_TYPE=Release -Wno-dev \
+		-DSWARMWRIGHT_STATIC_LIBRARY=$(CURDIR)/$(CPP)/libswarmwright.a > /dev/null
+	wrappers/gazebo/in-root $(GAZEBO_ROOT) cmake --build $(GAZEBO) --parallel 2 > /dev/null
+	touch $@
+
+test-gazebo: $(VENV)/.engine $(VENV)/.dev $(CPP)/.built
+	@command -v mmdebstrap > /dev/null || (set -e; $(call install,mmdebstrap)) || true
+	status=0
+	mkdir -p build
+	wrappers/gazebo/make-root $(GAZEBO_ROOT) 2> build/gazebo-root.log || status=$$?
+	if [ "$$status" = 77 ]; then
+		export SWARMWRIGHT_NO_GAZEBO="$$(tail -n 1 build/gazebo-root.log)"
+	elif [ "$$status" != 0 ]; then
+		cat build/gazebo-root.log >&2
+		exit 1
+	else
+		$(MAKE) --no-print-directory $(GAZEBO)/.built
+		export SWARMWRIGHT_GAZEBO=$(GAZEBO_ROOT)
+	fi
+	$(BIN)/python -m pytest $(AGAIN) -rs -n 2 --durations=10 --durations-min=5 tests/gazebo \
+		"tests/docs/test_snippets.py::test_every_snippet_of_the_page_works[docs/how-to/attach-gazebo.md]"
+
 INPUTS ?= 1000000
 
 fuzz: $(VENV)/.engine $(VENV)/.dev
@@ -196,7 +230,7 @@ lint-java: $(JAVA)
 
 lint-cpp:
 	@command -v clang-format > /dev/null || { $(call install,clang-format); }
-	clang-format --dry-run -Werror $(filter %.h %.hpp %.c %.cpp,$(CPP_SOURCES)) $(ROS1_SOURCES)
+	clang-format --dry-run -Werror $(filter %.h %.hpp %.c %.cpp,$(CPP_SOURCES) $(GAZEBO_SOURCES)) $(ROS1_SOURCES)
 
 lint-python: $(VENV)/.engine $(VENV)/.dev
 	$(BIN)/ruff check
@@ -229,7 +263,7 @@ bench: $(VENV)/.engine $(VENV)/.dev $(VENV)/.bench $(JAVA) $(CPP)/.built
 	$(BIN)/python -m benchmarks build/bench.json
 
 clean:
-	rm -rf build engine/target wrappers/java/target $(CPP) $(GO) $(VENV) protocol/node_modules wrappers/examples/javascript/node_modules .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf build engine/target wrappers/java/target $(CPP) $(GAZEBO) $(GO) $(VENV) protocol/node_modules wrappers/examples/javascript/node_modules .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find python tests -name __pycache__ -type d -prune -exec rm -rf {} +
 	rm -f python/swarmwright/_engine*.so
 

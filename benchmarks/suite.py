@@ -119,6 +119,12 @@ def _wrappers(scale: Scale) -> Suite:
     return WrapperSuite(scale.smaller)
 
 
+def _gazebo(scale: Scale) -> Suite:
+    from benchmarks.gazebo import GazeboSuite
+
+    return GazeboSuite(scale.smaller)
+
+
 def _commands(scale: Scale) -> Suite:
     from benchmarks.commands import CommandSuite
 
@@ -156,6 +162,7 @@ SUITES: dict[str, Callable[[Scale], Suite]] = {
     "store": _store,
     "long": _long,
     "wrappers": _wrappers,
+    "gazebo": _gazebo,
     "commands": _commands,
     "busy": _busy,
     "servers": _servers,

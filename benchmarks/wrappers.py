@@ -159,7 +159,8 @@ class Server:
 
 
 @contextlib.contextmanager
-def _pool(broker: Broker, prefix: str, subject: Subject, mode: str) -> Iterator[_engine.Pool]:
+def pool_for(broker: Broker, prefix: str, subject: Subject, mode: str) -> Iterator[_engine.Pool]:
+    """A connected pool for servers of a kind, closed afterwards."""
     pool = _engine.Pool(
         broker.url,
         simulation=subject.title,
@@ -178,8 +179,8 @@ def _pool(broker: Broker, prefix: str, subject: Subject, mode: str) -> Iterator[
         pool.close()
 
 
-def _evaluate(pool: _engine.Pool, block: Block) -> tuple[NDArray[np.float64], float]:
-    """The fitness, (candidates,); seconds."""
+def evaluate(pool: _engine.Pool, block: Block) -> tuple[NDArray[np.float64], float]:
+    """Evaluate a block: the fitness, (candidates,); seconds."""
     start = time.perf_counter()
     fitness, _, attempts, _ = pool.evaluate(block.architecture, block.genomes, [0])
     seconds = time.perf_counter() - start
@@ -224,12 +225,12 @@ class WrapperSuite:
 
     def _measure(self, row: str, subject: Subject, mode: str, prefix: str) -> NDArray[np.float64]:
         """Take as many evaluations as last long enough; their fitness."""
-        with _pool(self._broker, prefix, subject, mode) as pool:
+        with pool_for(self._broker, prefix, subject, mode) as pool:
             count, seconds, warm = FIRST, 0.0, 0.0
             # Java's programs are compiled as they run, so what comes first says little.
             while seconds < self._lasts / 2 or warm < self._lasts:
                 warm += seconds
-                found, seconds = _evaluate(pool, subject.block(count))
+                found, seconds = evaluate(pool, subject.block(count))
                 rate = count / seconds
                 if count == MOST:
                     break

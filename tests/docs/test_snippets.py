@@ -12,7 +12,8 @@ The words behind the language of a fenced block, which are not displayed, say ho
 
 Pages of simulators that take hundreds of megabytes are run where those are installed, by
 `make test-simulators`.
-Pages that build with `catkin_make` are run where ROS is, by `make test-ros1`. The experiments, FREVO's files
+Pages that build with `catkin_make` are run where ROS is, by `make test-ros1`, those that start
+`swarmwright-gazebo` where Gazebo is, by `make test-gazebo`. The experiments, FREVO's files
 and the wrappers for Java and C++ are there as in a clone, and built.
 """
 
@@ -147,21 +148,32 @@ def run(command: list[str], folder: Path, environment: dict[str, str], where: st
     return result.stdout
 
 
+def _missing(page: str) -> str | None:
+    """Why a page cannot be run on this machine."""
+    if "adapters.enki" in page and not ENKI.is_file():
+        return WHY_NOT
+    if "catkin_make" in page and not os.environ.get("SWARMWRIGHT_ROS1"):
+        return "make test-ros1 runs this page"
+    if "swarmwright-gazebo --broker" in page and not os.environ.get("SWARMWRIGHT_GAZEBO"):
+        return "make test-gazebo runs this page"
+    for words, module in SIMULATORS.items():
+        if words in page and importlib.util.find_spec(module) is None:
+            return f"{module} is not installed; make test-simulators runs this page"
+    return None
+
+
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize(
     "page", [page for page in PAGES if runnable(page)], ids=lambda page: str(page.relative_to(ROOT))
 )
 def test_every_snippet_of_the_page_works(page: Path, tmp_path: Path) -> None:
-    if "adapters.enki" in page.read_text(encoding="utf-8") and not ENKI.is_file():
-        pytest.skip(WHY_NOT)
-    if "catkin_make" in page.read_text(encoding="utf-8") and not os.environ.get("SWARMWRIGHT_ROS1"):
-        pytest.skip("make test-ros1 runs this page")
-    for words, module in SIMULATORS.items():
-        if words in page.read_text(encoding="utf-8") and importlib.util.find_spec(module) is None:
-            pytest.skip(f"{module} is not installed; make test-simulators runs this page")
+    if why_not := _missing(page.read_text(encoding="utf-8")):
+        pytest.skip(why_not)
     programs = [str(Path(sys.executable).parent), os.environ["PATH"], "/usr/sbin"]
     environment = {key: value for key, value in os.environ.items() if not key.startswith("SWARMWRIGHT_")}
     environment["PATH"] = os.pathsep.join(programs)
+    if gazebo := os.environ.get("SWARMWRIGHT_GAZEBO"):
+        environment["SWARMWRIGHT_GAZEBO"] = gazebo
     for name in ("experiments", "protocol", "tests", "wrappers"):
         (tmp_path / name).symlink_to(ROOT / name)
     _build(page.read_text(encoding="utf-8"))

@@ -11,11 +11,14 @@
 #include <cstdint>
 #include <exception>
 #include <iostream>
+#include <locale>
 #include <memory>
+#include <sstream>
 #include <stdexcept>
 #include <string>
 #include <string_view>
 #include <system_error>
+#include <type_traits>
 #include <utility>
 
 namespace swarmwright {
@@ -49,8 +52,16 @@ class StoppedBySignals {
 template <class Number>
 Number number(std::string_view name, const std::string& text) {
   Number value{};
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-  if (error != std::errc() || end != text.data() + text.size()) {
+  bool whole = false;
+  if constexpr (std::is_floating_point_v<Number>) {  // g++ 10 has no std::from_chars for it
+    std::istringstream read(text);
+    read.imbue(std::locale::classic());
+    whole = static_cast<bool>(read >> std::noskipws >> value) && read.peek() == std::istringstream::traits_type::eof();
+  } else {
+    const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+    whole = error == std::errc() && end == text.data() + text.size();
+  }
+  if (!whole) {
     throw std::invalid_argument(std::string(name) + ": \"" + text + "\" is not a number in its range");
   }
   return value;

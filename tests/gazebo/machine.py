@@ -1,0 +1,30 @@
+"""Programs that run in the Debian 11 with Gazebo."""
+
+import os
+from pathlib import Path
+
+from tests.conftest import ROOT
+from tests.system.processes import Program
+
+PROJECT = ROOT / "wrappers" / "gazebo"
+BUILD = PROJECT / "build"
+
+
+def command(program: str) -> list[str]:
+    """How a program of the wrapper is started; it keeps the process id of what starts it."""
+    return [str(PROJECT / "in-root"), os.environ["SWARMWRIGHT_GAZEBO"], str(BUILD / program)]
+
+
+class GazeboServer(Program):
+    """`swarmwright-gazebo`; ready once made, unless told not to wait."""
+
+    def __init__(self, url: str, *options: str | int, cwd: Path, server: int = 1, wait: bool = True) -> None:
+        arguments = ["--broker", url, "--id", server, *options]
+        super().__init__(*command("swarmwright-gazebo"), *arguments, cwd=cwd, program=())
+        if not wait:
+            return
+        try:
+            self.until_error("ready", 60)
+        except BaseException:
+            self.stop()
+            raise

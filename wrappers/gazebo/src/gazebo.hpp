@@ -1,0 +1,46 @@
+// Gazebo's library in this process: started once, with a master of its own, and used by one thread at a time.
+#pragma once
+
+#include <functional>
+#include <mutex>
+#include <stdexcept>
+#include <string>
+
+namespace swarmwright::gazebo {
+
+/// Gazebo cannot do what was asked of it.
+class GazeboError : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
+
+/// How Gazebo is started and how robots are moved in it; the same for the whole process.
+struct Settings {
+  /// Where Gazebo's master listens on the loopback interface, for tools such as gzclient; 0 for any free port.
+  int port = 0;
+  /// Seconds of a step of the physics engine, at most; a tick of the arena is divided into equal steps.
+  double step = 0.01;
+  /// Robots with two wheels: motors turn the wheels, which roll on the ground. false: the body gets the velocity.
+  bool wheels = true;
+  /// Proximity rays are those of Gazebo's sensors. false: they are computed from the poses.
+  bool rays = true;
+  /// File that gets the description of each world that is made; empty for none.
+  std::string save_world = {};
+};
+
+/// The settings; to be changed before Gazebo is used for the first time.
+Settings& settings();
+
+/// Access to Gazebo, which is started by the first one. Throws GazeboError if it cannot be started: the port is taken.
+class Access {
+ public:
+  Access();
+
+ private:
+  std::unique_lock<std::recursive_mutex> lock_;
+};
+
+/// Makes a call; Gazebo's exceptions, which do not derive from std::exception, become a GazeboError.
+void guarded(const char* task, const std::function<void()>& call);
+
+}  // namespace swarmwright::gazebo

@@ -1,0 +1,358 @@
+#include <swarmwright/gazebo_physics.hpp>
+
+#include "gazebo.hpp"
+#include "sdf_world.hpp"
+
+#include <gazebo/ode/ode.h>
+#include <gazebo/gazebo.hh>
+#include <gazebo/physics/ode/ODECollision.hh>
+#include <gazebo/physics/ode/ODEPhysics.hh>
+#include <gazebo/physics/physics.hh>
+#include <gazebo/sensors/sensors.hh>
+
+#include <sdf/sdf.hh>
+
+#include <algorithm>
+#include <cmath>
+#include <fstream>
+#include <numeric>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace swarmwright::gazebo {
+
+namespace {
+
+using ::gazebo::physics::JointPtr;
+using ::gazebo::physics::LinkPtr;
+using ::gazebo::physics::ModelPtr;
+using ::gazebo::physics::WorldPtr;
+using ::gazebo::sensors::RaySensorPtr;
+using Vector = ignition::math::Vector3d;
+using Placement = ignition::math::Pose3d;
+
+/// Worlds that no episode is in; kept, since making one takes a quarter of a second and 1.5 MB for each robot that
+/// Gazebo never frees.
+constexpr std::size_t most_idle = 8;
+/// In all of them; a robot of a world takes 9 MB.
+constexpr std::size_t most_idle_robots = 100;
+constexpr double off_the_ground = 0.5;
+
+/// A shape of a robot, and which others it meets.
+struct Part {
+  dGeomID geometry;
+  unsigned long category;
+  unsigned long collides;
+};
+
+struct Robot {
+  ModelPtr placed;
+  LinkPtr body;
+  JointPtr left;  // none: the body gets its velocity
+  JointPtr right;
+  RaySensorPtr eye;
+  /// Where its rays begin and end, in its frame.
+  std::vector<std::pair<Vector, Vector>> aims;
+  std::vector<Part> parts;
+};
+
+WorldPtr load(const std::string& text, const std::string& name) {
+  const sdf::SDFPtr parsed(new sdf::SDF);
+  if (!sdf::init(parsed) || !sdf::readString(text, parsed)) {
+    throw GazeboError("Gazebo cannot read the world of the mission");
+  }
+  const WorldPtr world = ::gazebo::physics::create_world(name);
+  ::gazebo::physics::load_world(world, parsed->Root()->GetElement("world"));
+  ::gazebo::physics::init_world(world, [](const std::string&, const ::gazebo::msgs::PosesStamped&) {});
+  return world;
+}
+
+ModelPtr found(const WorldPtr& world, const std::string& name) {
+  ModelPtr model = world->ModelByName(name);
+  if (!model) {
+    throw GazeboError("Gazebo did not make the model " + name);
+  }
+  return model;
+}
+
+Pose flat(const ModelPtr& model) {
+  const Placement pose = model->WorldPose();
+  const double sum = pose.Pos().X() + pose.Pos().Y() + pose.Rot().Yaw();
+  if (!std::isfinite(sum) || !(std::abs(pose.Pos().Z()) < off_the_ground)) {
+    throw GazeboError(model->GetName() +
+                      " has left the ground: Gazebo's contacts are unstable with steps of this length; set a smaller "
+                      "--step");
+  }
+  return {static_cast<float>(pose.Pos().X()), static_cast<float>(pose.Pos().Y()), static_cast<float>(pose.Rot().Yaw())};
+}
+
+/// What tells one world from another: its description, and where rays look, which is not in it.
+std::string key_of(const World& world) {
+  std::string key = world_sdf(world, "arena");
+  for (const RobotModel& model : world.models) {
+    for (const float angle : model.rays) {
+      key += ' ' + std::to_string(angle);
+    }
+    key += " " + std::to_string(model.acceleration);
+  }
+  for (const std::uint32_t robot : world.robots) {
+    key += ' ' + std::to_string(robot);
+  }
+  return key;
+}
+
+}  // namespace
+
+/// A world of Gazebo with robots and objects.
+class GazeboPhysics::Place {
+ public:
+  Place(const World& world, std::string key) : key_(std::move(key)), plan_(world), steps_(steps_in_tick(world)) {
+    static std::uint64_t made = 0;
+    name_ = "arena_" + std::to_string(made++);
+    const std::string text = world_sdf(plan_, name_);
+    if (!settings().save_world.empty()) {
+      std::ofstream(settings().save_world) << text;
+    }
+    world_ = load(text, name_);
+    // No step is to start from the forces of the one before: they are not put back with the robots.
+    world_->Physics()->SetParam("warm_start_factor", 0.0);
+    ::gazebo::sensors::run_once(true);  // makes the sensors known
+    for (std::size_t i = 0; i < plan_.robots.size(); ++i) {
+      robots_.push_back(collected(i));
+    }
+    for (std::size_t i = 0; i < plan_.objects.size(); ++i) {
+      objects_.push_back(found(world_, object_name(i)));
+    }
+  }
+
+  ~Place() {
+    try {
+      robots_.clear();
+      objects_.clear();
+      // Gazebo keeps all worlds that were made, and with them their descriptions, which are by far the largest part.
+      const sdf::ElementPtr description = world_->SDF();
+      world_->Fini();
+      description->Reset();
+    } catch (...) {
+      // It stays in memory.
+    }
+  }
+  Place(const Place&) = delete;
+  Place& operator=(const Place&) = delete;
+
+  const std::string& key() const { return key_; }
+  std::size_t robots() const { return robots_.size(); }
+
+  void start(Span<const Pose> robots, Span<const Pose> objects) {
+    forget_moves();
+    world_->Reset();
+    forget_moves();
+    ticks_ = 0;
+    for (std::size_t i = 0; i < robots_.size(); ++i) {
+      put(robots_[i].placed, robots[i]);
+      drive(i, {0, 0, 0});
+    }
+    for (std::size_t i = 0; i < objects_.size(); ++i) {
+      put(objects_[i], objects[i]);
+    }
+  }
+
+  void step(Span<const Motion> motions) {
+    // The solver draws the order of constraints from a generator that all worlds share.
+    world_->Physics()->SetSeed(++ticks_);
+    bool velocities = false;
+    for (std::size_t i = 0; i < robots_.size(); ++i) {
+      velocities |= !robots_[i].left;
+      drive(i, motions[i]);
+    }
+    if (!velocities) {
+      ::gazebo::runWorld(world_, steps_);
+      return;
+    }
+    for (unsigned made = 0; made < steps_; ++made) {
+      for (std::size_t i = 0; made > 0 && i < robots_.size(); ++i) {
+        drive(i, motions[i]);
+      }
+      ::gazebo::runWorld(world_, 1);
+    }
+  }
+
+  void poses(Span<Pose> robots, Span<Pose> objects) const {
+    std::transform(robots_.begin(), robots_.end(), robots.begin(), [](const Robot& one) { return flat(one.placed); });
+    std::transform(objects_.begin(), objects_.end(), objects.begin(), flat);
+  }
+
+  void rays(std::uint32_t number, Span<float> distances) const {
+    const Robot& robot = robots_.at(number);
+    const RobotModel& model = plan_.model(number);
+    // Each update rounds the ends of the rays a little: they are aimed anew, so that no reading depends on earlier
+    // ones.
+    const ::gazebo::physics::MultiRayShapePtr shape = robot.eye->LaserShape();
+    for (std::size_t i = 0; i < robot.aims.size(); ++i) {
+      shape->SetRay(static_cast<unsigned>(i), robot.aims[i].first, robot.aims[i].second);
+    }
+    // Rays begin inside of the robot, which is not to be seen.
+    for (const Part& part : robot.parts) {
+      dGeomSetCategoryBits(part.geometry, 0);
+      dGeomSetCollideBits(part.geometry, 0);
+    }
+    robot.eye->Update(true);
+    for (const Part& part : robot.parts) {
+      dGeomSetCategoryBits(part.geometry, part.category);
+      dGeomSetCollideBits(part.geometry, part.collides);
+    }
+    for (std::size_t i = 0; i < distances.size(); ++i) {
+      const double reach = robot.eye->Range(static_cast<unsigned>(i)) - static_cast<double>(model.ray_start);
+      distances[i] = static_cast<float>(std::clamp(reach, 0.0, static_cast<double>(model.ray_range)));
+    }
+  }
+
+ private:
+  Robot collected(std::size_t number) const {
+    const RobotModel& model = plan_.model(number);
+    Robot robot;
+    robot.placed = found(world_, robot_name(number));
+    robot.body = robot.placed->GetLink(body);
+    if (has_wheels(model)) {
+      robot.left = robot.placed->GetJoint(left_joint);
+      robot.right = robot.placed->GetJoint(right_joint);
+      for (const JointPtr& joint : {robot.left, robot.right}) {
+        joint->SetParam("fmax", 0, motor_torque(model));
+      }
+    }
+    if (!settings().rays || model.rays.empty()) {
+      return robot;
+    }
+    const std::string name = name_ + "::" + robot_name(number) + "::" + body + "::" + eye;
+    robot.eye = std::dynamic_pointer_cast<::gazebo::sensors::RaySensor>(::gazebo::sensors::get_sensor(name));
+    if (!robot.eye || robot.eye->LaserShape()->RayCount() != model.rays.size()) {
+      throw GazeboError("Gazebo did not make the sensor " + name);
+    }
+    const double end = static_cast<double>(model.ray_start) + static_cast<double>(model.ray_range);
+    const Vector up(0, 0, ray_height(plan_));
+    for (const float angle : model.rays) {
+      const Vector along(std::cos(static_cast<double>(angle)), std::sin(static_cast<double>(angle)), 0);
+      robot.aims.emplace_back(along * ray_origin(model) + up, along * end + up);
+    }
+    for (const LinkPtr& link : robot.placed->GetLinks()) {
+      for (const auto& collision : link->GetCollisions()) {
+        const auto part = boost::dynamic_pointer_cast<::gazebo::physics::ODECollision>(collision);
+        const dGeomID geometry = part->GetCollisionId();
+        robot.parts.push_back({geometry, dGeomGetCategoryBits(geometry), dGeomGetCollideBits(geometry)});
+      }
+    }
+    return robot;
+  }
+
+  /// ODE tests what has moved last first. After this nothing has moved, and only what is moved next matters.
+  void forget_moves() const {
+    dSpaceClean(boost::dynamic_pointer_cast<::gazebo::physics::ODEPhysics>(world_->Physics())->GetSpaceId());
+  }
+
+  static void put(const ModelPtr& model, const Pose& pose) {
+    model->SetWorldPose(Placement(static_cast<double>(pose.x), static_cast<double>(pose.y), 0, 0, 0,
+                                  static_cast<double>(pose.heading)));
+    model->ResetPhysicsStates();
+  }
+
+  void drive(std::size_t number, const Motion& motion) const {
+    const Robot& robot = robots_[number];
+    const RobotModel& model = plan_.model(number);
+    const double forward = motion.forward;
+    const double turn = motion.turn;
+    if (robot.left) {
+      const double difference = turn * static_cast<double>(model.wheel_base) / 2;
+      robot.left->SetParam("vel", 0, (forward - difference) / wheel_radius(model));
+      robot.right->SetParam("vel", 0, (forward + difference) / wheel_radius(model));
+      return;
+    }
+    const double heading = robot.body->WorldPose().Rot().Yaw();
+    const double sideways = motion.sideways;
+    robot.body->SetLinearVel(Vector(forward * std::cos(heading) - sideways * std::sin(heading),
+                                    forward * std::sin(heading) + sideways * std::cos(heading),
+                                    robot.body->WorldLinearVel().Z()));
+    robot.body->SetAngularVel(Vector(0, 0, turn));
+  }
+
+  std::string key_;
+  World plan_;
+  unsigned steps_;
+  std::string name_;
+  WorldPtr world_;
+  std::vector<Robot> robots_;
+  std::vector<ModelPtr> objects_;
+  std::uint32_t ticks_ = 0;
+};
+
+GazeboPhysics::GazeboPhysics() = default;
+
+GazeboPhysics::~GazeboPhysics() {
+  try {
+    const Access access;
+    leave();
+  } catch (...) {
+    // Gazebo could not be started: there is no world.
+  }
+}
+
+std::vector<std::unique_ptr<GazeboPhysics::Place>>& GazeboPhysics::idle() {
+  // Never destroyed: at the end of the process Gazebo is gone before.
+  static auto& places = *new std::vector<std::unique_ptr<Place>>();
+  return places;
+}
+
+void GazeboPhysics::leave() {
+  if (!place_) {
+    return;
+  }
+  std::vector<std::unique_ptr<Place>>& places = idle();
+  places.push_back(std::move(place_));
+  const auto robots = [&] {
+    return std::accumulate(places.begin(), places.end(), std::size_t{0},
+                           [](std::size_t sum, const auto& one) { return sum + one->robots(); });
+  };
+  // The one that was left last stays: it is often the next one.
+  while (places.size() > most_idle || (places.size() > 1 && robots() > most_idle_robots)) {
+    places.erase(places.begin());
+  }
+}
+
+void GazeboPhysics::start(const World& world, bool changed, Span<const Pose> robots, Span<const Pose> objects,
+                          std::uint64_t /*seed*/) {
+  const Access access;
+  guarded("start an episode", [&] {
+    if (changed || !place_) {
+      leave();
+      const std::string key = key_of(world);
+      std::vector<std::unique_ptr<Place>>& places = idle();
+      const auto same = std::find_if(places.begin(), places.end(), [&](const auto& one) { return one->key() == key; });
+      if (same != places.end()) {
+        place_ = std::move(*same);
+        places.erase(same);
+      } else {
+        place_ = std::make_unique<Place>(world, key);
+      }
+    }
+    place_->start(robots, objects);
+  });
+}
+
+void GazeboPhysics::step(Span<const Motion> robots) {
+  const Access access;
+  guarded("make a step", [&] { place_->step(robots); });
+}
+
+void GazeboPhysics::poses(Span<Pose> robots, Span<Pose> objects) {
+  const Access access;
+  guarded("say where robots are", [&] { place_->poses(robots, objects); });
+}
+
+bool GazeboPhysics::has_rays() const { return settings().rays; }
+
+void GazeboPhysics::rays(std::uint32_t robot, Span<float> distances) {
+  const Access access;
+  guarded("measure distances", [&] { place_->rays(robot, distances); });
+}
+
+}  // namespace swarmwright::gazebo

@@ -1,0 +1,130 @@
+// A simulation server: missions of the arena in Gazebo classic.
+//
+//   swarmwright-gazebo --broker mqtt://localhost:1883 --id 6
+
+#include <swarmwright/gazebo_physics.hpp>
+
+#include "gazebo.hpp"
+
+#include <cstdlib>
+#include <exception>
+#include <fstream>
+#include <iostream>
+#include <stdexcept>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace {
+
+namespace gz = swarmwright::gazebo;
+
+constexpr const char* usage =
+    "  --step          longest step of Gazebo, seconds; 0.01 by default\n"
+    "  --drive         wheels: motors turn the wheels of differential drives, the default; body: the body gets the\n"
+    "                  velocity, as that of robots with other drives always does\n"
+    "  --rays          gazebo: proximity rays are those of Gazebo's ray sensors, the default; engine: computed from "
+    "poses\n"
+    "  --master-port   of Gazebo's master on 127.0.0.1, for gzclient; any free one by default\n"
+    "  --save-world    file that gets the world of the mission as SDF\n";
+
+/// One of two words. Throws std::invalid_argument.
+bool first(const std::string& name, const std::string& value, const std::string& yes, const std::string& no) {
+  if (value != yes && value != no) {
+    throw std::invalid_argument(name + ": \"" + value + "\" found, expected " + yes + " or " + no);
+  }
+  return value == yes;
+}
+
+/// Sets an option of this program; false if it is none.
+bool set(const std::string& name, const std::string& value) {
+  gz::Settings& settings = gz::settings();
+  if (name == "--step") {
+    settings.step = swarmwright::detail::number<double>(name, value);
+    if (!(settings.step >= 1e-4 && settings.step <= 0.1)) {
+      throw std::invalid_argument("--step: " + value + " found, expected seconds from 0.0001 to 0.1");
+    }
+  } else if (name == "--drive") {
+    settings.wheels = first(name, value, "wheels", "body");
+  } else if (name == "--rays") {
+    settings.rays = first(name, value, "gazebo", "engine");
+  } else if (name == "--master-port") {
+    settings.port = swarmwright::detail::number<int>(name, value);
+    if (settings.port < 0 || settings.port > 65535) {
+      throw std::invalid_argument("--master-port: " + value + " found, expected a port from 0 to 65535");
+    }
+  } else if (name == "--save-world") {
+    settings.save_world = value;
+    if (!std::ofstream(value)) {
+      throw std::invalid_argument("--save-world: " + value + " cannot be written");
+    }
+  } else {
+    return false;
+  }
+  return true;
+}
+
+/// Reads the options of this program; the arguments that are left are those of all servers.
+std::vector<char*> rest(int count, char** values) {
+  std::vector<char*> others{values[0]};
+  for (int i = 1; i < count; ++i) {
+    std::string name = values[i];
+    const std::size_t equals = name.find('=');
+    std::string value;
+    if (equals != std::string::npos) {
+      value = name.substr(equals + 1);
+      name.resize(equals);
+    } else if (i + 1 < count) {
+      value = values[i + 1];
+    }
+    const bool own =
+        name == "--step" || name == "--drive" || name == "--rays" || name == "--master-port" || name == "--save-world";
+    if (own && equals == std::string::npos && i + 1 == count) {
+      throw std::invalid_argument(name + ": expected a value after it");
+    }
+    if (!own || !set(name, value)) {
+      others.push_back(values[i]);
+    } else if (equals == std::string::npos) {
+      ++i;
+    }
+  }
+  return others;
+}
+
+int run(int count, char** values) {
+  for (int i = 1; i < count; ++i) {
+    if (std::string_view(values[i]) == "--help") {
+      std::cout << swarmwright::usage << usage;
+      return 0;
+    }
+  }
+  std::vector<char*> others;
+  try {
+    others = rest(count, values);
+    static_cast<void>(swarmwright::arguments(static_cast<int>(others.size()), others.data()));
+  } catch (const std::invalid_argument& error) {
+    std::cerr << "error: " << error.what() << std::endl;
+    return 2;
+  }
+  try {
+    const gz::Access started;
+  } catch (const std::exception& error) {
+    std::cerr << "error: " << error.what() << std::endl;
+    return 1;
+  }
+  swarmwright::PhysicsDescription description;
+  description.title = "arena-gazebo";
+  description.determinism = swarmwright::Determinism::bitwise;
+  description.only_one = true;  // a world more takes Gazebo a quarter of a second and tens of megabytes
+  return swarmwright::serve_physics<gz::GazeboPhysics>(description, static_cast<int>(others.size()), others.data());
+}
+
+}  // namespace
+
+int main(int count, char** values) {
+  const int status = run(count, values);
+  std::cout.flush();
+  std::cerr.flush();
+  // The destructors of Gazebo's libraries depend on each other's order. Nothing of this process outlives it.
+  std::_Exit(status);
+}
