@@ -22,7 +22,7 @@ from swarmwright.cli._server_output import server_output_option
     "transfer",
     cls=Command,
     example="swarmwright transfer runs/minisim-1 --vary parameters.speedDefenders=0.2..0.8\n"
-    "swarmwright transfer runs/nnga-* runs/cma-* --to gazebo,stage.yaml --seeds 50 --out transfer.png",
+    "swarmwright transfer runs/nnga-* runs/cma-* --to arena-gazebo,stage.yaml --seeds 50 --out transfer.png",
 )
 @click.argument("runs", type=ExistingPath(folder=None), metavar="RUN...", nargs=-1, required=True)
 @click.option(

@@ -1,6 +1,9 @@
 //! One episode on a server whose scenes are wanted: controllers here, the simulation there (docs/reference/protocol.md,
 //! Scenes).
 
+mod discovery;
+mod reading;
+
 use std::collections::{BTreeMap, VecDeque};
 use std::time::{Duration, Instant};
 
@@ -10,27 +13,18 @@ use swarmwright_mqtt::{
     ConnectError, Connection, Event, PublishOptions, QoS, Settings, Subscription, TooLarge,
 };
 use swarmwright_protocol::{
-    Control, DecodeError, Discovery, EpisodeHasher, Fitness, Message, ParametersMessage,
-    ReadingWriter, Requirements, SCENE_PARTS, SceneMessage, SensorReading, ServerMessage, ToTool,
-    Topic, TopicError, Topics,
+    Control, EpisodeHasher, Fitness, ParametersMessage, ReadingWriter, Requirements, SCENE_PARTS,
+    SceneMessage, Topic, TopicError, Topics,
 };
 
-/// How often discovery is repeated.
-const ASK: Duration = Duration::from_millis(500);
-/// How long is waited for a server with scenes, once one without them has answered.
-const BETTER: Duration = Duration::from_secs(2);
 /// How long the server that was chosen may take to begin, if the next step may take as long.
 const BEGIN: Duration = Duration::from_secs(10);
 /// How often the caller is asked whether to go on.
 const TURN: Duration = Duration::from_millis(100);
 /// How long scenes that the fitness has overtaken are waited for.
 const OVERTAKEN: Duration = Duration::from_millis(250);
-/// More agents than this are a mistake of the server.
-const MOST_AGENTS: usize = 1_000_000;
 /// Times the patience for a message that a step may take in which messages come, but no scene.
 const MOST_STEPS: u32 = 10;
-/// Where the hash is looked for in a message that cannot be read, bytes.
-const AROUND: usize = 4096;
 
 /// Which episode, and how long to wait.
 #[derive(Debug, Clone)]
@@ -180,83 +174,6 @@ impl SceneEpisode {
             episode.give_up();
         }
         begun.map(|()| episode)
-    }
-
-    /// Looks for a free server that has scenes; its id and its start.
-    fn find(&mut self, hash: &str, go_on: GoOn<'_>) -> Result<(u64, Option<String>), SceneError> {
-        let begin = Instant::now();
-        let mut limit = begin + self.options.discovery;
-        let mut ask = begin;
-        let mut without: Vec<u64> = Vec::new();
-        while Instant::now() < limit {
-            if Instant::now() >= ask {
-                ask += ASK;
-                let discovery = Discovery {
-                    simulation: self.options.simulation.clone(),
-                    simulation_hash: hash.to_owned(),
-                    requirements: self.options.requirements.clone(),
-                    tool: Some(self.tool.clone()),
-                };
-                self.send(Topic::Discovery, &discovery.encode())?;
-            }
-            for message in self.answers(hash, ask.min(limit), go_on)? {
-                let announced = message.capabilities.swarmwright.as_ref();
-                if announced.is_some_and(|announced| announced.scenes) {
-                    let instance = announced.and_then(|announced| announced.instance.clone());
-                    return Ok((message.server, instance));
-                }
-                if !without.contains(&message.server) {
-                    without.push(message.server);
-                    limit = limit.min(Instant::now() + BETTER);
-                }
-            }
-        }
-        Err(Impossible(self.none_found(&without, begin.elapsed())))
-    }
-
-    fn none_found(&self, without: &[u64], waited: Duration) -> String {
-        let (url, title) = (self.connection.url(), &self.options.simulation);
-        if without.is_empty() {
-            return format!(
-                "no free server on {url} offers {title:?} ({:.1} s waited); start one, and see `swarmwright servers`",
-                waited.as_secs_f64()
-            );
-        }
-        let ids: Vec<String> = without.iter().take(8).map(u64::to_string).collect();
-        format!(
-            "server {} on {url} offers {title:?} without scenes (capabilities.swarmwright.scenes), so its episodes cannot be \
-             shown here; give its simulation a scene, or have the server draw them: swarmwright simulate --visual",
-            ids.join(", ")
-        )
-    }
-
-    /// The answers to a discovery that have come, after a turn at most.
-    fn answers(
-        &mut self,
-        hash: &str,
-        until: Instant,
-        go_on: GoOn<'_>,
-    ) -> Result<Vec<ServerMessage>, SceneError> {
-        self.turn(until, go_on)?;
-        let mut answers = Vec::new();
-        for event in std::mem::take(&mut self.events) {
-            match event {
-                Event::Message(message) if !message.retained() => {
-                    if self.topics.parse(message.topic()) == Some(Topic::Server)
-                        && let Ok(Message::Server(answer)) =
-                            Message::decode(Topic::Server, message.payload())
-                        && answer.simulation_hash == hash
-                        && answer.simulations.contains(&self.options.simulation)
-                        && answer.capabilities.fulfil(&self.options.requirements)
-                    {
-                        answers.push(answer);
-                    }
-                }
-                Event::Disconnected { reason, .. } => return Err(self.broken(&reason)),
-                Event::Message(_) | Event::Connected => {}
-            }
-        }
-        Ok(answers)
     }
 
     fn broken(&self, reason: &str) -> SceneError {
@@ -474,87 +391,6 @@ impl SceneEpisode {
             self.options.step.as_secs_f64(),
             self.scene.step
         ))
-    }
-
-    /// Reads what has come by then, after a tenth of a second at most.
-    fn receive(&mut self, until: Instant, go_on: GoOn<'_>) -> Result<(), SceneError> {
-        self.turn(until, go_on)?;
-        for event in std::mem::take(&mut self.events) {
-            match event {
-                Event::Message(message) if !message.retained() => {
-                    if let Some(topic) = self.topics.parse(message.topic()) {
-                        self.read(topic, message.payload())?;
-                    }
-                }
-                Event::Disconnected { reason, .. } => return Err(self.broken(&reason)),
-                Event::Message(_) | Event::Connected => {}
-            }
-        }
-        Ok(())
-    }
-
-    /// A message: what is not of this episode, or cannot be read, is passed over.
-    fn read(&mut self, topic: Topic, payload: &[u8]) -> Result<(), SceneError> {
-        match topic {
-            Topic::Sensor => match SensorReading::decode(payload) {
-                Ok(sensor) if sensor.simulation_hash == self.hash => {
-                    let agent = usize::try_from(sensor.agent).unwrap_or(usize::MAX);
-                    if agent >= MOST_AGENTS {
-                        return Err(Impossible(format!(
-                            "server {}: agent {agent} is above {}, the largest index of an agent",
-                            self.server,
-                            MOST_AGENTS - 1
-                        )));
-                    }
-                    let values = sensor.sensor;
-                    self.heard = Instant::now();
-                    self.waiting.push_back(News::Sensors { agent, values });
-                }
-                Err(error) if self.is_named_in(payload) => return Err(self.unread(topic, &error)),
-                _ => {}
-            },
-            Topic::Fitness => match Message::decode(topic, payload) {
-                Ok(Message::Fitness(fitness)) if fitness.simulation_hash == self.hash => {
-                    self.heard = Instant::now();
-                    self.fitness.get_or_insert((fitness, self.heard));
-                }
-                Err(error) if self.is_named_in(payload) => return Err(self.unread(topic, &error)),
-                _ => {}
-            },
-            Topic::ToTool => match ToTool::decode(payload) {
-                Ok(ToTool::Scene(scene)) if scene.simulation_hash == self.hash => {
-                    self.heard = Instant::now();
-                    self.waiting.push_back(News::Scene(scene));
-                }
-                Ok(ToTool::Failed(failed)) if failed.simulation_hash == self.hash => {
-                    let reason = format!(
-                        "the episode failed on server {}: {}",
-                        self.server, failed.reason
-                    );
-                    self.ended = Some((f64::NAN, BTreeMap::new()));
-                    return Err(Impossible(reason));
-                }
-                // The topic is this tool's own.
-                Err(error) => return Err(self.unread(topic, &error)),
-                Ok(_) => {}
-            },
-            _ => {}
-        }
-        Ok(())
-    }
-
-    fn is_named_in(&self, payload: &[u8]) -> bool {
-        let end = payload.len().min(AROUND);
-        String::from_utf8_lossy(&payload[..end]).contains(&self.hash)
-    }
-
-    fn unread(&self, topic: Topic, error: &DecodeError) -> SceneError {
-        let name = if topic == Topic::ToTool {
-            "scene"
-        } else {
-            topic.name()
-        };
-        Impossible(format!("server {}: {name} message: {error}", self.server))
     }
 
     /// Ends the episode on the server, if it has not ended.
