@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions, RenderResult
 
     from swarmwright import Generation
+    from swarmwright.evaluation.base import Progress as EpisodeProgress
 
 PATIENCE = 2.0
 """Seconds without a result after which the blocking server is shown."""
@@ -194,6 +195,27 @@ def progress(output: Output, budget: Budget) -> Iterator[Progress]:
         bar = BarProgress(budget)
         with Live(_renderable(bar), console=output.console(), refresh_per_second=8):
             yield bar
+
+
+@contextmanager
+def episodes(output: Output) -> "Iterator[EpisodeProgress | None]":
+    """Show on a terminal how many episodes are done, for the time of a `with` block; elsewhere nothing."""
+    if output.as_json or not output.terminal:
+        yield None
+        return
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import Progress as Bars
+
+    columns = ("{task.description}", BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Bars(
+        *columns, TextColumn("{task.fields[waiting]}"), console=output.console(), transient=True
+    ) as bars:
+        task = bars.add_task("episodes", total=None, waiting="")
+
+        def on_progress(done: int, total: int, waiting_for: str) -> None:
+            bars.update(task, completed=done, total=total, waiting=waiting_for)
+
+        yield on_progress
 
 
 def _renderable(bar: BarProgress) -> Any:  # noqa: ANN401 - rich's renderables have no common type

@@ -117,19 +117,22 @@ def command(
             raise click.UsageError("--metrics needs --episodes: the record has the metrics that the run had")
         return _repeated(output, opened, experiment, candidate, generation, broker, servers)
     from swarmwright import post_evaluate
+    from swarmwright.cli._progress import episodes as shown_episodes
     from swarmwright.runs.post_evaluation import EPISODES
 
-    found = post_evaluate(
-        opened,
-        candidate,
-        generation,
-        episodes=episodes or EPISODES,
-        seed=seed,
-        experiment=experiment,
-        broker=broker,
-        servers=servers,
-        metrics="all" if metrics == "all" else [] if metrics is None else _names(metrics),
-    )
+    with shown_episodes(output) as on_progress:
+        found = post_evaluate(
+            opened,
+            candidate,
+            generation,
+            episodes=episodes or EPISODES,
+            seed=seed,
+            experiment=experiment,
+            broker=broker,
+            servers=servers,
+            on_progress=on_progress,
+            metrics="all" if metrics == "all" else [] if metrics is None else _names(metrics),
+        )
     output.json({"run": str(run), **found.to_mapping()})
     _show(output, found)
     return 0

@@ -125,6 +125,7 @@ def command(
     from swarmwright.analysis.transfer.ranges import Range
     from swarmwright.analysis.transfer.result import check_table
     from swarmwright.cli._comparison import run_folders
+    from swarmwright.cli._progress import episodes
     from swarmwright.figures import style
 
     output = Output(as_json=as_json)
@@ -138,18 +139,20 @@ def command(
         style.check(file)
     if table is not None:
         check_table(table)
-    found = transfer(
-        run_folders(runs),
-        names,
-        vary=[Range.parse(text) for text in vary],
-        pseudo_reality=pseudo_reality,
-        candidates=candidates,
-        random=random,
-        seeds=seeds,
-        seed=seed,
-        broker=broker,
-        servers=servers,
-    )
+    with episodes(output) as on_progress:
+        found = transfer(
+            run_folders(runs),
+            names,
+            vary=[Range.parse(text) for text in vary],
+            pseudo_reality=pseudo_reality,
+            candidates=candidates,
+            random=random,
+            seeds=seeds,
+            seed=seed,
+            broker=broker,
+            servers=servers,
+            on_progress=on_progress,
+        )
     output.block(str(found))
     output.json(found.to_mapping())
     if table is not None:

@@ -1,12 +1,16 @@
 """`swarmwright transfer` as a program."""
 
 import json
+import os
+import pty
+import subprocess
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from swarmwright import Experiment, optimize
+from tests.conftest import PROGRAM, environment
 
 NOISY = Experiment.from_mapping(
     {
@@ -40,6 +44,31 @@ def test_it_prints_draws_and_writes_every_episode(program: Any, run: str, tmp_pa
     assert lost["faster.yaml"] > 0 > lost["pseudo-reality"]
     for one in lost.values():
         assert f"{one:.4g}" in result.stdout
+
+
+@pytest.mark.parametrize(
+    "command", [("transfer", *SLOWER, "--candidates", "2", "--seeds", "20"), ("evaluate", "--episodes", "20")]
+)
+def test_a_terminal_shows_how_far_it_is(run: str, tmp_path: Path, command: tuple[str, ...]) -> None:
+    ours, theirs = pty.openpty()
+    arguments = [*PROGRAM, command[0], run, *command[1:]]
+    terminal = {**environment(), "TERM": "xterm", "COLUMNS": "120"}
+    process = subprocess.Popen(
+        arguments, cwd=tmp_path, env=terminal, stdin=theirs, stdout=theirs, stderr=subprocess.PIPE
+    )
+    os.close(theirs)
+    shown = b""
+    try:
+        while chunk := os.read(ours, 4096):
+            shown += chunk
+    except OSError:  # the other end is closed
+        pass
+    _, error = process.communicate(timeout=20)
+    os.close(ours)
+    assert (process.returncode, error) == (0, b"")
+    assert b"episodes" in shown
+    total = 20 if command[0] == "evaluate" else 2 * 2 * 20
+    assert f"{total}/{total}".encode() in shown
 
 
 @pytest.mark.parametrize(
