@@ -1,6 +1,6 @@
 //! Evaluation in this process.
 
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -10,7 +10,7 @@ use pyo3::types::PyDict;
 use swarmwright_controllers::Architecture;
 use swarmwright_lanes::Level;
 use swarmwright_pool::{check_shape, check_work, rectangle};
-use swarmwright_worlds::{self as worlds, Block, Means, Parameters};
+use swarmwright_worlds::{self as worlds, Block, Means, Pace, Parameters};
 
 use crate::errors::input;
 use crate::genomes::{architecture, rows};
@@ -80,8 +80,7 @@ pub struct Evaluation {
     /// Those that are wanted, by their index in the simulation's description.
     metrics: Vec<usize>,
     means: Means,
-    /// Evaluations for which one thread takes about as long as `PART`, as far as is known.
-    most: AtomicUsize,
+    pace: Pace,
 }
 
 #[pymethods]
@@ -105,7 +104,7 @@ impl PyEvaluator {
             parameters,
             architecture: self::architecture(architecture)?.0,
             means: means(level, threads)?,
-            most: AtomicUsize::new(FIRST),
+            pace: Pace::new(PART, FIRST),
         })))
     }
 
@@ -253,8 +252,8 @@ impl Evaluation {
         let mut reported = Instant::now();
         while results.len() < total * numbers {
             let first = results.len() / numbers;
-            let most = self.most.load(Ordering::Relaxed);
-            let count = rectangle(&(first..total), episodes, self.in_vectors(most));
+            let most = self.in_vectors(self.pace.each());
+            let count = rectangle(&(first..total), episodes, most);
             let (candidate, episode) = (first / episodes, first % episodes);
             let candidates = candidate..candidate + count.div_ceil(episodes);
             let block = Block {
@@ -265,16 +264,15 @@ impl Evaluation {
             let work = || {
                 let began = Instant::now();
                 let share = if busy { ALONE } else { MODEST };
-                let alone = count.saturating_mul(share) < most;
-                let threads = if alone { 1 } else { self.threads() };
+                let all = self.threads();
+                let alone = self.pace.is_less(share, count, all);
                 let means = Means {
                     threads: if alone { 1 } else { self.means.threads },
                     ..self.means
                 };
                 let part = worlds::evaluate(&self.title, &block, means);
-                let factor = PART.as_secs_f64() / began.elapsed().as_secs_f64().max(1e-6);
-                let each = scaled(count.div_ceil(threads), factor);
-                self.most.store(each, Ordering::Relaxed);
+                let threads = if alone { 1 } else { all };
+                self.pace.note(count, threads, began.elapsed());
                 part
             };
             let (part, wanted) = match meanwhile.take() {
@@ -346,14 +344,4 @@ pub fn evaluate<'py>(
 ) -> PyResult<(Fitness<'py>, Metrics<'py>)> {
     let evaluator = PyEvaluator::new(title, parameters, architecture, metrics, level, threads)?;
     evaluator.evaluate(py, genomes, seeds, on_progress, None)
-}
-
-#[expect(
-    clippy::cast_possible_truncation,
-    clippy::cast_precision_loss,
-    clippy::cast_sign_loss,
-    reason = "limited to what an index can be"
-)]
-fn scaled(count: usize, factor: f64) -> usize {
-    (count as f64 * factor.clamp(0.1, 1000.0)).clamp(1.0, 1e9) as usize
 }

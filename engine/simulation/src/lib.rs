@@ -3,6 +3,7 @@
 pub mod block;
 pub mod counter;
 mod failure;
+mod pace;
 pub mod parameters;
 pub mod rollout;
 mod scene;
@@ -11,6 +12,7 @@ mod together;
 
 pub use block::{Block, Means};
 pub use failure::{Failure, fail};
+pub use pace::Pace;
 pub use parameters::ParameterReader;
 pub use rollout::{Episode, RolloutError, rollout, rollout_until};
 pub use scene::{Body, Light, Patch, Ray, Scale, Scene, Style, Wall};

@@ -7,6 +7,7 @@ mod frevo;
 mod lanes;
 mod minisim;
 mod minisim_parts;
+mod pace;
 mod parameters;
 mod steering_rule;
 mod taken;
