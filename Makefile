@@ -44,6 +44,7 @@ CPP_SOURCES := $(shell find wrappers/cpp engine/c/include -path $(CPP) -prune -o
 GAZEBO := wrappers/gazebo/build
 GAZEBO_ROOT ?= $(or $(XDG_CACHE_HOME),$(HOME)/.cache)/swarmwright/gazebo/root
 GAZEBO_SOURCES := $(shell find wrappers/gazebo -path $(GAZEBO) -prune -o -type f -print)
+ATTACHED_SOURCES := $(shell find wrappers/argos wrappers/stage -name build -prune -o -name '*.[ch]pp' -print)
 ROS1_SOURCES := $(wildcard wrappers/ros1/*/src/*.[ch] wrappers/ros1/*/src/*.cpp python/swarmwright/export/templates/ros*/src/*.[ch]pp)
 MAVEN := mvn -q -B -Dstyle.color=never -f wrappers/java/pom.xml
 ENGINE := $(shell find engine -name target -prune -o -path 'engine/*/tests' -prune -o -type f \( -name '*.rs' -o -name 'Cargo.*' \) -print)
@@ -230,7 +231,7 @@ lint-java: $(JAVA)
 
 lint-cpp:
 	@command -v clang-format > /dev/null || { $(call install,clang-format); }
-	clang-format --dry-run -Werror $(filter %.h %.hpp %.c %.cpp,$(CPP_SOURCES) $(GAZEBO_SOURCES)) $(ROS1_SOURCES)
+	clang-format --dry-run -Werror $(filter %.h %.hpp %.c %.cpp,$(CPP_SOURCES) $(GAZEBO_SOURCES)) $(ATTACHED_SOURCES) $(ROS1_SOURCES)
 
 lint-python: $(VENV)/.engine $(VENV)/.dev
 	$(BIN)/ruff check
