@@ -182,7 +182,7 @@ impl Shared {
 
     /// Whether more wait than are handed over together, so that who takes them has more to do.
     fn is_ahead(&self) -> bool {
-        lock(&self.queue).waiting.len() > 2 * TOGETHER
+        lock(&self.queue).waiting.len() > TOGETHER
     }
 
     /// Whether there is no processor for more threads: of two, the other one is that of the taker, unless it waits.
