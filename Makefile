@@ -24,7 +24,7 @@ SHELL := /bin/bash
 .ONESHELL:
 .DELETE_ON_ERROR:
 .DEFAULT_GOAL := help
-.PHONY: brokers test-brokers test-ros1 test-simulators test-export test-arm64 test-peers test-docs help demo java cpp test schedules test-engine test-java test-cpp test-python lint lint-engine lint-java lint-cpp lint-python lint-protocol audit bench docs check-docs clean fuzz
+.PHONY: brokers test-brokers test-ros1 test-simulators test-export test-arm64 test-peers test-docs help demo java cpp test schedules test-engine test-java test-cpp test-python lint lint-engine lint-java lint-cpp lint-python lint-protocol audit bench docs check-docs clean fuzz gazebo test-gazebo
 
 VENV := .venv
 BIN := $(CURDIR)/$(VENV)/bin
