@@ -18,7 +18,13 @@ _LABEL = 34
 def draw(transfer: "Transfer") -> "Figure":
     """Return the figure: a field for each target, a point for each candidate, with 95 % intervals."""
     count = len(transfer.targets)
-    figure = new_figure(1.0 + 4.6 * count, 5.6)
+    labels = [textwrap.wrap(f"{group.label} ({len(group.runs)})", _LABEL) for group in transfer.groups]
+    if any(candidate.generation is None for one in transfer.runs for candidate in one.candidates):
+        labels.append(["random controllers"])
+    # The legend has two columns, filled one after the other; fields keep their size beside it.
+    first = (len(labels) + 1) // 2
+    lines = max(sum(map(len, column)) for column in (labels[:first], labels[first:]))
+    figure = new_figure(1.0 + 4.6 * count, 5.5 + 0.2 * lines)
     fields = figure.subplots(1, count, squeeze=False)[0]
     group_of = {str(run.path): index for index, group in enumerate(transfer.groups) for run in group.runs}
     for axes, target in zip(fields, transfer.targets, strict=True):
@@ -32,17 +38,17 @@ def draw(transfer: "Transfer") -> "Figure":
         axes.set_xlim(low, high)
         axes.set_ylim(low, high)
         axes.set_aspect("equal")
+        axes.locator_params(nbins=6)
         own = sorted({one.run.experiment.label for one in transfer.runs})
         dress(axes, x=f"fitness in {', '.join(own)}", y=f"fitness in {target}")
         axes.set_title("dotted: nothing is lost", loc="left", fontsize=10, color=SOFT)
     handles = []
-    for index, group in enumerate(transfer.groups):
-        label = "\n".join(textwrap.wrap(f"{group.label} ({len(group.runs)})", _LABEL))
-        handles.append(fields[0].plot([], [], "o", color=look(index)[0], label=label)[0])
-    if any(candidate.generation is None for one in transfer.runs for candidate in one.candidates):
-        handles.append(
-            fields[0].plot([], [], "o", color=SOFT, markerfacecolor="none", label="random controllers")[0]
-        )
+    for index, label in enumerate(labels):
+        random = index == len(transfer.groups)
+        color = SOFT if random else look(index)[0]
+        inside = "none" if random else color
+        line = fields[0].plot([], [], "o", color=color, markerfacecolor=inside, label="\n".join(label))
+        handles += line
     legend = figure.legend(
         handles=handles, loc="outside lower left", ncols=2, fontsize=10, frameon=False, labelcolor=INK
     )
