@@ -25,12 +25,12 @@ def test_sensors_motors_and_noise() -> None:
         for _ in range(10):
             seen = simulation.step(np.array([ahead, still], np.float32))
         assert robot.pos[0] == pytest.approx(150 + kind.fastest, rel=0.15)
-        assert seen.max() == 0  # nothing near
+        assert seen.max() < 0.4  # nothing near, but for noise, which depends on what ran before
         robot.pos, robot.angle = (300.0 - kind.half - 4, 150.0), 0.0
         seen = simulation.step(np.array([still, still], np.float32))
         front = seen[0, [0, 7]] if kind is EPucks else seen[0, 2:3]
         assert (front > 0.3).all()
-        assert seen[1].max() == 0
+        assert seen[1].max() < 0.4
         assert 0 < simulation.fitness() < 0.5
 
 
