@@ -30,6 +30,15 @@ OBJECTS = {
     "Plugin": "swarmwright_plugin",
     "RawBody": "swarmwright_body",
     "Picture": "swarmwright_scene",
+    "RawPhysics": "swarmwright_physics",
+    "RawStart": "swarmwright_start",
+    "RawWorld": "swarmwright_world",
+    "RawPolygon": "swarmwright_polygon",
+    "RawRobot": "swarmwright_robot",
+    "RawObject": "swarmwright_object",
+    "WorldLight": "swarmwright_light",
+    "Pose": "swarmwright_pose",
+    "Motion": "swarmwright_motion",
 }
 
 
@@ -51,7 +60,8 @@ def _without_comments(text: str) -> str:
 
 def _rust() -> str:
     """All sources, without tests, comments and line ends."""
-    sources = [path for path in sorted((CRATE / "src").rglob("*.rs")) if path.name != "tests.rs"]
+    folders = [CRATE / "src", CRATE.parent / "arena" / "src" / "physics"]
+    sources = [path for one in folders for path in sorted(one.rglob("*.rs")) if path.name != "tests.rs"]
     text = "\n".join(path.read_text(encoding="utf-8") for path in sources)
     return re.sub(r"\s+", " ", re.sub(r"//.*", "", text))
 
@@ -122,13 +132,14 @@ def test_every_structure_has_the_fields_that_it_has() -> None:
     }
     rust = {
         OBJECTS[name]: [
-            (field.partition(": ")[0], _c_type(field.partition(": ")[2])) for field in _split(body)
+            (field.partition(": ")[0].removeprefix("pub "), _c_type(field.partition(": ")[2]))
+            for field in _split(body)
         ]
         for name, body in re.findall(
-            r"#\[repr\(C\)\] #\[derive\(Clone, Copy\)\] pub struct (\w+) \{(.*?)\}", _rust()
+            r"#\[repr\(C\)\] (?:#\[derive\(Clone, Copy\)\] )?(?:pub )?struct (\w+) \{(.*?)\}", _rust()
         )
     }
-    assert len(rust) == 6
+    assert len(rust) == 15
     assert c == rust
 
 

@@ -18,7 +18,7 @@ use crate::live::Live;
 const TITLES: &str = "arena-";
 
 type Begin = unsafe extern "C" fn(*mut c_void, start: *const RawStart) -> i32;
-type Step = unsafe extern "C" fn(*mut c_void, robots: *const Motion, count: usize) -> i32;
+type Move = unsafe extern "C" fn(*mut c_void, robots: *const Motion, count: usize) -> i32;
 type Poses = unsafe extern "C" fn(*mut c_void, robots: *mut Pose, objects: *mut Pose) -> i32;
 type Rays = unsafe extern "C" fn(*mut c_void, robot: u32, distances: *mut f32, count: usize) -> i32;
 
@@ -101,7 +101,7 @@ pub struct RawPhysics {
     create: Option<Create>,
     destroy: Option<Destroy>,
     start: Option<Begin>,
-    step: Option<Step>,
+    step: Option<Move>,
     poses: Option<Poses>,
     rays: Option<Rays>,
 }
@@ -116,7 +116,7 @@ unsafe impl Structure for RawPhysics {
 struct Table {
     maker: Maker,
     start: Begin,
-    step: Step,
+    step: Move,
     poses: Poses,
     rays: Option<Rays>,
 }

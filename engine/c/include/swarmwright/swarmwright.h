@@ -335,7 +335,8 @@ swarmwright_status swarmwright_server_close(swarmwright_server* server) SWARMWRI
 /** Where something is. */
 typedef struct swarmwright_pose {
   /** Metres. */
-  float x, y;
+  float x;
+  float y;
   /** Radians counter-clockwise from x. */
   float heading;
 } swarmwright_pose;
@@ -344,7 +345,8 @@ typedef struct swarmwright_pose {
  * have the speeds forward - turn * wheel_base / 2 (left) and forward + turn * wheel_base / 2 (right). */
 typedef struct swarmwright_motion {
   /** m/s ahead, and to the left: 0 of robots with wheels. */
-  float forward, sideways;
+  float forward;
+  float sideways;
   /** rad/s counter-clockwise. */
   float turn;
 } swarmwright_motion;
@@ -363,7 +365,9 @@ typedef struct swarmwright_polygon {
 
 typedef struct swarmwright_light {
   /** Metres. */
-  float x, y, z;
+  float x;
+  float y;
+  float z;
   /** 1 of the reference model's. */
   float intensity;
 } swarmwright_light;
@@ -371,7 +375,8 @@ typedef struct swarmwright_light {
 /** What robots of a kind are. */
 typedef struct swarmwright_robot {
   /** Metres. */
-  float radius, height;
+  float radius;
+  float height;
   /** Kilograms. */
   float mass;
   /** Between the wheels of a differential drive, metres; 0 for other drives. */
@@ -381,7 +386,8 @@ typedef struct swarmwright_robot {
   /** Largest change of velocity by the drive, m/s^2. */
   float acceleration;
   /** Where proximity rays begin, from the middle, and how far they reach from there, metres. */
-  float ray_start, ray_range;
+  float ray_start;
+  float ray_range;
   /** Their directions, radians counter-clockwise from ahead. */
   const float* rays;
   size_t ray_count;
@@ -392,7 +398,8 @@ typedef struct swarmwright_object {
   /** Of a disc, metres; 0 for a box. */
   float radius;
   /** Sides of a box along its heading and across it, metres. */
-  float width, depth;
+  float width;
+  float depth;
   /** Metres. */
   float height;
   /** Kilograms. */
