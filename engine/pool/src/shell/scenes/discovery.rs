@@ -5,7 +5,8 @@ use std::time::{Duration, Instant};
 use swarmwright_mqtt::Event;
 use swarmwright_protocol::{Discovery, Message, ServerMessage, Topic};
 
-use super::SceneError::{self, Impossible};
+use super::SceneError;
+use super::SceneError::Impossible;
 use super::{GoOn, SceneEpisode};
 
 /// How often discovery is repeated.

@@ -6,7 +6,8 @@ use std::time::Instant;
 use swarmwright_mqtt::Event;
 use swarmwright_protocol::{DecodeError, Message, SensorReading, ToTool, Topic};
 
-use super::SceneError::{self, Impossible};
+use super::SceneError;
+use super::SceneError::Impossible;
 use super::{GoOn, News, SceneEpisode};
 
 /// More agents than this are a mistake of the server.
