@@ -154,14 +154,8 @@ fn objects<'a>(
     swarm: &'a Swarm<f32>,
 ) -> impl Iterator<Item = (Pose, Form, &'a str)> {
     let objects = &swarm.bodies.objects;
-    let all = objects.things.iter().zip(&objects.moving);
-    all.map(|(thing, moving)| {
-        let pose = Pose {
-            at: [moving.x.0, moving.y.0],
-            heading: moving.heading.0,
-        };
-        (pose, thing.form, place.objects[thing.kind].name.as_str())
-    })
+    let all = objects.things.iter().zip(objects.poses());
+    all.map(|(thing, pose)| (pose, thing.form, place.objects[thing.kind].name.as_str()))
 }
 
 /// Corners of an object.

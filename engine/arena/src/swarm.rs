@@ -314,6 +314,16 @@ impl<L: Lanes> Swarm<L> {
     }
 }
 
+impl Bodies<f32> {
+    /// Where robots are.
+    pub(super) fn poses(&self) -> impl Iterator<Item = Pose> + '_ {
+        (0..self.len()).map(|index| Pose {
+            at: [self.x[index].0, self.y[index].0],
+            heading: self.heading[index].0,
+        })
+    }
+}
+
 impl Swarm<f32> {
     /// What a drive aims at: velocity along the axes of the arena, m/s, and rotation, rad/s.
     pub(super) fn aim(&self, robot: usize) -> ([f32; 2], f32) {

@@ -17,6 +17,9 @@ from swarmwright.core.errors import InputError
 LIBRARIES = {"gymnasium": "Gymnasium", "pettingzoo": "PettingZoo", "vmas": "Vmas"}
 """Library, which is the adapter's module, too -> its class."""
 
+MISSIONS = "arena-"
+"""What the titles of the arena's missions in other simulators begin with."""
+
 _ENVIRONMENT = re.compile(rf"({'|'.join(LIBRARIES)}):([^\s?]+)(?:\?(\S*))?")
 _DEFINED = re.compile(r"(command|ros):\{")
 _CLASS = re.compile(r"(?:.*\.py|[^\W\d]\w*(?:\.[^\W\d]\w*)*):[^\W\d]\w*")

@@ -167,7 +167,8 @@ class Document(Options):
 
     simulation: str = Field(min_length=1)
     """Title of the simulation, as it is used in discovery. A title that is not built in needs a broker on
-    which a server offers it. Or a class in Python, path/to/file.py:Class (relative to this file) or
+    which a server offers it; `arena-NAME` are the arena's missions in the simulator NAME, with the arena's
+    parameters and sensors. Or a class in Python, path/to/file.py:Class (relative to this file) or
     package.module:Class, or an environment of Gymnasium or PettingZoo, gymnasium:CartPole-v1; servers of it
     are started here, too. Or a mapping: {command: ..}, any program that is run for each episode, or
     {ros: ..}, robots of a running ROS system."""

@@ -8,6 +8,7 @@ from typing import Any, NoReturn
 from swarmwright.core import yaml
 from swarmwright.core.errors import InputError
 from swarmwright.core.files import read_bytes
+from swarmwright.core.simulation_names import is_python
 from swarmwright.simulations import catalogue
 
 _LARGEST = 1 << 26  # bytes
@@ -97,8 +98,8 @@ def _read_yaml(path: Path) -> yaml.Source:
 
 def _objects(simulation: str, *, ask: bool) -> Iterator[tuple[str, bool]]:
     """Yield the names of parameters that are objects, each with whether it may be a name instead."""
-    known = catalogue.described_as if ask else catalogue.built_in
-    if known(simulation) is not None:
+    known = catalogue.built_in(simulation) is not None
+    if known or (ask and is_python(simulation) and catalogue.has_missions(simulation)):
         for name, parameter in catalogue.description(simulation)["parameters"].items():
             if parameter["type"] in ("object", "name or object"):
                 yield name, parameter["type"] != "object"

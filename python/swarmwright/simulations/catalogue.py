@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from swarmwright import _engine
 from swarmwright.core.errors import InputError, engine_errors
-from swarmwright.core.simulation_names import is_python
+from swarmwright.core.simulation_names import MISSIONS, is_python
 from swarmwright.simulations.parameters import filled_in
 
 if TYPE_CHECKING:
@@ -24,51 +24,6 @@ def titles() -> tuple[str, ...]:
     return tuple(_engine.simulations())
 
 
-def _simulated(name: str) -> Any:  # noqa: ANN401 - a class, as `_is_physics` says which
-    """Return the class of a simulation without missions. Raises InputError when it cannot be loaded."""
-    from swarmwright.simulations.loading import load
-
-    return load(name)
-
-
-def _is_physics(name: str) -> bool:
-    """Whether a class in Python moves the robots of missions.
-
-    Raises InputError when it cannot be loaded, or does not say what it has to.
-    """
-    from swarmwright.simulations.loading import load
-    from swarmwright.simulations.physics import Physics
-    from swarmwright.simulations.physics_host import check
-
-    kind = load(name)
-    if not issubclass(kind, Physics):
-        return False
-    check(kind)
-    return True
-
-
-def described_as(simulation: str) -> str | None:
-    """As `built_in`, also for classes in Python, which are imported: `arena` for a subclass of Physics.
-
-    Raises InputError for a class that cannot be loaded.
-    """
-    if is_python(simulation):
-        return ARENA if _is_physics(simulation) else None
-    return built_in(simulation)
-
-
-def _python_description(name: str) -> Any:  # noqa: ANN401 - a Description, whose module is imported when one is asked for
-
-    return _described(_simulated(name))  # the class may have changed when its file was edited
-
-
-@cache
-def _described(kind: Any) -> Any:  # noqa: ANN401 - as above
-    from swarmwright.simulations.host import Host
-
-    return Host(kind).description
-
-
 def built_in(simulation: str) -> str | None:
     """Return the built-in simulation whose parameters, sensors, actuators and metrics a simulation has.
 
@@ -76,7 +31,49 @@ def built_in(simulation: str) -> str | None:
     """
     if simulation in titles():
         return simulation
-    return ARENA if simulation.startswith(f"{ARENA}-") else None
+    return ARENA if simulation.startswith(MISSIONS) else None
+
+
+def has_missions(simulation: str) -> bool:
+    """Whether a class in Python moves the robots of the arena's missions.
+
+    Raises InputError when it cannot be loaded, or does not say what it has to.
+    """
+    from swarmwright.simulations.physics import Physics
+    from swarmwright.simulations.physics_host import check
+
+    kind = _load(simulation)
+    if not issubclass(kind, Physics):
+        return False
+    check(kind)
+    return True
+
+
+def _load(simulation: str) -> Any:  # noqa: ANN401 - a class, whose bases are imported when one is asked for
+    from swarmwright.simulations.loading import load
+
+    return load(simulation)
+
+
+def _engine_title(simulation: str) -> str | None:
+    """Return the title by which the engine knows a simulation; None for a class that describes itself.
+
+    Raises InputError for a class that cannot be loaded.
+    """
+    if is_python(simulation):
+        return ARENA if has_missions(simulation) else None
+    return built_in(simulation) or simulation
+
+
+def _python_description(name: str) -> Any:  # noqa: ANN401 - a Description, whose module is imported when one is asked for
+    return _described(_load(name))  # the class may have changed when its file was edited
+
+
+@cache
+def _described(kind: Any) -> Any:  # noqa: ANN401 - as above
+    from swarmwright.simulations.host import Host
+
+    return Host(kind).description
 
 
 def is_described(simulation: str) -> bool:
@@ -97,9 +94,8 @@ def playable(simulation: str) -> Any:  # noqa: ANN401 - as the engine takes it
     if not is_python(simulation):
         return simulation
     from swarmwright.simulations.hosts import hosted
-    from swarmwright.simulations.loading import load
 
-    return hosted(load(simulation))
+    return hosted(_load(simulation))
 
 
 def shown_as(simulation: str) -> Literal["scene", "picture"]:
@@ -107,11 +103,11 @@ def shown_as(simulation: str) -> Literal["scene", "picture"]:
 
     Raises InputError for a class that cannot be loaded, or has nothing to show.
     """
-    if not is_python(simulation) or _is_physics(simulation):
+    if not is_python(simulation) or has_missions(simulation):
         return "scene"
     from swarmwright.simulations.visualization import shown_as
 
-    return shown_as(_simulated(simulation))
+    return shown_as(_load(simulation))
 
 
 def drawing(simulation: str) -> "Host":
@@ -119,17 +115,16 @@ def drawing(simulation: str) -> "Host":
     from swarmwright.simulations.host import Host
     from swarmwright.simulations.visualization import drawing
 
-    return Host(drawing(_simulated(simulation)))
+    return Host(drawing(_load(simulation)))
 
 
 def title(simulation: str) -> str:
     """Return the title of a simulation in discovery. Raises InputError for a class that cannot be loaded."""
     if not is_python(simulation):
         return simulation
-    from swarmwright.simulations.loading import load
     from swarmwright.simulations.physics import Physics, title_of
 
-    kind = load(simulation)
+    kind = _load(simulation)
     return title_of(kind) if issubclass(kind, Physics) else str(_described(kind).title)
 
 
@@ -141,14 +136,14 @@ def description(simulation: str, parameters: dict[str, Any] | None = None) -> di
     unit, description).
     Raises InputError for a class that cannot be loaded, and for parameters that the simulation refuses.
     """
-    known = described_as(simulation)
-    if known is None and is_python(simulation):
+    known = _engine_title(simulation)
+    if known is None:
         plain: dict[str, Any] = _python_description(simulation).plain()
         return plain
-    announced = _announced(known or simulation)
+    announced = _announced(known)
     if announced["varies"] and parameters:
         with engine_errors():
-            announced = _engine.describe(known or simulation, parameters)
+            announced = _engine.describe(known, parameters)
     return {**announced, "title": title(simulation)}
 
 
@@ -174,16 +169,16 @@ def steers_itself(simulation: str, parameters: dict[str, Any]) -> bool:
     Raises InputError for parameters that the simulation refuses.
     """
     with engine_errors():
-        known = described_as(simulation)
-        if known is None and is_python(simulation):
+        known = _engine_title(simulation)
+        if known is None:
             from swarmwright.simulations.host import Host
 
-            host = Host(_simulated(simulation))
+            host = Host(_load(simulation))
             if host.steers_itself is not None:
                 return bool(host.steers_itself)
             acting, _, done = host.reset(parameters)
             return not len(acting) and not done
-        return _engine.steers_itself(known or simulation, parameters)
+        return _engine.steers_itself(known, parameters)
 
 
 def parameters_problem(simulation: str, parameters: dict[str, Any]) -> str | None:
@@ -191,12 +186,12 @@ def parameters_problem(simulation: str, parameters: dict[str, Any]) -> str | Non
     if not _is_finite(parameters):
         return "a number is not finite; .inf and .nan cannot be sent to a simulation"
     try:
-        known = described_as(simulation)
-        if known is None and is_python(simulation):
+        known = _engine_title(simulation)
+        if known is None:
             filled_in(_python_description(simulation).parameters, parameters)
             return None
         with engine_errors():
-            _engine.check_parameters(known or simulation, parameters)
+            _engine.check_parameters(known, parameters)
     except InputError as error:
         return str(error)
     return None

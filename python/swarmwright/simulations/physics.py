@@ -9,8 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-PREFIX = "arena-"
-"""What the names of missions in other simulators begin with."""
+from swarmwright.core.simulation_names import MISSIONS
 
 
 @dataclass(frozen=True)
@@ -222,4 +221,4 @@ class Physics(ABC):
 
 def title_of(kind: type[Physics]) -> str:
     """Return the name of a class in discovery."""
-    return kind.title or f"{PREFIX}{kind.__name__.lower()}"
+    return kind.title or f"{MISSIONS}{kind.__name__.lower()}"

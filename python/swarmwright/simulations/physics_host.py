@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.core.errors import InputError
+from swarmwright.core.simulation_names import MISSIONS
 from swarmwright.simulations.calls import Calls, check_methods, short
 from swarmwright.simulations.description import check_determinism
 from swarmwright.simulations.physics import (
-    PREFIX,
     Light,
     Patch,
     Physics,
@@ -29,8 +29,8 @@ _NEEDS = "a simulator of missions needs start, step and poses"
 def check(kind: type[Physics]) -> None:
     """Raise InputError where a class has another name than one of missions, or lacks methods."""
     title = title_of(kind)
-    if not str(title).startswith(PREFIX):
-        raise InputError(f"{kind.__name__}.title: {short(title)} found, expected {PREFIX}NAME")
+    if not str(title).startswith(MISSIONS):
+        raise InputError(f"{kind.__name__}.title: {short(title)} found, expected {MISSIONS}NAME")
     check_methods(kind, _NEEDS)
 
 

@@ -306,6 +306,14 @@ impl<L: Lanes> Objects<L> {
 }
 
 impl Objects<f32> {
+    /// Where they are.
+    pub(super) fn poses(&self) -> impl Iterator<Item = Pose> + '_ {
+        self.moving.iter().map(|moving| Pose {
+            at: [moving.x.0, moving.y.0],
+            heading: moving.heading.0,
+        })
+    }
+
     /// All are elsewhere.
     pub(super) fn put(&mut self, poses: impl Iterator<Item = Pose>) {
         for (moving, pose) in self.moving.iter_mut().zip(poses) {

@@ -8,7 +8,6 @@ use swarmwright_simulation::{
     Description, Determinism, ParameterError, ParameterInfo, Parameters, Scene, Simulation, fail,
 };
 
-use super::world::half_turns;
 use super::{Motion, Physics, Pose, Start, World};
 use crate::robot::TICK;
 use crate::start::Pose as At;
@@ -73,27 +72,34 @@ impl PhysicsSimulation {
                 }
             }
         }
-        let mut measured = false;
-        if let Some(world) = self.world.as_ref().filter(|world| world.most_rays() > 0) {
-            let most = world.most_rays();
-            self.rays.resize(world.robots.len() * most, 0.0);
-            for (index, distances) in self.rays.chunks_exact_mut(most).enumerate() {
-                let count = world.models[world.robots[index] as usize].rays.len();
-                let given = self.physics.rays(index, &mut distances[..count]);
-                if given && distances[..count].iter().any(|distance| distance.is_nan()) {
-                    fail(format!(
-                        "{}: a ray of robot {index} is NaN",
-                        self.kind.title
-                    ));
-                }
-                measured = given;
-                if !given {
-                    break;
-                }
+        let rays = if self.measure() { &self.rays[..] } else { &[] };
+        self.arena.look(&self.robots, &self.objects, rays);
+    }
+
+    /// Asks the simulator for all rays; whether it has some.
+    fn measure(&mut self) -> bool {
+        let Some(world) = &self.world else {
+            return false;
+        };
+        let most = world.most_rays();
+        self.rays.resize(world.robots.len() * most, 0.0);
+        if self.rays.is_empty() {
+            return false;
+        }
+        for (index, distances) in self.rays.chunks_exact_mut(most).enumerate() {
+            let count = world.models[world.robots[index] as usize].rays.len();
+            let distances = &mut distances[..count];
+            if !self.physics.rays(index, distances) {
+                return false;
+            }
+            if distances.iter().any(|distance| distance.is_nan()) {
+                fail(format!(
+                    "{}: a ray of robot {index} is NaN",
+                    self.kind.title
+                ));
             }
         }
-        let rays = if measured { &self.rays[..] } else { &[] };
-        self.arena.look(&self.robots, &self.objects, rays);
+        true
     }
 
     fn describe(kind: &PhysicsKind, settings: &settings::Settings) -> Description {
@@ -142,8 +148,14 @@ impl Arena {
     }
 }
 
-/// A pose at the start, for the simulator.
-fn radians(pose: &At) -> Pose {
+/// Radians in half turns, -1..=1.
+fn half_turns(radians: f32) -> f32 {
+    let turns = radians / PI;
+    turns - 2.0 * (turns / 2.0).round()
+}
+
+/// A pose for the simulator.
+fn radians(pose: At) -> Pose {
     Pose {
         x: pose.at[0],
         y: pose.at[1],
@@ -185,10 +197,9 @@ impl Simulation for PhysicsSimulation {
 
     fn reset(&mut self, parameters: &Parameters) -> Result<(), ParameterError> {
         self.arena.reset(parameters)?;
-        let settings = &self.arena.settings;
-        let starts = settings.starts()?;
-        self.robots = starts.robots.iter().map(radians).collect();
-        self.objects = starts.objects.iter().map(radians).collect();
+        let (settings, bodies) = (&self.arena.settings, &self.arena.swarm.bodies);
+        self.robots = bodies.poses().map(radians).collect();
+        self.objects = bodies.objects.poses().map(radians).collect();
         let world = World::new(settings);
         let before = self.world.take();
         let start = Start {

@@ -1,6 +1,6 @@
 //! What a simulator is to build for a mission.
 
-use std::f32::consts::{PI, TAU};
+use std::f32::consts::TAU;
 
 use crate::objects::Form;
 use crate::place::{Place, Shape};
@@ -204,10 +204,4 @@ fn model(robot: &Robot) -> RobotModel {
         ray_start: start,
         ray_range: range,
     }
-}
-
-/// Radians in half turns, -1..=1.
-pub(super) fn half_turns(radians: f32) -> f32 {
-    let turns = radians / PI;
-    turns - 2.0 * (turns / 2.0).round()
 }
