@@ -13,6 +13,7 @@ from swarmwright.broker.credentials import prepare
 from swarmwright.broker.waiting import patiently
 from swarmwright.core.engine_types import Faults, Requirements, Timeouts
 from swarmwright.core.errors import InputError, RunError, engine_errors
+from swarmwright.core.notebook import in_notebook
 from swarmwright.core.simulation_names import LIBRARIES, is_command, is_python
 from swarmwright.core.suggestions import did_you_mean, unknown
 from swarmwright.evaluation.base import HERE, Backend, Servers, metrics_of
@@ -136,7 +137,7 @@ def in_process_is_better(experiment: Experiment) -> bool:
     A notebook has no terminal for servers' output, and its cells are run repeatedly.
     """
     asked = experiment.mode != "auto" or not catalogue.is_here(experiment.simulation)
-    alone = "ipykernel" in sys.modules or experiment.simulation.startswith("__main__:")
+    alone = in_notebook() or experiment.simulation.startswith("__main__:")
     return alone and not asked
 
 

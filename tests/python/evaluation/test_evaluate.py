@@ -3,7 +3,7 @@
 import sys
 import time
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -104,10 +104,10 @@ def test_a_controller_of_another_size() -> None:
 def test_automatic_servers_in_a_notebook_are_none(
     monkeypatch: pytest.MonkeyPatch, notebook: bool, mode: str, here: bool
 ) -> None:
-    if notebook:
-        monkeypatch.setitem(sys.modules, "ipykernel", ModuleType("ipykernel"))
-    else:
-        monkeypatch.delitem(sys.modules, "ipykernel", raising=False)
+    # A program that imports the package, as this one's other tests may have, is no notebook.
+    monkeypatch.setitem(sys.modules, "ipykernel", ModuleType("ipykernel"))
+    shell = SimpleNamespace(kernel=None) if notebook else None
+    monkeypatch.setitem(sys.modules, "IPython", SimpleNamespace(get_ipython=lambda: shell))
     experiment = MINISIM.replace(servers="auto", mode=mode)
     with open_backend(experiment) as backend:
         assert (backend.description == "in this process") is here
