@@ -11,6 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmwright.core.correlation import doubled_midranks
+
 Values = NDArray[np.float64]
 
 _EXACT = 60
@@ -81,14 +83,6 @@ def _rank_sums(ranks: NDArray[np.int64], size: int) -> Values:
         counts[1:, rank:] += counts[:-1, : counts.shape[1] - rank].copy()
     sums: Values = counts[size]
     return sums
-
-
-def doubled_midranks(values: Values) -> NDArray[np.int64]:
-    """Return twice the rank of each value, from 1; equal ones share the mean of theirs."""
-    ordered = np.sort(values)
-    low = np.searchsorted(ordered, values, side="left")
-    high = np.searchsorted(ordered, values, side="right")
-    return (low + high + 1).astype(np.int64)
 
 
 def _shift(one: Values, two: Values) -> tuple[float, tuple[float, float] | None]:

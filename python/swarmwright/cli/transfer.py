@@ -122,10 +122,10 @@ def command(
     (Mann-Whitney, with the effect's size).
     """
     from swarmwright import transfer
-    from swarmwright.analysis.transfer.ranges import Range
     from swarmwright.analysis.transfer.result import check_table
     from swarmwright.cli._comparison import run_folders
     from swarmwright.cli._progress import episodes
+    from swarmwright.experiment.ranges import Range
     from swarmwright.figures import style
 
     output = Output(as_json=as_json)

@@ -9,7 +9,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from swarmwright.analysis.transfer.result import Transfer, Transferred
+    from swarmwright.analysis.transfer.result import Transfer
+    from swarmwright.runs.transfer.transferred import Transferred
 
 _LABEL = 34
 """Characters in a line of the legend."""

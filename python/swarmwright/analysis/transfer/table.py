@@ -10,9 +10,10 @@ from swarmwright.core.formatting import p_value
 from swarmwright.core.untrusted import one_line
 
 if TYPE_CHECKING:
-    from swarmwright.analysis.transfer.correlation import Correlation
-    from swarmwright.analysis.transfer.result import Transfer, Transferred
+    from swarmwright.analysis.transfer.result import Transfer
+    from swarmwright.core.correlation import Correlation
     from swarmwright.core.statistics import Estimate
+    from swarmwright.runs.transfer.transferred import Transferred
 
 _CANDIDATES = 15
 """Most candidates of a run that are printed; the plain values and the table of episodes have all."""

@@ -1,29 +1,22 @@
-"""Evaluation of candidates in the run's own simulation and in others."""
+"""Candidates of runs in other simulations, and what they lose there."""
 
 import math
 import os
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from swarmwright.analysis.groups import RunGroup, group
-from swarmwright.analysis.transfer.ranges import E_PUCKS, Range, ranges_of, require_e_pucks
-from swarmwright.analysis.transfer.result import Candidate, Transfer, Transferred
-from swarmwright.analysis.transfer.targets import Target, targets_of
-from swarmwright.core.errors import InputError, RunError
-from swarmwright.core.random_numbers import Streams
+from swarmwright.analysis.transfer.result import Transfer
+from swarmwright.core.errors import InputError
 from swarmwright.evaluation.base import Progress, Servers
-from swarmwright.evaluation.opening import open_backend, require_here
-from swarmwright.experiment.experiment import Experiment
+from swarmwright.experiment.ranges import E_PUCKS, Range, ranges_of, require_e_pucks
+from swarmwright.experiment.targets import Target, targets_of
 from swarmwright.runs.code import used_for
-from swarmwright.runs.post_evaluation import evaluated, unseen_seeds
+from swarmwright.runs.post_evaluation import unseen_seeds
 from swarmwright.runs.run import Run
+from swarmwright.runs.transfer.evaluation import Plan, Work
+from swarmwright.runs.transfer.transferred import Transferred
 from swarmwright.runs.validation import leading
-from swarmwright.simulations import catalogue
-from swarmwright.typing import Genomes
 
 CANDIDATES, SEEDS = 10, 30
 """Unless other numbers are given."""
@@ -89,133 +82,27 @@ def transfer(
     used = set[int]().union(*(run.store.used_seeds() for run in kept))
     first = min(run.experiment.first_seed for run in kept)
     episodes = unseen_seeds(first, used if seed is None else set(), seeds, seed)
-    work = _Work(episodes, broker, servers, on_progress)
-    plans = [_Plan.of(run, targets, candidates, random, seeds) for run in kept]
+    plans = [_plan(run, targets, candidates, random, seeds) for run in kept]
     for plan in plans:
         plan.check(broker)
-    work.total = sum(plan.episodes(seeds) for plan in plans)
-    found = [one for plan in plans for one in work.of(plan)]
+    work = Work(episodes, broker, servers, on_progress, sum(plan.episodes(seeds) for plan in plans))
+    found = [one for run, plan in zip(kept, plans, strict=True) for one in _of(run, plan, work)]
     names = tuple(target.name for target in targets)
     return Transfer(tuple(episodes), names, tuple(found), tuple(groups), (*notes, *_cautions(groups, found)))
 
 
-@dataclass(frozen=True)
-class _Plan:
-    """What is evaluated of one run."""
-
-    run: Run
-    experiment: Experiment
-    targets: list[tuple[Target, list[Experiment]]]
-    """Each with the experiment of all its episodes, or with one for each."""
-    candidates: tuple[Candidate, ...]
-    genomes: Genomes
-
-    @classmethod
-    def of(cls, run: Run, targets: Sequence[Target], candidates: int, random: int, seeds: int) -> "_Plan":
-        """Choose candidates and change experiments, before anything is evaluated."""
-        best = leading(run.experiment, run.store, candidates)
-        experiment = used_for(run, best[0].generation)
-        chosen = [Candidate(one.generation, one.candidate, one.fitness) for one in best]
-        genomes = [np.stack([one.genome for one in best])]
-        if random:
-            streams = Streams(run.experiment.seed, "transfer", 0, list(range(random)))
-            genomes.append(run.experiment.representation().initials(streams))
-            chosen += [Candidate(None, index, None) for index in range(random)]
-        changed = [(target, target.experiments(experiment, seeds)) for target in targets]
-        return cls(run, experiment, changed, tuple(chosen), np.concatenate(genomes).astype(np.float32))
-
-    def check(self, broker: str | None) -> None:
-        """Raise InputError where a target has no place, or controllers do not fit it."""
-        for target, experiments in self.targets:
-            there = experiments[0]
-            if broker is None and there.broker is None and not catalogue.is_here(there.simulation):
-                try:
-                    require_here(there)
-                except InputError as error:
-                    raise InputError(f"{target.name}: {error}") from error
-            _check_sizes(target, there, self.experiment)
-
-    def episodes(self, seeds: int) -> int:
-        """How many are evaluated."""
-        return (1 + len(self.targets)) * len(self.candidates) * seeds
+def _plan(run: Run, targets: Sequence[Target], candidates: int, random: int, seeds: int) -> Plan:
+    best = leading(run.experiment, run.store, candidates)
+    return Plan.of(used_for(run, best[0].generation), best, targets, random=random, seeds=seeds)
 
 
-def _check_sizes(target: Target, there: Experiment, here: Experiment) -> None:
-    """Raise InputError where it is known that controllers do not fit."""
-    sizes = [(one.sensors, one.actuators) for one in (here, there)]
-    if here.steers and None not in (*sizes[0], *sizes[1]) and sizes[0] != sizes[1]:
-        named = (f"{sensors} sensors and {actuators} actuators" for sensors, actuators in sizes)
-        raise InputError(
-            "{target}: the run's controllers have {}, agents of {label} have {}".format(
-                *named, target=target.name, label=there.label
-            )
-        )
-
-
-class _Work:
-    """Evaluations, one after the other, with progress of all."""
-
-    def __init__(
-        self,
-        seeds: Sequence[int],
-        broker: str | None,
-        servers: Servers | None,
-        on_progress: Progress | None,
-    ) -> None:
-        self._seeds, self._broker, self._servers = seeds, broker, servers
-        self._on_progress = on_progress
-        self._done = 0
-        self.total = 0
-
-    def of(self, plan: _Plan) -> list[Transferred]:
-        """Evaluate the candidates of a run in its own simulation and in all targets."""
-        source = self._fitness(plan.experiment, plan.genomes, self._seeds)
-        ranking = plan.experiment.new_ranking()
-        found = []
-        for target, experiments in plan.targets:
-            try:
-                there = self._there(plan, target, experiments)
-            except (InputError, RunError) as error:
-                raise type(error)(f"{target.name}: {error}") from error
-            found.append(Transferred(plan.run, target.name, plan.candidates, source, there, ranking))
-        return found
-
-    def _there(self, plan: _Plan, target: Target, experiments: Sequence[Experiment]) -> NDArray[np.float64]:
-        placed = target.places
-        if len(experiments) == 1:
-            return self._fitness(experiments[0], plan.genomes, self._seeds, placed=placed)
-        columns = [
-            self._fitness(experiment, plan.genomes, [seed], placed=placed, may_fail=True)
-            for experiment, seed in zip(experiments, self._seeds, strict=True)
-        ]
-        found = np.concatenate(columns, axis=1)
-        if not np.isfinite(found).any():
-            raise RunError("every episode failed; `swarmwright evaluate RUN --episodes 1 --set ..` says why")
-        return found
-
-    def _fitness(
-        self,
-        experiment: Experiment,
-        genomes: Genomes,
-        seeds: Sequence[int],
-        *,
-        placed: bool = False,
-        may_fail: bool = False,
-    ) -> NDArray[np.float64]:
-        """Return the fitness of episodes, (candidates, seeds); placed: where the experiment itself says."""
-        before, count = self._done, len(genomes) * len(seeds)
-
-        def on_progress(done: int, _: int, waiting_for: str) -> None:
-            if self._on_progress is not None:
-                self._on_progress(before + done, self.total, waiting_for)
-
-        broker, servers = (None, None) if placed else (self._broker, self._servers)
-        if experiment.broker is None and catalogue.is_here(experiment.simulation):
-            broker = None
-        with open_backend(experiment, broker=broker, servers=servers, most=count) as backend:
-            results = evaluated(experiment, backend, genomes, seeds, on_progress, may_fail=may_fail)
-        self._done += count
-        return results.fitness + 0.0
+def _of(run: Run, plan: Plan, work: Work) -> Iterator[Transferred]:
+    """Evaluate the candidates of a run in its own simulation and in all targets."""
+    source = work.here(plan)
+    ranking = plan.experiment.new_ranking()
+    for target, experiments in plan.targets:
+        there = work.there(plan, target, experiments)
+        yield Transferred(run, target.name, plan.candidates, source, there, ranking)
 
 
 def _cautions(groups: Sequence[RunGroup], found: Sequence[Transferred]) -> Iterable[str]:

@@ -4,11 +4,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from swarmwright.analysis.transfer.ranges import Range, robot_of
 from swarmwright.core.errors import InputError
 from swarmwright.core.random_numbers import Stream
 from swarmwright.core.yaml import dotted_path, read
 from swarmwright.experiment.experiment import ELSEWHERE, Experiment
+from swarmwright.experiment.ranges import Range, robot_of
 from swarmwright.simulations import catalogue
 
 CHANGED = ELSEWHERE - {"validate"} | {"simulation", "parameters", "sensors", "actuators", "fitness"}
@@ -95,6 +95,15 @@ class PseudoReality:
 
 
 Target = OtherSimulation | PseudoReality
+
+
+def unfit(name: str, there: Experiment, here: Experiment) -> str | None:
+    """Return why controllers of `here` do not fit, None where they do or that is not known."""
+    sizes = [(one.sensors, one.actuators) for one in (here, there)]
+    if not here.steers or None in (*sizes[0], *sizes[1]) or sizes[0] == sizes[1]:
+        return None
+    own, others = (f"{sensors} sensors and {actuators} actuators" for sensors, actuators in sizes)
+    return f"{name}: the run's controllers have {own}, agents of {there.label} have {others}"
 
 
 def targets_of(to: Iterable[str], ranges: Sequence[Range]) -> list[Target]:

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmwright import Experiment, InputError
-from swarmwright.analysis.transfer.ranges import E_PUCKS, Range, ranges_of, require_e_pucks
-from swarmwright.analysis.transfer.targets import OtherSimulation, PseudoReality, targets_of
+from swarmwright.experiment.ranges import E_PUCKS, Range, ranges_of, require_e_pucks
+from swarmwright.experiment.targets import OtherSimulation, PseudoReality, targets_of
 
 EXPERIMENT = Experiment.from_mapping(
     {"simulation": "minisim", "parameters": {"speedDefenders": 0.5}, "servers": "local"}

@@ -5,8 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-
-from swarmwright.analysis.significance import doubled_midranks
+from numpy.typing import NDArray
 
 _LEAST = 4
 """Candidates from which on there is an interval of a rank correlation."""
@@ -43,3 +42,11 @@ def rank_correlation(source: Sequence[float], target: Sequence[float]) -> Correl
     reach = _Z * math.sqrt((1 + rho**2 / 2) / (len(pairs) - 3))
     middle = math.atanh(rho)
     return Correlation(rho, math.tanh(middle - reach), math.tanh(middle + reach), len(pairs))
+
+
+def doubled_midranks(values: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return twice the rank of each value, from 1; equal ones share the mean of theirs."""
+    ordered = np.sort(values)
+    low = np.searchsorted(ordered, values, side="left")
+    high = np.searchsorted(ordered, values, side="right")
+    return (low + high + 1).astype(np.int64)
