@@ -9,6 +9,7 @@ from functools import cached_property
 from typing import Any, Literal, Self
 
 from swarmwright.core.errors import InputError
+from swarmwright.core.simulation_names import SimulationName
 
 BEHAVIOURS = ("exploration", "stop", "phototaxis", "anti_phototaxis", "attraction", "repulsion")
 """In the order of their numbers."""
@@ -57,15 +58,31 @@ class Module:
 
     name: str
     parameters: Mapping[str, Range]
+    file: str = ""
+    """Of a class that is named by its file: what this is called, without its folder."""
+    sha256: str = ""
+    """Of that file and of what it imports, in hexadecimal."""
 
     @property
     def built_in(self) -> bool:
         """Whether it is one of the engine's."""
-        return self.name in BEHAVIOURS or self.name in CONDITIONS
+        return not self.file and (self.name in BEHAVIOURS or self.name in CONDITIONS)
 
     def as_mapping(self) -> dict[str, Any]:
         """Return it as specifications hold it."""
-        return {"name": self.name, "parameters": {name: list(one) for name, one in self.parameters.items()}}
+        code = {"file": self.file, "sha256": self.sha256} if self.file else {}
+        ranges = {name: list(one) for name, one in self.parameters.items()}
+        return {"name": self.name, **code, "parameters": ranges}
+
+
+def label_of(name: str) -> str:
+    """Return what a module is called that an experiment names: its class, where a file stands before it."""
+    return SimulationName.parse(name).member if is_in_file(name) else name
+
+
+def is_in_file(name: str) -> bool:
+    """Return whether an experiment names a module by its file: `path/to/file.py:Class`."""
+    return SimulationName.parse(name).file is not None
 
 
 def built_in(name: str) -> Module:
@@ -131,7 +148,7 @@ class Catalogue:
 
 def _module(entry: Mapping[str, Any]) -> Module:
     ranges = {name: (low, high, bool(whole)) for name, (low, high, whole) in entry["parameters"].items()}
-    return Module(str(entry["name"]), ranges)
+    return Module(str(entry["name"]), ranges, str(entry.get("file", "")), str(entry.get("sha256", "")))
 
 
 def _own_places(modules: Sequence[Module]) -> int:

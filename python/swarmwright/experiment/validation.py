@@ -4,12 +4,14 @@ import math
 import re
 from collections.abc import Callable, Iterator, Mapping
 from difflib import get_close_matches
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
 from swarmwright.core.errors import InputError, SwarmwrightError
+from swarmwright.core.modules import is_in_file
 from swarmwright.core.options import Options
 from swarmwright.core.problems import MISSING, problems_of, shown
 from swarmwright.core.registry import Registry
@@ -29,6 +31,7 @@ from swarmwright.representations.parameter_set import ParameterSetOptions
 from swarmwright.simulations import catalogue
 from swarmwright.simulations.names import absolute, of_run
 from swarmwright.store import FILE
+from swarmwright.user_code import permission
 
 Report = Callable[[Path_, str], None]
 """Takes a problem: where, what."""
@@ -62,7 +65,8 @@ def check(source: Source, *, ask: bool = True, folder: Path | None = None) -> Ch
         here = _with_simulation(values, folder or _folder(source, ("simulation",)), report, ask=ask)
         values, files = _with_files(source, values, report, ask=here)
         values = _with_controllers(source, values, report)
-        checked = _check_values(values, here, _in_files(files, report))
+        values = _with_modules(source, values, folder, report)
+        checked = _check_values(values, here, _in_files(files, report), ask=ask)
         if ask and checked.get("method") is not None:  # a run can be read without
             missing = REGISTRIES["method"].get(checked["method"].kind).missing()
             if missing is not None:
@@ -156,6 +160,35 @@ def _with_controllers(source: Source, values: dict[str, Any], report: Report) ->
         return {**values, "start_from": None}
 
 
+def _with_modules(
+    source: Source, values: dict[str, Any], folder: Path | None, report: Report
+) -> dict[str, Any]:
+    """Return the values with absolute paths of files in which behaviours and conditions are."""
+    controller = values.get("controller")
+    if not isinstance(controller, Mapping) or controller.get("kind") != "modules":
+        return values
+    controller = dict(controller)
+    for key in ("behaviours", "conditions"):
+        names = controller.get(key)
+        if isinstance(names, list | tuple):
+            here = folder or _folder(source, ("controller", key))
+            controller[key] = [_module(one, here, partial(report, ("controller", key))) for one in names]
+    return {**values, "controller": controller}
+
+
+def _module(name: Any, folder: Path, report: Callable[[str], None]) -> Any:  # noqa: ANN401 - any value of a file
+    if not isinstance(name, str) or not is_in_file(name):
+        return name
+    if not (folder / FILE).exists():
+        return absolute(name, folder)
+    found = of_run(name, folder)
+    try:
+        permission.require_file(found)
+    except InputError as error:
+        report(str(error))
+    return found
+
+
 def _check_start(checked: Checked, representation: Representation | None, report: Report) -> None:
     """Check that the controllers that evolution starts from fit the experiment's, and the method."""
     start_from, method = checked.get("start_from"), checked.get("method")
@@ -171,7 +204,7 @@ def _check_start(checked: Checked, representation: Representation | None, report
         report(("start_from",), problem)
 
 
-def _check_values(values: dict[str, Any], here: bool, report: Report) -> Checked:
+def _check_values(values: dict[str, Any], here: bool, report: Report, *, ask: bool) -> Checked:
     checked: Checked = {}
     try:
         document = Document.model_validate(values)
@@ -184,7 +217,7 @@ def _check_values(values: dict[str, Any], here: bool, report: Report) -> Checked
     for name, registry in REGISTRIES.items():
         section = values.get(name, {})
         if isinstance(section, Mapping):
-            checked[name] = _check_section(name, dict(section), registry, report)
+            checked[name] = _check_section(name, dict(section), registry, report, ask=ask)
     _check_reevaluation(checked, report)
     _check_validation(checked, report)
     parameters = values.get("parameters", {})
@@ -192,7 +225,8 @@ def _check_values(values: dict[str, Any], here: bool, report: Report) -> Checked
         _check_parameters(values["simulation"] if here else None, dict(parameters), report)
     if "simulation" in checked:
         _fill_in(checked, here, report)
-        representation = _check_representation(checked, report)
+        reads_code = not ask and getattr(checked.get("controller"), "in_files", False)
+        representation = None if reads_code else _check_representation(checked, report)
         _check_method(checked, representation, report)
         _check_evolved(checked, here, report)
         if here and is_command(checked["simulation"]):
@@ -215,7 +249,7 @@ def _right_form(path: Path_, values: Mapping[str, Any]) -> str:
 
 
 def _check_section(
-    name: str, section: dict[str, Any], registry: Registry[Any], report: Report
+    name: str, section: dict[str, Any], registry: Registry[Any], report: Report, *, ask: bool
 ) -> Options | None:
     kind = section.get("kind", DEFAULT_KINDS[name])
     if not isinstance(kind, str):
@@ -227,7 +261,7 @@ def _check_section(
         report((name, "kind"), str(error))
         return None
     try:
-        return model.model_validate(section)
+        return model.model_validate(section, context={"ask": ask})
     except ValidationError as error:
         for path, message in problems_of(error, model, (name,)):
             report(_as_written(path, message, {name: section}), message)

@@ -25,6 +25,9 @@ class Machine(Exporter):
 
     form: ClassVar[str] = "machine"
 
+    _known: modules.Catalogue | None = None
+    """Modules of what was written."""
+
     def files(self, subject: Subject, prefix: str) -> Files:
         """Return the machine and its drawings."""
         if not modules.is_modules(subject.specification):
@@ -33,6 +36,7 @@ class Machine(Exporter):
                 "only modules is"
             )
         specification = subject.specification
+        self._known = modules.Catalogue.of(specification)
         states = modules.states_of(specification)
         text = "\n".join(f"# {line}" for line in modules.controller_text(specification).splitlines())
         content = _tree_yaml(states) if modules.is_tree(specification) else _yaml(states)
@@ -50,7 +54,7 @@ class Machine(Exporter):
         values = read(folder / f"{prefix}.yaml").values
         tree = "subtrees" in values
         most = 1 if tree else modules.MOST_TRANSITIONS
-        catalogue = _catalogue(values)
+        catalogue = _catalogue(values) if self._known is None else self._known
         if tree:
             states = modules.subtrees_from(values, modules.MOST_SUBTREES, catalogue)
         else:

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.core import modules
-from swarmwright.core.errors import InputError, RunError
+from swarmwright.core.errors import RunError
 from swarmwright.core.tracebacks import is_installed, shown
 from swarmwright.modules._base import Behaviour, Condition, Numbers, Parameters, RandomNumbers, Senses, pcg4d
 from swarmwright.modules._built_in import below
-from swarmwright.modules._registered import BEHAVIOURS, CONDITIONS, module, place_of
+from swarmwright.modules._registered import implementation, place_of
 
 _UNIT = np.float32(2.0**-24)
 Rows = NDArray[np.int64]
@@ -25,20 +25,17 @@ class Swarm:
         architecture: of the kind `python_modules`.
         weights: (machines, weights).
 
-    Raises InputError when a module is not installed, or has other parameters than when it was designed with.
+    Raises InputError when a module is not here, or has other parameters than when it was designed with.
     """
 
     def __init__(self, architecture: Mapping[str, Any], weights: Numbers) -> None:
         catalogue = modules.Catalogue.of(architecture)
-        for what, parts in (("behaviour", catalogue.behaviours), ("condition", catalogue.conditions)):
-            for part in parts:
-                if module(what, part.name) != part:
-                    raise InputError(
-                        f"{what} {part.name!r}: has other parameters, or other ranges of these, than when "
-                        "this controller was designed; use the version of that time"
-                    )
-        self._behaviours: list[Behaviour] = [BEHAVIOURS.get(one.name)() for one in catalogue.behaviours]
-        self._conditions: list[Condition] = [CONDITIONS.get(one.name)() for one in catalogue.conditions]
+        self._behaviours: list[Behaviour] = [
+            implementation("behaviour", one)() for one in catalogue.behaviours
+        ]
+        self._conditions: list[Condition] = [
+            implementation("condition", one)() for one in catalogue.conditions
+        ]
         self._behaviour_places = list(catalogue.behaviour_places.items())
         self._condition_places = list(catalogue.condition_places.items())
         self._tree = modules.is_tree(architecture)

@@ -1,15 +1,20 @@
-"""Behaviours and conditions by their names: the engine's, and those of installed packages."""
+"""Behaviours and conditions by their names: the engine's, those of installed packages, and those in files."""
 
 import inspect
 import math
 from collections.abc import Mapping
 from functools import cache
+from importlib import import_module
+from pathlib import Path
+from typing import Any, Literal, overload
 
 import numpy as np
 
 from swarmwright.core import modules
 from swarmwright.core.errors import InputError
 from swarmwright.core.registry import Registry
+from swarmwright.core.simulation_names import SimulationName
+from swarmwright.core.suggestions import did_you_mean
 from swarmwright.core.tracebacks import shown
 from swarmwright.modules._base import Behaviour, Condition, Parameter
 
@@ -53,16 +58,112 @@ REGISTRIES: Mapping[str, Registry[Behaviour] | Registry[Condition]] = {
 }
 
 
-@cache
+Kind = type[Behaviour] | type[Condition]
+_in_files: dict[tuple[str, str, str], tuple[Kind, modules.Module]] = {}
+"""What, class, SHA-256 -> what was imported from files."""
+
+
 def module(what: str, name: str) -> modules.Module:
     """Return what is known of a behaviour or a condition.
 
-    what: behaviour or condition. Raises InputError for an unknown one, and one that is not right.
+    Args:
+        what: behaviour or condition.
+        name: a registered one, or `path/to/file.py:Class`, whose file is imported.
+
+    Raises InputError for an unknown one, and one that is not right.
     """
+    return _from_file(what, name) if modules.is_in_file(name) else _by_name(what, name)
+
+
+@overload
+def implementation(what: Literal["behaviour"], known: modules.Module) -> type[Behaviour]: ...
+
+
+@overload
+def implementation(what: Literal["condition"], known: modules.Module) -> type[Condition]: ...
+
+
+def implementation(what: str, known: modules.Module) -> Kind:
+    """Return the class of a behaviour or a condition of a specification.
+
+    Raises InputError where it is not installed, its file was not imported, or it has other parameters.
+    """
+    if known.file:
+        found = _in_files.get((what, known.name, known.sha256))
+        if found is None:
+            raise InputError(
+                f"{what} {known.name!r}: its code, {known.file} (SHA-256 {known.sha256[:16]}..), is not "
+                "known here; load the controller from its run folder, or from a file beside that code "
+                "(Controller.load)"
+            )
+        kind, there = found
+    else:
+        there, kind = _by_name(what, known.name), REGISTRIES[what].get(known.name)
+    if there != known:
+        raise InputError(
+            f"{what} {known.name!r}: has other parameters, or other ranges of these, than when this "
+            "controller was designed; use the version of that time"
+        )
+    return kind
+
+
+def find(specification: Mapping[str, Any], folder: Path) -> None:
+    """Import the code of modules that a controller in a folder names by their files.
+
+    It lies beside the controller, or in the folder's copies where that is a run's; only code with the SHA-256
+    that the controller knows is imported. Raises InputError for code that is not trusted.
+    """
+    catalogue = modules.Catalogue.of(specification)
+    for what, parts in (("behaviour", catalogue.behaviours), ("condition", catalogue.conditions)):
+        for one in parts:
+            if one.file and (what, one.name, one.sha256) not in _in_files:
+                path = _loading().file_with(folder, one.file, one.sha256)
+                if path is not None:
+                    _from_file(what, f"{path}:{one.name}")
+
+
+def _loading() -> Any:  # noqa: ANN401 - a module
+    # By name, as plug-ins are: what imports the code of users is above this package.
+    return import_module("swarmwright.simulations.loading")
+
+
+def _from_file(what: str, name: str) -> modules.Module:
+    parsed = SimulationName.parse(name)
+    assert parsed.file is not None
+    code, sha256 = _loading().code_in(parsed.file)
+    found = getattr(code, parsed.member, None)
+    base = Behaviour if what == "behaviour" else Condition
+    if not (isinstance(found, type) and issubclass(found, base)):
+        file = shown(str(parsed.file))
+        if found is not None:
+            raise InputError(
+                f"{file}: {parsed.member} is not a subclass of swarmwright.modules.{base.__name__}"
+            )
+        classes = [
+            key
+            for key, value in vars(code).items()
+            if isinstance(value, type) and issubclass(value, base) and value is not base
+        ]
+        there = f"there is: {', '.join(classes)}" if classes else f"no {what} is there"
+        raise InputError(
+            f"{file}: has no class {parsed.member!r}{did_you_mean(parsed.member, classes) or ';'} {there}"
+        )
+    label = parsed.member
+    made = modules.Module(label, _ranges(what, label, found), parsed.file.name, sha256)
+    _in_files[what, label, sha256] = (found, made)
+    return made
+
+
+@cache
+def _by_name(what: str, name: str) -> modules.Module:
     registry = REGISTRIES[what]
     if name in registry.built_in:
         return modules.built_in(name)
-    found = registry.get(name)
+    return modules.Module(name, _ranges(what, name, registry.get(name)))
+
+
+def _ranges(what: str, name: str, found: Kind) -> dict[str, modules.Range]:
+    """Return the parameters of a module. Raises InputError for what is not right with it."""
     where = f"{place_of(found)}: {what} {name!r} ({found.__name__})"
     if inspect.isabstract(found):
         missing = ", ".join(sorted(found.__abstractmethods__))
@@ -72,8 +173,7 @@ def module(what: str, name: str) -> modules.Module:
     state: object = found.state
     if not isinstance(state, int) or isinstance(state, bool) or not 0 <= state <= _MOST_STATE:
         raise InputError(f"{where}: state must be an integer of 0 to {_MOST_STATE}, not {state!r}")
-    ranges = {key: _range(where, key, one) for key, one in found.parameters.items()}
-    return modules.Module(name, ranges)
+    return {key: _range(where, key, one) for key, one in found.parameters.items()}
 
 
 def _range(where: str, name: object, given: object) -> modules.Range:

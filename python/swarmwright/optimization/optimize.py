@@ -8,6 +8,8 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any, NoReturn
 
+import numpy as np
+
 from swarmwright.core.errors import InputError, RunError
 from swarmwright.evaluation.base import Backend, Progress, Servers
 from swarmwright.evaluation.opening import open_backend
@@ -222,6 +224,8 @@ def _continue(
         code = continuation(run, experiment, accept_changed_code=accept_changed_code, simulation=simulation)
         for note in notes:
             say(f"{run.path}: goes on with {note}")
+        if code.experiment.controller != experiment.controller:  # other files of modules
+            loop = _with_changed_modules(run, experiment, code.experiment, store, reader)
         experiment, notes = code.experiment, [*notes, *code.notes]
         backend = stack.enter_context(open_backend(experiment, **where))
         copy = code.copy
@@ -232,6 +236,22 @@ def _continue(
         libraries = (*loop.libraries, *distributions(code.used))
         store.begin(backend.description, libraries, None if copy is None else copy.version, notes)
         _run(experiment, store, loop, backend, on_generation, on_progress)
+
+
+def _with_changed_modules(
+    run: Run, before: Experiment, now: Experiment, store: StoreWriter, reader: StoreReader
+) -> Loop:
+    """Return the loop with behaviours and conditions whose changed code was accepted."""
+    representations = before.representation(), now.representation()
+    limits = zip(*(one.bounds for one in representations), strict=True)
+    if not all(np.array_equal(one, other) for one, other in limits):
+        raise InputError(
+            f"{run.path}: its behaviours and conditions now have other parameters, or other ranges of these, "
+            "so that its genomes mean other machines; start a new run"
+        )
+    changed = _new_loop(now, representations[1], store)
+    changed.replay(reader)
+    return changed
 
 
 def _holds_results(folder: Path) -> bool:

@@ -2,11 +2,10 @@
 
 import json
 from collections.abc import Mapping
-from functools import cache
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from swarmwright.core import modules
 from swarmwright.core.automode import machine_of, tree_of
@@ -14,6 +13,8 @@ from swarmwright.core.errors import InputError
 from swarmwright.core.options import Options
 from swarmwright.core.yaml import read
 from swarmwright.modules._registered import module
+
+_BUILT_IN = frozenset({*modules.BEHAVIOURS, *modules.CONDITIONS})
 
 
 class ModulesOptions(Options):
@@ -34,11 +35,12 @@ class ModulesOptions(Options):
     """Transitions that a state has at most. Of a tree: 1."""
     behaviours: list[str] | None = Field(default=None, min_length=1)
     """Those that machines are made of, in the order of their genes: exploration, stop, phototaxis,
-    anti_phototaxis, attraction and repulsion, by default all of them, and those of installed packages. With
-    one of these, or such a condition, machines are evaluated in Python, in this process."""
+    anti_phototaxis, attraction and repulsion, by default all of them; those of installed packages; and
+    classes in Python, path/to/file.py:Class (relative to this file). With one of these, or such a condition,
+    machines are evaluated in Python, in this process."""
     conditions: list[str] | None = Field(default=None, min_length=1)
     """Those of transitions: black_floor, grey_floor, white_floor, neighbours, few_neighbours and
-    fixed_probability, by default all of them, and those of installed packages."""
+    fixed_probability, by default all of them; those of installed packages; and path/to/file.py:Class."""
     machine: dict[str, Any] | str | None = None
     """A machine to start from: {states: [{behaviour, transitions: [{to, condition}]}]}, with the parameters
     of each behaviour and condition beside it; the path of a YAML file with that, as `swarmwright export --to
@@ -68,7 +70,7 @@ class ModulesOptions(Options):
         return json.loads(json.dumps(value)) if isinstance(value, dict) else value
 
     @model_validator(mode="after")
-    def _valid(self) -> "ModulesOptions":
+    def _valid(self, info: ValidationInfo) -> "ModulesOptions":
         if self.form == "tree" and self.states > modules.MOST_SUBTREES:
             raise ValueError(
                 f"states: a tree has {modules.MOST_SUBTREES} subtrees at most, not {self.states}"
@@ -76,10 +78,15 @@ class ModulesOptions(Options):
         if self.form == "tree" and self.transitions != 1:
             raise ValueError("transitions: a subtree has one condition; leave it out")
         for name in ("behaviours", "conditions"):
-            given = getattr(self, name) or []
+            given = [modules.label_of(one) for one in getattr(self, name) or []]
             twice = [one for one in given if given.count(one) > 1]
             if twice:
                 raise ValueError(f"{name}: {twice[0]!r} is given twice")
+            for one in getattr(self, name) or []:
+                if modules.is_in_file(one) and modules.label_of(one) in _BUILT_IN:
+                    raise ValueError(f"{name}: {one}: the engine has a module of this name; rename the class")
+        if self.in_files and not (info.context or {}).get("ask", True):
+            return self  # of a run, which is read without importing its code
         try:
             catalogue = self.catalogue
         except InputError as error:
@@ -100,20 +107,25 @@ class ModulesOptions(Options):
     @property
     def in_python(self) -> bool:
         """Whether a module is written in Python, so that controllers are evaluated there."""
-        return self.catalogue.in_python
+        return bool(self.plug_ins)
+
+    @property
+    def in_files(self) -> bool:
+        """Whether a module is named by its file."""
+        return any(modules.is_in_file(name) for _, name in self.plug_ins)
 
     @property
     def plug_ins(self) -> tuple[tuple[str, str], ...]:
         """The modules in Python, as behaviour or condition and name."""
-        found = self.catalogue
-        parts = (("behaviour", found.behaviours), ("condition", found.conditions))
-        return tuple((what, one.name) for what, many in parts for one in many if not one.built_in)
+        parts = (("behaviour", self.behaviours or ()), ("condition", self.conditions or ()))
+        return tuple((what, one) for what, many in parts for one in many if one not in _BUILT_IN)
 
     @property
     def catalogue(self) -> modules.Catalogue:
         """The modules of which machines are made. Raises InputError for an unknown one."""
-        return _catalogue(
-            tuple(self.behaviours or modules.BEHAVIOURS), tuple(self.conditions or modules.CONDITIONS)
+        return modules.Catalogue(
+            tuple(module("behaviour", one) for one in self.behaviours or modules.BEHAVIOURS),
+            tuple(module("condition", one) for one in self.conditions or modules.CONDITIONS),
         )
 
     def start(self) -> tuple[modules.State, ...] | None:
@@ -131,11 +143,3 @@ class ModulesOptions(Options):
                     where = f"states[{index}].transitions[{k}].to"
                     raise InputError(f"{where}: a transition must lead to another state")
         return states
-
-
-@cache
-def _catalogue(behaviours: tuple[str, ...], conditions: tuple[str, ...]) -> modules.Catalogue:
-    return modules.Catalogue(
-        tuple(module("behaviour", one) for one in behaviours),
-        tuple(module("condition", one) for one in conditions),
-    )

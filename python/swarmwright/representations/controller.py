@@ -13,6 +13,7 @@ from swarmwright.core.errors import InputError, engine_errors, explained
 from swarmwright.core.files import read_bytes, write_text
 from swarmwright.core.modules import ACTUATORS, PYTHON_KIND, SENSORS
 from swarmwright.modules._machine import Swarm
+from swarmwright.modules._registered import find
 
 _LARGEST = 1 << 28
 """Bytes of a file."""
@@ -87,6 +88,8 @@ class Controller:
                 "weights, .."
             )
         try:
+            if values.get("kind") == PYTHON_KIND:
+                _find_modules(values, file.parent)
             return cls(values)
         except InputError as error:
             raise InputError(f"{file}: {error}") from error
@@ -204,6 +207,14 @@ class Controller:
         if self.parameters:
             return f"<Controller {kind}: {self.parameters}>"
         return f"<Controller {kind}: {self.sensors} sensors, {self.actuators} actuators>"
+
+
+def _find_modules(specification: Mapping[str, Any], folder: Path) -> None:
+    """Import the code of modules that are named by files, where it is in the folder, or in that run."""
+    try:
+        find(specification, folder)
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise InputError(f"controller: is not a machine of modules: {explained(error)}") from error
 
 
 def controller_words(specification: dict[str, Any]) -> str:

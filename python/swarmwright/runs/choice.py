@@ -26,6 +26,8 @@ class Choice:
 
 def choose(run: "Run", generation: int | None = None, candidate: int | None = None) -> Choice:
     """Return a candidate of the run; arguments and errors as in `Run.evaluation`."""
+    from swarmwright.runs.code import of_generation  # noqa: PLC0415 - what is shown of a run needs no code
+
     one = run.evaluation(candidate, generation)
-    specification = run.experiment.representation().specification(one.genome)
+    specification = of_generation(run, one.generation).representation().specification(one.genome)
     return Choice(one.generation, one.candidate, one.fitness, one.episodes.tolist(), one.seeds, specification)

@@ -7,6 +7,7 @@ uses the copy and says so.
 """
 
 import dataclasses
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,7 +20,7 @@ from swarmwright.simulations import catalogue
 from swarmwright.simulations.names import absolute, name_of
 from swarmwright.user_code import notices
 from swarmwright.user_code.changes import choose, difference, near, present, summary
-from swarmwright.user_code.copying import FOLDER, Copy, Kept, digest_of
+from swarmwright.user_code.copying import FOLDER, Copy, Kept, digest_of, with_modules
 from swarmwright.user_code.parts import Part, is_plug_in, of_plug_ins, of_simulation
 from swarmwright.user_code.permission import require_copy, require_named
 from swarmwright.user_code.trust import trusting
@@ -37,12 +38,45 @@ def parts_of(experiment: Experiment) -> list[Part]:
     Raises InputError when a file cannot be read.
     """
     simulation = experiment.simulation
-    parts = of_plug_ins(experiment)
+    parts = [_original(part) for part in of_plug_ins(experiment)]
     if not is_python(simulation):
         return parts
     held = Copy.holding(Path(SimulationName.parse(simulation).place).absolute())
     part = choose(*held).part if held is not None else of_simulation(simulation)
     return parts if part is None else [part, *parts]
+
+
+def _original(part: Part) -> Part:
+    """Return what the copy of another run means in the place of that copy."""
+    held = Copy.holding(part.origin) if part.in_file else None
+    return part if held is None else choose(*held).part
+
+
+def of_generation(run: "Run", generation: int) -> Experiment:
+    """Return a run's experiment with the behaviours and conditions with which a generation was evaluated."""
+    copy = copy_of(run, generation)
+    return run.experiment if copy is None else _with_modules(run.experiment, copy)
+
+
+def _with_modules(
+    experiment: Experiment, copy: Copy, instead: Mapping[str, Part] | None = None
+) -> Experiment:
+    """Return the experiment with the files of modules that a copy has.
+
+    instead: those that are where they were; by the names of parts.
+    """
+    if not getattr(experiment.controller, "in_files", False):
+        return experiment
+
+    def place(part: str, _: str) -> str | None:
+        if instead is not None:
+            return str(instead[part].origin) if part in instead else None
+        kept = copy.parts.get(part)
+        return None if kept is None else str(copy.place(kept).absolute())
+
+    values = with_modules(experiment.controller.model_dump(), place)
+    changed = {key: values[key] for key in ("behaviours", "conditions")}
+    return dataclasses.replace(experiment, controller=experiment.controller.model_copy(update=changed))
 
 
 def copy_of(run: "Run", generation: int | None = None) -> Copy | None:
@@ -111,6 +145,7 @@ def used_for(run: "Run", generation: int | None = None, simulation: str | type |
             )
         for kept in copy.parts.values():
             _tell(copy, kept)
+        experiment = _with_modules(experiment, copy)
     if copy is not None and "simulation" in copy.parts and _is_copied(experiment.simulation):
         kept = copy.parts["simulation"]
         name = SimulationName.parse(experiment.simulation).in_file(copy.place(kept).absolute())
@@ -224,6 +259,9 @@ def continuation(
         f"changed code accepted from generation {run.generations} on: {summary(copy.parts[name], part)}"
         for name, part in changed.items()
     ]
+    experiment = _with_modules(experiment, copy, changed)
+    if named is not None:
+        named = dataclasses.replace(named, controller=experiment.controller)
     if named is None and "simulation" in changed and not is_environment(experiment.simulation):
         named = _with(experiment, _name(experiment, changed["simulation"]))
     version = max(run.code) + 1
@@ -305,8 +343,11 @@ def trust_code(run: "Run") -> None:
     with trusting():
         for version in run.code:
             copy = Copy.of(run.path, version)
-            if copy is not None and "simulation" in copy.parts:
-                require_copy(copy, copy.parts["simulation"], choose(copy, copy.parts["simulation"]))
+            if copy is None:
+                continue
+            for kept in copy.parts.values():
+                if kept.name == "simulation" or kept.in_file:
+                    require_copy(copy, kept, choose(copy, kept))
         check_trusted(run)
 
 
@@ -325,7 +366,9 @@ def _tell(copy: Copy, kept: Kept) -> None:
     now = _differing(copy, kept)
     if now is None:
         return
-    if is_plug_in(kept.name) or is_environment(kept.component):
+    if kept.in_file and is_plug_in(kept.name):
+        notices.copy_is_used(copy, kept, now)
+    elif is_plug_in(kept.name) or is_environment(kept.component):
         notices.say(
             f"{near(copy.run)}: {_what(kept)}: {summary(kept, now)} since; the current version is used"
         )

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator
+from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -20,6 +21,7 @@ from swarmwright.store.folder import find_store
 from swarmwright.store.lock import is_locked
 from swarmwright.store.reader import nothing
 from swarmwright.store.table import RecordTable
+from swarmwright.user_code.trust import trusting
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -77,7 +79,8 @@ class Run:
         Raises InputError when `path` is not a run folder, or when its store cannot be read.
         """
         run = cls(find_store(Path(path)))
-        _ = run.history, run.experiment  # report errors now rather than later
+        with trusting() if trust else nullcontext():
+            _ = run.history, run.experiment  # report errors now rather than later
         if trust:
             from swarmwright.runs.code import trust_code
 
@@ -130,7 +133,10 @@ class Run:
         best = self.store.best()
         if best is None:
             raise RunError(nothing(self.path))
-        specification = self.experiment.representation().specification(best.genome)
+        from swarmwright.runs.code import of_generation
+
+        experiment = of_generation(self, best.generation)
+        specification = experiment.representation().specification(best.genome)
         return Best(best.fitness, best.generation, best.candidate, specification)
 
     @cached_property

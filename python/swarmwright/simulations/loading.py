@@ -18,15 +18,20 @@ from swarmwright.simulations.batches import BatchSimulation
 from swarmwright.simulations.hosts import Kind
 from swarmwright.simulations.names import FROM_FILE, files
 from swarmwright.simulations.physics import Physics
+from swarmwright.user_code import trust
 from swarmwright.user_code.changes import choose
+from swarmwright.user_code.copying import FOLDER as CODE
 from swarmwright.user_code.copying import Copy, Kept
 from swarmwright.user_code.imports import Walk
 from swarmwright.user_code.notices import copy_is_used
-from swarmwright.user_code.parts import of_simulation
+from swarmwright.user_code.parts import Part, of_simulation
 from swarmwright.user_code.permission import require_command, require_copy
 
 _stamps: dict[str, dict[Path, tuple[int, int] | None]] = {}
 """Path of a file -> that and its neighbours as they were when it was imported."""
+
+_digests: dict[str, tuple[ModuleType, str]] = {}
+"""Path of a file -> its module, and the SHA-256 of the source of that."""
 
 serving = False
 """Whether this process is a simulation server, which imports a module only for its class."""
@@ -95,6 +100,42 @@ def _kept_command(name: str) -> str:
         if choice.copied and choice.instead is not None:
             copy_is_used(copy, kept, choice.instead)
     return name if choice.copied else parsed.in_file(choice.part.origin)
+
+
+def code_in(path: Path) -> tuple[ModuleType, str]:
+    """Import a file, a run's copy as `load` does; return its module and the SHA-256 of its source.
+
+    The SHA-256, in hexadecimal, is of the file and of what it imports, see `swarmwright.user_code`. Raises
+    InputError: there is no such file, importing it fails, or it is a run's and not trusted.
+    """
+    path = path.resolve()
+    module = _from_file(path)
+    known = _digests.get(str(path))
+    if known is None or known[0] is not module:
+        held = Copy.holding(path)
+        digests = held[1].digests if held is not None else Part.of_file("", "", path).digests
+        known = _digests[str(path)] = (module, trust.digest_of(digests))
+    return known
+
+
+def file_with(folder: Path, name: str, sha256: str) -> Path | None:
+    """Return the file with some source, in a folder or in the copies of a run there; None without one.
+
+    name: of the file alone. sha256: as `code_in` returns it. Raises InputError when it is not trusted.
+    """
+    if Path(name).name != name:
+        return None
+    for path in sorted((folder / CODE).glob(f"*/*/{name}")):
+        held = Copy.holding(path.absolute())
+        if held is not None and trust.digest_of(held[1].digests) == sha256:
+            return path.absolute()
+    path = (folder / name).absolute()
+    if path.is_file():
+        digests = Part.of_file("", "", path).digests
+        if trust.digest_of(digests) == sha256:
+            trust.require(digests, path)
+            return path
+    return None
 
 
 def file_of(kind: type) -> Path | None:

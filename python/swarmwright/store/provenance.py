@@ -12,7 +12,7 @@ import numpy as np
 
 from swarmwright import _engine
 from swarmwright.core.simulation_names import SimulationName, is_environment
-from swarmwright.user_code.copying import Copy
+from swarmwright.user_code.copying import Copy, with_modules
 
 if TYPE_CHECKING:
     from swarmwright.experiment.experiment import Experiment
@@ -21,6 +21,13 @@ if TYPE_CHECKING:
 def recorded(experiment: "Experiment", folder: Path, copy: Copy | None) -> dict[str, Any]:
     """Return the experiment as it is written: with the run's copy of its class, relative to the folder."""
     values = experiment.to_mapping()
+    if copy is not None:
+
+        def file_of(part: str, _: str) -> str | None:
+            kept = copy.parts.get(part)
+            return None if kept is None else copy.place(kept).relative_to(folder).as_posix()
+
+        values["controller"] = with_modules(values["controller"], file_of)
     kept = None if copy is None else copy.parts.get("simulation")
     if copy is not None and kept is not None and not is_environment(kept.component):
         place = copy.place(kept).relative_to(folder).as_posix()

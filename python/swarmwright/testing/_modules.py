@@ -5,21 +5,24 @@ from numpy.typing import NDArray
 
 from swarmwright.core import modules
 from swarmwright.core.random_numbers import Stream
-from swarmwright.modules import BEHAVIOURS, CONDITIONS, Senses
+from swarmwright.modules import Senses
 from swarmwright.modules._base import Numbers, RandomNumbers, pcg4d
 from swarmwright.modules._machine import called
-from swarmwright.modules._registered import module
+from swarmwright.modules._registered import implementation, module
 
 _ROBOTS, _STEPS = 40, 30
 
 
 def check_behaviour(name: str) -> None:
-    """Check a registered behaviour; AssertionError says what is wrong, InputError and RunError too."""
+    """Check a behaviour: a registered one, or `path/to/file.py:Class`.
+
+    AssertionError says what is wrong, InputError and RunError too.
+    """
     _check("behaviour", name)
 
 
 def check_condition(name: str) -> None:
-    """Check a registered condition; see `check_behaviour`."""
+    """Check a condition; see `check_behaviour`."""
     _check("condition", name)
 
 
@@ -48,10 +51,10 @@ def _run(what: str, name: str, sensors: Numbers, parameters: dict[str, Numbers])
     robots = sensors.shape[1]
     shape: tuple[int, ...]
     if what == "behaviour":
-        behaviour = BEHAVIOURS.get(name)()
+        behaviour = implementation("behaviour", module(what, name))()
         method, shape, kept = behaviour.act, (robots, 2), behaviour.state
     else:
-        condition = CONDITIONS.get(name)()
+        condition = implementation("condition", module(what, name))()
         method, shape, kept = condition.probability, (robots,), condition.state
     state = np.zeros((robots, kept), dtype=np.float32)
     found = []

@@ -24,7 +24,7 @@ def present(copy: Copy, kept: Kept) -> Part | None:
     A file is looked for where it was seen from the run folder, then in and beside the run folder, then where
     it was: of several candidates the nearest file is meant. Raises InputError when it cannot be read.
     """
-    if is_plug_in(kept.name):
+    if is_plug_in(kept.name) and not kept.in_file:
         try:
             return of_plug_in(kept.name, kept.component)
         except InputError:

@@ -4,7 +4,7 @@ import hashlib
 import json
 import os
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,8 +13,9 @@ from typing import Any, Self
 
 from swarmwright.core.errors import InputError
 from swarmwright.core.files import read_bytes
+from swarmwright.core.modules import is_in_file
 from swarmwright.core.simulation_names import SimulationName
-from swarmwright.user_code.parts import Part
+from swarmwright.user_code.parts import Part, part_of
 
 FOLDER = "code"
 """Where copies lie in a run folder, one in a folder for each version: 1, 2, .."""
@@ -37,6 +38,11 @@ class Kept:
     """Where the main file was, absolute."""
     beside: str
     """Where it was, seen from the run folder."""
+
+    @property
+    def in_file(self) -> bool:
+        """Whether the experiment named it by its file."""
+        return SimulationName.parse(self.component).file is not None
 
 
 @dataclass(frozen=True)
@@ -154,6 +160,26 @@ def _inside(place: str) -> str:
     if path.is_absolute() or ".." in path.parts or not path.parts:
         raise ValueError(f"{place!r} lies outside the copy")
     return place
+
+
+def with_modules(controller: Mapping[str, Any], place: Callable[[str, str], str | None]) -> dict[str, Any]:
+    """Return a controller's options with other files of behaviours and conditions that are named by these.
+
+    place: returns the file of a part, see `Part.name`, None where it stays; its second argument is the name.
+    """
+    values = dict(controller)
+    for what, key in (("behaviour", "behaviours"), ("condition", "conditions")):
+        names = values.get(key)
+        if isinstance(names, list):
+            values[key] = [_placed(name, what, place) for name in names]
+    return values
+
+
+def _placed(name: Any, what: str, place: Callable[[str, str], str | None]) -> Any:  # noqa: ANN401 - any value
+    if not isinstance(name, str) or not is_in_file(name):
+        return name
+    found = place(part_of(what, name), name)
+    return name if found is None else SimulationName.parse(name).in_file(found)
 
 
 def beside(run: Path, file: Path) -> list[Path]:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from swarmwright.core.errors import InputError
+from swarmwright.core.modules import label_of
 from swarmwright.core.simulation_names import SimulationName
 from swarmwright.user_code.imports import Walk
 
@@ -54,6 +55,11 @@ class Part:
     def digests(self) -> dict[str, str]:
         """Place -> SHA-256."""
         return {place: source.digest for place, source in self.files.items()}
+
+    @property
+    def in_file(self) -> bool:
+        """Whether the experiment names it by its file."""
+        return SimulationName.parse(self.component).file is not None
 
     @property
     def origin(self) -> Path:
@@ -133,6 +139,9 @@ def is_plug_in(name: str) -> bool:
 def of_plug_in(section: str, kind: str) -> Part | None:
     """Return the source of a plug-in, None for what is built in. Raises InputError as the registry does."""
     what = section.partition(_SEPARATOR)[0]
+    parsed = SimulationName.parse(kind)
+    if parsed.file is not None and what in MODULES:
+        return Part.of_file(section, parsed.in_file(parsed.file.name), parsed.file)
     if what in MODULES:
         from swarmwright.modules._registered import REGISTRIES as OF_MODULES  # noqa: PLC0415 - NumPy, not for --help
 
@@ -144,11 +153,16 @@ def of_plug_in(section: str, kind: str) -> Part | None:
     return None if module is None else Part.of_module(section, kind, module)
 
 
+def part_of(what: str, name: str) -> str:
+    """Return what the part of a module is called, where that is named so by an experiment."""
+    return f"{what}{_SEPARATOR}{label_of(name)}"
+
+
 def of_plug_ins(experiment: Any) -> list[Part]:  # noqa: ANN401 - an Experiment, which is above this
     """Return the sources of all plug-ins that an experiment uses."""
     names = [(section, getattr(experiment, section).kind) for section in SECTIONS]
     for what, name in getattr(experiment.controller, "plug_ins", ()):
-        names.append((f"{what}{_SEPARATOR}{name}", name))
+        names.append((part_of(what, name), name))
     found = (of_plug_in(*one) for one in names)
     return [part for part in found if part is not None]
 

@@ -17,9 +17,9 @@ from swarmwright.user_code.parts import Part, of_simulation
 
 
 def remember(parts: Iterable[Part]) -> None:
-    """Trust the simulation among the source of a run that this user makes."""
+    """Trust the simulation, and modules in files, among the source of a run that this user makes."""
     for part in parts:
-        if part.name == "simulation":
+        if part.name == "simulation" or part.in_file:
             trust.remember(part.digests, str(part.origin))
             trust.remember(_own(part), str(part.origin))
 
@@ -40,6 +40,17 @@ def require_named(simulation: str) -> None:
     if found:
         files = {place: hashlib.sha256(path.read_bytes()).hexdigest() for place, path in found.items()}
         trust.require(files, next(iter(found.values())))
+
+
+def require_file(name: str) -> None:
+    """Raise InputError unless the file of a class that a run names may be executed.
+
+    Nothing is checked for a run's copy, which is where it is imported, or where there is no file.
+    """
+    parsed = SimulationName.parse(name)
+    if parsed.file is not None and parsed.file.is_file() and Copy.holding(parsed.file) is None:
+        part = Part.of_file("", "", parsed.file)
+        trust.require(part.digests, part.origin)
 
 
 def require_command(simulation: str) -> None:

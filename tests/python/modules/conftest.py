@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from swarmwright.modules import BEHAVIOURS, CONDITIONS, _registered
-from swarmwright.representations import _module_options as representation
 
 CODE = '''"""Two modules."""
 
@@ -51,8 +50,7 @@ def _forget() -> None:
     for registry in (BEHAVIOURS, CONDITIONS):
         registry.__dict__.pop("_announced", None)
         registry._loaded.clear()
-    _registered.module.cache_clear()
-    representation._catalogue.cache_clear()
+    _registered._by_name.cache_clear()
     sys.modules.pop("own_modules", None)
     importlib.invalidate_caches()
 
