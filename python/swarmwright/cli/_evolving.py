@@ -16,7 +16,7 @@ from swarmwright.cli._output import Output, complain
 from swarmwright.cli._progress import Progress, progress
 from swarmwright.cli._runs import saved_lines
 from swarmwright.cli._signals import INTERRUPTED, check
-from swarmwright.cli._validation import unseen_facts, validation_facts, validation_lines
+from swarmwright.cli._validation import transfer_of, unseen_facts, validation_facts, validation_lines
 from swarmwright.core.formatting import duration
 
 if TYPE_CHECKING:
@@ -159,7 +159,7 @@ def _conclude(output: Output, run: "Run") -> None:
     from swarmwright.runs import picture
 
     best = run.best
-    unseen, validation = run.unseen, run.validation
+    unseen, validation, transfer = run.unseen, run.validation, transfer_of(run)
     output.json(
         {
             "best": {"fitness": best.fitness, "candidate": best.candidate, "generation": best.generation},
@@ -171,6 +171,7 @@ def _conclude(output: Output, run: "Run") -> None:
         | ({"episodes_saved": run.episodes_saved} if run.episodes_saved else {})
         | ({} if unseen is None else {"unseen": unseen_facts(unseen)})
         | ({} if validation is None else {"validation": validation_facts(validation)})
+        | ({} if transfer is None else {"transfer": transfer.to_mapping()})
     )
     if run.interrupted:
         output.text("Interrupted; the results so far are kept. Go on with:")
@@ -180,6 +181,8 @@ def _conclude(output: Output, run: "Run") -> None:
     output.text(f"Best fitness {best.fitness + 0.0:.6g} ({whose}).")
     for line in () if validation is None else validation_lines(validation):
         output.text(line)
+    if transfer is not None:
+        output.block(str(transfer))
     for line in saved_lines(run):
         output.text(line)
     values = best.controller.parameters

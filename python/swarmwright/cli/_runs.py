@@ -5,7 +5,7 @@ from datetime import datetime
 from typing import TYPE_CHECKING, Any
 
 from swarmwright.cli._output import Output
-from swarmwright.cli._validation import unseen_facts, validation_facts, validation_lines
+from swarmwright.cli._validation import transfer_of, unseen_facts, validation_facts, validation_lines
 from swarmwright.core.formatting import duration
 from swarmwright.core.modules import controller_text, is_modules
 from swarmwright.core.untrusted import one_line
@@ -80,7 +80,7 @@ def describe(output: Output, run: "Run") -> None:
     edited = remarks(run)
     sessions = [vars(session) for session in run.sessions]
     warnings = [vars(event) for event in run.events()]
-    best, unseen, validation = None, run.unseen, run.validation
+    best, unseen, validation, transfer = None, run.unseen, run.validation, transfer_of(run)
     if run.generations:
         best = {
             "fitness": run.best.fitness,
@@ -95,6 +95,7 @@ def describe(output: Output, run: "Run") -> None:
             "episodes_saved": run.episodes_saved,
             "unseen": None if unseen is None else unseen_facts(unseen),
             "validation": None if validation is None else validation_facts(validation),
+            "transfer": None if transfer is None else transfer.to_mapping(),
             "digest": run.digest,
             "code": code,
             "edited": edited,
@@ -175,6 +176,11 @@ def _summary(output: Output, run: "Run", facts: dict[str, Any]) -> None:
         output.text(f"  {line[0].lower()}{line[1:]}".removesuffix("."))
     if run.validation_is_due and facts["state"] in {"done", "stopped"}:
         output.text("  its best candidates are not validated yet: `swarmwright resume` goes on with that")
+    transfer = transfer_of(run)
+    if transfer is not None:
+        output.block(str(transfer), indent="  ")
+    if run.transfer_is_due:
+        output.text("  its best candidates are not transferred yet: `swarmwright resume` goes on with that")
     output.text(f"  record SHA-256 {run.digest}")
 
 

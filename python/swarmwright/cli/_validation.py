@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from swarmwright import PostEvaluation, Validation
+    from swarmwright import PostEvaluation, Run, Transfer, Validation
     from swarmwright.core.statistics import Estimate
 
 
@@ -62,6 +62,15 @@ def validation_facts(found: "Validation") -> dict[str, Any]:
         "interval": "t",
         "candidates": [one.summary() for one in found.candidates],
     }
+
+
+def transfer_of(run: "Run") -> "Transfer | None":
+    """Return what a run has ended with in other simulations; None where it names none."""
+    if not run.transferred:
+        return None
+    from swarmwright.analysis.transfer.transfer import of_run
+
+    return of_run(run)
 
 
 def with_error(mean: float, error: float | None) -> str:

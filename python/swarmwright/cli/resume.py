@@ -80,6 +80,7 @@ def command(
     from swarmwright import Run, resume
     from swarmwright.optimization.optimize import prolonged
     from swarmwright.runs.code import check
+    from swarmwright.runs.transfer import at_end
     from swarmwright.runs.validation import is_due
 
     output = Output(as_json=as_json)
@@ -94,7 +95,10 @@ def command(
     if opened.state == "done" and experiment.budget == opened.experiment.budget:
         changed = experiment.validate != opened.experiment.validate
         due = is_due(experiment, opened.store, changed=changed)
-        left = "its best candidates are validated" if due else "there is nothing left to do"
+        if not due and at_end.is_due(experiment, opened.store):
+            left = "its best candidates are transferred"
+        else:
+            left = "its best candidates are validated" if due else "there is nothing left to do"
         output.text(f"{run} is finished: {left}.")
     else:
         limit = experiment.budget.generations

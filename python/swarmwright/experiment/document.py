@@ -125,12 +125,38 @@ def _switched(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
     raise ValueError(f"must be a mapping such as {{episodes: 100}}, or false, not {shown(value)}")
 
 
+_TARGET = {"anyOf": [{"type": "string", "minLength": 1}, {"type": "object"}]}
+_ENDS = {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2}
+
+
+def _targets(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
+    if isinstance(value, str | Mapping):
+        value = [value]
+    if isinstance(value, list | tuple) and all(isinstance(one, str | Mapping) and one for one in value):
+        return list(value)
+    raise ValueError(f"must be simulations or files, such as [arena-gazebo, harder.yaml], not {shown(value)}")
+
+
+def _ranges(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
+    if not isinstance(value, Mapping):
+        raise ValueError(f"must be ranges, such as {{parameters.speed: [0.4, 0.8]}}, not {shown(value)}")
+    for key, ends in value.items():
+        numbers = isinstance(ends, list | tuple) and len(ends) == 2
+        if not numbers or any(isinstance(one, bool) or not isinstance(one, int | float) for one in ends):
+            raise ValueError(
+                f"{key}: must be the lowest and the highest value, [0.4, 0.8], not {shown(ends)}"
+            )
+    return {str(key): list(ends) for key, ends in value.items()}
+
+
 class Validate(Options):
     """Evaluation of a run's best candidates on held-out seeds, when the run has ended.
 
     The best of many evaluations was also lucky, wherever fitness depends on the seed: its recorded fitness is
     biased upwards. Episodes with seeds that the run did not use estimate its fitness without bias. They are
     stored in the run, apart from its record, which they do not change. `validate: false` means no validation.
+    With `to`, `vary` or `pseudo_reality` the candidates are transferred to other simulations after that, as
+    `swarmwright transfer` does it.
     """
 
     episodes: Annotated[
@@ -151,9 +177,42 @@ class Validate(Options):
     """Simulation seed of the first episode; the others have the next ones that the run did not use. Default:
     parameters.seed + 1,000,000,000, so that runs with the same `parameters.seed` are validated on the same
     seeds."""
+    to: Annotated[
+        list[Any],
+        BeforeValidator(_targets),
+        WithJsonSchema({"anyOf": [*_TARGET["anyOf"], {"type": "array", "items": _TARGET}]}),
+    ] = Field(default=[])
+    """Other simulations in which the candidates are evaluated at the end of the run: names, files (.yaml,
+    relative to this one) with the keys of the experiment that differ, or such keys,
+    {name: harder, parameters: {numDefenders: 4}}. Files are read once and kept in the run."""
+    vary: Annotated[
+        dict[str, Any],
+        BeforeValidator(_ranges),
+        WithJsonSchema({"type": "object", "additionalProperties": _ENDS}),
+    ] = Field(default={})
+    """Parameters of the simulation that have random values in other models of it, another model for each
+    seed, with the lowest and the highest value: {parameters.speedDefenders: [0.4, 0.8]}."""
+    pseudo_reality: bool = False
+    """Whether the noise of the arena's e-pucks varies in such models, around that of the reference model."""
+    random: int = Field(default=0, ge=0, le=100_000)
+    """How many random controllers are transferred beside the best candidates."""
+    seeds: int = Field(default=30, ge=2, le=_MOST)
+    """Episodes of each candidate in its own simulation and in each other one, with held-out seeds, from
+    `seed` on as well."""
+
+    @property
+    def transfers(self) -> bool:
+        """Whether the best candidates are evaluated in other simulations."""
+        return bool(self.to or self.vary or self.pseudo_reality)
 
     @model_validator(mode="after")
     def _size(self) -> "Validate":
+        episodes = (self.candidates + self.random) * self.seeds
+        if self.transfers and episodes > _LARGEST_VALIDATION:
+            raise ValueError(
+                f"{self.seeds:,} episodes of {self.candidates + self.random:,} controllers are more than "
+                f"{_LARGEST_VALIDATION:,}"
+            )
         if self.episodes != AUTO and self.episodes * self.candidates > _LARGEST_VALIDATION:
             raise ValueError(
                 f"{self.episodes:,} episodes of {self.candidates} candidates are more than "

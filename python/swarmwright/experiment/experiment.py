@@ -110,21 +110,23 @@ class Experiment:
         object.__setattr__(changed, "path", self.path)
         return changed
 
-    def with_file(self, path: Path, *, only: Collection[str], reason: str) -> Self:
-        """Return a copy with the keys that a file has.
+    def with_source(self, source: Source, *, only: Collection[str], reason: str, ask: bool = True) -> Self:
+        """Return a copy with the keys that a file has, or a part of it.
 
         Its parameters are added to these, unless it names another simulation.
 
         Args:
-            path: of the file (YAML), whose lines messages name.
+            source: of the file, whose lines messages name.
             only: the keys that it may have.
             reason: why no others, the end of a sentence.
+            ask: whether a simulation that is named by its class may be imported.
 
         Raises InputError with every problem, a line each.
         """
-        source = read(path)
         if not isinstance(source.values, Mapping):
-            raise InputError(f"{path}: expected a mapping with keys of an experiment such as 'simulation'")
+            raise InputError(
+                f"{source.place(())}expected a mapping with keys of an experiment such as 'simulation'"
+            )
         others = [key for key in source.values if key not in only]
         if others:
             raise InputError("\n".join(f"{source.place((key,))}{reason}" for key in others))
@@ -135,7 +137,7 @@ class Experiment:
         for key, value in source.values.items():
             both = key == "parameters" and isinstance(value, Mapping)
             values[key] = {**values.get(key, {}), **value} if both else value
-        return self._checked(dataclasses.replace(source, values=values), None)
+        return self._checked(dataclasses.replace(source, values=values), None, ask=ask)
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any]) -> Self:
@@ -180,7 +182,12 @@ class Experiment:
     ) -> Self:
         from swarmwright.experiment.validation import check  # noqa: PLC0415 - takes long, not for reading attributes
 
-        return cls(**check(source, ask=ask, folder=folder), path=path)
+        checked = cls(**check(source, ask=ask, folder=folder), path=path)
+        if not checked.validate.transfers:
+            return checked
+        from swarmwright.experiment.targets import resolved  # noqa: PLC0415 - it imports this module
+
+        return dataclasses.replace(checked, validate=resolved(checked, source, ask=ask))
 
     def to_mapping(self) -> dict[str, Any]:
         """Return plain values, every default written out; keys without a value are left out."""

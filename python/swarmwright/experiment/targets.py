@@ -1,56 +1,83 @@
-"""Where candidates are transferred to: another simulation, or models sampled around the run's own."""
+"""Where candidates are evaluated besides: another simulation, or models sampled around the run's own."""
 
+import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from swarmwright.core.errors import InputError
 from swarmwright.core.random_numbers import Stream
-from swarmwright.core.yaml import dotted_path, read
+from swarmwright.core.simulation_names import is_python
+from swarmwright.core.yaml import Path_, Source, dotted_path, read
+from swarmwright.experiment.document import Validate
 from swarmwright.experiment.experiment import ELSEWHERE, Experiment
-from swarmwright.experiment.ranges import Range, robot_of
+from swarmwright.experiment.ranges import E_PUCKS, Range, ranges_of, require_e_pucks, robot_of
 from swarmwright.simulations import catalogue
+from swarmwright.simulations.names import absolute
 
 CHANGED = ELSEWHERE - {"validate"} | {"simulation", "parameters", "sensors", "actuators", "fitness"}
 """Keys of an experiment that a file of a target may have."""
 _FILES = (".yaml", ".yml")
+_REASON = "a target says where candidates are evaluated, not this"
+
+Entry = str | Mapping[str, Any]
+"""A target as an experiment holds it: the name of a simulation, or its `name` and the keys that differ."""
 
 
 @dataclass(frozen=True)
 class OtherSimulation:
-    """A simulation with another name, or what a file changes in the experiment.
+    """A simulation with another name, or what differs in the experiment.
 
     name: of a simulation, as in experiments, or of a file (.yaml) with keys of an experiment.
     """
 
     name: str
+    changes: Mapping[str, Any] | None = field(default=None, hash=False)
+    """The keys that differ, where no file has to be read."""
+
+    @classmethod
+    def of(cls, entry: Entry) -> "OtherSimulation":
+        """Return the target that an experiment holds."""
+        if isinstance(entry, str):
+            return cls(entry)
+        changes = {key: value for key, value in entry.items() if key != "name"}
+        return cls(str(entry.get("name") or changes.get("simulation") or "other parameters"), changes)
 
     @property
     def places(self) -> bool:
-        """Whether it says itself, in a file, where its episodes are evaluated."""
-        values = read(Path(self.name)).values if self.name.endswith(_FILES) else None
+        """Whether it says itself where its episodes are evaluated."""
+        values = self._source().values if self._has_keys else None
         return isinstance(values, Mapping) and not {"servers", "broker"}.isdisjoint(values)
 
     def experiments(self, experiment: Experiment, count: int) -> list[Experiment]:  # noqa: ARG002 - as targets have it
         """Return the experiment of all episodes. Raises InputError where it cannot be changed like this."""
-        changed = self._changed(experiment)
-        if changed.sensors is None and not catalogue.is_described(changed.simulation):
-            # The controller has these; the server's are compared with them.
-            changed = changed.replace(sensors=experiment.sensors, actuators=experiment.actuators)
-        return [changed]
-
-    def _changed(self, experiment: Experiment) -> Experiment:
-        if self.name.endswith(_FILES):
-            return experiment.with_file(
-                Path(self.name), only=CHANGED, reason="a target says where candidates are evaluated, not this"
-            )
+        experiment = alone(experiment)
+        if self._has_keys:
+            changed = experiment.with_source(self._source(), only=CHANGED, reason=_REASON)
+            return [_with_sizes(changed, experiment)]
         try:
-            return experiment.replace(simulation=self.name)
+            changed = experiment.replace(simulation=self.name)
         except InputError as error:
             raise InputError(
                 f"{self.name}: {error}\nTo change parameters as well, name a file (.yaml) with the keys "
                 "'simulation' and 'parameters' instead of the simulation"
             ) from error
+        return [_with_sizes(changed, experiment)]
+
+    @property
+    def simulation(self) -> str | None:
+        """Name of its simulation, where it is another than the run's; None as well where a file says it."""
+        if self._has_keys:
+            return None if self.changes is None else self.changes.get("simulation")
+        return self.name
+
+    @property
+    def _has_keys(self) -> bool:
+        return self.changes is not None or self.name.endswith(_FILES)
+
+    def _source(self) -> Source:
+        return read(Path(self.name)) if self.changes is None else Source("", values=dict(self.changes))
 
 
 @dataclass(frozen=True)
@@ -68,6 +95,7 @@ class PseudoReality:
 
     def experiments(self, experiment: Experiment, count: int) -> list[Experiment]:
         """Return an experiment with sampled parameters for each episode; the same for all runs."""
+        experiment = alone(experiment)
         return [self._sampled(experiment, model) for model in range(count)]
 
     def _sampled(self, experiment: Experiment, model: int) -> Experiment:
@@ -97,6 +125,33 @@ class PseudoReality:
 Target = OtherSimulation | PseudoReality
 
 
+def targets_of(to: Iterable[Entry], ranges: Sequence[Range]) -> list[Target]:
+    """Return what candidates are transferred to. Raises InputError for nothing, or the same one twice."""
+    found: list[Target] = [OtherSimulation.of(entry) for entry in to]
+    names = [one.name for one in found]
+    doubled = next((name for name in names if names.count(name) > 1), None)
+    if doubled is not None:
+        raise InputError(f"to: {doubled} is named twice")
+    if ranges:
+        found.append(PseudoReality(tuple(ranges)))
+    if not found:
+        raise InputError("nothing to transfer to: name simulations, or parameters that vary")
+    return found
+
+
+def targets_at_end(experiment: Experiment) -> list[Target]:
+    """Return what the best candidates of a run are transferred to when it ends. Raises InputError."""
+    options = experiment.validate
+    return targets_of(options.to, _ranges(experiment)) if options.transfers else []
+
+
+def _ranges(experiment: Experiment) -> list[Range]:
+    options = experiment.validate
+    if options.pseudo_reality:
+        require_e_pucks(experiment)
+    return [*(E_PUCKS if options.pseudo_reality else ()), *ranges_of(options.vary)]
+
+
 def unfit(name: str, there: Experiment, here: Experiment) -> str | None:
     """Return why controllers of `here` do not fit, None where they do or that is not known."""
     sizes = [(one.sensors, one.actuators) for one in (here, there)]
@@ -106,15 +161,105 @@ def unfit(name: str, there: Experiment, here: Experiment) -> str | None:
     return f"{name}: the run's controllers have {own}, agents of {there.label} have {others}"
 
 
-def targets_of(to: Iterable[str], ranges: Sequence[Range]) -> list[Target]:
-    """Return what candidates are transferred to. Raises InputError for nothing, or the same one twice."""
-    names = list(to)
-    doubled = next((name for name in names if names.count(name) > 1), None)
-    if doubled is not None:
-        raise InputError(f"to: {doubled} is named twice")
-    found: list[Target] = [OtherSimulation(name) for name in names]
-    if ranges:
-        found.append(PseudoReality(tuple(ranges)))
-    if not found:
-        raise InputError("nothing to transfer to: name simulations, or parameters that vary")
-    return found
+def alone(experiment: Experiment) -> Experiment:
+    """Return an experiment without the other simulations that it names."""
+    return dataclasses.replace(experiment, validate=Validate())
+
+
+def _with_sizes(changed: Experiment, experiment: Experiment) -> Experiment:
+    """Return it with the controllers' sizes, to which servers' are compared, where its own are not known."""
+    if changed.sensors is not None or catalogue.is_described(changed.simulation):
+        return changed
+    return dataclasses.replace(changed, sensors=experiment.sensors, actuators=experiment.actuators)
+
+
+def resolved(experiment: Experiment, source: Source, *, ask: bool) -> Validate:
+    """Return an experiment's `validate` with the contents of its targets' files in the place of their names.
+
+    Args:
+        experiment: checked, but for its targets.
+        source: what it was read from.
+        ask: whether simulations that are named by their classes may be imported, to compare their sensors.
+
+    Raises InputError with every problem, a line each.
+    """
+    entries, problems = [], []
+    for index, entry in enumerate(experiment.validate.to):
+        try:
+            entries.append(_resolved(experiment, entry, source, ("validate", "to", index), ask=ask))
+        except InputError as error:
+            problems.append(str(error))
+    options = experiment.validate.model_copy(update={"to": entries})
+    if ask and not problems:
+        problems += _range_problems(experiment, source)
+        names = [OtherSimulation.of(entry).name for entry in entries]
+        doubled = [name for index, name in enumerate(names) if name in names[:index]]
+        problems += [f"{source.place(('validate', 'to'))}{name} is named twice" for name in doubled[:1]]
+    if problems:
+        raise InputError("\n".join(problems))
+    return options
+
+
+def _range_problems(experiment: Experiment, source: Source) -> list[str]:
+    """Return what keeps models from being sampled, with its place."""
+    key = "pseudo_reality" if experiment.validate.pseudo_reality else "vary"
+    try:
+        ranges = _ranges(experiment)
+        key = "vary" if experiment.validate.vary else key
+        if ranges:
+            PseudoReality(tuple(ranges)).experiments(alone(experiment), 1)
+    except InputError as error:
+        return [f"{source.place(('validate', key))}{error}"]
+    return []
+
+
+def _resolved(experiment: Experiment, entry: Entry, source: Source, path: Path_, *, ask: bool) -> Entry:
+    """Return one target with everything that it needs. Raises InputError with its place."""
+    folder = Path(source.name).parent if source.name and not source.is_option(path) else Path()
+    if isinstance(entry, Mapping):
+        if not ask:
+            return entry  # as a run holds it
+        keys = {key: value for key, value in entry.items() if key != "name"}
+        name, place = OtherSimulation.of(entry).name, source.place(path)
+        return _with_keys(experiment, name, _part(source, path, keys), place)
+    if entry.endswith(_FILES):
+        try:
+            said = read(folder / entry)
+        except InputError as error:
+            raise InputError(f"{source.place(path)}{error}") from error
+        return _with_keys(experiment, entry, said, source.place(path), ask=ask)
+    if is_python(entry):
+        entry = absolute(entry, folder)
+    if ask:
+        target = OtherSimulation(entry)
+        try:
+            (there,) = target.experiments(experiment, 1)
+        except InputError as error:
+            raise InputError(f"{source.place(path)}{error}") from error
+        _require_fit(entry, there, experiment, source.place(path))
+    return entry
+
+
+def _part(source: Source, path: Path_, values: Mapping[str, Any]) -> Source:
+    """Return what stands at a path as a source of its own, whose lines are those of the file."""
+    lines = {place[len(path) :]: line for place, line in source.lines.items() if place[: len(path)] == path}
+    return Source(source.name, dict(values), lines)
+
+
+def _with_keys(
+    experiment: Experiment, name: str, said: Source, place: str, *, ask: bool = True
+) -> dict[str, Any]:
+    """Return a target with the keys that it changes, as they are after checks."""
+    changed = alone(experiment).with_source(said, only=CHANGED, reason=_REASON, ask=ask)
+    _require_fit(name, _with_sizes(changed, experiment), experiment, place)
+    values = changed.to_mapping()
+    kept = {key: values[key] for key in said.values if key in values}
+    if isinstance(said.values.get("parameters"), Mapping):
+        kept["parameters"] = {key: values["parameters"][key] for key in said.values["parameters"]}
+    return {"name": name, **kept}
+
+
+def _require_fit(name: str, there: Experiment, experiment: Experiment, place: str) -> None:
+    problem = unfit(name, there, experiment)
+    if problem is not None:
+        raise InputError(f"{place}{problem}")

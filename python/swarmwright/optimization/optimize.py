@@ -21,9 +21,10 @@ from swarmwright.optimization.notebook_progress import shown
 from swarmwright.optimization.steady_state import SteadyLoop
 from swarmwright.representations import Representation
 from swarmwright.runs import edits, picture
-from swarmwright.runs.code import continuation, parts_of
+from swarmwright.runs.code import continuation, copy_of, parts_of
 from swarmwright.runs.folders import default_folder, is_run, remove_run
 from swarmwright.runs.run import Run
+from swarmwright.runs.transfer import at_end
 from swarmwright.runs.validation import is_due, validate
 from swarmwright.store import StoreReader, StoreWriter
 from swarmwright.store.folder import check_folder
@@ -88,25 +89,28 @@ def optimize(
     if out is not None:
         check_folder(Path(out))
     _ = experiment.first_seed  # report errors before anything is started
+    if experiment.validate.transfers:
+        at_end.check(experiment, broker)
+        at_end.allow(experiment)
     folder: Path | None = None
     try:
-        with (
-            shown(progress, on_generation, on_progress) as (on_generation, on_progress),
-            open_backend(experiment, broker=broker, servers=servers, wait=wait) as backend,
-        ):
-            # They are 0 where they are not given and not needed.
-            resolved = dataclasses.replace(
-                experiment, sensors=backend.sensors or None, actuators=backend.actuators or None
-            )
-            representation = experiment.representation(backend.sensors, backend.actuators)
-            check_memory(experiment, representation)
-            folder = default_folder(experiment) if out is None else Path(out)
-            code = parts_of(experiment)
-            size = stored(resolved, representation)
-            with StoreWriter.create(folder, resolved, backend.metrics, code, size) as store:
-                loop = _new_loop(resolved, representation, store)
-                store.begin(backend.description, (*loop.libraries, *distributions(code)), 1 if code else None)
-                _run(resolved, store, loop, backend, on_generation, on_progress)
+        with shown(progress, on_generation, on_progress) as (on_generation, on_progress):
+            with open_backend(experiment, broker=broker, servers=servers, wait=wait) as backend:
+                # They are 0 where they are not given and not needed.
+                resolved = dataclasses.replace(
+                    experiment, sensors=backend.sensors or None, actuators=backend.actuators or None
+                )
+                representation = experiment.representation(backend.sensors, backend.actuators)
+                check_memory(experiment, representation)
+                folder = default_folder(experiment) if out is None else Path(out)
+                code = parts_of(experiment)
+                size = stored(resolved, representation)
+                with StoreWriter.create(folder, resolved, backend.metrics, code, size) as store:
+                    loop = _new_loop(resolved, representation, store)
+                    libraries = (*loop.libraries, *distributions(code))
+                    store.begin(backend.description, libraries, 1 if code else None)
+                    _run(resolved, store, loop, backend, on_generation, on_progress)
+            _transfer(experiment, folder, on_progress, broker=broker, servers=servers)
     except KeyboardInterrupt:
         if folder is not None and folder.exists():
             if _holds_results(folder):
@@ -183,6 +187,7 @@ def resume(
                 simulation=simulation,
                 where={"broker": broker, "servers": servers, "wait": wait},
             )
+            _transfer(None, folder, on_progress, broker=broker, servers=servers)
     except KeyboardInterrupt:
         raise InterruptedWithResults(folder) from None
     except RunError as error:
@@ -205,7 +210,10 @@ def _continue(
     with ExitStack() as stack:
         store = stack.enter_context(StoreWriter.resume(run.path))
         reader = StoreReader(run.path)
-        edited, notes = edits.taken_over(run, prolonged(run, run.experiment, settings, **budget))
+        wanted = prolonged(run, run.experiment, settings, **budget)
+        edited, notes = edits.taken_over(run, wanted)
+        if wanted.validate != run.experiment.validate:
+            at_end.allow(wanted)
         experiment = prolonged(run, edited, settings, **budget)
         changed = experiment != run.experiment
         loop = _new_loop(experiment, experiment.representation(), store)
@@ -218,6 +226,10 @@ def _continue(
                 store.begin("nothing was left to evaluate", loop.libraries)
                 store.conclude("done")
                 store.note_ended(loop.ended)
+            if experiment.validate != run.experiment.validate:
+                store.replace_experiment(
+                    dataclasses.replace(run.experiment, validate=experiment.validate), copy_of(run)
+                )
             store.save_best(experiment.representation())
             return
         check_memory(experiment, experiment.representation())
@@ -321,6 +333,19 @@ def _validate(
             "`swarmwright resume %s` does it later",
             error, store.folder,
         )  # fmt: skip
+
+
+def _transfer(
+    experiment: Experiment | None,
+    folder: Path,
+    on_progress: Progress | None,
+    *,
+    broker: str | None,
+    servers: Servers | None,
+) -> None:
+    """Evaluate the best in other simulations where the experiment, or else that in the folder, says so."""
+    if experiment is None or experiment.validate.transfers:
+        at_end.transfer_at_end(folder, broker=broker, servers=servers, on_progress=on_progress)
 
 
 def prolonged(

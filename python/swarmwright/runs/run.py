@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
     from swarmwright.runs.page import ReplayPage
     from swarmwright.runs.post_evaluation import PostEvaluation
+    from swarmwright.runs.transfer.transferred import Transferred
     from swarmwright.runs.validation import Validation
 
 State = Literal["done", "stopped", "running", "interrupted", "killed", "failed"]
@@ -159,6 +160,26 @@ class Run:
         """Whether the validation was begun and is not finished: `resume` goes on with it."""
         stored = self.store.validation()
         return stored is not None and stored["state"] == "due"
+
+    @cached_property
+    def transferred(self) -> "tuple[Transferred, ...]":
+        """The best candidates in the other simulations that `validate` names, evaluated when the run ended.
+
+        One for each simulation that could be reached, in the order of `validate`.
+        `swarmwright.transfer(run, ..)` evaluates them in others, without adding anything to the run.
+        """
+        from swarmwright.runs.transfer.at_end import of_run
+
+        return of_run(self) if self.generations else ()
+
+    @property
+    def transfer_is_due(self) -> bool:
+        """Whether the run has ended and simulations that `validate` names are missing: `resume` does them."""
+        from swarmwright.runs.transfer.at_end import is_due
+
+        if not self.experiment.validate.transfers or self.state not in {"done", "stopped"}:
+            return False
+        return is_due(self.experiment, self.store)
 
     @property
     def unseen(self) -> "PostEvaluation | None":
@@ -341,6 +362,12 @@ class Run:
             if held_out.low is not None:
                 interval = f", 95 % confidence interval {held_out.low:.4g} to {held_out.high:.4g}"
             rows.append(("on held-out seeds", f"{held_out.mean:.4g} ({count} episodes{interval})"))
+        for one in self.transferred:
+            there, lost = one.target_fitness[0], one.losses[0]
+            interval = f"{there.mean:.4g}; loses {lost.mean:.4g}"
+            if lost.low is not None:
+                interval = f"{interval}, 95 % confidence interval {lost.low:.4g} to {lost.high:.4g}"
+            rows.append((f"in {one.target}", f"{interval} ({one.source_episodes.shape[1]} episodes)"))
         from swarmwright.figures.run import fitness
 
         return facts(f"Run {self.path}", rows) + picture(

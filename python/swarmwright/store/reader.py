@@ -216,6 +216,12 @@ class StoreReader:
             return {"state": "done", "seeds": seeds, "seen": seen, "metrics": [], "candidates": [one]}
         return None
 
+    def transfer(self) -> dict[str, Any] | None:
+        """Return what is stored of the transfer, see `runs.transfer.at_end`; None of a run without one."""
+        text = self._facts_now().get("transfer")
+        values: dict[str, Any] | None = None if text is None else self._parsed(text)
+        return values
+
     def record(self) -> Record:
         """Return every evaluation of the finished generations."""
         with self._generations() as generations:

@@ -379,6 +379,11 @@ class StoreWriter:
         self._note_fact("validation", json.dumps(dict(values), allow_nan=False))
         self.keep_soon()
 
+    def note_transfer(self, values: Mapping[str, Any]) -> None:
+        """Write what is known of the best candidates in other simulations; it is not part of the record."""
+        self._note_fact("transfer", json.dumps(dict(values), allow_nan=False))
+        self.keep_soon()
+
     def note_ended(self, ended: str | None) -> None:
         """Write which budget a run that is done has used, or that the target was reached."""
         self._note_fact("ended", ended or "")

@@ -113,7 +113,7 @@ def conduct(
     before = {task: task.found() for task in tasks}  # report errors before anything is started
     left = []
     for task, run in before.items():
-        if run is not None and not run.interrupted and not run.validation_is_due:
+        if run is not None and not run.interrupted and not run.validation_is_due and not run.transfer_is_due:
             noting.found(task, run)
         else:
             left.append(task)

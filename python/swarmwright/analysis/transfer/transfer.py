@@ -14,6 +14,7 @@ from swarmwright.experiment.targets import Target, targets_of
 from swarmwright.runs.code import used_for
 from swarmwright.runs.post_evaluation import unseen_seeds
 from swarmwright.runs.run import Run
+from swarmwright.runs.transfer.at_end import seeds_of
 from swarmwright.runs.transfer.evaluation import Plan, Work
 from swarmwright.runs.transfer.transferred import Transferred
 from swarmwright.runs.validation import leading
@@ -116,3 +117,13 @@ def _cautions(groups: Sequence[RunGroup], found: Sequence[Transferred]) -> Itera
         yield f"with fewer than {FEW} runs of a design a test has little power"
     if any(not math.isfinite(one.losses[0].mean) for one in found):
         yield "the best of a run failed in every episode"
+
+
+def of_run(run: Run) -> Transfer | None:
+    """Return what a run has ended with, because its `validate` names simulations; None where it has not."""
+    found = run.transferred
+    if not found:
+        return None
+    groups, _ = group([run])
+    names = tuple(one.target for one in found)
+    return Transfer(tuple(seeds_of(run)), names, found, tuple(groups), tuple(_cautions(groups, found)))

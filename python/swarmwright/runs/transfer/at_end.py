@@ -1,0 +1,231 @@
+"""The transfer at the end of a run: its best candidates in the other simulations that `validate` names.
+
+What is stored of it is apart from the record: `state`, `seeds`, `numbers` of the evaluations, `candidates`,
+their fitness of each episode in the run's own simulation (`source`) and in each of the `targets` that is
+finished. The state is `due` (targets are missing) or `done`.
+"""
+
+import json
+import logging
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+from swarmwright.core.errors import InputError, RunError
+from swarmwright.core.simulation_names import is_python
+from swarmwright.evaluation.base import Progress, Servers
+from swarmwright.experiment.experiment import Experiment
+from swarmwright.experiment.targets import OtherSimulation, PseudoReality, Target, targets_at_end
+from swarmwright.runs.code import used_for
+from swarmwright.runs.post_evaluation import finite, numbers, unseen_seeds
+from swarmwright.runs.run import Run
+from swarmwright.runs.transfer.evaluation import Plan, Work, check_target
+from swarmwright.runs.transfer.transferred import Candidate, Transferred
+from swarmwright.runs.validation import leading
+from swarmwright.store import Evaluation, StoreReader, StoreWriter
+from swarmwright.user_code.parts import of_simulation
+from swarmwright.user_code.permission import remember, require_named
+
+progress = logging.getLogger("swarmwright.progress")
+Stored = dict[str, Any]
+
+
+def check(experiment: Experiment, broker: str | None = None) -> None:
+    """Raise InputError where a run could never end with its transfer, before it is begun.
+
+    broker: as in `optimize`; other simulations may be on it.
+    """
+    broker = broker or experiment.broker
+    for target in targets_at_end(experiment):
+        try:
+            check_target(target, target.experiments(experiment, 1)[0], experiment, broker)
+        except InputError as error:
+            raise InputError(f"{experiment.place('validate')}{error}") from error
+
+
+def allow(experiment: Experiment) -> None:
+    """Trust the classes in Python that an experiment names for its transfer, since its user names them."""
+    for name in _classes(experiment):
+        part = of_simulation(name)
+        remember([] if part is None else [part])
+
+
+def _classes(experiment: Experiment) -> Iterator[str]:
+    for target in targets_at_end(experiment):
+        name = target.simulation if isinstance(target, OtherSimulation) else None
+        if name is not None and is_python(name):
+            yield name
+
+
+@dataclass(frozen=True)
+class _Planned:
+    """What is evaluated, as far as the record and the experiment tell."""
+
+    best: list[Evaluation]
+    seeds: list[int]
+    random: int
+    targets: list[Target]
+
+    @classmethod
+    def of(cls, experiment: Experiment, reader: StoreReader) -> Self | None:
+        """Return None where there is nothing to do."""
+        options = experiment.validate
+        if not options.transfers or reader.last() is None:
+            return None
+        used = reader.used_seeds() if options.seed is None else set[int]()
+        return cls(
+            leading(experiment, reader, options.candidates),
+            unseen_seeds(experiment.first_seed, used, options.seeds, options.seed),
+            options.random,
+            targets_at_end(experiment),
+        )
+
+    def begun(self) -> Stored:
+        """Return what is stored before anything is evaluated."""
+        return {
+            "state": "due",
+            "seeds": self.seeds,
+            "random": self.random,
+            "numbers": [one.number for one in self.best],
+            "candidates": [],
+            "source": None,
+            "targets": [],
+        }
+
+    def fits(self, stored: Stored | None) -> bool:
+        """Return whether what is stored is of the same candidates and seeds."""
+        if stored is None:
+            return False
+        begun = self.begun()
+        return all(stored[key] == begun[key] for key in ("seeds", "random", "numbers"))
+
+    def missing(self, stored: Stored | None) -> list[Target]:
+        """Return the targets of which nothing is stored."""
+        known = (
+            [one["target"] for one in stored["targets"]] if stored is not None and self.fits(stored) else []
+        )
+        return [target for target in self.targets if _told(target) not in known]
+
+
+def is_due(experiment: Experiment, reader: StoreReader) -> bool:
+    """Return whether targets are missing of a run that has ended."""
+    planned = _Planned.of(experiment, reader)
+    return planned is not None and bool(planned.missing(reader.transfer()))
+
+
+def transfer_at_end(
+    folder: Path,
+    *,
+    broker: str | None = None,
+    servers: Servers | None = None,
+    on_progress: Progress | None = None,
+) -> None:
+    """Transfer the best candidates of a run that has ended, as its experiment says.
+
+    What is stored is not evaluated again. The run is complete without it: a simulation that cannot be
+    reached is reported as a warning.
+
+    Args:
+        folder: the run's.
+        broker: as in `optimize`.
+        servers: as in `optimize`.
+        on_progress: as in `optimize`.
+    """
+    run = Run.written(folder)
+    if not run.transfer_is_due:
+        return
+    with StoreWriter.resume(folder) as store:
+        try:
+            _Session(run, store, broker).evaluate(servers, on_progress)
+        except (InputError, RunError) as error:
+            _warn(folder, error)
+
+
+class _Session:
+    """Evaluates what is missing of the transfer of a run, target by target."""
+
+    def __init__(self, run: Run, store: StoreWriter, broker: str | None) -> None:
+        planned = _Planned.of(run.experiment, run.store)
+        assert planned is not None
+        self._run, self._store, self._broker, self._planned = run, store, broker, planned
+        stored = run.store.transfer()
+        self._stored = stored if stored is not None and planned.fits(stored) else planned.begun()
+
+    def evaluate(self, servers: Servers | None, on_progress: Progress | None) -> None:
+        """Evaluate and store. Raises InputError and RunError where the run's own simulation is not there."""
+        planned, stored, count = self._planned, self._stored, len(self._planned.seeds)
+        experiment = used_for(self._run, planned.best[0].generation)
+        for name in _classes(experiment):
+            require_named(name)
+        left = planned.missing(stored)
+        plan = Plan.of(experiment, planned.best, left, random=planned.random, seeds=count)
+        work = Work(planned.seeds, self._broker, servers, on_progress, plan.episodes(count))
+        if stored["source"] is None:
+            stored["candidates"] = [[one.generation, one.candidate, one.recorded] for one in plan.candidates]
+            stored["source"] = finite(work.here(plan))
+            self._store.note_transfer(stored)
+        else:
+            work.passed(len(plan.candidates) * count)
+        for target, experiments in plan.targets:
+            self._one(plan, work, target, experiments)
+        if not planned.missing(stored):
+            self._store.note_transfer({**stored, "state": "done"})
+
+    def _one(self, plan: Plan, work: Work, target: Target, experiments: list[Experiment]) -> None:
+        progress.info(
+            "transferring: %d episodes with held-out seeds of %d candidates in %s",
+            len(self._planned.seeds), len(plan.candidates), target.name,
+        )  # fmt: skip
+        try:
+            check_target(target, experiments[0], plan.experiment, self._broker or plan.experiment.broker)
+            episodes = work.there(plan, target, experiments)
+        except (InputError, RunError) as error:
+            _warn(self._run.path, error)
+            return
+        self._stored["targets"].append(
+            {"target": _told(target), "name": target.name, "episodes": finite(episodes)}
+        )
+        self._store.note_transfer(self._stored)
+
+
+def _told(target: Target) -> Any:  # noqa: ANN401 - plain values
+    """Return what a target is, as JSON has it."""
+    if isinstance(target, PseudoReality):
+        values: Any = {"ranges": [[list(one.path), one.low, one.high] for one in target.ranges]}
+    else:
+        values = {"name": target.name, "changes": None if target.changes is None else dict(target.changes)}
+    return json.loads(json.dumps(values))
+
+
+def _warn(folder: Path, error: Exception) -> None:
+    logging.getLogger("swarmwright").warning(
+        "the best candidates were not transferred: %s; the run itself is finished, and "
+        "`swarmwright resume %s` does it later",
+        error, folder,
+    )  # fmt: skip
+
+
+def of_run(run: Run) -> tuple[Transferred, ...]:
+    """Return the finished transfers of a run, in the order of its experiment.
+
+    None where the run went on, and another candidate is the best.
+    """
+    stored = run.store.transfer()
+    if stored is None or stored["source"] is None or stored["numbers"][0] != run.evaluation().number:
+        return ()
+    candidates = tuple(Candidate(*one) for one in stored["candidates"])
+    source, ranking = numbers(stored["source"]), run.experiment.new_ranking()
+    of = {json.dumps(one["target"]): one for one in stored["targets"]}
+    found = (of.get(json.dumps(_told(target))) for target in targets_at_end(run.experiment))
+    return tuple(
+        Transferred(run, one["name"], candidates, source, numbers(one["episodes"]), ranking)
+        for one in found
+        if one is not None
+    )
+
+
+def seeds_of(run: Run) -> list[int]:
+    """Return the seed of each episode of a run's transfer; none where there is none."""
+    stored = run.store.transfer()
+    return [] if stored is None else list(stored["seeds"])
