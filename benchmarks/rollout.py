@@ -66,6 +66,11 @@ class Block:
         fitness, _ = _engine.evaluate(*arguments, level=level, threads=threads)
         return fitness[:, 0]
 
+    def kept(self, threads: int) -> Callable[[], object]:
+        """What evaluates the block as often as it is called, prepared as for the generations of a run."""
+        evaluator = _engine.Evaluator(self.title, self.parameters, self.architecture, threads=threads)
+        return lambda: evaluator.evaluate(self.genomes, [0])
+
     def time(self, level: str = "auto", threads: int = 1) -> Timing:
         """How long it takes."""
         clock, processor = time.perf_counter(), time.process_time()
