@@ -12,6 +12,8 @@ EXPORTERS: Registry[Exporter] = Registry(
     {
         "c": "swarmwright.export.c:C",
         "cpp": "swarmwright.export.cpp:Cpp",
+        "fmu": "swarmwright.export.fmu:Fmu",
+        "fmu3": "swarmwright.export.fmu:Fmu3",
         "machine": "swarmwright.export.machine:Machine",
         "micropython": "swarmwright.export.micropython:MicroPython",
         "onnx": "swarmwright.export.onnx:Onnx",

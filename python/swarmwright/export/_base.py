@@ -39,6 +39,9 @@ class Exporter(ABC):
     longest: ClassVar[int] = 30
     """Steps of a random sequence, at most, with which it is verified."""
 
+    compiled: ClassVar[bool] = False
+    """Whether it holds code that this machine's compiler made, so that its bytes differ between machines."""
+
     untried: ClassVar[str] = ""
     """What of it no verification compiles or runs; empty where that is nothing."""
 

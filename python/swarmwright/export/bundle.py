@@ -152,6 +152,10 @@ def _add(files: Files, form: str, prefix: str, bundle: Bundle) -> None:
     """Add a form, and compare it with the simulation. Raises RunError when it differs."""
     try:
         exporter: Exporter = EXPORTERS.get(form)()
+        if exporter.compiled:
+            raise InputError(
+                f"compiled for one kind of machine; export it where it is used, with --to {form}"
+            )
         made = exporter.files(bundle.subject, prefix)
     except SwarmwrightError as error:
         bundle.without[form] = str(error)

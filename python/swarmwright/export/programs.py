@@ -18,8 +18,12 @@ _TOLD = 2000
 """Characters of a program's errors that are repeated."""
 
 
-def command(variable: str, names: Sequence[str], install: str) -> list[str]:
+def command(
+    variable: str, names: Sequence[str], install: str, *, needed_by: str = "verification"
+) -> list[str]:
     """Return a program and its first arguments: what an environment variable says, or the first on the path.
+
+    needed_by: begins the message without it.
 
     Raises InputError, which says what to install, when there is none.
     """
@@ -33,23 +37,25 @@ def command(variable: str, names: Sequence[str], install: str) -> list[str]:
         if shutil.which(name):
             return [name]
     raise InputError(
-        f"verification needs {names[0]}, which is not installed: {install}, or name one with {variable}"
+        f"{needed_by} needs {names[0]}, which is not installed: {install}, or name one with {variable}"
     )
 
 
-def run(words: Sequence[str], folder: Path, what: str, data: bytes = b"") -> bytes:
+def run(
+    words: Sequence[str], folder: Path, what: str, data: bytes = b"", *, during: str = "verification"
+) -> bytes:
     """Run a program; return what it printed. Raises RunError with its errors when it fails."""
     try:
         done = subprocess.run(
             list(words), cwd=folder, input=data, capture_output=True, timeout=_TIME_OUT_S, check=False
         )
     except subprocess.TimeoutExpired:
-        raise RunError(f"verification: {what} did not end within {_TIME_OUT_S} s") from None
+        raise RunError(f"{during}: {what} did not end within {_TIME_OUT_S} s") from None
     except OSError as error:
-        raise RunError(f"verification: {what}: {words[0]}: {error.strerror}") from error
+        raise RunError(f"{during}: {what}: {words[0]}: {error.strerror}") from error
     if done.returncode:
         said = (done.stderr or done.stdout).decode(errors="replace").strip()[-_TOLD:]
-        raise RunError(f"verification: {what} ended with status {done.returncode}:\n{said}")
+        raise RunError(f"{during}: {what} ended with status {done.returncode}:\n{said}")
     return done.stdout
 
 

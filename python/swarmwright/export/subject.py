@@ -62,6 +62,8 @@ class Subject:
     """Of a parameter set, by name."""
     ranges: Mapping[str, str] = field(default_factory=dict)
     """Of the parameters of a parameter set, in words."""
+    step_size: float = 0.0
+    """Seconds of a step of the simulation; 0 where it is not known."""
 
     @property
     def kind(self) -> str:
@@ -157,10 +159,12 @@ def subject_of(run: "Run", generation: int | None = None, candidate: int | None 
         reason = "its robots move in real time, and are not driven for that"
         return Subject(chosen.specification, facts, _described(run), reason=reason, topics=topics)
     try:
-        description, episodes, count = _recorded(run, chosen)
+        description, episodes, count, step_size = _recorded(run, chosen)
     except SwarmwrightError as error:
         return Subject(chosen.specification, facts, _described(run), reason=str(error), topics=topics)
-    return Subject(chosen.specification, facts, description, episodes, count, topics=topics)
+    return Subject(
+        chosen.specification, facts, description, episodes, count, topics=topics, step_size=step_size
+    )
 
 
 def _of_ros(simulation: str) -> tuple[Mapping[str, Any], bool]:
@@ -215,15 +219,15 @@ def _described(run: "Run") -> Mapping[str, Any]:
     return catalogue.description(simulation) if is_ros or catalogue.built_in(simulation) else {}
 
 
-def _recorded(run: "Run", chosen: "Choice") -> tuple[Mapping[str, Any], Sequences, int]:
-    """Return the simulation's description, and what agents sensed and did in episodes, agent by agent."""
+def _recorded(run: "Run", chosen: "Choice") -> tuple[Mapping[str, Any], Sequences, int, float]:
+    """Return the simulation's description; what agents sensed and did; episodes; seconds of a step."""
     from swarmwright.runs.replay import Replay  # noqa: PLC0415 - needs displays
 
     parts: list[tuple[NDArray[np.float32], NDArray[np.float32]]] = []
     done, count = 0, 0
     for number in range(min(_EPISODES, len(chosen.seeds))):
         replay = Replay.of(run, generation=chosen.generation, candidate=chosen.candidate, episode=number)
-        agents = _agents(replay)
+        agents, step_size = _agents(replay)
         done += sum(len(sensors) for sensors, _ in agents)
         count += 1
         parts += agents
@@ -238,17 +242,21 @@ def _recorded(run: "Run", chosen: "Choice") -> tuple[Mapping[str, Any], Sequence
         np.concatenate([np.empty((0, width[side]), np.float32), *(part[side] for part in parts)])
         for side in (0, 1)
     )
-    return description, Sequences(first, sensors, actuators, np.ones(done, np.bool_)), count
+    return description, Sequences(first, sensors, actuators, np.ones(done, np.bool_)), count, step_size
 
 
-def _agents(replay: Any) -> list[tuple[NDArray[np.float32], NDArray[np.float32]]]:  # noqa: ANN401 - a Replay
-    """Return the sensors and the actuators of each agent of an episode, played to its end."""
+_Played = list[tuple[NDArray[np.float32], NDArray[np.float32]]]
+
+
+def _agents(replay: Any) -> tuple[_Played, float]:  # noqa: ANN401 - a Replay
+    """Return the sensors and the actuators of each agent of an episode, played to its end; the step size."""
     episode = replay.engine_episode()
     rows = []
     with engine_errors():
         while not episode.done:
             rows.append(episode.step_observed())
     if not rows:
-        return []
+        return [], episode.step_size
     agents, sensors, actuators = (np.concatenate(part) for part in zip(*rows, strict=True))
-    return [(sensors[agents == agent], actuators[agents == agent]) for agent in np.unique(agents)]
+    played = [(sensors[agents == agent], actuators[agents == agent]) for agent in np.unique(agents)]
+    return played, episode.step_size

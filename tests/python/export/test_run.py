@@ -63,7 +63,7 @@ def test_golden_vectors_are_whole_episodes(minisim: Run) -> None:
     assert len(first) == int(np.flatnonzero(episodes.first)[1])
 
 
-@pytest.mark.parametrize("form", ["c", "cpp", "python", "onnx"])
+@pytest.mark.parametrize("form", ["c", "cpp", "fmu", "fmu3", "python", "onnx"])
 def test_the_program_exports_and_verifies(program: Any, minisim: Run, tmp_path: Path, form: str) -> None:
     result = program("export", minisim.path, "--to", form, "--output", "out", "--verify", "--prefix", "robot")
     assert result.returncode == 0, result.stderr
@@ -71,11 +71,8 @@ def test_the_program_exports_and_verifies(program: Any, minisim: Run, tmp_path: 
     assert lines[0].startswith(f"Candidate {minisim.best.candidate} of generation {minisim.best.generation} ")
     assert lines[-1].startswith("Verified: largest difference 0, bit-identical in 10,000 random sequences (")
     assert " and 3 episodes of the simulation (" in lines[-1]
-    assert (
-        tmp_path
-        / "out"
-        / {"c": "robot.h", "cpp": "robot.hpp", "python": "robot.py", "onnx": "robot.onnx"}[form]
-    ).is_file()
+    names = {"c": "robot.h", "cpp": "robot.hpp", "python": "robot.py", "onnx": "robot.onnx"}
+    assert (tmp_path / "out" / names.get(form, "robot.fmu")).is_file()
 
 
 def test_the_header_says_what_it_is(minisim: Run, tmp_path: Path) -> None:

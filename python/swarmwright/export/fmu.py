@@ -1,0 +1,361 @@
+"""Functional Mock-up Units for co-simulation: `--to fmu` (FMI 2.0) and `--to fmu3` (FMI 3.0)."""
+
+import hashlib
+import io
+import subprocess
+import sys
+import tempfile
+import zipfile
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING, ClassVar
+from xml.etree import ElementTree as ET
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmwright.core.errors import InputError, RunError
+from swarmwright.export._base import Exporter, Files, facts, file_bytes
+from swarmwright.export.c import C
+from swarmwright.export.programs import command, run
+from swarmwright.export.python_code import golden_text
+from swarmwright.export.sequences import Sequences
+from swarmwright.export.subject import Channel, Subject
+from swarmwright.export.text import MARK, check_header, identifiers, render
+
+if TYPE_CHECKING:
+    from swarmwright.export.fmu_driver import Driver
+
+_DATE = (1980, 1, 1, 0, 0, 0)
+"""Of all entries, so that the same controller gives the same bytes."""
+_FIRST_SENSOR = 2
+"""Value references: 0 is the time, 1 the period, then come sensors and actuators."""
+_UNITS: dict[str, dict[str, str]] = {
+    "m": {"m": "1"}, "s": {"s": "1"}, "rad": {"rad": "1"}, "m/s": {"m": "1", "s": "-1"},
+    "rad/s": {"rad": "1", "s": "-1"}, "m/s^2": {"m": "1", "s": "-2"}, "kg": {"kg": "1"}, "Hz": {"s": "-1"},
+    "V": {"kg": "1", "m": "2", "s": "-3", "A": "-1"}, "K": {"K": "1"},
+    "N": {"kg": "1", "m": "1", "s": "-2"}, "W": {"kg": "1", "m": "2", "s": "-3"},
+}  # fmt: skip
+"""Units in SI base units; others are named only."""
+_SYSTEMS = {"linux": ("linux", ".so"), "darwin": ("darwin", ".dylib"), "mingw": ("windows", ".dll")}
+_MACHINES = {
+    "x86_64": "x86_64", "amd64": "x86_64", "aarch64": "aarch64", "arm64": "aarch64", "i386": "x86",
+    "i486": "x86", "i586": "x86", "i686": "x86", "riscv64": "riscv64",
+}  # fmt: skip
+_TIME_OUT_S = 120
+
+
+class Fmu(Exporter):
+    """`PREFIX.fmu`, a Functional Mock-up Unit for co-simulation, and a self-test that runs it with FMPy.
+
+    Inputs `sensors.NAME`, outputs `actuators.NAME`, and the parameter `period`, in seconds. It holds the C
+    source and a shared library for the machine that the C compiler (CC) writes for. An instance is one agent.
+    FMI: Functional Mock-up Interface for Model Exchange and Co-Simulation 2.0.4, chapter 4.
+    """
+
+    form: ClassVar[str] = "fmu"
+    compiled: ClassVar[bool] = True
+    fmi: ClassVar[str] = "2.0"
+
+    def files(self, subject: Subject, prefix: str) -> Files:
+        """Return the FMU and its self-test. Raises InputError also where there is no C compiler."""
+        check_header(prefix)
+        if not subject.steers:
+            raise InputError(
+                "controller: a parameter set has no inputs and outputs, and so no FMU; export it to c, cpp, "
+                "python or micropython"
+            )
+        inside = self._inside(subject, prefix)
+        return {
+            f"{prefix}.fmu": _zipped(inside),
+            f"{prefix}_fmu_test.py": render(
+                "fmu_test.txt",
+                {
+                    "p": prefix,
+                    "facts": facts(subject, "    "),
+                    "golden": subject.golden_words,
+                    "sequences": golden_text(subject.golden),
+                    "period": repr(_period(subject)),
+                    **_TEST[self.fmi],
+                },
+            ),
+        }
+
+    def run(self, folder: Path, prefix: str, sequences: Sequences) -> NDArray[np.float32]:
+        """Drive the FMU with FMPy, which also checks its description against the standard's schema."""
+        with _driver(folder / f"{prefix}.fmu") as driver:
+            return driver.drive(sequences)
+
+    def self_test(self, folder: Path, prefix: str) -> str:
+        """Run `PREFIX_fmu_test.py`."""
+        name = f"{prefix}_fmu_test.py"
+        said = run([sys.executable, name], folder, f"the self-test {name}")
+        if said.strip() != b"ok":
+            raise RunError(f"verification: the self-test {name} said {said!r}, expected ok")
+        return name
+
+    def _inside(self, subject: Subject, prefix: str) -> Files:
+        """Return the content of the archive."""
+        written = C().files(subject, prefix)
+        sources = {name: file_bytes(written[name]) for name in (f"{prefix}.h", f"{prefix}.c")}
+        variables = _Variables(subject)
+        values = {
+            "p": prefix,
+            "facts": facts(subject),
+            "version": self.fmi,
+            "sensors": str(len(subject.sensors)),
+            "actuators": str(len(subject.actuators)),
+            "sensor_names": "\n".join(f'    "{name}",' for name in variables.sensors),
+            "period": repr(_period(subject)),
+        }
+        wrapper = render("fmu_source.txt", {**values, "token": "@token@"})
+        wrapper += render(f"fmu_fmi{self.fmi[0]}.txt", values)
+        token = _token(self.fmi, *sources.values(), wrapper.encode())
+        sources[f"{prefix}_fmu.c"] = wrapper.replace("@token@", token).encode()
+        binary, library = self._library(prefix, sources)
+        made: Files = {
+            "modelDescription.xml": self._description(subject, prefix, token, variables),
+            "documentation/index.html": _documentation(subject, prefix, variables, self.fmi),
+            **{f"sources/{name}": data for name, data in sources.items()},
+            binary: library,
+        }
+        if self.fmi == "3.0":
+            made["sources/buildDescription.xml"] = _build_description(prefix)
+        return made
+
+    def _library(self, prefix: str, sources: dict[str, bytes]) -> tuple[str, bytes]:
+        """Return the place of the shared library in the archive, and the library."""
+        compiler = command(
+            "CC", ("cc", "gcc", "clang"), "apt install gcc", needed_by="an FMU holds a library, which"
+        )
+        machine, system, ending = _platform(compiler)
+        with tempfile.TemporaryDirectory(prefix="swarmwright-fmu-") as place:
+            folder = Path(place)
+            for name, data in sources.items():
+                (folder / name).write_bytes(data)
+            options = ["-std=gnu11", "-O2", "-fPIC", "-shared", "-fvisibility=hidden", "-ffp-contract=off"]
+            library = f"{prefix}{ending}"
+            words = [*options, "-DSWARMWRIGHT_CONTRACT_OFF", "-o", library, f"{prefix}.c", f"{prefix}_fmu.c"]
+            run([*compiler, *words], folder, "the C compiler", during="the FMU's library")
+            data = (folder / library).read_bytes()
+        if self.fmi == "3.0":
+            return f"binaries/{machine}-{system}/{library}", data
+        bits = "32" if machine == "x86" else "64"
+        return f"binaries/{'win' if system == 'windows' else system}{bits}/{library}", data
+
+    def _description(self, subject: Subject, prefix: str, token: str, variables: "_Variables") -> str:
+        """Return modelDescription.xml."""
+        from swarmwright import __version__  # noqa: PLC0415 - asks the engine
+
+        three = self.fmi == "3.0"
+        root = ET.Element(
+            "fmiModelDescription",
+            {
+                "fmiVersion": self.fmi,
+                "modelName": prefix,
+                ("instantiationToken" if three else "guid"): token,
+                "description": "; ".join(f"{name}: {text}" for name, text in subject.facts) or prefix,
+                "generationTool": f"Swarmwright {__version__}",
+                "variableNamingConvention": "structured",
+                **({} if three else {"numberOfEventIndicators": "0"}),
+            },
+        )
+        state = "FMUState" if three else "FMUstate"
+        what = {
+            "modelIdentifier": prefix,
+            f"canGetAndSet{state}": "true",
+            f"canSerialize{state}": "true",
+            "canHandleVariableCommunicationStepSize": "true",
+        }
+        if three:
+            ET.SubElement(root, "CoSimulation", what)
+        else:
+            what["canNotUseMemoryManagementFunctions"] = "true"
+            files = ET.SubElement(ET.SubElement(root, "CoSimulation", what), "SourceFiles")
+            for name in (f"{prefix}.c", f"{prefix}_fmu.c"):
+                ET.SubElement(files, "File", name=name)
+        units = ET.SubElement(root, "UnitDefinitions")
+        for unit in variables.units:
+            one = ET.SubElement(units, "Unit", name=unit)
+            if unit in _UNITS:
+                ET.SubElement(one, "BaseUnit", _UNITS[unit])
+        categories = ET.SubElement(root, "LogCategories")
+        for name in ("logStatusDiscard", "logStatusError"):
+            ET.SubElement(categories, "Category", name=name)
+        ET.SubElement(root, "DefaultExperiment", startTime="0", stepSize=repr(_period(subject)))
+        listed = ET.SubElement(root, "ModelVariables")
+        (variables.three if three else variables.two)(listed, subject)
+        structure = ET.SubElement(root, "ModelStructure")
+        first = _FIRST_SENSOR + len(variables.sensors)
+        outputs = structure if three else ET.SubElement(structure, "Outputs")
+        for index in range(len(variables.actuators)):
+            if three:
+                ET.SubElement(outputs, "Output", valueReference=str(first + index))
+            else:  # the place among the variables, from 1; there is no time among them
+                ET.SubElement(outputs, "Unknown", index=str(first + index))
+        return _xml(root, comment=f"{MARK} {__version__}; changes here are lost.")
+
+
+class Fmu3(Fmu):
+    """As `Fmu`, for FMI 3.0: sensors and actuators have 32 bits as in the simulation.
+
+    FMI: Functional Mock-up Interface Specification 3.0.1, chapter 4.
+    """
+
+    form: ClassVar[str] = "fmu3"
+    fmi: ClassVar[str] = "3.0"
+
+
+_TEST = {
+    "2.0": {
+        "driver": "fmi2", "slave": "FMU2Slave", "setup": "controller.setupExperiment()", "set": "setReal",
+        "get": "getReal",
+    },
+    "3.0": {"driver": "fmi3", "slave": "FMU3Slave", "setup": "", "set": "setFloat32", "get": "getFloat32"},
+}  # fmt: skip
+
+
+class _Variables:
+    """Names of variables, and their elements in a description."""
+
+    def __init__(self, subject: Subject) -> None:
+        self.sensors = self._named("sensors", subject.sensors)
+        self.actuators = self._named("actuators", subject.actuators)
+        channels = [*subject.sensors, *subject.actuators]
+        self.units = sorted({"s", *(channel.unit for channel in channels if channel.unit)})
+
+    @staticmethod
+    def _named(group: str, channels: list[Channel]) -> list[str]:
+        names = identifiers((channel.name for channel in channels), group.removesuffix("s").upper())
+        # A name of FMI's structured convention does not begin with a digit.
+        return [f"{group}.{'_' if name[0].isdigit() else ''}{name.lower()}" for name in names]
+
+    def _channels(self, subject: Subject) -> list[tuple[str, Channel, str]]:
+        return [
+            *((name, one, "input") for name, one in zip(self.sensors, subject.sensors, strict=True)),
+            *((name, one, "output") for name, one in zip(self.actuators, subject.actuators, strict=True)),
+        ]
+
+    def two(self, listed: ET.Element, subject: Subject) -> None:
+        """Add the variables of FMI 2.0: the place of each, from 1, is its value reference."""
+        period = {"name": "period", "valueReference": "1", "causality": "parameter", "variability": "fixed"}
+        element = ET.SubElement(listed, "ScalarVariable", {**period, "description": _PERIOD})
+        ET.SubElement(element, "Real", unit="s", start=repr(_period(subject)))
+        for index, (name, channel, causality) in enumerate(self._channels(subject)):
+            about = {"name": name, "valueReference": str(_FIRST_SENSOR + index), "causality": causality}
+            if causality == "output":
+                about |= {"variability": "discrete", "initial": "exact"}
+            else:
+                about |= {"variability": "discrete"}
+            element = ET.SubElement(listed, "ScalarVariable", {**about, "description": _words(channel)})
+            ET.SubElement(element, "Real", {**({"unit": channel.unit} if channel.unit else {}), "start": "0"})
+
+    def three(self, listed: ET.Element, subject: Subject) -> None:
+        """Add the variables of FMI 3.0."""
+        time = {"name": "time", "valueReference": "0", "causality": "independent"}
+        ET.SubElement(listed, "Float64", {**time, "variability": "continuous", "unit": "s"})
+        period = {"name": "period", "valueReference": "1", "causality": "parameter", "variability": "fixed"}
+        start = {"unit": "s", "start": repr(_period(subject))}
+        ET.SubElement(listed, "Float64", {**period, "description": _PERIOD, **start})
+        for index, (name, channel, causality) in enumerate(self._channels(subject)):
+            about = {"name": name, "valueReference": str(_FIRST_SENSOR + index), "causality": causality}
+            about |= {"variability": "discrete", "description": _words(channel)}
+            if causality == "output":
+                about["initial"] = "exact"
+            unit = {"unit": channel.unit} if channel.unit else {}
+            ET.SubElement(listed, "Float32", {**about, **unit, "start": "0"})
+
+
+_PERIOD = "Time from one control step to the next, above 0"
+
+
+def _words(channel: Channel) -> str:
+    return f"{channel.name}, {channel.limits}"
+
+
+def _period(subject: Subject) -> float:
+    """Return the seconds of a control step: those of the simulation, 1 where it does not say."""
+    return subject.step_size or 1.0
+
+
+def _token(*parts: str | bytes) -> str:
+    """Return an identifier of what is in the archive, in the form of a GUID."""
+    made = hashlib.sha256()
+    for part in parts:
+        made.update(part.encode() if isinstance(part, str) else part)
+    text = made.hexdigest()[:32]
+    return f"{{{text[:8]}-{text[8:12]}-{text[12:16]}-{text[16:20]}-{text[20:]}}}"
+
+
+def _platform(compiler: list[str]) -> tuple[str, str, str]:
+    """Return machine and system as FMI 3.0 names them, and how libraries end there."""
+    try:
+        done = subprocess.run(
+            [*compiler, "-dumpmachine"], capture_output=True, text=True, timeout=_TIME_OUT_S, check=False
+        )
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise InputError(f"{' '.join(compiler)}: does not say what it compiles for: {error}") from None
+    triple = done.stdout.strip()
+    machine = _MACHINES.get(triple.partition("-")[0])
+    system = next((found for word, found in _SYSTEMS.items() if word in triple), None)
+    if machine is None or system is None:
+        raise InputError(
+            f"{' '.join(compiler)}: compiles for {triple or 'an unknown machine'}, which FMI has no name "
+            "for; name another compiler with CC"
+        )
+    return machine, *system
+
+
+def _zipped(files: Files) -> bytes:
+    """Return an archive; what tells that Swarmwright wrote it is at its beginning, as it is."""
+    data = io.BytesIO()
+    with zipfile.ZipFile(data, "w") as archive:
+        for name, content in files.items():
+            info = zipfile.ZipInfo(name, _DATE)
+            info.compress_type = zipfile.ZIP_STORED if name.endswith(".xml") else zipfile.ZIP_DEFLATED
+            info.external_attr = (0o755 if name.startswith("binaries/") else 0o644) << 16
+            archive.writestr(info, file_bytes(content))
+    return data.getvalue()
+
+
+def _build_description(prefix: str) -> str:
+    root = ET.Element("fmiBuildDescription", fmiVersion="3.0")
+    build = ET.SubElement(root, "BuildConfiguration", modelIdentifier=prefix)
+    files = ET.SubElement(build, "SourceFileSet", language="C11", compilerOptions="-ffp-contract=off")
+    for name in (f"{prefix}.c", f"{prefix}_fmu.c"):
+        ET.SubElement(files, "SourceFile", name=name)
+    ET.SubElement(files, "PreprocessorDefinition", name="SWARMWRIGHT_CONTRACT_OFF")
+    return _xml(root)
+
+
+def _xml(root: ET.Element, comment: str = "") -> str:
+    """Return a document; the comment stands before its root."""
+    ET.indent(root)
+    begin = f"<!-- {comment} -->\n" if comment else ""
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n{begin}{ET.tostring(root, encoding="unicode")}\n'
+
+
+def _documentation(subject: Subject, prefix: str, variables: _Variables, fmi: str) -> str:
+    rows = "\n".join(
+        f"<tr><td>{escape(name)}</td><td>{escape(channel.unit)}</td><td>{escape(_words(channel))}</td></tr>"
+        for name, channel in zip(
+            [*variables.sensors, *variables.actuators], [*subject.sensors, *subject.actuators], strict=True
+        )
+    )
+    origin = "\n".join(
+        f"<tr><th>{escape(name)}</th><td>{escape(text)}</td></tr>" for name, text in subject.facts
+    )
+    return render(
+        "fmu_documentation.txt",
+        {"p": escape(prefix), "fmi": fmi, "rows": rows, "origin": origin, "period": repr(_period(subject))},
+    )
+
+
+def _driver(file: Path) -> "Driver":
+    from importlib.util import find_spec  # noqa: PLC0415 - beside its use
+
+    if find_spec("fmpy") is None:
+        raise InputError("verification of an FMU needs FMPy: pip install 'swarmwright[fmi]'")
+    from swarmwright.export.fmu_driver import Driver  # noqa: PLC0415 - needs FMPy
+
+    return Driver(file)

@@ -1,0 +1,312 @@
+"""Controllers as FMUs, driven by FMPy: bits of the engine, samples in each period, states, mistakes."""
+
+import io
+import shutil
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree as ET
+
+import numpy as np
+import pytest
+from fmpy import extract, read_model_description, simulate_fmu
+from fmpy.build import build_platform_binary
+from fmpy.fmi1 import FMICallException
+from fmpy.fmi2 import FMU2Slave
+from fmpy.fmi3 import FMU3Slave
+from fmpy.validation import validate_fmu
+
+from swarmwright import InputError, RunError
+from swarmwright.export import EXPORTERS, Exporter, Subject
+from swarmwright.export.fmu_driver import Driver
+from swarmwright.export.sequences import Sequences, difference, random_sequences
+from swarmwright.export.writing import write
+from tests.python.export.specifications import ALL, subject
+
+FORMS = ("fmu", "fmu3")
+KEEPS_STATE = "fully_meshed-tanh-6"
+"""Its actuators depend on what it sensed before."""
+
+
+def exporter(form: str) -> Exporter:
+    return EXPORTERS.get(form)()
+
+
+def written(name: str, form: str, folder: Path) -> Path:
+    write(exporter(form).files(subject(ALL[name]), "robot"), folder)
+    return folder / "robot.fmu"
+
+
+def instance(file: Path, folder: Path) -> Any:
+    """An instance that samples from 0 s on."""
+    description = read_model_description(str(file))
+    extract(str(file), str(folder))
+    make = FMU2Slave if description.fmiVersion == "2.0" else FMU3Slave
+    fmu = make(
+        guid=description.guid, unzipDirectory=str(folder), modelIdentifier="robot", instanceName="tested"
+    )
+    fmu.instantiate()
+    return fmu
+
+
+def begin(fmu: Any) -> None:
+    if isinstance(fmu, FMU2Slave):
+        fmu.setupExperiment()
+    fmu.enterInitializationMode()
+    fmu.exitInitializationMode()
+
+
+def put(fmu: Any, references: list[int], values: Any) -> None:
+    (fmu.setReal if isinstance(fmu, FMU2Slave) else fmu.setFloat32)(
+        references, [float(one) for one in values]
+    )
+
+
+def got(fmu: Any, references: list[int]) -> list[float]:
+    found: list[float] = (fmu.getReal if isinstance(fmu, FMU2Slave) else fmu.getFloat32)(references)
+    return found
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("name", ALL)
+def test_every_kind_has_the_same_bits(name: str, form: str, tmp_path: Path) -> None:
+    file = written(name, form, tmp_path)
+    sequences = random_sequences(ALL[name], 30)
+    assert difference(sequences, exporter(form).run(tmp_path, "robot", sequences)) == (0.0, 0)
+    assert validate_fmu(str(file)) == []
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_forgetful_or_wrong_one_is_found_out(form: str, tmp_path: Path) -> None:
+    written(KEEPS_STATE, form, tmp_path)
+    sequences = random_sequences(ALL[KEEPS_STATE], 30, refused=False)
+    always = np.ones_like(sequences.first)
+    forgetful = Sequences(always, sequences.sensors, sequences.actuators, sequences.accepted)
+    assert difference(sequences, exporter(form).run(tmp_path, "robot", forgetful))[0] > 0.1
+    accepts = random_sequences(ALL[KEEPS_STATE], 300)
+    assert not accepts.accepted.all()
+    everything = Sequences(accepts.first, accepts.sensors, accepts.actuators, always[:1].repeat(len(accepts)))
+    with pytest.raises(
+        RunError, match=r"did not do \(sensors\..* is not a finite number: the step is not done"
+    ):
+        exporter(form).run(tmp_path, "robot", everything)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_the_self_test(form: str, tmp_path: Path) -> None:
+    for name in (KEEPS_STATE, "mealy_fsm", "modules"):
+        written(name, form, tmp_path)
+        assert exporter(form).self_test(tmp_path, "robot") == "robot_fmu_test.py"
+    written("modules-other", form, tmp_path / "other")
+    (tmp_path / "other" / "robot.fmu").replace(tmp_path / "robot.fmu")
+    done = subprocess.run(
+        [sys.executable, "robot_fmu_test.py"], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 1
+    assert "the actuators are not those of the simulation" in done.stdout
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("share", [0.25, 1.0, 3.0])
+def test_it_samples_once_in_a_period_whatever_the_master_steps(
+    form: str, share: float, tmp_path: Path
+) -> None:
+    """With a sum of 0.1 that drifts: 1,000 additions of 0.1 are not 100."""
+    fmu = instance(written(KEEPS_STATE, form, tmp_path), tmp_path / "x")
+    (fmu.setReal if form == "fmu" else fmu.setFloat64)([1], [0.1])
+    begin(fmu)
+    put(fmu, [2, 3, 4], [0.25, -0.5, 0.75])
+    samples = 300
+    time, size = 0.0, 0.1 * share
+    for _ in range(round(samples / share)):
+        fmu.doStep(currentCommunicationPoint=time, communicationStepSize=size)
+        time += size
+    first = np.zeros(samples, np.bool_)
+    first[0] = True
+    sensed = np.tile(np.array([0.25, -0.5, 0.75], np.float32), (samples, 1))
+    expected = Sequences.computed(ALL[KEEPS_STATE], first, sensed).actuators[-1]
+    assert np.array(got(fmu, [5, 6]), np.float32).tobytes() == expected.tobytes()
+    fmu.terminate()
+    fmu.freeInstance()
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_states_are_kept_set_and_serialized(form: str, tmp_path: Path) -> None:
+    fmu = instance(written(KEEPS_STATE, form, tmp_path), tmp_path / "x")
+    begin(fmu)
+
+    def onwards() -> list[list[float]]:
+        found = []
+        for step in range(4, 8):
+            put(fmu, [2, 3, 4], [0.1 * step, -0.2, 0.3])
+            fmu.doStep(currentCommunicationPoint=float(step), communicationStepSize=1.0)
+            found.append(got(fmu, [5, 6]))
+        return found
+
+    put(fmu, [2, 3, 4], [0.5, 0.5, -0.5])
+    for step in range(4):
+        fmu.doStep(currentCommunicationPoint=float(step), communicationStepSize=1.0)
+    state = fmu.getFMUstate() if form == "fmu" else fmu.getFMUState()
+    data = fmu.serializeFMUstate(state) if form == "fmu" else fmu.serializeFMUState(state)
+    expected = onwards()
+    (fmu.setFMUstate if form == "fmu" else fmu.setFMUState)(state)
+    assert onwards() == expected
+    fmu.reset()
+    begin(fmu)
+    assert got(fmu, [2, 3, 4, 5, 6]) == [0.0] * 5
+    read = fmu.deSerializeFMUstate(data) if form == "fmu" else fmu.deserializeFMUState(data)
+    (fmu.setFMUstate if form == "fmu" else fmu.setFMUState)(read)
+    assert onwards() == expected
+    for one in (state, read):
+        (fmu.freeFMUstate if form == "fmu" else fmu.freeFMUState)(one)
+    fmu.freeInstance()
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_instances_are_apart(form: str, tmp_path: Path) -> None:
+    """One for each agent of a swarm, of one library."""
+    file = written(KEEPS_STATE, form, tmp_path)
+    agents = [instance(file, tmp_path / str(index)) for index in range(3)]
+    found = []
+    for index, agent in enumerate(agents):
+        begin(agent)
+        put(agent, [2, 3, 4], [0.3 * index, 0.1, 0.2])
+    for step in range(5):
+        for agent in agents:
+            agent.doStep(currentCommunicationPoint=float(step), communicationStepSize=1.0)
+    for agent in agents:
+        found.append(got(agent, [5, 6]))
+        agent.freeInstance()
+    first = np.arange(5) == 0
+    for index, actuators in enumerate(found):
+        sensed = np.tile(np.array([0.3 * index, 0.1, 0.2], np.float32), (5, 1))
+        assert (
+            np.array(actuators, np.float32).tolist()
+            == Sequences.computed(ALL[KEEPS_STATE], first, sensed).actuators[-1].tolist()
+        )
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_mistakes_of_masters_are_errors(form: str, tmp_path: Path) -> None:
+    file = written(KEEPS_STATE, form, tmp_path)
+    with Driver(file) as driver:
+        fmu = driver._fmu
+        set_period = fmu.setReal if form == "fmu" else fmu.setFloat64
+        for value, said in ((0.0, "above 0"), (-1.0, "above 0"), (float("nan"), "above 0")):
+            with pytest.raises(FMICallException):
+                set_period([1], [value])
+            assert said in driver.told[-1]
+        begin(fmu)
+        for references in ([5], [99]):
+            with pytest.raises(FMICallException):
+                put(fmu, references, [1.0])
+            assert driver.told[-1].endswith(f"to set: the variable with the value reference {references[0]}")
+        with pytest.raises(FMICallException):
+            got(fmu, [99])
+        for size in (-1.0, float("inf")):
+            with pytest.raises(FMICallException):
+                fmu.doStep(currentCommunicationPoint=0.0, communicationStepSize=size)
+            assert "must have a finite time and a size of 0 s or more" in driver.told[-1]
+        fmu.doStep(currentCommunicationPoint=0.0, communicationStepSize=1.0)
+        with pytest.raises(FMICallException):
+            set_period([1], [2.0])
+        assert driver.told[-1] == "period cannot be changed after the first sample"
+    text = zipped(file)
+    other = tmp_path / "other.fmu"
+    token = read_model_description(str(file)).guid.encode()
+    text["modelDescription.xml"] = text["modelDescription.xml"].replace(token, b"{another}")
+    with zipfile.ZipFile(other, "w") as archive:
+        for name, content in text.items():
+            archive.writestr(name, content)
+    with pytest.raises(RunError, match=r"FMPy cannot use other\.fmu"), Driver(other):
+        pass
+
+
+def zipped(file: Path) -> dict[str, bytes]:
+    with zipfile.ZipFile(file) as archive:
+        return {name: archive.read(name) for name in archive.namelist()}
+
+
+@pytest.mark.timeout(120)
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # FMPy's temporary folder
+@pytest.mark.parametrize("form", FORMS)
+def test_the_sources_in_it_are_built_by_others(form: str, tmp_path: Path) -> None:
+    """FMPy's own build, with CMake and the standard's headers, in the place of our library."""
+    file = written("layered-tanh-0", form, tmp_path)
+    folder = tmp_path / "x"
+    extract(str(file), str(folder))
+    shutil.rmtree(folder / "binaries")
+    build_platform_binary(folder)
+    with zipfile.ZipFile(file, "w") as archive:
+        for one in folder.rglob("*"):
+            archive.write(one, one.relative_to(folder))
+    sequences = random_sequences(ALL["layered-tanh-0"], 30)
+    assert difference(sequences, exporter(form).run(tmp_path, "robot", sequences)) == (0.0, 0)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_another_master(form: str, tmp_path: Path) -> None:
+    """FMPy's simulation with a table of inputs, by the names of the variables."""
+    file = written("layered-tanh-0", form, tmp_path)
+    names = [one.name for one in read_model_description(str(file)).modelVariables]
+    inputs = [name for name in names if name.startswith("sensors.")]
+    outputs = [name for name in names if name.startswith("actuators.")]
+    assert (len(inputs), len(outputs)) == (3, 2)
+    signals = np.zeros(10, [("time", float), *((name, float) for name in inputs)])
+    signals["time"] = np.arange(10)
+    sensed = np.random.default_rng(1).uniform(-1, 1, (10, 3)).astype(np.float32)
+    for index, name in enumerate(inputs):
+        signals[name] = sensed[:, index]
+    result = simulate_fmu(str(file), stop_time=9, output_interval=1, input=signals, output=outputs)
+    expected = Sequences.computed(ALL["layered-tanh-0"], np.arange(10) == 0, sensed).actuators
+    found = np.column_stack([result[name] for name in outputs]).astype(np.float32)
+    assert found[0].tolist() == [0.0, 0.0]
+    # FMPy interpolates discrete inputs as held; what is sampled at t is there after the step from t.
+    assert found[1:].tobytes() == expected[: len(found) - 1].tobytes()
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_what_the_description_says(form: str, tmp_path: Path) -> None:
+    file = written("mealy_fsm", form, tmp_path)
+    description = read_model_description(str(file))
+    assert description.fmiVersion == ("2.0" if form == "fmu" else "3.0")
+    assert description.generationTool.startswith("Swarmwright ")
+    assert description.coSimulation.canHandleVariableCommunicationStepSize
+    variables = {one.name: one for one in description.modelVariables}
+    assert variables["period"].unit == "s"
+    assert float(variables["period"].start) == float(description.defaultExperiment.stepSize) > 0
+    root = ET.fromstring(zipped(file)["modelDescription.xml"])
+    assert root.find("CoSimulation") is not None
+    page = zipped(file)["documentation/index.html"].decode()
+    assert all(name in page for name in variables if "." in name)
+
+
+def test_the_same_bytes_and_not_over_the_files_of_others(tmp_path: Path) -> None:
+    made = [exporter("fmu").files(subject(ALL["mealy_fsm"]), "robot") for _ in range(2)]
+    assert made[0] == made[1]
+    write(made[0], tmp_path)
+    write(made[0], tmp_path)  # over its own
+    foreign = io.BytesIO()
+    with zipfile.ZipFile(foreign, "w") as archive:
+        archive.writestr("modelDescription.xml", "<fmiModelDescription/>")
+    (tmp_path / "robot.fmu").write_bytes(foreign.getvalue())
+    with pytest.raises(InputError, match=r"robot\.fmu: is there already and was not exported by Swarmwright"):
+        write(made[0], tmp_path)
+
+
+def test_what_is_missing_is_said(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    made = subject(ALL["mealy_fsm"])
+    with pytest.raises(InputError, match="a parameter set has no inputs and outputs, and so no FMU"):
+        exporter("fmu").files(Subject({"kind": "parameter_set"}), "robot")
+    monkeypatch.setenv("CC", "/no/such/compiler")
+    with pytest.raises(InputError, match="CC=/no/such/compiler: there is no such program"):
+        exporter("fmu").files(made, "robot")
+    monkeypatch.delenv("CC")
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(InputError, match="an FMU holds a library, which needs cc, which is not installed"):
+        exporter("fmu").files(made, "robot")
+    monkeypatch.setitem(sys.modules, "fmpy", None)
+    with pytest.raises(InputError, match=r"needs FMPy: pip install 'swarmwright\[fmi\]'"):
+        exporter("fmu").run(tmp_path, "robot", random_sequences(ALL["mealy_fsm"], 1))
