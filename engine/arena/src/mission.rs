@@ -33,7 +33,7 @@ macro_rules! missions {
 }
 
 /// Built-in missions: a file each.
-const MISSIONS: [BuiltIn; 20] = missions! {
+const MISSIONS: [BuiltIn; 21] = missions! {
     "aac" or "aggregation",
     "area_coverage",
     "cfa" or "coverage_with_forbidden_areas",
@@ -42,6 +42,7 @@ const MISSIONS: [BuiltIn; 20] = missions! {
     "decision",
     "directional_gate",
     "dispersion",
+    "emergency_exit",
     "flocking",
     "foraging",
     "formation",

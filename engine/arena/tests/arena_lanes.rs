@@ -134,6 +134,7 @@ fn metrics_of_missions() {
         "dispersion",
         "area_coverage",
         "formation",
+        "emergency_exit",
     ] {
         check(&json!({"mission": mission, "robots": 9, "duration": 5}));
     }

@@ -235,3 +235,50 @@ fn formations_are_found_where_they_are() {
     close(value(&arena, "turned"), 0.0, 1e-6);
     assert!(value(&arena, "away") > 0.1 && value(&arena, "askew") > 0.1);
 }
+
+#[test]
+fn time_until_robots_are_on_a_patch() {
+    let until =
+        |bound: &str, share: f64| json!({"kind": "time_until", "patch": "west", bound: share});
+    let metrics = json!({
+        "all": until("at_least", 1.0), "most": until("at_least", 0.7), "none": until("at_most", 0.0),
+        "always": until("at_most", 1.0), "few": until("at_most", 0.3),
+    });
+    for seed in 0..40 {
+        // All drive ahead: to the circle, or out of it. Wide enough that some do either.
+        let mission = json!({
+            "walls": {"rectangle": [2, 2]},
+            "floor": {"patches": [{"name": "west", "circle": {"center": [-0.1, 0], "radius": 0.3}, "color": "black"}]},
+            "start": {"disc": {"center": [-0.1, 0], "radius": 0.35}}, "metrics": metrics, "fitness": "all",
+        });
+        let parameters = json!({"mission": mission, "robots": 10, "duration": 6, "seed": seed});
+        let mut arena = Arena::default();
+        arena.reset(parameters.as_object().unwrap()).unwrap();
+        let on = |arena: &Arena| {
+            let scene = arena.scene().unwrap();
+            let middle = [scene.width / 2.0 - 0.1, scene.height / 2.0];
+            let agents = scene.bodies.iter().filter(|body| body.kind == "agent");
+            agents
+                .filter(|body| (body.x - middle[0]).hypot(body.y - middle[1]) <= 0.3)
+                .count()
+        };
+        let mut counts = vec![on(&arena)];
+        while !arena.done() {
+            arena.step(&[1.0, 1.0].repeat(arena.acting().len()));
+            counts.push(on(&arena));
+        }
+        assert_eq!(counts.len(), 60);
+        for (name, least, most) in [
+            ("all", 10, 10),
+            ("most", 7, 10),
+            ("none", 0, 0),
+            ("few", 0, 3),
+            ("always", 0, 10),
+        ] {
+            let first = counts
+                .iter()
+                .position(|count| (least..=most).contains(count));
+            close(value(&arena, name), first.unwrap_or(60) as f64 / 10.0, 0.0);
+        }
+    }
+}

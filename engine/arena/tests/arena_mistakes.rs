@@ -302,3 +302,35 @@ fn robots_start_inside_of_walls_and_outside_of_boxes() {
         }
     }
 }
+
+#[test]
+fn a_time_until_has_one_share() {
+    for (bounds, answer) in [
+        (json!({}), "expected either at_least or at_most"),
+        (
+            json!({"at_least": 1, "at_most": 0}),
+            "expected either at_least or at_most",
+        ),
+        (
+            json!({"at_least": 20}),
+            "at_least: 20 found, expected 0 to 1",
+        ),
+        (
+            json!({"at_most": -0.1}),
+            "at_most: -0.1 found, expected 0 to 1",
+        ),
+    ] {
+        let mut metric = json!({"kind": "time_until", "patch": "a"});
+        for (key, value) in bounds.as_object().unwrap() {
+            metric[key] = value.clone();
+        }
+        let patch = json!({"name": "a", "circle": {"radius": 1}, "color": "black"});
+        let mission = json!({"walls": {"rectangle": [4, 4]}, "start": {"disc": {"radius": 1}},
+            "floor": {"patches": [patch]}, "metrics": {"m": metric}, "fitness": "m"});
+        let refused = refusal(&json!({"mission": mission}));
+        assert!(
+            refused.contains("mission.metrics.m: ") && refused.contains(answer),
+            "{refused}"
+        );
+    }
+}

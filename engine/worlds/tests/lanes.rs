@@ -158,6 +158,7 @@ fn arena() -> impl Strategy<Value = Value> {
         "flocking",
         "area_coverage",
         "formation",
+        "emergency_exit",
     ];
     let mission = prop_oneof![
         4 => prop::sample::select(missions.to_vec()).prop_map(|name| json!(name)),
@@ -190,6 +191,8 @@ fn measured() -> Value {
             "i": {"kind": "chain_reach", "from": "west", "to": "east", "link": 0.4},
             "j": {"kind": "distance_to_center"},
             "k": {"kind": "robots_on", "patch": "west", "when": "mean"},
+            "l": {"kind": "time_until", "patch": "west", "at_least": 0.2},
+            "m": {"kind": "time_until", "patch": "west", "at_most": 0.1},
         },
         "fitness": {"offset": 1, "factors": {"a": 1, "g": 10, "speed": -1}},
     })

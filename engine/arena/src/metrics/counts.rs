@@ -27,6 +27,23 @@ pub(super) fn on<L: Lanes>(
     count
 }
 
+/// The fewest and the most robots that shares of them stand for.
+pub(super) fn bounds(at_least: Option<f64>, at_most: Option<f64>, robots: usize) -> [f32; 2] {
+    // 0.7 of 10 robots are 7, however a product is rounded.
+    const ROUNDING: f64 = 1e-6;
+    let all = robots as f64;
+    let least = (at_least.unwrap_or(0.0) * all - ROUNDING).ceil();
+    let most = (at_most.unwrap_or(1.0) * all + ROUNDING).floor();
+    [least as f32, most as f32]
+}
+
+/// Makes `waits` 0 where a count is within bounds; it stays so.
+#[inline(always)]
+pub(super) fn wait<L: Lanes>(count: Number<L>, [least, most]: [f32; 2], waits: &mut Number<L>) {
+    let now = number(least).le(count).and(count.le(number(most)));
+    *waits = number(0.0).select(*waits, now);
+}
+
 /// Robots that have come to the nest; `carries` is 1 for those that have been at a source.
 #[inline(always)]
 pub(super) fn returns<L: Lanes>(

@@ -46,6 +46,13 @@ pub(in super::super) enum Metric {
         #[serde(default = "mean")]
         when: When,
     },
+    /// Seconds until a share of the robots, `at_least` or `at_most`, was on a patch for the first time; those of the
+    /// episode where that did not happen.
+    TimeUntil {
+        patch: String,
+        at_least: Option<f64>,
+        at_most: Option<f64>,
+    },
     /// Times that a robot came to the nest after it had been at a source.
     Returns { sources: Vec<String>, nest: String },
     /// Times that a robot crossed the middle of a patch southward, minus northward; not below 0.
@@ -187,6 +194,7 @@ impl Metric {
             Self::RobotsOn { patch, .. }
             | Self::ObjectsOn { patch, .. }
             | Self::ObjectDistance { patch, .. }
+            | Self::TimeUntil { patch, .. }
             | Self::CrossingsSouth { patch }
             | Self::RobotsInWrongHalf { patch }
             | Self::StopErrors { patch }
@@ -327,6 +335,23 @@ impl Metric {
             }
             Self::ShapeDeviation { shape, .. } => shape.check(),
             Self::ObjectDistance { patch, .. } => has_middle(place, patch),
+            Self::TimeUntil {
+                at_least, at_most, ..
+            } => {
+                let (name, share) = match (at_least, at_most) {
+                    (Some(share), None) => ("at_least", *share),
+                    (None, Some(share)) => ("at_most", *share),
+                    _ => {
+                        return Err(
+                            "expected either at_least or at_most, a share of the robots".to_owned()
+                        );
+                    }
+                };
+                if !(0.0..=1.0).contains(&share) {
+                    return Err(format!("{name}: {share} found, expected 0 to 1"));
+                }
+                Ok(())
+            }
             Self::ChainReach { from, to, link, .. } => {
                 length("link", *link)?;
                 has_middle(place, from)?;
@@ -354,173 +379,6 @@ impl Metric {
             | Self::ShapeDeviation { when, .. }
             | Self::ChainReach { when, .. } => Some(*when),
             _ => None,
-        }
-    }
-
-    pub(in super::super) fn unit(&self) -> &'static str {
-        match self {
-            Self::RobotsOn { share: true, .. }
-            | Self::ObjectsOn { share: true, .. }
-            | Self::MostRobotsOn { share: true, .. } => "",
-            Self::ObjectsOn { .. } => "objects",
-            Self::RobotsOn { .. } | Self::MostRobotsOn { .. } | Self::RobotsInWrongHalf { .. } => {
-                "robots"
-            }
-            Self::LargestGroup { share: false, .. } => "robots",
-            Self::Order { .. }
-            | Self::LargestGroup { share: true, .. }
-            | Self::CoveredShare { .. }
-            | Self::VisitedShare { .. }
-            | Self::ChainReach { .. } => "",
-            Self::Groups { .. } => "groups",
-            Self::Speed { .. } | Self::GroupSpeed { .. } => "m/s",
-            Self::Returns { .. } => "returns",
-            Self::CrossingsSouth { .. } => "crossings",
-            Self::StopErrors { .. } | Self::CellAge { .. } => "ticks",
-            Self::LargestGroupArea { .. } => "m^2",
-            Self::MeanDistance { .. }
-            | Self::ObjectDistance { .. }
-            | Self::DistanceToCenter { .. }
-            | Self::NearestDistance { .. }
-            | Self::ShapeDeviation { .. }
-            | Self::MeanDistanceInside { .. }
-            | Self::MeanDistanceRim { .. } => "m",
-        }
-    }
-
-    pub(in super::super) fn description(&self) -> String {
-        let when = |when: &When| match when {
-            When::EachTick => "summed over the ticks",
-            When::Mean => "as a mean over the ticks",
-            When::End => "at the end",
-        };
-        match self {
-            Self::RobotsOn {
-                patch,
-                robots,
-                when: at,
-                ..
-            } => {
-                let robots = robots.as_deref().unwrap_or("Robots");
-                format!("{robots} on {patch}, {}.", when(at))
-            }
-            Self::MostRobotsOn {
-                patches, when: at, ..
-            } => format!(
-                "Robots on that of {} with most of them, {}.",
-                patches.join(", "),
-                when(at)
-            ),
-            Self::ObjectsOn {
-                patch,
-                object,
-                share,
-                when: at,
-            } => format!(
-                "{}{} on {patch}, {}.",
-                if *share { "Share of " } else { "" },
-                object.as_deref().unwrap_or("objects"),
-                when(at)
-            ),
-            Self::ObjectDistance {
-                patch,
-                object,
-                when: at,
-            } => format!(
-                "Mean distance of {} from the middle of {patch}, {}.",
-                object.as_deref().unwrap_or("objects"),
-                when(at)
-            ),
-            Self::Returns { sources, nest } => {
-                format!("Returns from {} to {nest}.", sources.join(" or "))
-            }
-            Self::CrossingsSouth { patch } => {
-                format!("Crossings of the middle of {patch} southward, minus northward.")
-            }
-            Self::RobotsInWrongHalf { patch } => format!(
-                "Robots in the half where they should not be, by the colour of {patch}, summed over the ticks."
-            ),
-            Self::StopErrors { patch } => format!(
-                "Ticks of robots until one was on {patch}, and of those that stood before or moved after that."
-            ),
-            Self::LargestGroupArea { .. } => {
-                "Area that the largest connected group covers at the end.".to_owned()
-            }
-            Self::MeanDistance { .. } => {
-                "Mean distance from points of the arena to the nearest robot at the end.".to_owned()
-            }
-            Self::MeanDistanceInside { patch, .. } => {
-                format!(
-                    "Mean distance from points of {patch} to the nearest robot on it at the end."
-                )
-            }
-            Self::MeanDistanceRim { patch, .. } => format!(
-                "Mean distance from points of the rim of {patch} to the nearest robot near it at the end."
-            ),
-            Self::CellAge { .. } => {
-                "Mean ticks since the cells were visited, summed over the ticks.".to_owned()
-            }
-            Self::Order { when: at } => {
-                format!("Length of the mean heading as a unit vector, {}.", when(at))
-            }
-            Self::Speed { when: at } => format!("Mean speed of the robots, {}.", when(at)),
-            Self::GroupSpeed { link, when: at } => format!(
-                "Length of the mean velocity{}, {}.",
-                link.map_or(
-                    "",
-                    |_| " of the largest group, times its share of the robots"
-                ),
-                when(at)
-            ),
-            Self::DistanceToCenter { when: at } => {
-                format!(
-                    "Mean distance of the robots from their center, {}.",
-                    when(at)
-                )
-            }
-            Self::NearestDistance { when: at } => {
-                format!("Mean distance to the nearest robot, {}.", when(at))
-            }
-            Self::LargestGroup {
-                link,
-                share,
-                when: at,
-            } => format!(
-                "{} in the largest group, linked by less than {link} m, {}.",
-                if *share {
-                    "Share of the robots"
-                } else {
-                    "Robots"
-                },
-                when(at)
-            ),
-            Self::Groups { link, when: at } => {
-                format!(
-                    "Groups of robots, linked by less than {link} m, {}.",
-                    when(at)
-                )
-            }
-            Self::CoveredShare { radius, when: at } => {
-                format!(
-                    "Share of the floor at most {radius} m from a robot, {}.",
-                    when(at)
-                )
-            }
-            Self::VisitedShare { cell } => {
-                format!("Share of the squares of {cell} m that robots have been in.")
-            }
-            Self::ShapeDeviation { when: at, .. } => {
-                format!(
-                    "Mean distance of the robots from the formation and back, {}.",
-                    when(at)
-                )
-            }
-            Self::ChainReach {
-                from, to, when: at, ..
-            } => format!(
-                "How far a chain of robots reaches from {from} to {to}, 0 to 1, {}.",
-                when(at)
-            ),
         }
     }
 }

@@ -5,6 +5,7 @@ mod kind;
 mod objects;
 mod shapes;
 mod swarm;
+mod words;
 
 use swarmwright_lanes::{Lanes, MOST_LANES, Mask, Number, number};
 
@@ -13,6 +14,8 @@ use super::swarm::Bodies;
 pub(super) use kind::{Metric, When};
 use swarm::{State, Visits};
 
+/// Of episodes.
+const TICKS_PER_SECOND: f64 = 10.0;
 /// Distance of linked robots where a mission does not say another, metres.
 const LINK: f32 = 0.35;
 
@@ -134,6 +137,22 @@ impl<L: Lanes> Tally<L> {
             } if *when != When::End || last => {
                 let (sum, all) = objects::distance(bodies, place, patch, object.as_deref());
                 self.add(sum, all, true, *when);
+            }
+            Metric::TimeUntil {
+                patch,
+                at_least,
+                at_most,
+            } => {
+                if self.marks.is_empty() {
+                    self.marks = vec![number(1.0)];
+                }
+                let on = counts::on(bodies, place, patch, 0..bodies.len());
+                let bounds = counts::bounds(*at_least, *at_most, bodies.len());
+                counts::wait(on, bounds, &mut self.marks[0]);
+                self.add(self.marks[0], 1, false, When::EachTick);
+                for (value, ticks) in self.values.iter_mut().zip(self.sums) {
+                    *value = ticks / TICKS_PER_SECOND;
+                }
             }
             Metric::Returns { sources, nest } => {
                 self.marks.resize(bodies.len(), number(0.0));
