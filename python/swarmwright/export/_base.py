@@ -81,15 +81,14 @@ class Exporter(ABC):
 
 def not_exported(subject: Subject, form: str, known: Iterable[str]) -> InputError:
     """Return the error for a controller of a kind that has no such form; known: kinds that have it."""
-    reason = (
-        f"controller: the kind {subject.kind!r} cannot be exported to {form}, only {', '.join(sorted(known))}"
-    )
+    kinds = ", ".join(sorted({*known} - {modules.PYTHON_KIND}))
+    reason = f"controller: the kind {subject.kind!r} cannot be exported to {form}, only {kinds}"
     if subject.kind == modules.PYTHON_KIND:
         catalogue = modules.Catalogue.of(subject.specification)
         own = [one.name for one in (*catalogue.behaviours, *catalogue.conditions) if not one.built_in]
         reason = (
-            f"controller: its modules {', '.join(own)} are code in Python, not translated to {form}; "
-            "--to machine writes the machine with the names of its modules"
+            f"controller: its modules {', '.join(own)} are code in Python, not translated to {form}; --to c "
+            "and --to cpp take code in C beside it, --to machine writes the machine with their names"
         )
     return InputError(reason)
 

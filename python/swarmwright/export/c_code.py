@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from textwrap import indent
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from swarmwright.core import modules
 from swarmwright.core.evostick import STEEP, as_layered
 from swarmwright.export._base import not_exported
+from swarmwright.export.c_modules import catalogue_of, own_code
 from swarmwright.export.subject import Subject
 from swarmwright.export.text import literals, render, wrapped
 
@@ -229,7 +231,8 @@ def machine_weights(subject: Subject) -> NDArray[np.float32]:
     """Return the weights of a machine or tree of modules within their limits; those not used are 0."""
     specification = subject.specification
     sizes = (int(specification["states"]), int(specification["transitions"]))
-    return np.array(modules.weights_of(modules.states_of(specification), *sizes), np.float32)
+    known = catalogue_of(specification)
+    return np.array(modules.weights_of(modules.states_of(specification), *sizes, known), np.float32)
 
 
 def _modules(subject: Subject, language: dict[str, str]) -> Code:
@@ -238,21 +241,28 @@ def _modules(subject: Subject, language: dict[str, str]) -> Code:
     weights = machine_weights(subject)
     texts = literals(weights)
     name = "subtree" if tree else "state"
-    width = modules.OF_STATE + most * modules.OF_TRANSITION
+    known = catalogue_of(subject.specification)
+    own = own_code(known, language, tree=tree, transitions=most)
+    first, each = known.of_state, known.of_transition
+    width = first + most * each
+    of_states, of_transitions = (
+        "".join(f", {one.name} {name}" for one in many if not one.built_in for name in one.parameters)
+        for many in (known.behaviours, known.conditions)
+    )
     lines = [f"    /* number of {name}s */", wrapped(texts[:1])]
     for index in range(int(subject.specification["states"])):
         row = texts[1 + index * width :][:width]
         words = modules.words_of(states[index]) if index < len(states) else "not used"
-        lines.append(f"    /* {name} {index}, {words}: behaviour, rwm, alpha, transitions */")
-        lines.append(wrapped(row[: modules.OF_STATE]))
+        lines.append(f"    /* {name} {index}, {words}: behaviour, rwm, alpha, transitions{of_states} */")
+        lines.append(wrapped(row[:first]))
         for k in range(most):
-            here = modules.OF_STATE + k * modules.OF_TRANSITION
+            here = first + k * each
             used = index < len(states) and k < len(states[index].transitions)
             words = modules.words_of(states[index].transitions[k]) if used else "not used"
             if used and tree:
                 words = f"next one if {modules.condition_words(states[index])}"
-            lines.append(f"    /* {words}: target, condition, probability, xi, eta */")
-            lines.append(wrapped(row[here : here + modules.OF_TRANSITION]))
+            lines.append(f"    /* {words}: target, condition, probability, xi, eta{of_transitions} */")
+            lines.append(wrapped(row[here : here + each]))
     activation = "\n".join(render(f"c_{name}.txt", language) for name in ("tanh", "activation_sigmoid"))
     step = render(
         "c_step_tree.txt" if tree else "c_step_modules.txt",
@@ -260,18 +270,26 @@ def _modules(subject: Subject, language: dict[str, str]) -> Code:
             **language,
             "words": f"{len(states)} {name}s",
             "width": str(width),
+            "first": str(first),
+            "each": str(each),
+            **own.calls,
+            "forget_within": indent(own.calls["forget"], "    "),
             **({"count": str(len(states))} if tree else {"transitions": str(most)}),
         },
     )
     kept = ("    uint8_t state;", "    uint8_t settled;", "    int8_t turn;")
-    return Code(
-        (Table("weights", "float", len(texts), "\n".join(lines), weights),),
-        render("c_modules.txt", {**language, "activation": activation.rstrip()}),
-        step,
-        "\n".join((kept[0], kept[2]) if tree else kept),
+    kernel = render("c_modules.txt", {**language, "activation": activation.rstrip()})
+    words = (
         "the number of the subtree, and how long the robot still turns"
         if tree
-        else "the number of the state, whether it was entered before, and how long the robot still turns",
+        else "the number of the state, whether it was entered before, and how long the robot still turns"
+    )
+    return Code(
+        (Table("weights", "float", len(texts), "\n".join(lines), weights),),
+        f"{kernel}\n{own.kernel}" if own.kernel else kernel,
+        step,
+        "\n".join([*((kept[0], kept[2]) if tree else kept), *own.members]),
+        f"{words}; what its modules remember" if own.members else words,
     )
 
 
@@ -280,5 +298,6 @@ _KINDS: dict[str, Callable[[Subject, dict[str, str]], Code]] = {
     "fully_meshed": _fully_meshed,
     "layered": _layered,
     "mealy_fsm": _mealy_fsm,
-    "modules": _modules,
+    modules.KIND: _modules,
+    modules.PYTHON_KIND: _modules,
 }

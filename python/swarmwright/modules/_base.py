@@ -84,6 +84,8 @@ class Behaviour(ABC):
     """What the behaviour is set by."""
     state: ClassVar[int] = 0
     """How many numbers each robot keeps between steps; all are 0 when it enters the state."""
+    c_code: ClassVar[str | None] = None
+    """The same for one robot in C, for exported controllers; statements that set `left` and `right`."""
 
     @abstractmethod
     def act(
@@ -102,6 +104,8 @@ class Condition(ABC):
     """What the condition is set by."""
     state: ClassVar[int] = 0
     """How many numbers each robot keeps between steps; all are 0 when it enters the state."""
+    c_code: ClassVar[str | None] = None
+    """The same for one robot in C, for exported controllers; statements that set `probability`."""
 
     @abstractmethod
     def probability(
