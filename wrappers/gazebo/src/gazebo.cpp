@@ -7,6 +7,7 @@
 #include <gazebo/common/Console.hh>
 #include <gazebo/common/Exception.hh>
 #include <gazebo/gazebo.hh>
+#include <gazebo/util/LogRecord.hh>
 
 #include <cerrno>
 #include <cstdint>
@@ -100,6 +101,8 @@ void start() {
     if (!::gazebo::setupServer(std::vector<std::string>())) {
       throw GazeboError("Gazebo did not start");
     }
+    // It keeps a state of the world, for a log that it does not write, at each time not before the last one.
+    ::gazebo::util::LogRecord::Instance()->SetPeriod(1e9);
   });
 }
 

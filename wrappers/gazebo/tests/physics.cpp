@@ -262,7 +262,7 @@ long resident_kilobytes() {
 }
 
 void memory_is_flat_in_a_thousand_episodes() {
-  const World world = room(10, 0.5F);
+  const World world = room(9, 0.5F);  // no other test has run it: Gazebo records what is later than ever before
   const World other = room(4, 0.5F);
   GazeboPhysics physics;
   long before = 0;
