@@ -1,6 +1,7 @@
 """Programs that run in the Debian 11 with Gazebo."""
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 from tests.conftest import ROOT
@@ -8,6 +9,16 @@ from tests.system.processes import Program
 
 PROJECT = ROOT / "wrappers" / "gazebo"
 BUILD = PROJECT / "build"
+YARD = PROJECT / "tests" / "yard" / "yard.world"
+"""A world of a user."""
+
+EXPERIMENT = """simulation: arena-gazebo
+parameters: {mission: aggregation, robots: 4, duration: 4}
+controller: {kind: evostick}
+method: {kind: evostick, population: 8, elites: 2, generations: 3}
+ranking: {episodes: 2, seeds: new}
+validate: false
+"""
 
 
 def command(program: str) -> list[str]:
@@ -28,3 +39,14 @@ class GazeboServer(Program):
         except BaseException:
             self.stop()
             raise
+
+
+Serve = Callable[..., GazeboServer]
+Launch = Callable[..., Program]
+
+
+def optimize(launch: Launch, url: str, folder: Path, name: str, more: str = "") -> Program:
+    """Start a run whose results go to `folder / name`."""
+    path = folder / f"{name}.yaml"
+    path.write_text(EXPERIMENT + more)
+    return launch("optimize", path, "--broker", url, "--out", name)

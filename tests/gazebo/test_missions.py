@@ -5,78 +5,24 @@ import shlex
 import signal
 import socket
 import subprocess
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, closing
+from contextlib import closing
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from swarmwright import Run
 from swarmwright.conformance import check_server
-from tests.gazebo.machine import GazeboServer, command
+from tests.gazebo.machine import EXPERIMENT, YARD, Launch, Serve, command, optimize
 from tests.system.brokers import BrokerProcess
-from tests.system.processes import Program
 from tests.system.runs import attempts, record
 
 pytestmark = pytest.mark.timeout(200)
 
-EXPERIMENT = """simulation: arena-gazebo
-parameters: {mission: aggregation, robots: 4, duration: 4}
-controller: {kind: evostick}
-method: {kind: evostick, population: 8, elites: 2, generations: 3}
-ranking: {episodes: 2, seeds: new}
-validate: false
-"""
 
-Serve = Callable[..., GazeboServer]
-Launch = Callable[..., Program]
-
-
-@pytest.fixture
-def cleanup() -> Iterator[ExitStack]:
-    with ExitStack() as stack:
-        yield stack
-
-
-@pytest.fixture
-def broker(tmp_path: Path, cleanup: ExitStack) -> BrokerProcess:
-    process = BrokerProcess("embedded", tmp_path / "broker")
-    cleanup.callback(process.stop)
-    return process.start()
-
-
-@pytest.fixture
-def serve(tmp_path: Path, cleanup: ExitStack) -> Serve:
-    def start(url: str, *options: str | int, **more: Any) -> GazeboServer:
-        server = GazeboServer(url, *options, cwd=tmp_path, **more)
-        cleanup.callback(server.stop)
-        return server
-
-    return start
-
-
-@pytest.fixture
-def launch(tmp_path: Path, cleanup: ExitStack) -> Launch:
-    def start(*arguments: Any) -> Program:
-        program = Program(*arguments, cwd=tmp_path)
-        cleanup.callback(program.stop)
-        return program
-
-    return start
-
-
-def optimize(launch: Launch, url: str, folder: Path, name: str, more: str = "") -> Program:
-    """Start a run whose results go to `folder / name`."""
-    path = folder / f"{name}.yaml"
-    path.write_text(EXPERIMENT + more)
-    return launch("optimize", path, "--broker", url, "--out", name)
-
-
-@pytest.mark.parametrize("drive", ["wheels", "body"])
-def test_motion_walls_rays_objects_repetition_and_memory(drive: str) -> None:
+@pytest.mark.parametrize("option", ["wheels", "body", str(YARD)], ids=["wheels", "body", "yard"])
+def test_motion_walls_rays_objects_repetition_and_memory(option: str) -> None:
     done = subprocess.run(
-        [*command("test_physics"), drive], capture_output=True, text=True, timeout=180, check=False
+        [*command("test_physics"), option], capture_output=True, text=True, timeout=180, check=False
     )
     assert done.returncode == 0, done.stderr
 

@@ -1,11 +1,14 @@
 #include "gazebo.hpp"
 
+#include "sdf_world.hpp"
+
 #include <arpa/inet.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
 #include <gazebo/common/Console.hh>
 #include <gazebo/common/Exception.hh>
+#include <gazebo/common/SystemPaths.hh>
 #include <gazebo/gazebo.hh>
 #include <gazebo/util/LogRecord.hh>
 
@@ -14,6 +17,7 @@
 #include <cstdlib>
 #include <cstring>
 #include <filesystem>
+#include <list>
 #include <string>
 #include <system_error>
 #include <vector>
@@ -106,7 +110,48 @@ void start() {
   });
 }
 
+/// Where Gazebo finds a resource. Its own search would ask the network for models that it does not find.
+std::string found(const std::string& uri) {
+  auto* paths = ::gazebo::common::SystemPaths::Instance();
+  const std::string model = "model://";
+  if (uri.compare(0, model.size(), model) == 0) {
+    for (const std::string& folder : paths->GetModelPaths()) {
+      const std::filesystem::path path = std::filesystem::path(folder) / uri.substr(model.size());
+      std::error_code ignored;
+      if (std::filesystem::exists(path, ignored)) {
+        return path.string();
+      }
+    }
+    return "";
+  }
+  return uri.empty() || uri.find("http") == 0 ? "" : paths->FindFile(uri);
+}
+
 }  // namespace
+
+UserWorld user_world(const std::string& path) {
+  const Access access;
+  auto* paths = ::gazebo::common::SystemPaths::Instance();
+  const std::filesystem::path folder = std::filesystem::absolute(path).parent_path();
+  const std::list<std::string> own = paths->GetGazeboPaths();
+  for (const std::filesystem::path& each : {folder, folder / "models"}) {
+    paths->AddModelPaths(each.string());
+    paths->AddGazeboPaths(each.string());
+  }
+  // Where GAZEBO_MODEL_PATH is set, it takes the place of the folder of Gazebo's own models.
+  for (const std::string& each : own) {
+    paths->AddModelPaths((std::filesystem::path(each) / "models").string());
+  }
+  UserWorld world = read_world(path, found);
+  for (sdf::ElementPtr model = world.world->HasElement("model") ? world.world->GetElement("model") : nullptr; model;
+       model = model->GetNextElement("model")) {
+    const auto name = model->Get<std::string>("name");
+    if (is_of_mission(name)) {
+      throw GazeboError(path + ": <model name=\"" + name + "\">: missions call their own models so; rename it");
+    }
+  }
+  return world;
+}
 
 Settings& settings() {
   static Settings shared;

@@ -16,6 +16,7 @@
 #include <cmath>
 #include <fstream>
 #include <numeric>
+#include <sstream>
 #include <string>
 #include <utility>
 #include <vector>
@@ -38,6 +39,8 @@ constexpr std::size_t most_idle = 8;
 /// In all of them; a robot of a world takes 9 MB.
 constexpr std::size_t most_idle_robots = 100;
 constexpr double off_the_ground = 0.5;
+/// How deep robots may begin in something, metres.
+constexpr double deepest_at_start = 0.001;
 
 /// A shape of a robot, and which others it meets.
 struct Part {
@@ -57,13 +60,10 @@ struct Robot {
   std::vector<Part> parts;
 };
 
-WorldPtr load(const std::string& text, const std::string& name) {
-  const sdf::SDFPtr parsed(new sdf::SDF);
-  if (!sdf::init(parsed) || !sdf::readString(text, parsed)) {
-    throw GazeboError("Gazebo cannot read the world of the mission");
-  }
+WorldPtr load(const sdf::ElementPtr& description, const std::string& name) {
+  ignition::math::Rand::Seed(1);  // of what is drawn while a world is made, as populations of models are
   const WorldPtr world = ::gazebo::physics::create_world(name);
-  ::gazebo::physics::load_world(world, parsed->Root()->GetElement("world"));
+  ::gazebo::physics::load_world(world, description);
   ::gazebo::physics::init_world(world, [](const std::string&, const ::gazebo::msgs::PosesStamped&) {});
   return world;
 }
@@ -82,14 +82,40 @@ Pose flat(const ModelPtr& model) {
   if (!std::isfinite(sum) || !(std::abs(pose.Pos().Z()) < off_the_ground)) {
     throw GazeboError(model->GetName() +
                       " has left the ground: Gazebo's contacts are unstable with steps of this length; set a smaller "
-                      "--step");
+                      "--step" +
+                      (settings().world ? "; or " + settings().world->path + " has no floor there, at z = 0" : ""));
   }
   return {static_cast<float>(pose.Pos().X()), static_cast<float>(pose.Pos().Y()), static_cast<float>(pose.Rot().Yaw())};
 }
 
+/// What of the user's world a shape is in.
+struct Obstacle {
+  std::string model;
+
+  /// Called by ODE for pairs of shapes or of groups of them.
+  static void look(void* data, dGeomID one, dGeomID other) {
+    if (dGeomIsSpace(one) != 0 || dGeomIsSpace(other) != 0) {
+      dSpaceCollide2(one, other, data, &look);
+      return;
+    }
+    auto& found = *static_cast<Obstacle*>(data);
+    const dGeomID theirs = dGeomGetData(one) != nullptr ? one : other;
+    const auto* shape = static_cast<const ::gazebo::physics::ODECollision*>(dGeomGetData(theirs));
+    if (!found.model.empty() || shape == nullptr || shape->GetSurface()->collideWithoutContact) {
+      return;
+    }
+    const std::string name = shape->GetModel()->GetName();
+    dContactGeom contacts[4];
+    const int count = is_of_mission(name) ? 0 : dCollide(one, other, 4, contacts, sizeof(dContactGeom));
+    if (std::any_of(contacts, contacts + count, [](const auto& each) { return each.depth > deepest_at_start; })) {
+      found.model = name;
+    }
+  }
+};
+
 /// What tells one world from another: its description, and where rays look, which is not in it.
 std::string key_of(const World& world) {
-  std::string key = world_sdf(world, "arena");
+  std::string key = mission_text(world);
   for (const RobotModel& model : world.models) {
     for (const float angle : model.rays) {
       key += ' ' + std::to_string(angle);
@@ -110,13 +136,21 @@ class GazeboPhysics::Place {
   Place(const World& world, std::string key) : key_(std::move(key)), plan_(world), steps_(steps_in_tick(world)) {
     static std::uint64_t made = 0;
     name_ = "arena_" + std::to_string(made++);
-    const std::string text = world_sdf(plan_, name_);
+    const sdf::ElementPtr description = world_element(plan_, name_);
     if (!settings().save_world.empty()) {
-      std::ofstream(settings().save_world) << text;
+      std::ofstream(settings().save_world) << "<?xml version='1.0'?>\n<sdf version='" << sdf::SDF::Version() << "'>\n"
+                                           << description->ToString("  ") << "</sdf>\n";
     }
-    world_ = load(text, name_);
+    world_ = load(description, name_);
     // No step is to start from the forces of the one before: they are not put back with the robots.
     world_->Physics()->SetParam("warm_start_factor", 0.0);
+    if (settings().world) {
+      world_->Physics()->SetParam("island_threads", 0);
+      world_->Physics()->SetParam("thread_position_correction", false);
+      for (const ModelPtr& model : world_->Models()) {
+        collect_links(model);
+      }
+    }
     ::gazebo::sensors::run_once(true);  // makes the sensors known
     for (std::size_t i = 0; i < plan_.robots.size(); ++i) {
       robots_.push_back(collected(i));
@@ -130,6 +164,7 @@ class GazeboPhysics::Place {
     try {
       robots_.clear();
       objects_.clear();
+      links_.clear();
       // Gazebo keeps all worlds that were made, and with them their descriptions, which are by far the largest part.
       const sdf::ElementPtr description = world_->SDF();
       world_->Fini();
@@ -155,6 +190,13 @@ class GazeboPhysics::Place {
     }
     for (std::size_t i = 0; i < objects_.size(); ++i) {
       put(objects_[i], objects[i]);
+    }
+    for (const auto& [link, pose] : links_) {
+      link->SetWorldPose(pose);
+      link->ResetPhysicsStates();
+    }
+    if (settings().world) {
+      check_places(robots);
     }
   }
 
@@ -245,6 +287,42 @@ class GazeboPhysics::Place {
     return robot;
   }
 
+  /// What can move in the user's world, to be put back.
+  void collect_links(const ModelPtr& model) {
+    if (model->IsStatic() || is_of_mission(model->GetName())) {
+      return;
+    }
+    for (const LinkPtr& link : model->GetLinks()) {
+      links_.emplace_back(link, link->WorldPose());
+    }
+    for (const ModelPtr& part : model->NestedModels()) {
+      collect_links(part);
+    }
+  }
+
+  /// Throws ParameterError if a robot begins in something of the user's world.
+  void check_places(Span<const Pose> robots) const {
+    const auto engine = boost::dynamic_pointer_cast<::gazebo::physics::ODEPhysics>(world_->Physics());
+    engine->InitForThread();
+    for (std::size_t i = 0; i < robots_.size(); ++i) {
+      const RobotModel& model = plan_.model(i);
+      const double height = static_cast<double>(model.height);
+      const double low = std::min(0.01, height / 4);
+      const dGeomID room = dCreateCylinder(nullptr, static_cast<double>(model.radius), height - low);
+      dGeomSetPosition(room, static_cast<double>(robots[i].x), static_cast<double>(robots[i].y), (height + low) / 2);
+      Obstacle found;
+      dSpaceCollide2(room, reinterpret_cast<dGeomID>(engine->GetSpaceId()), &found, &Obstacle::look);
+      dGeomDestroy(room);
+      if (!found.model.empty()) {
+        std::ostringstream text;
+        text << "robot " << i << " begins at x = " << robots[i].x << ", y = " << robots[i].y << " in the model \""
+             << found.model << "\" of " << settings().world->path
+             << ": move that away from where the mission has its robots begin, or choose another mission";
+        throw ParameterError("mission", text.str());
+      }
+    }
+  }
+
   /// ODE tests what has moved last first. After this nothing has moved, and only what is moved next matters.
   void forget_moves() const {
     dSpaceClean(boost::dynamic_pointer_cast<::gazebo::physics::ODEPhysics>(world_->Physics())->GetSpaceId());
@@ -282,6 +360,8 @@ class GazeboPhysics::Place {
   WorldPtr world_;
   std::vector<Robot> robots_;
   std::vector<ModelPtr> objects_;
+  /// What can move in the user's world, and where it begins.
+  std::vector<std::pair<LinkPtr, Placement>> links_;
   std::uint32_t ticks_ = 0;
 };
 

@@ -6,6 +6,8 @@
 
 #include "gazebo.hpp"
 
+#include <algorithm>
+#include <array>
 #include <cstdlib>
 #include <exception>
 #include <fstream>
@@ -20,7 +22,10 @@ namespace {
 namespace gz = swarmwright::gazebo;
 
 constexpr const char* usage =
-    "  --step          longest step of Gazebo, seconds; 0.01 by default\n"
+    "  --world         file in SDF in which missions take place: robots and objects are put there\n"
+    "  --walls         mission: the walls of missions stand in that world, too, the default; world: only its own\n"
+    "  --title         name in experiments, arena-NAME; arena-gazebo by default\n"
+    "  --step          longest step of Gazebo, seconds; by default that of the file, else 0.01\n"
     "  --drive         wheels: motors turn the wheels of differential drives, the default; body: the body gets the\n"
     "                  velocity, as that of robots with other drives always does\n"
     "  --rays          gazebo: proximity rays are those of Gazebo's ray sensors, the default; engine: computed from "
@@ -36,14 +41,32 @@ bool first(const std::string& name, const std::string& value, const std::string&
   return value == yes;
 }
 
-/// Sets an option of this program; false if it is none.
-bool set(const std::string& name, const std::string& value) {
+constexpr std::array options = {"--world", "--walls", "--title",       "--step",
+                                "--drive", "--rays",  "--master-port", "--save-world"};
+
+/// What the user asks for besides the settings.
+struct Choices {
+  std::string world = {};
+  std::string title = "arena-gazebo";
+};
+
+/// Sets an option of this program.
+void set(const std::string& name, const std::string& value, Choices& choices) {
   gz::Settings& settings = gz::settings();
-  if (name == "--step") {
+  if (name == "--world") {
+    choices.world = value;
+  } else if (name == "--title") {
+    if (value.compare(0, 6, "arena-") != 0 || value.size() == 6) {
+      throw std::invalid_argument("--title: \"" + value + "\" found, expected arena-NAME");
+    }
+    choices.title = value;
+  } else if (name == "--step") {
     settings.step = swarmwright::detail::number<double>(name, value);
     if (!(settings.step >= 1e-4 && settings.step <= 0.1)) {
       throw std::invalid_argument("--step: " + value + " found, expected seconds from 0.0001 to 0.1");
     }
+  } else if (name == "--walls") {
+    settings.walls = first(name, value, "mission", "world");
   } else if (name == "--drive") {
     settings.wheels = first(name, value, "wheels", "body");
   } else if (name == "--rays") {
@@ -58,14 +81,11 @@ bool set(const std::string& name, const std::string& value) {
     if (!std::ofstream(value)) {
       throw std::invalid_argument("--save-world: " + value + " cannot be written");
     }
-  } else {
-    return false;
   }
-  return true;
 }
 
 /// Reads the options of this program; the arguments that are left are those of all servers.
-std::vector<char*> rest(int count, char** values) {
+std::vector<char*> rest(int count, char** values, Choices& choices) {
   std::vector<char*> others{values[0]};
   for (int i = 1; i < count; ++i) {
     std::string name = values[i];
@@ -77,18 +97,25 @@ std::vector<char*> rest(int count, char** values) {
     } else if (i + 1 < count) {
       value = values[i + 1];
     }
-    const bool own =
-        name == "--step" || name == "--drive" || name == "--rays" || name == "--master-port" || name == "--save-world";
-    if (own && equals == std::string::npos && i + 1 == count) {
+    if (std::find(options.begin(), options.end(), name) == options.end()) {
+      others.push_back(values[i]);
+      continue;
+    }
+    if (equals == std::string::npos && ++i == count) {
       throw std::invalid_argument(name + ": expected a value after it");
     }
-    if (!own || !set(name, value)) {
-      others.push_back(values[i]);
-    } else if (equals == std::string::npos) {
-      ++i;
-    }
+    set(name, value, choices);
+  }
+  if (!gz::settings().walls && choices.world.empty()) {
+    throw std::invalid_argument("--walls world: expected --world FILE, too");
   }
   return others;
+}
+
+void warn(const std::string& path, const std::vector<std::string>& warnings) {
+  for (const std::string& warning : warnings) {
+    std::cerr << "warning: " << path << ": " << warning << std::endl;
+  }
 }
 
 int run(int count, char** values) {
@@ -99,8 +126,9 @@ int run(int count, char** values) {
     }
   }
   std::vector<char*> others;
+  Choices choices;
   try {
-    others = rest(count, values);
+    others = rest(count, values, choices);
     static_cast<void>(swarmwright::arguments(static_cast<int>(others.size()), others.data()));
   } catch (const std::invalid_argument& error) {
     std::cerr << "error: " << error.what() << std::endl;
@@ -108,13 +136,20 @@ int run(int count, char** values) {
   }
   try {
     const gz::Access started;
+    if (!choices.world.empty()) {
+      gz::settings().world = gz::user_world(choices.world);
+      warn(gz::settings().world->path, gz::settings().world->warnings);
+    }
   } catch (const std::exception& error) {
     std::cerr << "error: " << error.what() << std::endl;
     return 1;
   }
   swarmwright::PhysicsDescription description;
-  description.title = "arena-gazebo";
-  description.determinism = swarmwright::Determinism::bitwise;
+  description.title = choices.title;
+  // Plug-ins of the user's world do what they like.
+  description.determinism = gz::settings().world && !gz::settings().world->repeatable
+                                ? swarmwright::Determinism::undeclared
+                                : swarmwright::Determinism::bitwise;
   description.only_one = true;  // a world more takes Gazebo a quarter of a second and tens of megabytes
   return swarmwright::serve_physics<gz::GazeboPhysics>(description, static_cast<int>(others.size()), others.data());
 }

@@ -3,6 +3,7 @@
 #include "gazebo.hpp"
 
 #include <algorithm>
+#include <cctype>
 #include <cmath>
 #include <limits>
 #include <locale>
@@ -19,6 +20,7 @@ constexpr double right_angle = 1.5707963267948966;
 /// An e-puck of 35 mm radius has wheels of 20.5 mm; a TurtleBot3 has 33 mm, and larger robots have no larger ones.
 constexpr double wheel_of_radius = 0.0205 / 0.035;
 constexpr double largest_wheel = 0.033;
+constexpr double default_step = 0.01;
 /// Seconds: with longer steps, what is too heavy to be pushed slides all the same.
 constexpr double longest_with_objects = 0.0025;
 constexpr double hull_friction = 0.1;
@@ -254,6 +256,92 @@ std::string wall(const std::vector<Point>& points, std::size_t number, double he
   return text;
 }
 
+/// Physics of Gazebo's own, light and the ground.
+std::string empty_floor(double step) {
+  Text text;
+  text << "<gravity>0 0 " << -gravity << "</gravity><physics type='ode' name='physics' default='1'><max_step_size>"
+       << step
+       << "</max_step_size><real_time_factor>0</real_time_factor><real_time_update_rate>0</real_time_update_rate><ode>"
+       << "<solver><type>quick</type><iters>50</iters></solver></ode></physics><scene><shadows>0</shadows></scene>"
+       << "<light name='sun' type='directional'><pose>0 0 10 0 0 0</pose><diffuse>0.8 0.8 0.8 1</diffuse>"
+       << "<direction>-0.5 0.2 -1</direction></light><model name='ground'><static>1</static><link name='" << body
+       << "'>"
+       << shape("plane", at(0, 0, 0), "<geometry><plane><normal>0 0 1</normal><size>100 100</size></plane></geometry>",
+                ground_friction, "0.5 0.5 0.5", hulls | rolling)
+       << "</link></model>";
+  return text.str();
+}
+
+/// Walls, robots and objects.
+std::string mission_models(const World& world) {
+  double tallest = 0.1;
+  double beside = 1;
+  for (const RobotModel& model : world.models) {
+    tallest = std::max(tallest, 2 * static_cast<double>(model.height));
+  }
+  for (const Wall& one : world.walls) {
+    for (const Point& point : one.points) {
+      beside = std::max(beside, 1 + static_cast<double>(point.x));
+    }
+  }
+  Text text;
+  for (std::size_t i = 0; settings().walls && i < world.walls.size(); ++i) {
+    text << wall(world.walls[i].points, i, std::max(tallest, static_cast<double>(world.walls[i].height)));
+  }
+  double row = 0;
+  for (std::size_t i = 0; i < world.robots.size(); ++i) {
+    row += 3 * static_cast<double>(world.model(i).radius);
+    text << robot(world, i, beside, row);
+  }
+  for (std::size_t i = 0; i < world.objects.size(); ++i) {
+    row += width(world.objects[i]);
+    text << pushed(world.objects[i], i, beside, row);
+    row += width(world.objects[i]);
+  }
+  return text.str();
+}
+
+/// The physics of a world that are in force: the default ones, else the first.
+sdf::ElementPtr physics_of(const sdf::ElementPtr& world) {
+  const sdf::ElementPtr first = world->GetElement("physics");
+  for (sdf::ElementPtr one = first; one; one = one->GetNextElement("physics")) {
+    if (one->Get<bool>("default")) {
+      return one;
+    }
+  }
+  return first;
+}
+
+/// What lies still falls asleep in ODE, at a moment that depends on the episodes before: it is kept awake.
+void keep_awake(const sdf::ElementPtr& model) {
+  model->GetElement("allow_auto_disable")->Set(false);
+  for (sdf::ElementPtr part = model->HasElement("model") ? model->GetElement("model") : nullptr; part;
+       part = part->GetNextElement("model")) {
+    keep_awake(part);
+  }
+}
+
+/// The user's world with the models of the mission.
+sdf::ElementPtr with_models(const UserWorld& user, const sdf::ElementPtr& mission, const std::string& name,
+                            double step) {
+  const sdf::ElementPtr world = user.world->Clone();
+  world->GetAttribute("name")->Set(name);
+  const sdf::ElementPtr physics = physics_of(world);
+  physics->GetElement("max_step_size")->Set(step);
+  physics->GetElement("real_time_update_rate")->Set(0.0);  // as fast as can be
+  for (sdf::ElementPtr model = world->HasElement("model") ? world->GetElement("model") : nullptr; model;
+       model = model->GetNextElement("model")) {
+    keep_awake(model);
+  }
+  for (sdf::ElementPtr model = mission->HasElement("model") ? mission->GetElement("model") : nullptr; model;
+       model = model->GetNextElement("model")) {
+    const sdf::ElementPtr copy = model->Clone();
+    copy->SetParent(world);
+    world->InsertElement(copy);
+  }
+  return world;
+}
+
 }  // namespace
 
 std::string robot_name(std::size_t robot) { return "robot_" + std::to_string(robot); }
@@ -275,48 +363,37 @@ double ray_origin(const RobotModel& model) { return std::max(0.0, static_cast<do
 double ray_height(const World& world) { return 0.6 * lowest(world); }
 
 unsigned steps_in_tick(const World& world) {
-  const double longest = world.objects.empty() ? settings().step : std::min(settings().step, longest_with_objects);
+  double longest = settings().step;
+  if (longest == 0) {
+    longest = settings().world ? physics_of(settings().world->world)->Get<double>("max_step_size") : default_step;
+  }
+  if (!world.objects.empty()) {
+    longest = std::min(longest, longest_with_objects);
+  }
   return std::max(1U, static_cast<unsigned>(std::ceil(static_cast<double>(world.tick) / longest - 1e-6)));
 }
 
-std::string world_sdf(const World& world, const std::string& name) {
-  double tallest = 0.1;
-  double beside = 1;
-  for (const RobotModel& model : world.models) {
-    tallest = std::max(tallest, 2 * static_cast<double>(model.height));
-  }
-  for (const Wall& one : world.walls) {
-    for (const Point& point : one.points) {
-      beside = std::max(beside, 1 + static_cast<double>(point.x));
+bool is_of_mission(const std::string& name) {
+  for (const char* kind : {"robot_", "object_", "wall_"}) {
+    const std::size_t length = std::char_traits<char>::length(kind);
+    if (name.size() > length && name.compare(0, length, kind) == 0 &&
+        std::isdigit(static_cast<unsigned char>(name[length])) != 0) {
+      return true;
     }
   }
-  Text text;
-  text << "<?xml version='1.0'?><sdf version='1.6'><world name='" << name << "'><gravity>0 0 " << -gravity
-       << "</gravity><physics type='ode' name='physics' default='1'><max_step_size>"
-       << static_cast<double>(world.tick) / steps_in_tick(world)
-       << "</max_step_size><real_time_factor>0</real_time_factor><real_time_update_rate>0</real_time_update_rate><ode>"
-       << "<solver><type>quick</type><iters>50</iters></solver></ode></physics><scene><shadows>0</shadows></scene>"
-       << "<light name='sun' type='directional'><pose>0 0 10 0 0 0</pose><diffuse>0.8 0.8 0.8 1</diffuse>"
-       << "<direction>-0.5 0.2 -1</direction></light><model name='ground'><static>1</static><link name='" << body
-       << "'>"
-       << shape("plane", at(0, 0, 0), "<geometry><plane><normal>0 0 1</normal><size>100 100</size></plane></geometry>",
-                ground_friction, "0.5 0.5 0.5", hulls | rolling)
-       << "</link></model>";
-  for (std::size_t i = 0; i < world.walls.size(); ++i) {
-    text << wall(world.walls[i].points, i, std::max(tallest, static_cast<double>(world.walls[i].height)));
-  }
-  double row = 0;
-  for (std::size_t i = 0; i < world.robots.size(); ++i) {
-    row += 3 * static_cast<double>(world.model(i).radius);
-    text << robot(world, i, beside, row);
-  }
-  for (std::size_t i = 0; i < world.objects.size(); ++i) {
-    row += width(world.objects[i]);
-    text << pushed(world.objects[i], i, beside, row);
-    row += width(world.objects[i]);
-  }
-  text << "</world></sdf>\n";
-  return text.str();
+  return false;
+}
+
+std::string mission_text(const World& world) {
+  const double step = static_cast<double>(world.tick) / steps_in_tick(world);
+  return (settings().world ? "" : empty_floor(step)) + mission_models(world);
+}
+
+sdf::ElementPtr world_element(const World& world, const std::string& name) {
+  const sdf::ElementPtr mission = parsed_world("<?xml version='1.0'?><sdf version='1.6'><world name='" + name + "'>" +
+                                               mission_text(world) + "</world></sdf>\n");
+  const std::optional<UserWorld>& user = settings().world;
+  return user ? with_models(*user, mission, name, static_cast<double>(world.tick) / steps_in_tick(world)) : mission;
 }
 
 }  // namespace swarmwright::gazebo

@@ -3,6 +3,8 @@
 
 #include <swarmwright/physics.hpp>
 
+#include <sdf/sdf.hh>
+
 #include <cstddef>
 #include <string>
 
@@ -31,7 +33,14 @@ double ray_height(const World& world);
 /// Steps of Gazebo in a tick.
 unsigned steps_in_tick(const World& world);
 
-/// The world with its walls, robots and objects, which stand in a row outside of the walls.
-std::string world_sdf(const World& world, const std::string& name);
+/// Whether a name is that of a robot, an object or a wall of a mission.
+bool is_of_mission(const std::string& name);
+
+/// What tells the world of a mission from those of others, in SDF.
+std::string mission_text(const World& world);
+
+/// The world with its walls, robots and objects, which stand in a row outside of the walls: in the user's world, where
+/// the settings have one.
+sdf::ElementPtr world_element(const World& world, const std::string& name);
 
 }  // namespace swarmwright::gazebo

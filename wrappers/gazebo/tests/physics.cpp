@@ -1,6 +1,7 @@
 // Missions' worlds in a real Gazebo: motion, walls, rays, objects; and that episodes repeat, in flat memory.
 //
 //   test_physics wheels|body
+//   test_physics FILE: in the world of a user
 
 #include "check.hpp"
 #include "gazebo.hpp"
@@ -231,8 +232,7 @@ class Episode {
   std::uint64_t hash_ = 14695981039346656037U;
 };
 
-void episodes_repeat_to_the_bit() {
-  const World world = room(10, 0.5F);
+void episodes_repeat_to_the_bit(const World& world) {
   GazeboPhysics physics;
   const std::uint64_t expected = Episode(physics, world, true, 1).after(60);
   const std::uint64_t other = Episode(physics, world, false, 2).after(45);
@@ -278,17 +278,83 @@ void memory_is_flat_in_a_thousand_episodes() {
   CHECK_EQUAL(grown < 2000, true);
 }
 
+// The yard: a column of 0.1 m radius at (0, -0.5), a crate at (0.5, 0.5), a gate from (-0.5, 0.5) to (-0.5, 0.78).
+
+void the_users_world_is_met_and_seen() {
+  GazeboPhysics physics;
+  const World world = room(1, 1);
+  CHECK_EQUAL(swarmwright::gazebo::steps_in_tick(world), 20U);
+  // The wall of the mission, and the column.
+  NEAR(driven(physics, world, {{0.7F, 0, 0}}, {}, {0.12F, 0, 0}, 40)[0].x, 1 - radius, 0.003F);
+  NEAR(driven(physics, world, {{-0.3F, -0.5F, 0}}, {}, {0.12F, 0, 0}, 40)[0].x, -0.1F - radius, 0.003F);
+  driven(physics, world, {{-0.1F - radius - 0.05F, -0.5F, 0}}, {}, {0, 0, 0}, 3);
+  std::vector<float> seen(9);
+  physics.rays(0, seen);
+  NEAR(seen[8], 0.05F, 0.002F);
+  NEAR(seen[2], 0.1F, 0);
+  // A crate of 0.3 N friction is pushed away and is back in the next episode.
+  const float crate = 0.5F - 0.05F * (std::cos(0.3F) + std::sin(0.3F));
+  NEAR(driven(physics, world, {{0.2F, 0.5F, 0}}, {}, {0.12F, 0, 0}, 50)[0].x, 0.8F, 0.05F);
+  driven(physics, world, {{crate - radius - 0.05F, 0.5F, 0}}, {}, {0, 0, 0}, 3);
+  physics.rays(0, seen);
+  CHECK_EQUAL(seen[8] > 0.045F && seen[8] < 0.075F, true);
+}
+
+void what_fell_asleep_is_awake_in_the_next_episode() {
+  GazeboPhysics physics;
+  const World world = room(1, 1);
+  const auto pushed = [&] { return driven(physics, world, {{0.38F, 0.48F, 0}}, {}, {0.12F, 0, 0.1F}, 30)[0]; };
+  const Pose first = pushed();
+  driven(physics, world, {{-0.7F, -0.7F, 0}}, {}, {0, 0, 0}, 60);
+  const Pose second = pushed();
+  CHECK_EQUAL(first.x == second.x && first.y == second.y && first.heading == second.heading, true);
+}
+
+void the_walls_of_missions_can_be_left_out() {
+  swarmwright::gazebo::settings().walls = false;
+  GazeboPhysics physics;
+  const World world = room(1, 1);
+  NEAR(driven(physics, world, {{0.7F, 0, 0}}, {}, {0.12F, 0, 0}, 40)[0].x, 1.18F, 0.01F);
+  swarmwright::gazebo::settings().walls = true;
+}
+
+void robots_do_not_begin_in_the_users_world() {
+  GazeboPhysics physics;
+  const World world = room(2, 1);
+  std::string found;
+  try {
+    driven(physics, world, {{0.5F, -0.5F, 0}, {0.05F, -0.5F, 0}}, {}, {0, 0, 0}, 1);
+  } catch (const swarmwright::ParameterError& error) {
+    found = error.what();
+  }
+  CHECK_EQUAL(found.find("robot 1 begins at x = 0.05, y = -0.5 in the model \"column\" of ") != std::string::npos,
+              true);
+  // The next episode is as good as any.
+  NEAR(driven(physics, world, {{0.5F, -0.5F, 0}, {0.7F, -0.5F, 0}}, {}, {0.1F, 0, 0}, 1)[1].x, 0.71F, 0.003F);
+}
+
 }  // namespace
 
 int main(int count, char** values) {
-  swarmwright::gazebo::settings().wheels = count < 2 || std::string(values[1]) != "body";
+  const std::string option = count < 2 ? "wheels" : values[1];
+  if (option != "wheels" && option != "body") {
+    swarmwright::gazebo::settings().world = swarmwright::gazebo::user_world(option);
+    the_users_world_is_met_and_seen();
+    what_fell_asleep_is_awake_in_the_next_episode();
+    the_walls_of_missions_can_be_left_out();
+    robots_do_not_begin_in_the_users_world();
+    episodes_repeat_to_the_bit(room(16, 0.8F));
+    memory_is_flat_in_a_thousand_episodes();
+    std::_Exit(check::status());
+  }
+  swarmwright::gazebo::settings().wheels = option != "body";
   robots_go_as_their_drives_are_told();
   robots_without_wheels_go_in_any_direction();
   walls_hold_robots();
   sides_of_any_polygon_hold_robots();
   rays_measure_distances();
   robots_push_what_is_light_enough();
-  episodes_repeat_to_the_bit();
+  episodes_repeat_to_the_bit(room(10, 0.5F));
   memory_is_flat_in_a_thousand_episodes();
   std::_Exit(check::status());
 }

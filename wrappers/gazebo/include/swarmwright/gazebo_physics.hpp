@@ -20,7 +20,8 @@ class GazeboPhysics : public Physics {
   GazeboPhysics(const GazeboPhysics&) = delete;
   GazeboPhysics& operator=(const GazeboPhysics&) = delete;
 
-  /// Throws GazeboError if Gazebo cannot be started or cannot make the world.
+  /// Throws GazeboError if Gazebo cannot be started or cannot make the world, ParameterError if a robot begins in
+  /// something of the user's world.
   void start(const World& world, bool changed, Span<const Pose> robots, Span<const Pose> objects,
              std::uint64_t seed) override;
   /// Throws GazeboError if a robot or an object has left the ground.
