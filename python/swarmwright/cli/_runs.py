@@ -185,13 +185,18 @@ def _summary(output: Output, run: "Run", facts: dict[str, Any]) -> None:
 
 
 def saved_lines(run: "Run") -> Iterator[str]:
-    """Yield a line: how many episodes races have saved; none where there were no races."""
+    """Yield a line: how many episodes races saved, or how many candidates a slow simulation evaluated."""
+    from swarmwright.experiment.targets import slow_of
     from swarmwright.rankings.race import RaceOptions
 
     if isinstance(run.experiment.ranking, RaceOptions):
         every, saved = run.evaluations * run.experiment.ranking.episodes, run.episodes_saved
         share = 100 * saved / max(every, 1)
         yield f"Races saved {saved:,} of {every:,} episodes ({share:.0f} %), of clearly worse candidates."
+    slow = slow_of(run.experiment)
+    if slow is not None:
+        some, name = run.slow_evaluations, one_line(slow.name)
+        yield f"In {name} {some:,} of {run.evaluations:,} candidates were evaluated as well."
 
 
 def verified_line(output: Output, run: "Path", found: "Verified") -> None:

@@ -3,6 +3,8 @@
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
+from swarmwright.core.untrusted import one_line
+
 if TYPE_CHECKING:
     from swarmwright import PostEvaluation, Run, Transfer, Validation
     from swarmwright.core.statistics import Estimate
@@ -24,9 +26,10 @@ def validation_lines(found: "Validation") -> Iterator[str]:
     elif not options.reevaluate:
         made_of = f"{_episodes(options.episodes)} of {made_of}"
     failed = f", of which {best.failed} failed" if best.failed else ""
+    where = "" if found.slow is None else f" in {one_line(found.slow)}"
     yield (
         f"Fitness during evolution {best.recorded + 0.0:.6g} ({made_of}); on {_episodes(count)} with "
-        f"held-out seeds{failed} {_estimated(best.fitness)}."
+        f"held-out seeds{where}{failed} {_estimated(best.fitness)}."
     )
     if len(found.candidates) == 1:
         return

@@ -20,6 +20,7 @@ from swarmwright.experiment.settings import ANNOUNCED, apply, parse_settings, re
 from swarmwright.experiment.start_from import genomes_of
 from swarmwright.methods import METHODS, Method, MethodOptions
 from swarmwright.rankings import RANKINGS, Ranking, RankingOptions
+from swarmwright.rankings._slow import SlowOptions, SlowRanking
 from swarmwright.representations import REPRESENTATIONS, Representation
 from swarmwright.simulations.names import name_of
 from swarmwright.store import StoreReader
@@ -183,11 +184,11 @@ class Experiment:
         from swarmwright.experiment.validation import check  # noqa: PLC0415 - takes long, not for reading attributes
 
         checked = cls(**check(source, ask=ask, folder=folder), path=path)
-        if not checked.validate.transfers:
+        if not (checked.validate.transfers or isinstance(checked.ranking, SlowOptions)):
             return checked
         from swarmwright.experiment.targets import resolved  # noqa: PLC0415 - it imports this module
 
-        return dataclasses.replace(checked, validate=resolved(checked, source, ask=ask))
+        return dataclasses.replace(checked, **resolved(checked, source, ask=ask))
 
     def to_mapping(self) -> dict[str, Any]:
         """Return plain values, every default written out; keys without a value are left out."""
@@ -343,6 +344,12 @@ class Experiment:
         """Return the ranking."""
         kind: str = self.ranking.kind  # type: ignore[attr-defined] # every kind's options have it
         return RANKINGS.get(kind)(self.ranking)
+
+    @property
+    def reports_slow(self) -> bool:
+        """Whether the best of a run is reported with its fitness in the slow simulation of the ranking."""
+        kind = RANKINGS.get(self.ranking.kind)  # type: ignore[attr-defined] # every kind's options have it
+        return issubclass(kind, SlowRanking) and kind.reports_slow
 
     @property
     def fitness_expression(self) -> FitnessExpression | None:

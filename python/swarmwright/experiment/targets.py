@@ -13,6 +13,8 @@ from swarmwright.core.yaml import Path_, Source, dotted_path, read
 from swarmwright.experiment.document import Validate
 from swarmwright.experiment.experiment import ELSEWHERE, Experiment
 from swarmwright.experiment.ranges import E_PUCKS, Range, ranges_of, require_e_pucks, robot_of
+from swarmwright.rankings._slow import SlowOptions
+from swarmwright.rankings.absolute import AbsoluteOptions
 from swarmwright.simulations import catalogue
 from swarmwright.simulations.names import absolute
 
@@ -145,6 +147,12 @@ def targets_at_end(experiment: Experiment) -> list[Target]:
     return targets_of(options.to, _ranges(experiment)) if options.transfers else []
 
 
+def slow_of(experiment: Experiment) -> OtherSimulation | None:
+    """Return the slow simulation that an experiment's ranking evaluates in; None of other rankings."""
+    ranking = experiment.ranking
+    return OtherSimulation.of(ranking.slow) if isinstance(ranking, SlowOptions) else None
+
+
 def _ranges(experiment: Experiment) -> list[Range]:
     options = experiment.validate
     if options.pseudo_reality:
@@ -163,7 +171,10 @@ def unfit(name: str, there: Experiment, here: Experiment) -> str | None:
 
 def alone(experiment: Experiment) -> Experiment:
     """Return an experiment without the other simulations that it names."""
-    return dataclasses.replace(experiment, validate=Validate())
+    ranking = experiment.ranking
+    if isinstance(ranking, SlowOptions):
+        ranking = AbsoluteOptions(episodes=ranking.episodes, seeds=ranking.seeds, failed=ranking.failed)
+    return dataclasses.replace(experiment, validate=Validate(), ranking=ranking)
 
 
 def _with_sizes(changed: Experiment, experiment: Experiment) -> Experiment:
@@ -173,8 +184,8 @@ def _with_sizes(changed: Experiment, experiment: Experiment) -> Experiment:
     return dataclasses.replace(changed, sensors=experiment.sensors, actuators=experiment.actuators)
 
 
-def resolved(experiment: Experiment, source: Source, *, ask: bool) -> Validate:
-    """Return an experiment's `validate` with the contents of its targets' files in the place of their names.
+def resolved(experiment: Experiment, source: Source, *, ask: bool) -> dict[str, Any]:
+    """Return the sections that name simulations, with the contents of files in the place of their names.
 
     Args:
         experiment: checked, but for its targets.
@@ -183,13 +194,20 @@ def resolved(experiment: Experiment, source: Source, *, ask: bool) -> Validate:
 
     Raises InputError with every problem, a line each.
     """
+    changed: dict[str, Any] = {}
     entries, problems = [], []
+    if isinstance(experiment.ranking, SlowOptions):
+        try:
+            entry = _resolved(experiment, experiment.ranking.slow, source, ("ranking", "slow"), ask=ask)
+            changed["ranking"] = experiment.ranking.model_copy(update={"slow": entry})
+        except InputError as error:
+            problems.append(str(error))
     for index, entry in enumerate(experiment.validate.to):
         try:
             entries.append(_resolved(experiment, entry, source, ("validate", "to", index), ask=ask))
         except InputError as error:
             problems.append(str(error))
-    options = experiment.validate.model_copy(update={"to": entries})
+    changed["validate"] = experiment.validate.model_copy(update={"to": entries})
     if ask and not problems:
         problems += _range_problems(experiment, source)
         names = [OtherSimulation.of(entry).name for entry in entries]
@@ -197,7 +215,7 @@ def resolved(experiment: Experiment, source: Source, *, ask: bool) -> Validate:
         problems += [f"{source.place(('validate', 'to'))}{name} is named twice" for name in doubled[:1]]
     if problems:
         raise InputError("\n".join(problems))
-    return options
+    return changed
 
 
 def _range_problems(experiment: Experiment, source: Source) -> list[str]:

@@ -25,6 +25,7 @@ from swarmwright.experiment.start_from import entries, genomes_of
 from swarmwright.methods import METHODS, MethodOptions
 from swarmwright.plug_ins import REGISTRIES
 from swarmwright.rankings import RankingOptions
+from swarmwright.rankings._slow import SlowOptions
 from swarmwright.rankings.race import RaceOptions
 from swarmwright.representations import Representation
 from swarmwright.representations.parameter_set import ParameterSetOptions
@@ -276,6 +277,8 @@ def _check_reevaluation(checked: Checked, report: Report) -> None:
     kind: str = method.kind  # type: ignore[attr-defined] # every kind's options have it
     if isinstance(ranking, RaceOptions):
         _check_race(method, kind, report)
+    if isinstance(ranking, SlowOptions):
+        _check_slow(method, kind, report)
     if method.operation == "steady_state":
         for key, unwanted in (("reevaluate", ranking.reevaluate), ("seeds", ranking.seeds == "new")):
             if unwanted:
@@ -299,6 +302,20 @@ def _check_race(method: MethodOptions, kind: str, report: Report) -> None:
         reason = "in steady state no generation can race; take operation: generational, or kind: absolute"
     elif METHODS.get(kind).by_instance:
         reason = f"{kind} races its candidates itself, over generations; take kind: absolute"
+    else:
+        return
+    report(("ranking", "kind"), reason)
+
+
+def _check_slow(method: MethodOptions, kind: str, report: Report) -> None:
+    """Check that there are generations of which some candidates can be evaluated in a second simulation."""
+    if method.operation == "steady_state":
+        reason = (
+            "in steady state there are no generations of which the best could be chosen; take operation: "
+            "generational, or kind: absolute"
+        )
+    elif METHODS.get(kind).by_instance:
+        reason = f"{kind} races its candidates in one simulation; take another method, or kind: absolute"
     else:
         return
     report(("ranking", "kind"), reason)

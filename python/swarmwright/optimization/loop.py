@@ -25,7 +25,9 @@ from swarmwright.methods._search import SearchMethod
 from swarmwright.optimization.ahead import Ahead, Produced, can_be_ahead
 from swarmwright.optimization.memory import LARGE, candidates, progress
 from swarmwright.optimization.raced import race
+from swarmwright.optimization.two_simulations import TwoSimulations, evaluate_both
 from swarmwright.rankings._base import Ranking
+from swarmwright.rankings._slow import SlowRanking
 from swarmwright.rankings.race import Race
 from swarmwright.representations import Representation
 from swarmwright.store import Evaluated, Journal, StoreReader, StoreWriter
@@ -269,7 +271,10 @@ class Loop:
             self._say(f"generation {number}: evaluating {len(genomes):,} candidates")
             sample = self._method.sample
             controllers = Controllers.of(self._representation, genomes, sample)
-            if isinstance(self._ranking, Race):
+            if isinstance(self._ranking, SlowRanking):
+                assert isinstance(backend, TwoSimulations)
+                results = evaluate_both(self._ranking, backend, controllers, seeds, watched, self._store_last)
+            elif isinstance(self._ranking, Race):
                 results = race(self._ranking, backend, controllers, seeds, watched, self._store_last)
             else:
                 results = backend.evaluate(controllers, seeds, watched, self._store_last)
@@ -407,7 +412,11 @@ class Loop:
     def _tell(self, genomes: Genomes, seeds: list[int], results: Results) -> Told:
         """Rank the results and tell the method."""
         number = self._method.generation
-        fitness = self._ranking.score(results.fitness, genomes)
+        if isinstance(self._ranking, SlowRanking):
+            slow, metrics = results.metrics[:, :, -1], results.metrics[:, :, :-1]
+            fitness = self._ranking.ranked(results.fitness, slow, metrics)
+        else:
+            fitness = self._ranking.score(results.fitness, genomes)
         self._check(fitness, number)
         kept = fitness[self._asked :] if self._ranking.options.reevaluate else None
         self._method.tell(fitness[: self._asked], kept)

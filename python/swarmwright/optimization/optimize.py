@@ -12,13 +12,13 @@ import numpy as np
 
 from swarmwright.core.errors import InputError, RunError
 from swarmwright.evaluation.base import Backend, Progress, Servers
-from swarmwright.evaluation.opening import open_backend
 from swarmwright.experiment.experiment import ELSEWHERE, Experiment
 from swarmwright.methods import METHODS
 from swarmwright.optimization.loop import Generation, Loop, OnGeneration
 from swarmwright.optimization.memory import check_memory, stored
 from swarmwright.optimization.notebook_progress import shown
 from swarmwright.optimization.steady_state import SteadyLoop
+from swarmwright.optimization.two_simulations import TwoSimulations, open_simulations
 from swarmwright.representations import Representation
 from swarmwright.runs import edits, picture
 from swarmwright.runs.code import continuation, copy_of, parts_of
@@ -89,13 +89,12 @@ def optimize(
     if out is not None:
         check_folder(Path(out))
     _ = experiment.first_seed  # report errors before anything is started
-    if experiment.validate.transfers:
-        at_end.check(experiment, broker)
-        at_end.allow(experiment)
+    at_end.check(experiment, broker)
+    at_end.allow(experiment)
     folder: Path | None = None
     try:
         with shown(progress, on_generation, on_progress) as (on_generation, on_progress):
-            with open_backend(experiment, broker=broker, servers=servers, wait=wait) as backend:
+            with open_simulations(experiment, broker=broker, servers=servers, wait=wait) as backend:
                 # They are 0 where they are not given and not needed.
                 resolved = dataclasses.replace(
                     experiment, sensors=backend.sensors or None, actuators=backend.actuators or None
@@ -206,7 +205,7 @@ def _continue(
     simulation: str | type | None,
     where: dict[str, Any],
 ) -> None:
-    """Go on with a run; see `resume`, and `open_backend` for `where`."""
+    """Go on with a run; see `resume`, and `open_simulations` for `where`."""
     with ExitStack() as stack:
         store = stack.enter_context(StoreWriter.resume(run.path))
         reader = StoreReader(run.path)
@@ -239,7 +238,7 @@ def _continue(
         if code.experiment.controller != experiment.controller:  # other files of modules
             loop = _with_changed_modules(run, experiment, code.experiment, store, reader)
         experiment, notes = code.experiment, [*notes, *code.notes]
-        backend = stack.enter_context(open_backend(experiment, **where))
+        backend = stack.enter_context(open_simulations(experiment, **where))
         copy = code.copy
         if copy is None and code.used:
             copy = store.keep_code(code.version, code.used)
@@ -325,6 +324,8 @@ def _validate(
     experiment: Experiment, store: StoreWriter, backend: Backend, on_progress: Progress | None
 ) -> None:
     """Evaluate the best on held-out seeds where that is informative; the run is complete without it."""
+    if isinstance(backend, TwoSimulations):
+        backend = backend.slow if experiment.reports_slow else backend.fast
     try:
         validate(experiment, store.reader(), backend, on_progress, store.note_validation)
     except RunError as error:

@@ -46,7 +46,7 @@ def race(
         meanwhile = None
         fitness[who, which] = results.fitness
         metrics[who, which] = results.metrics
-        _extend(journal, results.journal, who.tolist(), which.start)
+        extend(journal, results.journal, who.tolist(), which.start)
         try:
             who, which = rounds.send(results.fitness)
         except StopIteration:
@@ -54,7 +54,7 @@ def race(
             return Results(fitness, metrics, journal)
 
 
-def _extend(journal: Journal, part: Journal, who: list[int], first: int) -> None:
+def extend(journal: Journal, part: Journal, who: list[int], first: int) -> None:
     """Add what was done for some candidates, in episodes that are counted from `first` on."""
 
     def text(line: str) -> str:

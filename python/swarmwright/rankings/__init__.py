@@ -10,6 +10,7 @@ RANKINGS: Registry[Ranking] = Registry(
     "swarmwright.rankings",
     {
         "absolute": "swarmwright.rankings.absolute:Absolute",
+        "multi_fidelity": "swarmwright.rankings.multi_fidelity:MultiFidelity",
         "race": "swarmwright.rankings.race:Race",
     },
     "swarmwright.rankings:Ranking",

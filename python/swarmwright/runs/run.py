@@ -13,6 +13,7 @@ from swarmwright.core.html import facts, picture, png_of
 from swarmwright.core.statistics import Summary
 from swarmwright.experiment.budget import Ended
 from swarmwright.experiment.experiment import Experiment
+from swarmwright.rankings._slow import METRIC, SlowOptions
 from swarmwright.rankings.race import RaceOptions
 from swarmwright.representations.controller import Controller
 from swarmwright.runs.export import write_table
@@ -154,6 +155,11 @@ class Run:
     def episodes_saved(self) -> int:
         """Episodes that candidates did not go through because a race had dropped them: `ranking: race`."""
         return self.store.episodes_left_out() if isinstance(self.experiment.ranking, RaceOptions) else 0
+
+    @cached_property
+    def slow_evaluations(self) -> int:
+        """Candidates that were evaluated in the ranking's slow simulation as well, but for failed ones."""
+        return self.store.measured(METRIC) if isinstance(self.experiment.ranking, SlowOptions) else 0
 
     @property
     def validation_is_due(self) -> bool:

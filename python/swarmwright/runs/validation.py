@@ -5,6 +5,7 @@ their fitness of each episode. The state is `due` (under way, with the episodes 
 (fitness does not depend on the seed) or `none` (switched off, or the run was too short).
 """
 
+import dataclasses
 import json
 import logging
 import math
@@ -23,8 +24,10 @@ from swarmwright.core.statistics import Estimate, estimate
 from swarmwright.evaluation.base import Backend, Progress
 from swarmwright.experiment.document import AUTO
 from swarmwright.experiment.experiment import Experiment
+from swarmwright.experiment.targets import slow_of
 from swarmwright.methods import METHODS
 from swarmwright.rankings import Ranking
+from swarmwright.rankings._slow import METRIC
 from swarmwright.representations import Representation
 from swarmwright.runs.post_evaluation import (
     EPISODES,
@@ -65,6 +68,8 @@ class Validation:
     """Whether fitness depends on the seed, as far as it was tried; if not, the trial was all."""
     by_instance: bool = False
     """Whether recorded fitness is the mean of a candidate's generations so far, one instance in each."""
+    slow: str | None = None
+    """Name of the slow simulation of the ranking, where the candidates were evaluated in that one."""
 
     @property
     def best(self) -> PostEvaluation:
@@ -119,12 +124,14 @@ class Validation:
         write_text(path, "\n".join([*lines, ""]))
 
     @classmethod
-    def of_store(cls, values: dict[str, Any], ranking: Ranking, *, by_instance: bool = False) -> Self:
+    def of_store(
+        cls, values: dict[str, Any], ranking: Ranking, *, by_instance: bool = False, slow: str | None = None
+    ) -> Self:
         """Return a validation from what a store keeps of it."""
         shared = {key: values[key] for key in ("seeds", "seen", "metrics")}
         candidates = [PostEvaluation.of_store({**shared, **one}, ranking) for one in values["candidates"]]
         depends = values["state"] != "same"
-        return cls(candidates=candidates, depends_on_seed=depends, by_instance=by_instance)
+        return cls(candidates=candidates, depends_on_seed=depends, by_instance=by_instance, slow=slow)
 
 
 def of_run(run: "Run") -> Validation | None:
@@ -135,7 +142,13 @@ def of_run(run: "Run") -> Validation | None:
     if values["candidates"][0]["number"] != run.evaluation().number:
         return None  # the run went on, and another one is the best
     experiment = run.experiment
-    return Validation.of_store(values, experiment.new_ranking(), by_instance=by_instance(experiment))
+    target = slow_of(experiment) if experiment.reports_slow else None
+    return Validation.of_store(
+        values,
+        experiment.new_ranking(),
+        by_instance=by_instance(experiment),
+        slow=None if target is None else target.name,
+    )
 
 
 def by_instance(experiment: Experiment) -> bool:
@@ -330,15 +343,23 @@ def _planned(experiment: Experiment, reader: StoreReader) -> _Plan | None:
         return None
     count, most = options.episodes, options.candidates
     if automatic:
-        affordable = int(last.evaluations * ranking.episodes * _SHARE)
+        evaluations = reader.measured(METRIC) if experiment.reports_slow else last.evaluations
+        affordable = int(evaluations * ranking.episodes * _SHARE)
         count = min(max(EPISODES, 4 * ranking.episodes), affordable)
         count -= count % ranking.episodes
         if count < max(_LEAST, ranking.episodes):
             return None
         most = max(1, min(most, affordable // count))
-    candidates = leading(experiment, reader, most)
+    candidates = [_recorded(experiment, one) for one in leading(experiment, reader, most)]
     seeds = unseen_seeds(experiment.first_seed, reader.used_seeds(), count, options.seed)
-    return _Plan(candidates, seeds, min(count, _TRIED[automatic]), reader.evaluation(0, 0))
+    return _Plan(
+        candidates, seeds, min(count, _TRIED[automatic]), _recorded(experiment, reader.evaluation(0, 0))
+    )
+
+
+def _recorded(experiment: Experiment, one: Evaluation) -> Evaluation:
+    """Return an evaluation with the episodes of the simulation that it is validated in."""
+    return dataclasses.replace(one, episodes=one.metrics[:, -1]) if experiment.reports_slow else one
 
 
 def leading(experiment: Experiment, reader: StoreReader, count: int) -> list[Evaluation]:

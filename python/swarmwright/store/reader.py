@@ -241,6 +241,11 @@ class StoreReader:
         """Return how many episodes candidates did not go through that have not failed: dropped in a race."""
         return sum(int(np.isnan(part.episodes[np.isfinite(part.fitness)]).sum()) for part in self.rows())
 
+    def measured(self, metric: str) -> int:
+        """Return how many evaluations have a metric."""
+        column = self.metrics.index(metric)
+        return sum(int(np.isfinite(part.metrics[:, :, column]).any(axis=1).sum()) for part in self.rows())
+
     def seeds(self, generation: int) -> list[int]:
         """Return the simulation seed of each episode of a generation."""
         with self._generations() as generations:

@@ -18,7 +18,8 @@ EXAMPLES: dict[str, dict[str, Any]] = {
             "hops": {"type": "integer", "range": [1, 100], "scale": "log"},
             "strategy": {"type": "categorical", "choices": ["a", "b", "c"]},
         }
-    }
+    },
+    "multi_fidelity": {"slow": "minisim"},
 }
 """Required options of built-in kinds."""
 

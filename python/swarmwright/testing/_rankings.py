@@ -3,15 +3,16 @@
 import numpy as np
 
 from swarmwright.rankings import RANKINGS
-from swarmwright.testing._common import check_options
+from swarmwright.testing._common import EXAMPLES, check_options
 
 
 def check_ranking(kind: str) -> None:
     """Check a registered ranking with its default options and several numbers of episodes."""
     check_options(RANKINGS, kind)
     component = RANKINGS.get(kind)
+    given = EXAMPLES.get(kind, {})
     for episodes in (1, 2, 5):
-        ranking = component(component.options_model(episodes=episodes))
+        ranking = component(component.options_model.model_validate({**given, "episodes": episodes}))
         seeds = ranking.seeds(7)
         assert len(seeds) == episodes
         assert len(set(seeds)) == episodes, "episodes must have different seeds"

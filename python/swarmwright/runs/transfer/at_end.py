@@ -7,7 +7,7 @@ finished. The state is `due` (targets are missing) or `done`.
 
 import json
 import logging
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
@@ -16,7 +16,7 @@ from swarmwright.core.errors import InputError, RunError
 from swarmwright.core.simulation_names import is_python
 from swarmwright.evaluation.base import Progress, Servers
 from swarmwright.experiment.experiment import Experiment
-from swarmwright.experiment.targets import OtherSimulation, PseudoReality, Target, targets_at_end
+from swarmwright.experiment.targets import OtherSimulation, PseudoReality, Target, slow_of, targets_at_end
 from swarmwright.runs.code import used_for
 from swarmwright.runs.post_evaluation import finite, numbers, unseen_seeds
 from swarmwright.runs.run import Run
@@ -32,27 +32,30 @@ Stored = dict[str, Any]
 
 
 def check(experiment: Experiment, broker: str | None = None) -> None:
-    """Raise InputError where a run could never end with its transfer, before it is begun.
+    """Raise InputError where a simulation is nowhere that a run evaluates in beside its own.
 
     broker: as in `optimize`; other simulations may be on it.
     """
     broker = broker or experiment.broker
-    for target in targets_at_end(experiment):
+    slow = slow_of(experiment)
+    named = [("validate", target) for target in targets_at_end(experiment)]
+    for key, target in [*([] if slow is None else [("ranking", slow)]), *named]:
         try:
             check_target(target, target.experiments(experiment, 1)[0], experiment, broker)
         except InputError as error:
-            raise InputError(f"{experiment.place('validate')}{error}") from error
+            raise InputError(f"{experiment.place(key)}{error}") from error
 
 
 def allow(experiment: Experiment) -> None:
-    """Trust the classes in Python that an experiment names for its transfer, since its user names them."""
-    for name in _classes(experiment):
+    """Trust the classes in Python that an experiment names beside its own, since its user names them."""
+    slow = slow_of(experiment)
+    for name in _classes([*([] if slow is None else [slow]), *targets_at_end(experiment)]):
         part = of_simulation(name)
         remember([] if part is None else [part])
 
 
-def _classes(experiment: Experiment) -> Iterator[str]:
-    for target in targets_at_end(experiment):
+def _classes(targets: Iterable[Target]) -> Iterator[str]:
+    for target in targets:
         name = target.simulation if isinstance(target, OtherSimulation) else None
         if name is not None and is_python(name):
             yield name
@@ -156,7 +159,7 @@ class _Session:
         """Evaluate and store. Raises InputError and RunError where the run's own simulation is not there."""
         planned, stored, count = self._planned, self._stored, len(self._planned.seeds)
         experiment = used_for(self._run, planned.best[0].generation)
-        for name in _classes(experiment):
+        for name in _classes(planned.targets):
             require_named(name)
         left = planned.missing(stored)
         plan = Plan.of(experiment, planned.best, left, random=planned.random, seeds=count)

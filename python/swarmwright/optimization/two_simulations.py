@@ -1,0 +1,210 @@
+"""Evaluation in two simulations: the experiment's own, and for some candidates its ranking's slow one."""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from swarmwright import _engine
+from swarmwright.core.errors import InputError, RunError
+from swarmwright.core.simulation_names import is_python
+from swarmwright.evaluation.base import HERE, Backend, Controllers, Feed, Progress, Results, Servers
+from swarmwright.evaluation.opening import open_backend
+from swarmwright.experiment.experiment import Experiment
+from swarmwright.experiment.targets import OtherSimulation, slow_of
+from swarmwright.optimization.raced import extend
+from swarmwright.rankings._slow import METRIC, SlowRanking
+from swarmwright.simulations import catalogue
+from swarmwright.store import Journal
+from swarmwright.user_code.permission import require_named
+
+
+class TwoSimulations:
+    """A backend beside a second one. What is evaluated without a ranking is evaluated in the first, fast one.
+
+    Args:
+        fast: of the experiment's own simulation.
+        slow: of the ranking's.
+        name: of the slow simulation.
+    """
+
+    def __init__(self, fast: Backend, slow: Backend, name: str) -> None:
+        self.fast, self.slow, self.name = fast, slow, name
+        self.sensors, self.actuators = fast.sensors, fast.actuators
+        self.metrics = (*fast.metrics, METRIC)
+        self.description = f"{fast.description}; {name}: {slow.description}"
+
+    def evaluate(
+        self,
+        controllers: Controllers,
+        seeds: Sequence[int],
+        on_progress: Progress,
+        meanwhile: Callable[[], None] | None = None,
+    ) -> Results:
+        """Evaluate in the fast simulation."""
+        return self.fast.evaluate(controllers, seeds, on_progress, meanwhile)
+
+    def evaluator(self, architecture: dict[str, Any]) -> _engine.Evaluator | None:
+        """Return that of the fast simulation."""
+        return self.fast.evaluator(architecture)
+
+    def ahead(self, architecture: dict[str, Any]) -> None:
+        """Return None: the ranking has a part in every generation."""
+
+    def check(self) -> None:
+        """Raise RunError when what evaluates has ended for good."""
+        self.fast.check()
+        self.slow.check()
+
+    def count_failed(self, results: Results) -> None:
+        """Count failed episodes of what the engine has evaluated by itself."""
+        self.fast.count_failed(results)
+
+    def stream(
+        self, controllers: Controllers, seeds: Sequence[int], feed: Feed, on_progress: Progress
+    ) -> None:
+        """Run controllers as they come, in the fast simulation."""
+        self.fast.stream(controllers, seeds, feed, on_progress)
+
+    def about(
+        self,
+        run: str,
+        generation: int | None,
+        generations: int,
+        evaluations: tuple[int, int] | None = None,
+    ) -> None:
+        """Publish what the following evaluations are for."""
+        self.fast.about(run, generation, generations, evaluations)
+        self.slow.about(run, generation, generations, evaluations)
+
+    def incidents(self) -> dict[str, int]:
+        """Return the counts of both."""
+        counts = self.fast.incidents()
+        for name, count in self.slow.incidents().items():
+            counts[name] = counts.get(name, 0) + count
+        return counts
+
+    def log_to(self, folder: Path) -> None:
+        """Write what started servers print to files in a run's folder; those of the slow simulation apart."""
+        self.fast.log_to(folder)
+        self.slow.log_to(folder)
+
+    def post_evaluates(self) -> None:
+        """Publish that what follows belongs to no generation."""
+        self.fast.post_evaluates()
+        self.slow.post_evaluates()
+
+
+@contextmanager
+def open_simulations(
+    experiment: Experiment,
+    *,
+    broker: str | None = None,
+    servers: Servers | None = None,
+    wait: float | None = None,
+) -> Iterator[Backend]:
+    """Start what an experiment needs, with the slow simulation of its ranking where it has one.
+
+    Arguments and errors as those of `open_backend`. They hold for the slow simulation as well, unless its
+    keys name servers or a broker.
+    """
+    target = slow_of(experiment)
+    if target is None:
+        with open_backend(experiment, broker=broker, servers=servers, wait=wait) as backend:
+            yield backend
+        return
+    ranking = experiment.new_ranking()
+    assert isinstance(ranking, SlowRanking)
+    (there,) = target.experiments(experiment, 1)
+    if is_python(there.simulation):
+        require_named(there.simulation)
+    where: dict[str, Any] = {} if target.places else {"broker": broker, "servers": servers}
+    if there.broker is None and catalogue.is_here(there.simulation):
+        where.pop("broker", None)
+    places = [_place(experiment, broker, servers), _place(there, where.get("broker"), where.get("servers"))]
+    _require_apart(experiment, there, target, places)
+    with ExitStack() as stack:
+        fast = stack.enter_context(
+            open_backend(experiment, broker=broker, servers=servers, wait=wait, metrics=ranking.descriptor)
+        )
+        try:
+            slow = stack.enter_context(open_backend(there, wait=wait, **where))
+        except (InputError, RunError) as error:
+            raise type(error)(f"{experiment.place('ranking')}slow: {target.name}: {error}") from error
+        _require_fit(experiment, fast, slow, target)
+        yield TwoSimulations(fast, slow, target.name)
+
+
+def _require_fit(experiment: Experiment, fast: Backend, slow: Backend, target: OtherSimulation) -> None:
+    sizes = [(one.sensors, one.actuators) for one in (fast, slow)]
+    if experiment.steers and sizes[0] != sizes[1]:
+        here, there = (f"{sensors} sensors and {actuators} actuators" for sensors, actuators in sizes)
+        raise InputError(
+            f"{experiment.place('ranking')}slow: {target.name} has {there}, {experiment.label} has {here}"
+        )
+
+
+def _require_apart(
+    experiment: Experiment, there: Experiment, target: OtherSimulation, places: Sequence[str | None]
+) -> None:
+    """Raise InputError where both would need the same servers at the same time; places: their brokers."""
+    same = places[0] is not None and places[0] == places[1] and experiment.prefix == there.prefix
+    if same and experiment.simulation == there.simulation:
+        raise InputError(
+            f"{experiment.place('ranking')}slow: {target.name} is the same simulation on the same broker, "
+            "whose servers work for one of the two; give it a broker or prefix of its own, or servers: local"
+        )
+
+
+def _place(experiment: Experiment, broker: str | None, servers: Servers | None) -> str | None:
+    """Return the broker that `open_backend` uses with these arguments, None without one of others."""
+    wanted = experiment.servers if servers is None else servers
+    return experiment.broker if broker is None and wanted not in HERE else broker
+
+
+def evaluate_both(
+    ranking: SlowRanking,
+    backend: TwoSimulations,
+    controllers: Controllers,
+    seeds: Sequence[int],
+    on_progress: Progress,
+    meanwhile: Callable[[], None] | None,
+) -> Results:
+    """Evaluate a generation; its last metric is the fitness in the slow simulation, NaN where there is none.
+
+    Arguments as those of `Backend.evaluate`.
+    """
+    count, episodes = len(controllers.weights), len(seeds)
+    whole = (count + ranking.expected(count)) * episodes
+    done = 0
+
+    def progress(part: int, _: int, waiting_for: str) -> None:
+        on_progress(min(done + part, whole - 1), whole, waiting_for)
+
+    fast = backend.fast.evaluate(controllers, seeds, progress, meanwhile)
+    slow = np.full((count, episodes), np.nan)
+    journal = Journal()
+    extend(journal, fast.journal, list(range(count)), 0)
+    rounds = ranking.rounds(fast.fitness, fast.metrics)
+    done = count * episodes
+    try:
+        who = next(rounds)
+        while True:
+            part = Controllers(controllers.architecture, np.ascontiguousarray(controllers.weights[who]))
+            results = backend.slow.evaluate(part, seeds, progress)
+            done += len(who) * episodes
+            slow[who] = results.fitness
+            extend(journal, _named(results.journal, backend.name), who.tolist(), 0)
+            who = rounds.send(results.fitness)
+    except StopIteration:
+        on_progress(whole, whole, "")
+    metrics = np.concatenate([fast.metrics, slow[:, :, np.newaxis]], axis=2)
+    return Results(fast.fitness, np.ascontiguousarray(metrics), journal)
+
+
+def _named(journal: Journal, name: str) -> Journal:
+    """Return a journal whose warnings name the simulation."""
+    warnings = [one._replace(text=f"{name}: {one.text}") for one in journal.warnings]
+    return Journal(journal.attempts, warnings)
