@@ -35,6 +35,7 @@ mod slots;
 mod start;
 mod swarm;
 mod team;
+mod together;
 
 use std::sync::Arc;
 

@@ -348,6 +348,7 @@ impl<L: Lanes> Senses<L> {
                         copy(&[(self.charges[index] + off).within(0.0, 1.0)], numbers);
                     }
                     Output::Random => copy(&[uniform(given)], numbers),
+                    Output::Absent(_, neutral) => numbers.fill(L::splat(neutral.number())),
                 }
                 at += width;
             }

@@ -270,7 +270,7 @@ impl<L: Lanes> Swarm<L> {
                 }
             }
             if !robot.leds.is_empty() {
-                let given = &row[robot.drive.actuators().len()..];
+                let given = &row[team.leds(index)..];
                 self.senses.shown[index] = camera::shown(&robot.leds, given);
             }
             let sent = &row[row.len() - robot.message..];

@@ -8,6 +8,7 @@ use serde_json::Value;
 use super::place::Place;
 use super::robot::{Output, Robot};
 use super::settings::{MOST_ROBOTS, with_place};
+use super::together::{self, Row};
 use swarmwright_simulation::ParameterError;
 use swarmwright_simulation::parameters::wrong;
 
@@ -48,6 +49,8 @@ pub(super) struct Team {
     pairs: Vec<Pair>,
     /// By group: the change of velocity by an impulse that changes that of a robot of the first kind by 1.
     lightness: Vec<f32>,
+    /// What the controller of all gets and gives.
+    row: Row,
 }
 
 /// A kind of robots as it is written.
@@ -124,11 +127,14 @@ impl Team {
             .clone()
             .flat_map(|one| all.clone().map(move |two| (one, two)));
         let pairs = pairs.map(|(one, two)| pair(one, two)).collect();
+        let mut groups = groups;
+        let row = together::arrange(&mut groups);
         Self {
             groups,
             of,
             pairs,
             lightness,
+            row,
         }
     }
 
@@ -196,7 +202,7 @@ impl Team {
     /// Reads a list of kinds; `place` is what it is called in complaints.
     ///
     /// # Errors
-    /// What is wrong with it; kinds with other numbers of sensors or actuators than the first one.
+    /// What is wrong with it; kinds with other numbers for drives or of messages than the first one.
     pub(super) fn read(items: &[Value], place: &str) -> Result<Self, ParameterError> {
         if !(1..=MOST_KINDS).contains(&items.len()) {
             let reason = format!("{} kinds found, expected 1 to {MOST_KINDS}", items.len());
@@ -240,11 +246,10 @@ impl Team {
         let first = &groups[0];
         for (index, other) in groups.iter().enumerate() {
             for (what, of) in [
-                ("sensor values", Robot::sensors as fn(&Robot) -> usize),
-                ("actuator values", Robot::actuators),
-                ("values for its drive", |robot: &Robot| {
-                    robot.drive.actuators().len()
-                }),
+                (
+                    "values for its drive",
+                    (|robot: &Robot| robot.drive.actuators().len()) as fn(&Robot) -> usize,
+                ),
                 ("numbers of a message", |robot: &Robot| robot.message),
             ] {
                 let (one, two) = (of(&first.robot), of(&other.robot));
@@ -253,7 +258,7 @@ impl Team {
                         &format!("{place}[{index}].robot"),
                         format!(
                             "{} has {two} {what}, {} has {one}; all kinds have the same controller and need as many: describe \
-                             robots with the same sensors and actuators",
+                             robots with the same drive and messages",
                             other.name, first.name
                         ),
                     ));
@@ -377,17 +382,22 @@ impl Team {
 
     /// Numbers that controllers get.
     pub(super) fn sensors(&self) -> usize {
-        self.groups[0].robot.sensors()
+        self.row.sensors.len()
     }
 
     /// Numbers that controllers give.
     pub(super) fn actuators(&self) -> usize {
-        self.groups[0].robot.actuators()
+        self.row.actuators.len()
     }
 
     /// Those of them that are for the drive.
     pub(super) fn drive(&self) -> usize {
         self.groups[0].robot.drive.actuators().len()
+    }
+
+    /// Where the numbers for a robot's LEDs begin among those that controllers give.
+    pub(super) fn leds(&self, index: usize) -> usize {
+        self.row.leds[self.group(index)]
     }
 
     /// Whether any kind is such.
@@ -437,25 +447,11 @@ impl Team {
 
     /// What controllers get, number by number; where kinds differ, all their names.
     pub(super) fn sensor_names(&self) -> Vec<String> {
-        self.names(Robot::sensor_names)
+        self.row.sensors.clone()
     }
 
     /// What controllers give, in the same way.
     pub(super) fn actuator_names(&self) -> Vec<String> {
-        self.names(Robot::actuator_names)
-    }
-
-    fn names(&self, of: impl Fn(&Robot) -> Vec<String>) -> Vec<String> {
-        let mut names: Vec<Vec<String>> = Vec::new();
-        for group in &self.groups {
-            for (index, name) in of(&group.robot).into_iter().enumerate() {
-                match names.get_mut(index) {
-                    None => names.push(vec![name]),
-                    Some(known) if !known.contains(&name) => known.push(name),
-                    Some(_) => {}
-                }
-            }
-        }
-        names.into_iter().map(|same| same.join(" or ")).collect()
+        self.row.actuators.clone()
     }
 }

@@ -49,7 +49,7 @@ fn kinds_have_their_own_bodies_and_looks() {
         {"robot": "kilobot", "count": 1},
     ]);
     assert!(refusal(&json!({"robots": kinds})).contains(
-        "robots[1].robot: kilobot has 4 sensor values, large has 8; all kinds have the same controller"
+        "robots[1].robot: kilobot has 2 values for its drive, large has 3; all kinds have the same controller"
     ));
     let kinds = json!([
         {"robot": robot(0.1, 2.0, 0.3, &nearest()), "count": 3, "name": "large"},
@@ -200,8 +200,8 @@ fn mistakes_name_the_kind() {
             "robots[0]: missing field `count`",
         ),
         (
-            json!({"robots": [e_puck(3), {"robot": "foot-bot", "count": 2}]}),
-            "robots[1].robot: foot-bot has 57 sensor values, e-puck-rm1.1 has 24",
+            json!({"robots": [e_puck(3), {"robot": "kilobot", "count": 2}]}),
+            "robots[1].robot: kilobot has 1 numbers of a message, e-puck-rm1.1 has 0",
         ),
         (
             json!({"robots": [e_puck(3)], "robot": "foot-bot"}),
@@ -290,4 +290,142 @@ fn metrics_and_failures_know_the_kinds() {
     // Without a list there are no kinds to name.
     let message = refusal(&json!({"mission": mission, "robot": "e-puck-rm1.1"}));
     assert!(message.contains("there is none"), "{message}");
+}
+
+/// A robot on wheels with these sensors, and LEDs of these colours.
+fn on_wheels(radius: f64, sensors: &Value, colors: &Value) -> Value {
+    let mut made = json!({"radius": radius, "sensors": sensors,
+        "drive": {"kind": "differential", "wheel_base": 0.05, "max_speed": 0.2, "noise": 0.1}});
+    if !colors.is_null() {
+        made["actuators"] = json!([{"kind": "led", "colors": colors}]);
+    }
+    made
+}
+
+fn sensed(arena: &Arena, agent: u32) -> Vec<f32> {
+    let mut sensors = vec![0.0; arena.description().sensors];
+    arena.sense(agent, &mut sensors);
+    sensors
+}
+
+#[test]
+fn kinds_with_other_sensors_share_those_that_are_the_same() {
+    let light = json!({"kind": "light", "count": 4, "noise": 0.1});
+    let near = json!({"kind": "proximity", "count": 6, "range": 0.3, "noise": 0.1});
+    let scout = json!([near, light, {"kind": "ground"}]);
+    let carrier = json!([
+        {"kind": "range_and_bearing", "range": 1, "loss": 0.3, "gives": ["count", "attraction"]},
+        light,
+        {"kind": "proximity", "angles": [0, 20], "range": 0.1},
+        {"kind": "battery"},
+    ]);
+    let swarm = |of_scouts: &Value, of_carriers: &Value| {
+        let with_battery = |radius: f64, sensors: &Value| {
+            let mut made = on_wheels(radius, sensors, &Value::Null);
+            made["battery"] = json!({"standing": 60, "driving": 30});
+            made
+        };
+        let mission = json!({"walls": {"rectangle": [2, 2]}, "fitness": "order",
+            "start": {"rectangle": {"x": [-0.4, 0.4], "y": [-0.4, 0.4]}},
+            "floor": {"color": "black"}, "lights": [{"at": [1, 0, 0.3], "intensity": 2}]});
+        arena(&json!({"mission": mission, "robots": [
+            {"name": "scout", "count": 3, "robot": with_battery(0.04, of_scouts)},
+            {"name": "carrier", "count": 2, "robot": with_battery(0.08, of_carriers)},
+        ]}))
+    };
+    let (mut both, mut scouts, mut carriers) = (
+        swarm(&scout, &carrier),
+        swarm(&scout, &scout),
+        swarm(&carrier, &carrier),
+    );
+    let names = both.sensor_names();
+    assert_eq!(names.len(), 6 + 4 + 1 + 3 + 2 + 1);
+    assert_eq!(
+        names[..11].iter().map(String::as_str).collect::<Vec<_>>(),
+        [
+            "scout proximity 0",
+            "scout proximity 1",
+            "scout proximity 2",
+            "scout proximity 3",
+            "scout proximity 4",
+            "scout proximity 5",
+            "light 0",
+            "light 1",
+            "light 2",
+            "light 3",
+            "ground 0"
+        ]
+    );
+    assert_eq!(
+        names[11..],
+        [
+            "neighbours",
+            "attraction x",
+            "attraction y",
+            "carrier proximity 0",
+            "carrier proximity 1",
+            "battery"
+        ]
+    );
+    assert_eq!(both.actuator_names(), ["left wheel", "right wheel"]);
+    for tick in 0..60 {
+        for agent in 0..3 {
+            let found = sensed(&both, agent);
+            assert_eq!(found[..11], sensed(&scouts, agent), "{tick} {agent}");
+            assert_eq!(found[11..], [0.0, 0.0, 0.0, 0.0, 0.0, 1.0]);
+        }
+        for agent in 3..5 {
+            let (found, alone) = (sensed(&both, agent), sensed(&carriers, agent));
+            assert_eq!(found[..6], [0.0; 6]);
+            assert_eq!(found[6..10], alone[3..7]);
+            assert_eq!(found[10], 0.5, "neither black nor white");
+            // Scouts do not send.
+            assert!(found[11] <= 1.0 && found[11] <= alone[0], "{found:?}");
+            assert_eq!(found[14..], alone[7..]);
+        }
+        let told: Vec<f32> = (0..10)
+            .map(|at| ((tick * 3 + at * 5) % 9) as f32 / 4.0 - 1.0)
+            .collect();
+        for one in [&mut both, &mut scouts, &mut carriers] {
+            one.step(&told);
+        }
+    }
+    // Built-in robots with other numbers of everything.
+    let mixed = arena(
+        &json!({"robots": [{"robot": "e-puck-rm1.1", "count": 4}, {"robot": "foot-bot", "count": 2}]}),
+    );
+    assert_eq!(mixed.description().sensors, 8 + 8 + 3 + 1 + 4 + 24 + 24 + 4);
+    assert_eq!(mixed.description().actuators, 2);
+}
+
+#[test]
+fn kinds_with_other_lamps_ignore_what_they_lack() {
+    let camera = |range: f64| json!([{"kind": "camera", "range": range, "colors": ["red", "blue"], "gives": ["count"]}]);
+    let mission = json!({"walls": {"rectangle": [2, 2]}, "fitness": "order",
+        "start": {"rectangle": {"x": [-0.8, 0.8], "y": [-0.8, 0.8]}}});
+    let mut swarm = arena(&json!({"mission": mission, "robots": [
+        {"name": "signal", "count": 1, "robot": on_wheels(0.03, &camera(3.0), &json!(["red", "blue"]))},
+        {"name": "dark", "count": 1, "robot": on_wheels(0.03, &camera(3.0), &Value::Null)},
+        {"name": "beacon", "count": 1, "robot": on_wheels(0.03, &camera(3.0), &json!(["blue"]))},
+    ]}));
+    assert_eq!(
+        swarm.actuator_names(),
+        [
+            "left wheel",
+            "right wheel",
+            "signal led red",
+            "signal led blue",
+            "beacon led blue"
+        ]
+    );
+    // All are told the same; each shows what it has.
+    let row = [0.0, 0.0, 1.0, 0.5, 1.0];
+    swarm.step(&[row, row, row].concat());
+    assert_eq!(sensed(&swarm, 1), [1.0, 1.0]);
+    assert_eq!(sensed(&swarm, 0), [0.0, 1.0]);
+    assert_eq!(sensed(&swarm, 2), [1.0, 0.0]);
+    let row = [0.0, 0.0, 0.2, 0.5, -1.0];
+    swarm.step(&[row, row, row].concat());
+    assert_eq!(sensed(&swarm, 1), [0.0, 1.0]);
+    assert_eq!(sensed(&swarm, 0), [0.0, 0.0]);
 }

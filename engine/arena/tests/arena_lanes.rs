@@ -201,6 +201,16 @@ fn robots_of_several_kinds() {
         "fitness": "small",
     });
     check(&json!({"mission": mission, "duration": 12}));
+    // Both together, and robots that lack some of it.
+    let mut unequal = mission.clone();
+    unequal["robots"][1]["robot"]["sensors"] = json!([
+        {"kind": "light", "count": 2}, {"kind": "ground", "points": [[0, 0], [0.02, 0]], "noise": 0.1},
+        {"kind": "range_and_bearing", "range": 0.5, "gives": ["attraction", "message"]},
+        {"kind": "camera", "range": 0.6, "noise": 5, "colors": ["red", "blue"], "gives": ["count", "attraction"]},
+    ]);
+    unequal["robots"][0]["robot"]["actuators"] =
+        json!([{"kind": "message", "numbers": 1}, {"kind": "led", "colors": ["red", "blue"]}]);
+    check(&json!({"mission": unequal, "duration": 12, "failures": failures()}));
     // One kind shows colours and has a battery, the other one sees colours.
     let leds = json!([{"kind": "led", "colors": ["red", "blue"]}]);
     let mut mission = mission;

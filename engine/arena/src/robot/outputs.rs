@@ -48,6 +48,39 @@ pub(in super::super) enum Output {
     Camera,
     /// The charge of the battery, 0..=1.
     Battery,
+    /// So many numbers of a sensor that other kinds of robots have: what it gives where there is nothing.
+    Absent(u8, Neutral),
+}
+
+/// What a sensor gives where there is nothing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(in super::super) enum Neutral {
+    Zero,
+    /// On a floor that is neither black nor white.
+    Half,
+    /// A full battery.
+    One,
+}
+
+impl Neutral {
+    pub(in super::super) const fn number(self) -> f32 {
+        match self {
+            Self::Zero => 0.0,
+            Self::Half => 0.5,
+            Self::One => 1.0,
+        }
+    }
+}
+
+impl Output {
+    /// What a robot without the sensor gets.
+    pub(in super::super) const fn neutral(self) -> Neutral {
+        match self {
+            Self::Ground | Self::GroundDrawn | Self::GroundReadings => Neutral::Half,
+            Self::Battery => Neutral::One,
+            _ => Neutral::Zero,
+        }
+    }
 }
 
 impl Robot {
@@ -69,6 +102,7 @@ impl Robot {
             | Output::Compass => 2,
             Output::GroundDrawn => 3,
             Output::AttractionParts => 4,
+            Output::Absent(numbers, _) => numbers.into(),
             Output::ProximityVector | Output::LightDirection | Output::Attraction => 2,
             Output::Ground
             | Output::Neighbours
@@ -81,58 +115,57 @@ impl Robot {
 
     /// The names of the numbers that controllers get.
     pub(in super::super) fn sensor_names(&self) -> Vec<String> {
-        let mut names = Vec::new();
-        for output in &self.outputs {
-            let parts: &[&str] = match output {
-                Output::Proximity => {
-                    names.extend(numbered("proximity", self.width(*output)));
-                    continue;
-                }
-                Output::Light => {
-                    names.extend(numbered("light", self.width(*output)));
-                    continue;
-                }
-                Output::GroundReadings => {
-                    names.extend(numbered("ground", self.width(*output)));
-                    continue;
-                }
-                Output::Message => {
-                    names.extend(numbered("message", self.width(*output)));
-                    continue;
-                }
-                Output::Encoders => {
-                    let drive = self.drive.actuators().iter();
-                    names.extend(drive.map(|name| format!("{name} encoder")));
-                    continue;
-                }
-                Output::Camera => {
-                    names.extend(self.camera.iter().flat_map(camera_names));
-                    continue;
-                }
-                Output::Battery => &["battery"],
-                Output::AroundCount => &["robots around"],
-                Output::AroundCenter => &["center x", "center y"],
-                Output::AroundHeading => &["heading x", "heading y"],
-                Output::AroundNearest => &["nearest x", "nearest y"],
-                Output::Compass => &["compass x", "compass y"],
-                Output::ProximityVector => &["proximity x", "proximity y"],
-                Output::LightDirection => &["light x", "light y"],
-                Output::GroundDrawn => &["ground left", "ground middle", "ground right"],
-                Output::Ground => &["ground"],
-                Output::Neighbours => &["neighbours"],
-                Output::NeighboursSquashed => &["neighbours squashed"],
-                Output::Attraction => &["attraction x", "attraction y"],
-                Output::AttractionParts => &[
-                    "attraction 45",
-                    "attraction 135",
-                    "attraction 225",
-                    "attraction 315",
-                ],
-                Output::Random => &["random"],
-            };
-            names.extend(parts.iter().map(|name| (*name).to_owned()));
+        let names = self.outputs.iter().map(|output| self.names(*output));
+        names.flatten().collect()
+    }
+
+    /// The names of the numbers of an output; empty ones of what it has not.
+    pub(in super::super) fn names(&self, output: Output) -> Vec<String> {
+        let width = self.width(output);
+        let parts: &[&str] = match output {
+            Output::Proximity => return numbered("proximity", width).collect(),
+            Output::Light => return numbered("light", width).collect(),
+            Output::GroundReadings => return numbered("ground", width).collect(),
+            Output::Message => return numbered("message", width).collect(),
+            Output::Encoders => {
+                let drive = self.drive.actuators().iter();
+                return drive.map(|name| format!("{name} encoder")).collect();
+            }
+            Output::Camera => return self.camera.iter().flat_map(camera_names).collect(),
+            Output::Absent(..) => return vec![String::new(); width],
+            Output::Battery => &["battery"],
+            Output::AroundCount => &["robots around"],
+            Output::AroundCenter => &["center x", "center y"],
+            Output::AroundHeading => &["heading x", "heading y"],
+            Output::AroundNearest => &["nearest x", "nearest y"],
+            Output::Compass => &["compass x", "compass y"],
+            Output::ProximityVector => &["proximity x", "proximity y"],
+            Output::LightDirection => &["light x", "light y"],
+            Output::GroundDrawn => &["ground left", "ground middle", "ground right"],
+            Output::Ground => &["ground"],
+            Output::Neighbours => &["neighbours"],
+            Output::NeighboursSquashed => &["neighbours squashed"],
+            Output::Attraction => &["attraction x", "attraction y"],
+            Output::AttractionParts => &[
+                "attraction 45",
+                "attraction 135",
+                "attraction 225",
+                "attraction 315",
+            ],
+            Output::Random => &["random"],
+        };
+        parts.iter().map(|name| (*name).to_owned()).collect()
+    }
+
+    /// Where the numbers of an output look, as controllers are told, half turns; empty where they look nowhere.
+    pub(in super::super) fn directions(&self, output: Output) -> Vec<f32> {
+        let rays = self.proximity.iter().flat_map(|sensors| &sensors.rays);
+        let lights = self.light.iter().flat_map(|sensors| &sensors.angles);
+        match output {
+            Output::Proximity => rays.map(|ray| ray.reported).collect(),
+            Output::Light => lights.copied().collect(),
+            _ => Vec::new(),
         }
-        names
     }
 
     /// Numbers that controllers get.
@@ -140,22 +173,18 @@ impl Robot {
         self.outputs.iter().map(|output| self.width(*output)).sum()
     }
 
-    /// Names of the actuators.
-    pub(in super::super) fn actuator_names(&self) -> Vec<String> {
-        let drive = self.drive.actuators().iter().map(|name| (*name).to_owned());
-        let leds = self
+    /// Names of the numbers for LEDs.
+    pub(in super::super) fn led_names(&self) -> Vec<String> {
+        let names = self
             .leds
             .iter()
             .map(|color| format!("led {}", color.name()));
-        drive
-            .chain(leds)
-            .chain(numbered("message", self.message))
-            .collect()
+        names.collect()
     }
 
-    /// Numbers that controllers give.
-    pub(in super::super) fn actuators(&self) -> usize {
-        self.drive.actuators().len() + self.leds.len() + self.message
+    /// Names of the numbers of a message that is sent.
+    pub(in super::super) fn message_names(&self) -> Vec<String> {
+        numbered("message", self.message).collect()
     }
 }
 
