@@ -78,7 +78,10 @@ def designs(seed: int, method: dict[str, Any], folder: Path) -> Iterator[tuple[s
     yield "slow alone, every evaluation", slow.evaluations, slow.evaluation().genome[np.newaxis]
 
 
-RANKINGS: dict[str, dict[str, Any]] = {"multi_fidelity": {"share": 0.1}}
+RANKINGS: dict[str, dict[str, Any]] = {
+    "multi_fidelity": {"share": 0.1},
+    "transferability": {"transfers": 2, "threshold": 0.5},
+}
 
 
 def main() -> None:

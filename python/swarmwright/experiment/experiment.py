@@ -20,7 +20,7 @@ from swarmwright.experiment.settings import ANNOUNCED, apply, parse_settings, re
 from swarmwright.experiment.start_from import genomes_of
 from swarmwright.methods import METHODS, Method, MethodOptions
 from swarmwright.rankings import RANKINGS, Ranking, RankingOptions
-from swarmwright.rankings._slow import SlowOptions, SlowRanking
+from swarmwright.rankings._slow import SlowOptions
 from swarmwright.representations import REPRESENTATIONS, Representation
 from swarmwright.simulations.names import name_of
 from swarmwright.store import StoreReader
@@ -347,9 +347,8 @@ class Experiment:
 
     @property
     def reports_slow(self) -> bool:
-        """Whether the best of a run is reported with its fitness in the slow simulation of the ranking."""
-        kind = RANKINGS.get(self.ranking.kind)  # type: ignore[attr-defined] # every kind's options have it
-        return issubclass(kind, SlowRanking) and kind.reports_slow
+        """Whether the best of a run is validated in the slow simulation of the ranking."""
+        return isinstance(self.ranking, SlowOptions)
 
     @property
     def fitness_expression(self) -> FitnessExpression | None:

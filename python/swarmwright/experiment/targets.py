@@ -9,12 +9,14 @@ from typing import Any
 from swarmwright.core.errors import InputError
 from swarmwright.core.random_numbers import Stream
 from swarmwright.core.simulation_names import is_python
+from swarmwright.core.suggestions import unknown
 from swarmwright.core.yaml import Path_, Source, dotted_path, read
 from swarmwright.experiment.document import Validate
 from swarmwright.experiment.experiment import ELSEWHERE, Experiment
 from swarmwright.experiment.ranges import E_PUCKS, Range, ranges_of, require_e_pucks, robot_of
 from swarmwright.rankings._slow import SlowOptions
 from swarmwright.rankings.absolute import AbsoluteOptions
+from swarmwright.rankings.transferability import TransferabilityOptions
 from swarmwright.simulations import catalogue
 from swarmwright.simulations.names import absolute
 
@@ -200,6 +202,8 @@ def resolved(experiment: Experiment, source: Source, *, ask: bool) -> dict[str, 
         try:
             entry = _resolved(experiment, experiment.ranking.slow, source, ("ranking", "slow"), ask=ask)
             changed["ranking"] = experiment.ranking.model_copy(update={"slow": entry})
+            if ask and isinstance(experiment.ranking, TransferabilityOptions):
+                changed["ranking"] = _described(experiment, changed["ranking"], source)
         except InputError as error:
             problems.append(str(error))
     for index, entry in enumerate(experiment.validate.to):
@@ -216,6 +220,20 @@ def resolved(experiment: Experiment, source: Source, *, ask: bool) -> dict[str, 
     if problems:
         raise InputError("\n".join(problems))
     return changed
+
+
+def _described(
+    experiment: Experiment, options: TransferabilityOptions, source: Source
+) -> TransferabilityOptions:
+    """Return options with the metrics that describe behaviour. Raises InputError with its place."""
+    if not catalogue.is_described(experiment.simulation):
+        return options
+    there = list(catalogue.description(experiment.simulation, experiment.parameters)["metrics"])
+    for index, name in enumerate(options.descriptor):
+        if name not in there:
+            place = source.place(("ranking", "descriptor", index))
+            raise InputError(f"{place}{unknown('metric', name, there)}")
+    return options.model_copy(update={"descriptor": options.descriptor or there})
 
 
 def _range_problems(experiment: Experiment, source: Source) -> list[str]:

@@ -25,7 +25,7 @@ from swarmwright.methods._search import SearchMethod
 from swarmwright.optimization.ahead import Ahead, Produced, can_be_ahead
 from swarmwright.optimization.memory import LARGE, candidates, progress
 from swarmwright.optimization.raced import race
-from swarmwright.optimization.two_simulations import TwoSimulations, evaluate_both
+from swarmwright.optimization.two_simulations import TwoSimulations, descriptor_columns, evaluate_both
 from swarmwright.rankings._base import Ranking
 from swarmwright.rankings._slow import SlowRanking
 from swarmwright.rankings.race import Race
@@ -118,6 +118,7 @@ class Loop:
     def __init__(self, experiment: Experiment, representation: Representation, store: StoreWriter) -> None:
         self._method: Method = experiment.new_method(representation)
         self._ranking: Ranking = experiment.new_ranking()
+        self._descriptor = descriptor_columns(self._ranking, experiment)
         self._first_seed = experiment.first_seed
         self._representation = representation
         self._store = store
@@ -273,7 +274,8 @@ class Loop:
             controllers = Controllers.of(self._representation, genomes, sample)
             if isinstance(self._ranking, SlowRanking):
                 assert isinstance(backend, TwoSimulations)
-                results = evaluate_both(self._ranking, backend, controllers, seeds, watched, self._store_last)
+                both = self._ranking, self._descriptor, backend
+                results = evaluate_both(*both, controllers, seeds, watched, self._store_last)
             elif isinstance(self._ranking, Race):
                 results = race(self._ranking, backend, controllers, seeds, watched, self._store_last)
             else:
@@ -413,8 +415,8 @@ class Loop:
         """Rank the results and tell the method."""
         number = self._method.generation
         if isinstance(self._ranking, SlowRanking):
-            slow, metrics = results.metrics[:, :, -1], results.metrics[:, :, :-1]
-            fitness = self._ranking.ranked(results.fitness, slow, metrics)
+            metrics = results.metrics[:, :, self._descriptor]
+            fitness = self._ranking.ranked(results.fitness, results.metrics[:, :, -1], metrics)
         else:
             fitness = self._ranking.score(results.fitness, genomes)
         self._check(fitness, number)

@@ -10,11 +10,21 @@ import numpy as np
 from swarmwright import _engine
 from swarmwright.core.errors import InputError, RunError
 from swarmwright.core.simulation_names import is_python
-from swarmwright.evaluation.base import HERE, Backend, Controllers, Feed, Progress, Results, Servers
+from swarmwright.evaluation.base import (
+    HERE,
+    Backend,
+    Controllers,
+    Feed,
+    Progress,
+    Results,
+    Servers,
+    metrics_of,
+)
 from swarmwright.evaluation.opening import open_backend
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.targets import OtherSimulation, slow_of
 from swarmwright.optimization.raced import extend
+from swarmwright.rankings._base import Ranking
 from swarmwright.rankings._slow import METRIC, SlowRanking
 from swarmwright.simulations import catalogue
 from swarmwright.store import Journal
@@ -164,8 +174,17 @@ def _place(experiment: Experiment, broker: str | None, servers: Servers | None) 
     return experiment.broker if broker is None and wanted not in HERE else broker
 
 
+def descriptor_columns(ranking: Ranking, experiment: Experiment) -> list[int]:
+    """Return which of the stored metrics a ranking needs, in its order."""
+    if not isinstance(ranking, SlowRanking):
+        return []
+    names = metrics_of(experiment.fitness_expression, ranking.descriptor)
+    return [names.index(name) for name in ranking.descriptor]
+
+
 def evaluate_both(
     ranking: SlowRanking,
+    descriptor: list[int],
     backend: TwoSimulations,
     controllers: Controllers,
     seeds: Sequence[int],
@@ -174,7 +193,8 @@ def evaluate_both(
 ) -> Results:
     """Evaluate a generation; its last metric is the fitness in the slow simulation, NaN where there is none.
 
-    Arguments as those of `Backend.evaluate`.
+    descriptor: which metrics of the fast simulation the ranking needs. The others as those of
+    `Backend.evaluate`.
     """
     count, episodes = len(controllers.weights), len(seeds)
     whole = (count + ranking.expected(count)) * episodes
@@ -187,7 +207,7 @@ def evaluate_both(
     slow = np.full((count, episodes), np.nan)
     journal = Journal()
     extend(journal, fast.journal, list(range(count)), 0)
-    rounds = ranking.rounds(fast.fitness, fast.metrics)
+    rounds = ranking.rounds(fast.fitness, fast.metrics[:, :, descriptor])
     done = count * episodes
     try:
         who = next(rounds)

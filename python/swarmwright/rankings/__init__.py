@@ -12,6 +12,7 @@ RANKINGS: Registry[Ranking] = Registry(
         "absolute": "swarmwright.rankings.absolute:Absolute",
         "multi_fidelity": "swarmwright.rankings.multi_fidelity:MultiFidelity",
         "race": "swarmwright.rankings.race:Race",
+        "transferability": "swarmwright.rankings.transferability:Transferability",
     },
     "swarmwright.rankings:Ranking",
 )

@@ -2,7 +2,7 @@
 
 from abc import abstractmethod
 from collections.abc import Generator, Mapping, Sequence
-from typing import Annotated, Any, ClassVar, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,8 +65,6 @@ class SlowRanking(Ranking):
     """
 
     options: SlowOptions
-    reports_slow: ClassVar[bool]
-    """Whether the fitness of the best of a run is that in the slow simulation."""
 
     @property
     def descriptor(self) -> tuple[str, ...]:
@@ -83,7 +81,7 @@ class SlowRanking(Ranking):
 
         Args:
             fast: (candidates, episodes) fitness in the experiment's own simulation, NaN where one failed.
-            metrics: (candidates, episodes, metrics) there, those of `descriptor` last.
+            metrics: (candidates, episodes, metrics) there, those of `descriptor`.
         """
 
     @abstractmethod
@@ -93,7 +91,8 @@ class SlowRanking(Ranking):
     def ranked(self, fast: Episodes, slow: Episodes, metrics: NDArray[np.float64]) -> Fitness:
         """Return the fitness of a generation that was evaluated, and learn of it.
 
-        slow: (candidates, episodes) fitness in the slow simulation, NaN where a candidate was not evaluated.
+        slow: (candidates, episodes) fitness in the slow simulation, NaN where a candidate was not evaluated;
+        the others as those of `rounds`.
         """
         rounds = self.rounds(fast, metrics)
         try:

@@ -43,7 +43,6 @@ class MultiFidelity(SlowRanking):
     kind: ClassVar[str] = "multi_fidelity"
     options_model = MultiFidelityOptions
     options: MultiFidelityOptions
-    reports_slow = True
 
     def __init__(self, options: MultiFidelityOptions) -> None:
         super().__init__(options)

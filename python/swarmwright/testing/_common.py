@@ -20,6 +20,7 @@ EXAMPLES: dict[str, dict[str, Any]] = {
         }
     },
     "multi_fidelity": {"slow": "minisim"},
+    "transferability": {"slow": "minisim", "threshold": 0.5},
 }
 """Required options of built-in kinds."""
 

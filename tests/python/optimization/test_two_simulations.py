@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -63,21 +64,42 @@ def in_harder(run: Run) -> Experiment:
     return run.experiment.replace(ranking={"kind": "absolute", "episodes": 3}, parameters=SLOW["parameters"])
 
 
+def made(method: str, folder: Path, **changes: Any) -> Run:
+    options = {"kind": method, "population": 16, "generations": 6}
+    return optimize(experiment(method=options, **changes), out=folder / "run")
+
+
 @pytest.fixture(scope="module", params=["nnga", "cma_es", "snes", "random_search"])
+def ranked(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """An undisturbed run of two fidelities; the engine would evolve all but the first by itself."""
+    return made(request.param, tmp_path_factory.mktemp("ranked"))
+
+
+TRANSFERABILITY: dict[str, Any] = {
+    "kind": "transferability",
+    "slow": SLOW,
+    "threshold": 0.5,
+    "transfers": 3,
+    "episodes": 3,
+    "seeds": "new",
+}
+
+
+@pytest.fixture(scope="module", params=["multi_fidelity", "transferability"])
 def whole(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Run:
-    """An undisturbed run; the engine would evolve all but the first by itself."""
-    method = {"kind": request.param, "population": 16, "generations": 6}
-    return optimize(experiment(method=method), out=tmp_path_factory.mktemp("whole") / "run")
+    """An undisturbed run with one of the rankings."""
+    values = VALUES["ranking"] if request.param == "multi_fidelity" else TRANSFERABILITY
+    return made("nnga", tmp_path_factory.mktemp("whole"), ranking=values)
 
 
-def test_the_record_has_what_both_simulations_said(whole: Run) -> None:
-    record = whole.record
-    assert whole.metrics == ["slow_fitness"]
+def test_the_record_has_what_both_simulations_said(ranked: Run) -> None:
+    record = ranked.record
+    assert ranked.metrics == ["slow_fitness"]
     slow = record.metrics[:, :, 0]
-    harder = whole.experiment.replace(
+    harder = ranked.experiment.replace(
         ranking={"kind": "absolute", "episodes": 3}, parameters=SLOW["parameters"]
     )
-    for generation in range(whole.generations):
+    for generation in range(ranked.generations):
         rows = np.flatnonzero(record.generation == generation)
         measured = [row for row in rows if np.isfinite(slow[row]).all()]
         assert len(measured) == max(1, math.floor(0.2 * len(rows) + 0.5))
@@ -85,15 +107,50 @@ def test_the_record_has_what_both_simulations_said(whole: Run) -> None:
         assert fast[np.isin(rows, measured)].min() >= fast[~np.isin(rows, measured)].max() - 1e-9
         for row in measured:
             assert record.fitness[row] == pytest.approx(slow[row].mean())
-        seeds = whole.seeds(generation)
+        seeds = ranked.seeds(generation)
         again = post_evaluate(
-            whole, int(measured[0] - rows[0]), generation, experiment=harder, episodes=3, seed=seeds[0]
+            ranked, int(measured[0] - rows[0]), generation, experiment=harder, episodes=3, seed=seeds[0]
         )
         assert again.episodes.tolist() == slow[measured[0]].tolist(), "the same seeds"
-    best = whole.evaluation()
+    best = ranked.evaluation()
     assert np.isfinite(slow[best.number]).all()
-    assert whole.best.fitness == record.fitness.max()
-    assert whole.slow_evaluations == int(np.isfinite(slow).all(axis=1).sum())
+    assert ranked.best.fitness == record.fitness.max()
+    assert ranked.slow_evaluations == int(np.isfinite(slow).all(axis=1).sum())
+
+
+def test_disparities_are_learned(tmp_path: Path) -> None:
+    run = made("cma_es", tmp_path, ranking={**TRANSFERABILITY, "every": 2})
+    record = run.record
+    assert run.metrics == ["arrived", "caught", "distance", "steps", "slow_fitness"]
+    slow = record.metrics[:, :, -1]
+    measured = np.asarray(np.isfinite(slow).all(axis=1))
+    counts = [int(measured[record.generation == generation].sum()) for generation in range(run.generations)]
+    assert counts == [3, 0, 3, 0, 3, 0]
+    fast = record.episodes.mean(axis=1)
+    disparity = np.abs(slow.mean(axis=1) - fast)
+    expected = fast - np.maximum(0, disparity - 0.5)
+    assert record.fitness[measured] == pytest.approx(expected[measured])
+    assert (record.fitness[~measured] <= fast[~measured]).all()
+    assert (record.fitness[~measured] < fast[~measured] - 0.01).any(), "some are predicted not to transfer"
+    assert measured[run.evaluation().number]
+    assert run.best.fitness == record.fitness.max()
+
+
+def test_the_descriptor_may_be_metrics_that_the_fitness_needs(tmp_path: Path) -> None:
+    few = {**TRANSFERABILITY, "descriptor": ["steps", "arrived"]}
+    run = made("nnga", tmp_path, ranking=few, fitness="arrived - 0.01 * distance")
+    assert run.metrics == ["arrived", "distance", "steps", "slow_fitness"]
+    part = optimize(run.experiment, lambda now: now.generation < 2, out=tmp_path / "part")
+    same_record(resume(part, servers=2), run)
+
+
+def test_a_simulation_without_metrics_is_described_by_its_fitness(tmp_path: Path) -> None:
+    (tmp_path / "fragile.py").write_text(f"ABOVE = 2\n{FRAGILE}")
+    simulation = f"{tmp_path}/fragile.py:Fragile"
+    values = {**TRANSFERABILITY, "slow": {"simulation": "minisim"}}
+    run = made("nnga", tmp_path, simulation=simulation, parameters={}, ranking=values)
+    assert run.metrics == ["slow_fitness"]
+    same_record(resume(optimize(run.experiment, lambda _: False, out=tmp_path / "part")), run)
 
 
 def test_the_record_does_not_depend_on_servers(whole: Run, tmp_path: Path) -> None:
@@ -158,7 +215,8 @@ def test_the_best_are_validated_in_the_slow_simulation(whole: Run) -> None:
     harder = whole.experiment.replace(
         ranking={"kind": "absolute", "episodes": 3}, parameters=SLOW["parameters"]
     )
-    assert best.episodes.tolist() == post_evaluate(whole, experiment=harder, episodes=20).episodes.tolist()
+    expected = post_evaluate(whole, experiment=harder, episodes=20)
+    assert best.episodes.tolist() == expected.episodes.tolist()
     assert best.recorded == whole.best.fitness
     command = [sys.executable, "-m", "swarmwright", "runs", "show", str(whole.path)]
     said = subprocess.run(command, capture_output=True, text=True, check=True, timeout=50).stdout
@@ -220,6 +278,14 @@ def test_a_changed_class_is_not_used_silently(tmp_path: Path) -> None:
             r"x\.yaml:\d+: ranking\.kind: in steady state there are no generations",
         ),
         ({"method": {"kind": "racing"}}, r"x\.yaml:\d+: ranking\.kind: racing races its candidates"),
+        (
+            {"ranking": {**TRANSFERABILITY, "descriptor": ["arived"]}},
+            r"x\.yaml:\d+: ranking\.descriptor\[0\]: unknown metric 'arived'; did you mean 'arrived'",
+        ),
+        (
+            {"ranking": {"kind": "transferability", "slow": SLOW}},
+            r"x\.yaml:\d+: ranking\.threshold: is missing",
+        ),
     ],
 )
 def test_mistakes_have_their_line(changes: dict[str, Any], said: str, tmp_path: Path) -> None:
@@ -238,3 +304,27 @@ def test_a_simulation_that_is_nowhere_is_found_before_the_run(tmp_path: Path) ->
 def test_both_cannot_have_the_same_servers(any_broker: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="harder is the same simulation on the same broker"):
         optimize(experiment(servers="auto", broker=any_broker), out=tmp_path / "run")
+
+
+def test_two_simulators_on_a_broker(any_broker: str, foreign: Callable[..., Any], tmp_path: Path) -> None:
+    """Both are servers that only know D6.1; the slow one is found on the broker of the fast one."""
+    values = Experiment.from_mapping(
+        {
+            "simulation": "line", "sensors": 2, "actuators": 1, "requirements": {"dimensions": 1},
+            "method": {"kind": "random_search", "population": 8, "generations": 2},
+            "controller": {"hidden": [2]}, "validate": False, "timeouts": {"discovery": 3},
+            "ranking": {
+                "kind": "multi_fidelity", "share": 0.25, "episodes": 2,
+                "slow": {"name": "longer", "simulation": "long line", "requirements": {"dimensions": 1}},
+            },
+        }
+    )  # fmt: skip
+    other = foreign(any_broker, "long line", steps=9, server=5)
+    with foreign(any_broker, "line") as here, other as there:
+        run = optimize(values, out=tmp_path / "run", broker=any_broker)
+        assert (here.episodes, there.episodes) == (8 * 2 * 2, 2 * 2 * 2)
+    assert run.slow_evaluations == 4
+    slow = run.record.metrics[:, :, 0]
+    assert (slow[np.isfinite(slow)] != run.record.episodes[np.isfinite(slow)]).any()
+    with foreign(any_broker, "line"), pytest.raises(RunError, match="slow: longer: no server fits"):
+        optimize(values, out=tmp_path / "without", broker=any_broker)
