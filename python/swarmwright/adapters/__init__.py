@@ -65,6 +65,10 @@ def _command(name: str, digest: str) -> "type[Simulation]":
         from swarmwright.adapters.ros import RosSimulation
 
         base = RosSimulation
+    elif parsed.prefix == SimulationName.FMU:
+        from swarmwright.adapters.fmu import FmuSimulation
+
+        base = FmuSimulation
     else:
         from swarmwright.adapters.command import CommandSimulation
 

@@ -7,6 +7,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from swarmwright.commands.definition import CommandOptions, Definition
+from swarmwright.commands.fmu_definition import FmuOptions
 from swarmwright.commands.ros_definition import RosOptions
 from swarmwright.core.errors import InputError
 from swarmwright.core.problems import model_at, problems_of
@@ -15,13 +16,16 @@ from swarmwright.core.yaml import Path_, dotted_path
 
 KINDS: Mapping[str, type[Definition]] = {
     SimulationName.COMMAND: CommandOptions,
+    SimulationName.FMU: FmuOptions,
     SimulationName.ROS: RosOptions,
 }
 
 
 def kind_of(values: Mapping[str, Any]) -> type[Definition]:
     """Return what a mapping in the place of a simulation is meant as."""
-    return RosOptions if "ros" in values and "command" not in values else CommandOptions
+    if "command" in values:
+        return CommandOptions
+    return RosOptions if "ros" in values else FmuOptions if "fmu" in values else CommandOptions
 
 
 def definition_of_name(name: str) -> Definition:
@@ -30,16 +34,19 @@ def definition_of_name(name: str) -> Definition:
 
 
 def read_definition(
-    values: Mapping[str, Any], folder: Path
+    values: Mapping[str, Any], folder: Path, base: Path | None = Path()
 ) -> tuple[Definition | None, list[tuple[Path_, str]]]:
-    """Return a definition, paths relative to a folder, and what is wrong with it, with the keys."""
+    """Return a definition, paths relative to a folder, and what is wrong with it, with the keys.
+
+    base: what that folder is relative to; None where files were checked before.
+    """
     kind = kind_of(values)
     try:
         options = kind.model_validate(dict(values))
     except ValidationError as error:
         return None, [_placed(path, message, kind) for path, message in problems_of(error, kind)]
     options = options.model_copy(update={"folder": str(folder / options.folder)})
-    problems = options.problems()
+    problems = [] if base is None else options.below(base).problems()
     return None if problems else options, problems
 
 

@@ -69,6 +69,10 @@ class Definition(Options):
         values = self.model_dump(exclude_defaults=True)
         return f"{self.prefix}{json.dumps(values, sort_keys=True, separators=(',', ':'))}"
 
+    def below(self, base: Path) -> Self:
+        """Return the same with its folder relative to another one."""
+        return self.model_copy(update={"folder": str(base / self.folder)})
+
     @classmethod
     def of(cls, name: str) -> Self:
         """Return what a simulation's name holds."""

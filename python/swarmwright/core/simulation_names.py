@@ -1,8 +1,8 @@
 """Names of simulations: titles, classes in Python, environments of other libraries, and commands.
 
 `minisim` is a title, `path/to/file.py:Class` and `package.module:Class` name a class,
-`library:environment?option=value&option=value` an environment, and `command:{..}` or `ros:{..}`, a JSON
-object, a command or robots of a ROS system, which experiments write as a mapping.
+`library:environment?option=value&option=value` an environment, and `command:{..}`, `ros:{..}` or `fmu:{..}`,
+a JSON object, a command, robots of a ROS system or an FMU, which experiments write as a mapping.
 """
 
 import ast
@@ -21,7 +21,7 @@ MISSIONS = "arena-"
 """What the titles of the arena's missions in other simulators begin with."""
 
 _ENVIRONMENT = re.compile(rf"({'|'.join(LIBRARIES)}):([^\s?]+)(?:\?(\S*))?")
-_DEFINED = re.compile(r"(command|ros):\{")
+_DEFINED = re.compile(r"(command|fmu|ros):\{")
 _CLASS = re.compile(r"(?:.*\.py|[^\W\d]\w*(?:\.[^\W\d]\w*)*):[^\W\d]\w*")
 
 
@@ -33,6 +33,8 @@ class SimulationName:
     """What a command's name begins with."""
     ROS: ClassVar[str] = "ros:"
     """What the name of robots of a ROS system begins with."""
+    FMU: ClassVar[str] = "fmu:"
+    """What the name of an FMU begins with."""
     DEFINITION: ClassVar[str] = "swarmwright-command.json"
     """The file of a command's definition, which exists in copies only."""
 
@@ -66,7 +68,7 @@ class SimulationName:
 
     @property
     def is_command(self) -> bool:
-        """Whether a command runs it: it is one, or robots of a ROS system, which a program drives."""
+        """Whether a command runs it: it is one, or a ROS system or an FMU, which a program drives."""
         return _DEFINED.match(self.text) is not None
 
     @property
@@ -147,6 +149,8 @@ def _program(definition: dict[str, Any]) -> str:
     """Return what a command is called: its title, or the script or program that it starts."""
     if "title" in definition:
         return str(definition["title"])
+    if "fmu" in definition:
+        return re.sub(r"[^\w.-]", "_", Path(definition["fmu"]).stem) or "fmu"
     if "ros" in definition:
         return f"ros{definition['ros']}"
     words = [Path(word) for word in definition["command"] if not word.startswith("-")]

@@ -5,9 +5,10 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from swarmwright.commands import bags, logs, process
+from swarmwright.commands import bags, fmu_definition, logs, process
 from swarmwright.commands.checking import definition_of_name, read_definition
 from swarmwright.commands.definition import CommandOptions
+from swarmwright.commands.fmu_definition import FmuOptions
 from swarmwright.commands.placeholders import IN_A_COMMAND, names_in
 from swarmwright.commands.ros_definition import RosOptions
 from swarmwright.core.suggestions import did_you_mean
@@ -25,10 +26,17 @@ _MARGIN = 30.0
 """Seconds beside the command's own for files, and for a result's way."""
 
 
-def name_of(definition: Mapping[str, Any], values: Mapping[str, Any], report: Report) -> str:
+def name_of(
+    definition: Mapping[str, Any], values: Mapping[str, Any], base: Path | None, report: Report
+) -> str:
     """Return the name of the simulation that a mapping defines; `WRONG` after reporting what is wrong.
 
-    values: the experiment's, whose fitness is the simulation's own, unless that has one.
+    Args:
+        definition: the mapping.
+        values: the experiment's, whose fitness is the simulation's own, unless that has one.
+        base: the folder that its paths are relative to; None for that of a run, whose files were checked.
+        report: gets what is wrong.
+
     """
     wrong: list[Path_] = []
 
@@ -43,12 +51,23 @@ def name_of(definition: Mapping[str, Any], values: Mapping[str, Any], report: Re
             note(("fitness",), own)
         elif isinstance(own, FitnessExpression) and not key and "fitness" not in given and not own.uses_own:
             given["fitness"] = own.text
-    options, problems = read_definition(given, Path())
+    if "fmu" in given and "actuators" not in given and not _steers(values):
+        given["actuators"] = []
+    options, problems = read_definition(given, Path(), base)
     for path, message in problems:
         note(path, message)
     if isinstance(options, RosOptions):
-        _check_metrics(options, note)
+        _check_metrics(options, list(options.metrics), note)
+    elif isinstance(options, FmuOptions) and base is not None:
+        _check_metrics(options, list(options.below(base).columns), note)
     return WRONG if options is None or wrong else options.name
+
+
+def _steers(values: Mapping[str, Any]) -> bool:
+    """Return whether the experiment's controller steers agents, as far as that is known."""
+    controller = values.get("controller")
+    kind = controller.get("kind") if isinstance(controller, Mapping) else None
+    return kind not in REGISTRIES["controller"].names() or REGISTRIES["controller"].get(str(kind)).steers
 
 
 def _expression(text: Any) -> FitnessExpression | str | None:  # noqa: ANN401 - whatever the file says
@@ -73,6 +92,8 @@ def check(checked: dict[str, Any], values: Mapping[str, Any], report: Report) ->
     if isinstance(definition, RosOptions):
         _check_ros(definition, checked, report)
         reports_fitness = False
+    elif isinstance(definition, FmuOptions):
+        reports_fitness = False
     else:
         _check_placeholders(options, checked, report)
         reports_fitness = options.controller == "stepwise"
@@ -95,6 +116,8 @@ def check(checked: dict[str, Any], values: Mapping[str, Any], report: Report) ->
 def missing(name: str) -> str | None:
     """Return what a simulation's command needs that this machine lacks, "key: why"; None for nothing."""
     definition = definition_of_name(name)
+    if isinstance(definition, FmuOptions):
+        return fmu_definition.missing(definition)
     options = definition.as_command()
     if isinstance(definition, RosOptions) and definition.connection == "dds":
         if importlib.util.find_spec("cyclonedds") is None:
@@ -156,7 +179,7 @@ def _check_placeholders(options: CommandOptions, checked: Mapping[str, Any], rep
                 report(path, f"{{{name}}} is no placeholder, and no parameter has this name{hint}")
 
 
-def _check_metrics(options: RosOptions, note: Report) -> None:
+def _check_metrics(options: RosOptions | FmuOptions, names: list[str], note: Report) -> None:
     """Check the expressions over the metrics that the definition names."""
     for key, text in (("done", options.done), ("fitness", options.fitness)):
         expression = _expression(text)
@@ -165,9 +188,9 @@ def _check_metrics(options: RosOptions, note: Report) -> None:
         elif isinstance(expression, FitnessExpression):
             used = (*expression.metrics, *([OWN] if expression.uses_own else []))
             for name in used:
-                if name not in options.metrics:
-                    hint = did_you_mean(name, options.metrics)
-                    there = hint or f"; there is: {', '.join(options.metrics) or 'none'}"
+                if name not in names:
+                    hint = did_you_mean(name, names)
+                    there = hint or f"; there is: {', '.join(names) or 'none'}"
                     note(("metrics",), f"{key} uses {name!r}, which is none of them{there}")
 
 

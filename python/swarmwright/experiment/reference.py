@@ -45,6 +45,8 @@ def reference() -> str:
         lines += _table(definition["properties"], set(definition.get("required", [])), schema)
     lines += ["", "## simulation: {command: ..}", "", schema["$defs"]["Command"]["description"], ""]
     lines += _table(schema["$defs"]["Command"]["properties"], {"command"}, schema)
+    lines += ["", "## simulation: {fmu: ..}", "", schema["$defs"]["Fmu"]["description"], ""]
+    lines += _table(schema["$defs"]["Fmu"]["properties"], {"fmu"}, schema)
     lines += ["", "## simulation: {ros: ..}", "", schema["$defs"]["Ros"]["description"], ""]
     lines += _table(schema["$defs"]["Ros"]["properties"], {"ros", "step"}, schema)
     for name, title in _OF_ROS.items():

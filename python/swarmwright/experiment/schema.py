@@ -3,6 +3,7 @@
 from typing import Any
 
 from swarmwright.commands.definition import CommandOptions
+from swarmwright.commands.fmu_definition import FmuOptions
 from swarmwright.commands.ros_definition import RosOptions
 from swarmwright.core.descriptions import described
 from swarmwright.core.options import Options
@@ -35,7 +36,7 @@ def experiment_schema(*, only_built_in: bool = False) -> dict[str, Any]:
             "properties": {"kind": {"enum": kinds}},
             "oneOf": variants,
         }
-    for title, model in (("Command", CommandOptions), ("Ros", RosOptions)):
+    for title, model in (("Command", CommandOptions), ("Fmu", FmuOptions), ("Ros", RosOptions)):
         mapping = _tidy(described(model).model_json_schema())
         inner = {f"{title}{name}": one for name, one in mapping.pop("$defs", {}).items()}
         definitions |= _moved({**inner, title: mapping}, title)
@@ -44,6 +45,7 @@ def experiment_schema(*, only_built_in: bool = False) -> dict[str, Any]:
         "anyOf": [
             {"type": "string", "minLength": 1},
             {"$ref": "#/$defs/Command"},
+            {"$ref": "#/$defs/Fmu"},
             {"$ref": "#/$defs/Ros"},
         ],
     }

@@ -101,10 +101,14 @@ def _spoken(source: Source, path: Path_, line: int, message: str) -> str:
 def _with_simulation(values: dict[str, Any], folder: Path, report: Report, *, ask: bool) -> bool:
     """Take a simulation's file relative to the experiment's; return whether the simulation can be asked."""
     simulation = values.get("simulation")
+    if isinstance(simulation, str) and simulation.endswith(".fmu"):
+        simulation = {"fmu": simulation}
     if isinstance(simulation, Mapping):
         from swarmwright.experiment import commands  # noqa: PLC0415 - only where there is a command
 
-        simulation = values["simulation"] = commands.name_of(simulation, values, report)
+        simulation = values["simulation"] = commands.name_of(
+            simulation, values, None if (folder / FILE).exists() else folder, report
+        )
         ask = ask and simulation != commands.WRONG
     if not isinstance(simulation, str):
         return False

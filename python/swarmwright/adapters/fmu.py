@@ -1,0 +1,54 @@
+"""FMUs as simulations, stepped by a program in a process of its own."""
+
+import json
+from typing import Any
+
+from swarmwright.adapters.command import CommandSimulation
+from swarmwright.commands.definition import CommandOptions
+from swarmwright.commands.fmu_definition import AGENT, ATTACHMENT, FmuOptions
+from swarmwright.commands.output import Printed
+from swarmwright.commands.stepwise import Start
+from swarmwright.core.errors import EpisodeError
+from swarmwright.core.simulation_names import SimulationName
+from swarmwright.simulations.parameters import Parameter
+
+
+class FmuSimulation(CommandSimulation):
+    """A Functional Mock-up Unit: its inputs are actuators, its outputs sensors, its parameters parameters."""
+
+    def __init__(self) -> None:
+        self._definition = FmuOptions.of(self.adapted)
+        known = self._definition.description.variables
+        self.metrics = list(self._definition.columns)
+        self.parameters = {
+            name: Parameter(one.start, one.unit) for name, one in self._definition.parameters.items()
+        }
+        self.max_agents = self._definition.agents
+        super().__init__()
+        channels = {which: self._definition.channels(which) for which in ("sensors", "actuators")}
+        names = {which: [one.variable for one in found] for which, found in channels.items()}
+        units = {
+            which: [
+                "" if one.range is not None else known[one.variable.replace(AGENT, "1")].unit for one in found
+            ]
+            for which, found in channels.items()
+        }
+        self.sensor_names, self.actuator_names = names["sensors"], names["actuators"]
+        self.sensor_units, self.actuator_units = units["sensors"], units["actuators"]
+        self.frame_seconds = self._definition.size
+
+    @classmethod
+    def _options(cls) -> CommandOptions:
+        return FmuOptions.of(cls.adapted).as_command()
+
+    @property
+    def _label(self) -> str:
+        return SimulationName.parse(self.adapted).label
+
+    def _start(self) -> Start:
+        start = super()._start()
+        (self.folder / ATTACHMENT).write_text(json.dumps(self._definition.attachment()), "utf-8")
+        return start
+
+    def _explained(self, reason: str, printed: Printed, kept: Any) -> EpisodeError:  # noqa: ANN401 - as in the base class
+        return super()._explained(reason.removeprefix("reports: "), printed, kept)

@@ -1,0 +1,379 @@
+"""What an experiment says of an FMU as its simulation: `simulation: {fmu: model.fmu, ..}`."""
+
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal
+
+from pydantic import BeforeValidator, Field, WithJsonSchema, field_validator, model_validator
+
+from swarmwright.commands.definition import METRIC_NAME, CommandOptions, Definition
+from swarmwright.commands.reductions import Reduction
+from swarmwright.core.errors import InputError
+from swarmwright.core.options import Options
+from swarmwright.core.problems import shown
+from swarmwright.core.simulation_names import SimulationName
+from swarmwright.core.suggestions import did_you_mean
+from swarmwright.core.yaml import Path_
+from swarmwright.fmu.description import (
+    NEEDS,
+    Description,
+    Variable,
+    described,
+    is_installed,
+    place,
+    runs_here,
+)
+
+ATTACHMENT = "fmu.json"
+"""What the program reads, in the folder of an instance."""
+AGENT = "{agent}"
+"""Stands for an agent's number, from 1, in names of variables."""
+_STEPS = 100
+
+
+class Channel(Options):
+    """A variable of an FMU as a sensor or an actuator.
+
+    With a range, its lowest and highest values are -1 and 1 for the controller.
+    """
+
+    variable: str = Field(min_length=1)
+    """The name of the variable; {agent} stands for the number of the agent, from 1."""
+    range: tuple[float, float] | None = None
+    """Lowest and highest value. Default for actuators: the variable's own min and max where it has both;
+    otherwise values are what they are."""
+
+    @field_validator("range")
+    @classmethod
+    def _ordered(cls, value: tuple[float, float] | None) -> tuple[float, float] | None:
+        if value is not None and not value[0] < value[1]:
+            raise ValueError(f"the lowest value must be below the highest, not {value[0]:g} and {value[1]:g}")
+        return value
+
+
+def _channels(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
+    if value is None:
+        return value
+    if not isinstance(value, list):
+        raise ValueError(f"must be a list of variables, not {shown(value)}")
+    return [{"variable": one} if isinstance(one, str) else one for one in value]
+
+
+def _pairs(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
+    """Take lists of two numbers, as YAML has them, for tuples."""
+    for one in value if isinstance(value, list) else []:
+        if isinstance(one, dict) and isinstance(one.get("range"), list) and len(one["range"]) == 2:
+            one["range"] = tuple(float(part) if isinstance(part, int) else part for part in one["range"])
+    return value
+
+
+Channels = Annotated[
+    list[Channel] | None,
+    BeforeValidator(lambda value: _pairs(_channels(value))),
+    WithJsonSchema(
+        {
+            "type": "array",
+            "items": {
+                "anyOf": [
+                    {"type": "string"},
+                    {
+                        "type": "object",
+                        "properties": {
+                            "variable": {"type": "string"},
+                            "range": {"type": "array", "items": {"type": "number"}},
+                        },
+                        "required": ["variable"],
+                        "additionalProperties": False,
+                    },
+                ]
+            },
+        }
+    ),
+]
+
+
+class FmuOptions(Definition):
+    """A simulation that is a Functional Mock-up Unit (FMU) for co-simulation, of FMI 2.0 or 3.0.
+
+    Its parameters are the simulation's: they can be set and evolved by their names. A process with the
+    instances runs many episodes; FMPy steps them (`pip install 'swarmwright[fmi]'`).
+    """
+
+    prefix: ClassVar[str] = SimulationName.FMU
+
+    fmu: str = Field(min_length=1)
+    """The file, relative to that of the experiment."""
+    title: str | None = Field(default=None, min_length=1, max_length=1000)
+    """The name in discovery. Default: the file's name and a digest of this definition and of the file."""
+    agents: int = Field(default=1, ge=1, le=10_000)
+    """Agents: each is an instance of the FMU, or where names hold {agent}, all are in one instance."""
+    sensors: Channels = None
+    """What an agent's controller senses: names of variables, or {variable: NAME, range: [low, high]}, where
+    the range becomes -1 to 1. Default: all outputs that are numbers or booleans, as they are."""
+    actuators: Channels = None
+    """What it sets, likewise. -1 to 1 becomes the range. Default: all inputs that are numbers or booleans;
+    none where a parameter set is evolved: inputs then keep their start values."""
+    step: float | None = Field(default=None, gt=0)
+    """Seconds of a step. Default: the FMU's own step size, else a hundredth of its stop time, else 0.1."""
+    steps: int | None = Field(default=None, ge=1, le=2**31)
+    """Steps of an episode. Default: to the FMU's stop time, else 100."""
+    start: dict[str, float | int | bool | str] = Field(default={})
+    """Start values of variables that no parameter sets, by name."""
+    seed: str | None = Field(default=None, min_length=1)
+    """The parameter or input that gets the episode's seed, modulo 2^31. Default: the parameter `seed`, if
+    there is one; else all episodes are the same."""
+    metrics: dict[str, str] = Field(default={})
+    """Metrics of an episode, name -> what is made of a variable's values after the steps: last, first, mean,
+    sum, min, max, std or count, or with a variable of another name mean(variable). Those of several agents
+    are averaged. Default: the last value of each output with a name that an expression can have."""
+    done: str | None = Field(default=None, min_length=1)
+    """When an episode ends before: an expression over the metrics as they are after a step."""
+    fitness: str | None = Field(default=None, min_length=1)
+    """The simulation's own fitness, an expression over its metrics. Default: the experiment's."""
+    recycle: int = Field(default=1000, ge=0)
+    """Episodes after which the process is ended and another one started, for FMUs that leak; 0 for never."""
+    timeout: float = Field(default=60.0, gt=0, le=31 * 86_400)
+    """Seconds that an episode may take."""
+    environment: dict[str, str] = Field(default={})
+    """Variables of the process's environment, beside those that there are."""
+    output: float = Field(default=10.0, gt=0)
+    """Megabytes that may be printed between two starts of the process."""
+    disk: float = Field(default=1000.0, gt=0)
+    """Megabytes that may be written into the work folder, where the FMU is unpacked."""
+    work: str | None = Field(default=None, min_length=1)
+    """The folder that work folders are made in. Default: one of the user's in the system's folder for
+    temporary files."""
+    sources: list[str] = Field(default=[])
+    """Files and folders that the simulation consists of beside the FMU: part of its digest, and copied into
+    run folders."""
+    dimensions: int = Field(default=2, ge=0, le=1000)
+    """Spatial dimensions, which experiments may require."""
+    determinism: Literal["bitwise", "statistical", "none"] | None = None
+    """How far two evaluations of one episode agree on any server; needed for audits (`faults: {audit}`)."""
+    folder: str = Field(default=".", min_length=1)
+    """The folder that paths here are relative to. Default: that of the experiment file."""
+
+    @field_validator("metrics")
+    @classmethod
+    def _names(cls, value: dict[str, str]) -> dict[str, str]:
+        for name, text in value.items():
+            if not METRIC_NAME.fullmatch(name):
+                raise ValueError(f"{name!r}: a metric's name has letters, digits and _")
+            Reduction.parse(name, text)
+        return value
+
+    @model_validator(mode="after")
+    def _agents_fit(self) -> "FmuOptions":
+        named = [*(self.sensors or ()), *(self.actuators or ())]
+        numbered = [AGENT in one.variable for one in named]
+        if any(numbered) and not all(numbered):
+            without = next(one.variable for one in named if AGENT not in one.variable)
+            raise ValueError(f"sensors: {without} has no {AGENT}, but others do: it would be of all agents")
+        if any(numbered) and (self.sensors is None or self.actuators is None):
+            raise ValueError(f"sensors: where names hold {AGENT}, write both sensors and actuators")
+        return self
+
+    @property
+    def file(self) -> Path:
+        """The FMU."""
+        return Path(self.folder) / self.fmu
+
+    @property
+    def description(self) -> Description:
+        """What the FMU announces. Raises InputError."""
+        return described(self.file)
+
+    @property
+    def is_one(self) -> bool:
+        """Whether all agents are in one instance."""
+        return any(AGENT in one.variable for one in self.sensors or ())
+
+    def channels(self, which: Literal["sensors", "actuators"]) -> list[Channel]:
+        """Return sensors or actuators, with their ranges written out."""
+        causality = "output" if which == "sensors" else "input"
+        given = self.sensors if which == "sensors" else self.actuators
+        if given is None:
+            given = [
+                Channel(variable=one.name)
+                for one in self.description.of_causality(causality)
+                if one.name != self.seeded
+            ]
+        return list(given) if which == "sensors" else [self._ranged(one) for one in given]
+
+    def _ranged(self, channel: Channel) -> Channel:
+        variable = self.description.variables.get(channel.variable.replace(AGENT, "1"))
+        if channel.range is not None or variable is None:
+            return channel
+        low, high = variable.minimum, variable.maximum
+        if low is None or high is None or not low < high:
+            return channel
+        return Channel(variable=channel.variable, range=(low, high))
+
+    @property
+    def seeded(self) -> str | None:
+        """The variable that gets the episode's seed."""
+        known = self.description.variables.get("seed")
+        by_name = known is not None and known.causality == "parameter" and known.is_number
+        return self.seed or ("seed" if by_name else None)
+
+    @property
+    def columns(self) -> dict[str, Reduction]:
+        """What is made of variables, by the metric's name."""
+        if self.metrics:
+            return {name: Reduction.parse(name, text) for name, text in self.metrics.items()}
+        outputs = [one.name for one in self.description.of_causality("output")]
+        return {name: Reduction("last", name) for name in outputs if METRIC_NAME.fullmatch(name)}
+
+    @property
+    def size(self) -> float:
+        """Seconds of a step."""
+        if self.step is not None:
+            return self.step
+        known = self.description
+        duration = None if known.stop_time is None else known.stop_time - known.start_time
+        return known.step_size or (duration / _STEPS if duration and duration > 0 else 0.1)
+
+    @property
+    def length(self) -> int:
+        """Steps of an episode."""
+        known = self.description
+        if self.steps is not None or known.stop_time is None or known.stop_time <= known.start_time:
+            return self.steps or _STEPS
+        return max(1, round((known.stop_time - known.start_time) / self.size))
+
+    @property
+    def parameters(self) -> dict[str, Variable]:
+        """What experiments can set."""
+        return {
+            one.name: one
+            for one in self.description.variables.values()
+            if one.causality == "parameter"
+            and not one.is_array
+            and one.name not in {*self.start, self.seeded}
+        }
+
+    def named(self) -> Iterator[tuple[str, Sequence[str]]]:
+        """See `Definition`."""
+        yield "fmu", [self.fmu]
+        yield "sources", self.sources
+
+    def as_command(self) -> CommandOptions:
+        """See `Definition`."""
+        return CommandOptions(
+            command=[sys.executable, "-m", "swarmwright.fmu", f"{{folder}}/{ATTACHMENT}"],
+            title=self.title,
+            controller="stepwise",
+            sensors=len(self.channels("sensors")) or None,
+            actuators=len(self.channels("actuators")) or None,
+            metrics=dict.fromkeys(self.columns, "last"),
+            fitness=self.fitness,
+            dimensions=self.dimensions,
+            timeout=self.timeout,
+            recycle=self.recycle,
+            environment=self.environment,
+            output=self.output,
+            disk=self.disk,
+            children="end",
+            work=self.work,
+            determinism=self.determinism,
+            folder=self.folder,
+        )
+
+    def attachment(self) -> dict[str, Any]:
+        """Return what the program reads."""
+        return {
+            "fmu": str(self.file.resolve()),
+            "agents": self.agents,
+            "one": self.is_one,
+            "sensors": [one.model_dump() for one in self.channels("sensors")],
+            "actuators": [one.model_dump() for one in self.channels("actuators")],
+            "step": self.size,
+            "steps": self.length,
+            "start": self.start,
+            "seed": self.seeded,
+            "metrics": {name: [one.function, one.column] for name, one in self.columns.items()},
+            "done": self.done,
+        }
+
+    def problems(self) -> list[tuple[Path_, str]]:
+        """See `Definition`."""
+        try:
+            known = self.description
+        except InputError as error:
+            return [(("fmu",), str(error))]
+        found: list[tuple[Path_, str]] = []
+        if not runs_here(known):
+            found.append((("fmu",), self.no_library))
+        if known.only_once and self.agents > 1 and not self.is_one:
+            found.append(
+                (("agents",), f"{self.fmu} allows one instance in a process only, not {self.agents}")
+            )
+        found += self._of_channels(known, "sensors")
+        found += self._of_channels(known, "actuators")
+        numbers = [one.name for one in known.variables.values() if one.is_number]
+        for name in self.metrics:
+            problem = self._problem(known, self.columns[name].column, numbers)
+            if problem is not None:
+                found.append((("metrics", name), problem))
+        names = list(known.variables)
+        for name in [*self.start, *([] if self.seed is None else [self.seed])]:
+            if name not in known.variables:
+                key: Path_ = ("start", name) if name in self.start else ("seed",)
+                found.append((key, _unknown(self.fmu, name, names)))
+        return found
+
+    @property
+    def no_library(self) -> str:
+        """What is said where the FMU has no library for this machine."""
+        there = ", ".join(self.description.platforms) or "none"
+        return (
+            f"{self.file}: has no library for this machine, {' or '.join(place())}; there is: {there}. "
+            "`fmpy compile FILE` makes one where the FMU holds its source in C"
+        )
+
+    def _of_channels(
+        self, known: Description, which: Literal["sensors", "actuators"]
+    ) -> Iterator[tuple[Path_, str]]:
+        numbers = [one.name for one in known.variables.values() if one.is_number]
+        given = self.sensors if which == "sensors" else self.actuators
+        for index, channel in enumerate(given or ()):
+            problem = self._problem(known, channel.variable, numbers)
+            if problem is None and which == "actuators":
+                problem = self._unsettable(known, channel.variable)
+            if problem is not None:
+                yield (which, index), problem
+        if not self.channels(which) and (which == "sensors" or given is None):
+            what = "an output" if which == "sensors" else "an input"
+            yield (which,), f"is missing: {self.fmu} has no variable that is {what} and a number"
+
+    def _problem(self, known: Description, name: str, numbers: Sequence[str]) -> str | None:
+        """Return what is wrong with a variable whose values are read."""
+        for one in {name.replace(AGENT, str(agent)) for agent in (1, self.agents)}:
+            variable = known.variables.get(one)
+            if variable is None:
+                return _unknown(self.fmu, one, numbers)
+            if not variable.is_number:
+                kind = "an array" if variable.is_array else f"of the type {variable.type}"
+                return f"{one} of {self.fmu} is {kind}, not one number"
+        return None
+
+    def _unsettable(self, known: Description, name: str) -> str | None:
+        causality = known.variables[name.replace(AGENT, "1")].causality
+        if causality == "input":
+            return None
+        inputs = ", ".join(one.name for one in known.of_causality("input")) or "none"
+        return f"{name} of {self.fmu} is no input, but of the causality {causality}; inputs: {inputs}"
+
+
+def _unknown(file: str, name: str, names: Sequence[str]) -> str:
+    few = ", ".join(names[:20]) + (", .." if len(names) > 20 else "")
+    hint = did_you_mean(name, list(names)) or f"; there is: {few or 'none'}"
+    return f"{file} has no variable {name!r}{hint}"
+
+
+def missing(options: FmuOptions) -> str | None:
+    """Return what this machine lacks to run an FMU, "key: why"; None for nothing."""
+    if not is_installed():
+        return f"fmu: {NEEDS}"
+    return None if runs_here(options.description) else f"fmu: {options.no_library}"

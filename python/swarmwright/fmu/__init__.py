@@ -1,0 +1,1 @@
+"""FMUs as simulations: what they announce, and the program that steps them."""

@@ -1,0 +1,170 @@
+"""Instances of an FMU in this process, stepped by FMPy."""
+
+import ctypes
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from fmpy import extract
+from fmpy.fmi1 import FMICallException
+from fmpy.fmi2 import FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE, fmi2Terminated
+from fmpy.fmi3 import FMU3Slave
+from fmpy.logging import addLoggerProxy
+
+from swarmwright.fmu.description import Description, Variable
+
+_DISCARD = 2
+_STATUS = {_DISCARD: "that it is not done", 3: "an error", 4: "a fatal error"}
+
+
+class FmuError(Exception):
+    """An episode cannot go on; the text says why."""
+
+
+class Instance:
+    """One instance.
+
+    Args:
+        description: of the FMU.
+        folder: where it is unpacked.
+        name: of the instance.
+
+    Raises:
+        FmuError: it cannot be made.
+
+    """
+
+    def __init__(self, description: Description, folder: Path, name: str) -> None:
+        self._description = description
+        self._two = description.version == "2.0"
+        self._last = ""
+        arguments = {
+            "guid": description.token,
+            "unzipDirectory": str(folder),
+            "modelIdentifier": description.identifier,
+            "instanceName": name,
+        }
+        try:
+            self._fmu: Any = FMU2Slave(**arguments) if self._two else FMU3Slave(**arguments)
+        except Exception as error:  # FMPy's own kinds
+            raise FmuError(f"the FMU's library cannot be loaded: {error}") from error
+        self._is_fresh = False
+        self._make()
+
+    def _make(self) -> None:
+        try:
+            if self._two:
+                self._fmu.instantiate(callbacks=self._callbacks())
+            else:
+                self._fmu.instantiate(
+                    logMessage=lambda _environment, status, _category, text: self._log(status, text)
+                )
+        except Exception as error:
+            raise FmuError(self._explained("the FMU cannot be instantiated", error)) from error
+        self._is_fresh = True
+
+    def _callbacks(self) -> Any:  # noqa: ANN401 - FMPy has no types
+        def log(_environment: Any, _name: Any, status: int, _category: Any, text: bytes) -> None:  # noqa: ANN401 - of ctypes
+            self._log(status, text)
+
+        made = fmi2CallbackFunctions()
+        made.logger = fmi2CallbackLoggerTYPE(log)
+        addLoggerProxy(ctypes.byref(made))
+        return made
+
+    def _log(self, status: int, text: bytes | None) -> None:
+        said = (text or b"").decode(errors="replace").strip()
+        if status and said:
+            self._last = said
+        sys.stderr.write(f"{said}\n")
+
+    def _explained(self, what: str, error: Exception) -> str:
+        reason = self._last or str(error)
+        if not self._last and isinstance(error, FMICallException):
+            reason = f"the FMU reports {_STATUS.get(error.status, error.status)}, and no reason"
+        return f"{what}: {reason}"
+
+    def _called(self, what: str, function: Callable[..., Any], *arguments: Any) -> Any:  # noqa: ANN401 - any function
+        self._last = ""
+        try:
+            return function(*arguments)
+        except FMICallException as error:
+            raise FmuError(self._explained(what, error)) from error
+
+    def begin(self, start: Mapping[str, Any], time: float, stop: float) -> None:
+        """Go to the start of an episode, with these values of variables."""
+        fmu = self._fmu
+        if not self._is_fresh:
+            self._called("reset", fmu.reset)
+        self._is_fresh = False
+        for name, value in start.items():
+            self.set(self._description.variables[name], value)
+        if self._two:
+            self._called("setup", lambda: fmu.setupExperiment(startTime=time, stopTime=stop))
+            self._called("initialization", fmu.enterInitializationMode)
+        else:
+            self._called("initialization", lambda: fmu.enterInitializationMode(startTime=time, stopTime=stop))
+        self._called("initialization", fmu.exitInitializationMode)
+
+    def set(self, variable: Variable, value: Any) -> None:  # noqa: ANN401 - a number, boolean or text
+        """Set a variable. Raises FmuError where the FMU refuses it."""
+        kind = self._kind(variable)
+        if kind == "Boolean":
+            value = bool(value)
+        elif not variable.is_real and variable.type != "String":
+            value = round(value)
+        function = getattr(self._fmu, f"set{kind}")
+        self._called(f"{variable.name} = {value}", function, [variable.reference], [value])
+
+    def get(self, variable: Variable) -> float:
+        """Return a variable that is a number or boolean."""
+        function = getattr(self._fmu, f"get{self._kind(variable)}")
+        return float(self._called(variable.name, function, [variable.reference])[0])
+
+    def reals(self, variables: list[Variable]) -> list[float]:
+        """Return variables in their order; those of one type at once."""
+        kinds = {self._kind(one) for one in variables}
+        if len(kinds) == 1:
+            function = getattr(self._fmu, f"get{kinds.pop()}")
+            found = self._called("outputs", function, [one.reference for one in variables])
+            return [float(one) for one in found]
+        return [self.get(one) for one in variables]
+
+    def _kind(self, variable: Variable) -> str:
+        if variable.type == "Enumeration":
+            return "Integer" if self._two else "Int64"
+        return variable.type
+
+    def step(self, time: float, size: float) -> bool:
+        """Go on by a step; return whether the FMU ends the simulation."""
+        self._last = ""
+        try:
+            done = self._fmu.doStep(currentCommunicationPoint=time, communicationStepSize=size)
+        except FMICallException as error:
+            if error.status == _DISCARD and self._two and self._has_terminated():
+                return True
+            raise FmuError(self._explained(f"the step from {time:g} s", error)) from error
+        if self._two:
+            return False
+        _, terminates, early, last = done
+        if early:
+            raise FmuError(f"the step from {time:g} s ended at {last:g} s already")
+        return bool(terminates)
+
+    def _has_terminated(self) -> bool:
+        value = ctypes.c_int(0)
+        try:
+            self._fmu.fmi2GetBooleanStatus(self._fmu.component, fmi2Terminated, ctypes.byref(value))
+        except FMICallException:
+            return False
+        return bool(value.value)
+
+
+def unpacked(file: str, folder: Path) -> Path:
+    """Unpack an FMU. Raises FmuError."""
+    try:
+        extract(file, str(folder))
+    except Exception as error:  # whatever a broken file leads to
+        raise FmuError(f"{file}: cannot be unpacked: {error}") from error
+    return folder
