@@ -190,6 +190,8 @@ def _show(output: Output, found: "PostEvaluation") -> None:
     output.text(f"  mean {_interval(found.mean)}{spread}")
     output.text(f"  median {values['median']:.6g}, lowest {values['min']:.6g}, highest {values['max']:.6g}")
     options = found.ranking.options
+    if hasattr(options, "slow"):
+        output.text("  in the run's own simulation; the recorded fitness is made with the ranking's slow one")
     if options.episodes > 1 and found.fitness != found.mean:
         how = getattr(options, "aggregate", options.kind)  # type: ignore[attr-defined] # every kind has it
         output.text(f"  fitness, as the {how} of {options.episodes} episodes: {_interval(found.fitness)}")

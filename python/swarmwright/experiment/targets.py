@@ -19,6 +19,8 @@ from swarmwright.rankings.absolute import AbsoluteOptions
 from swarmwright.rankings.transferability import TransferabilityOptions
 from swarmwright.simulations import catalogue
 from swarmwright.simulations.names import absolute
+from swarmwright.store import FILE
+from swarmwright.user_code.permission import require_named
 
 CHANGED = ELSEWHERE - {"validate"} | {"simulation", "parameters", "sensors", "actuators", "fitness"}
 """Keys of an experiment that a file of a target may have."""
@@ -69,12 +71,15 @@ class OtherSimulation:
             ) from error
         return [_with_sizes(changed, experiment)]
 
-    @property
-    def simulation(self) -> str | None:
-        """Name of its simulation, where it is another than the run's; None as well where a file says it."""
-        if self._has_keys:
-            return None if self.changes is None else self.changes.get("simulation")
-        return self.name
+    def code(self, experiment: Experiment) -> str | None:
+        """Return the class or the command that is executed, where it is another than the experiment's.
+
+        Nothing is imported for it.
+        """
+        said = self._source().values.get("simulation") if self._has_keys else self.name
+        if isinstance(said, Mapping):  # a command
+            said = self.experiments(experiment, 1)[0].simulation
+        return said if isinstance(said, str) and is_python(said) else None
 
     @property
     def _has_keys(self) -> bool:
@@ -252,6 +257,8 @@ def _range_problems(experiment: Experiment, source: Source) -> list[str]:
 def _resolved(experiment: Experiment, entry: Entry, source: Source, path: Path_, *, ask: bool) -> Entry:
     """Return one target with everything that it needs. Raises InputError with its place."""
     folder = Path(source.name).parent if source.name and not source.is_option(path) else Path()
+    if ask and (folder / FILE).exists():
+        _require_trusted(entry, folder)
     if isinstance(entry, Mapping):
         if not ask:
             return entry  # as a run holds it
@@ -274,6 +281,13 @@ def _resolved(experiment: Experiment, entry: Entry, source: Source, path: Path_,
             raise InputError(f"{source.place(path)}{error}") from error
         _require_fit(entry, there, experiment, source.place(path))
     return entry
+
+
+def _require_trusted(entry: Entry, run: Path) -> None:
+    """Raise InputError before a class is imported that a run folder names as a target and is not trusted."""
+    simulation = entry if isinstance(entry, str) else entry.get("simulation")
+    if isinstance(simulation, str) and is_python(simulation):
+        require_named(absolute(simulation, run))
 
 
 def _part(source: Source, path: Path_, values: Mapping[str, Any]) -> Source:

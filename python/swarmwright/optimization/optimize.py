@@ -212,7 +212,7 @@ def _continue(
         wanted = prolonged(run, run.experiment, settings, **budget)
         edited, notes = edits.taken_over(run, wanted)
         if wanted.validate != run.experiment.validate:
-            at_end.allow(wanted)
+            at_end.allow(wanted, run)
         experiment = prolonged(run, edited, settings, **budget)
         changed = experiment != run.experiment
         loop = _new_loop(experiment, experiment.representation(), store)

@@ -9,7 +9,6 @@ import numpy as np
 
 from swarmwright import _engine
 from swarmwright.core.errors import InputError, RunError
-from swarmwright.core.simulation_names import is_python
 from swarmwright.evaluation.base import (
     HERE,
     Backend,
@@ -127,9 +126,10 @@ def open_simulations(
         return
     ranking = experiment.new_ranking()
     assert isinstance(ranking, SlowRanking)
+    code = target.code(experiment)
+    if code is not None:
+        require_named(code)  # before it is imported
     (there,) = target.experiments(experiment, 1)
-    if is_python(there.simulation):
-        require_named(there.simulation)
     where: dict[str, Any] = {} if target.places else {"broker": broker, "servers": servers}
     if there.broker is None and catalogue.is_here(there.simulation):
         where.pop("broker", None)

@@ -7,6 +7,7 @@ import pty
 import shutil
 import sqlite3
 import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -191,3 +192,39 @@ files = st.dictionaries(st.text(), st.text())
 def test_digests_differ_where_files_do(one: dict[str, str], other: dict[str, str]) -> None:
     assert (digest_of(one) == digest_of(other)) == (one == other)
     assert digest_of(dict(reversed(one.items()))) == digest_of(one)
+
+
+BESIDE: dict[str, str] = {
+    "slow": "ranking: {kind: multi_fidelity, slow: {simulation: beside.py:Gather}}\n",
+    "transfer": "validate: {episodes: 0, seeds: 2, to: [{simulation: beside.py:Gather}]}\n",
+}
+
+
+@pytest.mark.parametrize("kind", BESIDE)
+def test_nor_is_what_a_run_names_beside_its_own(
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Only reading what the sender has made, and going on with it, are ways to it."""
+    (tmp_path / "beside.py").write_text(MARK.format(mark=str(tmp_path / "executed")) + GATHER)
+    (tmp_path / "helper.py").write_text("GAIN = 0.1\n")
+    (tmp_path / "gather.py").write_text(GATHER)
+    (tmp_path / "x.yaml").write_text(EXPERIMENT + BESIDE[kind])
+    run = optimize(tmp_path / "x.yaml", lambda now: now.generation < 1, out=tmp_path / "run")
+    assert (tmp_path / "executed").exists()
+    assert len(run.transferred) == (kind == "transfer")
+    (tmp_path / "executed").unlink()
+    another_user(tmp_path / "state", monkeypatch)
+    Run.open(run.path, trust=True)  # its own code, that is
+    for name in [name for name, module in sys.modules.items() if hasattr(module, "Gather")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setattr("swarmwright.simulations.names.files", {})
+    refused = r"beside\.py \(SHA-256 .*is code that a run folder names"
+    with pytest.raises(InputError, match=refused):
+        optimize(Experiment.load(run.path / "experiment.yaml"), out=tmp_path / "again")
+    if kind == "slow":
+        with pytest.raises(InputError, match=refused):
+            resume(run.path)
+    else:
+        resume(run.path, settings=["validate.seeds=3"])
+        assert Run.open(run.path).transfer_is_due, "it was refused, which is a warning by then"
+    assert not (tmp_path / "executed").exists()

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any, Self
 
 from swarmwright.core.errors import InputError, RunError
-from swarmwright.core.simulation_names import is_python
 from swarmwright.evaluation.base import Progress, Servers
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.targets import OtherSimulation, PseudoReality, Target, slow_of, targets_at_end
@@ -23,7 +22,7 @@ from swarmwright.runs.run import Run
 from swarmwright.runs.transfer.evaluation import Plan, Work, check_target
 from swarmwright.runs.transfer.transferred import Candidate, Transferred
 from swarmwright.runs.validation import leading
-from swarmwright.store import Evaluation, StoreReader, StoreWriter
+from swarmwright.store import FILE, Evaluation, StoreReader, StoreWriter
 from swarmwright.user_code.parts import of_simulation
 from swarmwright.user_code.permission import remember, require_named
 
@@ -46,18 +45,30 @@ def check(experiment: Experiment, broker: str | None = None) -> None:
             raise InputError(f"{experiment.place(key)}{error}") from error
 
 
-def allow(experiment: Experiment) -> None:
-    """Trust the classes in Python that an experiment names beside its own, since its user names them."""
-    slow = slow_of(experiment)
-    for name in _classes([*([] if slow is None else [slow]), *targets_at_end(experiment)]):
+def allow(experiment: Experiment, run: Run | None = None) -> None:
+    """Trust the classes and commands that an experiment names beside its own, since its user names them.
+
+    run: that goes on with it. What it named before is not its user's, nor is what the file in a run folder
+    names: that has to be trusted already.
+
+    Raises InputError where it is not.
+    """
+    named = [_told(target) for target in ([] if run is None else targets_at_end(run.experiment))]
+    received = run is None and experiment.path is not None and (experiment.path.parent / FILE).exists()
+    slow = slow_of(experiment) if run is None else None
+    targets = [target for target in targets_at_end(experiment) if _told(target) not in named]
+    for name in _codes(experiment, [*([] if slow is None else [slow]), *targets]):
+        if received:
+            require_named(name)
+            continue
         part = of_simulation(name)
         remember([] if part is None else [part])
 
 
-def _classes(targets: Iterable[Target]) -> Iterator[str]:
+def _codes(experiment: Experiment, targets: Iterable[Target]) -> Iterator[str]:
     for target in targets:
-        name = target.simulation if isinstance(target, OtherSimulation) else None
-        if name is not None and is_python(name):
+        name = target.code(experiment) if isinstance(target, OtherSimulation) else None
+        if name is not None:
             yield name
 
 
@@ -159,7 +170,7 @@ class _Session:
         """Evaluate and store. Raises InputError and RunError where the run's own simulation is not there."""
         planned, stored, count = self._planned, self._stored, len(self._planned.seeds)
         experiment = used_for(self._run, planned.best[0].generation)
-        for name in _classes(planned.targets):
+        for name in _codes(experiment, planned.targets):
             require_named(name)
         left = planned.missing(stored)
         plan = Plan.of(experiment, planned.best, left, random=planned.random, seeds=count)
