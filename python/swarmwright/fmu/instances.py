@@ -2,9 +2,9 @@
 
 import ctypes
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 from fmpy import extract
 from fmpy.fmi1 import FMICallException
@@ -29,16 +29,19 @@ class Instance:
         description: of the FMU.
         folder: where it is unpacked.
         name: of the instance.
+        log: where its messages go; None for nowhere.
 
     Raises:
         FmuError: it cannot be made.
 
     """
 
-    def __init__(self, description: Description, folder: Path, name: str) -> None:
+    def __init__(
+        self, description: Description, folder: Path, name: str, log: TextIO | None = sys.stderr
+    ) -> None:
         self._description = description
         self._two = description.version == "2.0"
-        self._last = ""
+        self._last, self._messages = "", log
         arguments = {
             "guid": description.token,
             "unzipDirectory": str(folder),
@@ -77,7 +80,8 @@ class Instance:
         said = (text or b"").decode(errors="replace").strip()
         if status and said:
             self._last = said
-        sys.stderr.write(f"{said}\n")
+        if self._messages is not None:
+            self._messages.write(f"{said}\n")
 
     def _explained(self, what: str, error: Exception) -> str:
         reason = self._last or str(error)
@@ -122,14 +126,26 @@ class Instance:
         function = getattr(self._fmu, f"get{self._kind(variable)}")
         return float(self._called(variable.name, function, [variable.reference])[0])
 
-    def reals(self, variables: list[Variable]) -> list[float]:
-        """Return variables in their order; those of one type at once."""
+    def put(self, variables: Sequence[Variable], values: Sequence[float]) -> None:
+        """Set variables that are numbers or booleans; real ones of one type at once."""
+        if not variables:
+            return
+        kinds = {self._kind(one) for one in variables if one.is_real}
+        if len(kinds) == 1 and all(one.is_real for one in variables):
+            function = getattr(self._fmu, f"set{kinds.pop()}")
+            self._called("inputs", function, [one.reference for one in variables], list(values))
+        else:
+            for variable, value in zip(variables, values, strict=True):
+                self.set(variable, value)
+
+    def numbers(self, variables: Sequence[Variable]) -> list[float]:
+        """Return variables that are numbers or booleans; those of one type at once."""
         kinds = {self._kind(one) for one in variables}
-        if len(kinds) == 1:
-            function = getattr(self._fmu, f"get{kinds.pop()}")
-            found = self._called("outputs", function, [one.reference for one in variables])
-            return [float(one) for one in found]
-        return [self.get(one) for one in variables]
+        if len(kinds) != 1:  # several types, or none
+            return [self.get(one) for one in variables]
+        function = getattr(self._fmu, f"get{kinds.pop()}")
+        found = self._called("outputs", function, [one.reference for one in variables])
+        return [float(one) for one in found]
 
     def _kind(self, variable: Variable) -> str:
         if variable.type == "Enumeration":
@@ -151,6 +167,10 @@ class Instance:
         if early:
             raise FmuError(f"the step from {time:g} s ended at {last:g} s already")
         return bool(terminates)
+
+    def end(self) -> None:
+        """Free the instance and its library."""
+        self._fmu.freeInstance()
 
     def _has_terminated(self) -> bool:
         value = ctypes.c_int(0)

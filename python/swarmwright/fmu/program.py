@@ -34,19 +34,22 @@ class Episodes:
             Instance(self._known, folder, f"agent {number + 1}" if count > 1 else "simulation")
             for number in range(count)
         ]
-        self._sensors = [self._variables(one["variable"]) for one in attachment["sensors"]]
-        self._actuators = [self._variables(one["variable"]) for one in attachment["actuators"]]
-        self._columns = {name: self._variables(one) for name, (_, one) in attachment["metrics"].items()}
+        self._sensors = self._variables([one["variable"] for one in attachment["sensors"]])
+        self._actuators = self._variables([one["variable"] for one in attachment["actuators"]])
+        self._columns = self._variables([variable for _, variable in attachment["metrics"].values()])
         done = attachment["done"]
         self._done = None if done is None else Expression(done)
 
-    def _variables(self, name: str) -> list[tuple[Instance, Variable]]:
-        """Return a variable of each agent."""
+    def _variables(self, names: Sequence[str]) -> list[tuple[Instance, list[Variable]]]:
+        """Return the instance of each agent, and the variables with these names."""
         variables = self._known.variables
-        if "{agent}" in name:
-            names = [name.replace("{agent}", str(agent + 1)) for agent in range(self._agents)]
-            return [(self._instances[0], variables[one]) for one in names]
-        return [(instance, variables[name]) for instance in self._instances]
+        return [
+            (
+                self._instances[0 if self._attachment["one"] else agent],
+                [variables[name.replace("{agent}", str(agent + 1))] for name in names],
+            )
+            for agent in range(self._agents)
+        ]
 
     def reset(self, parameters: Mapping[str, Any], seed: int) -> dict[str, Any]:
         """Begin an episode; return the answer."""
@@ -55,7 +58,7 @@ class Episodes:
             start[self._attachment["seed"]] = seed % _SEEDS
         self._begin = self._known.start_time
         self._made = 0
-        self._values: dict[str, list[list[float]]] = {name: [] for name in self._columns}
+        self._values: list[list[list[float]]] = []
         stop = self._begin + self._size * self._attachment["steps"]
         for instance in self._instances:
             instance.begin(start, self._begin, stop)
@@ -63,38 +66,40 @@ class Episodes:
 
     def step(self, actuators: Sequence[Sequence[float]]) -> dict[str, Any]:
         """Go on by a step; return the answer."""
-        for index, channel in enumerate(self._attachment["actuators"]):
-            limits = channel["range"]
-            for row, (instance, variable) in zip(actuators, self._actuators[index], strict=True):
-                value = float(row[index])
-                if limits is not None:
-                    value = limits[0] + (value + 1.0) * 0.5 * (limits[1] - limits[0])
-                instance.set(variable, value)
+        limits = [channel["range"] for channel in self._attachment["actuators"]]
+        for row, (instance, variables) in zip(actuators, self._actuators, strict=True):
+            values = [
+                value if one is None else one[0] + (value + 1.0) * 0.5 * (one[1] - one[0])
+                for value, one in zip(row, limits, strict=False)
+            ]
+            instance.put(variables, values)
         time = self._begin + self._made * self._size
         ends = [instance.step(time, self._size) for instance in self._instances]
         self._made += 1
-        for name, variables in self._columns.items():
-            self._values[name].append([instance.get(variable) for instance, variable in variables])
+        self._values.append([instance.numbers(variables) for instance, variables in self._columns])
         if any(ends) or self._made >= self._attachment["steps"] or self._is_done():
             return {"done": True, "metrics": self._metrics()}
         return self._answer()
 
     def _answer(self) -> dict[str, Any]:
         # Without actuators nobody acts, and the simulation is stepped all the same.
-        return {"sensors": self._sensed(), **({} if self._actuators else {"acting": []})}
+        return {"sensors": self._sensed(), **({} if self._attachment["actuators"] else {"acting": []})}
 
     def _sensed(self) -> list[list[float]]:
-        columns = []
-        for channel, variables in zip(self._attachment["sensors"], self._sensors, strict=True):
-            column = [instance.get(variable) for instance, variable in variables]
-            for value, (_, variable) in zip(column, variables, strict=True):
+        limits = [channel["range"] for channel in self._attachment["sensors"]]
+        rows = []
+        for instance, variables in self._sensors:
+            values = instance.numbers(variables)
+            for value, variable in zip(values, variables, strict=True):
                 if not math.isfinite(value):
                     raise FmuError(f"{variable.name} is {value} at {self._time:g} s")
-            if channel["range"] is not None:
-                low, high = channel["range"]
-                column = [2.0 * (value - low) / (high - low) - 1.0 for value in column]
-            columns.append(column)
-        return [list(row) for row in zip(*columns, strict=True)]
+            rows.append(
+                [
+                    value if one is None else 2.0 * (value - one[0]) / (one[1] - one[0]) - 1.0
+                    for value, one in zip(values, limits, strict=True)
+                ]
+            )
+        return rows
 
     @property
     def _time(self) -> float:
@@ -102,9 +107,10 @@ class Episodes:
 
     def _metrics(self) -> dict[str, float]:
         found = {}
-        for name, (function, variable) in self._attachment["metrics"].items():
+        for index, (name, (function, variable)) in enumerate(self._attachment["metrics"].items()):
             reduce = FUNCTIONS[function]
-            value = mean([reduce(column) for column in zip(*self._values[name], strict=True)])
+            agents = range(self._agents)
+            value = mean([reduce([step[agent][index] for step in self._values]) for agent in agents])
             if not math.isfinite(value):
                 raise FmuError(f"the metric {name}, {function}({variable}), is {value} at {self._time:g} s")
             found[name] = value
