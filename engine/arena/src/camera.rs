@@ -1,4 +1,4 @@
-//! The omnidirectional camera: robots and lamps in sight, by their colours.
+//! The omnidirectional camera: robots, lamps, coloured walls and coloured objects in sight, by their colours.
 
 use swarmwright_controllers::functions::lanes::{cos_pi, sin_pi};
 use swarmwright_lanes::{Lanes, Mask, Number, number};
@@ -50,6 +50,7 @@ pub(super) fn see<L: Lanes>(
     };
     let mut seen = [nothing; LedColor::ALL.len()];
     let range = number::<L>(camera.range * camera.range);
+    let position = [bodies.x[index], bodies.y[index]];
     for k in 0..others.len() {
         let (other, sender) = (others[k], indices[k] as usize);
         let color = shown[sender];
@@ -59,6 +60,7 @@ pub(super) fn see<L: Lanes>(
         }
         let way = [other.x, other.y];
         let lit = lit.and_not(links::behind_robot(team, way, other.square, others));
+        let lit = lit.and_not(bodies.objects.hide(position, way));
         let rims = 100.0 * (robot.radius + team.robot(sender).radius);
         let sight = (way, other.square, lit, rims, sender);
         note(
@@ -72,14 +74,22 @@ pub(super) fn see<L: Lanes>(
             &mut seen,
         );
     }
-    for lamp in 0..place.lights.len() {
-        let light = &place.lights[lamp];
-        let Some(color) = light.color else {
+    // What does not move: lamps, then spots on walls.
+    let lamps = place.lights.len();
+    for still in 0..lamps + place.spots.len() {
+        let (at, color) = match place.lights.get(still) {
+            Some(light) => ([light.at[0], light.at[1]], light.color),
+            None => (
+                place.spots[still - lamps].at,
+                Some(place.spots[still - lamps].color),
+            ),
+        };
+        let Some(color) = color else {
             continue;
         };
         let way = [
-            number::<L>(light.at[0]) - bodies.x[index],
-            number::<L>(light.at[1]) - bodies.y[index],
+            number::<L>(at[0]) - bodies.x[index],
+            number::<L>(at[1]) - bodies.y[index],
         ];
         let square = way[0] * way[0] + way[1] * way[1];
         let lit = square.lt(range);
@@ -87,7 +97,39 @@ pub(super) fn see<L: Lanes>(
             continue;
         }
         let lit = lit.and_not(links::behind_robot(team, way, square, others));
-        let sight = (way, square, lit, 100.0 * robot.radius, bodies.len() + lamp);
+        let lit = lit.and_not(bodies.objects.hide(position, way));
+        let sight = (way, square, lit, 100.0 * robot.radius, bodies.len() + still);
+        let color = number(color.code());
+        note(
+            camera,
+            place,
+            bodies,
+            index,
+            sight,
+            color,
+            (keys, tick),
+            &mut seen,
+        );
+    }
+    let first = bodies.len() + lamps + place.spots.len();
+    for object in 0..bodies.objects.things.len() {
+        let (thing, moving) = (
+            &bodies.objects.things[object],
+            &bodies.objects.moving[object],
+        );
+        let Some(color) = thing.color else {
+            continue;
+        };
+        let way = [moving.x - bodies.x[index], moving.y - bodies.y[index]];
+        let square = way[0] * way[0] + way[1] * way[1];
+        let lit = square.lt(range);
+        if !lit.any() {
+            continue;
+        }
+        let lit = lit.and_not(links::behind_robot(team, way, square, others));
+        let lit = lit.and_not(bodies.objects.hide_object(object, position, way));
+        let rims = 100.0 * (robot.radius + thing.radius);
+        let sight = (way, square, lit, rims, first + object);
         let color = number(color.code());
         note(
             camera,
@@ -131,7 +173,7 @@ pub(super) fn see<L: Lanes>(
     }
 }
 
-/// Adds one thing to its colour: the way to it, its square, the lanes in which it is lit, near and not behind a robot, what
+/// Adds one thing to its colour: the way to it, its square, the lanes in which it is lit, near and behind no robot and no object, what
 /// is subtracted from its distance in centimetres, and its number for the noise.
 #[expect(clippy::too_many_arguments, reason = "what a tick consists of")]
 #[inline(always)]
@@ -146,9 +188,7 @@ fn note<L: Lanes>(
     seen: &mut [Seen<L>; LedColor::ALL.len()],
 ) {
     let position = [bodies.x[index], bodies.y[index]];
-    let lit = lit
-        .and_not(links::behind_wall(place, position, way))
-        .and_not(bodies.objects.hide(position, way));
+    let lit = lit.and_not(links::behind_wall(place, position, way));
     if !lit.any() {
         return;
     }

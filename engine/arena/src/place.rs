@@ -132,6 +132,38 @@ pub(super) struct Light {
     pub color: Option<LedColor>,
 }
 
+/// A coloured spot on a wall, for cameras alone.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Spot {
+    pub at: [f32; 2],
+    pub color: LedColor,
+}
+
+/// Largest distance of spots on a wall, metres.
+const SPOTS: f32 = 0.1;
+/// How far spots are in front of the wall, metres: it does not hide them.
+const IN_FRONT: f32 = 0.001;
+
+impl Face {
+    /// The middles of equal parts of a stretch, which is metres from the first end.
+    pub(super) fn spots(&self, [from, to]: [f32; 2], color: LedColor) -> Vec<Spot> {
+        let count = ((to - from) / SPOTS).ceil().max(1.0) as usize;
+        let part = (to - from) / count as f32;
+        let spot = |index: usize| {
+            let along = from + (index as f32 + 0.5) * part - self.half;
+            let [x, y] = self.along;
+            Spot {
+                at: [
+                    self.middle[0] + along * x - IN_FRONT * y,
+                    self.middle[1] + along * y + IN_FRONT * x,
+                ],
+                color,
+            }
+        };
+        (0..count).map(spot).collect()
+    }
+}
+
 /// Everything that does not move, and what robots can push.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct Place {
@@ -144,6 +176,7 @@ pub(super) struct Place {
     /// Of the floor beside the patches.
     pub grey: f32,
     pub lights: Vec<Light>,
+    pub spots: Vec<Spot>,
     pub objects: Vec<Kind>,
 }
 

@@ -2,7 +2,7 @@
 
 use super::links::both;
 use super::objects::{Form, corners, distance as to_object};
-use super::place::{Face, Place, Shape};
+use super::place::{Face, Place, Shape, Spot};
 use super::robot::LedColor;
 use super::settings::Settings;
 use super::start::Pose;
@@ -17,6 +17,8 @@ const MOST_IN_DETAIL: usize = 1000;
 const AROUND_LIGHT: f32 = 0.1;
 /// Corners of an object that is a disc.
 const CORNERS: u16 = 48;
+/// The radius of a coloured lamp in pictures, metres.
+const LAMP: f32 = 0.015;
 /// Of objects.
 const COLOR: &str = "#e69f00";
 /// Ends of faces that are so near, metres, are one corner.
@@ -89,7 +91,7 @@ pub(super) fn scene(settings: &Settings, swarm: &Swarm<f32>) -> Scene {
         }
         scene.walls.push(Wall { points, solid });
     }
-    for (pose, form, name) in objects(place, swarm) {
+    for (pose, form, name, color) in objects(place, swarm) {
         scene.walls.push(Wall {
             points: shifted(rim(form, pose)),
             solid: true,
@@ -98,9 +100,42 @@ pub(super) fn scene(settings: &Settings, swarm: &Swarm<f32>) -> Scene {
             kind: "object".into(),
             x: pose.at[0] - low[0],
             y: pose.at[1] - low[1],
+            state: color.map_or("", LedColor::name).into(),
             label: name.to_owned().into(),
             ..Body::default()
         });
+    }
+    let lamps = place.lights.iter().filter_map(|light| {
+        let [x, y, _] = light.at;
+        light.color.map(|color| Spot { at: [x, y], color })
+    });
+    let spots: Vec<Spot> = lamps.chain(place.spots.iter().copied()).collect();
+    scene.bodies.extend(spots.iter().map(|spot| Body {
+        kind: "lamp".into(),
+        x: spot.at[0] - low[0],
+        y: spot.at[1] - low[1],
+        state: spot.color.name().into(),
+        radius: LAMP,
+        ..Body::default()
+    }));
+    for color in LedColor::ALL {
+        let things = spots
+            .iter()
+            .any(|spot| spot.color == color)
+            .then_some("lamp");
+        let painted = place.objects.iter().any(|kind| kind.color == Some(color));
+        for (kind, shape) in things
+            .map(|kind| (kind, "circle"))
+            .into_iter()
+            .chain(painted.then_some(("object", "diamond")))
+        {
+            scene.styles.push(Style {
+                kind: kind.to_owned(),
+                state: color.name().to_owned(),
+                color: color.shown().to_owned(),
+                shape: shape.to_owned(),
+            });
+        }
     }
     if !place.objects.is_empty() {
         scene.styles.push(Style {
@@ -148,14 +183,17 @@ fn shown(place: &Place) -> [[f32; 2]; 2] {
     [low, high]
 }
 
-/// Where objects are, and what they are called.
+/// Where objects are, what they are called, and what cameras see of them.
 fn objects<'a>(
     place: &'a Place,
     swarm: &'a Swarm<f32>,
-) -> impl Iterator<Item = (Pose, Form, &'a str)> {
+) -> impl Iterator<Item = (Pose, Form, &'a str, Option<LedColor>)> {
     let objects = &swarm.bodies.objects;
     let all = objects.things.iter().zip(objects.poses());
-    all.map(|(thing, pose)| (pose, thing.form, place.objects[thing.kind].name.as_str()))
+    all.map(|(thing, pose)| {
+        let name = place.objects[thing.kind].name.as_str();
+        (pose, thing.form, name, thing.color)
+    })
 }
 
 /// Corners of an object.
@@ -206,7 +244,7 @@ fn look(scene: &mut Scene, team: &Team, place: &Place, swarm: &Swarm<f32>) {
                 let walls = place.faces.iter();
                 let walls = walls.filter_map(|face| to_wall(from, along, face));
                 let pushed = objects(place, swarm)
-                    .filter_map(|(pose, form, _)| to_form(from, along, form, pose));
+                    .filter_map(|(pose, form, ..)| to_form(from, along, form, pose));
                 let free = robots.chain(walls).chain(pushed);
                 let free = free.fold(sensors.range, f32::min);
                 let [c0, c1, c2] = sensors.response;
@@ -241,7 +279,7 @@ fn look(scene: &mut Scene, team: &Team, place: &Place, swarm: &Swarm<f32>) {
             let inner = place.faces.iter().filter(|face| !face.outer);
             let walls = inner.map(|face| to_wall(at(index), along, face));
             let pushed =
-                objects(place, swarm).map(|(pose, form, _)| to_form(at(index), along, form, pose));
+                objects(place, swarm).map(|(pose, form, ..)| to_form(at(index), along, form, pose));
             if away < range && !hidden && !walls.chain(pushed).any(nearer) {
                 scene.links.push([*sender as u32, index as u32]);
             }

@@ -271,3 +271,167 @@ fn mistakes_name_the_place() {
         assert!(message.contains(expected), "{message:?} lacks {expected:?}");
     }
 }
+
+/// Spots in front of a side: a tenth of a metre apart.
+fn spots(from: [f64; 2], way: [f64; 2], count: usize) -> Vec<[f64; 2]> {
+    let at = |index: usize| 0.05 + 0.1 * index as f64;
+    let spot = |index: usize| [from[0] + at(index) * way[0], from[1] + at(index) * way[1]];
+    (0..count).map(spot).collect()
+}
+
+fn painted(robots: u32, seed: u64) -> Arena {
+    let mission = json!({
+        "walls": {"rectangle": [3, 3], "colors": [
+            {"side": 0, "color": "red"}, {"side": 1, "from": 0.5, "to": 1.5, "color": "cyan"}]},
+        "obstacles": [{"center": [0, 0], "size": [0.1, 1.2], "color": "cyan"}],
+        "objects": [{"name": "ball", "radius": 0.1, "mass": 1, "center": [0.9, 0.9], "color": "red"},
+            {"name": "bar", "size": [0.3, 0.05], "mass": 1, "center": [0.9, 0.6]}],
+        "start": {"rectangle": {"x": [-1.4, 1.4], "y": [-1.4, 1.4]}}, "fitness": "order",
+    });
+    let model = robot(&camera(&["count", "seen", "attraction", "direction"]));
+    let parameters = json!({"mission": mission, "robot": model, "robots": robots, "seed": seed});
+    let mut arena = Arena::default();
+    arena.reset(parameters.as_object().unwrap()).unwrap();
+    arena
+}
+
+#[test]
+fn walls_and_objects_are_seen_in_their_colours() {
+    let floor = -1.5 + 0.001;
+    let bottom = spots([-1.5, floor], [1.0, 0.0], 30);
+    let right = spots([1.499, -1.0], [0.0, 1.0], 10);
+    let faces = [
+        spots([0.051, -0.6], [0.0, 1.0], 12),
+        spots([-0.051, -0.6], [0.0, 1.0], 12),
+        vec![[0.0, 0.601], [0.0, -0.601]],
+    ];
+    let (ball, bar) = ([0.9, 0.9], ([0.75, 0.575], [1.05, 0.625]));
+    // Whether the line passes an object that is not the one that is looked at.
+    let behind = |from: [f64; 2], to: [f64; 2], to_ball: bool| {
+        let way = [to[0] - from[0], to[1] - from[1]];
+        let (mut first, mut last) = (0.0_f64, 1.0_f64);
+        for axis in 0..2 {
+            let (low, high) = ([bar.0[axis], bar.1[axis]][0], bar.1[axis]);
+            let (s, t) = (
+                (low - from[axis]) / way[axis],
+                (high - from[axis]) / way[axis],
+            );
+            first = first.max(s.min(t));
+            last = last.min(s.max(t));
+        }
+        let far = way[0].hypot(way[1]);
+        let [x, y] = [ball[0] - from[0], ball[1] - from[1]];
+        let (along, aside) = (
+            (x * way[0] + y * way[1]) / far,
+            (x * way[1] - y * way[0]) / far,
+        );
+        let passes = aside.abs() < 0.1 && along > 0.0 && along < far;
+        first < last || (!to_ball && passes)
+    };
+    let (mut walls, mut balls, mut hid) = (0, 0, 0);
+    for seed in 0..12 {
+        let arena = painted(8, seed);
+        let at: Vec<[f64; 2]> = agents(&arena).into_iter().map(|(at, _)| at).collect();
+        for agent in 0..8 {
+            let found = sensed(&arena, agent);
+            let near = |to: &[f64; 2], to_ball: bool| {
+                let far = (to[0] - at[agent][0]).hypot(to[1] - at[agent][1]);
+                let seen = !hidden(&at, agent, *to) && !behind(at[agent], *to, to_ball);
+                far < RANGE && seen
+            };
+            let cyan = right.iter().chain(faces.iter().flatten());
+            let cyan: Vec<[f64; 2]> = cyan.filter(|spot| near(spot, false)).copied().collect();
+            let heading = [found[0], -found[1]];
+            all_close(
+                &found[8..],
+                &expected(&cyan, heading, at[agent], RADIUS),
+                3e-4,
+            );
+            let red: Vec<[f64; 2]> = bottom
+                .iter()
+                .filter(|spot| near(spot, false))
+                .copied()
+                .collect();
+            let seen = expected(&red, heading, at[agent], RADIUS);
+            let sees_ball = near(&ball, true);
+            let of_ball = expected(&[ball], heading, at[agent], RADIUS + 0.1);
+            let part = f64::from(u8::from(sees_ball));
+            for (number, index) in [(0, 2), (2, 4), (3, 5)] {
+                let sum = seen[number] + part * of_ball[number];
+                assert!(
+                    (found[index] - sum).abs() < 3e-4,
+                    "{seed} {agent}: {found:?}, {sum}"
+                );
+            }
+            walls += red.len() + cyan.len();
+            balls += usize::from(sees_ball);
+            hid += 30 + 10 + 26 - red.len() - cyan.len();
+        }
+    }
+    assert!(
+        walls > 500 && balls > 10 && hid > 500,
+        "{walls} {balls} {hid}"
+    );
+    let scene = painted(1, 0).scene().unwrap();
+    let of = |kind: &str, state: &str| {
+        let same = |body: &&swarmwright_simulation::Body| body.kind == kind && body.state == state;
+        scene.bodies.iter().filter(same).count()
+    };
+    assert_eq!(
+        [
+            of("lamp", "red"),
+            of("lamp", "cyan"),
+            of("object", "red"),
+            of("object", "")
+        ],
+        [30, 36, 1, 1]
+    );
+    let style = |kind: &str| {
+        scene
+            .styles
+            .iter()
+            .any(|style| style.kind == kind && style.state == "red")
+    };
+    assert!(style("lamp") && style("object"));
+}
+
+#[test]
+fn colours_of_walls_are_checked() {
+    let refusal = |colors: Value, size: f64| {
+        let mission = json!({"walls": {"rectangle": [size, size], "colors": colors},
+            "start": {"disc": {"radius": 0.8}}, "fitness": "order"});
+        let parameters = json!({"mission": mission});
+        let refused = Arena::default().reset(parameters.as_object().unwrap());
+        refused.unwrap_err().to_string()
+    };
+    for (colors, size, expected) in [
+        (
+            json!([{"side": 4, "color": "red"}]),
+            2.0,
+            "walls.colors[0].side: 4 found, but the walls have the sides 0 to 3",
+        ),
+        (
+            json!([{"side": 1, "color": "red"}, {"side": 1, "color": "red", "from": 1, "to": 2.5}]),
+            2.0,
+            "walls.colors[1]: from 1 to 2.5 found, expected metres along the side, 0 to 2",
+        ),
+        (
+            json!([{"side": 1, "color": "red", "from": 1, "to": 0.5}]),
+            2.0,
+            "from 1 to 0.5 found",
+        ),
+        (
+            json!([{"side": 1, "color": "pink"}]),
+            2.0,
+            "walls.colors[0].color: unknown variant `pink`, expected one of `red`",
+        ),
+        (
+            json!([{"side": 1, "color": "red"}]),
+            200.0,
+            "walls.colors: 2000 coloured spots found",
+        ),
+    ] {
+        let message = refusal(colors, size);
+        assert!(message.contains(expected), "{message:?} lacks {expected:?}");
+    }
+}

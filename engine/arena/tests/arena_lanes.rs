@@ -124,6 +124,19 @@ fn colours_cameras_and_batteries() {
     });
     let parameters = json!({"mission": mission, "robot": robot, "robots": 12, "duration": 8, "failures": failures()});
     check(&parameters);
+    // Walls and objects with colours.
+    let mut mission = mission;
+    mission["walls"]["colors"] =
+        json!([{"side": 2, "color": "red"}, {"side": 0, "color": "cyan", "from": 0.2, "to": 0.9}]);
+    mission["obstacles"][0]["color"] = json!("yellow");
+    mission["objects"] = json!([
+        {"name": "ball", "radius": 0.06, "mass": 0.2, "count": 3, "start": {"disc": {"radius": 0.8}}, "color": "cyan"},
+        {"name": "bar", "size": [0.3, 0.05], "mass": 0.1, "center": [0.5, 0.5], "angle": 30, "color": "red"},
+        {"name": "dark", "size": [0.1, 0.1], "mass": 0.1, "center": [-0.5, 0.5]},
+    ]);
+    check(
+        &json!({"mission": mission, "robot": robot, "robots": 12, "duration": 8, "failures": failures()}),
+    );
 }
 
 #[test]

@@ -6,18 +6,22 @@ use std::collections::BTreeMap;
 
 use super::super::failures;
 use super::super::metrics::{self, Metric};
-use super::super::place::{Face, Light, Patch, Place, Shape};
+use super::super::place::{Face, Light, Patch, Place, Shape, Spot};
 use super::super::polygon;
 use super::super::settings::LONGEST;
 use super::super::start::Start;
 use super::super::team::Team;
 use super::Mission;
-use super::text::{Circle, Fitness, Obstacle, PatchText, Rectangle, StartText, Sum, Text, Walls};
+use super::text::{
+    Circle, Fitness, Obstacle, PatchText, Rectangle, SideColor, StartText, Sum, Text, Walls,
+};
 use swarmwright_simulation::ParameterError;
 use swarmwright_simulation::parameters::wrong;
 
 /// Largest coordinate, metres.
 const FARTHEST: f32 = 1000.0;
+/// Coloured spots of a mission, at most: cameras look at each.
+const MOST_SPOTS: usize = 1000;
 /// Points in each direction at which it is looked whether shapes overlap.
 const SAMPLES: u32 = 41;
 
@@ -126,6 +130,10 @@ fn place(text: &Text) -> Result<Place, ParameterError> {
         grey: grey("floor.color", level)?,
         ..Place::default()
     };
+    for (index, stretch) in text.walls.colors.iter().enumerate() {
+        let spots = colored(&format!("walls.colors[{index}]"), stretch, &place.faces)?;
+        place.spots.extend(spots);
+    }
     for (index, obstacle) in text.obstacles.iter().enumerate() {
         let at = format!("obstacles[{index}]");
         coordinates(&format!("{at}.center"), &obstacle.center)?;
@@ -143,7 +151,12 @@ fn place(text: &Text) -> Result<Place, ParameterError> {
         ) {
             return Err(wrong_in(at, "the box lies outside of the walls"));
         }
-        place.faces.extend(sides(&corners, obstacle.height, None));
+        let faces = sides(&corners, obstacle.height, None);
+        if let Some(color) = obstacle.color {
+            let spots = |face: &Face| face.spots([0.0, 2.0 * face.half], color);
+            place.spots.extend(faces.iter().flat_map(spots));
+        }
+        place.faces.extend(faces);
         place.boxes.push(corners);
     }
     objects::add(&text.objects, &mut place)?;
@@ -192,7 +205,40 @@ fn place(text: &Text) -> Result<Place, ParameterError> {
             color: lamp.color,
         });
     }
+    if place.spots.len() > MOST_SPOTS {
+        return Err(wrong_in(
+            "walls.colors",
+            format!(
+                "{} coloured spots found, one for 0.1 m of walls and obstacles, at most {MOST_SPOTS} are possible",
+                place.spots.len()
+            ),
+        ));
+    }
     Ok(place)
+}
+
+/// What cameras see of a stretch of a wall.
+fn colored(at: &str, stretch: &SideColor, sides: &[Face]) -> Result<Vec<Spot>, ParameterError> {
+    let Some(side) = sides.get(stretch.side) else {
+        return Err(wrong_in(
+            format_args!("{at}.side"),
+            format!(
+                "{} found, but the walls have the sides 0 to {}",
+                stretch.side,
+                sides.len() - 1
+            ),
+        ));
+    };
+    let whole = 2.0 * side.half;
+    let (from, to) = (stretch.from, stretch.to.unwrap_or(whole));
+    // A length that is written is not always that of the side to the last bit.
+    if !(0.0 <= from && from < to && to <= whole * 1.0001) {
+        return Err(wrong_in(
+            at,
+            format!("from {from} to {to} found, expected metres along the side, 0 to {whole}"),
+        ));
+    }
+    Ok(side.spots([from, to.min(whole)], stretch.color))
 }
 
 fn grey(place: &str, level: f32) -> Result<f32, ParameterError> {

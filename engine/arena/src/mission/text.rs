@@ -56,6 +56,22 @@ pub(super) struct Walls {
     pub corners: Option<Vec<[f32; 2]>>,
     #[serde(default = "wall_height")]
     pub height: f32,
+    /// What cameras see of some sides.
+    #[serde(default)]
+    pub colors: Vec<SideColor>,
+}
+
+/// A stretch of a side that cameras see.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct SideColor {
+    /// Its number, from 0, counter-clockwise.
+    pub side: usize,
+    pub color: LedColor,
+    /// Where it begins and ends, metres from the first corner of the side; by default the whole side.
+    #[serde(default)]
+    pub from: f32,
+    pub to: Option<f32>,
 }
 
 /// A box that stands in the arena.
@@ -70,6 +86,8 @@ pub(super) struct Obstacle {
     pub angle: f32,
     #[serde(default = "wall_height")]
     pub height: f32,
+    /// What cameras see of it.
+    pub color: Option<LedColor>,
 }
 
 /// An object that robots can push, or several that are drawn.
@@ -88,6 +106,8 @@ pub(super) struct ObjectText {
     /// Coefficient of friction with the floor.
     #[serde(default = "sliding")]
     pub friction: f32,
+    /// What cameras see of it.
+    pub color: Option<LedColor>,
     /// Where the middle is ...
     pub center: Option<[f32; 2]>,
     /// Degrees counter-clockwise.

@@ -8,6 +8,7 @@ use swarmwright_controllers::functions::lanes::{cos_pi, sin_pi};
 use swarmwright_lanes::{Lanes, MOST_LANES, Mask, Number, number};
 
 use super::contact::PART;
+use super::robot::LedColor;
 use super::start::{Pose, Start};
 pub(super) use place::{corners, distance, draw, free, overlap};
 use touch::Touch;
@@ -85,6 +86,8 @@ pub(super) struct Kind {
     pub mass: f32,
     /// Coefficient of friction with the floor.
     pub friction: f32,
+    /// What cameras see.
+    pub color: Option<LedColor>,
     pub places: Places,
 }
 
@@ -106,6 +109,7 @@ pub(super) struct Object {
     pub height: f32,
     /// Radius of the circle around it, metres.
     pub radius: f32,
+    pub color: Option<LedColor>,
     /// 1 / kg, and 1 / (kg m^2).
     light: f32,
     nimble: f32,
@@ -123,6 +127,7 @@ impl Object {
             form: of.form,
             height: of.height,
             radius: of.form.radius(),
+            color: of.color,
             light: 1.0 / of.mass,
             nimble: 1.0 / (of.mass * inertia),
             loose: [1.0 / (slower * slower), 1.0 / (turned * turned)],

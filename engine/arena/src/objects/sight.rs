@@ -1,5 +1,7 @@
 //! What objects hide, and where rays meet them.
 
+use std::ops::Range;
+
 use swarmwright_lanes::{Lanes, Mask, Number, number};
 
 use super::super::functions::absolute;
@@ -53,9 +55,31 @@ impl<L: Lanes> Objects<L> {
 
     /// In which lanes an object stands between a place and what lies at the end of `way`.
     #[inline(always)]
-    pub(in super::super) fn hide(&self, [x, y]: [Number<L>; 2], way: [Number<L>; 2]) -> L::Mask {
+    pub(in super::super) fn hide(&self, at: [Number<L>; 2], way: [Number<L>; 2]) -> L::Mask {
+        self.hide_by(0..self.things.len(), at, way)
+    }
+
+    /// The same for an object, which does not hide itself.
+    #[inline(always)]
+    pub(in super::super) fn hide_object(
+        &self,
+        object: usize,
+        at: [Number<L>; 2],
+        way: [Number<L>; 2],
+    ) -> L::Mask {
+        let before = self.hide_by(0..object, at, way);
+        before.or(self.hide_by(object + 1..self.things.len(), at, way))
+    }
+
+    #[inline(always)]
+    fn hide_by(
+        &self,
+        objects: Range<usize>,
+        [x, y]: [Number<L>; 2],
+        way: [Number<L>; 2],
+    ) -> L::Mask {
         let mut hidden = L::Mask::from_bits(0);
-        for object in 0..self.things.len() {
+        for object in objects {
             let (thing, moving) = (&self.things[object], &self.moving[object]);
             let line = cross(thing, moving, [moving.x - x, moving.y - y], way);
             let between = number(0.0).lt(line.to).and(line.from.lt(number(1.0)));

@@ -85,6 +85,7 @@ impl Output {
 
 impl Robot {
     /// How many numbers an output has.
+    #[inline(always)]
     pub(in super::super) fn width(&self, output: Output) -> usize {
         match output {
             Output::Proximity => self.proximity.as_ref().map_or(0, |p| p.rays.len()),

@@ -46,6 +46,7 @@ pub(super) fn add(texts: &[ObjectText], place: &mut Place) -> Result<(), Paramet
             height: text.height,
             mass: text.mass,
             friction: text.friction,
+            color: text.color,
             places,
         });
     }
