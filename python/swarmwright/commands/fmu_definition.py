@@ -30,6 +30,8 @@ ATTACHMENT = "fmu.json"
 AGENT = "{agent}"
 """Stands for an agent's number, from 1, in names of variables."""
 _STEPS = 100
+MOST = 1000
+"""Variables of an FMU that are taken without being named."""
 
 
 class Channel(Options):
@@ -126,7 +128,8 @@ class FmuOptions(Definition):
     metrics: dict[str, str] = Field(default={})
     """Metrics of an episode, name -> what is made of a variable's values after the steps: last, first, mean,
     sum, min, max, std or count, or with a variable of another name mean(variable). Those of several agents
-    are averaged. Default: the last value of each output with a name that an expression can have."""
+    are averaged. Default: the last value of each output with a name that an expression can have, where there
+    are at most 1,000."""
     done: str | None = Field(default=None, min_length=1)
     """When an episode ends before: an expression over the metrics as they are after a step."""
     fitness: str | None = Field(default=None, min_length=1)
@@ -223,6 +226,8 @@ class FmuOptions(Definition):
         if self.metrics:
             return {name: Reduction.parse(name, text) for name, text in self.metrics.items()}
         outputs = [one.name for one in self.description.of_causality("output")]
+        if len(outputs) > MOST:
+            return {}
         return {name: Reduction("last", name) for name in outputs if METRIC_NAME.fullmatch(name)}
 
     @property
@@ -343,7 +348,11 @@ class FmuOptions(Definition):
                 problem = self._unsettable(known, channel.variable)
             if problem is not None:
                 yield (which, index), problem
-        if not self.channels(which) and (which == "sensors" or given is None):
+        count = len(self.channels(which))
+        if given is None and count > MOST:
+            what = "outputs" if which == "sensors" else "inputs"
+            yield (which,), f"is missing: {self.fmu} has {count:,} {what}; name those that are {which}"
+        if not count and (which == "sensors" or given is None):
             what = "an output" if which == "sensors" else "an input"
             yield (which,), f"is missing: {self.fmu} has no variable that is {what} and a number"
 

@@ -1,5 +1,6 @@
 """FMUs as simulations, made by pythonfmu and by this project: FMPy's steps, records, what fails, mistakes."""
 
+import itertools
 import math
 import os
 import shutil
@@ -285,6 +286,32 @@ MISTAKES: tuple[tuple[str, str], ...] = (
 )
 
 
+@pytest.mark.parametrize(
+    ("what", "said"),
+    [
+        ('<!ENTITY x SYSTEM "file:///etc/hostname">', "Entity 'x' not defined"),
+        (
+            '<!ENTITY a "aaaaaaaaaa">'
+            + "".join(f'<!ENTITY {b} "{f"&{a};" * 10}">' for a, b in itertools.pairwise("abcdefghijx")),
+            "Maximum entity amplification factor exceeded",
+        ),
+    ],
+    ids=["external", "amplified"],
+)
+def test_entities_are_not_expanded(tmp_path: Path, what: str, said: str) -> None:
+    write(EXPORTERS.get("fmu")().files(subject(ALL["mealy_fsm"]), "robot"), tmp_path)
+    with zipfile.ZipFile(tmp_path / "robot.fmu") as one, zipfile.ZipFile(tmp_path / "bad.fmu", "w") as bad:
+        for name in one.namelist():
+            text = one.read(name)
+            if name == "modelDescription.xml":
+                begin, rest = text.decode().split("?>", 1)
+                rest = rest.replace('generationTool="', 'generationTool="&x;')
+                text = f"{begin}?><!DOCTYPE fmiModelDescription [{what}]>{rest}".encode()
+            bad.writestr(name, text)
+    with pytest.raises(InputError, match=f"is not an FMU: .*{said}"):
+        Experiment.from_mapping({"simulation": str(tmp_path / "bad.fmu"), "fitness": "0"})
+
+
 @pytest.mark.parametrize(("text", "said"), MISTAKES, ids=[said[:40] for _, said in MISTAKES])
 def test_mistakes(fmus: Path, tmp_path: Path, text: str, said: str) -> None:
     for name in ("Vehicle.fmu", "Pair.fmu"):
@@ -311,6 +338,30 @@ def test_no_library_for_this_machine(tmp_path: Path) -> None:
         InputError, match=r"has no library for this machine, .*; there is: win64\. `fmpy compile"
     ):
         Experiment.from_mapping({"simulation": str(tmp_path / "other.fmu"), "fitness": "0"})
+
+
+def test_thousands_of_variables(tmp_path: Path) -> None:
+    """They are read; those that matter have to be named."""
+    write(EXPORTERS.get("fmu")().files(subject(ALL["mealy_fsm"]), "robot"), tmp_path)
+    known = read_model_description(str(tmp_path / "robot.fmu"))
+    output = next(one.name for one in known.modelVariables if one.causality == "output")
+    more = "".join(
+        f'<ScalarVariable name="v{index}" valueReference="{index + 100}" causality="output" '
+        'variability="discrete" initial="exact"><Real start="0"/></ScalarVariable>'
+        for index in range(10_000)
+    )
+    with zipfile.ZipFile(tmp_path / "robot.fmu") as one, zipfile.ZipFile(tmp_path / "m.fmu", "w") as many:
+        for name in one.namelist():
+            text = one.read(name).replace(b"</ModelVariables>", more.encode() + b"</ModelVariables>")
+            many.writestr(name, text if name.endswith(".xml") else one.read(name))
+    simulation = {"fmu": str(tmp_path / "m.fmu"), "metrics": {"level": f"mean({output})"}, "steps": 3}
+    with pytest.raises(InputError, match=r"sensors: is missing: .* has 10,002 outputs; name those"):
+        Experiment.from_mapping({"simulation": simulation, "fitness": "level"})
+    assert np.isfinite(
+        score(
+            Experiment.from_mapping({"simulation": {**simulation, "sensors": [output]}, "fitness": "level"})
+        )
+    )
 
 
 def test_fmpy_is_missing(fmus: Path, monkeypatch: pytest.MonkeyPatch) -> None:
