@@ -271,6 +271,10 @@ def _resolved(experiment: Experiment, entry: Entry, source: Source, path: Path_,
         except InputError as error:
             raise InputError(f"{source.place(path)}{error}") from error
         return _with_keys(experiment, entry, said, source.place(path), ask=ask)
+    if entry.endswith(".fmu"):
+        keys = {"simulation": entry, "parameters": dict(experiment.parameters)}
+        said = Source("", keys) if source.is_option(path) else _part(source, path, keys)
+        return _with_keys(experiment, entry, said, source.place(path), ask=ask)
     if is_python(entry):
         entry = absolute(entry, folder)
     if ask:

@@ -369,3 +369,28 @@ def test_fmpy_is_missing(fmus: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     shutil.copy(fmus / "Vehicle.fmu", fmus / "Unread.fmu")
     with pytest.raises(InputError, match=r"FMUs are read by FMPy: pip install 'swarmwright\[fmi\]'"):
         Experiment.from_mapping({"simulation": str(fmus / "Unread.fmu"), "fitness": "0"})
+
+
+def test_the_best_are_transferred_to_an_fmu_beside_the_experiment(fmus: Path, tmp_path: Path) -> None:
+    for name in ("own.fmu", "other.fmu"):
+        shutil.copy(fmus / "Vehicle.fmu", tmp_path / name)
+    path, other = (
+        tmp_path / "x.yaml",
+        "{simulation: {fmu: other.fmu, sensors: [goal_x, goal_y]}, name: other}",
+    )
+    text = (
+        "simulation: {fmu: own.fmu, sensors: [goal_x, goal_y]}\n"
+        "fitness: -distance\nservers: in-process\n"
+        "method: {kind: nnga, population: 4, generations: 2}\n"
+    )
+    ranking = f"ranking: {{kind: multi_fidelity, slow: {other}}}\n"
+    path.write_text(f"{text}{ranking}validate: {{episodes: 0, candidates: 1, seeds: 2, to: [{other}]}}\n")
+    run = optimize(Experiment.load(path), out=tmp_path / "run")
+    (one,) = run.transferred
+    assert one.target_episodes.tolist() == one.source_episodes.tolist(), "it is the same model"
+    assert run.slow_evaluations == 2
+    path.write_text(f"{text}validate: {{to: [other.fmu]}}\n")
+    with pytest.raises(
+        InputError, match=r"x\.yaml:5: validate\.to\[0\]: other\.fmu: .*agents of other have 4 sensors"
+    ):
+        Experiment.load(path)
