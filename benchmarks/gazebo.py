@@ -23,7 +23,7 @@ SENSORS, ACTUATORS = 24, 2
 SECONDS = 20
 """Of an episode."""
 TICKS = SECONDS * 10
-STEPS = 10
+STEPS = 20
 """Of Gazebo in a tick."""
 ROBOTS = (2, 10, 20)
 COUNTED = 10

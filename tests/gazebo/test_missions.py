@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from swarmwright import Run
+from swarmwright import Controller, Experiment, Run, simulate
 from swarmwright.conformance import check_server
 from tests.gazebo.machine import EXPERIMENT, YARD, Launch, Serve, command, optimize
 from tests.system.brokers import BrokerProcess
@@ -25,6 +25,29 @@ def test_motion_walls_rays_objects_repetition_and_memory(option: str) -> None:
         [*command("test_physics"), option], capture_output=True, text=True, timeout=180, check=False
     )
     assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("drive", ["wheels", "body"])
+def test_robots_that_are_told_to_go_straight_do(drive: str, broker: BrokerProcess, serve: Serve) -> None:
+    """With the noise of their drives they turn as much as in the arena, and so come as far apart."""
+    serve(broker.url, "--drive", drive)
+    mission = {
+        "walls": {"rectangle": [60, 60]},
+        "start": {"disc": {"radius": 2}},
+        "fitness": "distance_to_center",
+    }
+    parameters = {"mission": mission, "robots": 12, "duration": 25, "seed": 7}
+    here = Experiment.from_mapping(
+        {"simulation": "arena", "parameters": parameters, "controller": {"kind": "evostick"}}
+    )
+    weights = [0.0] * 48 + [5.0, 5.0]  # the last two are those of the biases
+    straight = Controller(
+        {"kind": "evostick", "version": 1, "sensors": 24, "actuators": 2, "weights": weights}
+    )
+    there = here.replace(simulation="arena-gazebo")
+    expected = simulate(here, straight, servers="in-process")
+    assert expected > 2.5, "metres: most of 25 s at 0.12 m/s"
+    assert simulate(there, straight, broker=broker.url) == pytest.approx(expected, rel=0.03)
 
 
 def test_one_server_two_of_which_one_is_killed_and_all_modes_have_one_record(

@@ -22,7 +22,7 @@ struct Settings {
   /// Where Gazebo's master listens on the loopback interface, for tools such as gzclient; 0 for any free port.
   int port = 0;
   /// Seconds of a step of the physics engine, at most; a tick of the arena is divided into equal steps. 0: that of the
-  /// user's world, else 0.01.
+  /// user's world, else 0.005.
   double step = 0;
   /// Robots with two wheels: motors turn the wheels, which roll on the ground. false: the body gets the velocity.
   bool wheels = true;

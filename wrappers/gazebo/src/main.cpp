@@ -25,7 +25,7 @@ constexpr const char* usage =
     "  --world         file in SDF in which missions take place: robots and objects are put there\n"
     "  --walls         mission: the walls of missions stand in that world, too, the default; world: only its own\n"
     "  --title         name in experiments, arena-NAME; arena-gazebo by default\n"
-    "  --step          longest step of Gazebo, seconds; by default that of the file, else 0.01\n"
+    "  --step          longest step of Gazebo, seconds; by default that of the file, else 0.005\n"
     "  --drive         wheels: motors turn the wheels of differential drives, the default; body: the body gets the\n"
     "                  velocity, as that of robots with other drives always does\n"
     "  --rays          gazebo: proximity rays are those of Gazebo's ray sensors, the default; engine: computed from "

@@ -20,7 +20,7 @@ constexpr double right_angle = 1.5707963267948966;
 /// An e-puck of 35 mm radius has wheels of 20.5 mm; a TurtleBot3 has 33 mm, and larger robots have no larger ones.
 constexpr double wheel_of_radius = 0.0205 / 0.035;
 constexpr double largest_wheel = 0.033;
-constexpr double default_step = 0.01;
+constexpr double default_step = 0.005;
 /// Seconds: with longer steps, what is too heavy to be pushed slides all the same.
 constexpr double longest_with_objects = 0.0025;
 constexpr double hull_friction = 0.1;
