@@ -33,7 +33,7 @@ macro_rules! missions {
 }
 
 /// Built-in missions: a file each.
-const MISSIONS: [BuiltIn; 21] = missions! {
+const MISSIONS: [BuiltIn; 22] = missions! {
     "aac" or "aggregation",
     "area_coverage",
     "cfa" or "coverage_with_forbidden_areas",
@@ -50,6 +50,7 @@ const MISSIONS: [BuiltIn; 21] = missions! {
     "guided_shelter",
     "homing",
     "lcn" or "covering_network",
+    "object_retrieval",
     "sca" or "shelter",
     "spc" or "surface_and_perimeter_coverage",
     "stop",

@@ -46,6 +46,8 @@ pub(super) struct Robot {
     pub battery: Option<Battery>,
     /// Uniform noise of its reading.
     pub battery_noise: f32,
+    /// How far from its rim it grips objects, metres.
+    pub gripper: Option<f32>,
     /// Numbers of a message, actuators of their own.
     pub message: usize,
     /// Uniform noise of the encoders.

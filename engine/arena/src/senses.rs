@@ -348,6 +348,10 @@ impl<L: Lanes> Senses<L> {
                         copy(&[(self.charges[index] + off).within(0.0, 1.0)], numbers);
                     }
                     Output::Random => copy(&[uniform(given)], numbers),
+                    Output::Gripper => {
+                        let holds = bodies.objects.held_by(index);
+                        copy(&[number(1.0).only_where(holds)], numbers);
+                    }
                     Output::Absent(_, neutral) => numbers.fill(L::splat(neutral.number())),
                 }
                 at += width;

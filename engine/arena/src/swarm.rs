@@ -56,7 +56,7 @@ impl<L: Lanes> Bodies<L> {
             vx: zeros(),
             vy: zeros(),
             spin: zeros(),
-            objects: Objects::new(objects),
+            objects: Objects::new(objects, if team.gripper().is_some() { robots } else { 0 }),
             kinds: team.named().collect(),
         }
     }
@@ -193,8 +193,27 @@ impl<L: Lanes> Swarm<L> {
             }
             battery::stop(&self.senses.charges, rows.0, &mut told);
         }
-        self.drive(team, if other { &told } else { actuators });
+        let actuators = if other { &told } else { actuators };
+        self.drive(team, actuators);
+        if let Some(place) = team.gripper() {
+            self.grip(team, place, actuators);
+        }
         self.told = told;
+    }
+
+    /// Robots whose number for the gripper, at this place, is above 0 hold what they held, or what is within reach.
+    #[inline(always)]
+    fn grip(&mut self, team: &Team, place: usize, actuators: &[L]) {
+        let bodies = &mut self.bodies;
+        for (index, row) in actuators.chunks_exact(team.actuators()).enumerate() {
+            let robot = team.robot(index);
+            if let Some(reach) = robot.gripper {
+                let wanted = number(0.0).lt(Number(row[place]));
+                let at = [bodies.x[index], bodies.y[index]];
+                let objects = &mut bodies.objects;
+                objects.grip(index, (at, robot.radius, reach), wanted);
+            }
+        }
     }
 
     /// The last part of a tick: all look, where they are now.

@@ -400,6 +400,12 @@ impl Team {
         self.row.leds[self.group(index)]
     }
 
+    /// Where the number for grippers is among those that controllers give; none where no kind has one.
+    #[inline(always)]
+    pub(super) fn gripper(&self) -> Option<usize> {
+        self.row.gripper
+    }
+
     /// Whether any kind is such.
     pub(super) fn any(&self, is: impl Fn(&Robot) -> bool) -> bool {
         self.groups.iter().any(|group| is(&group.robot))

@@ -12,6 +12,8 @@ pub(super) struct Row {
     pub actuators: Vec<String>,
     /// By kind: where the numbers for its LEDs begin.
     pub leds: Vec<usize>,
+    /// Where the number for grippers is, where a kind has one.
+    pub gripper: Option<usize>,
 }
 
 /// Numbers that some kinds have.
@@ -61,11 +63,15 @@ pub(super) fn arrange(groups: &mut [Group]) -> Row {
         actuators.extend(named(&columns, groups));
         places(&columns, drive, groups.len())
     };
+    let grips = groups.iter().any(|group| group.robot.gripper.is_some());
+    let gripper = grips.then_some(actuators.len());
+    actuators.extend(grips.then(|| "gripper".to_owned()));
     actuators.extend(beside(groups, Robot::message_names));
     Row {
         sensors,
         actuators,
         leds,
+        gripper,
     }
 }
 

@@ -4,6 +4,7 @@ mod arena;
 mod arena_batteries;
 mod arena_cameras;
 mod arena_failures;
+mod arena_grippers;
 mod arena_kinds;
 mod arena_lanes;
 mod arena_metrics;

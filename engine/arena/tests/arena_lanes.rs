@@ -240,3 +240,25 @@ fn robots_of_several_kinds() {
         json!({"standing": 10, "driving": 4, "charging": {"patch": "east", "duration": 5}});
     check(&json!({"mission": mission, "duration": 12}));
 }
+
+#[test]
+fn grippers() {
+    check(&json!({"mission": "object_retrieval", "duration": 15, "failures": failures()}));
+    let robot = json!({
+        "radius": 0.04, "drive": {"kind": "differential", "wheel_base": 0.06, "max_speed": 0.2, "noise": 0.1},
+        "battery": {"standing": 12, "driving": 6},
+        "sensors": [{"kind": "gripper"}, {"kind": "proximity", "count": 6, "range": 0.2}, {"kind": "compass"}],
+        "actuators": [{"kind": "gripper", "reach": 0.02}, {"kind": "led", "colors": ["red"]}],
+    });
+    let objects = json!([
+        {"name": "disc", "radius": 0.06, "mass": 0.2, "friction": 0.1, "count": 4, "start": {"disc": {"radius": 0.7}}},
+        {"name": "bar", "size": [0.5, 0.04], "mass": 0.3, "friction": 0.2, "count": 2, "start": {"disc": {"radius": 0.6}}},
+    ]);
+    let mission = json!({
+        "walls": {"rectangle": [1.8, 1.8]}, "obstacles": [{"center": [0.3, 0.2], "size": [0.2, 0.1], "angle": 30}],
+        "objects": objects, "start": {"disc": {"radius": 0.8}}, "metrics": {"held": {"kind": "objects_held"}}, "fitness": "held",
+    });
+    check(
+        &json!({"mission": mission, "robot": robot, "robots": 10, "duration": 12, "failures": failures()}),
+    );
+}

@@ -311,3 +311,19 @@ fn what_goes_wrong_ends_the_episode_with_a_reason() {
     let wrong = json!({"mission": "agregation"});
     assert!(there.reset(wrong.as_object().unwrap()).is_err());
 }
+
+#[test]
+fn grippers_are_not_there() {
+    let mut simulation = floating(&Arc::default());
+    let parameters = json!({"mission": "object_retrieval"});
+    let parameters = parameters.as_object().unwrap();
+    let refused = simulation.reset(parameters).unwrap_err().to_string();
+    assert!(
+        refused.contains("has no grippers; take simulation: arena, or robots without"),
+        "{refused}"
+    );
+    let described = simulation.describer().unwrap()(parameters)
+        .unwrap_err()
+        .to_string();
+    assert_eq!(described, refused);
+}

@@ -48,8 +48,15 @@ def arena(mission: str = "aggregation") -> str:
     if chosen["name"] == "aac":
         return file
     title, duration = chosen["title"].lower(), f"{chosen['duration']:g}"
+    own = re.search(r"^robot:", chosen["text"], flags=re.MULTILINE) is not None
+    robots = "robots that the mission describes" if own else "e-pucks (reference model RM1.1)"
+    of_each = "a weight from each input to each actuator" if own else "24 inputs, 2 wheels, 50 weights"
     for pattern, line in (
-        (r"# Arena: .*", f"# Arena: {title}, by a swarm of e-pucks (reference model RM1.1)."),
+        (r"# Arena: .*", f"# Arena: {title}, by a swarm of {robots}."),
+        (
+            r"  kind: evostick +# 24 .*",
+            f"  kind: evostick                  # {of_each}; or layered, fully_meshed",
+        ),
         (r"  mission: .*", f"  mission: {mission:<22} # or the path of a YAML file with one of your own"),
         (r"  robots: .*", f"  robots: {chosen['robots']:<23} # 1 to 100,000"),
         (r"  duration: .*", f"  duration: {duration:<21} # seconds"),

@@ -46,6 +46,15 @@ pub(in super::super) enum Metric {
         #[serde(default = "mean")]
         when: When,
     },
+    /// Objects that robots hold, those with a name or all.
+    ObjectsHeld {
+        object: Option<String>,
+        #[serde(default)]
+        when: When,
+        /// Whether it is divided by their number.
+        #[serde(default)]
+        share: bool,
+    },
     /// Seconds until a share of the robots, `at_least` or `at_most`, was on a patch for the first time; those of the
     /// episode where that did not happen.
     TimeUntil {
@@ -210,6 +219,7 @@ impl Metric {
             }
             Self::ChainReach { from, to, .. } => vec![from, to],
             Self::LargestGroupArea { .. }
+            | Self::ObjectsHeld { .. }
             | Self::CellAge { .. }
             | Self::Order { .. }
             | Self::Speed { .. }
@@ -247,7 +257,10 @@ impl Metric {
                 ));
             }
         }
-        if let Self::ObjectsOn { object, .. } | Self::ObjectDistance { object, .. } = self {
+        if let Self::ObjectsOn { object, .. }
+        | Self::ObjectDistance { object, .. }
+        | Self::ObjectsHeld { object, .. } = self
+        {
             let mut names = place.objects.iter().map(|kind| kind.name.as_str());
             if place.objects.is_empty() {
                 return Err("the mission has no objects".to_owned());

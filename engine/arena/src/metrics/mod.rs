@@ -130,6 +130,14 @@ impl<L: Lanes> Tally<L> {
                 let (count, all) = objects::on(bodies, place, patch, object.as_deref());
                 self.add(count, all, *share, *when);
             }
+            Metric::ObjectsHeld {
+                object,
+                when,
+                share,
+            } if *when != When::End || last => {
+                let (count, all) = objects::held(bodies, place, object.as_deref());
+                self.add(count, all, *share, *when);
+            }
             Metric::ObjectDistance {
                 patch,
                 object,

@@ -28,6 +28,24 @@ pub(super) fn on<L: Lanes>(
     (count, all)
 }
 
+/// Objects that robots hold, and how many there are: those with a name, or all.
+#[inline(always)]
+pub(super) fn held<L: Lanes>(
+    bodies: &Bodies<L>,
+    place: &Place,
+    name: Option<&str>,
+) -> (Number<L>, usize) {
+    let (mut count, mut all) = (number(0.0), 0);
+    let objects = &bodies.objects;
+    for index in 0..objects.things.len() {
+        if is_named(place, objects.things[index].kind, name) {
+            all += 1;
+            count = count.add_where(number(1.0), objects.is_held(index));
+        }
+    }
+    (count, all)
+}
+
 /// The sum of their distances from the middle of a patch, metres, and how many there are.
 #[inline(always)]
 pub(super) fn distance<L: Lanes>(

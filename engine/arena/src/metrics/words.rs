@@ -7,8 +7,9 @@ impl Metric {
         match self {
             Self::RobotsOn { share: true, .. }
             | Self::ObjectsOn { share: true, .. }
+            | Self::ObjectsHeld { share: true, .. }
             | Self::MostRobotsOn { share: true, .. } => "",
-            Self::ObjectsOn { .. } => "objects",
+            Self::ObjectsOn { .. } | Self::ObjectsHeld { .. } => "objects",
             Self::RobotsOn { .. } | Self::MostRobotsOn { .. } | Self::RobotsInWrongHalf { .. } => {
                 "robots"
             }
@@ -65,6 +66,16 @@ impl Metric {
                 when: at,
             } => format!(
                 "{}{} on {patch}, {}.",
+                if *share { "Share of " } else { "" },
+                object.as_deref().unwrap_or("objects"),
+                when(at)
+            ),
+            Self::ObjectsHeld {
+                object,
+                share,
+                when: at,
+            } => format!(
+                "{}{} that robots hold, {}.",
                 if *share { "Share of " } else { "" },
                 object.as_deref().unwrap_or("objects"),
                 when(at)

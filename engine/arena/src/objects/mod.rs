@@ -1,5 +1,6 @@
 //! Objects that robots push: discs and boxes that stand on the floor, held by Coulomb friction.
 
+mod grip;
 mod place;
 mod sight;
 mod touch;
@@ -223,22 +224,26 @@ pub(super) struct Objects<L: Lanes> {
     touches: [Vec<Touch<L>>; 2],
     /// Whether anything can happen in this tick.
     awake: bool,
+    /// By robot and object: in which lanes it is held; empty where robots have no grippers.
+    held: Vec<L::Mask>,
 }
 
 impl<L: Lanes> Default for Objects<L> {
     fn default() -> Self {
-        Self::new(&[])
+        Self::new(&[], 0)
     }
 }
 
 impl<L: Lanes> Objects<L> {
-    pub(super) fn new(kinds: &[Kind]) -> Self {
+    /// `grippers`: robots, where some of them have one.
+    pub(super) fn new(kinds: &[Kind], grippers: usize) -> Self {
         let mut things = Vec::new();
         for (index, kind) in kinds.iter().enumerate() {
             things.extend((0..kind.count()).map(|_| Object::new(index, kind)));
         }
         Self {
             moving: vec![Moving::at_rest(); things.len()],
+            held: vec![L::Mask::from_bits(0); grippers * things.len()],
             things,
             touches: [Vec::new(), Vec::new()],
             awake: false,
@@ -249,6 +254,7 @@ impl<L: Lanes> Objects<L> {
     #[inline(always)]
     pub(super) fn start(&mut self, mut pose: impl FnMut(usize, usize) -> Pose) {
         self.touches[0].clear();
+        self.held.fill(L::Mask::from_bits(0));
         for (index, moving) in self.moving.iter_mut().enumerate() {
             let mut lanes = [[0.0; MOST_LANES]; 3];
             let [x, y, heading] = &mut lanes;

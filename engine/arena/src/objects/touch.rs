@@ -18,7 +18,7 @@ const FRICTION: [f32; 2] = [0.49, 0.07];
 /// How far objects may come in a tick, metres.
 const WAY: f32 = 0.05;
 /// What is further apart at the beginning of a part does not touch in it, metres.
-const NEAR: f32 = 0.02;
+pub(super) const NEAR: f32 = 0.02;
 /// Corners of boxes that are further behind a face of an obstacle lie on its other side, metres.
 const BEHIND: f32 = 0.005;
 /// Overlap that is left alone, metres; the share of the rest that ends in a part, and the largest speed of that, m/s.
@@ -55,6 +55,8 @@ pub(super) struct Touch<L: Lanes> {
     key: [u32; 3],
     /// In which lanes it is possible.
     lanes: L::Mask,
+    /// In which lanes the robot holds the object: it pulls as well as it pushes, and nothing slips.
+    held: L::Mask,
     /// From the surface to the point.
     normal: [Number<L>; 2],
     /// From the middles of both bodies to where they touch.
@@ -88,7 +90,11 @@ impl<L: Lanes> Objects<L> {
         place: &Place,
         near: &mut [L::Mask],
     ) {
-        let [now, old] = &mut self.touches;
+        let Self {
+            touches: [now, old],
+            held,
+            ..
+        } = self;
         std::mem::swap(now, old);
         now.clear();
         self.awake = false;
@@ -111,6 +117,9 @@ impl<L: Lanes> Objects<L> {
                     near[other] = near[other].or(close);
                     let (surface, point) = (Surface::Object(index), Point::Robot(other));
                     list.add(surface, point, (0, other, 0), close);
+                    if !held.is_empty() {
+                        list.hold(held[other * self.things.len() + index]);
+                    }
                 }
             }
             let reach = object.radius + WAY;
@@ -174,6 +183,21 @@ impl<L: Lanes> Objects<L> {
         &mut self,
         moved: &mut [Moved<L>],
         touched: &mut [L::Mask],
+        at: (&Team, &Place),
+    ) {
+        if self.held.is_empty() {
+            self.begin_with::<false>(moved, touched, at);
+        } else {
+            self.begin_with::<true>(moved, touched, at);
+        }
+    }
+
+    /// The same; whether robots have grippers.
+    #[inline(always)]
+    fn begin_with<const GRIPS: bool>(
+        &mut self,
+        moved: &mut [Moved<L>],
+        touched: &mut [L::Mask],
         (team, place): (&Team, &Place),
     ) {
         let Self {
@@ -216,11 +240,22 @@ impl<L: Lanes> Objects<L> {
             let overlap = ((gap.size + SLOP) * (SHARE / PART)).at_least(number(-APART));
             let slack = before + overlap.at_most(number(0.0));
             touch.slack = slack.select(number(f32::MAX), possible);
+            if GRIPS {
+                touch.held = touch.held.and(possible);
+                // What was held pulls no more.
+                let pressed = touch.pressed.at_least(number(0.0));
+                touch.pressed = touch.pressed.select(pressed, touch.held);
+                let closing = (gap.size * (SHARE / PART)).within(-APART, APART);
+                touch.slack = closing.select(touch.slack, touch.held);
+            }
             touch.weigh(things, team);
             let impulse = touch.along(touch.pressed, touch.rubbed);
             touch.push(things, moving, moved, team, impulse);
             if let Point::Robot(index) = touch.point {
                 touched[index] = touched[index].or(number(0.0).lt(touch.pressed));
+                if GRIPS {
+                    touched[index] = touched[index].or(touch.held);
+                }
             }
         }
     }
@@ -228,6 +263,22 @@ impl<L: Lanes> Objects<L> {
     /// Solves all contacts once, in their order.
     #[inline(always)]
     pub(in super::super) fn solve(
+        &mut self,
+        moved: &mut [Moved<L>],
+        touched: &mut [L::Mask],
+        spins: &[Number<L>],
+        team: &Team,
+    ) {
+        if self.held.is_empty() {
+            self.solve_with::<false>(moved, touched, spins, team);
+        } else {
+            self.solve_with::<true>(moved, touched, spins, team);
+        }
+    }
+
+    /// The same; whether robots have grippers.
+    #[inline(always)]
+    fn solve_with<const GRIPS: bool>(
         &mut self,
         moved: &mut [Moved<L>],
         touched: &mut [L::Mask],
@@ -252,6 +303,10 @@ impl<L: Lanes> Objects<L> {
                     relative = moved[index].velocity;
                     let robot = team.robot(index);
                     rim = spins[index] * robot.radius;
+                    if GRIPS {
+                        // The gripper is on a ring that turns freely.
+                        rim = number(0.0).select(rim, touch.held);
+                    }
                     friction = robot.friction[0];
                 }
                 Point::Center(index) | Point::Corner(index, _) => {
@@ -269,12 +324,15 @@ impl<L: Lanes> Objects<L> {
             let [nx, ny] = touch.normal;
             let approach = -(relative[0] * nx + relative[1] * ny);
             let slip = relative[1] * nx - relative[0] * ny - rim;
-            let pressed =
-                (touch.pressed + (approach - touch.slack) * touch.masses[0]).at_least(number(0.0));
+            let free = touch.pressed + (approach - touch.slack) * touch.masses[0];
+            let mut pressed = free.at_least(number(0.0));
             let limit = pressed * friction;
-            let rubbed = (touch.rubbed - slip * touch.masses[1])
-                .at_most(limit)
-                .at_least(-limit);
+            let held = touch.rubbed - slip * touch.masses[1];
+            let mut rubbed = held.at_most(limit).at_least(-limit);
+            if GRIPS {
+                pressed = free.select(pressed, touch.held);
+                rubbed = held.select(rubbed, touch.held);
+            }
             let impulse = touch.along(pressed - touch.pressed, rubbed - touch.rubbed);
             touch.pressed = pressed;
             touch.rubbed = rubbed;
@@ -311,6 +369,7 @@ impl<L: Lanes> List<'_, L> {
             point,
             key,
             lanes,
+            held: L::Mask::from_bits(0),
             normal: [zero; 2],
             arms: [[zero; 2]; 2],
             masses: [zero; 2],
@@ -328,6 +387,14 @@ impl<L: Lanes> List<'_, L> {
             touch.rubbed = before.rubbed.only_where(lanes);
         }
         self.now.push(touch);
+    }
+
+    /// The robot of the last contact holds the object in some lanes.
+    #[inline(always)]
+    fn hold(&mut self, lanes: L::Mask) {
+        if let Some(touch) = self.now.last_mut() {
+            touch.held = lanes;
+        }
     }
 }
 
@@ -449,6 +516,18 @@ fn point<L: Lanes>(
             ([number(x), number(y)], 0.0, none)
         }
     }
+}
+
+/// How far the rim of a disc is from an object, metres; `at`: where the middle of the disc is.
+#[inline(always)]
+pub(super) fn gap<L: Lanes>(
+    object: &Object,
+    moving: &Moving<L>,
+    [x, y]: [Number<L>; 2],
+    radius: f32,
+) -> Number<L> {
+    let gap = to_object(object, moving, [x - moving.x, y - moving.y], radius);
+    gap.size.select(number(f32::MAX), gap.valid)
 }
 
 /// A disc of this radius beside an object; `way`: from the middle of the object to that of the disc.

@@ -3,6 +3,7 @@
 use std::f32::consts::PI;
 use std::sync::Arc;
 
+use swarmwright_simulation::parameters::wrong;
 use swarmwright_simulation::simulation::Describer;
 use swarmwright_simulation::{
     Description, Determinism, ParameterError, ParameterInfo, Parameters, Scene, Simulation, fail,
@@ -163,6 +164,26 @@ fn radians(pose: At) -> Pose {
     }
 }
 
+/// Other simulators move objects by themselves, and are not told what robots hold.
+fn without_grippers(
+    kind: &PhysicsKind,
+    settings: &settings::Settings,
+) -> Result<(), ParameterError> {
+    if settings.team.gripper().is_none() {
+        return Ok(());
+    }
+    let reason = format!(
+        "{} has no grippers; take simulation: arena, or robots without the actuator {{kind: gripper}}",
+        kind.title
+    );
+    let name = if settings.team.is_listed() {
+        "robots"
+    } else {
+        "robot"
+    };
+    Err(wrong(name, reason))
+}
+
 impl Simulation for PhysicsSimulation {
     fn description(&self) -> Description {
         Self::describe(&self.kind, &self.arena.settings)
@@ -171,7 +192,9 @@ impl Simulation for PhysicsSimulation {
     fn describer(&self) -> Option<Describer> {
         let kind = Arc::clone(&self.kind);
         Some(Arc::new(move |parameters| {
-            settings::Settings::read(parameters).map(|settings| Self::describe(&kind, &settings))
+            let settings = settings::Settings::read(parameters)?;
+            without_grippers(&kind, &settings)?;
+            Ok(Self::describe(&kind, &settings))
         }))
     }
 
@@ -196,6 +219,7 @@ impl Simulation for PhysicsSimulation {
     }
 
     fn reset(&mut self, parameters: &Parameters) -> Result<(), ParameterError> {
+        without_grippers(&self.kind, &settings::Settings::read(parameters)?)?;
         self.arena.reset(parameters)?;
         let (settings, bodies) = (&self.arena.settings, &self.arena.swarm.bodies);
         self.robots = bodies.poses().map(radians).collect();

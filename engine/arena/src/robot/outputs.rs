@@ -48,6 +48,8 @@ pub(in super::super) enum Output {
     Camera,
     /// The charge of the battery, 0..=1.
     Battery,
+    /// 1 where the gripper holds something, else 0.
+    Gripper,
     /// So many numbers of a sensor that other kinds of robots have: what it gives where there is nothing.
     Absent(u8, Neutral),
 }
@@ -110,6 +112,7 @@ impl Robot {
             | Output::NeighboursSquashed
             | Output::Random
             | Output::Battery
+            | Output::Gripper
             | Output::AroundCount => 1,
         }
     }
@@ -135,6 +138,7 @@ impl Robot {
             Output::Camera => return self.camera.iter().flat_map(camera_names).collect(),
             Output::Absent(..) => return vec![String::new(); width],
             Output::Battery => &["battery"],
+            Output::Gripper => &["holds"],
             Output::AroundCount => &["robots around"],
             Output::AroundCenter => &["center x", "center y"],
             Output::AroundHeading => &["heading x", "heading y"],
@@ -181,6 +185,11 @@ impl Robot {
             .iter()
             .map(|color| format!("led {}", color.name()));
         names.collect()
+    }
+
+    /// Whether it senses that its gripper holds something.
+    pub(in super::super) fn holds(&self) -> bool {
+        self.outputs.contains(&Output::Gripper)
     }
 
     /// Names of the numbers of a message that is sent.

@@ -3,7 +3,7 @@
 use serde::Deserialize;
 
 use super::super::{LedColor, Robot};
-use super::each_once;
+use super::{each_once, within};
 use swarmwright_simulation::ParameterError;
 use swarmwright_simulation::parameters::wrong;
 
@@ -17,7 +17,20 @@ pub(super) enum Actuator {
     Message { numbers: usize },
     /// A number for each colour that the robot can show.
     Led { colors: Vec<LedColor> },
+    /// Holds an object while its number is above 0.
+    Gripper {
+        /// From the rim of the robot to that of the object, metres.
+        #[serde(default = "reach")]
+        reach: f32,
+    },
 }
+
+fn reach() -> f32 {
+    0.01
+}
+
+/// Of a gripper, metres: what is held is in contact.
+const REACHES: [f32; 2] = [0.001, 0.02];
 
 /// Gives a robot an actuator; `at` is what it is called in complaints.
 pub(super) fn add(robot: &mut Robot, actuator: &Actuator, at: &str) -> Result<(), ParameterError> {
@@ -43,6 +56,13 @@ pub(super) fn add(robot: &mut Robot, actuator: &Actuator, at: &str) -> Result<()
             }
             each_once(&format!("{at}.colors"), colors)?;
             robot.leds.clone_from(colors);
+        }
+        Actuator::Gripper { reach } => {
+            if robot.gripper.is_some() {
+                return Err(wrong(at, "there is a gripper already; one is possible"));
+            }
+            within(&format!("{at}.reach"), *reach, REACHES)?;
+            robot.gripper = Some(*reach);
         }
     }
     Ok(())

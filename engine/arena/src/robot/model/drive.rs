@@ -119,6 +119,7 @@ pub(super) fn body(
         leds: Vec::new(),
         battery: None,
         battery_noise: 0.0,
+        gripper: None,
         message: 0,
         encoder_noise: 0.0,
         compass_noise: 0.0,

@@ -139,6 +139,8 @@ pub(super) enum Sensor {
         #[serde(default)]
         noise: f32,
     },
+    /// Whether the gripper holds something.
+    Gripper,
 }
 
 fn sights() -> Vec<Sight> {
@@ -353,6 +355,16 @@ pub(super) fn add(robot: &mut Robot, sensor: &Sensor, at: &str) -> Result<(), Pa
                 gives: gives.clone(),
             });
             robot.outputs.push(Output::Camera);
+        }
+        Sensor::Gripper => {
+            only(at, "gripper", robot.holds().then_some(&()))?;
+            if robot.gripper.is_none() {
+                return Err(wrong(
+                    at,
+                    "the robot has no gripper; add the actuator {kind: gripper}",
+                ));
+            }
+            robot.outputs.push(Output::Gripper);
         }
         Sensor::Battery { noise } => {
             if robot.battery.is_none() {
