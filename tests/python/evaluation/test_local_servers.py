@@ -6,9 +6,10 @@ import time
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
-from swarmwright import RunError, _engine
+from swarmwright import Experiment, RunError, _engine, evaluate
 from swarmwright.evaluation.local_servers import LocalServers, automatic_count
 
 
@@ -93,3 +94,40 @@ def test_servers_draw_on_our_output_when_asked(tmp_path: Path) -> None:
 
 def test_the_automatic_number_of_servers() -> None:
     assert 2 <= automatic_count() <= 8
+
+
+MANY_METRICS = """
+import numpy as np
+from swarmwright import Simulation
+
+class Measured(Simulation):
+    sensors, actuators = 1, 1
+    metrics = [f"metric_{index}" for index in range(9000)]
+
+    def reset(self, parameters, seed):
+        self.steps = 0
+        return np.zeros((1, 1))
+
+    def step(self, actions):
+        self.steps += 1
+        return np.zeros((1, 1))
+
+    def done(self):
+        return self.steps == 2
+
+    def fitness(self):
+        return 1.0
+
+    def measure(self):
+        return dict.fromkeys(self.metrics, 2.0)
+"""
+
+
+def test_more_metrics_than_a_last_will_holds(tmp_path: Path) -> None:
+    """A will of MQTT has 64 KiB; the names of these metrics have more."""
+    (tmp_path / "measured.py").write_text(MANY_METRICS)
+    experiment = Experiment.from_mapping(
+        {"simulation": f"{tmp_path}/measured.py:Measured", "fitness": "metric_0 + metric_8999"}
+    )
+    genomes = np.zeros((2, experiment.genome_size), np.float32)
+    assert evaluate(experiment, genomes, servers=1).tolist() == [4.0, 4.0]

@@ -11,7 +11,7 @@ use swarmwright_mqtt::{
     ConnectError, Connection, Event, PublishOptions, QoS, Settings, SettingsError, Subscription,
     TooLarge, Will,
 };
-use swarmwright_protocol::{MEDIA_TYPE, State, Topic, TopicError, Topics};
+use swarmwright_protocol::{MEDIA_TYPE, Presence, State, Topic, TopicError, Topics};
 use swarmwright_worlds::{Scene, Simulation};
 
 use crate::evaluator::{Evaluator, SHORT};
@@ -132,6 +132,18 @@ pub struct SimulationServer {
 /// Of many servers of a process one tells that the password travels unencrypted.
 static WARNED: AtomicBool = AtomicBool::new(false);
 
+/// What the broker says when the server is lost: a will has 64 KiB at most, which names of many metrics exceed.
+fn last_words(mut presence: Presence) -> Vec<u8> {
+    let whole = presence.encode();
+    if whole.len() <= usize::from(u16::MAX) {
+        return whole;
+    }
+    if let Some(announced) = &mut presence.capabilities.swarmwright {
+        announced.metrics.clear();
+    }
+    presence.encode()
+}
+
 impl SimulationServer {
     /// Connects and offers the simulations.
     ///
@@ -155,7 +167,7 @@ impl SimulationServer {
         let mut settings = options.settings;
         settings.will = Some(Will {
             topic: topics.presence(options.id),
-            payload: machine.presence(State::Lost, stamp()).encode(),
+            payload: last_words(machine.presence(State::Lost, stamp())),
             expiry: LOST_EXPIRY,
         });
         let at = |topic, qos| Subscription {
