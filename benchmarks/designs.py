@@ -1,9 +1,9 @@
 """EvoStick against Chocolate in the arena: designs of the same budget, scored on held-out seeds.
 
-`python -m benchmarks.designs FOLDER [--budget N] [--repetitions N] [--missions A,B]` designs with both,
-several times for each mission, scores the designs on held-out seeds, with the robots of the design and with
-sampled ones whose noise is another, prints a table and draws box plots. FOLDER keeps the runs: those that are
-done are not repeated.
+`python -m benchmarks.designs FOLDER [--budget N] [--repetitions N] [--missions A,B] [--designs A,B]` designs
+with both, or others, several times for each mission, scores the designs on held-out seeds, with the robots of
+the design and with sampled ones whose noise is another, prints a table and draws box plots. FOLDER keeps the
+runs: those that are done are not repeated.
 """
 
 import argparse
@@ -40,7 +40,21 @@ DESIGNS: dict[str, dict[str, Any]] = {
         "method": {"kind": "racing"},
         "ranking": {"episodes": 1},
     },
+    "Maple": {
+        "parameters": {"robot": "e-puck-rm1.2"},
+        "controller": {"kind": "modules", "form": "tree"},
+        "method": {"kind": "racing"},
+        "ranking": {"episodes": 1},
+    },
+    "CMA-ES": {
+        "parameters": {"robot": "e-puck-rm1.1"},
+        "controller": {"kind": "evostick"},
+        "method": {"kind": "cma_es"},
+        "ranking": {"episodes": 10, "seeds": "new"},
+    },
 }
+"""Maple: Chocolate's modules in a behaviour tree (Kuckling et al. 2018). CMA-ES: on EvoStick's network."""
+COMPARED = ("EvoStick", "Chocolate")
 
 
 @dataclass(frozen=True)
@@ -96,17 +110,25 @@ def design(folder: Path, mission: str, kind: str, budget: int, repetition: int) 
     return Design(mission, kind, repetition, best.recorded, best.fitness.mean, transferred, seconds)
 
 
+def kinds(found: Sequence[Design]) -> list[str]:
+    """Return the kinds of designs that were made, in their order."""
+    return list(dict.fromkeys(one.kind for one in found))
+
+
 def table(found: Sequence[Design]) -> Iterator[str]:
-    """Yield a table in Markdown: medians of each kind, and the Mann-Whitney test."""
+    """Yield a table in Markdown: medians of each kind, and the test of Mann and Whitney, or Kruskal's."""
     names = ("mission", "design", "during evolution", "held-out seeds (range)", "p", "pseudo-reality", "p")
     yield f"| {' | '.join(names)} | loss | p |"
     yield "|---|---|---|---|---|---|---|---|---|"
     for mission in dict.fromkeys(one.mission for one in found):
         by_kind = {
-            kind: [one for one in found if (one.mission, one.kind) == (mission, kind)] for kind in DESIGNS
+            kind: [one for one in found if (one.mission, one.kind) == (mission, kind)]
+            for kind in kinds(found)
         }
+        # Whether any differs from the others, where there are more than two.
+        test = stats.mannwhitneyu if len(by_kind) == 2 else stats.kruskal
         tests = [
-            stats.mannwhitneyu(*([getattr(one, name) for one in of] for of in by_kind.values())).pvalue
+            float(test(*([getattr(one, name) for one in of] for of in by_kind.values())).pvalue)
             for name in ("fitness", "transferred", "loss")
         ]
         for kind, of in by_kind.items():
@@ -125,12 +147,13 @@ def draw(found: Sequence[Design]) -> "Figure":
     figure = new_figure(2.5 * len(missions), 3.2)
     for field, mission in zip(figure.subplots(1, len(missions), squeeze=False)[0], missions, strict=True):
         for place, name in enumerate(("fitness", "transferred")):
-            for shift, kind, color in zip((-0.2, 0.2), DESIGNS, COLORS, strict=False):
+            width = 0.8 / len(kinds(found))
+            for index, (kind, color) in enumerate(zip(kinds(found), COLORS, strict=False)):
                 values = [getattr(one, name) for one in found if (one.mission, one.kind) == (mission, kind)]
                 drawn = field.boxplot(
                     [values],
-                    positions=[place + shift],
-                    widths=0.34,
+                    positions=[place - 0.4 + (index + 0.5) * width],
+                    widths=0.85 * width,
                     patch_artist=True,
                     medianprops={"color": INK},
                 )
@@ -140,9 +163,9 @@ def draw(found: Sequence[Design]) -> "Figure":
         field.set_xticks([0, 1], ["as\ndesigned", "pseudo-\nreality"])
     handles = [
         figure.axes[0].fill([], [], color=color, alpha=0.6, label=kind)[0]
-        for kind, color in zip(DESIGNS, COLORS, strict=False)
+        for kind, color in zip(kinds(found), COLORS, strict=False)
     ]
-    figure.legend(handles=handles, loc="outside lower center", fontsize=11, frameon=False, ncols=2)
+    figure.legend(handles=handles, loc="outside lower center", fontsize=11, frameon=False, ncols=len(handles))
     return figure
 
 
@@ -155,11 +178,20 @@ def main() -> None:
     )
     parser.add_argument("--repetitions", type=int, default=10, metavar="N", help="default: %(default)s")
     parser.add_argument("--missions", default=",".join(MISSIONS), metavar="A,B", help="default: %(default)s")
+    parser.add_argument(
+        "--designs",
+        default=",".join(COMPARED),
+        metavar="A,B",
+        help=f"of {', '.join(DESIGNS)}; default: %(default)s",
+    )
     arguments = parser.parse_args()
+    compared = arguments.designs.split(",")
+    if len(compared) < 2 or not set(compared) <= set(DESIGNS):
+        parser.error(f"--designs: expected two or more of {', '.join(DESIGNS)}")
     found = []
     for repetition in range(1, arguments.repetitions + 1):
         for mission in arguments.missions.split(","):
-            for kind in DESIGNS:
+            for kind in compared:
                 found.append(design(arguments.folder, mission, kind, arguments.budget, repetition))
                 print(found[-1], flush=True)
     print("", *table(found), sep="\n")

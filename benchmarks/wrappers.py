@@ -140,6 +140,11 @@ class Server:
             raise SystemExit(f"{command[0]} ended before it was ready:\n{''.join(said)}")
         self.start_up = time.perf_counter() - start
 
+    @property
+    def pid(self) -> int:
+        """Of the process that was started."""
+        return self._process.pid
+
     def peak_memory(self) -> float:
         """Most memory so far, MB; of the process that serves, where another one watches over it."""
         children = Path(f"/proc/{self._process.pid}/task/{self._process.pid}/children")
