@@ -92,7 +92,7 @@ fn robots_neither_leave_nor_run_through_each_other() {
 #[test]
 fn every_mission_runs_and_its_fitness_is_a_number() {
     let missions = swarmwright_arena::missions();
-    assert_eq!(missions.len(), 21);
+    assert_eq!(missions.len(), 22);
     for mission in missions.iter().map(|mission| mission.name) {
         for (robot, sensors) in [("e-puck-rm1.1", 24), ("e-puck-rm1.2", 9)] {
             let parameters = json!({"mission": mission, "robot": robot, "duration": 5, "seed": 3});
