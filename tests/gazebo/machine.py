@@ -11,6 +11,10 @@ PROJECT = ROOT / "wrappers" / "gazebo"
 BUILD = PROJECT / "build"
 YARD = PROJECT / "tests" / "yard" / "yard.world"
 """A world of a user."""
+MODELS = PROJECT / "models"
+SCANNER = MODELS / "turtlebot3_like" / "model.sdf"
+E_PUCK = MODELS / "e_puck_like" / "model.sdf"
+XACRO = MODELS / "two_wheels.urdf.xacro"
 
 EXPERIMENT = """simulation: arena-gazebo
 parameters: {mission: aggregation, robots: 4, duration: 4}

@@ -111,9 +111,11 @@ void start() {
 }
 
 /// Where Gazebo finds a resource. Its own search would ask the network for models that it does not find.
-std::string found(const std::string& uri) {
+std::string found(const std::string& name) {
   auto* paths = ::gazebo::common::SystemPaths::Instance();
   const std::string model = "model://";
+  const std::string package = "package://";  // in URDF
+  const std::string uri = name.compare(0, package.size(), package) == 0 ? model + name.substr(package.size()) : name;
   if (uri.compare(0, model.size(), model) == 0) {
     for (const std::string& folder : paths->GetModelPaths()) {
       const std::filesystem::path path = std::filesystem::path(folder) / uri.substr(model.size());
@@ -129,8 +131,10 @@ std::string found(const std::string& uri) {
 
 }  // namespace
 
-UserWorld user_world(const std::string& path) {
-  const Access access;
+namespace {
+
+/// Has Gazebo search models and meshes beside a file of the user.
+void search_beside(const std::string& path) {
   auto* paths = ::gazebo::common::SystemPaths::Instance();
   const std::filesystem::path folder = std::filesystem::absolute(path).parent_path();
   const std::list<std::string> own = paths->GetGazeboPaths();
@@ -142,8 +146,22 @@ UserWorld user_world(const std::string& path) {
   for (const std::string& each : own) {
     paths->AddModelPaths((std::filesystem::path(each) / "models").string());
   }
+}
+
+}  // namespace
+
+UserFile user_file(const std::string& path) {
+  const Access access;
+  search_beside(path);
+  return read_model(path, found);
+}
+
+UserWorld user_world(const std::string& path) {
+  const Access access;
+  search_beside(path);
   UserWorld world = read_world(path, found);
-  for (sdf::ElementPtr model = world.world->HasElement("model") ? world.world->GetElement("model") : nullptr; model;
+  const sdf::ElementPtr element = world.world();
+  for (sdf::ElementPtr model = element->HasElement("model") ? element->GetElement("model") : nullptr; model;
        model = model->GetNextElement("model")) {
     const auto name = model->Get<std::string>("name");
     if (is_of_mission(name)) {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "user_file.hpp"
+#include "user_model.hpp"
 
 #include <functional>
 #include <mutex>
@@ -22,7 +23,7 @@ struct Settings {
   /// Where Gazebo's master listens on the loopback interface, for tools such as gzclient; 0 for any free port.
   int port = 0;
   /// Seconds of a step of the physics engine, at most; a tick of the arena is divided into equal steps. 0: that of the
-  /// user's world, else 0.005.
+  /// user's world, else 0.0025 with a model of the user and 0.005 without.
   double step = 0;
   /// Robots with two wheels: motors turn the wheels, which roll on the ground. false: the body gets the velocity.
   bool wheels = true;
@@ -34,6 +35,8 @@ struct Settings {
   std::optional<UserWorld> world = {};
   /// The walls of missions stand in the user's world, too.
   bool walls = true;
+  /// The model of the user that all robots are; none: they are made from what the mission says of them.
+  std::optional<UserModel> model = {};
 };
 
 /// The settings; to be changed before Gazebo is used for the first time.
@@ -51,6 +54,9 @@ class Access {
 /// Reads a world for the settings. Models are searched beside the file, in its folder models, in GAZEBO_MODEL_PATH and
 /// where Gazebo has its own. Throws GazeboError if it cannot be used.
 UserWorld user_world(const std::string& path);
+
+/// Reads a model of the user, with the same search.
+UserFile user_file(const std::string& path);
 
 /// Makes a call; Gazebo's exceptions, which do not derive from std::exception, become a GazeboError.
 void guarded(const char* task, const std::function<void()>& call);

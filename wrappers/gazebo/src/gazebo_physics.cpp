@@ -1,6 +1,7 @@
 #include <swarmwright/gazebo_physics.hpp>
 
 #include "gazebo.hpp"
+#include "robots.hpp"
 #include "sdf_world.hpp"
 
 #include <gazebo/ode/ode.h>
@@ -25,12 +26,9 @@ namespace swarmwright::gazebo {
 
 namespace {
 
-using ::gazebo::physics::JointPtr;
 using ::gazebo::physics::LinkPtr;
 using ::gazebo::physics::ModelPtr;
 using ::gazebo::physics::WorldPtr;
-using ::gazebo::sensors::RaySensorPtr;
-using Vector = ignition::math::Vector3d;
 using Placement = ignition::math::Pose3d;
 
 /// Worlds that no episode is in; kept, since making one takes a quarter of a second and 1.5 MB for each robot that
@@ -38,55 +36,8 @@ using Placement = ignition::math::Pose3d;
 constexpr std::size_t most_idle = 8;
 /// In all of them; a robot of a world takes 9 MB.
 constexpr std::size_t most_idle_robots = 100;
-constexpr double off_the_ground = 0.5;
 /// How deep robots may begin in something, metres.
 constexpr double deepest_at_start = 0.001;
-
-/// A shape of a robot, and which others it meets.
-struct Part {
-  dGeomID geometry;
-  unsigned long category;
-  unsigned long collides;
-};
-
-struct Robot {
-  ModelPtr placed;
-  LinkPtr body;
-  JointPtr left;  // none: the body gets its velocity
-  JointPtr right;
-  RaySensorPtr eye;
-  /// Where its rays begin and end, in its frame.
-  std::vector<std::pair<Vector, Vector>> aims;
-  std::vector<Part> parts;
-};
-
-WorldPtr load(const sdf::ElementPtr& description, const std::string& name) {
-  ignition::math::Rand::Seed(1);  // of what is drawn while a world is made, as populations of models are
-  const WorldPtr world = ::gazebo::physics::create_world(name);
-  ::gazebo::physics::load_world(world, description);
-  ::gazebo::physics::init_world(world, [](const std::string&, const ::gazebo::msgs::PosesStamped&) {});
-  return world;
-}
-
-ModelPtr found(const WorldPtr& world, const std::string& name) {
-  ModelPtr model = world->ModelByName(name);
-  if (!model) {
-    throw GazeboError("Gazebo did not make the model " + name);
-  }
-  return model;
-}
-
-Pose flat(const ModelPtr& model) {
-  const Placement pose = model->WorldPose();
-  const double sum = pose.Pos().X() + pose.Pos().Y() + pose.Rot().Yaw();
-  if (!std::isfinite(sum) || !(std::abs(pose.Pos().Z()) < off_the_ground)) {
-    throw GazeboError(model->GetName() +
-                      " has left the ground: Gazebo's contacts are unstable with steps of this length; set a smaller "
-                      "--step" +
-                      (settings().world ? "; or " + settings().world->path + " has no floor there, at z = 0" : ""));
-  }
-  return {static_cast<float>(pose.Pos().X()), static_cast<float>(pose.Pos().Y()), static_cast<float>(pose.Rot().Yaw())};
-}
 
 /// What of the user's world a shape is in.
 struct Obstacle {
@@ -120,7 +71,9 @@ std::string key_of(const World& world) {
     for (const float angle : model.rays) {
       key += ' ' + std::to_string(angle);
     }
-    key += " " + std::to_string(model.acceleration);
+    for (const float number : {model.acceleration, model.ray_start, model.ray_range, model.wheel_base}) {
+      key += " " + std::to_string(number);
+    }
   }
   for (const std::uint32_t robot : world.robots) {
     key += ' ' + std::to_string(robot);
@@ -136,6 +89,11 @@ class GazeboPhysics::Place {
   Place(const World& world, std::string key) : key_(std::move(key)), plan_(world), steps_(steps_in_tick(world)) {
     static std::uint64_t made = 0;
     name_ = "arena_" + std::to_string(made++);
+    if (settings().model) {
+      for (const RobotModel& model : plan_.models) {
+        check_model(*settings().model, model);
+      }
+    }
     const sdf::ElementPtr description = world_element(plan_, name_);
     if (!settings().save_world.empty()) {
       std::ofstream(settings().save_world) << "<?xml version='1.0'?>\n<sdf version='" << sdf::SDF::Version() << "'>\n"
@@ -153,7 +111,7 @@ class GazeboPhysics::Place {
     }
     ::gazebo::sensors::run_once(true);  // makes the sensors known
     for (std::size_t i = 0; i < plan_.robots.size(); ++i) {
-      robots_.push_back(collected(i));
+      robots_.emplace_back(world_, plan_, i);
     }
     for (std::size_t i = 0; i < plan_.objects.size(); ++i) {
       objects_.push_back(found(world_, object_name(i)));
@@ -185,8 +143,8 @@ class GazeboPhysics::Place {
     forget_moves();
     ticks_ = 0;
     for (std::size_t i = 0; i < robots_.size(); ++i) {
-      put(robots_[i].placed, robots[i]);
-      drive(i, {0, 0, 0});
+      robots_[i].put(robots[i]);
+      robots_[i].drive({0, 0, 0});
     }
     for (std::size_t i = 0; i < objects_.size(); ++i) {
       put(objects_[i], objects[i]);
@@ -205,8 +163,8 @@ class GazeboPhysics::Place {
     world_->Physics()->SetSeed(++ticks_);
     bool velocities = false;
     for (std::size_t i = 0; i < robots_.size(); ++i) {
-      velocities |= !robots_[i].left;
-      drive(i, motions[i]);
+      velocities |= robots_[i].pushed();
+      robots_[i].drive(motions[i]);
     }
     if (!velocities) {
       ::gazebo::runWorld(world_, steps_);
@@ -214,79 +172,20 @@ class GazeboPhysics::Place {
     }
     for (unsigned made = 0; made < steps_; ++made) {
       for (std::size_t i = 0; made > 0 && i < robots_.size(); ++i) {
-        drive(i, motions[i]);
+        robots_[i].drive(motions[i]);
       }
       ::gazebo::runWorld(world_, 1);
     }
   }
 
   void poses(Span<Pose> robots, Span<Pose> objects) const {
-    std::transform(robots_.begin(), robots_.end(), robots.begin(), [](const Robot& one) { return flat(one.placed); });
-    std::transform(objects_.begin(), objects_.end(), objects.begin(), flat);
+    std::transform(robots_.begin(), robots_.end(), robots.begin(), [](const Robot& one) { return one.at(); });
+    std::transform(objects_.begin(), objects_.end(), objects.begin(), [](const ModelPtr& one) { return flat(one); });
   }
 
-  void rays(std::uint32_t number, Span<float> distances) const {
-    const Robot& robot = robots_.at(number);
-    const RobotModel& model = plan_.model(number);
-    // Each update rounds the ends of the rays a little: they are aimed anew, so that no reading depends on earlier
-    // ones.
-    const ::gazebo::physics::MultiRayShapePtr shape = robot.eye->LaserShape();
-    for (std::size_t i = 0; i < robot.aims.size(); ++i) {
-      shape->SetRay(static_cast<unsigned>(i), robot.aims[i].first, robot.aims[i].second);
-    }
-    // Rays begin inside of the robot, which is not to be seen.
-    for (const Part& part : robot.parts) {
-      dGeomSetCategoryBits(part.geometry, 0);
-      dGeomSetCollideBits(part.geometry, 0);
-    }
-    robot.eye->Update(true);
-    for (const Part& part : robot.parts) {
-      dGeomSetCategoryBits(part.geometry, part.category);
-      dGeomSetCollideBits(part.geometry, part.collides);
-    }
-    for (std::size_t i = 0; i < distances.size(); ++i) {
-      const double reach = robot.eye->Range(static_cast<unsigned>(i)) - static_cast<double>(model.ray_start);
-      distances[i] = static_cast<float>(std::clamp(reach, 0.0, static_cast<double>(model.ray_range)));
-    }
-  }
+  void rays(std::uint32_t number, Span<float> distances) const { robots_.at(number).look(distances); }
 
  private:
-  Robot collected(std::size_t number) const {
-    const RobotModel& model = plan_.model(number);
-    Robot robot;
-    robot.placed = found(world_, robot_name(number));
-    robot.body = robot.placed->GetLink(body);
-    if (has_wheels(model)) {
-      robot.left = robot.placed->GetJoint(left_joint);
-      robot.right = robot.placed->GetJoint(right_joint);
-      for (const JointPtr& joint : {robot.left, robot.right}) {
-        joint->SetParam("fmax", 0, motor_torque(model));
-      }
-    }
-    if (!settings().rays || model.rays.empty()) {
-      return robot;
-    }
-    const std::string name = name_ + "::" + robot_name(number) + "::" + body + "::" + eye;
-    robot.eye = std::dynamic_pointer_cast<::gazebo::sensors::RaySensor>(::gazebo::sensors::get_sensor(name));
-    if (!robot.eye || robot.eye->LaserShape()->RayCount() != model.rays.size()) {
-      throw GazeboError("Gazebo did not make the sensor " + name);
-    }
-    const double end = static_cast<double>(model.ray_start) + static_cast<double>(model.ray_range);
-    const Vector up(0, 0, ray_height(plan_));
-    for (const float angle : model.rays) {
-      const Vector along(std::cos(static_cast<double>(angle)), std::sin(static_cast<double>(angle)), 0);
-      robot.aims.emplace_back(along * ray_origin(model) + up, along * end + up);
-    }
-    for (const LinkPtr& link : robot.placed->GetLinks()) {
-      for (const auto& collision : link->GetCollisions()) {
-        const auto part = boost::dynamic_pointer_cast<::gazebo::physics::ODECollision>(collision);
-        const dGeomID geometry = part->GetCollisionId();
-        robot.parts.push_back({geometry, dGeomGetCategoryBits(geometry), dGeomGetCollideBits(geometry)});
-      }
-    }
-    return robot;
-  }
-
   /// What can move in the user's world, to be put back.
   void collect_links(const ModelPtr& model) {
     if (model->IsStatic() || is_of_mission(model->GetName())) {
@@ -326,31 +225,6 @@ class GazeboPhysics::Place {
   /// ODE tests what has moved last first. After this nothing has moved, and only what is moved next matters.
   void forget_moves() const {
     dSpaceClean(boost::dynamic_pointer_cast<::gazebo::physics::ODEPhysics>(world_->Physics())->GetSpaceId());
-  }
-
-  static void put(const ModelPtr& model, const Pose& pose) {
-    model->SetWorldPose(Placement(static_cast<double>(pose.x), static_cast<double>(pose.y), 0, 0, 0,
-                                  static_cast<double>(pose.heading)));
-    model->ResetPhysicsStates();
-  }
-
-  void drive(std::size_t number, const Motion& motion) const {
-    const Robot& robot = robots_[number];
-    const RobotModel& model = plan_.model(number);
-    const double forward = motion.forward;
-    const double turn = motion.turn;
-    if (robot.left) {
-      const double difference = turn * static_cast<double>(model.wheel_base) / 2;
-      robot.left->SetParam("vel", 0, (forward - difference) / wheel_radius(model));
-      robot.right->SetParam("vel", 0, (forward + difference) / wheel_radius(model));
-      return;
-    }
-    const double heading = robot.body->WorldPose().Rot().Yaw();
-    const double sideways = motion.sideways;
-    robot.body->SetLinearVel(Vector(forward * std::cos(heading) - sideways * std::sin(heading),
-                                    forward * std::sin(heading) + sideways * std::cos(heading),
-                                    robot.body->WorldLinearVel().Z()));
-    robot.body->SetAngularVel(Vector(0, 0, turn));
   }
 
   std::string key_;

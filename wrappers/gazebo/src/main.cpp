@@ -24,8 +24,12 @@ namespace gz = swarmwright::gazebo;
 constexpr const char* usage =
     "  --world         file in SDF in which missions take place: robots and objects are put there\n"
     "  --walls         mission: the walls of missions stand in that world, too, the default; world: only its own\n"
+    "  --model         file in SDF or URDF with the model that all robots are\n"
+    "  --joints        LEFT,RIGHT: the joints of its wheels\n"
+    "  --sensor        its ray sensor whose rays are those of missions; by default they are as missions have them\n"
     "  --title         name in experiments, arena-NAME; arena-gazebo by default\n"
-    "  --step          longest step of Gazebo, seconds; by default that of the file, else 0.005\n"
+    "  --step          longest step of Gazebo, seconds; by default that of the world's file, else 0.005,\n"
+    "                  or 0.0025 with --model\n"
     "  --drive         wheels: motors turn the wheels of differential drives, the default; body: the body gets the\n"
     "                  velocity, as that of robots with other drives always does\n"
     "  --rays          gazebo: proximity rays are those of Gazebo's ray sensors, the default; engine: computed from "
@@ -41,12 +45,13 @@ bool first(const std::string& name, const std::string& value, const std::string&
   return value == yes;
 }
 
-constexpr std::array options = {"--world", "--walls", "--title",       "--step",
-                                "--drive", "--rays",  "--master-port", "--save-world"};
+constexpr std::array options = {"--world", "--walls", "--model", "--joints",      "--sensor",    "--title",
+                                "--step",  "--drive", "--rays",  "--master-port", "--save-world"};
 
 /// What the user asks for besides the settings.
 struct Choices {
   std::string world = {};
+  gz::ModelChoice model = {};
   std::string title = "arena-gazebo";
 };
 
@@ -55,6 +60,17 @@ void set(const std::string& name, const std::string& value, Choices& choices) {
   gz::Settings& settings = gz::settings();
   if (name == "--world") {
     choices.world = value;
+  } else if (name == "--model") {
+    choices.model.path = value;
+  } else if (name == "--sensor") {
+    choices.model.sensor = value;
+  } else if (name == "--joints") {
+    const std::size_t comma = value.find(',');
+    if (comma == std::string::npos || comma == 0 || comma + 1 == value.size()) {
+      throw std::invalid_argument("--joints: \"" + value + "\" found, expected LEFT,RIGHT");
+    }
+    choices.model.left = value.substr(0, comma);
+    choices.model.right = value.substr(comma + 1);
   } else if (name == "--title") {
     if (value.compare(0, 6, "arena-") != 0 || value.size() == 6) {
       throw std::invalid_argument("--title: \"" + value + "\" found, expected arena-NAME");
@@ -109,6 +125,15 @@ std::vector<char*> rest(int count, char** values, Choices& choices) {
   if (!gz::settings().walls && choices.world.empty()) {
     throw std::invalid_argument("--walls world: expected --world FILE, too");
   }
+  if (choices.model.path.empty() != choices.model.left.empty()) {
+    throw std::invalid_argument("--model FILE and --joints LEFT,RIGHT: expected both or none");
+  }
+  if (choices.model.path.empty() && !choices.model.sensor.empty()) {
+    throw std::invalid_argument("--sensor: expected --model FILE, too");
+  }
+  if (!choices.model.path.empty() && !gz::settings().wheels) {
+    throw std::invalid_argument("--drive body: a --model drives by its wheels");
+  }
   return others;
 }
 
@@ -139,6 +164,10 @@ int run(int count, char** values) {
     if (!choices.world.empty()) {
       gz::settings().world = gz::user_world(choices.world);
       warn(gz::settings().world->path, gz::settings().world->warnings);
+    }
+    if (!choices.model.path.empty()) {
+      gz::settings().model = gz::user_model(choices.model);
+      warn(choices.model.path, gz::settings().model->file.warnings);
     }
   } catch (const std::exception& error) {
     std::cerr << "error: " << error.what() << std::endl;

@@ -21,8 +21,8 @@ constexpr double right_angle = 1.5707963267948966;
 constexpr double wheel_of_radius = 0.0205 / 0.035;
 constexpr double largest_wheel = 0.033;
 constexpr double default_step = 0.005;
-/// Seconds: with longer steps, what is too heavy to be pushed slides all the same.
-constexpr double longest_with_objects = 0.0025;
+/// Seconds: with longer steps, what is too heavy to be pushed slides all the same, and wheels of users' models wobble.
+constexpr double finer_step = 0.0025;
 constexpr double hull_friction = 0.1;
 constexpr double ground_friction = 1;
 /// In radii. Gazebo's wheels roll on their outer edge: wide ones would be further apart than the model's.
@@ -272,17 +272,22 @@ std::string empty_floor(double step) {
   return text.str();
 }
 
+/// Where the row of robots and objects is, metres along x.
+double beside(const World& world) {
+  double found = 1;
+  for (const Wall& one : world.walls) {
+    for (const Point& point : one.points) {
+      found = std::max(found, 1 + static_cast<double>(point.x));
+    }
+  }
+  return found;
+}
+
 /// Walls, robots and objects.
 std::string mission_models(const World& world) {
   double tallest = 0.1;
-  double beside = 1;
   for (const RobotModel& model : world.models) {
     tallest = std::max(tallest, 2 * static_cast<double>(model.height));
-  }
-  for (const Wall& one : world.walls) {
-    for (const Point& point : one.points) {
-      beside = std::max(beside, 1 + static_cast<double>(point.x));
-    }
   }
   Text text;
   for (std::size_t i = 0; settings().walls && i < world.walls.size(); ++i) {
@@ -291,11 +296,13 @@ std::string mission_models(const World& world) {
   double row = 0;
   for (std::size_t i = 0; i < world.robots.size(); ++i) {
     row += 3 * static_cast<double>(world.model(i).radius);
-    text << robot(world, i, beside, row);
+    if (!settings().model) {
+      text << robot(world, i, beside(world), row);
+    }
   }
   for (std::size_t i = 0; i < world.objects.size(); ++i) {
     row += width(world.objects[i]);
-    text << pushed(world.objects[i], i, beside, row);
+    text << pushed(world.objects[i], i, beside(world), row);
     row += width(world.objects[i]);
   }
   return text.str();
@@ -321,10 +328,36 @@ void keep_awake(const sdf::ElementPtr& model) {
   }
 }
 
+void insert(const sdf::ElementPtr& into, const sdf::ElementPtr& element) {
+  element->SetParent(into);
+  into->InsertElement(element);
+}
+
+/// A robot that is a model of the user, with the sensor of the mission's rays.
+sdf::ElementPtr user_robot(const UserModel& user, const World& world, std::size_t number, double x, double y) {
+  const sdf::ElementPtr robot = user.model();
+  robot->GetAttribute("name")->Set(robot_name(number));
+  robot->GetElement("pose")->Set(ignition::math::Pose3d(x, y, user.lift, 0, 0, 0));
+  robot->GetElement("allow_auto_disable")->Set(false);
+  const RobotModel& model = world.model(number);
+  if (settings().rays && !model.rays.empty()) {
+    const sdf::ElementPtr carrier = parsed_world("<sdf version='1.6'><world name='w'><model name='m'><link name='l'>" +
+                                                 ray_sensor(model, 0) + "</link></model></world></sdf>")
+                                        ->GetElement("model")
+                                        ->GetElement("link");
+    for (sdf::ElementPtr link = robot->GetElement("link"); link; link = link->GetNextElement("link")) {
+      if (link->Get<std::string>("name") == user.link) {
+        insert(link, carrier->GetElement("sensor"));
+      }
+    }
+  }
+  return robot;
+}
+
 /// The user's world with the models of the mission.
 sdf::ElementPtr with_models(const UserWorld& user, const sdf::ElementPtr& mission, const std::string& name,
                             double step) {
-  const sdf::ElementPtr world = user.world->Clone();
+  const sdf::ElementPtr world = user.world();
   world->GetAttribute("name")->Set(name);
   const sdf::ElementPtr physics = physics_of(world);
   physics->GetElement("max_step_size")->Set(step);
@@ -333,11 +366,10 @@ sdf::ElementPtr with_models(const UserWorld& user, const sdf::ElementPtr& missio
        model = model->GetNextElement("model")) {
     keep_awake(model);
   }
-  for (sdf::ElementPtr model = mission->HasElement("model") ? mission->GetElement("model") : nullptr; model;
-       model = model->GetNextElement("model")) {
-    const sdf::ElementPtr copy = model->Clone();
-    copy->SetParent(world);
-    world->InsertElement(copy);
+  while (mission->HasElement("model")) {
+    const sdf::ElementPtr model = mission->GetElement("model");
+    mission->RemoveChild(model);
+    insert(world, model);
   }
   return world;
 }
@@ -364,11 +396,13 @@ double ray_height(const World& world) { return 0.6 * lowest(world); }
 
 unsigned steps_in_tick(const World& world) {
   double longest = settings().step;
-  if (longest == 0) {
-    longest = settings().world ? physics_of(settings().world->world)->Get<double>("max_step_size") : default_step;
+  if (longest == 0 && settings().world) {
+    longest = physics_of(settings().world->world())->Get<double>("max_step_size");
+  } else if (longest == 0) {
+    longest = settings().model ? finer_step : default_step;
   }
   if (!world.objects.empty()) {
-    longest = std::min(longest, longest_with_objects);
+    longest = std::min(longest, finer_step);
   }
   return std::max(1U, static_cast<unsigned>(std::ceil(static_cast<double>(world.tick) / longest - 1e-6)));
 }
@@ -392,6 +426,13 @@ std::string mission_text(const World& world) {
 sdf::ElementPtr world_element(const World& world, const std::string& name) {
   const sdf::ElementPtr mission = parsed_world("<?xml version='1.0'?><sdf version='1.6'><world name='" + name + "'>" +
                                                mission_text(world) + "</world></sdf>\n");
+  if (settings().model) {
+    double row = 0;
+    for (std::size_t i = 0; i < world.robots.size(); ++i) {
+      row += 3 * static_cast<double>(world.model(i).radius);
+      insert(mission, user_robot(*settings().model, world, i, beside(world), row));
+    }
+  }
   const std::optional<UserWorld>& user = settings().world;
   return user ? with_models(*user, mission, name, static_cast<double>(world.tick) / steps_in_tick(world)) : mission;
 }

@@ -6,6 +6,7 @@
 
 #include <sdf/parser.hh>
 
+#include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <iostream>
@@ -75,8 +76,9 @@ class Captured {
 /// A file in XML, and those that it includes.
 class Checked {
  public:
-  Checked(const std::string& path, const Find& find, int depth = 0) : path_(path), find_(find), depth_(depth) {
-    const std::string text = contents(path);
+  /// `urdf`: whether it may be URDF, too.
+  Checked(const std::string& path, const std::string& text, const Find& find, int depth = 0, bool urdf = false)
+      : path_(path), find_(find), depth_(depth) {
     if (document_.Parse(text.data(), text.size()) != tinyxml2::XML_SUCCESS || document_.RootElement() == nullptr) {
       std::string problem = document_.ErrorName();
       problem = problem.compare(0, 4, "XML_") == 0 ? problem.substr(4) : problem;
@@ -84,10 +86,13 @@ class Checked {
              "not valid XML (" + problem + "); `xmllint --noout` tells more");
     }
     const XMLElement& root = this->root();
-    if (std::string_view(root.Name()) != "sdf") {
-      refuse(path_, root.GetLineNum(), "<" + std::string(root.Name()) + "> found, expected <sdf>: the file is not SDF");
+    is_urdf_ = urdf && std::string_view(root.Name()) == "robot";
+    if (!is_urdf_ && std::string_view(root.Name()) != "sdf") {
+      refuse(path_, root.GetLineNum(),
+             "<" + std::string(root.Name()) + "> found, expected <sdf>" +
+                 (urdf ? ", or <robot> of URDF" : ": the file is not SDF"));
     }
-    if (root.Attribute("version") == nullptr) {
+    if (!is_urdf_ && root.Attribute("version") == nullptr) {
       refuse(path_, root.GetLineNum(), "<sdf> without its version, such as version=\"1.6\"");
     }
     check(root);
@@ -95,6 +100,7 @@ class Checked {
 
   const XMLElement& root() const { return *document_.RootElement(); }
   bool repeatable() const { return repeatable_; }
+  bool is_urdf() const { return is_urdf_; }
 
  private:
   void check(const XMLElement& element) {
@@ -102,10 +108,13 @@ class Checked {
     if (name == "include") {
       check_include(element);
     } else if (name == "mesh") {
-      const XMLElement* uri = element.FirstChildElement("uri");
-      if (uri != nullptr) {
-        found(*uri);
+      if (const XMLElement* uri = element.FirstChildElement("uri")) {
+        found(*uri, text_of(*uri));
+      } else if (const char* file = element.Attribute("filename")) {  // of URDF
+        found(element, file);
       }
+    } else if (name.compare(0, 6, "xacro:") == 0) {
+      refuse(path_, element.GetLineNum(), "<" + std::string(name) + ">: this is xacro; name the file *.xacro");
     } else if (name == "physics") {
       check_engine(element);
     } else if (name == "plugin" || name == "actor") {
@@ -129,7 +138,7 @@ class Checked {
     if (uri == nullptr) {
       refuse(path_, include.GetLineNum(), "<include> without <uri>");
     }
-    std::string file = found(*uri);
+    std::string file = found(*uri, text_of(*uri));
     if (std::filesystem::is_directory(file)) {
       const Captured captured;
       file = sdf::getModelFilePath(file);
@@ -142,7 +151,7 @@ class Checked {
       refuse(path_, uri->GetLineNum(),
              "<include> of \"" + text_of(*uri) + "\": models include each other without an end");
     }
-    repeatable_ &= Checked(file, find_, depth_ + 1).repeatable();
+    repeatable_ &= Checked(file, contents(file), find_, depth_ + 1).repeatable();
   }
 
   static std::string text_of(const XMLElement& element) {
@@ -152,14 +161,15 @@ class Checked {
     return first == std::string::npos ? "" : text.substr(first, last - first + 1);
   }
 
-  /// Where the resource is that an <uri> names.
-  std::string found(const XMLElement& uri) const {
-    const std::string name = text_of(uri);
+  /// Where a resource is that an element names.
+  std::string found(const XMLElement& element, const std::string& name) const {
     std::string where = find_(name);
     if (where.empty()) {
       const bool network = name.compare(0, 7, "http://") == 0 || name.compare(0, 8, "https://") == 0;
-      refuse(path_, uri.GetLineNum(),
-             "<" + std::string(uri.Parent()->ToElement()->Name()) + "> of \"" + name + "\": not found; " +
+      const std::string_view own = element.Name();
+      refuse(path_, element.GetLineNum(),
+             "<" + std::string(own == "uri" ? element.Parent()->ToElement()->Name() : own) + "> of \"" + name +
+                 "\": not found; " +
                  (network ? "nothing is fetched from the network: save it beside the file, and name it model://NAME"
                           : "put it beside the file, or its folder's parent into GAZEBO_MODEL_PATH"));
     }
@@ -170,25 +180,58 @@ class Checked {
   const Find& find_;
   int depth_;
   bool repeatable_ = true;
+  bool is_urdf_ = false;
   tinyxml2::XMLDocument document_;
 };
 
 /// What the library has to say, as one line: what it was that could not be read, and in which element.
-std::string joined(const sdf::Errors& errors, const std::vector<std::string>& lines) {
+std::string joined(const sdf::Errors& errors, const std::vector<std::string>& lines, bool urdf) {
   std::string all;
   for (const std::string& line : lines) {
     // What is not SDF is tried as URDF, too.
-    if (line.find("urdf") == std::string::npos) {
+    if (urdf) {
+      all += line.substr(0, line.find("at line ")) + "; ";
+    } else if (line.find("urdf") == std::string::npos) {
       all += line + "; ";
     }
   }
   return all + (errors.empty() ? "Gazebo cannot read it" : errors.front().Message());
 }
 
+/// Reads a text; what the library says of it. Throws GazeboError if it is not understood.
+std::vector<std::string> tried(const std::string& path, const std::string& text, const char* element, bool urdf) {
+  const sdf::SDFPtr parsed(new sdf::SDF);
+  sdf::Errors errors;
+  const Captured captured;
+  const bool read = sdf::init(parsed) && sdf::readString(text, parsed, errors);
+  std::vector<std::string> lines = captured.lines();
+  if (!read || (!urdf && !errors.empty()) || !parsed->Root()->HasElement(element)) {
+    throw GazeboError(path + ": " + joined(errors, lines, urdf));
+  }
+  return lines;
+}
+
+/// A text that has been read before.
+sdf::ElementPtr parsed(const std::string& text) {
+  const Captured said_before;
+  const sdf::SDFPtr document(new sdf::SDF);
+  if (!sdf::init(document) || !sdf::readString(text, document)) {
+    throw GazeboError("Gazebo cannot read the world of the mission");
+  }
+  return document->Root();
+}
+
 }  // namespace
 
+sdf::ElementPtr UserWorld::world() const { return parsed(text)->GetElement("world"); }
+
+sdf::ElementPtr UserFile::model() const { return parsed(text)->GetElement("model"); }
+
 UserWorld read_world(const std::string& path, const Find& find) {
-  const Checked checked(path, find);
+  UserWorld world;
+  world.path = path;
+  world.text = contents(path);
+  const Checked checked(path, world.text, find);
   const XMLElement* first = checked.root().FirstChildElement("world");
   if (first == nullptr) {
     refuse(path, checked.root().GetLineNum(), "<sdf> without <world>: expected a world, in which robots are put");
@@ -196,27 +239,32 @@ UserWorld read_world(const std::string& path, const Find& find) {
   if (const XMLElement* second = first->NextSiblingElement("world")) {
     refuse(path, second->GetLineNum(), "a second <world> found, expected one");
   }
-  UserWorld world;
-  world.path = path;
   world.repeatable = checked.repeatable();
-  const sdf::SDFPtr parsed(new sdf::SDF);
-  sdf::Errors errors;
-  const Captured captured;
-  const bool read = sdf::init(parsed) && sdf::readFile(path, parsed, errors);
-  world.warnings = captured.lines();
-  if (!read || !errors.empty() || !parsed->Root()->HasElement("world")) {
-    throw GazeboError(path + ": " + joined(errors, world.warnings));
-  }
-  world.world = parsed->Root()->GetElement("world");
+  world.warnings = tried(path, world.text, "world", false);
   return world;
 }
 
-sdf::ElementPtr parsed_world(const std::string& text) {
-  const sdf::SDFPtr parsed(new sdf::SDF);
-  if (!sdf::init(parsed) || !sdf::readString(text, parsed)) {
-    throw GazeboError("Gazebo cannot read the world of the mission");
+UserFile read_model(const std::string& path, const Find& find) {
+  const bool xacro = path.size() > 6 && path.compare(path.size() - 6, 6, ".xacro") == 0;
+  const char* expanded = std::getenv("SWARMWRIGHT_MODEL_TEXT");
+  if (xacro && expanded == nullptr) {
+    throw GazeboError(path + ": xacro has to expand it first: `xacro " + path +
+                      " > robot.urdf`, then --model robot.urdf");
   }
-  return parsed->Root()->GetElement("world");
+  UserFile file;
+  file.text = contents(xacro ? expanded : path);
+  const Checked checked(path, file.text, find, 0, true);
+  const XMLElement* model = checked.root().FirstChildElement("model");
+  if (!checked.is_urdf() && model == nullptr) {
+    refuse(path, checked.root().GetLineNum(), "<sdf> without <model>: expected a model of a robot");
+  }
+  if (const XMLElement* second = model == nullptr ? nullptr : model->NextSiblingElement("model")) {
+    refuse(path, second->GetLineNum(), "a second <model> found, expected one");
+  }
+  file.warnings = tried(path, file.text, "model", checked.is_urdf());
+  return file;
 }
+
+sdf::ElementPtr parsed_world(const std::string& text) { return parsed(text)->GetElement("world"); }
 
 }  // namespace swarmwright::gazebo

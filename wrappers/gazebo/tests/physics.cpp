@@ -2,6 +2,7 @@
 //
 //   test_physics wheels|body
 //   test_physics FILE: in the world of a user
+//   test_physics e_puck|turtlebot3 FILE LEFT_JOINT RIGHT_JOINT [SENSOR]: with a user's model that is as large
 
 #include "check.hpp"
 #include "gazebo.hpp"
@@ -261,20 +262,20 @@ long resident_kilobytes() {
   return resident * 4;
 }
 
-void memory_is_flat_in_a_thousand_episodes() {
+void memory_is_flat_in_episodes(unsigned episodes) {
   const World world = room(9, 0.5F);  // no other test has run it: Gazebo records what is later than ever before
   const World other = room(4, 0.5F);
   GazeboPhysics physics;
   long before = 0;
-  for (unsigned i = 0; i < 1000; ++i) {
+  for (unsigned i = 0; i < episodes; ++i) {
     // Every hundredth is of another mission, and the first one comes back.
     Episode(physics, i % 100 == 99 ? other : world, i % 100 == 0 || i % 100 == 99, i % 7).after(3);
-    if (i == 200) {
+    if (i == episodes / 2) {
       before = resident_kilobytes();
     }
   }
   const long grown = resident_kilobytes() - before;
-  std::cerr << "1,000 episodes: " << grown << " kB more" << std::endl;
+  std::cerr << episodes << " episodes: " << grown << " kB more" << std::endl;
   CHECK_EQUAL(grown < 2000, true);
 }
 
@@ -333,10 +334,73 @@ void robots_do_not_begin_in_the_users_world() {
   NEAR(driven(physics, world, {{0.5F, -0.5F, 0}, {0.7F, -0.5F, 0}}, {}, {0.1F, 0, 0}, 1)[1].x, 0.71F, 0.003F);
 }
 
+RobotModel turtlebot3() {
+  RobotModel model = {};
+  model.radius = 0.105F;
+  model.height = 0.192F;
+  model.mass = 1;
+  model.wheel_base = 0.16F;
+  model.top_speed = 0.22F;
+  model.acceleration = 2.5F;
+  model.ray_start = 0.105F;
+  model.ray_range = 3.5F;
+  for (int degrees = -170; degrees <= 180; degrees += 10) {
+    model.rays.push_back(static_cast<float>(degrees) * pi / 180);
+  }
+  return model;
+}
+
+void larger_robots_go_as_their_drives_are_told() {
+  GazeboPhysics physics;
+  World world = room(1, 2);
+  world.models[0] = turtlebot3();
+  const Pose ahead = driven(physics, world, {{-1, -1, 0}}, {}, {0.2F, 0, 0}, 50)[0];
+  NEAR(ahead.x, 0, 0.02F);
+  NEAR(ahead.y, -1, 0.01F);
+  const Pose turned = driven(physics, world, {{-1, -1, 1}}, {}, {0, 0, 1}, 10)[0];
+  NEAR(turned.heading, 2, 0.05F);
+  NEAR(turned.x, -1, 0.01F);
+  const Pose left = driven(physics, world, {{0, -1, pi / 2}}, {}, {0.2F, 0, 0.5F}, 20)[0];  // an arc of 0.4 m radius
+  NEAR(left.x, -0.4F * (1 - std::cos(1.F)), 0.03F);
+  NEAR(left.y, -1 + 0.4F * std::sin(1.F), 0.03F);
+}
+
+void larger_robots_measure_distances() {
+  GazeboPhysics physics;
+  World world = room(2, 2);
+  world.walls.resize(1);
+  world.models[0] = turtlebot3();
+  driven(physics, world, {{1, 0.5F, 0}, {1, -0.5F, pi / 2}}, {}, {0, 0, 0}, 3);
+  std::vector<float> seen(36);
+  physics.rays(0, seen);
+  NEAR(seen[17], 1 - 0.105F, 0.01F);     // ahead: the wall
+  NEAR(seen[26], 1.5F - 0.105F, 0.01F);  // to the left: the other wall
+  NEAR(seen[35], 3 - 0.105F, 0.01F);     // behind
+  NEAR(seen[20], 1 / std::cos(30 * pi / 180) - 0.105F, 0.03F);
+  CHECK_EQUAL(seen[8] > 0.75F && seen[8] < 0.95F, true);  // to the right: the other robot, which is 1 m away
+}
+
 }  // namespace
 
 int main(int count, char** values) {
   const std::string option = count < 2 ? "wheels" : values[1];
+  if (count > 4) {
+    swarmwright::gazebo::settings().model =
+        swarmwright::gazebo::user_model({values[2], values[3], values[4], count > 5 ? values[5] : ""});
+    if (option == "e_puck") {
+      robots_go_as_their_drives_are_told();
+      walls_hold_robots();
+      sides_of_any_polygon_hold_robots();
+      rays_measure_distances();
+      robots_push_what_is_light_enough();
+      episodes_repeat_to_the_bit(room(10, 0.5F));
+      memory_is_flat_in_episodes(250);
+    } else {
+      larger_robots_go_as_their_drives_are_told();
+      larger_robots_measure_distances();
+    }
+    std::_Exit(check::status());
+  }
   if (option != "wheels" && option != "body") {
     swarmwright::gazebo::settings().world = swarmwright::gazebo::user_world(option);
     the_users_world_is_met_and_seen();
@@ -344,7 +408,7 @@ int main(int count, char** values) {
     the_walls_of_missions_can_be_left_out();
     robots_do_not_begin_in_the_users_world();
     episodes_repeat_to_the_bit(room(16, 0.8F));
-    memory_is_flat_in_a_thousand_episodes();
+    memory_is_flat_in_episodes(1000);
     std::_Exit(check::status());
   }
   swarmwright::gazebo::settings().wheels = option != "body";
@@ -355,6 +419,6 @@ int main(int count, char** values) {
   rays_measure_distances();
   robots_push_what_is_light_enough();
   episodes_repeat_to_the_bit(room(10, 0.5F));
-  memory_is_flat_in_a_thousand_episodes();
+  memory_is_flat_in_episodes(1000);
   std::_Exit(check::status());
 }
