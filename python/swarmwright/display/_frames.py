@@ -63,4 +63,4 @@ def between(before: Scene, after: Scene, share: float) -> Scene:
 
 
 def _way(before: NDArray[np.float32], after: NDArray[np.float32], share: float) -> NDArray[np.float32]:
-    return (before.astype(np.float64) * (1 - share) + after * share).astype(np.float32)
+    return (before.astype(np.float64) * (1 - share) + after.astype(np.float64) * share).astype(np.float32)

@@ -1,7 +1,7 @@
 import math
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from swarmwright.display import Body, Scene
@@ -30,6 +30,7 @@ def test_frames_go_from_the_first_scene_to_the_last(scenes: int, seconds: float)
 
 
 @given(share=st.floats(0, 1), x=st.floats(0, 100), y=st.floats(0, 100))
+@example(share=0.8526995517976685, x=75.38190177995979, y=75.38190177995979)
 def test_between_is_on_the_way(share: float, x: float, y: float) -> None:
     before, after = (Scene(100, 100, 0, "", (Body("agent", at, 50.0, "free", 0.0),)) for at in (x, y))
     middle = between(before, after, share).bodies[0]
