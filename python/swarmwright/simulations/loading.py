@@ -193,22 +193,35 @@ def _file(path: Path) -> ModuleType:
     if key in files and _stamps.get(key, {}) != _stamped(_stamps.get(key, {})):
         _forget(key)
     if key not in files:
+        with _explained(key):
+            walk = Walk.of_file(path)
+        files[key] = _executed(path, walk.hidden())
+        _stamps[key] = _stamped(walk.files.values())
+    return files[key]
+
+
+def _executed(path: Path, hidden: set[str]) -> ModuleType:
+    """Run a file and return its module.
+
+    hidden: modules beside the file by whose names the process knows others: the file gets its own.
+    """
+    # A name that no import statement can have, so that it hides no other module.
+    name = f"{FROM_FILE}{path}"
+    with _explained(str(path)):
+        if hidden:
+            return isolation.Apart(path.parent, hidden).load(name, path)
         _look_in(path.parent)
-        # A name that no import statement can have, so that it hides no other module.
-        spec = importlib.util.spec_from_file_location(f"{FROM_FILE}{path}", path)
+        spec = importlib.util.spec_from_file_location(name, path)
         assert spec is not None
         assert spec.loader is not None
         module = importlib.util.module_from_spec(spec)
-        sys.modules[spec.name] = module  # dataclasses and pickle look there
-        with _explained(key):
-            try:
-                spec.loader.exec_module(module)
-            except BaseException:
-                del sys.modules[spec.name]
-                raise
-        files[key] = module
-        _stamps[key] = _stamped(Walk.of_file(path).files.values())
-    return files[key]
+        sys.modules[name] = module  # dataclasses and pickle look there
+        try:
+            spec.loader.exec_module(module)
+        except BaseException:
+            del sys.modules[name]
+            raise
+        return module
 
 
 def _stamped(paths: Iterable[Path]) -> dict[Path, tuple[int, int] | None]:

@@ -25,6 +25,7 @@ class Walk:
         self.packages: set[str] = set()
         """Installed packages that are imported, by the names by which they are imported."""
         self._home = ""
+        self._main: Path | None = None
         self._places: list[str] = []
         self._open: list[tuple[Path, str]] = []
 
@@ -33,7 +34,7 @@ class Walk:
         """Begin at a file that is loaded by its path. Raises OSError when it cannot be read."""
         walk = cls()
         walk._places = [str(path.parent)]
-        walk.files[path.name] = path
+        walk._main = walk.files[path.name] = path
         walk._open.append((path, ""))
         walk._go()
         return walk
@@ -93,12 +94,51 @@ class Walk:
                 self._open.append((file, name if inner is not None else ".".join(parts[:-1])))
         return None if inner is None else list(inner)
 
+    def hidden(self) -> set[str]:
+        """The modules beside the file, if the process would import other ones by the name of any of them.
+
+        Two files in different folders may each have a `helper.py` beside them, and so may a script.
+        """
+        beside = {
+            place.partition("/")[0].partition(".")[0]
+            for place, file in self.files.items()
+            if file != self._main and str(file.parents[place.count("/")]) in self._places
+        }
+        changed = any(
+            (usual := _usual(name)) is not None and _place(usual) != _place(_found(name, self._places))
+            for name in beside
+        )
+        return beside if changed else set()
+
     def _top(self, name: str) -> ModuleSpec | None:
-        try:
-            spec = importlib.util.find_spec(name)  # of a name without a point: nothing is imported
-        except (ImportError, ValueError, AttributeError):
-            spec = None
-        return spec or _found(name, [*self._places, str(Path.cwd())])
+        usual = _usual(name)
+        beside = _found(name, self._places)
+        if usual is None or (beside is not None and not _is_installed(usual)):
+            return beside or usual or _found(name, [str(Path.cwd())])
+        return usual
+
+
+def _usual(name: str) -> ModuleSpec | None:
+    """Return what the process imports by a name without a point; nothing is imported."""
+    try:
+        return importlib.util.find_spec(name)
+    except (ImportError, ValueError, AttributeError):
+        return None
+
+
+def _place(spec: ModuleSpec | None) -> Path | None:
+    """Return the file of a module, or its folder where it is one without `__init__.py`."""
+    if spec is None:
+        return None
+    places = [spec.origin] if spec.origin is not None else list(spec.submodule_search_locations or ())
+    return Path(places[0]).resolve() if places else None
+
+
+def _is_installed(spec: ModuleSpec) -> bool:
+    if spec.origin is None or spec.origin in _NO_FILE:
+        return spec.origin is not None
+    file = Path(spec.origin).absolute()
+    return _holds_installed(file.parents[0 if spec.submodule_search_locations is None else 1])
 
 
 def _found(name: str, places: Sequence[str]) -> ModuleSpec | None:
