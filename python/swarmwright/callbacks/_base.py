@@ -6,6 +6,8 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
+from swarmwright.optimization.loop import goes_on
+
 if TYPE_CHECKING:
     from swarmwright.optimization.loop import Generation
     from swarmwright.runs.run import Run
@@ -41,7 +43,8 @@ def together(
     """Return a callback that calls all of these, in order; it ends the run when any of them does."""
 
     def call(generation: "Generation") -> bool:
-        return False not in [callback(generation) for callback in callbacks]
+        returned = [callback(generation) for callback in callbacks]
+        return all(map(goes_on, returned))
 
     return call
 

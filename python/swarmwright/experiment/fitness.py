@@ -6,6 +6,7 @@ libraries, and why an exponent is a whole number: x ** 3 is x * x * x.
 """
 
 import ast
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -241,6 +242,8 @@ def _why(node: ast.expr, operand: float) -> str:
         return "division by zero"
     if isinstance(node, ast.Call) and operand < 0.0:
         return "the square root of a negative number"
+    if math.isnan(operand):
+        return "a value that is not a number (NaN)"
     return "a number too large"
 
 

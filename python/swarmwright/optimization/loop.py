@@ -106,6 +106,11 @@ OnGeneration = Callable[[Generation], bool | None]
 """Called after each generation; False ends the run."""
 
 
+def goes_on(returned: bool | np.bool_ | None) -> bool:
+    """Return whether a run goes on after a callback: unless that returned False, NumPy's included."""
+    return not (isinstance(returned, bool | np.bool_) and not returned)
+
+
 class Loop:
     """An optimization from its first generation to its last.
 
@@ -368,7 +373,7 @@ class Loop:
         now = time.monotonic()
         generation = self._report(evaluated.summary, now - self._latest, len(evaluated.genomes))
         self._latest = now
-        return on_generation(generation) is not False
+        return goes_on(on_generation(generation))
 
     @contextmanager
     def _kept(self, generation: int, journal: Journal) -> Iterator[None]:

@@ -6,7 +6,7 @@ from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Self, get_args
+from typing import TYPE_CHECKING, Any, Literal, Self, SupportsIndex, get_args
 
 from swarmwright.core.errors import InputError, RunError
 from swarmwright.core.html import facts, picture, png_of
@@ -249,7 +249,9 @@ class Run:
         """
         return RecordTable(self.store.record(), self.metrics)
 
-    def evaluation(self, candidate: int | None = None, generation: int | None = None) -> Evaluation:
+    def evaluation(
+        self, candidate: SupportsIndex | None = None, generation: SupportsIndex | None = None
+    ) -> Evaluation:
         """Return one line of the record.
 
         Args:

@@ -260,7 +260,13 @@ class Host(Calls[Simulation | BatchSimulation]):
                 f"acting: {short(returned)} returned, "
                 f"but there are {self._agents} agents, from 0 to {self._agents - 1}"
             )
-        return np.unique(agents).astype(np.uint32)
+        indices = np.unique(agents)
+        if agents.size == self._agents > indices.size and indices[-1] <= 1:
+            self._fail(
+                f"acting: {short(returned)} returned, which names agents twice: "
+                "indices of agents are expected, and flags are booleans"
+            )
+        return indices.astype(np.uint32)
 
 
 def _number(value: Any) -> float:  # noqa: ANN401 - whatever the code returns

@@ -2,13 +2,14 @@
 
 import hashlib
 import json
+import operator
 import sqlite3
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Self, SupportsIndex
 
 import numpy as np
 from numpy.typing import NDArray
@@ -292,10 +293,11 @@ class StoreReader:
                     found.append(one)
         return found
 
-    def evaluation(self, candidate: int | None, generation: int | None) -> Evaluation:
+    def evaluation(self, candidate: SupportsIndex | None, generation: SupportsIndex | None) -> Evaluation:
         """Return one evaluation; None as in `Run.evaluation`."""
+        which, of = (None if one is None else operator.index(one) for one in (candidate, generation))
         with self._generations() as generations:
-            return self._evaluation(generations, candidate, generation)
+            return self._evaluation(generations, which, of)
 
     def _evaluation(
         self, generations: Generations, candidate: int | None, generation: int | None

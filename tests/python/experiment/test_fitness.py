@@ -47,6 +47,10 @@ def value(text: str, **numbers: float) -> float | str:
     return faults[0].reason if faults else float(values[0])
 
 
+def test_a_metric_without_a_value_is_named_as_such() -> None:
+    assert value("2 * a", a=math.nan) == "a value that is not a number (NaN) in '2 * a'"
+
+
 @pytest.mark.parametrize(
     ("text", "expected"),
     [

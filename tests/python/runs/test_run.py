@@ -151,6 +151,8 @@ def test_an_evaluation_is_found_by_both_its_numbers(finished: Run) -> None:
     among = record.generation == 2
     assert (of_generation.generation, of_generation.fitness) == (2, record.fitness[among].max())
     assert of_generation.candidate == record.fitness[among].argmax()
+    assert finished.evaluation(np.int64(12)).number == 12
+    assert finished.evaluation(np.uint32(0), np.int32(2)).number == int(among.argmax())
     best = finished.evaluation()
     assert (best.generation, best.candidate) == (finished.best.generation, finished.best.candidate)
     with pytest.raises(InputError, match=r"generation 1 has the candidates 0 to \d+, not 400"):

@@ -42,6 +42,7 @@ TROUBLE = [
     ("no fitness", r"Walk.fitness: None returned, expected a finite number"),
     ("acting", r"Walk.acting: \[0, 2\] returned, but there are 2 agents, from 0 to 1"),
     ("acting text", r"Walk.acting: \['0'\] returned, expected indices of agents, \(2,\) booleans or None"),
+    ("acting flags", r"Walk.acting: \[1, 1\] returned, which names agents twice: .*flags are booleans"),
     ("acting float", r"Walk.acting: \[0.5\] returned, expected indices of agents, \(2,\) booleans or None"),
 ]
 

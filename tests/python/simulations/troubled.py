@@ -62,7 +62,12 @@ class Walk(Simulation):
         return wrong.get(self.trouble, {"steps": 4 - self.left, "left": self.left})
 
     def acting(self) -> ArrayLike | None:
-        wrong: dict[str, ArrayLike] = {"acting": [0, 2], "acting text": ["0"], "acting float": [0.5]}
+        wrong: dict[str, ArrayLike] = {
+            "acting": [0, 2],
+            "acting text": ["0"],
+            "acting float": [0.5],
+            "acting flags": [1, 1],
+        }
         return wrong.get(self.trouble)
 
 
