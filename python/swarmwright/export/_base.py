@@ -87,8 +87,9 @@ def not_exported(subject: Subject, form: str, known: Iterable[str]) -> InputErro
         catalogue = modules.Catalogue.of(subject.specification)
         own = [one.name for one in (*catalogue.behaviours, *catalogue.conditions) if not one.built_in]
         reason = (
-            f"controller: its modules {', '.join(own)} are code in Python, not translated to {form}; --to c "
-            "and --to cpp take code in C beside it, --to machine writes the machine with their names"
+            f"controller: its modules {', '.join(own)} are code in Python, which {form} does not run; "
+            "--to python copies it, --to c, cpp, fmu, ros1 and ros2 take code in C beside it, --to machine "
+            "writes the machine with their names"
         )
     return InputError(reason)
 

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from swarmwright.core.errors import InputError, RunError, SwarmwrightError
+from swarmwright.core.modules import PYTHON_KIND
 from swarmwright.core.untrusted import one_line
 from swarmwright.export import EXPORTERS
 from swarmwright.export._base import Exporter, Files, file_bytes
@@ -193,6 +194,11 @@ def _subject(
     from swarmwright.representations.controller import Controller  # noqa: PLC0415 - loads the engine
 
     specification = json.loads(files[CONTROLLER])
+    if specification.get("kind") == PYTHON_KIND:
+        raise InputError(
+            f"{CONTROLLER}: the controller has behaviours or conditions in Python, and verify executes no "
+            "code of an archive; who trusts its sender can run the self-test in the folder python"
+        )
     controller = Controller(specification)
     description, recorded = dict(manifest["description"]), manifest["episodes"]
     if "sensors" not in specification:

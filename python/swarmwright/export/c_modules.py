@@ -54,12 +54,13 @@ def catalogue_of(specification: Mapping[str, Any]) -> modules.Catalogue:
     """Return the engine's modules, by whose numbers C knows them, then those of authors in their order."""
     known = modules.Catalogue.of(specification)
     return modules.Catalogue(
-        (*modules.BUILT_IN.behaviours, *_own(known.behaviours)),
-        (*modules.BUILT_IN.conditions, *_own(known.conditions)),
+        (*modules.BUILT_IN.behaviours, *own_modules(known.behaviours)),
+        (*modules.BUILT_IN.conditions, *own_modules(known.conditions)),
     )
 
 
-def _own(parts: tuple[modules.Module, ...]) -> list[modules.Module]:
+def own_modules(parts: tuple[modules.Module, ...]) -> list[modules.Module]:
+    """Return those that are not the engine's."""
     return [one for one in parts if not one.built_in]
 
 
@@ -76,7 +77,7 @@ def own_code(
 
     Raises InputError for a module without code in C, and for a parameter that has no name there.
     """
-    behaviours, conditions = (_own(one) for one in (catalogue.behaviours, catalogue.conditions))
+    behaviours, conditions = (own_modules(one) for one in (catalogue.behaviours, catalogue.conditions))
     kinds = [implementation("behaviour", one) for one in behaviours]
     others = [implementation("condition", one) for one in conditions]
     _check([*zip(behaviours, kinds, strict=True), *zip(conditions, others, strict=True)])
@@ -147,8 +148,8 @@ def _check(parts: list[tuple[modules.Module, type[Behaviour] | type[Condition]]]
         verb = "has" if len(missing) == 1 else "have"
         raise InputError(
             f"controller: {', '.join(missing)} {verb} no code in C; write it as the attribute c_code of the "
-            "class, see docs/how-to/own-module.md; --to machine writes the machine with the names of its "
-            "modules, and swarmwright.Controller runs it in Python"
+            "class, see docs/how-to/own-module.md; --to python copies the code in Python, --to machine "
+            "writes the machine with the names of its modules"
         )
     for one, kind in parts:
         if not isinstance(kind.c_code, str):

@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.core.errors import RunError
-from swarmwright.export._base import Exporter, Files
+from swarmwright.export._base import Exporter, Files, not_exported
 from swarmwright.export.programs import command, run, stepped
 from swarmwright.export.python_code import as_bytes
 from swarmwright.export.python_family import MICROPYTHON, modules, parts
+from swarmwright.export.python_modules import has_own
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Subject
 from swarmwright.export.text import check_module
@@ -57,11 +58,14 @@ class MicroPython(Exporter):
     longest: ClassVar[int] = 8  # a port for WebAssembly takes 0.3 ms for a step of a small network
 
     def files(self, subject: Subject, prefix: str) -> Files:
-        """Return the module and its self-test."""
+        """Return the module and its self-test. Raises InputError for modules in Python, which need NumPy."""
         check_module(prefix)
+        if has_own(subject):
+            raise not_exported(subject, "MicroPython", ())
         dialect = {
             "dialect": MICROPYTHON,
             "imports": "from array import array\nfrom struct import unpack",
+            "own": "",
             "words": "Numbers are bytes: MicroPython does not read every decimal as the nearest number.",
             "exact": _EXACT.rstrip("\n"),
             "none": "",

@@ -14,14 +14,16 @@ from swarmwright.export._base import Exporter, Files
 from swarmwright.export.programs import run, stepped, steps
 from swarmwright.export.python_code import as_decimals
 from swarmwright.export.python_family import modules
+from swarmwright.export.python_modules import OwnPython, has_own, own_python
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Subject
-from swarmwright.export.text import check_module
+from swarmwright.export.text import check_module, render
 
 _HARNESS = """
 import sys
 from array import array
 
+sys.modules["swarmwright"] = None  # robots have none
 sys.path.insert(0, ".")
 from PREFIX import ACTUATORS, SENSORS, Controller
 
@@ -38,25 +40,36 @@ for at in range(0, len(data), width):
 """
 
 
+_WORDS = "Numbers are rounded to 32 bits after every operation, as in the simulation."
+
+
 class Python(Exporter):
-    """`PREFIX.py`, a module for Python 3.9 and later that needs no other, and its self-test."""
+    """`PREFIX.py`, a module for Python 3.9 and later that needs no other, and its self-test.
+
+    Behaviours and conditions in Python are copied into `PREFIX_modules`; they need Python 3.10 and NumPy.
+    """
 
     form: ClassVar[str] = "python"
     longest: ClassVar[int] = 12  # a step of a small network takes 20 us
 
     def files(self, subject: Subject, prefix: str) -> Files:
-        """Return the module and its self-test."""
+        """Return the module and its self-test, and the code of behaviours and conditions in Python.
+
+        Raises InputError as `own_python` does.
+        """
         check_module(prefix)
+        own = own_python(subject, prefix) if has_own(subject) else OwnPython({}, "")
         dialect = {
             "dialect": "",
             "imports": "from array import array\nfrom collections.abc import Sequence",
-            "words": "Numbers are rounded to 32 bits after every operation, as in the simulation.",
+            "words": f"{_WORDS}{own.words}",
+            "own": render("python_own_import.txt", {"p": prefix}).rstrip("\n") if own.files else "",
             "exact": "",
             "none": " -> None",
             "sensors_type": ": Sequence[float]",
             "actuators_type": " -> list[float]",
         }
-        return modules(subject, prefix, as_decimals, dialect)
+        return {**modules(subject, prefix, as_decimals, dialect), **own.files}
 
     def run(self, folder: Path, prefix: str, sequences: Sequences) -> NDArray[np.float32]:
         """Step the class in a process of this Python."""

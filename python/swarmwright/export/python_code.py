@@ -16,6 +16,8 @@ from swarmwright.core import modules
 from swarmwright.core.evostick import STEEP, STEEPNESS, as_layered
 from swarmwright.export._base import not_exported
 from swarmwright.export.c_code import machine_tables, machine_weights
+from swarmwright.export.c_modules import catalogue_of
+from swarmwright.export.python_modules import has_own
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Subject
 from swarmwright.export.text import decimals, render, wrapped
@@ -205,6 +207,7 @@ def _mealy_fsm(subject: Subject, numbers: Numbers) -> PythonCode:
 
 def _modules(subject: Subject, numbers: Numbers) -> PythonCode:
     weights, most = machine_weights(subject), int(subject.specification["transitions"])
+    known, own = catalogue_of(subject.specification), has_own(subject)
     states, tree = modules.states_of(subject.specification), modules.is_tree(subject.specification)
     limits = np.array([0.1, 0.1, 0.95, 1 - 2**-24], np.float32)
     lines = [
@@ -217,16 +220,19 @@ def _modules(subject: Subject, numbers: Numbers) -> PythonCode:
     at = 1
     for index, state in enumerate(states):
         lines.append(f"    # {'subtree' if tree else 'state'} {index}: {modules.words_of(state)}")
-        lines += ["    (", indent(f"{numbers(weights[at : at + 3])},", " " * 8), "        ("]
+        row = weights[at : at + (known.of_state if own else 3)]
+        lines += ["    (", indent(f"{numbers(row)},", " " * 8), "        ("]
         for k, one in enumerate(state.transitions):
-            here = at + modules.OF_STATE + k * modules.OF_TRANSITION
+            here = at + known.of_state + k * known.of_transition
             words = f"next one if {modules.condition_words(state)}" if tree else modules.words_of(one)
             lines.append(f"            # {words}")
-            lines.append(indent(f"{numbers(weights[here : here + modules.OF_TRANSITION])},", " " * 12))
+            lines.append(indent(f"{numbers(weights[here : here + known.of_transition])},", " " * 12))
         lines += ["        ),", "    ),"]
-        at += modules.OF_STATE + most * modules.OF_TRANSITION
+        at += known.of_state + most * known.of_transition
     parts = [render("python_tanh.txt", {}), f"def _activation(a, cell):\n{_ACTIVATIONS['sigmoid']}\n"]
     parts.append(render("python_modules.txt", {}))
+    own_numbers = {"behaviour": str(len(modules.BEHAVIOURS)), "condition": str(len(modules.CONDITIONS))}
+    forget = ["self._turn = 0", *(["self._modules.forget()"] if own else [])]
     step = [
         "state, transitions = _STATES[self._state]",
         "words = _words(values[8])",
@@ -235,16 +241,18 @@ def _modules(subject: Subject, numbers: Numbers) -> PythonCode:
         "    self._settled = True",
         "    return actuators",
         "holding = []",
-        "for transition, word in zip(transitions, words):",
-        "    if (word >> 8) / 16777216.0 < _probability(transition, values, cell):",
+        "for number, (transition, word) in enumerate(zip(transitions, words)):"
+        if own
+        else "for transition, word in zip(transitions, words):",
+        f"    if (word >> 8) / 16777216.0 < {_probability(own, 'number', 'number')}:",
         "        holding.append(transition)",
         "if holding:",
         "    self._state = int(holding[_below(words[2], words[3], len(holding))][0])",
         "    self._settled = False",
-        "    self._turn = 0",
+        *(f"    {line}" for line in forget),
         "return actuators",
     ]
-    reset = ["self._state = 0", "self._settled = False", "self._turn = 0"]
+    reset = ["self._state = 0", "self._settled = False", *forget]
     kept = "the state, whether it was entered before, and how long the robot still turns are kept"
     if tree:
         step = [
@@ -252,23 +260,35 @@ def _modules(subject: Subject, numbers: Numbers) -> PythonCode:
             "while self._state < len(_STATES):",
             "    state, (transition,) = _STATES[self._state]",
             "    drawn = (words[self._state] >> 8) / 16777216.0",
-            "    if not drawn < _probability(transition, values, cell):",
+            f"    if not drawn < {_probability(own, '0', 'self._state')}:",
             "        return self._act(state, values, words, cell)",
             "    self._state += 1",
-            "    self._turn = 0",
+            *(f"    {line}" for line in forget),
             "self._state = 0",
-            "self._turn = 0",
+            *forget,
             "return [0.0, 0.0]",
         ]
-        reset, kept = [reset[0], reset[2]], "the subtree and how long the robot still turns are kept"
+        reset, kept = [reset[0], *forget], "the subtree and how long the robot still turns are kept"
+    act = {"own": render("python_own_act.txt", own_numbers).rstrip("\n") if own else ""}
+    methods = [render("python_modules_act.txt", act).rstrip("\n")]
+    if own:
+        methods.append(render("python_own_probability.txt", own_numbers).rstrip("\n"))
     return PythonCode(
         "\n".join([*lines, ")"]),
         "\n\n".join(parts).rstrip("\n"),
-        "",
+        _indented(["self._modules = Modules()"]) if own else "",
         _indented(reset),
-        _indented(step) + "\n\n" + render("python_modules_act.txt", {}).rstrip("\n"),
+        _indented(step) + "\n\n" + "\n\n".join(methods),
         kept,
         "from math import sqrt",
+    )
+
+
+def _probability(own: bool, number: str, place: str) -> str:
+    return (
+        f"self._probability(transition, values, cell, {number}, {place})"
+        if own
+        else "_probability(transition, values, cell)"
     )
 
 
@@ -277,7 +297,8 @@ _KINDS: dict[str, Callable[[Subject, Numbers], PythonCode]] = {
     "fully_meshed": _fully_meshed,
     "layered": _layered,
     "mealy_fsm": _mealy_fsm,
-    "modules": _modules,
+    modules.KIND: _modules,
+    modules.PYTHON_KIND: _modules,
 }
 
 

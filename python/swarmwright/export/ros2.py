@@ -11,9 +11,10 @@ from swarmwright.export import ros_family
 from swarmwright.export._base import Exporter, Files
 from swarmwright.export.c import C
 from swarmwright.export.python import Python
+from swarmwright.export.python_modules import copy_of, has_own
 from swarmwright.export.sequences import Sequences, difference
 from swarmwright.export.subject import Subject
-from swarmwright.export.text import MARK, render
+from swarmwright.export.text import render
 
 _OWN = (
     "package.xml",
@@ -63,20 +64,22 @@ class Ros2(Exporter):
         Raises InputError for a parameter set, which steers nothing, and for prefixes that other files have.
         """
         values = ros_family.values_of(subject, prefix)
+        values["numpy"] = "  <exec_depend>python3-numpy</exec_depend>" if has_own(subject) else ""
         package = values["package"]
         if package in {*_MODULES, *_COPIED}:
             raise InputError(f"prefix: {prefix!r} is a file of the package; take another one")
         if package in _LIBRARIES:
             raise InputError(f"prefix: {prefix!r} is a module that the nodes import; take another one")
-        module = Python().files(subject, prefix)[f"{prefix}.py"]
+        python = Python().files(subject, prefix)
+        del python[f"{prefix}_test.py"]
         return {
             **{name: render(f"ros2/{name}", values) for name in _OWN},
             **ros_family.sources(subject, prefix, values),
             "config/mapping.template.yaml": ros_family.mapping(subject),
             "launch/controller.launch.py": render("python_ros2/controller.launch.txt", values),
-            f"{package}/{prefix}.py": module,
+            **{f"{package}/{name}": content for name, content in python.items()},
             **{f"{package}/{name}.py": render(f"python_ros2/{name}.txt", values) for name in _MODULES},
-            **{f"{package}/{name}.py": _copied(name) for name in _COPIED},
+            **{f"{package}/{name}.py": copy_of(_ROS / f"{name}.py") for name in _COPIED},
         }
 
     def run(self, folder: Path, prefix: str, sequences: Sequences) -> NDArray[np.float32]:
@@ -85,8 +88,3 @@ class Ros2(Exporter):
         interpreted = Python().run(folder / prefix.lower(), prefix, sequences)
         _, wrong = difference(sequences, compiled)
         return compiled if wrong else interpreted
-
-
-def _copied(name: str) -> str:
-    text = (_ROS / f"{name}.py").read_text(encoding="utf-8")
-    return f"# {MARK}; changes here are lost.\n{text}"

@@ -1,5 +1,6 @@
 """Writing exported files, without writing over what others have written."""
 
+import hashlib
 from pathlib import Path
 
 from swarmwright.core.errors import InputError
@@ -56,8 +57,19 @@ def _first_line(content: bytes) -> bytes:
 
 
 def _ours(path: Path) -> bool:
+    """Return whether a file was exported: it has the mark, or is a copy, as a package above it says."""
     try:
         with path.open("rb") as file:
-            return MARK.encode() in file.read(_SEARCHED)
+            begin = file.read(_SEARCHED)
+            if MARK.encode() in begin:
+                return True
+            digest = hashlib.sha256(begin + file.read()).hexdigest().encode()
+        for folder in path.parents:
+            package = folder / "__init__.py"
+            if package != path and package.is_file():
+                text = package.read_bytes()
+                if MARK.encode() in text and digest in text:
+                    return True
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from error
+    return False

@@ -1,5 +1,7 @@
-"""Modules in Python whose authors have given the same in C."""
+"""Behaviours and conditions in Python: copied for Python, and in C where authors have given the same in C."""
 
+import hashlib
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +14,13 @@ from swarmwright.export import Exporter
 from swarmwright.export.c import C
 from swarmwright.export.cpp import Cpp
 from swarmwright.export.exporting import export_controller
+from swarmwright.export.fmu import Fmu, Fmu3
+from swarmwright.export.micropython import MicroPython
+from swarmwright.export.onnx import Onnx
 from swarmwright.export.programs import run
+from swarmwright.export.python import Python
+from swarmwright.export.ros1 import Ros1
+from swarmwright.export.ros2 import Ros2
 from swarmwright.export.sequences import difference, random_sequences
 from swarmwright.export.writing import write
 from swarmwright.representations.modules import Modules, ModulesOptions
@@ -118,12 +126,15 @@ def controller(seed: int, **options: Any) -> dict[str, Any]:
     return made.specification(made.initial(Stream(seed, "machine")))
 
 
-@pytest.mark.parametrize("exporter", [C(), Cpp()], ids=["c", "cpp"])
+EXPORTERS = [C(), Cpp(), Python(), Ros1(), Ros2(), Fmu(), Fmu3()]
+
+
+@pytest.mark.parametrize("exporter", EXPORTERS, ids=lambda exporter: exporter.form)
 @pytest.mark.parametrize("form", ["machine", "tree"])
 @pytest.mark.usefixtures("file")
-def test_c_has_the_bits_of_python(exporter: Exporter, form: str, tmp_path: Path) -> None:
+def test_it_has_the_bits_of_the_simulation(exporter: Exporter, form: str, tmp_path: Path) -> None:
     moved = 0
-    for seed in range(4):
+    for seed in range(4) if exporter.form in {"c", "cpp", "python"} else [2]:  # the others take these
         specification = controller(seed, form=form)
         folder = tmp_path / str(seed)
         write(exporter.files(subject(specification), "robot"), folder)
@@ -158,6 +169,113 @@ def test_it_compiles_without_warnings(options: dict[str, Any], tmp_path: Path) -
     assert run(["./self_test"], tmp_path / "cpp", "g++") == b"ok\n"
 
 
+def test_python_copies_the_files(file: Path, tmp_path: Path) -> None:
+    made = subject(controller(1))
+    write(Python().files(made, "robot"), tmp_path / "robot")
+    copied = tmp_path / "robot" / "robot_modules" / "code" / "woven.py"
+    assert copied.read_bytes() == file.read_bytes()
+    digest = hashlib.sha256(file.read_bytes()).hexdigest()
+    assert f"woven.py  SHA-256 {digest}" in (tmp_path / "robot" / "robot.py").read_text()
+    assert run([sys.executable, "robot_test.py"], tmp_path / "robot", "the self-test") == b"ok\n"
+
+    # What was exported may be exported again; what was edited may not be lost.
+    write(Python().files(made, "robot"), tmp_path / "robot")
+    copied.write_text(f"{CODE}# edited")
+    with pytest.raises(InputError, match=r"code/woven\.py: is there already and was not exported"):
+        write(Python().files(made, "robot"), tmp_path / "robot")
+    with pytest.raises(RunError, match="is not the code with which the controller was designed"):
+        run([sys.executable, "robot_test.py"], tmp_path / "robot", "the self-test")
+    copied.unlink()
+    with pytest.raises(RunError, match=r"cannot be read .*; copy the whole folder robot_modules"):
+        run([sys.executable, "robot_test.py"], tmp_path / "robot", "the self-test")
+
+
+HELPER = '''"""What several modules need."""
+
+FACTOR = 3
+
+
+def later():
+    import other
+
+    return other.SIGN
+'''
+
+
+def with_helper(folder: Path) -> dict[str, Any]:
+    """Return a controller whose code has neighbours, one of which is imported in a step."""
+    changed = CODE.replace("import numpy as np", "import helper\nimport numpy as np")
+    changed = changed.replace("attraction[:, 1] * 3", "attraction[:, 1] * helper.FACTOR * -helper.later()")
+    (folder / "woven.py").write_text(changed)
+    (folder / "helper.py").write_text(HELPER)
+    (folder / "other.py").write_text("SIGN = -1")
+    return controller(1, behaviours=["woven.py:Shy"])
+
+
+PROGRAM = """
+import sys
+sys.path.insert(0, "robot")
+sys.path.insert(0, "elsewhere")
+import helper
+import swarmwright.modules
+from robot import Controller
+one = Controller()
+first = one.step([0.5] * 9)
+import helper, other
+assert "elsewhere" in helper.__file__ and "elsewhere" in other.__file__
+assert swarmwright.__file__ and swarmwright.modules.Behaviour.__module__ == "swarmwright.modules._base"
+assert first == [1.0, -0.5], first
+print("ok")
+"""
+
+
+def test_the_code_finds_its_neighbours_and_others_find_theirs(file: Path, tmp_path: Path) -> None:
+    write(Python().files(subject(with_helper(file.parent)), "robot"), tmp_path / "robot")
+    for name in ("helper.py", "other.py", "woven.py"):
+        (tmp_path / name).unlink()
+    (tmp_path / "elsewhere").mkdir()
+    for name in ("helper.py", "other.py"):
+        (tmp_path / "elsewhere" / name).write_text("")
+    assert run([sys.executable, "-c", PROGRAM], tmp_path, "the program") == b"ok\n"
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("import swarmwright.testing", r"woven\.py:3: imports swarmwright\.testing, which an exported"),
+        (
+            "from swarmwright.modules import BEHAVIOURS",
+            r"woven\.py:3: imports swarmwright\.modules\.BEHAVIOURS",
+        ),
+        ("from swarmwright import optimize", r"woven\.py:3: imports swarmwright\.optimize"),
+    ],
+)
+def test_what_robots_lack_is_not_imported(file: Path, line: str, message: str) -> None:
+    file.write_text(CODE.replace("import numpy", f"{line}\nimport numpy"))
+    with pytest.raises(InputError, match=message):
+        Python().files(subject(controller(1)), "robot")
+    file.write_text(f"{CODE}\n\nif __name__ == '__main__':\n    {line}\n")
+    Python().files(subject(controller(1)), "robot")
+
+
+@pytest.mark.usefixtures("file")
+def test_two_files_of_one_name_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "woven.py").write_text(f"{CODE}# another\n")
+    made = subject(controller(1, behaviours=["woven.py:Shy"], conditions=["other/woven.py:Lit"]))
+    with pytest.raises(InputError, match=r"Lit: its woven\.py is not that of another module"):
+        Python().files(made, "robot")
+
+
+@pytest.mark.usefixtures("file")
+def test_forms_without_python_and_c_say_so() -> None:
+    made = subject(controller(1, behaviours=["woven.py:Shy"], conditions=["woven.py:Lit"]))
+    for exporter, name in ((MicroPython(), "MicroPython"), (Onnx(), "ONNX")):
+        message = f"its modules Shy, Lit are code in Python, which {name} does not run; --to python copies it"
+        with pytest.raises(InputError, match=message):
+            exporter.files(made, "robot")
+
+
 TEXT = """simulation: arena
 parameters: {mission: aac, robot: e-puck-rm1.2, robots: 3, duration: 5}
 controller:
@@ -176,6 +294,12 @@ def test_a_run_is_exported_and_verified(file: Path, tmp_path: Path) -> None:
     assert exported.verification is not None
     assert exported.verification.ok
     assert exported.verification.episode_steps > 100
+
+    file.rename(tmp_path / "gone.py")  # the run has a copy
+    exported = export_controller(finished, to="python", output=tmp_path / "python", verify=True)
+    assert exported.verification is not None
+    assert exported.verification.ok
+    assert exported.verification.random_steps > 10_000
 
     file.write_text(CODE.replace("random_unit(3) * turn", "random_unit(4) * turn"))
     finished = optimize(Experiment.load(experiment), out=tmp_path / "other")
