@@ -1,4 +1,4 @@
-"""`swarmwright import`: a FREVO session becomes an experiment."""
+"""`swarmwright import`: a FREVO session, or the files of a drawn model, become an experiment."""
 
 from pathlib import Path
 
@@ -8,7 +8,9 @@ from swarmwright.cli._commands import Command
 from swarmwright.cli._options import ExistingPath
 from swarmwright.cli._output import Output, complain, document
 
-FIELD_HELP = "The field, as JSON or FREVO's .ser. Default: the one that FILE names, beside FILE."
+FIELD_HELP = (
+    "Of a FREVO session: the field, as JSON or FREVO's .ser. Default: the one that FILE names, beside FILE."
+)
 
 
 @click.command(
@@ -16,9 +18,10 @@ FIELD_HELP = "The field, as JSON or FREVO's .ser. Default: the one that FILE nam
     cls=Command,
     example="swarmwright import old/stadium.zse -o stadium.yaml\n"
     "swarmwright optimize stadium.yaml\n"
-    "swarmwright import old/light.zse --simulation light.py:Light -o light.yaml",
+    "swarmwright import old/light.zse --simulation light.py:Light -o light.yaml\n"
+    "swarmwright import minisim.xml parameters.json swarm.xml -o drawn.yaml",
 )
-@click.argument("file", type=ExistingPath(), metavar="FILE.zse")
+@click.argument("files", type=ExistingPath(folder=None), nargs=-1, required=True, metavar="FILE..")
 @click.option(
     "-o",
     "--output",
@@ -31,21 +34,26 @@ FIELD_HELP = "The field, as JSON or FREVO's .ser. Default: the one that FILE nam
 @click.option(
     "--simulation",
     metavar="NAME",
-    help="Take this simulation in the place of FREVO's problem: a title, or a class as pong.py:Pong.",
+    help="Take this simulation in the place of the problem: a title, or a class as pong.py:Pong.",
 )
 @click.option(
-    "--method", metavar="KIND", help="Take this method, with its defaults, in the place of FREVO's."
+    "--method",
+    metavar="KIND",
+    help="Take this method, with its defaults, in the place of FREVO's, or of nnga for a model.",
 )
 @click.option(
     "--controller",
     metavar="KIND",
-    help="Take this controller, with its defaults, in the place of FREVO's representation.",
+    help="Take this controller, with its defaults, in the place of FREVO's representation, or of what a "
+    "model says.",
 )
 @click.option(
-    "--ranking", metavar="KIND", help="Take this ranking, with its defaults, in the place of FREVO's."
+    "--ranking",
+    metavar="KIND",
+    help="Of a FREVO session: take this ranking, with its defaults, in the place of FREVO's.",
 )
 def command(
-    file: Path,
+    files: tuple[Path, ...],
     target: Path | None,
     field: Path | None,
     simulation: str | None,
@@ -53,32 +61,56 @@ def command(
     controller: str | None,
     ranking: str | None,
 ) -> None:
-    """Make an experiment of a FREVO session.
+    """Make an experiment of a FREVO session, or of the files of a drawn model.
 
-    What can be taken over: Emergency Exit; NNGA, CEA2D, PSO and RandomSearch; FullyMeshedNet,
+    Each FILE is recognised by what it holds; a folder stands for its .json, .scxml, .sysml and .xml files.
+
+    Of a session (.zse) can be taken over: Emergency Exit; NNGA, CEA2D, PSO and RandomSearch; FullyMeshedNet,
     CompleteNetwork, ThreeLayerNetwork, MultiLayerNetwork and MealyFSM; AbsoluteRanking. For other components
-    a replacement can be named. Comments in the experiment say how every entry of FILE.zse was mapped.
+    a replacement can be named.
+
+    The files of a model are those of Modelio's CPSwarm modules: FREVO problem descriptions (<icomponent>),
+    OptimisedParameters (JSON) and SwarmComposition (XML). They are given together, as far as there are any.
+
+    Comments in the experiment say where every line comes from.
     """
     if target is not None and not target.parent.is_dir():
         raise click.UsageError(f"'{target}': there is no folder '{target.parent}'; create it first.")
     if target is not None and target.exists():
         raise click.UsageError(f"'{target}' exists and is not written over; name another file, or remove it.")
-    from swarmwright import frevo
-    from swarmwright.core.files import write_text
+    from swarmwright import models
 
-    imported = frevo.load(
-        file,
-        field=field,
-        folder=Path() if target is None else target.parent,
-        simulation=simulation,
-        method=method,
-        controller=controller,
-        ranking=ranking,
-    )
+    found = models.files_of(files)
+    replaced = {"simulation": simulation, "method": method, "controller": controller}
+    if len(found) == 1 and models.is_session(found[0]):
+        _import_session(found[0], target, field=field, ranking=ranking, **replaced)
+        return
+    for option, value in (("--field", field), ("--ranking", ranking)):
+        if value is not None:
+            raise click.UsageError(f"{option} is for FREVO sessions; a drawn model has none.")
+    imported = models.load(found, target=target, **replaced)
+    for note in imported.notes:
+        complain(note)
+    _write(imported.yaml, target)
+
+
+def _import_session(file: Path, target: Path | None, *, field: Path | None, **replaced: str | None) -> None:
+    """Write the experiment of a FREVO session."""
+    from swarmwright import frevo
+
+    folder = Path() if target is None else target.parent
+    imported = frevo.load(file, field=field, folder=folder, **replaced)
     for note in imported.notes:
         complain(f"not as in FREVO: {note}")
+    _write(imported.yaml, target)
+
+
+def _write(yaml: str, target: Path | None) -> None:
+    """Write an experiment to a file, or print it."""
+    from swarmwright.core.files import write_text
+
     if target is None:
-        document(imported.yaml)
+        document(yaml)
     else:
-        write_text(target, imported.yaml)
+        write_text(target, yaml)
         Output().text(f"The experiment is in {target}")

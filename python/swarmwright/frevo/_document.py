@@ -8,7 +8,7 @@ from pathlib import Path
 
 from swarmwright.core.errors import InputError
 from swarmwright.core.suggestions import did_you_mean
-from swarmwright.frevo._xml import Element, read
+from swarmwright.core.xml import Element, read
 
 SECTIONS = ("problem", "method", "representation", "ranking")
 """Sections of a session; each names the class of a component."""

@@ -9,7 +9,6 @@ from typing import Any
 
 from swarmwright.core.errors import InputError
 from swarmwright.core.registry import Registry
-from swarmwright.core.simulation_names import SimulationName
 from swarmwright.core.yaml import parse
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.validation import check
@@ -21,7 +20,7 @@ from swarmwright.methods import METHODS
 from swarmwright.rankings import RANKINGS
 from swarmwright.representations import REPRESENTATIONS
 from swarmwright.simulations import catalogue
-from swarmwright.simulations.names import absolute
+from swarmwright.simulations.names import absolute, relative_name
 
 
 @dataclass(frozen=True)
@@ -135,9 +134,7 @@ def _kind(kind: str, section: Section) -> list[str]:
 
 def _named(simulation: str, folder: Path) -> str:
     """Return a simulation's name as it is written in an experiment file in this folder."""
-    parsed = SimulationName.parse(simulation)
-    if parsed.file is not None:
-        simulation = parsed.in_file(_relative(parsed.file, folder))
+    simulation = relative_name(simulation, folder)
     plain = re.fullmatch(r"[A-Za-z_][\w.-]*(:\w[\w.-]*)?", simulation)
     return simulation if plain else json.dumps(simulation, ensure_ascii=False)
 

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from swarmwright.core.xml import Element
 from swarmwright.frevo._components import COMPLETE, LAYERS, MACHINE, MESHED, THREE_LAYERS
 from swarmwright.frevo._document import Section, Session, java_number
 from swarmwright.frevo._representations import check_deterministic, take_activation
-from swarmwright.frevo._xml import Element
 from swarmwright.representations._base import shortest
 
 _TAGS = {

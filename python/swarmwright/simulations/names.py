@@ -1,5 +1,6 @@
 """Names of user-defined simulations: where a name leads to, and which name a class has."""
 
+import os
 import sys
 from pathlib import Path
 from types import ModuleType
@@ -19,6 +20,17 @@ def absolute(name: str, folder: Path | None = None) -> str:
     """Return a name that means the same in every folder, as far as it is that of a file."""
     parsed = SimulationName.parse(name)
     return name if parsed.file is None else parsed.in_file(((folder or Path()) / parsed.file).resolve())
+
+
+def relative_name(name: str, folder: Path) -> str:
+    """Return a name as an experiment file in this folder writes it."""
+    parsed = SimulationName.parse(name)
+    if parsed.file is None:
+        return name
+    try:
+        return parsed.in_file(Path(os.path.relpath(parsed.file, folder)))
+    except ValueError:  # on another drive
+        return name
 
 
 def of_run(name: str, run: Path) -> str:

@@ -1,4 +1,4 @@
-"""FREVO's XML is read without reaching out, and without trust."""
+"""XML is read without reaching out, and without trust."""
 
 import tracemalloc
 from pathlib import Path
@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from swarmwright import InputError
-from swarmwright.frevo import _xml
-from swarmwright.frevo._xml import read
+from swarmwright.core import xml
+from swarmwright.core.xml import read
 
 
 def test_lines_and_text(tmp_path: Path) -> None:
@@ -39,7 +39,7 @@ def test_a_dtd_is_not_fetched(tmp_path: Path) -> None:
         ("<a>&b;</a>", "is not valid XML: undefined entity"),
         (
             '<!DOCTYPE a [\n<!ATTLIST b c CDATA "d">]><a><b/></a>',
-            "x.xml:2: declares the attribute c of <b> in a DTD; FREVO's files declare none",
+            "x.xml:2: declares the attribute c of <b> in a DTD, which is not supported",
         ),
         ("<a>" * 60 + "</a>" * 60, "nested more than 50 deep"),
         ('<?xml version="1.0" encoding="x-unheard-of"?><a/>', "x.xml:1: is not valid XML: unknown encoding"),
@@ -80,7 +80,7 @@ def test_elements_are_counted_and_text_is_put_together_at_once(
     path = tmp_path / "x.xml"
     path.write_text("<a>" + "b&lt;\n" * 100_000 + "</a>")
     assert read(path).text == "b<\n" * 100_000
-    monkeypatch.setattr(_xml, "_MOST", 100)
+    monkeypatch.setattr(xml, "_MOST", 100)
     path.write_text("<a>" + "<b/>" * 99 + "</a>")
     assert len(read(path).children) == 99
     path.write_text('<a c="d">' + "<b/>" * 99 + "</a>")

@@ -1,6 +1,6 @@
 """XML with line numbers, read without external access and with bounded memory.
 
-The files name a DTD; it is not fetched. Declarations of an internal DTD are refused, nothing else needs
+Files may name a DTD; it is not fetched. Declarations of an internal DTD are refused, nothing else needs
 it: entities, which expand to text of any length, and attributes with defaults, which every element then has.
 """
 
@@ -56,6 +56,10 @@ class Element:
             yield from child.walk()
 
 
+class _RootFoundError(Exception):
+    """The root element has begun."""
+
+
 class _Builder:
     def __init__(self, name: str) -> None:
         self.name = name
@@ -73,6 +77,11 @@ class _Builder:
         self.parser.AttlistDeclHandler = self._declared
         # Without a handler for external entities expat leaves the DTD alone, and skips what that may declare.
         self.parser.SetParamEntityParsing(expat.XML_PARAM_ENTITY_PARSING_NEVER)
+
+    def begin(self, tag: str, attributes: dict[str, str]) -> None:
+        """Note the root element, and read no further."""
+        self.root = Element(self.name, self.parser.CurrentLineNumber, tag, attributes)
+        raise _RootFoundError
 
     def _start(self, tag: str, attributes: dict[str, str]) -> None:
         element = Element(self.name, self.parser.CurrentLineNumber, tag, attributes)
@@ -97,13 +106,15 @@ class _Builder:
     def _declared(self, element: str, attribute: str, *_rest: object) -> None:
         line = self.parser.CurrentLineNumber
         raise InputError(
-            f"{self.name}:{line}: declares the attribute {attribute} of <{element}> in a DTD; FREVO's files "
-            "declare none"
+            f"{self.name}:{line}: declares the attribute {attribute} of <{element}> in a DTD, which is not "
+            "supported; write the attribute where it is used"
         )
 
     def _entity(self, entity: str, *_rest: object) -> None:
         line = self.parser.CurrentLineNumber
-        raise InputError(f"{self.name}:{line}: uses the entity {entity} of a DTD; FREVO's files have none")
+        raise InputError(
+            f"{self.name}:{line}: uses the entity {entity} of a DTD, which is not supported; write its text"
+        )
 
 
 def read(path: Path) -> Element:
@@ -111,6 +122,23 @@ def read(path: Path) -> Element:
 
     Raises InputError, with file and line, when it cannot be read or is not valid XML.
     """
+    builder = _parsed(path)
+    assert builder.root is not None  # expat finds no document without one
+    return builder.root
+
+
+def root_of(path: Path) -> Element:
+    """Return an XML file's root element without what is inside; what follows need not be valid.
+
+    Raises InputError, with file and line, when it cannot be read or has none.
+    """
+    root = _parsed(path, stop=True).root
+    assert root is not None  # as above
+    return root
+
+
+def _parsed(path: Path, *, stop: bool = False) -> _Builder:
+    """Return the builder that has read a file; stop: to the start of its root element only."""
     try:
         data = read_bytes(path, _LARGEST)
     except FileNotFoundError:
@@ -118,14 +146,15 @@ def read(path: Path) -> Element:
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from error
     builder = _Builder(str(path))
+    if stop:
+        builder.parser.StartElementHandler = builder.begin
     try:
         builder.parser.Parse(data, True)
+    except _RootFoundError:
+        pass
     except expat.ExpatError as error:
         reason = expat.errors.messages[error.code]
-        raise InputError(
-            f"{path}:{error.lineno}: is not valid XML: {reason}; expected a file that FREVO wrote"
-        ) from None
+        raise InputError(f"{path}:{error.lineno}: is not valid XML: {reason}") from None
     except (LookupError, ValueError) as error:  # an unknown encoding
         raise InputError(f"{path}:1: is not valid XML: {error}") from None
-    assert builder.root is not None  # expat finds no document without one
-    return builder.root
+    return builder

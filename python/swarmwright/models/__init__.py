@@ -1,0 +1,10 @@
+"""Models that engineers draw: files of modelling tools become experiments.
+
+Read are the files of Modelio's CPSwarm modules (https://github.com/Modelio-R-D/CPSwarm), which the
+optimization tool gets from the designer in CPSwarm's D6.1, section 4.
+"""
+
+from swarmwright.models._experiment import Imported, load
+from swarmwright.models._files import files_of, is_session
+
+__all__ = ["Imported", "files_of", "is_session", "load"]

@@ -1,0 +1,94 @@
+"""Kinds of files, recognised by what they hold: one module for each, and its line here."""
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from swarmwright.core import json_source, xml
+from swarmwright.core.errors import InputError
+from swarmwright.core.files import read_bytes
+from swarmwright.core.suggestions import did_you_mean
+from swarmwright.models import frevo_problem, optimised_parameters, swarm_composition
+from swarmwright.models._parts import Part
+
+_XML: tuple[Any, ...] = (frevo_problem, swarm_composition)
+"""Modules with `ROOTS`, names of root elements, `WORDS` and `load(path)`."""
+_JSON: tuple[Any, ...] = (optimised_parameters,)
+"""Modules with `recognises(values)`, `WORDS` and `load(path, source)`."""
+_SESSION = "frevo"
+_LARGEST = 1 << 28
+_SUFFIXES = frozenset({".json", ".scxml", ".sysml", ".xml"})
+"""Files of a folder that are looked at."""
+
+
+def is_session(path: Path) -> bool:
+    """Whether a file is a FREVO session or result. Raises InputError when it cannot be read."""
+    return _first_sign(path) == "<" and xml.root_of(path).tag == _SESSION
+
+
+def load(path: Path) -> Part:
+    """Read a file of a kind that is known.
+
+    Raises InputError when it is of no known kind, or with everything that is wrong in it, file and line each.
+    """
+    sign = _first_sign(path)
+    if sign == "<":
+        return _load_xml(path)
+    if sign in {"{", "["}:
+        return _load_json(path)
+    raise InputError(f"{path}: {'is empty' if not sign else 'is of no kind that is known'}; {_expected()}")
+
+
+def files_of(paths: Iterable[Path]) -> list[Path]:
+    """Return the files themselves, and those of folders by name. Raises InputError for an empty folder."""
+    found: list[Path] = []
+    for path in paths:
+        if not path.is_dir():
+            found.append(path)
+            continue
+        inside = sorted(one for one in path.iterdir() if one.suffix.lower() in _SUFFIXES and one.is_file())
+        if not inside:
+            raise InputError(f"{path}: no file with the ending {', '.join(sorted(_SUFFIXES))} is in it")
+        found += inside
+    return found
+
+
+def _load_xml(path: Path) -> Part:
+    root = xml.root_of(path)
+    tag = root.tag.rpartition(":")[2]
+    if tag == _SESSION:
+        raise InputError(f"{path}: is a FREVO session, which is imported alone, without other files")
+    for module in _XML:
+        if tag in module.ROOTS:
+            part: Part = module.load(path)
+            return part
+    known = [name for module in _XML for name in module.ROOTS]
+    raise root.error(f"found as the outermost element{did_you_mean(tag, known)}; {_expected()}")
+
+
+def _load_json(path: Path) -> Part:
+    source = json_source.read(path)
+    for module in _JSON:
+        if module.recognises(source.values):
+            if source.problems:
+                raise InputError("\n".join(f"{source.place(at)}{what}" for at, _, what in source.problems))
+            part: Part = module.load(path, source)
+            return part
+    raise InputError(f"{path}: is JSON of no kind that is known; {_expected()}")
+
+
+def _expected() -> str:
+    words = [module.WORDS for module in (*_XML, *_JSON)]
+    return f"expected a FREVO session (<{_SESSION}>), {', '.join(words[:-1])} or {words[-1]}"
+
+
+def _first_sign(path: Path) -> str:
+    try:
+        data = read_bytes(path, _LARGEST)
+    except FileNotFoundError:
+        raise InputError(f"{path}: there is no such file") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")):  # UTF-16, which only XML is in
+        return "<"
+    return data.removeprefix(b"\xef\xbb\xbf").lstrip()[:1].decode("latin-1")
