@@ -3,7 +3,7 @@
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import click
 
@@ -87,27 +87,27 @@ def _nearest(path: Path) -> str:
     return did_you_mean(path.name, neighbours)
 
 
-Servers = int | Literal["auto", "local", "in-process"]
+Servers = int | str
+_WORDS = ("auto", "local", "in-process")
 
 
 class ServerCount(click.ParamType[Servers]):
-    """`auto`, `local`, `in-process` or a number of servers."""
+    """`auto`, `local`, `in-process`, a number of servers, or launchers with numbers, `slurm:4`."""
 
-    name = "auto|local|in-process|K"
+    name = "auto|local|in-process|K|LAUNCHER:K"
 
     def convert(self, value: str | int, param: click.Parameter | None, ctx: click.Context | None) -> Servers:
         """The word or the number."""
-        if value == "auto":
-            return "auto"
-        if value == "local":
-            return "local"
-        if value == "in-process":
-            return "in-process"
+        if value in _WORDS or (isinstance(value, str) and ":" in value):
+            return value
         try:
             number = int(value)
         except ValueError:
             self.fail(
-                f"'{value}' is neither a number of servers nor 'auto', 'local' or 'in-process'.", param, ctx
+                f"'{value}' is neither a number of servers nor 'auto', 'local' or 'in-process', nor a "
+                "launcher with a number, such as slurm:4.",
+                param,
+                ctx,
             )
         if not 1 <= number <= 1024:
             self.fail(f"{number} is not in the range 1..1024.", param, ctx)
@@ -136,7 +136,8 @@ servers_option: Decorator = click.option(
     type=ServerCount(),
     metavar="K",
     help="Servers to start. 'local': none; a simulation in Python runs in worker processes, one a processor, "
-    "a built-in one in this process. 'in-process': everything in this process.",
+    "a built-in one in this process. 'in-process': everything in this process. LAUNCHER:K, such as "
+    "slurm:200 or slurm:100,process:2: servers elsewhere, with the options that FILE has for that launcher.",
 )
 
 simulation_option: Decorator = click.option(

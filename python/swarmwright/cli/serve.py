@@ -3,6 +3,7 @@
 import json
 import queue
 import secrets
+import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -26,9 +27,9 @@ from swarmwright.cli._options import (
 from swarmwright.cli._output import Output, aside, complain
 from swarmwright.cli._signals import Terminated
 from swarmwright.core.suggestions import unknown
-from swarmwright.evaluation.supervision import Ended, Restarted, Supervisor
-from swarmwright.evaluation.supervision import Output as Printed
-from swarmwright.evaluation.supervision.supervisor import News
+from swarmwright.supervision import Ended, Event, Restarted, Supervisor
+from swarmwright.supervision import Output as Printed
+from swarmwright.supervision.supervisor import News
 
 if TYPE_CHECKING:
     from swarmwright.monitoring.prometheus import ServeFigures
@@ -69,6 +70,13 @@ LARGEST_ID = 2**31 - 1
     "such as systemd or Slurm.  [default: restart]",
 )
 @wait_option
+@click.option(
+    "--broker-timeout",
+    type=click.FloatRange(1.0, 31 * 86400.0),
+    metavar="SECONDS",
+    help="End when the broker has not been reached for so long, for servers that another program started. "
+    "Default: keep trying.",
+)
 @observe_options
 @trust_option
 @json_option
@@ -81,6 +89,7 @@ def command(
     step_timeout: float,
     restart: bool,
     wait: float | None,
+    broker_timeout: float | None,
     log: Path | None,
     log_level: str,
     log_size: int | None,
@@ -115,22 +124,43 @@ def command(
     with observed_servers(output, Observing(log, log_level, metrics, log_size)) as (lines, figures):
         reporter = Reporter(output, title, broker, lines, figures)
         with suppress(Terminated):  # SIGTERM is how a service is asked to end
-            _serve(settings, reporter, restart=restart)
+            _serve(settings, reporter, restart=restart, patience=broker_timeout)
     return reporter.status
 
 
-def _serve(settings: Sequence[Mapping[str, Any]], reporter: "Reporter", *, restart: bool) -> None:
-    """Keep servers alive until none is left."""
+def _serve(
+    settings: Sequence[Mapping[str, Any]], reporter: "Reporter", *, restart: bool, patience: float | None
+) -> None:
+    """Keep servers alive until none is left, or all of them have missed the broker for so many seconds."""
     news: queue.SimpleQueue[News] = queue.SimpleQueue()
     servers = Supervisor(settings, draws=True, restart=restart, output=Printed(), tell=news.put)
+    reached = time.monotonic()
+    connected: set[int] = set()
     try:
         servers.start()
         while not (servers.all_given_up() and news.empty()):
             # A time-out, because a wait without one cannot be interrupted on every system.
             with suppress(queue.Empty):
-                reporter.tell(news.get(timeout=1.0))
+                item = news.get(timeout=1.0)
+                reporter.tell(item)
+                _note_connection(item, connected)
+            if connected:
+                reached = time.monotonic()
+            elif patience is not None and time.monotonic() - reached > patience:
+                reporter.give_up(f"the broker has not been reached for {patience:g} s")
+                return
     finally:
         servers.stop()
+
+
+def _note_connection(item: News, connected: set[int]) -> None:
+    """Note which servers are connected to the broker."""
+    if isinstance(item, Ended):
+        connected.discard(item.server_exit.server)
+    elif isinstance(item, Event) and item.report.get("event") in {"ready", "busy"}:
+        connected.add(item.server)
+    elif isinstance(item, Event) and item.report.get("event") == "lost":
+        connected.discard(item.server)
 
 
 def _named(simulation: str) -> str:
@@ -209,6 +239,13 @@ class Reporter:
         if line != self._last.get(item.server):
             self._output.text(line)
             self._last[item.server] = line
+
+    def give_up(self, reason: str) -> None:
+        """Report why all servers end."""
+        self.status = 1
+        self._output.json({"event": "gave_up", "message": reason})
+        self._log.write("error", "gave_up", message=reason)
+        complain(reason)
 
     def _note(self, item: News) -> None:
         """Tell programs."""

@@ -1,20 +1,27 @@
 """What evaluates controllers, whether it does so in this process or on simulation servers."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, Protocol, Self
+from typing import Any, Literal, Protocol, Self, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright import _engine
+from swarmwright.core.errors import InputError
+from swarmwright.core.yaml import dotted_path
+from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.fitness import FitnessExpression
+from swarmwright.launchers._entries import WORDS, Entries, entries_of, of_text
 from swarmwright.representations import Representation
 from swarmwright.store import Journal, WarningEntry
 from swarmwright.typing import Genomes
 
-Servers = int | Literal["auto", "local", "in-process"]
+Servers = int | str | Mapping[str, Any] | Sequence[Any]
+"""What a caller asks for, as in an experiment file: 4, "auto", "slurm:4", {"launcher": "slurm", ..}."""
+Chosen = int | Literal["auto", "local", "in-process"] | Entries
+"""The same, checked, see `chosen`."""
 OUTPUT = "servers.log"
 """File in a run's folder with what started servers printed."""
 
@@ -124,6 +131,55 @@ class Backend(Protocol):
 
     def post_evaluates(self) -> None:
         """Publish that what follows belongs to no generation: the best, on held-out seeds."""
+
+
+class StartedServers(Protocol):
+    """Servers that a run has started."""
+
+    @property
+    def restarts(self) -> int:
+        """How often one was started again, or replaced."""
+
+    @property
+    def count(self) -> int:
+        """How many there are to be."""
+
+    def attach(self, pool: _engine.Pool) -> None:
+        """Report their state to a pool, until `detach`."""
+
+    def detach(self) -> None:
+        """Stop reporting: the pool is closed."""
+
+    def log_to(self, file: Path) -> None:
+        """Write what they print to a file."""
+
+    def check(self) -> None:
+        """Log servers that have been given up; raise RunError when none is left."""
+
+
+def chosen(experiment: Experiment, servers: Servers | None) -> Chosen:
+    """Return the servers that a caller asks for, or else the experiment's.
+
+    servers: as in an experiment file; `slurm:4` takes the other options from the experiment's entry for that
+    launcher. Raises InputError for something else.
+    """
+    if servers is None:
+        return experiment.servers
+    given = experiment.servers if isinstance(experiment.servers, tuple) else ()
+    if isinstance(servers, str) and servers not in WORDS:
+        try:
+            return of_text(servers, given)
+        except InputError as error:
+            raise InputError(f"servers: {error}") from error
+    if isinstance(servers, Mapping | Sequence) and not isinstance(servers, str):
+        problems: list[str] = []
+        found = entries_of(
+            servers, Path(), lambda path, text: problems.append(f"{dotted_path(('servers', *path))}: {text}")
+        )
+        if found is None:
+            raise InputError("\n".join(problems))
+        return found
+    return cast("Chosen", servers)
 
 
 def apply_expression(

@@ -3,8 +3,8 @@
 import logging
 import secrets
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from typing import cast
 
 from swarmwright import _engine
@@ -16,12 +16,27 @@ from swarmwright.core.errors import InputError, RunError, engine_errors
 from swarmwright.core.notebook import in_notebook
 from swarmwright.core.simulation_names import LIBRARIES, is_command, is_python
 from swarmwright.core.suggestions import did_you_mean, unknown
-from swarmwright.evaluation.base import HERE, Backend, Servers, metrics_of
-from swarmwright.evaluation.local_servers import LocalServers, automatic_count, processors, running_on
+from swarmwright.evaluation.base import (
+    HERE,
+    Backend,
+    Chosen,
+    Servers,
+    StartedServers,
+    chosen,
+    metrics_of,
+)
+from swarmwright.evaluation.launched import LaunchedServers, start
 from swarmwright.evaluation.through_broker import BrokerBackend
 from swarmwright.experiment.experiment import Experiment
+from swarmwright.launchers._entries import Entries
 from swarmwright.simulations import catalogue
+from swarmwright.supervision.local_servers import LocalServers, automatic_count, processors, running_on
 from swarmwright.user_code.changes import files_of
+
+_SESSION = (
+    "simulation: {} is defined in this session alone, where no server finds it; write the class to a file, "
+    "or evaluate with servers: in-process"
+)
 
 
 @contextmanager
@@ -54,7 +69,7 @@ def open_backend(
         RunError: no broker, no fitting server, a server that does not start.
     """
     _check(broker, servers)
-    wanted: Servers = experiment.servers if servers is None else servers
+    wanted = chosen(experiment, servers)
     if broker is None and servers not in HERE and wanted not in HERE:
         broker = experiment.broker
     if experiment.in_python or in_python:
@@ -69,11 +84,18 @@ def open_backend(
             yield _in_process(experiment, metrics)
             return
     with ExitStack() as stack:
-        address, local = open_servers(
-            stack, experiment, broker, wanted, started=servers, visual=visual, most=most
-        )
+        local: StartedServers | None
+        environment: Callable[[], AbstractContextManager[None]]
+        if isinstance(wanted, tuple):
+            local = launched = open_launched(stack, experiment, broker, wanted, visual=visual)
+            address, environment = launched.access.address, launched.access.environment
+        else:
+            address, local = open_servers(
+                stack, experiment, broker, wanted, started=servers, visual=visual, most=most
+            )
+            environment = nullcontext
         patience = experiment.timeouts.connect if wait is None else wait
-        with engine_errors():
+        with environment(), engine_errors():
             pool = patiently(
                 # A command shows itself, in one piece: no step of it crosses the broker.
                 lambda: _pool(
@@ -93,6 +115,8 @@ def open_backend(
             stack.callback(local.detach)
         many = "servers" if local is None else f"{local.count} server{'s' if local.count > 1 else ''}"
         where = f"{many} on {address}"
+        if isinstance(local, LaunchedServers):
+            where = f"servers on {address}: {local.where}"
         if wanted == "local" and local is not None:
             where = f"{local.count} worker process{'es' if local.count > 1 else ''}"
         yield BrokerBackend(experiment, pool, local, where, metrics)
@@ -118,7 +142,7 @@ def _check(broker: str | None, servers: Servers | None) -> None:
 
 def is_here(experiment: Experiment, broker: str | None, servers: Servers | None) -> bool:
     """Whether `open_backend` with these arguments uses no broker that is visible to others."""
-    wanted: Servers = experiment.servers if servers is None else servers
+    wanted = chosen(experiment, servers)
     if broker is not None or wanted in HERE:
         return broker is None
     if experiment.in_python:
@@ -145,7 +169,7 @@ def open_servers(
     stack: ExitStack,
     experiment: Experiment,
     broker: str | None,
-    wanted: Servers,
+    wanted: Chosen,
     *,
     started: Servers | None,
     visual: bool = False,
@@ -171,10 +195,7 @@ def open_servers(
         return broker, None
     require_here(experiment)
     if experiment.simulation.startswith("__main__:"):
-        raise InputError(
-            f"simulation: {experiment.label} is defined in this session alone, where no server finds it; "
-            "write the class to a file, or evaluate with servers: in-process"
-        )
+        raise InputError(_SESSION.format(experiment.label))
     count = wanted if isinstance(wanted, int) else 1 if visual else automatic_count()
     if wanted == "local" and not visual:
         count = min(processors(), most or processors())
@@ -202,6 +223,21 @@ def open_servers(
     ]
     servers = LocalServers(settings, visual=visual, episode_timeout=experiment.timeouts.episode)
     return address, stack.enter_context(servers)
+
+
+def open_launched(
+    stack: ExitStack, experiment: Experiment, broker: str | None, entries: Entries, *, visual: bool = False
+) -> LaunchedServers:
+    """Start the servers of launchers, and the embedded broker if there is no other; they end with the stack.
+
+    Raises InputError and RunError, see `launched.start`.
+    """
+    require_here(experiment)
+    if visual:
+        raise InputError("visual: servers of launchers draw nowhere; leave it out, or take servers: 1")
+    if experiment.simulation.startswith("__main__:"):
+        raise InputError(_SESSION.format(experiment.label))
+    return start(stack, experiment, entries, broker)
 
 
 def _pool(
@@ -256,7 +292,7 @@ def require_here(experiment: Experiment) -> None:
         )
 
 
-def _require_alone(experiment: Experiment, broker: str | None, wanted: Servers, *, visual: bool) -> None:
+def _require_alone(experiment: Experiment, broker: str | None, wanted: Chosen, *, visual: bool) -> None:
     """Raise InputError where machines with modules in Python would have to be evaluated elsewhere."""
     reason = (
         "behaviours and conditions in Python are evaluated in this process alone; leave it out, or take "
@@ -264,8 +300,9 @@ def _require_alone(experiment: Experiment, broker: str | None, wanted: Servers, 
     )
     if broker is not None:
         raise InputError(f"broker: {broker}: {reason}")
-    if isinstance(wanted, int):
-        raise InputError(f"servers: {wanted}: {reason}")
+    if isinstance(wanted, int | tuple):
+        asked = wanted if isinstance(wanted, int) else wanted[0].launcher
+        raise InputError(f"servers: {asked}: {reason}")
     if visual:
         raise InputError(f"visual: {reason}")
     require_here(experiment)

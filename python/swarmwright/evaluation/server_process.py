@@ -25,9 +25,9 @@ from typing import Any
 from swarmwright import _engine
 from swarmwright.broker.waiting import patiently
 from swarmwright.core.errors import SwarmwrightError, engine_errors
-from swarmwright.evaluation.supervision.marked_output import mark_output
-from swarmwright.evaluation.supervision.process import STACK_SIGNAL
 from swarmwright.simulations import catalogue
+from swarmwright.supervision.marked_output import mark_output
+from swarmwright.supervision.process import STACK_SIGNAL
 
 GRACE = 2.0
 """Seconds for disconnecting from the broker."""

@@ -18,10 +18,10 @@ from swarmwright.evaluation.base import (
     Feed,
     Progress,
     Results,
+    StartedServers,
     apply_expression,
     metrics_of,
 )
-from swarmwright.evaluation.local_servers import LocalServers
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.simulations import catalogue
 from swarmwright.store import Journal
@@ -34,7 +34,7 @@ class BrokerBackend:
         self,
         experiment: Experiment,
         pool: _engine.Pool,
-        servers: LocalServers | None,
+        servers: StartedServers | None,
         where: str,
         metrics: Sequence[str] = (),
     ) -> None:

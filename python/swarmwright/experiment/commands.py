@@ -199,7 +199,7 @@ def _check_ros(options: RosOptions, checked: dict[str, Any], report: Report) -> 
     if options.is_shared and checked.get("broker") is None:
         if checked["servers"] == "auto":
             checked["servers"] = 1
-        elif checked["servers"] not in {1, "in-process"}:
+        elif checked["servers"] not in (1, "in-process"):
             report(
                 ("servers",),
                 "only one server can drive the robots: write servers: 1, or simulation.start, a command with "

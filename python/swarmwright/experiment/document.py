@@ -12,6 +12,7 @@ from swarmwright.core.problems import shown
 from swarmwright.core.simulation_names import is_command
 from swarmwright.core.suggestions import did_you_mean
 from swarmwright.experiment.fitness import FitnessExpression
+from swarmwright.launchers import LauncherOptions
 
 _LONGEST = 1000
 """Characters of a simulation's name."""
@@ -29,10 +30,15 @@ def _servers(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
         if 1 <= value <= 1024:
             return value
         raise ValueError(f"must be at least 1 and at most 1024, not {value}")
-    if value in _SERVERS:
+    if isinstance(value, str) and value in _SERVERS:
         return value
+    if isinstance(value, tuple) and all(isinstance(one, LauncherOptions) for one in value):
+        return value  # checked by `launchers._entries`
     hint = did_you_mean(value, _SERVERS) if isinstance(value, str) else ""
-    raise ValueError(f"must be auto, local, in-process or a number of servers, not {shown(value)}{hint}")
+    raise ValueError(
+        "must be auto, local, in-process, a number of servers, or what starts them, such as slurm:4, not "
+        f"{shown(value)}{hint}"
+    )
 
 
 Servers = Annotated[
@@ -273,7 +279,9 @@ class Document(Options):
     auto: as many as there are processors, 2 to 8, or in a notebook local; local: built-in simulations run in
     this process, those in Python in worker processes, one per processor, which are servers of the run's own;
     in-process: all of them run in this process, where code that crashes or hangs takes the run with it.
-    Started servers that end or hang are started again. With a broker, the servers found there."""
+    Started servers that end or hang are started again. With a broker, the servers found there.
+    Or what starts servers elsewhere, {launcher: slurm, count: 200, partition: long}, in short slurm:200, or a
+    list of these; they are started on the broker that is given, or on the embedded one."""
     broker: str | None = None
     """Address of an external broker: mqtt://, mqtts://, ws:// or wss://, host, port. User and password are
     not part of it: they come from the environment, SWARMWRIGHT_USERNAME and SWARMWRIGHT_PASSWORD (or

@@ -18,6 +18,7 @@ from swarmwright.experiment.document import Faults, Requirements, Timeouts, Vali
 from swarmwright.experiment.fitness import FitnessExpression
 from swarmwright.experiment.settings import ANNOUNCED, apply, parse_settings, restricted
 from swarmwright.experiment.start_from import genomes_of
+from swarmwright.launchers._entries import Entries, written
 from swarmwright.methods import METHODS, Method, MethodOptions
 from swarmwright.rankings import RANKINGS, Ranking, RankingOptions
 from swarmwright.rankings._slow import SlowOptions
@@ -57,7 +58,7 @@ class Experiment:
     ranking: RankingOptions
     validate: Validate
     mode: Literal["auto", "stepwise", "batched", "offloaded"]
-    servers: int | Literal["auto", "local", "in-process"]
+    servers: int | Literal["auto", "local", "in-process"] | Entries
     broker: str | None
     prefix: str
     timeouts: Timeouts
@@ -201,6 +202,8 @@ class Experiment:
                 value = SimulationName.parse(value).definition
                 if value.get("fitness", "") == self.fitness:  # it was taken from the experiment
                     del value["fitness"]
+            if one.name == "servers" and isinstance(value, tuple):
+                value = written(value)
             if one.name in _SECTIONS:
                 value = value.model_dump(exclude_none=True)
                 if one.name == "method" and self.method.generation_limit is None:

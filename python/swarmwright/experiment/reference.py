@@ -6,7 +6,8 @@ from collections.abc import Iterator
 from typing import Any
 
 from swarmwright.experiment.document import DEFAULT_KINDS
-from swarmwright.experiment.schema import experiment_schema
+from swarmwright.experiment.schema import experiment_schema, options_schema
+from swarmwright.launchers import LAUNCHERS, LauncherOptions
 from swarmwright.simulations import catalogue
 
 _INTRODUCTION = """\
@@ -43,6 +44,7 @@ def reference() -> str:
         definition = schema["$defs"][name.capitalize()]
         lines += ["", f"## {name}", "", definition["description"], ""]
         lines += _table(definition["properties"], set(definition.get("required", [])), schema)
+    lines += _launchers(schema)
     lines += ["", "## simulation: {command: ..}", "", schema["$defs"]["Command"]["description"], ""]
     lines += _table(schema["$defs"]["Command"]["properties"], {"command"}, schema)
     lines += ["", "## simulation: {fmu: ..}", "", schema["$defs"]["Fmu"]["description"], ""]
@@ -65,6 +67,28 @@ def reference() -> str:
     for title in catalogue.titles():
         lines += ["", *_simulation(title)]
     return "\n".join(lines).rstrip() + "\n"
+
+
+def _launchers(schema: dict[str, Any]) -> Iterator[str]:
+    """What starts servers: the options that all have, then those of each."""
+    shared = options_schema(LauncherOptions)
+    yield from ("", "## servers: {launcher: ..}", "")
+    yield (
+        "What starts servers, here or elsewhere, see [Use clusters](../how-to/use-clusters.md). Every "
+        "launcher has these options beside `launcher`, its name, and its own ones below."
+    )
+    yield ""
+    yield from _table(
+        {key: value for key, value in shared["properties"].items() if key != "launcher"}, set(), schema
+    )
+    for kind in sorted(LAUNCHERS.built_in):
+        definition = schema["$defs"][f"Launcher{kind}"]
+        options = {
+            key: one for key, one in definition["properties"].items() if key not in shared["properties"]
+        }
+        yield from ("", f"### servers: {{launcher: {kind}}}", "", definition["description"], "")
+        if options:
+            yield from _table(options, set(definition["required"]), schema)
 
 
 def _simulation(title: str) -> Iterator[str]:

@@ -8,6 +8,7 @@ from swarmwright.commands.ros_definition import RosOptions
 from swarmwright.core.descriptions import described
 from swarmwright.core.options import Options
 from swarmwright.experiment.document import DEFAULT_KINDS, Document
+from swarmwright.launchers import LAUNCHERS
 from swarmwright.plug_ins import REGISTRIES
 
 IDENTIFIER = "urn:swarmwright:experiment"
@@ -36,6 +37,7 @@ def experiment_schema(*, only_built_in: bool = False) -> dict[str, Any]:
             "properties": {"kind": {"enum": kinds}},
             "oneOf": variants,
         }
+    _describe_launchers(schema["properties"]["servers"], definitions, only_built_in=only_built_in)
     for title, model in (("Command", CommandOptions), ("Fmu", FmuOptions), ("Ros", RosOptions)):
         mapping = _tidy(described(model).model_json_schema())
         inner = {f"{title}{name}": one for name, one in mapping.pop("$defs", {}).items()}
@@ -56,6 +58,24 @@ def experiment_schema(*, only_built_in: bool = False) -> dict[str, Any]:
         "title": "Swarmwright experiment",
         "$defs": definitions,
     }
+
+
+def options_schema(model: type[Options]) -> dict[str, Any]:
+    """Return the JSON Schema of one section."""
+    return _tidy(described(model).model_json_schema())  # type: ignore[no-any-return] # of a mapping
+
+
+def _describe_launchers(servers: dict[str, Any], definitions: dict[str, Any], *, only_built_in: bool) -> None:
+    """Add what launchers take to the schema of `servers`."""
+    kinds = sorted(LAUNCHERS.built_in) if only_built_in else LAUNCHERS.names()
+    for kind in kinds:
+        variant = options_schema(LAUNCHERS.get(kind).options_model)
+        definitions |= variant.pop("$defs", {})
+        variant["required"] = sorted({*variant.get("required", []), "launcher"})
+        definitions[f"Launcher{kind}"] = variant
+    text = {"type": "string", "pattern": f"^({'|'.join(kinds)}):[1-9][0-9]*"}
+    entries = [text, *({"$ref": f"#/$defs/Launcher{kind}"} for kind in kinds)]
+    servers["anyOf"] += [*entries, {"type": "array", "items": {"anyOf": entries}, "minItems": 1}]
 
 
 def _moved(node: Any, title: str) -> Any:  # noqa: ANN401 - any JSON value

@@ -22,6 +22,7 @@ from swarmwright.experiment.evolved import problems, unknown
 from swarmwright.experiment.fitness import FitnessExpression
 from swarmwright.experiment.parameter_files import resolve
 from swarmwright.experiment.start_from import entries, genomes_of
+from swarmwright.launchers._entries import entries_of, names_launchers
 from swarmwright.methods import METHODS, MethodOptions
 from swarmwright.plug_ins import REGISTRIES
 from swarmwright.rankings import RankingOptions
@@ -67,6 +68,7 @@ def check(source: Source, *, ask: bool = True, folder: Path | None = None) -> Ch
         values, files = _with_files(source, values, report, ask=here)
         values = _with_controllers(source, values, report)
         values = _with_modules(source, values, folder, report)
+        values = _with_launchers(source, values, folder, report)
         checked = _check_values(values, here, _in_files(files, report), ask=ask)
         if ask and checked.get("method") is not None:  # a run can be read without
             missing = REGISTRIES["method"].get(checked["method"].kind).missing()
@@ -179,6 +181,17 @@ def _with_modules(
             here = folder or _folder(source, ("controller", key))
             controller[key] = [_module(one, here, partial(report, ("controller", key))) for one in names]
     return {**values, "controller": controller}
+
+
+def _with_launchers(
+    source: Source, values: dict[str, Any], folder: Path | None, report: Report
+) -> dict[str, Any]:
+    """Return the values with checked options of launchers in the place of what stands under `servers`."""
+    if not names_launchers(values.get("servers")):
+        return values
+    here = folder or _folder(source, ("servers",))
+    found = entries_of(values["servers"], here, lambda path, message: report(("servers", *path), message))
+    return {**values, "servers": "auto" if found is None else found}
 
 
 def _module(name: Any, folder: Path, report: Callable[[str], None]) -> Any:  # noqa: ANN401 - any value of a file

@@ -17,6 +17,7 @@ from swarmwright.evaluation.base import (
     Progress,
     Results,
     Servers,
+    chosen,
     metrics_of,
 )
 from swarmwright.evaluation.opening import open_backend
@@ -170,7 +171,7 @@ def _require_apart(
 
 def _place(experiment: Experiment, broker: str | None, servers: Servers | None) -> str | None:
     """Return the broker that `open_backend` uses with these arguments, None without one of others."""
-    wanted = experiment.servers if servers is None else servers
+    wanted = chosen(experiment, servers)
     return experiment.broker if broker is None and wanted not in HERE else broker
 
 

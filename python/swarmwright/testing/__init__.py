@@ -13,6 +13,7 @@ A check raises AssertionError that says what is violated. The same checks run ov
 
 from swarmwright.testing._batches import check_batch_simulation
 from swarmwright.testing._conformance import check_optimizer, check_server
+from swarmwright.testing._launchers import check_launcher
 from swarmwright.testing._methods import check_method
 from swarmwright.testing._modules import check_behaviour, check_condition
 from swarmwright.testing._rankings import check_ranking
@@ -22,6 +23,7 @@ __all__ = [
     "check_batch_simulation",
     "check_behaviour",
     "check_condition",
+    "check_launcher",
     "check_method",
     "check_optimizer",
     "check_ranking",

@@ -37,15 +37,23 @@ def check_options(registry: Registry[Any], kind: str, options: Mapping[str, Any]
     assert issubclass(model, Options), (
         f"{model.__name__} must derive from swarmwright.representations.Options"
     )
-    field = model.model_fields.get("kind")
-    assert field is not None, f"{model.__name__} needs kind: Literal[{kind!r}] = {kind!r}"
-    assert field.default == kind, f"{model.__name__}.kind must default to {kind!r}"
-    for name, one in described(model).model_fields.items():
-        assert name == "kind" or one.description, f"{model.__name__}.{name} has no description"
-        assert not one.is_required() or name in given, (
-            f"{model.__name__}.{name} has no default: give it one, or say here what it is"
-        )
+    check_common_options(model, "kind", kind, given)
     return model.model_validate({**given})
+
+
+def check_common_options(model: type[Options], key: str, name: str, given: Mapping[str, Any]) -> None:
+    """Check that a component's options say which component they belong to, and what they are.
+
+    key: the option that says it, `kind` or `launcher`. name: its value. given: required ones.
+    """
+    field = model.model_fields.get(key)
+    assert field is not None, f"{model.__name__} needs {key}: Literal[{name!r}] = {name!r}"
+    assert field.default == name, f"{model.__name__}.{key} must default to {name!r}"
+    for option, one in described(model).model_fields.items():
+        assert option == key or one.description, f"{model.__name__}.{option} has no description"
+        assert not one.is_required() or option in given, (
+            f"{model.__name__}.{option} has no default: give it one, or say here what it is"
+        )
 
 
 def without_options(registry: Registry[Any]) -> list[str]:

@@ -11,9 +11,9 @@ from swarmwright import Experiment, InputError, _engine, evaluate, optimize
 from swarmwright.core import engine_types
 from swarmwright.core.random_numbers import Stream
 from swarmwright.evaluation import reports
-from swarmwright.evaluation.local_servers import LocalServers
 from swarmwright.experiment.document import Faults, Timeouts
 from swarmwright.store import Attempt, AttemptEntry
+from swarmwright.supervision.local_servers import LocalServers
 
 POOL: dict[str, Any] = {"simulation": "minisim", "parameters": {}, "requirements": {"dimensions": 2}}
 NOWHERE = "mqtt://127.0.0.1:1"

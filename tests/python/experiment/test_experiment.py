@@ -103,11 +103,11 @@ def test_only_the_simulation_is_required() -> None:
         ("servers: 0\n", "my.yaml:2: servers: must be at least 1 and at most 1024, not 0"),
         (
             "servers: locl\n",
-            "my.yaml:2: servers: must be auto, local, in-process or a number of servers, not 'locl'; did you mean 'local'?",
+            "my.yaml:2: servers: must be auto, local, in-process, a number of servers, or what starts them, such as slurm:4, not 'locl'; did you mean 'local'?",
         ),
         (
             "servers: true\n",
-            "my.yaml:2: servers: must be auto, local, in-process or a number of servers, not true",
+            "my.yaml:2: servers: must be auto, local, in-process, a number of servers, or what starts them, such as slurm:4, not true",
         ),
         ("requirements: {max_agents: 3}\n", "my.yaml:2: requirements.dimensions: is missing"),
         (

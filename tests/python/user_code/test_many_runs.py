@@ -6,7 +6,7 @@ import pytest
 
 from swarmwright import InputError, Run, RunError, compare, optimize
 from swarmwright.analysis.sweep import Executor, Sweep, tasks
-from swarmwright.evaluation.local_servers import LocalServers
+from swarmwright.supervision.local_servers import LocalServers
 from swarmwright.user_code.changes import files_of
 from tests.python.user_code.conftest import edit
 

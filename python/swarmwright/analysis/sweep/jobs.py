@@ -6,10 +6,11 @@ from swarmwright import _engine
 from swarmwright.broker.credentials import from_keyring
 from swarmwright.core.errors import InputError
 from swarmwright.evaluation import opening
-from swarmwright.evaluation.base import HERE, Servers
-from swarmwright.evaluation.local_servers import automatic_count, processors
+from swarmwright.evaluation.base import HERE, Servers, chosen
 from swarmwright.experiment.experiment import Experiment
+from swarmwright.launchers._entries import written
 from swarmwright.simulations import catalogue
+from swarmwright.supervision.local_servers import automatic_count, processors
 
 _LISTEN = 1.0
 """Seconds for servers on a broker to say that they are there."""
@@ -43,7 +44,7 @@ def shares(
         InputError: fewer servers are to be started than runs go on at a time.
     """
     first = experiments[0]
-    wanted: Servers = first.servers if servers is None else servers
+    wanted = chosen(first, servers)
     if broker is None and wanted == "auto" and opening.in_process_is_better(first):
         wanted = "local"
     if any(one.simulation.startswith("__main__:") for one in experiments):
@@ -54,6 +55,8 @@ def shares(
         if wanted == "in-process" or not all(opening.has_workers(one.simulation) for one in experiments):
             return [wanted] * jobs
         wanted = max(processors(), jobs)  # all runs together, not each of them
+    if isinstance(wanted, tuple):  # one run after the other has all of them
+        return [written(wanted)]
     if broker is not None and not isinstance(servers, int):
         return [None] * min(jobs or _served(experiments, broker), most)
     count = wanted if isinstance(wanted, int) else max(automatic_count(), jobs or 1)

@@ -10,15 +10,16 @@ from swarmwright.analysis.sweep.file import Sweep, Variant
 from swarmwright.core.errors import InputError, SwarmwrightError
 from swarmwright.core.simulation_names import SimulationName
 from swarmwright.evaluation import opening
-from swarmwright.evaluation.base import HERE, Progress, Servers
-from swarmwright.evaluation.local_servers import LocalServers
+from swarmwright.evaluation.base import HERE, Chosen, Progress, Servers, chosen
 from swarmwright.experiment.experiment import ELSEWHERE, Experiment
+from swarmwright.launchers._entries import Entries
 from swarmwright.optimization.loop import OnGeneration
 from swarmwright.optimization.optimize import optimize, resume
 from swarmwright.runs.code import changed_code, check_trusted
 from swarmwright.runs.run import Run
 from swarmwright.store import FILE
 from swarmwright.store.folder import check_folder
+from swarmwright.supervision.local_servers import LocalServers
 from swarmwright.user_code.copying import shown
 
 _NO_MATTER = ELSEWHERE | {"sensors", "actuators"}
@@ -114,15 +115,19 @@ class Executor:
         self._servers = servers
         self._started: list[LocalServers] = []
         self._here: Servers = "local"
+        self._launched: Entries | None = None
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
         first = self._sweep.variants[0].experiment
-        wanted = first.servers if self._servers is None else self._servers
+        wanted = chosen(first, self._servers)
         if self._broker is None and wanted not in HERE:
             self._broker = first.broker
         if wanted in HERE and self._broker is None:
             self._here = wanted
+            return self
+        if isinstance(wanted, tuple):
+            self._launched = wanted  # each run starts them, on this broker
             return self
         try:
             self._start(wanted)
@@ -131,7 +136,7 @@ class Executor:
             raise
         return self
 
-    def _start(self, wanted: Servers) -> None:
+    def _start(self, wanted: Chosen) -> None:
         """Start the broker, and servers for every simulation that there is among the variants."""
         experiments = {one.experiment.simulation: one.experiment for one in self._sweep.variants}
         # Servers are started for the first simulation on the broker, then on the same one for the others.
@@ -161,7 +166,9 @@ class Executor:
         for local in self._started:
             local.check()
         where: dict[str, Any] = {"broker": self._broker, "on_progress": on_progress, "progress": False}
-        if self._broker is None:
+        if self._launched is not None:
+            where = {**where, "servers": self._launched}
+        elif self._broker is None:
             where = {"servers": self._here, "on_progress": on_progress, "progress": False}
         if task.found() is not None:
             return resume(task.folder, on_generation, **where)

@@ -19,9 +19,9 @@ from swarmwright.analysis.sweep.run import Task
 from swarmwright.core.errors import InputError, RunError
 from swarmwright.evaluation import reports
 from swarmwright.evaluation.base import Servers
-from swarmwright.evaluation.local_servers import processors
 from swarmwright.optimization.loop import Generation
 from swarmwright.runs.run import Run
+from swarmwright.supervision.local_servers import processors
 
 GRACE = 20.0
 """Seconds that interrupted runs have to end and be stored."""

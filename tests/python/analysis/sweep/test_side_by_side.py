@@ -12,7 +12,7 @@ from swarmwright import Experiment, Generation, InputError, Run
 from swarmwright.analysis.sweep import Sweep, Variant, tasks
 from swarmwright.analysis.sweep.jobs import shares
 from swarmwright.analysis.sweep.remaining import Status
-from swarmwright.evaluation.local_servers import processors
+from swarmwright.supervision.local_servers import processors
 from tests.python.cli.processes import children, gone
 
 BASE = "simulation: minisim\nparameters: {maxSteps: 5}\nmethod: {population: 6, generations: 100}\n"

@@ -11,7 +11,7 @@ from logging.handlers import RotatingFileHandler
 from pathlib import Path
 
 from swarmwright.core import untrusted
-from swarmwright.evaluation.supervision.marked_output import MARK
+from swarmwright.supervision.marked_output import MARK
 
 KEPT = 1000
 """Lines that wait for a file."""

@@ -10,8 +10,8 @@ from typing import Any, Self
 
 from swarmwright import _engine
 from swarmwright.core.errors import RunError
-from swarmwright.evaluation.supervision import Ended, Event, Output, Supervisor
-from swarmwright.evaluation.supervision.supervisor import START, News
+from swarmwright.supervision import Ended, Event, Output, Supervisor
+from swarmwright.supervision.supervisor import START, News
 
 _log = logging.getLogger("swarmwright")
 

@@ -14,7 +14,7 @@ _OUTSIDE = {signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGHUP}
 _FATAL = "Fatal Python error"
 _THREAD = re.compile(r"(Current thread|Thread) 0x")
 _FRAME = re.compile(r'\s+File "(?P<file>[^"]+)", line (?P<line>\d+) in (?P<name>.+)')
-_HOST = str(Path(__file__).parents[2] / "simulations" / "host.py")
+_HOST = str(Path(__file__).parents[1] / "simulations" / "host.py")
 
 
 def signal_name(number: int) -> str:

@@ -2,14 +2,14 @@
 
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from swarmwright.evaluation.supervision.output import Output
-from swarmwright.evaluation.supervision.process import Process
-from swarmwright.evaluation.supervision.progress import Sample
-from swarmwright.evaluation.supervision.server_exit import ServerExit
+from swarmwright.supervision.output import Output
+from swarmwright.supervision.process import Process
+from swarmwright.supervision.progress import Sample
+from swarmwright.supervision.server_exit import ServerExit
 
 if TYPE_CHECKING:
     from swarmwright import _engine
@@ -99,6 +99,7 @@ class Supervisor:
         tell: gets the news, on another thread; must not call back.
         step_timeout: seconds that a step of an offloaded evaluation may take; None for any time.
         episode_timeout: seconds that one evaluation may take.
+        environment: further variables of the processes.
     """
 
     def __init__(
@@ -111,8 +112,11 @@ class Supervisor:
         tell: Callable[[News], None],
         step_timeout: float | None = None,
         episode_timeout: float | None = None,
+        environment: Mapping[str, str] | None = None,
     ) -> None:
         self._places = {int(one["id"]): _Place(one) for one in settings}
+        self._environment = dict(environment or {})
+        self._leaving: set[int] = set()
         self._draws, self._restart = draws, restart
         self._output = output
         self._tell = tell
@@ -153,17 +157,35 @@ class Supervisor:
             self._begin(place)
         self._thread.start()
 
+    def add(self, settings: Sequence[Mapping[str, Any]]) -> None:
+        """Start further servers. Raises OSError when the system does not allow another process."""
+        with self._lock:
+            for one in settings:
+                place = _Place(one)
+                self._begin(place)
+                self._places = {**self._places, int(one["id"]): place}  # others iterate over it
+            self._count()
+
+    def remove(self, servers: Collection[int]) -> None:
+        """End servers soon, which are not started again; those that are not there are left out."""
+        self._leaving.update(servers)
+        self._news.set()
+
+    def _remove(self) -> None:
+        with self._lock:
+            servers, self._leaving = self._leaving, set()
+            leaving = [place for server, place in self._places.items() if server in servers]
+            self._places = {server: one for server, one in self._places.items() if server not in servers}
+            self._count()
+        _end([place.process for place in leaving if place.process is not None])
+
     def stop(self) -> None:
         """End all servers: ask all, then wait for each, then kill."""
         self._stopping.set()
         self._news.set()
         if self._thread.is_alive():
             self._thread.join()
-        processes = [place.process for place in self._places.values() if place.process is not None]
-        for process in processes:
-            process.dismiss()
-        for process in processes:
-            process.close()
+        _end([place.process for place in self._places.values() if place.process is not None])
         for place in self._places.values():
             place.process = None
 
@@ -189,17 +211,21 @@ class Supervisor:
             on_event=self._heard,
             on_line=self._output.line,
             on_end=self._news.set,
+            environment=self._environment,
         )
 
     def _heard(self, process: Process, report: dict[str, Any]) -> None:
         if report.get("event") == "ready":
             with self._lock:
-                place = self._places[process.identifier]
-                place.was_ready, place.failed_starts = True, 0
+                place = self._places.get(process.identifier)
+                if place is not None:  # it was not removed meanwhile
+                    place.was_ready, place.failed_starts = True, 0
                 self._count()
         elif report.get("event") == "error" and process.ready:
             with self._lock:
-                self._places[process.identifier].left = True
+                place = self._places.get(process.identifier)
+                if place is not None:
+                    place.left = True
         self._tell(Event(process.identifier, process.pid, report))
 
     def _count(self) -> None:
@@ -218,6 +244,8 @@ class Supervisor:
         while not self._stopping.is_set():
             self._news.wait(self._patience())
             self._news.clear()
+            if self._leaving:
+                self._remove()
             now = time.monotonic()
             # This process slept, and the servers probably, too.
             away = max(0.0, now - last - 5 * LOOK)
@@ -340,3 +368,11 @@ class Supervisor:
             return
         assert process is not None
         self._tell(Restarted(process.identifier, process.pid))
+
+
+def _end(processes: Sequence[Process]) -> None:
+    """Ask all to end, then wait for each, then kill."""
+    for process in processes:
+        process.dismiss()
+    for process in processes:
+        process.close()

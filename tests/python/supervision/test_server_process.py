@@ -7,7 +7,7 @@ import sys
 import pytest
 
 from tests.conftest import free_port
-from tests.python.evaluation.supervision import poison
+from tests.python.supervision import poison
 
 
 @pytest.mark.parametrize("simulation", ["minisim", f"{poison.__file__}:Sound"])

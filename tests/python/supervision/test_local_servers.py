@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from swarmwright import Experiment, RunError, _engine, evaluate
-from swarmwright.evaluation.local_servers import LocalServers, automatic_count
+from swarmwright.supervision.local_servers import LocalServers, automatic_count
 
 
 def settings(broker: str, identifier: int = 1) -> dict[str, Any]:

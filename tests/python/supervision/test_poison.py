@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from swarmwright import Experiment, Run, RunError, evaluate, optimize, resume
-from tests.python.evaluation.supervision import poison
+from tests.python.supervision import poison
 
 FILE = poison.__file__
 
@@ -116,7 +116,7 @@ def test_servers_that_others_kill_are_no_candidates_failure(tmp_path: Path) -> N
     killed: list[int] = []
 
     def kill(done: int, _total: int, _waiting: str) -> None:
-        from swarmwright.evaluation.local_servers import _running
+        from swarmwright.supervision.local_servers import _running
 
         if done >= 3 * len(killed) and len(killed) < 4:
             (servers,) = _running.values()

@@ -5,7 +5,7 @@ import os
 import re
 import sys
 
-from swarmwright.evaluation.supervision.progress import Sample
+from swarmwright.supervision.progress import Sample
 
 MARK = b"\x1e"
 """Delimits `request first episode` at the beginning of a line."""

@@ -13,8 +13,8 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from typing import Any
 
-from swarmwright.evaluation.supervision.progress import Progress
-from swarmwright.evaluation.supervision.server_exit import ServerExit, split
+from swarmwright.supervision.progress import Progress
+from swarmwright.supervision.server_exit import ServerExit, split
 
 LAST_LINES = 20
 """Lines before the stack that are shown of what a server wrote last."""
@@ -39,6 +39,7 @@ class Process:
         on_event: gets what it reports, on another thread.
         on_line: gets (identifier, line) of what it writes, on another thread; returns the line as text.
         on_end: called on another thread when it has probably ended.
+        environment: further variables.
 
     """
 
@@ -50,6 +51,7 @@ class Process:
         on_event: Callable[["Process", dict[str, Any]], None],
         on_line: Callable[[int, bytes], str],
         on_end: Callable[[], None],
+        environment: Mapping[str, str],
     ) -> None:
         self.identifier = int(settings["id"])
         self.ready = False
@@ -78,7 +80,7 @@ class Process:
                 stderr=subprocess.PIPE if draws else subprocess.STDOUT,
                 pass_fds=[writing, self.progress.file],
                 # For what it draws when asked to.
-                env={**os.environ, "COLUMNS": str(shutil.get_terminal_size().columns)},
+                env={**os.environ, "COLUMNS": str(shutil.get_terminal_size().columns), **environment},
                 process_group=0,  # Ctrl-C reaches the parent alone, which then ends its servers in order
             )
         except BaseException:

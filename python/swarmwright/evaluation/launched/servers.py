@@ -1,0 +1,317 @@
+"""Keeps the servers of launchers going: starts them, replaces those that end, gives up what keeps failing."""
+
+import logging
+import secrets
+import threading
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self, cast
+
+from swarmwright import _engine
+from swarmwright.core.errors import RunError, engine_errors
+from swarmwright.evaluation.launched.access import Access
+from swarmwright.launchers import Health, Launcher, LauncherError, LauncherOptions
+
+_log = logging.getLogger("swarmwright")
+
+LOOK = 0.5
+"""Seconds between two looks, unless something is heard before."""
+SOON = 5.0
+"""Seconds for which servers may wait in a queue before that is reported."""
+MOST_FAILURES = 3
+"""Servers in a row that end without having been on the broker before a launcher is given up."""
+FIRST_PAUSE, LONGEST_PAUSE = 1.0, 60.0
+"""Seconds before a server is replaced; doubled with each one in a row that was never on the broker."""
+PATIENCE = 60.0
+"""Seconds for which a launcher may not answer, while none of its servers is on the broker."""
+_LARGEST = 2**31 - 1
+
+
+@dataclass
+class _Server:
+    """One server that was started."""
+
+    since: float
+    """When it was started, or began to run."""
+    health: Health = field(default_factory=lambda: Health("waiting"))
+    was_ready: bool = False
+
+
+@dataclass
+class Entry:
+    """A launcher, and the servers that it has started."""
+
+    name: str
+    launcher: Launcher
+    options: LauncherOptions
+    servers: dict[int, _Server] = field(default_factory=dict)
+    wanted: int = 0
+    failures: int = 0
+    again_at: float = 0.0
+    looked: float = 0.0
+    answered: float = field(default_factory=time.monotonic)
+    given_up: str | None = None
+    told: str = ""
+    words: list[str] = field(default_factory=list)
+    """How servers ended, without having been on the broker."""
+
+
+class LaunchedServers:
+    """Servers of several launchers for the time of a `with` block, which begins when one is on the broker.
+
+    Args:
+        entries: the launchers.
+        access: the broker.
+        prefix: of all topics.
+
+    Raises:
+        RunError: on entry, when no launcher can start a server; with the launchers' own words.
+
+    """
+
+    def __init__(self, entries: Sequence[Entry], access: Access, prefix: str) -> None:
+        self.access = access
+        self._entries = list(entries)
+        self._prefix = prefix
+        self._present: set[int] = set()
+        self._changed = threading.Condition()
+        self._stopping = threading.Event()
+        self._thread = threading.Thread(target=self._keep, daemon=True, name="launchers")
+        self._watcher: _engine.Watcher | None = None
+        self._supervision: _engine.Supervision | None = None
+        self._failure: BaseException | None = None
+        self._told: set[str] = set()
+        self._began = time.monotonic()
+        # Others may have servers on this broker; ids must differ.
+        self._next = 1 + secrets.randbelow(_LARGEST // 2)
+        self._reserved: dict[str, list[int]] = {}
+        self.restarts = 0
+
+    def __enter__(self) -> Self:
+        try:
+            with self.access.environment(), engine_errors():
+                self._watcher = _engine.Watcher(self.access.address, prefix=self._prefix)
+            for entry in self._entries:
+                entry.wanted = entry.options.count
+                self._reserved[entry.name] = [self._new_id() for _ in range(entry.wanted)]  # see `_start`
+                entry.launcher.open()
+            for entry in self._entries:
+                self._start(entry, entry.wanted)
+            self._thread.start()
+            self._wait_for_first()
+        except BaseException:
+            self.close()
+            raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    @property
+    def count(self) -> int:
+        """How many servers are wanted."""
+        return sum(entry.wanted for entry in self._entries)
+
+    @property
+    def where(self) -> str:
+        """Which launchers start how many, in words."""
+        return ", ".join(f"{entry.wanted} by {entry.name}" for entry in self._entries)
+
+    def attach(self, pool: _engine.Pool) -> None:
+        """Report to a pool how many servers are being started, until `detach`; from the pool's thread."""
+        for entry in self._entries:
+            entry.launcher.attach(pool, self._reserved[entry.name])
+        self._supervision = pool.watch([])
+
+    def detach(self) -> None:
+        """Stop reporting: the pool is closed."""
+        self._supervision = None
+        for entry in self._entries:
+            entry.launcher.attach(None, ())
+
+    def log_to(self, file: Path) -> None:
+        """Write what servers print to a file, where a launcher knows it."""
+        for entry in self._entries:
+            entry.launcher.log_to(file)
+
+    def check(self) -> None:
+        """Log launchers that have been given up; raise RunError when none of their servers is left."""
+        if self._failure is not None:
+            raise RunError(f"launchers: {self._failure!r}") from self._failure
+        lost = [entry for entry in self._entries if entry.given_up is not None]
+        if len(lost) == len(self._entries) and not self._present:
+            raise RunError("\n".join(f"{entry.name}: {entry.given_up}" for entry in lost))
+        for entry in lost:
+            self._warn_once(f"{entry.name}: {entry.given_up}\nIt is not used any more.")
+
+    def close(self) -> None:
+        """End all servers of all launchers."""
+        self._stopping.set()
+        if self._thread.is_alive():
+            self._thread.join()
+        for entry in self._entries:
+            try:
+                entry.launcher.close()
+            except LauncherError as error:
+                _log.warning("%s: servers may be left: %s", entry.name, error)
+        if self._watcher is not None:
+            self._watcher.close()
+            self._watcher = None
+
+    def _wait_for_first(self) -> None:
+        """Wait until a server is on the broker; in a queue that may take any time."""
+        with self._changed:
+            while not self._present:
+                self.check()
+                self._changed.wait(0.2)
+
+    def _keep(self) -> None:
+        try:
+            while not self._stopping.is_set():
+                self._listen()
+                now = time.monotonic()
+                for entry in self._entries:
+                    if entry.given_up is None and now - entry.looked >= entry.launcher.interval:
+                        entry.looked = now
+                        self._look(entry, now)
+                self._count()
+                with self._changed:
+                    self._changed.notify_all()
+        except Exception as error:  # noqa: BLE001 - raised by `check`, in the run's own thread
+            self._failure = error
+            with self._changed:
+                self._changed.notify_all()
+
+    def _listen(self) -> None:
+        """Take what servers say of themselves on the broker."""
+        assert self._watcher is not None
+        own = {server: entry for entry in self._entries for server in entry.servers}
+        for news in self._watcher.poll(min(LOOK, *(entry.launcher.interval for entry in self._entries))):
+            told = cast("dict[str, Any]", news)
+            if "left" in told:
+                self._present.discard(told["left"])
+            elif "presence" in told and told["presence"]["server"] in own:
+                presence = told["presence"]
+                server = presence["server"]
+                if presence["state"] == "lost":
+                    self._present.discard(server)
+                    continue
+                self._present.add(server)
+                own[server].servers[server].was_ready = True
+                own[server].failures, own[server].words = 0, []
+
+    def _look(self, entry: Entry, now: float) -> None:
+        """Ask a launcher for its servers, and replace those that have ended."""
+        try:
+            states = entry.launcher.health()
+            entry.answered = now
+        except LauncherError as error:
+            self._unknown(entry, str(error), now)
+            return
+        for server, one in list(entry.servers.items()):
+            health = states.get(server, Health("ended", "it is not known any more"))
+            if health.state == "running" and one.health.state != "running":
+                one.since = now
+            one.health = health
+            late = (
+                health.state == "running"
+                and not one.was_ready
+                and now - one.since > entry.options.start_timeout
+            )
+            if health.state == "ended" or late:
+                self._ended(entry, server, late=late)
+        self._tell_waiting(entry, now)
+        missing = entry.wanted - len(entry.servers)
+        if entry.given_up is None and missing > 0 and now >= entry.again_at:
+            self._replace(entry, missing, now)
+
+    def _ended(self, entry: Entry, server: int, *, late: bool) -> None:
+        """Note the end of a server."""
+        one = entry.servers.pop(server)
+        self._present.discard(server)
+        printed: list[str] = []
+        with suppress(LauncherError):
+            printed = [line for line in entry.launcher.logs(server) if line.strip()]
+            entry.launcher.stop([server])
+        words = one.health.reason or "ended"
+        if late:
+            words = (
+                f"runs, but has not reached {entry.launcher.specification.broker} within "
+                f"{entry.options.start_timeout:g} s; servers need a way to this address, see the options "
+                "broker_host and start_timeout"
+            )
+        text = "\n".join([f"server {server} {words}", *printed])
+        pause = 0.0
+        if not one.was_ready:
+            entry.failures += 1
+            entry.words = [*entry.words, text][-MOST_FAILURES:]
+            pause = min(FIRST_PAUSE * 2.0 ** (entry.failures - 1), LONGEST_PAUSE)
+            if entry.failures >= min(MOST_FAILURES, max(entry.wanted, 1)) and not self._on_broker(entry):
+                entry.given_up = "no server starts:\n" + "\n".join(dict.fromkeys(entry.words))
+        entry.again_at = max(entry.again_at, time.monotonic() + pause)
+
+    def _replace(self, entry: Entry, missing: int, now: float) -> None:
+        try:
+            self._start(entry, missing)
+            self.restarts += missing
+        except LauncherError as error:
+            self._unknown(entry, str(error), now)
+
+    def _unknown(self, entry: Entry, words: str, now: float) -> None:
+        """Note that a launcher does not answer; give it up when that lasts and no server of it is left."""
+        if self._on_broker(entry):
+            entry.answered = now
+        self._warn_once(f"{entry.name}: {words}\nTried again meanwhile; servers that are there go on.")
+        entry.again_at = now + FIRST_PAUSE
+        if now - entry.answered > PATIENCE:
+            entry.given_up = words
+
+    def _tell_waiting(self, entry: Entry, now: float) -> None:
+        """Say why servers wait in a queue, when that takes long or its reason changes."""
+        waiting = [one.health.reason for one in entry.servers.values() if one.health.state == "waiting"]
+        if not waiting or now - self._began < SOON or not any(waiting):
+            return
+        reasons = ", ".join(sorted({reason for reason in waiting if reason}))
+        told = f"{len(waiting)} of {entry.wanted} servers wait: {reasons}"
+        if told != entry.told:
+            entry.told = told
+            _log.warning("%s: %s", entry.name, told)
+
+    def _start(self, entry: Entry, count: int) -> None:
+        """Start servers. Raises LauncherError."""
+        # Processes of this machine keep their ids, of which the pool was told.
+        free = [server for server in self._reserved[entry.name] if server not in entry.servers]
+        ids = free[:count] if entry.launcher.is_here else [self._new_id() for _ in range(count)]
+        entry.launcher.start(ids)
+        now = time.monotonic()
+        entry.servers |= {server: _Server(now) for server in ids}
+
+    def _new_id(self) -> int:
+        self._next += 1
+        return self._next
+
+    def _on_broker(self, entry: Entry) -> bool:
+        return not self._present.isdisjoint(entry.servers)
+
+    def _count(self) -> None:
+        """Tell the pool how many servers may still come."""
+        supervision = self._supervision
+        if supervision is not None:
+            coming = [
+                server
+                for entry in self._entries
+                if entry.given_up is None
+                for server in range(max(0, entry.wanted - len(self._present & set(entry.servers))))
+            ]
+            supervision.starting(len(coming))
+
+    def _warn_once(self, text: str) -> None:
+        if text not in self._told:
+            self._told.add(text)
+            _log.warning("%s", text)

@@ -1,0 +1,123 @@
+"""Starting what an experiment's launchers need: the broker, accounts, code; then the servers."""
+
+import os
+import shlex
+from contextlib import ExitStack
+from pathlib import Path
+
+from swarmwright.broker.credentials import prepare
+from swarmwright.core.errors import InputError
+from swarmwright.core.simulation_names import is_python
+from swarmwright.evaluation.launched.access import Access, Credentials, embedded, own_address
+from swarmwright.evaluation.launched.packing import packed
+from swarmwright.evaluation.launched.servers import Entry, LaunchedServers
+from swarmwright.experiment.experiment import Experiment
+from swarmwright.launchers import LAUNCHERS, LauncherOptions, Specification
+from swarmwright.launchers._entries import Entries
+from swarmwright.user_code.changes import files_of
+
+
+def start(stack: ExitStack, experiment: Experiment, entries: Entries, broker: str | None) -> LaunchedServers:
+    """Start the servers of all entries; they end with the stack.
+
+    Args:
+        stack: ends what is started.
+        experiment: whose simulation the servers offer.
+        entries: what is started where.
+        broker: an external one; None: the embedded one is started.
+
+    Raises:
+        InputError: the code cannot be packed, or credentials cannot be read.
+        RunError: a launcher cannot be used, or no server starts; with the launcher's own words.
+    """
+    names = _names(entries)
+    hosts = {name: _host(one) for name, one in zip(names, entries, strict=True)}
+    if broker is None:
+        access = embedded(stack, list(hosts.values()), names, port=_port(entries), prefix=experiment.prefix)
+    else:
+        prepare(broker)
+        access = Access(broker)
+    launchers = {}
+    for name, options in zip(names, entries, strict=True):
+        component = LAUNCHERS.get(options.launcher)
+        specification = _specification(
+            experiment,
+            options,
+            access,
+            name,
+            None if broker is not None else hosts[name],
+            here=component.is_here,
+        )
+        launchers[name] = Entry(name, component(options, specification), options)
+    return stack.enter_context(LaunchedServers(list(launchers.values()), access, experiment.prefix))
+
+
+def _names(entries: Entries) -> list[str]:
+    """Return a name for each entry: its launcher's, with a number from the second one on."""
+    names: list[str] = []
+    for one in entries:
+        number = 1 + sum(other.partition("-")[0] == one.launcher for other in names)
+        names.append(one.launcher if number == 1 else f"{one.launcher}-{number}")
+    return names
+
+
+def _host(options: LauncherOptions) -> str:
+    if options.broker_host is not None:
+        return options.broker_host
+    return "127.0.0.1" if LAUNCHERS.get(options.launcher).is_here else own_address()
+
+
+def _port(entries: Entries) -> int | None:
+    ports = {one.broker_port for one in entries} - {None}
+    if len(ports) > 1:
+        raise InputError(
+            "servers: broker_port: there is one embedded broker, with one port for all launchers"
+        )
+    return ports.pop() if ports else None
+
+
+def _specification(
+    experiment: Experiment,
+    options: LauncherOptions,
+    access: Access,
+    name: str,
+    host: str | None,
+    *,
+    here: bool,
+) -> Specification:
+    simulation, code = (experiment.simulation, None) if here else packed(experiment.simulation, options)
+    own = _credentials(options) if host is None else None
+    credentials = own or access.servers.get(name, Credentials())
+    return Specification(
+        simulation=simulation,
+        broker=access.address_for(host),
+        prefix=experiment.prefix,
+        step_timeout=experiment.timeouts.step,
+        username=credentials.username,
+        password=credentials.password,
+        authority=credentials.authority,
+        code=code,
+        sources=files_of(simulation) if here and is_python(simulation) else {},
+        environment=options.environment,
+        label=f"swarmwright-{experiment.label}",
+    )
+
+
+def _credentials(options: LauncherOptions) -> Credentials:
+    """Return the servers' account on an external broker: that of a file, or this process's own."""
+    if options.credentials is None:
+        return Credentials.of_environment(os.environ, "the environment")
+    file = Path(options.credentials)
+    what = f"servers: credentials: {file}"
+    try:
+        words = shlex.split(file.read_text(encoding="utf-8"), comments=True)
+    except (OSError, ValueError) as error:
+        raise InputError(f"{what}: cannot be read: {error}") from error
+    found = dict(word.split("=", 1) for word in words if "=" in word)
+    made = Credentials.of_environment(found, what)
+    if made.username is None or made.password is None:
+        raise InputError(
+            f"{what}: has no SWARMWRIGHT_USERNAME with SWARMWRIGHT_PASSWORD or SWARMWRIGHT_PASSWORD_FILE; "
+            "`swarmwright broker --init` writes such files"
+        )
+    return made

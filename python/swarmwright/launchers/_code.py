@@ -1,0 +1,51 @@
+"""Code of a custom simulation in one piece, to be copied to where servers are."""
+
+import gzip
+import hashlib
+import io
+import tarfile
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+
+
+@dataclass(frozen=True)
+class Code:
+    """Files of a simulation.
+
+    Attributes:
+        digest: SHA-256 of their names and contents, in hexadecimal: what was copied once need not be again.
+        archive: the files as a tar archive, compressed by gzip.
+
+    """
+
+    digest: str
+    archive: bytes
+
+    @classmethod
+    def of(cls, files: Mapping[str, bytes], executable: Collection[str] = ()) -> Self:
+        """Pack files, by their path relative to a common folder; the same files give the same bytes.
+
+        executable: those of the paths that are programs.
+        """
+        digest = hashlib.sha256()
+        packed = io.BytesIO()
+        with (
+            gzip.GzipFile(fileobj=packed, mode="wb", mtime=0) as compressed,
+            tarfile.open(fileobj=compressed, mode="w", format=tarfile.PAX_FORMAT) as archive,
+        ):
+            for name, data in sorted(files.items()):
+                mode = 0o755 if name in executable else 0o644
+                head = f"{name}\0{mode:o}\0{len(data)}\0"
+                digest.update(head.encode() + data)
+                entry = tarfile.TarInfo(name)
+                entry.size, entry.mode = len(data), mode
+                archive.addfile(entry, io.BytesIO(data))
+        return cls(digest.hexdigest(), packed.getvalue())
+
+    def unpack(self, folder: Path) -> None:
+        """Write the files into a folder, which is made. Raises OSError."""
+        folder.mkdir(parents=True, exist_ok=True)
+        with tarfile.open(fileobj=io.BytesIO(self.archive)) as archive:
+            archive.extractall(folder, filter="data")

@@ -1,0 +1,87 @@
+"""What a launcher starts: the program, its arguments, its environment and its files."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import PurePosixPath
+
+from swarmwright.launchers._code import Code
+
+PASSWORD, AUTHORITY = "password", "ca.pem"
+"""Names of files that servers read."""
+BROKER_TIMEOUT = 60.0
+"""Seconds after which a server ends that cannot reach its broker: what started it is gone."""
+
+
+@dataclass(frozen=True)
+class Specification:
+    """Servers of one launcher.
+
+    Attributes:
+        simulation: as `swarmwright serve` takes it; a class in a file relative to the folder of the code.
+        broker: address as the servers reach it.
+        prefix: of all topics.
+        step_timeout: seconds, see `swarmwright serve`.
+        username: of their account on the broker; None: there are no accounts.
+        password: of their account. Never put it into arguments of programs, which all users can list.
+        authority: PEM text of the authority that signed the broker's certificate; None: the system's.
+        code: of a custom simulation; None for one that is installed where the servers are.
+        sources: files on this machine, path -> SHA-256, which a server that runs here must find unchanged.
+        environment: further variables.
+        label: what jobs are called, such as `swarmwright-minisim`.
+
+    """
+
+    simulation: str
+    broker: str
+    prefix: str = ""
+    step_timeout: float = 60.0
+    username: str | None = None
+    password: str | None = field(default=None, repr=False)
+    authority: str | None = field(default=None, repr=False)
+    code: Code | None = field(default=None, repr=False)
+    sources: Mapping[str, str] = field(default_factory=dict)
+    environment: Mapping[str, str] = field(default_factory=dict)
+    label: str = "swarmwright"
+
+    def arguments(self, server: int) -> list[str]:
+        """Return the arguments of the program `swarmwright` (or `python -m swarmwright`) for one server.
+
+        Its working folder is that of the code.
+        """
+        prefix = ["--prefix", self.prefix] if self.prefix else []
+        return [
+            "serve",
+            self.simulation,
+            *("--broker", self.broker),
+            *("--id", str(server)),
+            *("--step-timeout", f"{self.step_timeout:g}"),
+            *("--wait", f"{BROKER_TIMEOUT:g}"),
+            *("--broker-timeout", f"{BROKER_TIMEOUT:g}"),
+            *prefix,
+        ]
+
+    def variables(self, folder: str, code: str | None = None) -> dict[str, str]:
+        """Return environment variables; no secret is among them.
+
+        folder: of `files` on the server's machine. code: folder of the code there, if there is any.
+        """
+        found = dict(self.environment)
+        if code is not None:
+            others = found.get("PYTHONPATH")
+            found["PYTHONPATH"] = f"{code}:{others}" if others else code
+        if self.username is not None:
+            found["SWARMWRIGHT_USERNAME"] = self.username
+        if self.password is not None:
+            found["SWARMWRIGHT_PASSWORD_FILE"] = str(PurePosixPath(folder, PASSWORD))
+        if self.authority is not None:
+            found["SWARMWRIGHT_CA_FILE"] = str(PurePosixPath(folder, AUTHORITY))
+        return found
+
+    def files(self) -> dict[str, bytes]:
+        """Return the files that servers need beside the code, by name; for the user alone (mode 0600)."""
+        found = {}
+        if self.password is not None:
+            found[PASSWORD] = f"{self.password}\n".encode()
+        if self.authority is not None:
+            found[AUTHORITY] = self.authority.encode()
+        return found

@@ -1,0 +1,116 @@
+"""Servers as processes of this machine, which are watched, and started again when they crash or hang."""
+
+import queue
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
+
+from swarmwright.launchers._base import Health, Launcher, LauncherError, LauncherOptions
+from swarmwright.launchers._specification import Specification
+from swarmwright.supervision import Output, Supervisor
+from swarmwright.supervision.supervisor import News
+
+if TYPE_CHECKING:
+    from swarmwright import _engine
+
+
+class ProcessOptions(LauncherOptions):
+    """Processes on this machine."""
+
+    launcher: Literal["process"] = "process"
+
+
+class Process(Launcher):
+    """Server processes of this machine; those that end or hang are started again, as with `servers: 4`.
+
+    The pool is told how processes end: a crash is attributed to the evaluation that caused it.
+    """
+
+    kind: ClassVar[str] = "process"
+    options_model = ProcessOptions
+    options: ProcessOptions
+    is_here: ClassVar[bool] = True
+    interval: ClassVar[float] = 0.2
+
+    def __init__(self, options: ProcessOptions, specification: Specification) -> None:
+        super().__init__(options, specification)
+        self._output = Output()
+        self._news: queue.SimpleQueue[News] = queue.SimpleQueue()
+        self._folder: TemporaryDirectory[str] | None = None
+        self._supervisor: Supervisor | None = None
+
+    def open(self) -> None:
+        """Write the files that servers read, and begin to watch."""
+        self._folder = TemporaryDirectory(prefix="swarmwright-")
+        here = Path(self._folder.name)
+        for name, data in self.specification.files().items():
+            (here / name).touch(0o600)
+            (here / name).write_bytes(data)
+        self._supervisor = Supervisor(
+            [],
+            output=self._output,
+            tell=self._news.put,
+            step_timeout=self.specification.step_timeout,
+            environment=self.specification.variables(str(here)),
+        )
+        self._supervisor.start()
+
+    def start(self, servers: Sequence[int]) -> None:
+        """Start processes."""
+        assert self._supervisor is not None
+        try:
+            self._supervisor.add([self._settings(server) for server in servers])
+        except OSError as error:
+            raise LauncherError(f"a process cannot be started: {error}") from error
+
+    def health(self) -> Mapping[int, Health]:
+        """Return the states of the processes."""
+        assert self._supervisor is not None
+        ended = {one.server: one.report for one in self._supervisor.given_up()}
+        return {
+            server: Health("ended", ended[server]) if server in ended else Health("running")
+            for server in self._supervisor.identifiers
+        }
+
+    def stop(self, servers: Sequence[int]) -> None:
+        """End processes."""
+        if self._supervisor is not None:
+            self._supervisor.remove(servers)
+
+    def logs(self, server: int, lines: int = 20) -> Sequence[str]:
+        """Return the last lines of a process that has ended for good."""
+        if self._supervisor is None:
+            return ()
+        found = [one for one in self._supervisor.given_up() if one.server == server]
+        return found[0].words.split("\n")[-lines:] if found else ()
+
+    def log_to(self, file: Path) -> None:
+        """Write what the servers print to a file."""
+        self._output.log_to(file)
+
+    def close(self) -> None:
+        """End all processes."""
+        if self._supervisor is not None:
+            self._supervisor.stop()
+            self._supervisor = None
+        self._output.close()
+        if self._folder is not None:
+            self._folder.cleanup()
+            self._folder = None
+
+    def attach(self, pool: "_engine.Pool | None", servers: Sequence[int]) -> None:
+        """Report the ends of processes to a pool."""
+        if self._supervisor is not None:
+            self._supervisor.attach(None if pool is None else pool.watch(servers))
+
+    def _settings(self, server: int) -> dict[str, Any]:
+        specification = self.specification
+        return {
+            "simulation": specification.simulation,
+            "files": dict(specification.sources),
+            "broker": specification.broker,
+            "id": server,
+            "prefix": specification.prefix,
+            "step_timeout": specification.step_timeout,
+        }

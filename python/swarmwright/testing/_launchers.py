@@ -1,0 +1,109 @@
+"""Checks of launchers."""
+
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from swarmwright import _engine
+from swarmwright.launchers import LAUNCHERS, Launcher, LauncherOptions, Specification
+from swarmwright.testing._common import check_common_options
+
+_POLL_S = 0.2
+
+
+def check_launcher(
+    kind: str,
+    options: Mapping[str, Any] | None = None,
+    *,
+    broker: str | None = None,
+    timeout: float = 120.0,
+    alive: Callable[[], int] | None = None,
+) -> None:
+    """Check a registered launcher: it starts servers, says how they are, and leaves nothing behind.
+
+    Two servers of `minisim` are started on a broker, one is ended, another one is started, all are ended.
+
+    Args:
+        kind: its name.
+        options: those that it needs, as in an experiment, without `launcher` and `count`.
+        broker: address of a broker without accounts that its servers reach. Default: one is started on the
+            loopback address of this machine.
+        timeout: seconds that a server may take to start or to end.
+        alive: returns how many processes or jobs of the servers there are, by other means than the launcher,
+            for instance by asking the queue; it must be 0 after the end.
+
+    Raises:
+        AssertionError: what is violated.
+    """
+    component = LAUNCHERS.get(kind)
+    given = dict(options or {})
+    made = _check_options(component, kind, given)
+    embedded = _engine.Broker() if broker is None else None
+    address = embedded.url if embedded is not None else str(broker)
+    launcher = component(made, Specification(simulation="minisim", broker=address, label="swarmwright-check"))
+    try:
+        _check_life(launcher, address, timeout)
+        launcher.close()
+        launcher.close()  # a second time does no harm
+        _until(lambda: not _ready(address), timeout, "after `close` no server may be on the broker")
+        if alive is not None:
+            _until(lambda: alive() == 0, timeout, "after `close` nothing may be left")
+    finally:
+        launcher.close()
+        if embedded is not None:
+            embedded.stop()
+
+
+def _check_options(component: type[Launcher], kind: str, given: Mapping[str, Any]) -> LauncherOptions:
+    assert component.kind == kind, f"{component.__name__}.kind is {component.kind!r}, registered as {kind!r}"
+    model = component.options_model
+    assert issubclass(model, LauncherOptions), (
+        f"{model.__name__} must derive from swarmwright.launchers.LauncherOptions"
+    )
+    check_common_options(model, "launcher", kind, given)
+    return model.model_validate({**given, "launcher": kind, "count": 2})
+
+
+def _check_life(launcher: Launcher, broker: str, timeout: float) -> None:
+    launcher.open()
+    assert dict(launcher.health()) == {}, "before the first start there are no servers"
+    launcher.start([11, 12])
+    states = launcher.health()
+    assert set(states) == {11, 12}, f"`health` must name the servers 11 and 12, not {sorted(states)}"
+    _until(
+        lambda: _ready(broker) == {11, 12}, timeout, "the servers 11 and 12 must be on the broker", launcher
+    )
+    _until(
+        lambda: {one.state for one in launcher.health().values()} == {"running"},
+        timeout,
+        "servers that are on the broker must be running",
+        launcher,
+    )
+    launcher.stop([11])
+    _until(lambda: _ready(broker) == {12}, timeout, "`stop` must end server 11, and no other one", launcher)
+    _until(lambda: 11 not in launcher.health(), timeout, "`health` must forget stopped servers", launcher)
+    launcher.start([13])
+    _until(lambda: _ready(broker) == {12, 13}, timeout, "server 13 must join server 12", launcher)
+    assert all(isinstance(line, str) for line in launcher.logs(12)), "`logs` must return lines of text"
+    launcher.stop([99])  # was never started, does no harm
+
+
+def _ready(broker: str) -> set[int]:
+    return {one["server"] for one in _engine.servers(broker, wait=_POLL_S) if one["state"] != "lost"}
+
+
+def _until(holds: Callable[[], bool], timeout: float, rule: str, launcher: Launcher | None = None) -> None:
+    deadline = time.monotonic() + timeout
+    while not holds():
+        if time.monotonic() > deadline:
+            raise AssertionError(f"{rule}; it did not happen within {timeout:g} s{_state(launcher)}")
+        time.sleep(_POLL_S)
+
+
+def _state(launcher: Launcher | None) -> str:
+    if launcher is None:
+        return ""
+    states = launcher.health()
+    lines = [f"{server}: {one.state} {one.reason}".rstrip() for server, one in sorted(states.items())]
+    logs = [line for server in states for line in launcher.logs(server)]
+    return ": " + "\n".join([*lines, *logs])

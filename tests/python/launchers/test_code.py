@@ -1,0 +1,49 @@
+"""Code of a custom simulation in one piece."""
+
+from pathlib import Path
+
+import pytest
+
+from swarmwright import InputError
+from swarmwright.evaluation.launched.packing import packed
+from swarmwright.launchers import Code
+from swarmwright.launchers.process import ProcessOptions
+
+
+def test_the_same_files_give_the_same_bytes_in_any_order() -> None:
+    one = Code.of({"a.py": b"1", "b/c.txt": b"2"}, {"a.py"})
+    other = Code.of({"b/c.txt": b"2", "a.py": b"1"}, {"a.py"})
+    assert one == other
+    assert Code.of({"a.py": b"1", "b/c.txt": b"2"}).digest != one.digest
+    assert Code.of({"a.py": b"12", "b/c.txt": b""}).digest != one.digest
+
+
+def test_files_are_unpacked(tmp_path: Path) -> None:
+    Code.of({"a.py": b"1", "b/c.txt": b"2"}, {"a.py"}).unpack(tmp_path / "new")
+    assert (tmp_path / "new" / "a.py").stat().st_mode & 0o777 == 0o755
+    assert (tmp_path / "new" / "b" / "c.txt").read_bytes() == b"2"
+
+
+def test_imported_modules_and_named_files_travel(tmp_path: Path) -> None:
+    (tmp_path / "maps").mkdir()
+    (tmp_path / "maps" / "hall.json").write_text("{}")
+    (tmp_path / "walls.py").write_text("WALLS = 3\n")
+    (tmp_path / "unused.py").write_text("")
+    (tmp_path / "gather.py").write_text("import walls\nclass Gather: pass\n")
+    simulation = f"{tmp_path}/gather.py:Gather"
+    name, code = packed(simulation, ProcessOptions(files=["maps/*.json"]))
+    assert name == "gather.py:Gather"
+    assert code is not None
+    code.unpack(tmp_path / "new")
+    found = {str(path.relative_to(tmp_path / "new")) for path in (tmp_path / "new").rglob("*.*")}
+    assert found == {"gather.py", "walls.py", "maps/hall.json"}
+    assert packed(simulation, ProcessOptions(code="/opt/gather")) == ("gather.py:Gather", None)
+    for pattern, message in (("map/*.json", "there is no file"), ("../x", "must lie in")):
+        with pytest.raises(InputError, match=f"servers: files: .*{message}"):
+            packed(simulation, ProcessOptions(files=[pattern]))
+
+
+def test_built_in_simulations_have_no_code() -> None:
+    assert packed("minisim", ProcessOptions()) == ("minisim", None)
+    with pytest.raises(InputError, match="servers: code: the simulation is installed"):
+        packed("minisim", ProcessOptions(code="/opt"))

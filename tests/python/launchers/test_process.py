@@ -1,0 +1,74 @@
+"""Servers as processes of this machine."""
+
+import os
+import signal
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from swarmwright import Experiment, RunError, optimize
+from swarmwright.evaluation.launched.access import own_address
+from swarmwright.evaluation.opening import open_backend
+from swarmwright.evaluation.through_broker import BrokerBackend
+from swarmwright.testing import check_launcher
+from tests.python.records import same_record
+
+
+def experiment(**servers: Any) -> Experiment:
+    return Experiment.from_mapping(
+        {
+            "simulation": "minisim",
+            "method": {"population": 20, "generations": 4},
+            "validate": False,
+            "servers": {"launcher": "process", "count": 2, **servers},
+        }
+    )
+
+
+def test_the_conformance_check() -> None:
+    check_launcher("process")
+
+
+def test_the_record_is_that_of_other_servers_with_tls_and_accounts_too(tmp_path: Path) -> None:
+    here = optimize(experiment(), out=tmp_path / "here", servers="in-process", progress=False)
+    started = optimize(experiment(), out=tmp_path / "started", progress=False)
+    same_record(started, here)
+    # As servers on other machines reach this one: the broker has TLS and an account for each launcher.
+    before = dict(os.environ)
+    reached = optimize(experiment(broker_host=own_address()), out=tmp_path / "reached", progress=False)
+    same_record(reached, here)
+    assert dict(os.environ) == before
+
+
+def test_a_killed_server_is_started_again() -> None:
+    with open_backend(experiment()) as backend:
+        assert isinstance(backend, BrokerBackend)
+        supervisor = backend._servers._entries[0].launcher._supervisor  # type: ignore[union-attr]
+        first = supervisor.pids
+        assert len(first) == 2
+        os.kill(first[0], signal.SIGKILL)
+        while supervisor.restarts == 0:
+            backend.check()
+        while len(supervisor.pids) < 2:
+            backend.check()
+        assert first[1] in supervisor.pids
+    assert not any(Path(f"/proc/{pid}").exists() for pid in first)
+
+
+def test_servers_that_do_not_start_are_given_up_with_what_they_printed(tmp_path: Path) -> None:
+    file = tmp_path / "gather.py"
+    file.write_text(
+        "import swarmwright\n"
+        "from swarmwright.simulations import loading\n"
+        "if loading.serving: raise SystemExit('no licence for this machine')\n"
+        "class Gather(swarmwright.Simulation):\n"
+        "    title, dimensions, sensors, actuators, parameters = 'gather', 2, 1, 1, {}\n"
+        "    def reset(self, parameters, seed): return [[0.0]]\n"
+        "    def step(self, actuators): return [[0.0]]\n"
+        "    def done(self): return True\n"
+        "    def fitness(self): return 0.0\n"
+    )
+    made = experiment().replace(simulation=f"{file}:Gather")
+    with pytest.raises(RunError, match=r"(?s)process: no server starts:.*no licence for this machine"):
+        optimize(made, out=tmp_path / "run", progress=False)
