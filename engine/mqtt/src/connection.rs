@@ -95,6 +95,8 @@ pub struct Connection {
     out: Vec<u8>,
     retry_at: Instant,
     pause: Duration,
+    /// Brokers that could not be reached, one after the other.
+    failures: usize,
     chunk: Box<[u8]>,
     /// Events from while the connection was being established: retained messages follow the subscription at once.
     early: Vec<Event>,
@@ -102,10 +104,11 @@ pub struct Connection {
 }
 
 impl Connection {
-    /// Connects and subscribes; MQTT 5, or 3.1.1 where the broker does not support it.
+    /// Connects and subscribes; MQTT 5, or 3.1.1 where the broker does not support it. Where the settings name several
+    /// brokers of a cluster, the first that can be reached is used, and the next one when it is lost.
     ///
     /// # Errors
-    /// No broker at the address, no MQTT, credentials refused, a subscription denied, certificates that are not valid for it.
+    /// Of all brokers: none at the address, no MQTT, credentials refused, a subscription denied, certificates that are not valid for it.
     pub fn open(
         settings: Settings,
         subscriptions: Vec<Subscription>,
@@ -129,11 +132,12 @@ impl Connection {
             out: Vec::new(),
             retry_at: Instant::now(),
             pause: FIRST_PAUSE,
+            failures: 0,
             chunk: vec![0; CHUNK].into_boxed_slice(),
             early: Vec::new(),
             traffic: Traffic::default(),
         };
-        connection.establish()?;
+        connection.establish_any()?;
         Ok(connection)
     }
 

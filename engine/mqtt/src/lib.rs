@@ -107,3 +107,26 @@ pub enum ConnectError {
         reason: String,
     },
 }
+
+impl ConnectError {
+    /// The error of several brokers of which none can be used: the first that is there and refuses, if there is one.
+    fn all(mut errors: Vec<Self>) -> Self {
+        if let Some(place) = errors
+            .iter()
+            .position(|error| !matches!(error, Self::NoBroker { .. }))
+        {
+            return errors.swap_remove(place);
+        }
+        let (urls, reasons): (Vec<_>, Vec<_>) = errors
+            .into_iter()
+            .filter_map(|error| match error {
+                Self::NoBroker { url, reason } => Some((url, reason)),
+                _ => None,
+            })
+            .unzip();
+        Self::NoBroker {
+            url: urls.join(" or "),
+            reason: reasons.join("; "),
+        }
+    }
+}

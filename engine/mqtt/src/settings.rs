@@ -1,5 +1,6 @@
 //! Settings of a connection: URL, credentials, last will.
 
+use std::collections::VecDeque;
 use std::net::IpAddr;
 use std::path::PathBuf;
 use std::str::FromStr;
@@ -175,8 +176,10 @@ pub struct Will {
 /// Everything that a connection needs to know.
 #[derive(Clone)]
 pub struct Settings {
-    /// Address of the broker.
+    /// Address of the broker, of a cluster's the one that is used at present.
     pub url: BrokerUrl,
+    /// The other brokers of a cluster, in the order in which they are tried when that one cannot be reached.
+    pub others: VecDeque<BrokerUrl>,
     /// Account at the broker.
     pub username: Option<String>,
     /// Its password.
@@ -197,8 +200,10 @@ impl Settings {
     /// Settings with the credentials of the environment: `SWARMWRIGHT_USERNAME`, `SWARMWRIGHT_PASSWORD` or
     /// `SWARMWRIGHT_PASSWORD_FILE` (first line), `SWARMWRIGHT_CA_FILE`.
     ///
+    /// `url`: of a broker, or those of the brokers of a cluster, separated by commas.
+    ///
     /// # Errors
-    /// The URL is not valid, the password file cannot be read, or a password is set without a user name.
+    /// A URL is not valid, the password file cannot be read, or a password is set without a user name.
     pub fn from_environment(url: &str) -> Result<Self, SettingsError> {
         let variable = |name: &str| env::var(name).ok().filter(|value| !value.is_empty());
         let username = variable("SWARMWRIGHT_USERNAME");
@@ -224,7 +229,15 @@ impl Settings {
                 "a password is set but SWARMWRIGHT_USERNAME is not; set both or neither".to_owned(),
             ));
         }
-        let mut settings = Self::new(url.parse()?);
+        let mut urls = url
+            .split(',')
+            .map(|url| url.trim().parse())
+            .collect::<Result<VecDeque<BrokerUrl>, _>>()?;
+        let first = urls
+            .pop_front()
+            .ok_or_else(|| SettingsError("no broker is named".to_owned()))?;
+        let mut settings = Self::new(first);
+        settings.others = urls;
         settings.username = username;
         settings.password = password;
         settings.ca_file = variable("SWARMWRIGHT_CA_FILE").map(PathBuf::from);
@@ -236,6 +249,7 @@ impl Settings {
     pub fn new(url: BrokerUrl) -> Self {
         Self {
             url,
+            others: VecDeque::new(),
             username: None,
             password: None,
             ca_file: None,
@@ -246,12 +260,21 @@ impl Settings {
         }
     }
 
+    /// Goes on to the next broker of the cluster; the present one is then the last to be tried again.
+    pub(crate) fn next_broker(&mut self) {
+        if let Some(next) = self.others.pop_front() {
+            self.others
+                .push_back(std::mem::replace(&mut self.url, next));
+        }
+    }
+
     /// A warning for the operator if the password leaves this machine unencrypted.
     #[must_use]
     pub fn clear_text_warning(&self) -> Option<String> {
-        let url = &self.url;
-        let is_clear = matches!(url.scheme, Scheme::Mqtt | Scheme::Ws) && !is_loopback(&url.host);
-        (self.password.is_some() && is_clear && !self.clear_text_is_known).then(|| {
+        let url = std::iter::once(&self.url).chain(&self.others).find(|url| {
+            matches!(url.scheme, Scheme::Mqtt | Scheme::Ws) && !is_loopback(&url.host)
+        })?;
+        (self.password.is_some() && !self.clear_text_is_known).then(|| {
             format!(
                 "the password for {}:{} travels unencrypted and can be read on the network path; use a broker with TLS, mqtts://",
                 url.host, url.port
@@ -321,6 +344,35 @@ mod tests {
             assert_eq!(warning.is_some(), warned, "{url}");
             assert!(warning.is_none_or(|text| !text.contains("secret")));
         }
+    }
+
+    #[test]
+    fn the_brokers_of_a_cluster_are_tried_in_turn() {
+        let mut settings = Settings::from_environment("mqtt://one, two:1884,ws://three").unwrap();
+        let mut shown = Vec::new();
+        for _ in 0..4 {
+            shown.push(settings.url.to_string());
+            settings.next_broker();
+        }
+        assert_eq!(
+            shown,
+            [
+                "mqtt://one:1883",
+                "mqtt://two:1884",
+                "ws://three:80/mqtt",
+                "mqtt://one:1883"
+            ]
+        );
+        for wrong in [
+            "",
+            "mqtt://one,",
+            "mqtt://one,,two",
+            "mqtt://one,http://two",
+        ] {
+            assert!(Settings::from_environment(wrong).is_err(), "{wrong:?}");
+        }
+        settings.password = Some("secret".to_owned());
+        assert!(settings.clear_text_warning().is_some());
     }
 
     #[test]

@@ -6,11 +6,20 @@ SCHEMES = ("mqtt", "mqtts", "ws", "wss")
 VERSIONS = ("3", "5")
 
 
-def broker_problem(url: str) -> str | None:
-    """Return what is wrong with a broker's URL, None when nothing is.
+def broker_problem(urls: str) -> str | None:
+    """Return what is wrong with a broker's URL, or those of a cluster's brokers with commas between; None: nothing.
 
-    The URL is never repeated: it may hold secrets.
+    A URL is never repeated: it may hold secrets.
     """
+    several = urls.split(",")
+    for number, url in enumerate(several, 1):
+        problem = _problem(url.strip())
+        if problem is not None:
+            return problem if len(several) == 1 else f"(address {number} of {len(several)}) {problem}"
+    return None
+
+
+def _problem(url: str) -> str | None:
     example = "write it like mqtt://host:1883"
     try:
         parts = urlsplit(url)

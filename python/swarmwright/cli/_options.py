@@ -239,7 +239,10 @@ def peer_broker(broker: str | None, command: str | None) -> str | None:
 
     None when none is named: then the kit starts one.
     """
-    return _environment_broker() if broker is None and command is None else broker
+    chosen = _environment_broker() if broker is None and command is None else broker
+    if chosen is not None and "," in chosen:
+        raise click.BadParameter("names several brokers; a peer is tried on one.", param_hint="'--broker'")
+    return chosen
 
 
 def _environment_broker() -> str | None:

@@ -283,7 +283,8 @@ class Document(Options):
     Or what starts servers elsewhere, {launcher: slurm, count: 200, partition: long}, in short slurm:200, or a
     list of these; they are started on the broker that is given, or on the embedded one."""
     broker: str | None = None
-    """Address of an external broker: mqtt://, mqtts://, ws:// or wss://, host, port. User and password are
+    """Address of an external broker: mqtt://, mqtts://, ws:// or wss://, host, port; several, separated by
+    commas, are the brokers of a cluster, of which the next is used when one is lost. User and password are
     not part of it: they come from the environment, SWARMWRIGHT_USERNAME and SWARMWRIGHT_PASSWORD (or
     SWARMWRIGHT_PASSWORD_FILE). Default: an embedded broker is started."""
     prefix: str = ""

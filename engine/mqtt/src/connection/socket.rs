@@ -21,11 +21,40 @@ impl Connection {
             Ok(()) => events.push(Event::Connected),
             Err(error) => {
                 log::debug!("{error}");
+                self.settings.next_broker();
+                self.failures += 1;
+                if self.failures <= self.settings.others.len() {
+                    self.retry_at = Instant::now(); // another broker of the cluster may be there
+                    return;
+                }
+                self.failures = 0;
                 // Jitter, so that the servers of a cluster do not all reconnect at the same time.
                 self.retry_at = Instant::now() + self.pause.mul_f64(0.5 + fastrand::f64());
                 self.pause = (self.pause * 2).min(LONGEST_PAUSE);
             }
         }
+    }
+
+    /// Connects to the first broker that can be reached.
+    pub(super) fn establish_any(&mut self) -> Result<(), ConnectError> {
+        let mut found = match self.establish() {
+            Err(error) if !self.settings.others.is_empty() => vec![error],
+            found => return found,
+        };
+        for _ in 0..self.settings.others.len() {
+            self.settings.next_broker();
+            match self.establish() {
+                Ok(()) => {
+                    for error in found {
+                        log::warn!("{error}; {} is used instead", self.settings.url);
+                    }
+                    return Ok(());
+                }
+                Err(error) => found.push(error),
+            }
+        }
+        self.settings.next_broker();
+        Err(ConnectError::all(found))
     }
 
     pub(super) fn establish(&mut self) -> Result<(), ConnectError> {
@@ -57,6 +86,7 @@ impl Connection {
             closing: false,
         });
         self.pause = FIRST_PAUSE;
+        self.failures = 0;
         Ok(())
     }
 

@@ -109,6 +109,7 @@ public abstract class SimulationWrapper implements MqttCallback, AutoCloseable {
   private static MqttConnectOptions options(BrokerAddress address) {
     MqttConnectOptions options = new MqttConnectOptions();
     options.setSocketFactory(address.sockets());
+    options.setServerURIs(address.uris());
     options.setAutomaticReconnect(true);
     options.setMaxReconnectDelay(5_000);
     options.setConnectionTimeout(10);

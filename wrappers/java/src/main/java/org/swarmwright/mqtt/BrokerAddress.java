@@ -10,6 +10,7 @@ import java.security.GeneralSecurityException;
 import java.security.KeyStore;
 import java.security.cert.Certificate;
 import java.security.cert.CertificateFactory;
+import java.util.ArrayList;
 import java.util.List;
 import java.util.Locale;
 import java.util.Map;
@@ -18,7 +19,8 @@ import javax.net.ssl.SSLContext;
 import javax.net.ssl.TrustManagerFactory;
 
 /**
- * The URL of a broker, and the credentials from environment variables.
+ * The URL of a broker, or those of the brokers of a cluster, and the credentials from environment
+ * variables.
  *
  * <p>SWARMWRIGHT_USERNAME, SWARMWRIGHT_PASSWORD or SWARMWRIGHT_PASSWORD_FILE (its first line),
  * SWARMWRIGHT_CA_FILE (PEM).
@@ -31,27 +33,46 @@ public final class BrokerAddress {
   private static final Map<String, Integer> PORTS =
       Map.of("tcp", 1883, "ssl", 8883, "ws", 80, "wss", 443);
 
-  private final String uri;
+  private final List<String> uris;
   private final boolean tls;
   private final Map<String, String> environment;
 
-  private BrokerAddress(String uri, boolean tls, Map<String, String> environment) {
-    this.uri = uri;
+  private BrokerAddress(List<String> uris, boolean tls, Map<String, String> environment) {
+    this.uris = uris;
     this.tls = tls;
     this.environment = environment;
   }
 
   /**
    * Reads mqtt://, mqtts://, ws:// or wss://, host and optional port; without a scheme mqtt:// is
-   * meant.
+   * meant. Several, separated by commas, are the brokers of a cluster: the first that can be
+   * reached is used.
    *
-   * @throws IllegalArgumentException if it is not such a URL, or contains credentials
+   * @throws IllegalArgumentException if one is not such a URL, or contains credentials, or only
+   *     some are encrypted
    */
-  public static BrokerAddress of(String url) {
-    return of(url, System.getenv());
+  public static BrokerAddress of(String urls) {
+    return of(urls, System.getenv());
   }
 
-  static BrokerAddress of(String url, Map<String, String> environment) {
+  static BrokerAddress of(String urls, Map<String, String> environment) {
+    List<String> uris = new ArrayList<>();
+    for (String url : urls.split(",", -1)) {
+      uris.add(uriOf(url.strip()));
+    }
+    boolean tls = isEncrypted(uris.get(0));
+    if (uris.stream().anyMatch(uri -> isEncrypted(uri) != tls)) {
+      throw new IllegalArgumentException(
+          "broker URLs: all brokers of a cluster must be encrypted (mqtts://, wss://), or none");
+    }
+    return new BrokerAddress(List.copyOf(uris), tls, environment);
+  }
+
+  private static boolean isEncrypted(String uri) {
+    return uri.startsWith("ssl:") || uri.startsWith("wss:");
+  }
+
+  private static String uriOf(String url) {
     String shown = url.contains("@") ? "...@" + url.substring(url.lastIndexOf('@') + 1) : url;
     URI parsed;
     try {
@@ -83,19 +104,21 @@ public final class BrokerAddress {
     }
     int port = parsed.getPort() < 0 ? PORTS.get(scheme) : parsed.getPort();
     String place = web ? (path.length() > 1 ? path : "/mqtt") : "";
-    return new BrokerAddress(
-        scheme + "://" + parsed.getHost() + ":" + port + place,
-        scheme.equals("ssl") || scheme.equals("wss"),
-        environment);
+    return scheme + "://" + parsed.getHost() + ":" + port + place;
   }
 
   private static IllegalArgumentException wrong(String url, String reason) {
     return new IllegalArgumentException("broker URL \"" + url + "\": " + reason);
   }
 
-  /** The address as Paho spells it. */
+  /** The address as Paho spells it; of a cluster the first. */
   public String uri() {
-    return uri;
+    return uris.get(0);
+  }
+
+  /** All addresses as Paho spells them, in the order in which they are tried. */
+  public String[] uris() {
+    return uris.toArray(new String[0]);
   }
 
   /** The user name; null for none. */
@@ -172,6 +195,6 @@ public final class BrokerAddress {
 
   @Override
   public String toString() {
-    return uri;
+    return String.join(" or ", uris);
   }
 }

@@ -71,6 +71,7 @@ final class Link {
     options.setConnectionTimeout(TIMEOUT_MILLIS / 1000);
     options.setKeepAliveInterval(KEEP_ALIVE_S);
     options.setSocketFactory(address.sockets());
+    options.setServerURIs(address.uris());
     if (address.username() != null) {
       options.setUserName(address.username());
     }
