@@ -12,6 +12,7 @@ LAUNCHERS: Registry[Launcher] = Registry(
     "swarmwright.launchers",
     {
         "process": "swarmwright.launchers.process:Process",
+        "ssh": "swarmwright.launchers.ssh:Ssh",
     },
     "swarmwright.launchers:Launcher",
 )

@@ -1,0 +1,288 @@
+"""Machines that are reached through SSH: their connections, slots and servers; runs in one event loop."""
+
+import asyncio
+import secrets
+import shlex
+from collections import deque
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import PurePosixPath
+from typing import TYPE_CHECKING, Any
+
+from swarmwright.launchers._base import Health
+from swarmwright.launchers._remote import called, prepared
+from swarmwright.launchers._specification import Specification
+
+if TYPE_CHECKING:
+    from swarmwright.launchers.ssh import Host, SshOptions
+
+GRACE = 10.0
+"""Seconds that a server has to end after SIGTERM."""
+RETRY = 5.0
+"""Seconds between two attempts to reach a machine."""
+CONNECT = 15.0
+"""Seconds for connecting and logging in."""
+KEEPALIVE = 10.0
+"""Seconds between signs of life on an idle connection; the third that is not answered ends it."""
+_KEPT = 200
+
+
+class _Unusable(Exception):  # noqa: N818 - a state
+    """A machine cannot be used; the message says why."""
+
+
+@dataclass
+class _Machine:
+    """A machine and its connection."""
+
+    host: "Host"
+    name: str
+    connection: Any = None
+    slots: int = 0
+    home: str = ""
+    code: str | None = None
+    used: set[int] = field(default_factory=set)
+    problem: str | None = None
+    again_at: float = 0.0
+
+
+@dataclass
+class _Remote:
+    """A server."""
+
+    health: Health = field(default_factory=lambda: Health("waiting", "for a free slot"))
+    lines: deque[str] = field(default_factory=lambda: deque(maxlen=_KEPT))
+    task: "asyncio.Task[None] | None" = None
+    process: Any = None
+    stopped: bool = False
+
+
+class Hosts:
+    """All machines, and the servers on them."""
+
+    def __init__(self, hosts: Sequence["Host"], options: "SshOptions", specification: Specification) -> None:
+        self._options, self._specification = options, specification
+        self._machines = [_Machine(host, host.host) for host in hosts]
+        self._servers: dict[int, _Remote] = {}
+        self._ended: dict[int, list[str]] = {}
+        self._token = secrets.token_hex(4)
+
+    async def open(self) -> list[str]:
+        """Connect to all machines; return what is wrong with those that cannot be used."""
+        await asyncio.gather(*(self._connect(machine) for machine in self._machines))
+        return [f"{one.name}: {one.problem}" for one in self._machines if one.problem is not None]
+
+    async def start(self, servers: Sequence[int]) -> None:
+        """Give servers to free slots."""
+        for server in servers:
+            self._servers[server] = _Remote()
+        self._assign()
+
+    async def health(self) -> Mapping[int, Health]:
+        """Return the states of all servers; try machines again that could not be reached."""
+        now = asyncio.get_running_loop().time()
+        due = [one for one in self._machines if one.problem is not None and one.again_at <= now]
+        await asyncio.gather(*(self._connect(machine) for machine in due))
+        self._assign()
+        return {server: one.health for server, one in self._servers.items()}
+
+    async def logs(self, server: int) -> list[str]:
+        """Return what a server printed last."""
+        found = self._servers.get(server)
+        return list(found.lines) if found is not None else self._ended.get(server, [])
+
+    async def stop(self, servers: Sequence[int]) -> None:
+        """End servers."""
+        leaving = [(server, self._servers.pop(server)) for server in servers if server in self._servers]
+        for server, one in leaving:
+            self._ended[server] = list(one.lines)
+        await asyncio.gather(*(self._end(one) for _, one in leaving))
+
+    async def close(self) -> None:
+        """End all servers, and all connections."""
+        await self.stop(list(self._servers))
+        for machine in self._machines:
+            if machine.connection is not None:
+                machine.connection.close()
+        for machine in self._machines:
+            if machine.connection is not None:
+                with suppress(Exception):  # it may have broken in any way
+                    await asyncio.wait_for(machine.connection.wait_closed(), GRACE)
+
+    async def _end(self, server: _Remote) -> None:
+        server.stopped = True
+        if server.task is None:
+            return
+        with suppress(Exception):  # the connection may be gone
+            if server.process is not None:
+                server.process.stdin.write_eof()  # on which the script there ends the server
+        _, unfinished = await asyncio.wait([server.task], timeout=GRACE + 2.0)
+        for task in unfinished:
+            task.cancel()
+
+    async def _connect(self, machine: _Machine) -> None:
+        import asyncssh  # noqa: PLC0415 - optional
+
+        machine.again_at = asyncio.get_running_loop().time() + RETRY
+        try:
+            machine.connection = await asyncio.wait_for(
+                asyncssh.connect(machine.host.host, **self._arguments(machine.host)), CONNECT
+            )
+            machine.home = (await self._ask(machine, 'printf "%s" "$HOME"')).strip()
+            machine.slots = machine.host.slots or int(await self._ask(machine, "nproc"))
+            await self._ask(
+                machine, f"command -v {shlex.split(self._options.command)[0]}", self._no_program()
+            )
+            machine.code = await self._copy_code(machine)
+        except _Unusable as error:
+            machine.problem = str(error)
+        except TimeoutError:
+            machine.problem = f"no answer within {CONNECT:g} s"
+        except asyncssh.HostKeyNotVerifiable as error:
+            machine.problem = (
+                f"its host key is not trusted ({error.reason}); log in once with ssh and compare it, or name "
+                "the file that has it with the option known_hosts"
+            )
+        except asyncssh.PermissionDenied as error:
+            machine.problem = f"login refused ({error.reason}); see the options user and key"
+        except (OSError, asyncssh.Error, ValueError) as error:
+            machine.problem = getattr(error, "reason", "") or str(error) or type(error).__name__
+        else:
+            machine.problem = None
+
+    def _no_program(self) -> str:
+        return (
+            f"the program {self._options.command} is not there; name it with the option command, such as "
+            "/opt/venv/bin/swarmwright"
+        )
+
+    def _arguments(self, host: "Host") -> dict[str, Any]:
+        options = self._options
+        given = {
+            "username": host.user or options.user,
+            "port": host.port or options.port,
+            "client_keys": None if options.key is None else [options.key],
+            "known_hosts": options.known_hosts,
+            "config": None if options.config is None else [options.config],
+        }
+        named = {name: value for name, value in given.items() if value is not None}
+        return {**named, "keepalive_interval": KEEPALIVE, "login_timeout": CONNECT}
+
+    async def _ask(self, machine: _Machine, command: str, problem: str | None = None) -> str:
+        setup = f"{self._options.setup}\n" if self._options.setup else ""
+        result = await machine.connection.run(f"sh -c {shlex.quote(setup + command)}", check=False)
+        if result.exit_status != 0:
+            words = (result.stderr or "").strip()
+            raise _Unusable(problem or f"`{command}` ended with status {result.exit_status}: {words}")
+        return str(result.stdout)
+
+    async def _copy_code(self, machine: _Machine) -> str | None:
+        """Copy the code where it is not yet; return its folder."""
+        code = self._specification.code
+        if code is None:
+            return self._options.code
+        base = str(PurePosixPath(machine.home, self._options.folder, "code"))
+        folder, part = f"{base}/{code.digest}", f"{base}/{self._token}.part"
+        async with machine.connection.start_sftp_client() as files:
+            if await files.isdir(folder):
+                return folder
+            await files.makedirs(part, exist_ok=True)
+            async with files.open(f"{part}/code.tar.gz", "wb") as archive:
+                await archive.write(code.archive)
+        quoted = shlex.quote(part)
+        await self._ask(
+            machine,
+            f"cd {quoted} && tar -xzf code.tar.gz && rm code.tar.gz && "
+            f"(mv -T {quoted} {shlex.quote(folder)} 2> /dev/null || rm -rf {quoted})",
+        )
+        return folder
+
+    def _assign(self) -> None:
+        """Give waiting servers to free slots."""
+        down = [f"{one.name}: {one.problem}" for one in self._machines if one.problem is not None]
+        for server, one in self._servers.items():
+            if one.task is not None:
+                continue
+            able = [
+                machine
+                for machine in self._machines
+                if machine.problem is None and len(machine.used) < machine.slots
+            ]
+            if not able:
+                slots = sum(machine.slots for machine in self._machines if machine.problem is None)
+                one.health = Health("waiting", "; ".join([f"for one of {slots} slots", *down]))
+                continue
+            machine = min(able, key=lambda machine: len(machine.used) / machine.slots)
+            machine.used.add(server)
+            one.health = Health("running")
+            one.task = asyncio.get_running_loop().create_task(self._serve(machine, server, one))
+
+    async def _serve(self, machine: _Machine, server: int, one: _Remote) -> None:
+        """Run a server to its end."""
+        import asyncssh  # noqa: PLC0415 - optional
+
+        try:
+            folder = await self._copy_secrets(machine, server)
+            script = self._script(machine, server, folder)
+            one.process = await machine.connection.create_process(
+                f"sh -c {shlex.quote(script)}", stderr=asyncssh.STDOUT, errors="replace"
+            )
+            async for line in one.process.stdout:
+                one.lines.append(line.rstrip("\n"))
+            await one.process.wait(check=False)
+            status = one.process.exit_status
+            how = f"ended with status {status}" if status is not None else "ended with its connection"
+            one.health = Health("ended", f"{how} on {machine.name}")
+            if status is None:
+                self._lost(machine, "the connection ended")
+        except (OSError, asyncssh.Error) as error:
+            words = getattr(error, "reason", "") or str(error)
+            one.health = Health("ended", f"on {machine.name}: {words}")
+            self._lost(machine, words)
+        finally:
+            machine.used.discard(server)
+
+    def _lost(self, machine: _Machine, words: str) -> None:
+        machine.problem = words
+        machine.again_at = asyncio.get_running_loop().time() + RETRY
+
+    async def _copy_secrets(self, machine: _Machine, server: int) -> str:
+        import asyncssh  # noqa: PLC0415 - optional
+
+        folder = str(PurePosixPath(machine.home, self._options.folder, "run", f"{self._token}-{server}"))
+        private = asyncssh.SFTPAttrs(permissions=0o600)
+        async with machine.connection.start_sftp_client() as files:
+            await files.makedirs(folder, asyncssh.SFTPAttrs(permissions=0o700), exist_ok=True)
+            for name, data in self._specification.files().items():
+                async with files.open(f"{folder}/{name}", "wb", private) as file:
+                    await file.write(data)
+        return folder
+
+    def _script(self, machine: _Machine, server: int, folder: str) -> str:
+        """Return what runs a server until it ends or standard input does, with the connection."""
+        variables = self._specification.variables(folder, machine.code)
+        quoted = shlex.quote(folder)
+        return "\n".join(
+            [
+                f"trap 'rm -rf {quoted}' EXIT",
+                "trap '' HUP",
+                *prepared(self._options, variables, machine.code or folder),
+                "exec 3<&0",
+                f"{called(self._options, self._specification, server)} < /dev/null 3<&- &",
+                "server=$!",
+                "(",
+                "  cat <&3",
+                "  kill -TERM $server",
+                f"  left={10 * GRACE:g}",
+                "  while kill -0 $server && [ $left -gt 0 ]; do sleep 0.1; left=$((left - 1)); done",
+                "  kill -KILL $server",
+                ") > /dev/null 2>&1 &",
+                "watcher=$!",
+                "exec 3<&-",
+                "wait $server",
+                "status=$?",
+                "kill $watcher 2> /dev/null",
+                "exit $status",
+            ]
+        )
