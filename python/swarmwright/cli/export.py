@@ -43,8 +43,8 @@ class CandidateId(click.ParamType[tuple[int | None, int]]):
     "--to",
     "form",
     metavar="FORM",
-    help="c, cpp, fmu, fmu3, python, micropython, onnx, machine, ros1 or ros2, or what an installed package "
-    "adds.",
+    help="c, cpp, fmu, fmu3, python, micropython, onnx, machine, ros1, ros2 or scxml, or what an installed "
+    "package adds.",
 )
 @click.option(
     "--output",

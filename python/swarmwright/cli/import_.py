@@ -70,7 +70,8 @@ def command(
     a replacement can be named.
 
     The files of a model are those of Modelio's CPSwarm modules: FREVO problem descriptions (<icomponent>),
-    OptimisedParameters (JSON) and SwarmComposition (XML). They are given together, as far as there are any.
+    OptimisedParameters (JSON), SwarmComposition (XML) and state machines (SCXML). They are given together, as
+    far as there are any.
 
     Comments in the experiment say where every line comes from.
     """
@@ -79,6 +80,7 @@ def command(
     if target is not None and target.exists():
         raise click.UsageError(f"'{target}' exists and is not written over; name another file, or remove it.")
     from swarmwright import models
+    from swarmwright.core.files import write_text
 
     found = models.files_of(files)
     replaced = {"simulation": simulation, "method": method, "controller": controller}
@@ -91,6 +93,12 @@ def command(
     imported = models.load(found, target=target, **replaced)
     for note in imported.notes:
         complain(note)
+    for name, text in imported.files.items():
+        beside = (target or Path()).parent / name
+        if beside.exists():
+            raise click.UsageError(f"'{beside}' exists and is not written over; remove it.")
+        write_text(beside, text)
+        Output().text(f"The behaviour is in {beside}")
     _write(imported.yaml, target)
 
 

@@ -56,7 +56,7 @@ def _of_path(path: Path, name: str) -> Entry:
     return (
         _of_run(path, name, None, None)
         if path.is_dir()
-        else _entry(Controller.load(path).specification, name)
+        else entry_of(Controller.load(path).specification, name)
     )
 
 
@@ -67,14 +67,15 @@ def _of_run(path: Path, name: str, candidate: int | None, generation: int | None
     evaluation = store.evaluation(candidate, generation)
     experiment = Experiment.of_store(store)
     specification = experiment.representation().specification(evaluation.genome)
-    entry = _entry(
+    entry = entry_of(
         specification, f"{name}, candidate {evaluation.candidate} of generation {evaluation.generation}"
     )
     genome = shortest(evaluation.genome)
     return entry if genome == entry["weights"] else {**entry, "genome": genome}
 
 
-def _entry(specification: Mapping[str, Any], name: str) -> Entry:
+def entry_of(specification: Mapping[str, Any], name: str) -> Entry:
+    """Return the entry of a controller; name: what it is from."""
     architecture = {key: value for key, value in specification.items() if key != "weights"}
     return {"from": name, "architecture": architecture, "weights": list(specification["weights"])}
 

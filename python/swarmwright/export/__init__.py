@@ -20,6 +20,7 @@ EXPORTERS: Registry[Exporter] = Registry(
         "python": "swarmwright.export.python:Python",
         "ros1": "swarmwright.export.ros1:Ros1",
         "ros2": "swarmwright.export.ros2:Ros2",
+        "scxml": "swarmwright.export.scxml:Scxml",
     },
     "swarmwright.export:Exporter",
 )

@@ -1,5 +1,6 @@
 """From the parts of a model to an experiment, with a comment on where each line comes from."""
 
+import json
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -7,22 +8,18 @@ from typing import Any
 
 from swarmwright.core.errors import InputError
 from swarmwright.core.registry import Registry
-from swarmwright.core.untrusted import one_line
-from swarmwright.core.yaml import dump, parse
+from swarmwright.core.yaml import parse
 from swarmwright.experiment.experiment import Experiment
+from swarmwright.experiment.start_from import entry_of
 from swarmwright.experiment.validation import check
 from swarmwright.methods import METHODS
+from swarmwright.models._draft import Draft
 from swarmwright.models._files import files_of
 from swarmwright.models._files import load as load_part
 from swarmwright.models._model import Model
-from swarmwright.models._names import Known, title_of
-from swarmwright.models._parameters import Parameters
+from swarmwright.models._names import title_of
 from swarmwright.representations import REPRESENTATIONS
-from swarmwright.simulations import catalogue
-from swarmwright.simulations.names import absolute, relative_name
-
-_STEERING = ("steering", "rule")
-"""The parameter of Minisim, and its value with which agents steer themselves."""
+from swarmwright.simulations.names import absolute
 
 
 @dataclass(frozen=True)
@@ -55,7 +52,8 @@ def load(
         simulation: as an experiment names it; default: the one of the problem description.
         method: kind of the method, with its defaults; default: nnga.
         controller: kind of the controller, with its defaults; default: `parameter_set` where the model has
-            optimised parameters that the simulation takes, else `layered`.
+            optimised parameters and agents may steer themselves, else `mealy_fsm` where it has a behaviour,
+            which evolution then starts from, else `layered`.
 
     Raises:
         InputError: a file is of no known kind, or wrong, or two contradict each other; the message names file
@@ -65,14 +63,24 @@ def load(
         _check_kind(option, kind, registry)
     model = Model.of(_parts(paths))
     folder = Path() if target is None else Path(target).parent
-    named = _simulation(model, simulation)
-    text, notes = _written(model, named, folder, method or "nnga", controller)
+    draft = Draft(model, _simulation(model, simulation), folder, method or "nnga", controller)
+    machine = None if draft.behaviour is None or target is None else f"{Path(target).stem}.controller.json"
+    text = draft.text(machine)
     try:
-        experiment = Experiment(**check(parse(text, str(folder / "imported.yaml"))))
+        source = parse(text, str(folder / "imported.yaml"))
+        if draft.behaviour is not None:
+            source.values["start_from"] = entry_of(draft.behaviour, machine or "behaviour")
+        experiment = Experiment(**check(source))
     except InputError as error:
         files = ", ".join(str(part.path) for part in model.parts)
         raise InputError(f"{files}: do not make a valid experiment:\n{error}") from error
-    return Imported(text, experiment, tuple(notes))
+    if draft.behaviour is not None and machine is None:
+        raise InputError(
+            f"{model.file_of('a behaviour')}: becomes a file beside the experiment; name the experiment: "
+            "--output FILE.yaml"
+        )
+    files_beside = {} if machine is None else {machine: json.dumps(draft.behaviour, indent=2) + "\n"}
+    return Imported(text, experiment, tuple(draft.notes), files_beside)
 
 
 def _parts(paths: Iterable[str | Path]) -> list[Any]:
@@ -107,71 +115,3 @@ def _simulation(model: Model, named: str | None) -> str:
             "problem description (<icomponent>), or name one: --simulation minisim"
         )
     return title_of(model.titles) or model.titles[0]
-
-
-def _written(
-    model: Model, simulation: str, folder: Path, method: str, controller: str | None
-) -> tuple[str, list[str]]:
-    """Return the experiment file, and notes."""
-    known = Known(simulation)
-    notes = [note for part in model.parts for note in part.notes]
-    model.check_numbers(known)
-    evolves = bool(model.optimised) and controller in {None, "parameter_set"}
-    if evolves and not _steers_itself(known):
-        raise InputError(
-            f"{model.file_of('optimised parameters')}: parameters are evolved where agents steer themselves, "
-            f"but {simulation} is steered by a controller; name another one with --controller layered, or "
-            "another simulation"
-        )
-    parameters = Parameters.of(model, known, evolved=evolves)
-    notes += parameters.notes
-    lines = [
-        f"# Made by `swarmwright import` of {', '.join(one_line(part.path.name) for part in model.parts)}.",
-        "",
-        f"simulation: {_text(relative_name(simulation, folder))}",
-    ]
-    if known.description is None:
-        notes.append(
-            f"{simulation} is not built in: a simulation server has to offer it, or name another one with "
-            "--simulation"
-        )
-        lines += _announced(model, parameters)
-    if evolves and known.parameters is not None and _STEERING[0] in known.parameters:
-        parameters.fixed.setdefault(_STEERING[0], (_STEERING[1], "agents steer themselves"))
-    lines += ["", "parameters:" if parameters.fixed else "parameters: {}"]
-    lines += [_line(name, value, where) for name, (value, where) in parameters.fixed.items()]
-    lines += [f"  # not taken over: {reason}" for reason in parameters.left_out]
-    lines += ["", "controller:"]
-    if evolves:
-        lines += ["  kind: parameter_set", "  parameters:"]
-        lines += [_line(name, value, where, "    ") for name, (value, where) in parameters.evolved.items()]
-    else:
-        lines += [f"  kind: {controller or 'layered'}"]
-    lines += ["", "method:", f"  kind: {method}", "", "ranking:", "  kind: absolute", "", "seed: 1"]
-    return "\n".join(line.rstrip() for line in lines) + "\n", notes
-
-
-def _steers_itself(known: Known) -> bool:
-    """Whether agents of a simulation may do without a controller, as far as that is known."""
-    return known.simulation not in catalogue.titles() or _STEERING[0] in (known.parameters or {})
-
-
-def _announced(model: Model, parameters: Parameters) -> list[str]:
-    """Return what servers of an unknown simulation are asked for."""
-    lines = []
-    if parameters.agents:
-        lines.append(f"requirements: {{dimensions: 2, max_agents: {parameters.agents}}}")
-    for key, number in (("sensors", model.sensors), ("actuators", model.actuators)):
-        if number is not None:
-            lines.append(f"{key}: {number}")
-    return lines
-
-
-def _text(value: Any) -> str:  # noqa: ANN401 - any plain value
-    return dump({"x": [value]})[4:-2]
-
-
-def _line(name: str, value: Any, where: str, indent: str = "  ") -> str:  # noqa: ANN401 - any plain value
-    written = dump({name: [value]}).rstrip()
-    key, _, rest = written.partition(": [")
-    return f"{indent}{key}: {rest[:-1]}".ljust(40) + f"  # {one_line(where)}"

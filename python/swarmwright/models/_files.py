@@ -8,10 +8,10 @@ from swarmwright.core import json_source, xml
 from swarmwright.core.errors import InputError
 from swarmwright.core.files import read_bytes
 from swarmwright.core.suggestions import did_you_mean
-from swarmwright.models import frevo_problem, optimised_parameters, swarm_composition
+from swarmwright.models import behaviour, frevo_problem, optimised_parameters, swarm_composition
 from swarmwright.models._parts import Part
 
-_XML: tuple[Any, ...] = (frevo_problem, swarm_composition)
+_XML: tuple[Any, ...] = (frevo_problem, swarm_composition, behaviour)
 """Modules with `ROOTS`, names of root elements, `WORDS` and `load(path)`."""
 _JSON: tuple[Any, ...] = (optimised_parameters,)
 """Modules with `recognises(values)`, `WORDS` and `load(path, source)`."""

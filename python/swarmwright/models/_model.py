@@ -7,6 +7,7 @@ from typing import Any, Self
 from swarmwright.core.errors import InputError
 from swarmwright.models._names import Known
 from swarmwright.models._parts import Member, Optimised, Part, Property
+from swarmwright.scxml import StateMachine
 
 
 @dataclass(frozen=True)
@@ -82,6 +83,22 @@ class Model:
         """Numbers that steer an agent."""
         number: int | None = self._only("actuators")
         return number
+
+    @property
+    def behaviour(self) -> StateMachine | None:
+        """The state machine that agents follow."""
+        machine: StateMachine | None = self._only("behaviour")
+        return machine
+
+    @property
+    def sensor_names(self) -> list[str]:
+        """Names of sensors, in their order; empty where no file has them."""
+        return self._all("sensor_names")
+
+    @property
+    def actuator_names(self) -> list[str]:
+        """Names of actuators, in their order; empty where no file has them."""
+        return self._all("actuator_names")
 
     def file_of(self, words: str) -> Path:
         """Return the file that describes something, see `Part.contents`."""

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from swarmwright.core.errors import InputError
+from swarmwright.scxml import StateMachine
 
 
 @dataclass(frozen=True)
@@ -86,7 +87,7 @@ class Part:
     actuators: int | None = None
     sensor_names: list[str] = field(default_factory=list)
     actuator_names: list[str] = field(default_factory=list)
-    behaviour: Any = None
+    behaviour: StateMachine | None = None
     fitness: str | None = None
     notes: list[str] = field(default_factory=list)
     """What was not taken over, a sentence each."""

@@ -1,0 +1,31 @@
+"""Finite-state machines as SCXML: `--to scxml`."""
+
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmwright import scxml
+from swarmwright.export._base import Exporter, Files, facts, not_exported
+from swarmwright.export.sequences import Sequences
+from swarmwright.export.subject import Subject
+
+
+class Scxml(Exporter):
+    """`PREFIX.scxml`, a state machine whose transitions are the rows of the table."""
+
+    form: ClassVar[str] = "scxml"
+
+    def files(self, subject: Subject, prefix: str) -> Files:
+        """Return the state machine."""
+        if subject.kind != "mealy_fsm":
+            raise not_exported(subject, self.form, ["mealy_fsm"])
+        names = [[one.name for one in channels] for channels in (subject.sensors, subject.actuators)]
+        lines = facts(subject, "").splitlines()
+        return {f"{prefix}.scxml": scxml.scxml_of(subject.specification, names[0], names[1], lines)}
+
+    def run(self, folder: Path, prefix: str, sequences: Sequences) -> NDArray[np.float32]:
+        """Read the state machine, and run it by the engine."""
+        specification = scxml.read(folder / f"{prefix}.scxml").specification()
+        return Sequences.computed(specification, sequences.first, sequences.sensors).actuators

@@ -1,0 +1,11 @@
+"""State machines in SCXML (W3C, "State Chart XML", 2015) as controllers of the kind `mealy_fsm`, and back.
+
+Read is a subset: states side by side, transitions on comparisons of sensors with numbers, actuators that are
+assigned or sent.
+"""
+
+from swarmwright.scxml._machine import StateMachine
+from swarmwright.scxml._read import read
+from swarmwright.scxml._write import scxml_of
+
+__all__ = ["StateMachine", "read", "scxml_of"]

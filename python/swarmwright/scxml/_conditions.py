@@ -1,0 +1,192 @@
+"""Conditions over sensors and constant expressions, in the syntax that ECMAScript and Python share."""
+
+import ast
+import math
+import operator
+import re
+import warnings
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Bits = NDArray[np.bool_]
+Thresholds = dict[int, list[float]]
+"""Sensor -> where one interval ends and the next begins, ascending."""
+
+_LONGEST = 10_000
+_DEEPEST = 100
+_LARGEST = float(np.finfo(np.float32).max)
+_WORDS = {"&&": " and ", "||": " or ", "!==": "!=", "===": "==", "true": " True ", "false": " False "}
+_WORD = re.compile(r"&&|\|\||!==|!=|===|!|\btrue\b|\bfalse\b")
+_BINARY: dict[type[ast.operator], Callable[[float, float], float]] = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: operator.truediv,
+}
+_MIRRORED: dict[type[ast.cmpop], type[ast.cmpop]] = {
+    ast.Lt: ast.Gt,
+    ast.LtE: ast.GtE,
+    ast.Gt: ast.Lt,
+    ast.GtE: ast.LtE,
+    ast.Eq: ast.Eq,
+    ast.NotEq: ast.NotEq,
+}
+
+
+class ConditionError(ValueError):
+    """The text is not a condition or a constant of the subset. The message says why."""
+
+
+@dataclass(frozen=True)
+class Above:
+    """Whether a sensor is above a threshold, a float32."""
+
+    sensor: int
+    threshold: float
+
+
+@dataclass(frozen=True)
+class Combined:
+    """Conditions of which one, or all, or the only one does not hold."""
+
+    how: str
+    """`and`, `or` or `not`."""
+    parts: tuple["Condition", ...]
+
+
+Condition = Above | Combined | bool
+
+
+def parse(text: str) -> ast.expr:
+    """Return an expression as a tree. Raises ConditionError where it is none."""
+    if len(text) > _LONGEST:
+        raise ConditionError(f"has {len(text)} characters; at most {_LONGEST} are possible")
+    if re.search(r"!(?![=\s(]|\s+\()", text):
+        raise ConditionError(f"{text!r}: write what is negated in brackets, !(..)")
+    plain = _WORD.sub(lambda found: _WORDS.get(found[0], found[0] if found[0] == "!=" else " not "), text)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return ast.parse(plain.strip(), mode="eval").body
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        raise ConditionError(f"{text!r} is not a valid expression") from None
+
+
+def constant(node: ast.expr, constants: Mapping[str, float], depth: int = 0) -> float:
+    """Return the value of an expression of numbers. Raises ConditionError where it is another one."""
+    value = math.nan
+    if depth > _DEEPEST:
+        raise ConditionError("is nested too deeply")
+    match node:
+        case ast.Constant(value=int() | float() as number) if not isinstance(number, bool):
+            value = float(number)
+        case ast.Name(id=name) if name in constants:
+            value = constants[name]
+        case ast.UnaryOp(op=ast.USub() | ast.UAdd() as sign, operand=inner):
+            inside = constant(inner, constants, depth + 1)
+            value = -inside if isinstance(sign, ast.USub) else inside
+        case ast.BinOp(left=left, op=operation, right=right) if type(operation) in _BINARY:
+            two = constant(left, constants, depth + 1), constant(right, constants, depth + 1)
+            try:
+                value = _BINARY[type(operation)](*two)
+            except ZeroDivisionError:
+                raise ConditionError(f"{ast.unparse(node)!r} divides by zero") from None
+        case _:
+            raise ConditionError(f"{ast.unparse(node)!r} found, expected a number")
+    if not math.isfinite(value) or abs(value) > _LARGEST:
+        raise ConditionError(f"{ast.unparse(node)!r} is not a finite number")
+    return value
+
+
+def condition(
+    node: ast.expr, sensor: Callable[[ast.expr], int | None], constants: Mapping[str, float], depth: int = 0
+) -> Condition:
+    """Return a condition.
+
+    Args:
+        node: the expression.
+        sensor: the number of the sensor that an expression names; None for another expression.
+        constants: named numbers.
+        depth: of this expression in the whole one.
+
+    Raises ConditionError where it is not made of comparisons of a sensor with a number.
+    """
+    if depth > _DEEPEST:
+        raise ConditionError("is nested too deeply")
+    match node:
+        case ast.Constant(value=bool() as value):
+            return value
+        case ast.BoolOp(op=how, values=values):
+            parts = tuple(condition(one, sensor, constants, depth + 1) for one in values)
+            return Combined("and" if isinstance(how, ast.And) else "or", parts)
+        case ast.UnaryOp(op=ast.Not(), operand=inner):
+            return Combined("not", (condition(inner, sensor, constants, depth + 1),))
+        case ast.Compare(left=left, ops=[operation], comparators=[right]) if type(operation) in _MIRRORED:
+            kind: type[ast.cmpop] = type(operation)
+            if (number := sensor(left)) is not None:
+                return _compared(number, kind, constant(right, constants))
+            if (number := sensor(right)) is not None:
+                return _compared(number, _MIRRORED[kind], constant(left, constants))
+        case ast.Compare(ops=[_, _, *_]):
+            raise ConditionError(f"{ast.unparse(node)!r}: write two comparisons, a < x && x < b")
+    raise ConditionError(
+        f"{ast.unparse(node)!r} found, expected a comparison of a sensor with a number, such as x > 0.5"
+    )
+
+
+def _compared(sensor: int, kind: type[ast.cmpop], bound: float) -> Condition:
+    """Return a comparison; sensors are float32, so that each one is exactly one with a float32 threshold."""
+    above, reaches = Above(sensor, _at_most(bound)), Above(sensor, _below(bound))
+    if kind is ast.Gt:
+        return above
+    if kind is ast.GtE:
+        return reaches
+    if kind is ast.Lt:
+        return Combined("not", (reaches,))
+    if kind is ast.LtE:
+        return Combined("not", (above,))
+    equal = Combined("and", (reaches, Combined("not", (above,))))
+    return equal if kind is ast.Eq else Combined("not", (equal,))
+
+
+def _at_most(bound: float) -> float:
+    """Return the largest float32 that is not above a number."""
+    nearest = np.float32(bound)
+    if float(nearest) > bound:
+        nearest = np.nextafter(nearest, np.float32(-np.inf))
+    return float(nearest) + 0.0
+
+
+def _below(bound: float) -> float:
+    """Return the largest float32 that is below a number."""
+    nearest = np.float32(bound)
+    if float(nearest) >= bound:
+        nearest = np.nextafter(nearest, np.float32(-np.inf))
+    return float(nearest) + 0.0
+
+
+def collect(one: Condition, thresholds: dict[int, set[float]]) -> None:
+    """Add the thresholds of a condition."""
+    if isinstance(one, Above):
+        thresholds.setdefault(one.sensor, set()).add(one.threshold)
+    elif isinstance(one, Combined):
+        for part in one.parts:
+            collect(part, thresholds)
+
+
+def holds(one: Condition, thresholds: Thresholds, intervals: NDArray[np.int64]) -> Bits:
+    """Return whether a condition holds, for each combination of intervals, (sensors, combinations)."""
+    if isinstance(one, bool):
+        return np.full(intervals.shape[1], one)
+    if isinstance(one, Above):
+        found: Any = intervals[one.sensor] > thresholds[one.sensor].index(one.threshold)
+        return np.asarray(found, dtype=np.bool_)
+    parts = [holds(part, thresholds, intervals) for part in one.parts]
+    if one.how == "not":
+        return ~parts[0]
+    combined: Bits = (np.logical_and if one.how == "and" else np.logical_or).reduce(parts)
+    return combined

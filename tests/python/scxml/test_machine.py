@@ -1,0 +1,258 @@
+"""State machines do what SCXML says, as controllers of the engine."""
+
+import random
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+import pytest
+
+from swarmwright import Controller, InputError, scxml
+from swarmwright.core.xml import Element
+from swarmwright.core.xml import read as read_xml
+
+NUMBERS = [-1.0, -0.5, 0.0, 0.1, 0.2, 0.5, 1.0]
+SENSORS, ACTUATORS = ["left", "right"], ["speed", "turn"]
+
+
+def written(folder: Path, states: str, attributes: str = "", data: str = "") -> Path:
+    path = folder / "machine.scxml"
+    path.write_text(
+        f'<scxml xmlns="http://www.w3.org/2005/07/scxml" version="1.0" {attributes}>{data}{states}</scxml>'
+    )
+    return path
+
+
+def controller(path: Path) -> Controller:
+    return Controller(scxml.read(path).specification(SENSORS, ACTUATORS))
+
+
+class Interpreter:
+    """A few lines that follow SCXML's algorithm, in double precision, for machines without bad names."""
+
+    def __init__(self, path: Path) -> None:
+        self.root = read_xml(path)
+        self.states = {one.attributes["id"]: one for one in self.root.all("state")}
+        self.values = dict.fromkeys(ACTUATORS, 0.0)
+        self.at = self.root.attributes.get("initial", next(iter(self.states)))
+        self._run(self.states[self.at].all("onentry"))
+
+    def _run(self, blocks: list[Element]) -> None:
+        for block in blocks:
+            for one in block.all("assign"):
+                self.values[one.attributes["location"]] = float(one.attributes["expr"])
+
+    def _take(self, one: Element) -> None:
+        target = one.attributes.get("target")
+        self._run(self.states[self.at].all("onexit") if target else [])
+        self._run([one])
+        if target:
+            self.at = target
+            self._run(self.states[target].all("onentry"))
+
+    def _enabled(self, sensors: dict[str, float], *, event: bool) -> Element | None:
+        for one in self.states[self.at].all("transition"):
+            condition = one.attributes.get("cond", "True").replace("&&", " and ").replace("||", " or ")
+            if ("event" in one.attributes) == event and eval(condition, {}, sensors):
+                return one
+        return None
+
+    def step(self, values: np.ndarray[Any, Any]) -> list[float]:
+        sensors = dict(zip(SENSORS, map(float, values), strict=True))
+        if (one := self._enabled(sensors, event=True)) is not None:
+            self._take(one)
+        while (one := self._enabled(sensors, event=False)) is not None:
+            self._take(one)
+        return [self.values[name] for name in ACTUATORS]
+
+
+def random_machine(seed: int) -> str:
+    """A machine with events, without, with actions everywhere; those without an event only lead forward."""
+    drawn = random.Random(seed)
+    names = ["a", "b", "c"]
+
+    def comparison() -> str:
+        sides = [drawn.choice(SENSORS), repr(drawn.choice(NUMBERS))]
+        drawn.shuffle(sides)
+        return f" {drawn.choice(['<', '<=', '>', '>=', '==', '!='])} ".join(sides)
+
+    def condition() -> str:
+        text = drawn.choice([" && ", " || "]).join(comparison() for _ in range(drawn.randint(1, 3)))
+        return text if drawn.random() < 0.7 else f"({text}) && {comparison()}"
+
+    def actions() -> str:
+        chosen = [name for name in ACTUATORS if drawn.random() < 0.4]
+        return "".join(f'<assign location="{name}" expr="{drawn.choice(NUMBERS)}"/>' for name in chosen)
+
+    text = ""
+    for index, name in enumerate(names):
+        transitions = ""
+        for _ in range(drawn.randint(0, 3)):
+            event = drawn.random() < 0.6
+            targets = [*names, None] if event else names[index + 1 :]
+            if not targets:
+                continue
+            target = drawn.choice(targets)
+            head = 'event="step" ' * event + (f'target="{target}" ' if target else "")
+            transitions += f"<transition {head}cond={quoteattr(condition())}>{actions()}</transition>"
+        blocks = f"<onentry>{actions()}</onentry><onexit>{actions()}</onexit>"
+        text += f'<state id="{name}">{blocks}{transitions}</state>'
+    return text
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_random_machines_do_what_an_interpreter_does(tmp_path: Path, seed: int) -> None:
+    path = written(tmp_path, random_machine(seed), 'initial="b"' if seed % 2 else "")
+    machine, expected = controller(path), Interpreter(path)
+    drawn = np.random.default_rng(seed)
+    near = [
+        np.float32(x)
+        for one in NUMBERS
+        for x in (one, np.nextafter(np.float32(one), np.float32(9)), one - 0.05)
+    ]
+    for _ in range(200):
+        sensors = drawn.choice(near, 2).astype(np.float32)
+        assert machine(sensors).tolist() == np.array(expected.step(sensors), np.float32).tolist()
+
+
+def test_actuators_keep_their_numbers(tmp_path: Path) -> None:
+    states = """
+    <state id="wait"><onentry><assign location="speed" expr="0.25"/></onentry>
+      <transition cond="left &gt; 0" target="go"/></state>
+    <state id="go"><onentry><send event="x"><param name="turn" expr="-1"/></send></onentry></state>"""
+    machine = controller(written(tmp_path, states))
+    assert machine([0, 0]).tolist() == [0.25, 0]
+    assert machine([1, 0]).tolist() == [0.25, -1]
+    assert machine([0, 0]).tolist() == [0.25, -1]
+
+
+def test_names_are_found_however_they_are_written(tmp_path: Path) -> None:
+    states = """<state id="a">
+      <transition cond="_event.data.goal_x &gt; limit" target="b"/>
+      <transition cond="sensors[1] &gt;= limit * 2" target="b"/></state>
+    <state id="b"><onentry><assign location="move_x" expr="limit"/></onentry>
+      <transition event="goal.x" target="a"/></state>"""
+    path = written(tmp_path, states, data='<datamodel><data id="limit" expr="0.5"/></datamodel>')
+    made = scxml.read(path).specification(["goal x", "Goal-Y"], ["move x"])
+    assert made["thresholds"] == [[0.0, 0.5], [0.99999994]]
+    assert Controller(made)([0, 1]).tolist() == [0.5]
+    assert Controller(made)([0.5, 0.9]).tolist() == [0.0]
+
+
+def test_a_file_may_declare_its_sensors_and_actuators(tmp_path: Path) -> None:
+    states = """<state id="a"><transition event="step" cond="near &lt; 0.5">
+      <assign location="turn" expr="1"/></transition></state>"""
+    data = '<datamodel><data id="far"/><data id="near"/><data id="turn" expr="-0.5"/></datamodel>'
+    made = scxml.read(written(tmp_path, states, data=data))
+    assert (made.sensors, made.assigned) == (["far", "near"], ["turn"])
+    machine = Controller(made.specification())
+    assert machine([0, 0.7]).tolist() == [-0.5]
+    assert machine([0, 0]).tolist() == [1]
+
+
+@pytest.mark.parametrize(
+    ("states", "answer"),
+    [
+        ("", "<scxml>: has no states"),
+        ('<state id="a"/><state id="a"/>', r"duplicate id 'a' \(first in line 1\)"),
+        ("<state/>", "the attribute id is missing"),
+        ('<state id="a"><transition event="step" target="c"/></state>', "target: there is no state 'c'"),
+        ('<state id="a"><transition target="a"/></state>', "has neither cond nor event"),
+        ('<state id="a"><transition event="x y" target="a"/></state>', "has 2 events; draw one"),
+        (
+            '<state id="a"><transition event="found" target="a"/></state>',
+            "unknown event 'found'; there is: .*step",
+        ),
+        (
+            '<state id="a"><transition event="lift" target="a"/></state>',
+            "unknown event 'lift'; did you mean 'left'",
+        ),
+        ('<state id="a"><transition cond="lft > 1"/></state>', "unknown sensor 'lft'; did you mean 'left'"),
+        ('<state id="a"><transition cond="left > right"/></state>', "'right' found, expected a number"),
+        (
+            '<state id="a"><transition cond="left"/></state>',
+            "expected a comparison of a sensor with a number",
+        ),
+        ('<state id="a"><transition cond="left + 1 > 2"/></state>', "expected a comparison of a sensor"),
+        ('<state id="a"><transition cond="0 &lt; left &lt; 1"/></state>', "write two comparisons"),
+        (
+            '<state id="a"><transition cond="!left > 1"/></state>',
+            r"write what is negated in brackets, !\(..\)",
+        ),
+        ('<state id="a"><transition cond="left >"/></state>', "'left >' is not a valid expression"),
+        ('<state id="a"><transition cond="__import__(1) > 1"/></state>', "expected a comparison"),
+        ('<state id="a"><transition cond="left > 1/0"/></state>', "divides by zero"),
+        ('<state id="a"><transition cond="left > 1e99"/></state>', "is not a finite number"),
+        (
+            '<state id="a"><transition cond="sensors[7] > 1"/></state>',
+            r"no sensors\[7\]; there are 2 sensors",
+        ),
+        ('<state id="a"><transition cond="left > 0" target="a"/></state>', "'a' are taken without end"),
+        (
+            '<state id="a"><onentry><assign location="speed" expr="2"/></onentry></state>',
+            "2 found, expected -1 to",
+        ),
+        (
+            '<state id="a"><onentry><assign location="sped" expr="1"/></onentry></state>',
+            "did you mean 'speed'",
+        ),
+        ('<state id="a"><onentry><assign expr="1"/></onentry></state>', "location is missing"),
+        ('<state id="a"><onentry><assign location="speed"/></onentry></state>', "expr is missing"),
+        ('<state id="a"><onentry><send event="x"/></onentry></state>', "is empty; expected <param"),
+        ('<state id="a"><onentry><if cond="1"/></onentry></state>', "<if>: is not supported"),
+        ('<state id="a"><invoke type="ROS_ACTION"/></state>', "<invoke>: actions of ROS are not computed"),
+        ('<state id="a"><state id="b"/></state>', "states inside states are not supported"),
+        ('<parallel id="a"/>', "states that are active at the same time"),
+        ('<stat id="a"/>', "<stat>: found inside; expected .*did you mean 'state'"),
+    ],
+)
+def test_what_is_not_supported_is_named(tmp_path: Path, states: str, answer: str) -> None:
+    path = written(tmp_path, states)
+    with pytest.raises(InputError, match=answer) as caught:
+        scxml.read(path).specification(SENSORS, ACTUATORS)
+    assert str(path) in str(caught.value)
+
+
+def test_modelios_missing_slash_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "modelio.scxml"
+    path.write_text(
+        '<scxml version="1.0" initial="a">\n<state id= "a">\n<transition event="left" target="b"/>\n<state>\n'
+        '<state id= "b">\n<state>\n</scxml>\n'
+    )
+    with pytest.raises(InputError, match=r"modelio\.scxml:4: <state> found where </state> is expected"):
+        scxml.read(path)
+    path.write_text('<scxml>\n<state id="a">\n</scxml>')
+    with pytest.raises(InputError, match=r"modelio\.scxml:3: is not valid XML: mismatched tag"):
+        scxml.read(path)
+
+
+def test_a_table_that_is_too_large_is_refused(tmp_path: Path) -> None:
+    tests = " || ".join(f"{name} == {number / 4}" for name in SENSORS for number in range(300))
+    states = f'<state id="a"><transition event="step" cond="{tests}" target="a"/></state>'
+    with pytest.raises(InputError, match=r"the table has \d+ numbers, at most 1000000 are possible"):
+        controller(written(tmp_path, states))
+
+
+def test_conditions_are_exact_at_every_float32(tmp_path: Path) -> None:
+    compare: dict[str, Callable[[float, float], bool]] = {
+        ">": lambda x, y: x > y,
+        ">=": lambda x, y: x >= y,
+        "<": lambda x, y: x < y,
+        "<=": lambda x, y: x <= y,
+        "==": lambda x, y: x == y,
+    }
+    for bound in (0.1, 0.0, 0.5, -1e-45, 3e38, 16777217.0):
+        around = [np.float32(bound)]
+        for way in (np.inf, -np.inf):
+            around += [np.nextafter(around[0], np.float32(way))]
+        for sign, holds in compare.items():
+            condition = quoteattr(f"left {sign} {bound!r}")
+            actions = '<assign location="speed" expr="1"/>'
+            transition = f'<transition event="step" cond={condition}>{actions}</transition>'
+            machine = controller(written(tmp_path, f'<state id="a">{transition}</state>'))
+            for value in around:
+                machine.reset()
+                found = machine(np.array([value, 0], np.float32)).tolist()[0]
+                assert found == holds(float(value), bound), (bound, sign, value)
