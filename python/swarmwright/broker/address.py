@@ -7,7 +7,7 @@ VERSIONS = ("3", "5")
 
 
 def broker_problem(urls: str) -> str | None:
-    """Return what is wrong with a broker's URL, or those of a cluster's brokers with commas between; None: nothing.
+    """Return what is wrong with the URL of a broker, or of several, separated by commas; None: nothing.
 
     A URL is never repeated: it may hold secrets.
     """
