@@ -181,8 +181,8 @@ test-ssh: $(VENV)/.engine $(VENV)/.dev
 
 # Simulators that take hundreds of megabytes: their adapters, and the pages of the documentation.
 test-simulators: $(VENV)/.engine $(VENV)/.simulators
-	$(BIN)/python -m pytest $(AGAIN) -n 2 --durations=10 tests/python/adapters/sumo tests/benchmarks/test_simulators.py tests/docs/test_snippets.py \
-		-k "sumo or test_simulators or pybullet or ir-sim"
+	$(BIN)/python -m pytest $(AGAIN) -n 2 --durations=10 tests/python/adapters/ns3 tests/python/adapters/sumo tests/benchmarks/test_simulators.py tests/docs/test_snippets.py \
+		-k "ns3 or sumo or test_simulators or pybullet or ir-sim"
 
 # Gazebo 11 is not in newer releases of Debian: its programs are compiled and run in the files of Debian 11.
 gazebo: $(CPP)/.built
@@ -238,7 +238,7 @@ lint-java: $(JAVA)
 
 lint-cpp:
 	@command -v clang-format > /dev/null || { $(call install,clang-format); }
-	clang-format --dry-run -Werror $(filter %.h %.hpp %.c %.cpp,$(CPP_SOURCES) $(GAZEBO_SOURCES)) $(ATTACHED_SOURCES) $(ROS1_SOURCES)
+	clang-format --dry-run -Werror python/swarmwright/adapters/ns3/radios.cpp $(filter %.h %.hpp %.c %.cpp,$(CPP_SOURCES) $(GAZEBO_SOURCES)) $(ATTACHED_SOURCES) $(ROS1_SOURCES)
 
 lint-python: $(VENV)/.engine $(VENV)/.dev
 	$(BIN)/ruff check

@@ -46,7 +46,12 @@ SOURCES = {"javascript", "go"}
 """Shown as they stand in a file of the repository, which `tests/conformance/test_examples.py` compares."""
 RUN = {"bash", "python", "yaml"}
 FENCE = re.compile(r"^```(\S*)[ ]*(.*?)\n(.*?)^```[ ]*$", re.MULTILINE | re.DOTALL)
-SIMULATORS = {"adapters.sumo": "libsumo", "import pybullet\n": "pybullet", "import irsim\n": "irsim"}
+SIMULATORS = {
+    "adapters.ns3": "cppyy",
+    "adapters.sumo": "libsumo",
+    "import pybullet\n": "pybullet",
+    "import irsim\n": "irsim",
+}
 """What a page says that needs a simulator of `make test-simulators`, and the simulator's module."""
 PORTS = re.compile(r"\b(1883|8883|8884|9001|11311)\b")
 
