@@ -31,6 +31,7 @@ from swarmwright.experiment.experiment import Experiment
 from swarmwright.launchers._entries import Entries
 from swarmwright.simulations import catalogue
 from swarmwright.supervision.local_servers import LocalServers, automatic_count, processors, running_on
+from swarmwright.supervision.supervisor import START
 from swarmwright.user_code.changes import files_of
 
 _SESSION = (
@@ -221,7 +222,12 @@ def open_servers(
         }
         for index in range(count)
     ]
-    servers = LocalServers(settings, visual=visual, episode_timeout=experiment.timeouts.episode)
+    servers = LocalServers(
+        settings,
+        visual=visual,
+        episode_timeout=experiment.timeouts.episode,
+        start_timeout=max(START, experiment.timeouts.discovery),
+    )
     return address, stack.enter_context(servers)
 
 

@@ -42,6 +42,7 @@ class LocalServers:
             class.
         visual: let the servers draw on this process's standard output.
         episode_timeout: seconds that an evaluation may take on a server; None for any time.
+        start_timeout: seconds that a server may take to start, which includes the imports of a simulation.
 
     Raises:
         RunError: on entry, when a server does not start; the message holds its last output.
@@ -49,8 +50,14 @@ class LocalServers:
     """
 
     def __init__(
-        self, settings: list[dict[str, Any]], *, visual: bool = False, episode_timeout: float | None = None
+        self,
+        settings: list[dict[str, Any]],
+        *,
+        visual: bool = False,
+        episode_timeout: float | None = None,
+        start_timeout: float = START,
     ) -> None:
+        self._start = start_timeout
         self._broker = str(settings[0]["broker"])
         self.output = Output()
         self._supervisor = Supervisor(
@@ -60,6 +67,7 @@ class LocalServers:
             tell=self._heard,
             step_timeout=float(settings[0]["step_timeout"]),
             episode_timeout=episode_timeout,
+            start_timeout=start_timeout,
         )
         self._started: queue.SimpleQueue[News] = queue.SimpleQueue()
         self._ready = False
@@ -135,13 +143,16 @@ class LocalServers:
             _log.warning("%s", news.server_exit.report)
 
     def _wait_until_ready(self) -> None:
-        deadline = time.monotonic() + START
+        deadline = time.monotonic() + self._start
         waiting = self.count
         while waiting:
             try:
                 news = self._started.get(timeout=max(0.0, deadline - time.monotonic()))
             except queue.Empty:
-                raise RunError(f"a simulation server did not start within {START:g} s") from None
+                raise RunError(
+                    f"a simulation server did not start within {self._start:g} s; "
+                    "timeouts.discovery of the experiment gives it more time"
+                ) from None
             if isinstance(news, Ended):
                 raise RunError(news.server_exit.report)
             if isinstance(news, Event) and news.report.get("event") == "ready":

@@ -19,7 +19,7 @@ LOOK = 0.2
 SOON = 0.01
 
 START = 30.0
-"""Seconds that a server has to start."""
+"""Seconds that a server has to start, at least."""
 
 FIRST_PAUSE = 0.1
 """Seconds before a server is started again; doubled with each end in a row before which it did nothing."""
@@ -99,6 +99,7 @@ class Supervisor:
         tell: gets the news, on another thread; must not call back.
         step_timeout: seconds that a step of an offloaded evaluation may take; None for any time.
         episode_timeout: seconds that one evaluation may take.
+        start_timeout: seconds that a server may take until it is on the broker.
         environment: further variables of the processes.
     """
 
@@ -112,6 +113,7 @@ class Supervisor:
         tell: Callable[[News], None],
         step_timeout: float | None = None,
         episode_timeout: float | None = None,
+        start_timeout: float = START,
         environment: Mapping[str, str] | None = None,
     ) -> None:
         self._places = {int(one["id"]): _Place(one) for one in settings}
@@ -120,7 +122,7 @@ class Supervisor:
         self._draws, self._restart = draws, restart
         self._output = output
         self._tell = tell
-        self._step, self._episode = step_timeout, episode_timeout
+        self._step, self._episode, self._start = step_timeout, episode_timeout, start_timeout
         self._supervision: _engine.Supervision | None = None
         self._last: _engine.Supervision | None = None
         self._stopping = threading.Event()
@@ -290,7 +292,7 @@ class Supervisor:
     def _hangs(self, place: _Place, process: Process, now: float) -> str | None:
         """Why a process is to be ended, if it is."""
         if not process.ready:
-            most = START + float(place.settings.get("wait", 0.0))
+            most = self._start + float(place.settings.get("wait", 0.0))
             late = place.was_ready and now - process.started > most
             return f"did not start within {most:g} s" if late else None
         sample = process.progress.read()

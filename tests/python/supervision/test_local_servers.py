@@ -48,6 +48,14 @@ def test_no_broker(unused_port: int) -> None:
         pytest.fail("started without a broker")
 
 
+def test_a_server_that_takes_longer_to_start_than_it_may(embedded_broker: str) -> None:
+    with (
+        pytest.raises(RunError, match=r"did not start within 0.001 s; timeouts.discovery of the experiment"),
+        LocalServers([settings(embedded_broker, 9)], start_timeout=0.001) as servers,
+    ):
+        pytest.fail(f"started: {servers.pids}")
+
+
 def test_two_servers_with_one_id(embedded_broker: str) -> None:
     with (
         LocalServers([settings(embedded_broker, 9)]) as first,
