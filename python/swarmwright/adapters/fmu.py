@@ -5,11 +5,12 @@ from typing import Any
 
 from swarmwright.adapters.command import CommandSimulation
 from swarmwright.commands.definition import CommandOptions
-from swarmwright.commands.fmu_definition import AGENT, ATTACHMENT, FmuOptions
+from swarmwright.commands.fmu_definition import ATTACHMENT, FmuOptions
 from swarmwright.commands.output import Printed
 from swarmwright.commands.stepwise import Start
 from swarmwright.core.errors import EpisodeError
 from swarmwright.core.simulation_names import SimulationName
+from swarmwright.fmu.layout import AGENT
 from swarmwright.simulations.parameters import Parameter
 
 
@@ -23,7 +24,7 @@ class FmuSimulation(CommandSimulation):
         self.parameters = {
             name: Parameter(one.start, one.unit) for name, one in self._definition.parameters.items()
         }
-        self.max_agents = self._definition.agents
+        self.max_agents = self._definition.count
         super().__init__()
         channels = {which: self._definition.channels(which) for which in ("sensors", "actuators")}
         names = {which: [one.variable for one in found] for which, found in channels.items()}

@@ -20,6 +20,7 @@ COMMANDS = (
     "plot",
     "draw",
     "export",
+    "export-fmu",
     "verify",
     "new",
     "broker",
@@ -90,7 +91,7 @@ def _print_version(context: click.Context, _parameter: click.Parameter, wanted: 
 @click.group(
     cls=Group,
     # A module cannot be named like a keyword: `import` is in import_.py.
-    modules={name: f"swarmwright.cli.{name}{'_' * iskeyword(name)}" for name in COMMANDS},
+    modules={name: f"swarmwright.cli.{name.replace('-', '_')}{'_' * iskeyword(name)}" for name in COMMANDS},
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
     example="swarmwright new minisim > my.yaml\nswarmwright optimize my.yaml --servers 2",
 )

@@ -19,17 +19,17 @@ from swarmwright.fmu.description import (
     NEEDS,
     Description,
     Variable,
-    described,
     is_installed,
     place,
     runs_here,
 )
+from swarmwright.fmu.layout import AGENT, Layout, layout
+from swarmwright.fmu.ssp import ENDING, VERSION, Algorithm, described
 
 ATTACHMENT = "fmu.json"
 """What the program reads, in the folder of an instance."""
-AGENT = "{agent}"
-"""Stands for an agent's number, from 1, in names of variables."""
 _STEPS = 100
+_MOST_STEPS = 2**31
 MOST = 1000
 """Variables of an FMU that are taken without being named."""
 
@@ -105,14 +105,20 @@ class FmuOptions(Definition):
     prefix: ClassVar[str] = SimulationName.FMU
 
     fmu: str = Field(min_length=1)
-    """The file, relative to that of the experiment."""
+    """The file, relative to that of the experiment: an FMU, or an SSP with several, stepped together."""
+    algorithm: Algorithm | None = None
+    """How the FMUs of an SSP are stepped. jacobi: each gets the outputs that the others had at the beginning
+    of the step. gauss_seidel: in the order of the file, each gets the outputs that those before it have at
+    the end of the step. Default: gauss_seidel."""
     title: str | None = Field(default=None, min_length=1, max_length=1000)
     """The name in discovery. Default: the file's name and a digest of this definition and of the file."""
     agents: int = Field(default=1, ge=1, le=10_000)
-    """Agents: each is an instance of the FMU, or where names hold {agent}, all are in one instance."""
+    """Agents: each is an instance of the FMU, or where names hold {agent}, all are in one instance. Default
+    for FMUs with variables agent[1].NAME, agent[2].NAME, ..: as many as there are, in one instance."""
     sensors: Channels = None
     """What an agent's controller senses: names of variables, or {variable: NAME, range: [low, high]}, where
-    the range becomes -1 to 1. Default: all outputs that are numbers or booleans, as they are."""
+    the range becomes -1 to 1. Default: all outputs that are numbers or booleans, as they are; where there are
+    variables agent[1].NAME, those of the agent."""
     actuators: Channels = None
     """What it sets, likewise. -1 to 1 becomes the range. Default: all inputs that are numbers or booleans;
     none where a parameter set is evolved: inputs then keep their start values."""
@@ -188,15 +194,38 @@ class FmuOptions(Definition):
         return described(self.file)
 
     @property
+    def layout(self) -> Layout | None:
+        """What the variables of an FMU of a whole swarm are, unless they are named. Raises InputError."""
+        if self.sensors is not None or self.actuators is not None or "agents" in self.model_fields_set:
+            return None
+        return layout(self.description)
+
+    @property
+    def reports_fitness(self) -> bool:
+        """Whether an output is the fitness."""
+        found = self.layout
+        return found is not None and found.fitness is not None
+
+    @property
+    def count(self) -> int:
+        """How many agents there are."""
+        found = self.layout
+        return self.agents if found is None else found.agents
+
+    @property
     def is_one(self) -> bool:
         """Whether all agents are in one instance."""
-        return any(AGENT in one.variable for one in self.sensors or ())
+        return self.layout is not None or any(AGENT in one.variable for one in self.sensors or ())
 
     def channels(self, which: Literal["sensors", "actuators"]) -> list[Channel]:
         """Return sensors or actuators, with their ranges written out."""
         causality = "output" if which == "sensors" else "input"
         given = self.sensors if which == "sensors" else self.actuators
-        if given is None:
+        found = self.layout
+        if found is not None:
+            names = found.sensors if which == "sensors" else found.actuators
+            given = [Channel(variable=name) for name in names]
+        elif given is None:
             given = [
                 Channel(variable=one.name)
                 for one in self.description.of_causality(causality)
@@ -209,7 +238,7 @@ class FmuOptions(Definition):
         if channel.range is not None or variable is None:
             return channel
         low, high = variable.minimum, variable.maximum
-        if low is None or high is None or not low < high:
+        if low is None or high is None or not low < high or (low, high) == (-1.0, 1.0):
             return channel
         return Channel(variable=channel.variable, range=(low, high))
 
@@ -225,6 +254,9 @@ class FmuOptions(Definition):
         """What is made of variables, by the metric's name."""
         if self.metrics:
             return {name: Reduction.parse(name, text) for name, text in self.metrics.items()}
+        found = self.layout
+        if found is not None and found.metrics:
+            return {name: Reduction("last", variable) for name, variable in found.metrics.items()}
         outputs = [one.name for one in self.description.of_causality("output")]
         if len(outputs) > MOST:
             return {}
@@ -244,7 +276,9 @@ class FmuOptions(Definition):
         """Steps of an episode."""
         known = self.description
         if self.steps is not None or known.stop_time is None or known.stop_time <= known.start_time:
-            return self.steps or _STEPS
+            found = self.layout
+            until_done = found is not None and found.done is not None
+            return self.steps or (_MOST_STEPS if until_done else _STEPS)
         return max(1, round((known.stop_time - known.start_time) / self.size))
 
     @property
@@ -287,10 +321,12 @@ class FmuOptions(Definition):
 
     def attachment(self) -> dict[str, Any]:
         """Return what the program reads."""
+        found = self.layout
         return {
             "fmu": str(self.file.resolve()),
-            "agents": self.agents,
+            "agents": self.count,
             "one": self.is_one,
+            "algorithm": self.algorithm or "gauss_seidel",
             "sensors": [one.model_dump() for one in self.channels("sensors")],
             "actuators": [one.model_dump() for one in self.channels("actuators")],
             "step": self.size,
@@ -299,6 +335,9 @@ class FmuOptions(Definition):
             "seed": self.seeded,
             "metrics": {name: [one.function, one.column] for name, one in self.columns.items()},
             "done": self.done,
+            "fitness": None if found is None else found.fitness,
+            "acts": None if found is None else found.acts,
+            "ended": None if found is None else found.done,
         }
 
     def problems(self) -> list[tuple[Path_, str]]:
@@ -310,6 +349,8 @@ class FmuOptions(Definition):
         found: list[tuple[Path_, str]] = []
         if not runs_here(known):
             found.append((("fmu",), self.no_library))
+        if self.algorithm is not None and known.version != VERSION:
+            found.append((("algorithm",), f"is for systems of FMUs ({ENDING}); {self.fmu} is one FMU"))
         if known.only_once and self.agents > 1 and not self.is_one:
             found.append(
                 (("agents",), f"{self.fmu} allows one instance in a process only, not {self.agents}")

@@ -93,7 +93,7 @@ def check(checked: dict[str, Any], values: Mapping[str, Any], report: Report) ->
         _check_ros(definition, checked, report)
         reports_fitness = False
     elif isinstance(definition, FmuOptions):
-        reports_fitness = False
+        reports_fitness = definition.reports_fitness
     else:
         _check_placeholders(options, checked, report)
         reports_fitness = options.controller == "stepwise"

@@ -271,7 +271,7 @@ def _resolved(experiment: Experiment, entry: Entry, source: Source, path: Path_,
         except InputError as error:
             raise InputError(f"{source.place(path)}{error}") from error
         return _with_keys(experiment, entry, said, source.place(path), ask=ask)
-    if entry.endswith(".fmu"):
+    if entry.endswith((".fmu", ".ssp")):
         keys = {"simulation": entry, "parameters": dict(experiment.parameters)}
         said = Source("", keys) if source.is_option(path) else _part(source, path, keys)
         return _with_keys(experiment, entry, said, source.place(path), ask=ask)

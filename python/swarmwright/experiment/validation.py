@@ -103,7 +103,7 @@ def _spoken(source: Source, path: Path_, line: int, message: str) -> str:
 def _with_simulation(values: dict[str, Any], folder: Path, report: Report, *, ask: bool) -> bool:
     """Take a simulation's file relative to the experiment's; return whether the simulation can be asked."""
     simulation = values.get("simulation")
-    if isinstance(simulation, str) and simulation.endswith(".fmu"):
+    if isinstance(simulation, str) and simulation.endswith((".fmu", ".ssp")):
         simulation = {"fmu": simulation}
     if isinstance(simulation, Mapping):
         from swarmwright.experiment import commands  # noqa: PLC0415 - only where there is a command

@@ -1,11 +1,8 @@
 """Functional Mock-up Units for co-simulation: `--to fmu` (FMI 2.0) and `--to fmu3` (FMI 3.0)."""
 
-import hashlib
-import io
 import subprocess
 import sys
 import tempfile
-import zipfile
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
@@ -17,26 +14,18 @@ from numpy.typing import NDArray
 from swarmwright.core.errors import InputError, RunError
 from swarmwright.export._base import Exporter, Files, facts, file_bytes
 from swarmwright.export.c import C
+from swarmwright.export.fmu_parts import add_units, named, token, xml, zipped
 from swarmwright.export.programs import command, run
 from swarmwright.export.python_code import golden_text
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Channel, Subject
-from swarmwright.export.text import MARK, check_header, identifiers, render
+from swarmwright.export.text import MARK, check_header, render
 
 if TYPE_CHECKING:
     from swarmwright.export.fmu_driver import Driver
 
-_DATE = (1980, 1, 1, 0, 0, 0)
-"""Of all entries, so that the same controller gives the same bytes."""
 _FIRST_SENSOR = 2
 """Value references: 0 is the time, 1 the period, then come sensors and actuators."""
-_UNITS: dict[str, dict[str, str]] = {
-    "m": {"m": "1"}, "s": {"s": "1"}, "rad": {"rad": "1"}, "m/s": {"m": "1", "s": "-1"},
-    "rad/s": {"rad": "1", "s": "-1"}, "m/s^2": {"m": "1", "s": "-2"}, "kg": {"kg": "1"}, "Hz": {"s": "-1"},
-    "V": {"kg": "1", "m": "2", "s": "-3", "A": "-1"}, "K": {"K": "1"},
-    "N": {"kg": "1", "m": "1", "s": "-2"}, "W": {"kg": "1", "m": "2", "s": "-3"},
-}  # fmt: skip
-"""Units in SI base units; others are named only."""
 _SYSTEMS = {"linux": ("linux", ".so"), "darwin": ("darwin", ".dylib"), "mingw": ("windows", ".dll")}
 _MACHINES = {
     "x86_64": "x86_64", "amd64": "x86_64", "aarch64": "aarch64", "arm64": "aarch64", "i386": "x86",
@@ -67,7 +56,7 @@ class Fmu(Exporter):
             )
         inside = self._inside(subject, prefix)
         return {
-            f"{prefix}.fmu": _zipped(inside),
+            f"{prefix}.fmu": zipped(inside),
             f"{prefix}_fmu_test.py": render(
                 "fmu_test.txt",
                 {
@@ -110,11 +99,11 @@ class Fmu(Exporter):
         }
         wrapper = render("fmu_source.txt", {**values, "token": "@token@"})
         wrapper += render(f"fmu_fmi{self.fmi[0]}.txt", values)
-        token = _token(self.fmi, *sources.values(), wrapper.encode())
-        sources[f"{prefix}_fmu.c"] = wrapper.replace("@token@", token).encode()
+        identifier = token(self.fmi, *sources.values(), wrapper.encode())
+        sources[f"{prefix}_fmu.c"] = wrapper.replace("@token@", identifier).encode()
         binary, library = self._library(prefix, sources)
         made: Files = {
-            "modelDescription.xml": self._description(subject, prefix, token, variables),
+            "modelDescription.xml": self._description(subject, prefix, identifier, variables),
             "documentation/index.html": _documentation(subject, prefix, variables, self.fmi),
             **{f"sources/{name}": data for name, data in sources.items()},
             binary: library,
@@ -174,11 +163,7 @@ class Fmu(Exporter):
             files = ET.SubElement(ET.SubElement(root, "CoSimulation", what), "SourceFiles")
             for name in (f"{prefix}.c", f"{prefix}_fmu.c"):
                 ET.SubElement(files, "File", name=name)
-        units = ET.SubElement(root, "UnitDefinitions")
-        for unit in variables.units:
-            one = ET.SubElement(units, "Unit", name=unit)
-            if unit in _UNITS:
-                ET.SubElement(one, "BaseUnit", _UNITS[unit])
+        add_units(root, variables.units)
         categories = ET.SubElement(root, "LogCategories")
         for name in ("logStatusDiscard", "logStatusError"):
             ET.SubElement(categories, "Category", name=name)
@@ -193,7 +178,7 @@ class Fmu(Exporter):
                 ET.SubElement(outputs, "Output", valueReference=str(first + index))
             else:  # the place among the variables, from 1; there is no time among them
                 ET.SubElement(outputs, "Unknown", index=str(first + index))
-        return _xml(root, comment=f"{MARK} {__version__}; changes here are lost.")
+        return xml(root, comment=f"{MARK} {__version__}; changes here are lost.")
 
 
 class Fmu3(Fmu):
@@ -219,16 +204,10 @@ class _Variables:
     """Names of variables, and their elements in a description."""
 
     def __init__(self, subject: Subject) -> None:
-        self.sensors = self._named("sensors", subject.sensors)
-        self.actuators = self._named("actuators", subject.actuators)
+        self.sensors = named("sensors", [one.name for one in subject.sensors])
+        self.actuators = named("actuators", [one.name for one in subject.actuators])
         channels = [*subject.sensors, *subject.actuators]
         self.units = sorted({"s", *(channel.unit for channel in channels if channel.unit)})
-
-    @staticmethod
-    def _named(group: str, channels: list[Channel]) -> list[str]:
-        names = identifiers((channel.name for channel in channels), group.removesuffix("s").upper())
-        # A name of FMI's structured convention does not begin with a digit.
-        return [f"{group}.{'_' if name[0].isdigit() else ''}{name.lower()}" for name in names]
 
     def _channels(self, subject: Subject) -> list[tuple[str, Channel, str]]:
         return [
@@ -278,15 +257,6 @@ def _period(subject: Subject) -> float:
     return subject.step_size or 1.0
 
 
-def _token(*parts: str | bytes) -> str:
-    """Return an identifier of what is in the archive, in the form of a GUID."""
-    made = hashlib.sha256()
-    for part in parts:
-        made.update(part.encode() if isinstance(part, str) else part)
-    text = made.hexdigest()[:32]
-    return f"{{{text[:8]}-{text[8:12]}-{text[12:16]}-{text[16:20]}-{text[20:]}}}"
-
-
 def _platform(compiler: list[str]) -> tuple[str, str, str]:
     """Return machine and system as FMI 3.0 names them, and how libraries end there."""
     try:
@@ -306,18 +276,6 @@ def _platform(compiler: list[str]) -> tuple[str, str, str]:
     return machine, *system
 
 
-def _zipped(files: Files) -> bytes:
-    """Return an archive; what tells that Swarmwright wrote it is at its beginning, as it is."""
-    data = io.BytesIO()
-    with zipfile.ZipFile(data, "w") as archive:
-        for name, content in files.items():
-            info = zipfile.ZipInfo(name, _DATE)
-            info.compress_type = zipfile.ZIP_STORED if name.endswith(".xml") else zipfile.ZIP_DEFLATED
-            info.external_attr = (0o755 if name.startswith("binaries/") else 0o644) << 16
-            archive.writestr(info, file_bytes(content))
-    return data.getvalue()
-
-
 def _build_description(prefix: str) -> str:
     root = ET.Element("fmiBuildDescription", fmiVersion="3.0")
     build = ET.SubElement(root, "BuildConfiguration", modelIdentifier=prefix)
@@ -325,14 +283,7 @@ def _build_description(prefix: str) -> str:
     for name in (f"{prefix}.c", f"{prefix}_fmu.c"):
         ET.SubElement(files, "SourceFile", name=name)
     ET.SubElement(files, "PreprocessorDefinition", name="SWARMWRIGHT_CONTRACT_OFF")
-    return _xml(root)
-
-
-def _xml(root: ET.Element, comment: str = "") -> str:
-    """Return a document; the comment stands before its root."""
-    ET.indent(root)
-    begin = f"<!-- {comment} -->\n" if comment else ""
-    return f'<?xml version="1.0" encoding="UTF-8"?>\n{begin}{ET.tostring(root, encoding="unicode")}\n'
+    return xml(root)
 
 
 def _documentation(subject: Subject, prefix: str, variables: _Variables, fmi: str) -> str:

@@ -4,12 +4,13 @@ import importlib.util
 import math
 import zipfile
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from swarmwright.core.errors import InputError, explained
+from swarmwright.fmu.units import Unit
 
 _REALS = ("Real", "Float32", "Float64")
 _INTEGERS = (
@@ -66,6 +67,8 @@ class Description:
     """Whether a process can have one instance only."""
     platforms: tuple[str, ...]
     """Those that it has libraries for, as its folders are called: linux64, x86_64-linux, .."""
+    units: Mapping[str, Unit | None] = field(default_factory=dict)
+    """By name; None for those that are not defined by SI base units."""
 
     def of_causality(self, causality: str) -> list[Variable]:
         """Return the variables with one number, of a causality."""
@@ -130,6 +133,7 @@ def _described(file: Path, _changed: int) -> Description:
         times["stepSize"] or None,
         bool(found.coSimulation.canBeInstantiatedOnlyOncePerProcess),
         tuple(sorted({one[1] for one in places if len(one) > 2 and one[0] == "binaries"})),
+        {one.name: Unit.of(one.baseUnit) for one in found.unitDefinitions},
     )
 
 

@@ -9,8 +9,11 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from swarmwright.core.errors import InputError
-from swarmwright.fmu.description import Variable, described
+from swarmwright.fmu.coupled import Coupled
+from swarmwright.fmu.description import Variable
 from swarmwright.fmu.instances import FmuError, Instance, unpacked
+from swarmwright.fmu.layout import AGENT
+from swarmwright.fmu.ssp import VERSION, described, system_of
 from swarmwright.ros.expression import Expression
 from swarmwright.ros.reductions import FUNCTIONS, mean
 
@@ -28,19 +31,30 @@ class Episodes:
         self._attachment = attachment
         self._agents: int = attachment["agents"]
         self._size: float = attachment["step"]
-        folder = unpacked(attachment["fmu"], Path("fmu").resolve())
-        count = 1 if attachment["one"] else self._agents
-        self._instances = [
-            Instance(self._known, folder, f"agent {number + 1}" if count > 1 else "simulation")
-            for number in range(count)
-        ]
+        self._instances = self._make(1 if attachment["one"] else self._agents)
         self._sensors = self._variables([one["variable"] for one in attachment["sensors"]])
         self._actuators = self._variables([one["variable"] for one in attachment["actuators"]])
         self._columns = self._variables([variable for _, variable in attachment["metrics"].values()])
+        acts = attachment["acts"]
+        self._acts = [] if acts is None else self._variables([acts])
+        self._fitness, self._ended = (
+            None if attachment[key] is None else self._known.variables[attachment[key]]
+            for key in ("fitness", "ended")
+        )
         done = attachment["done"]
         self._done = None if done is None else Expression(done)
 
-    def _variables(self, names: Sequence[str]) -> list[tuple[Instance, list[Variable]]]:
+    def _make(self, count: int) -> Sequence[Instance | Coupled]:
+        """Return so many instances."""
+        file, folder = self._attachment["fmu"], Path("fmu").resolve()
+        if self._known.version == VERSION:
+            system, algorithm = system_of(Path(file)), self._attachment["algorithm"]
+            return [Coupled(file, system, folder / str(number), algorithm) for number in range(count)]
+        unpacked(file, folder)
+        names = ["simulation"] if count == 1 else [f"agent {number + 1}" for number in range(count)]
+        return [Instance(self._known, folder, name) for name in names]
+
+    def _variables(self, names: Sequence[str]) -> list[tuple[Instance | Coupled, list[Variable]]]:
         """Return the instance of each agent, and the variables with these names."""
         variables = self._known.variables
         return [
@@ -55,7 +69,8 @@ class Episodes:
         """Begin an episode; return the answer."""
         start = {**self._attachment["start"], **parameters}
         if self._attachment["seed"] is not None:
-            start[self._attachment["seed"]] = seed % _SEEDS
+            name = self._attachment["seed"]
+            start[name] = seed if self._known.variables[name].type == "UInt64" else seed % _SEEDS
         self._begin = self._known.start_time
         self._made = 0
         self._values: list[list[list[float]]] = []
@@ -78,12 +93,18 @@ class Episodes:
         self._made += 1
         self._values.append([instance.numbers(variables) for instance, variables in self._columns])
         if any(ends) or self._made >= self._attachment["steps"] or self._is_done():
-            return {"done": True, "metrics": self._metrics()}
+            own = {} if self._fitness is None else {"fitness": self._instances[0].get(self._fitness)}
+            return {"done": True, "metrics": self._metrics(), **own}
         return self._answer()
 
     def _answer(self) -> dict[str, Any]:
-        # Without actuators nobody acts, and the simulation is stepped all the same.
-        return {"sensors": self._sensed(), **({} if self._attachment["actuators"] else {"acting": []})}
+        answer: dict[str, Any] = {"sensors": self._sensed()}
+        if self._acts:
+            acting = (instance.get(one) for instance, [one] in self._acts)
+            answer["acting"] = [agent for agent, acts in enumerate(acting) if acts]
+        elif not self._attachment["actuators"]:
+            answer["acting"] = []  # the simulation is stepped all the same
+        return answer
 
     def _sensed(self) -> list[list[float]]:
         limits = [channel["range"] for channel in self._attachment["sensors"]]
@@ -109,7 +130,9 @@ class Episodes:
         found = {}
         for index, (name, (function, variable)) in enumerate(self._attachment["metrics"].items()):
             reduce = FUNCTIONS[function]
-            agents = range(self._agents)
+            # One that all agents share is taken once: a mean of equal numbers can have other bits.
+            shared = self._attachment["one"] and AGENT not in variable
+            agents = range(1 if shared else self._agents)
             value = mean([reduce([step[agent][index] for step in self._values]) for agent in agents])
             if not math.isfinite(value):
                 raise FmuError(f"the metric {name}, {function}({variable}), is {value} at {self._time:g} s")
@@ -117,6 +140,8 @@ class Episodes:
         return found
 
     def _is_done(self) -> bool:
+        if self._ended is not None and self._instances[0].get(self._ended):
+            return True
         if self._done is None:
             return False
         try:

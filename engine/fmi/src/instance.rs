@@ -1,0 +1,423 @@
+//! An instance of an FMU: its variables, its time, its states.
+
+use std::ffi::CString;
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use swarmwright_worlds::Parameters;
+
+use crate::local::Local;
+use crate::log::{Log, Status};
+use crate::model::{Model, ParameterKind};
+use crate::shield::Refusal;
+use crate::variables::{Type, Variable};
+use crate::world::World;
+
+/// Masters add up step sizes, and rounding errors with them: so much of a period may be missing.
+const SLACK: f64 = 1e-3;
+
+/// A value of a variable.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Worth {
+    Number(f64),
+    Integer(i64),
+    Seed(u64),
+    Flag(bool),
+    Text(String),
+}
+
+/// Where an instance is in its life.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Phase {
+    /// Parameters can be set.
+    Instantiated,
+    /// Parameters can be set; outputs are those at the start.
+    Initialization,
+    /// In an episode.
+    Stepping,
+    Terminated,
+}
+
+/// What an instance remembers: from it the episode can be repeated.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct State {
+    phase: Phase,
+    /// Seconds.
+    start: f64,
+    time: f64,
+    /// By parameter of the model.
+    parameters: Vec<Value>,
+    seed: u64,
+    /// (agents, actuators)
+    inputs: Vec<f32>,
+    /// Steps that were made, each with (agents, actuators).
+    steps: Vec<Vec<f32>>,
+}
+
+/// See the module.
+pub struct Instance {
+    pub log: Log,
+    pub model: Model,
+    world: Box<dyn World>,
+    state: State,
+    /// Whether the world is where the state is.
+    current: bool,
+    /// Texts that were handed over, until the next call that does.
+    pub texts: Vec<CString>,
+}
+
+impl Instance {
+    /// An instance, unless the identifier is another FMU's.
+    pub fn new(log: Log, model: Model, token: &str, of: &str) -> Option<Box<Self>> {
+        if token != model.token {
+            log.tell(
+                Status::Error,
+                &format!("the {of} is not the one of modelDescription.xml"),
+            );
+            return None;
+        }
+        let world: Box<dyn World> = match Local::new(&model) {
+            Ok(world) => Box::new(world),
+            Err(reason) => {
+                log.tell(Status::Error, &reason);
+                return None;
+            }
+        };
+        let state = State {
+            phase: Phase::Instantiated,
+            start: 0.0,
+            time: 0.0,
+            parameters: model
+                .parameters
+                .iter()
+                .map(|one| one.start.clone())
+                .collect(),
+            seed: model.seed,
+            inputs: vec![0.0; model.agents * model.actuators],
+            steps: Vec::new(),
+        };
+        Some(Box::new(Self {
+            log,
+            model,
+            world,
+            state,
+            current: false,
+            texts: Vec::new(),
+        }))
+    }
+
+    /// Back to what it was when it was made.
+    pub fn reset(&mut self) {
+        self.world.end();
+        self.current = false;
+        self.state = State {
+            phase: Phase::Instantiated,
+            start: 0.0,
+            time: 0.0,
+            parameters: self
+                .model
+                .parameters
+                .iter()
+                .map(|one| one.start.clone())
+                .collect(),
+            seed: self.model.seed,
+            inputs: vec![0.0; self.state.inputs.len()],
+            steps: Vec::new(),
+        };
+    }
+
+    /// The time of the first step begins here.
+    pub fn set_start(&mut self, start: f64) -> Result<(), Refusal> {
+        if !start.is_finite() {
+            return Err("the start time is not a finite number".into());
+        }
+        (self.state.start, self.state.time) = (start, start);
+        Ok(())
+    }
+
+    pub fn enter_initialization(&mut self) -> Result<(), Refusal> {
+        if self.state.phase != Phase::Instantiated {
+            return Err("initialization was entered before; reset the instance first".into());
+        }
+        self.state.phase = Phase::Initialization;
+        Ok(())
+    }
+
+    pub fn exit_initialization(&mut self) -> Result<(), Refusal> {
+        if self.state.phase != Phase::Initialization {
+            return Err("initialization is left, but was not entered".into());
+        }
+        self.catch_up()?;
+        self.state.phase = Phase::Stepping;
+        Ok(())
+    }
+
+    /// Ends the episode; its outputs can still be read.
+    pub fn terminate(&mut self) {
+        self.world.end();
+        self.state.phase = Phase::Terminated;
+    }
+
+    /// Seconds where the last step ended.
+    pub fn time(&self) -> f64 {
+        self.state.time
+    }
+
+    /// Takes the world to where the state is.
+    fn catch_up(&mut self) -> Result<(), Refusal> {
+        if self.current {
+            return Ok(());
+        }
+        self.world.begin(&self.parameters()?)?;
+        for step in &self.state.steps {
+            self.world.step(step)?;
+        }
+        self.current = true;
+        Ok(())
+    }
+
+    /// Those of the episode: what was set at the export, and what the master has set since.
+    fn parameters(&self) -> Result<Parameters, Refusal> {
+        let mut found = self.model.base.clone();
+        for (known, value) in self.model.parameters.iter().zip(&self.state.parameters) {
+            if *value != known.start {
+                found.insert(
+                    known.name.clone(),
+                    value_of(&known.name, known.kind, value)?,
+                );
+            }
+        }
+        found.insert("seed".to_owned(), self.state.seed.into());
+        Ok(found)
+    }
+
+    /// The variable, and whether it is of a type.
+    fn variable(
+        &self,
+        reference: u32,
+        is: fn(Type) -> bool,
+        what: &str,
+    ) -> Result<Variable, Refusal> {
+        let found = Variable::of(&self.model, reference)
+            .ok_or_else(|| format!("there is no variable with the value reference {reference}"))?;
+        if is(found.kind(&self.model)) {
+            Ok(found)
+        } else {
+            let name = found.name(&self.model);
+            Err(format!("{name} (value reference {reference}) is not of the type {what}").into())
+        }
+    }
+
+    /// The value of a variable.
+    pub fn get(
+        &mut self,
+        reference: u32,
+        is: fn(Type) -> bool,
+        what: &str,
+    ) -> Result<Worth, Refusal> {
+        let variable = self.variable(reference, is, what)?;
+        let needs_world = matches!(
+            variable,
+            Variable::Done
+                | Variable::Fitness
+                | Variable::Metric(_)
+                | Variable::Acts(_)
+                | Variable::Sensor(_)
+        );
+        if needs_world && self.state.phase == Phase::Initialization {
+            self.catch_up()?;
+        }
+        let view = self.world.view();
+        Ok(match variable {
+            Variable::Time => Worth::Number(self.state.time),
+            Variable::Seed => Worth::Seed(self.state.seed),
+            Variable::Done => Worth::Flag(view.done),
+            Variable::Fitness => Worth::Number(view.fitness),
+            Variable::Metric(index) => Worth::Number(view.metrics[index]),
+            Variable::Acts(agent) => Worth::Flag(view.acts[agent]),
+            Variable::Sensor(place) => Worth::Number(view.sensors[place].into()),
+            Variable::Actuator(place) => Worth::Number(self.state.inputs[place].into()),
+            Variable::Parameter(index) => {
+                let value = &self.state.parameters[index];
+                match self.model.parameters[index].kind {
+                    ParameterKind::Number => Worth::Number(value.as_f64().unwrap_or(f64::NAN)),
+                    ParameterKind::Integer => Worth::Integer(value.as_i64().unwrap_or(0)),
+                    ParameterKind::Flag => Worth::Flag(value.as_bool().unwrap_or(false)),
+                    ParameterKind::Text | ParameterKind::Json => {
+                        Worth::Text(value.as_str().unwrap_or("").to_owned())
+                    }
+                }
+            }
+        })
+    }
+
+    /// Sets a variable.
+    pub fn set(
+        &mut self,
+        reference: u32,
+        is: fn(Type) -> bool,
+        what: &str,
+        value: Worth,
+    ) -> Result<(), Refusal> {
+        let variable = self.variable(reference, is, what)?;
+        match (variable, value) {
+            (Variable::Actuator(place), Worth::Number(value)) => {
+                self.state.inputs[place] = value as f32;
+                Ok(())
+            }
+            (Variable::Seed, Worth::Seed(seed)) => {
+                self.settable(variable)?;
+                self.state.seed = seed;
+                self.current = false;
+                Ok(())
+            }
+            (Variable::Parameter(index), value) => {
+                self.settable(variable)?;
+                let value = match value {
+                    Worth::Number(number) if !number.is_finite() => {
+                        let name = &self.model.parameters[index].name;
+                        return Err(
+                            format!("parameter {name}: {number} is not a finite number").into()
+                        );
+                    }
+                    Worth::Number(number) => Value::from(number),
+                    Worth::Integer(integer) => Value::from(integer),
+                    Worth::Seed(seed) => Value::from(seed),
+                    Worth::Flag(flag) => Value::from(flag),
+                    Worth::Text(text) => Value::from(text),
+                };
+                self.state.parameters[index] = value;
+                self.current = false;
+                Ok(())
+            }
+            _ => {
+                let name = variable.name(&self.model);
+                Err(format!("{name} is an output and cannot be set").into())
+            }
+        }
+    }
+
+    fn settable(&self, variable: Variable) -> Result<(), Refusal> {
+        if matches!(
+            self.state.phase,
+            Phase::Instantiated | Phase::Initialization
+        ) {
+            return Ok(());
+        }
+        let name = variable.name(&self.model);
+        Err(format!(
+            "{name} is a parameter: it can be set until initialization ends, and again after a reset"
+        )
+        .into())
+    }
+
+    /// Makes the steps that end within a step of the master.
+    pub fn advance(&mut self, time: f64, size: f64) -> Result<(), Refusal> {
+        if self.state.phase != Phase::Stepping {
+            return Err("a step needs an episode: leave initialization first".into());
+        }
+        if !time.is_finite() || !size.is_finite() || size < 0.0 {
+            return Err(
+                "a communication step must have a finite time and a size of 0 s or more".into(),
+            );
+        }
+        self.catch_up()?;
+        let end = (time + size - self.state.start) / self.model.period + SLACK;
+        let inputs = self.limited()?;
+        while (self.state.steps.len() + 1) as f64 <= end && !self.world.view().done {
+            self.world.step(&inputs)?;
+            self.state.steps.push(inputs.clone());
+        }
+        self.state.time = time + size;
+        Ok(())
+    }
+
+    /// The inputs, limited to -1..=1 as servers do.
+    fn limited(&self) -> Result<Vec<f32>, Refusal> {
+        let acts = &self.world.view().acts;
+        let each = self.model.actuators.max(1);
+        let limited = self.state.inputs.iter().enumerate().map(|(place, value)| {
+            if value.is_finite() {
+                Ok(value.clamp(-1.0, 1.0))
+            } else if acts[place / each] {
+                let name = Variable::Actuator(place).name(&self.model);
+                Err(Refusal::Discard(format!(
+                    "{name} is {value}, not a finite number: the step is not done"
+                )))
+            } else {
+                Ok(0.0)
+            }
+        });
+        limited.collect()
+    }
+
+    /// A copy of the state.
+    pub fn state(&self) -> Box<State> {
+        Box::new(self.state.clone())
+    }
+
+    /// Goes to a state: the steps up to it are repeated, unless they are those that were made.
+    pub fn set_state(&mut self, state: &State) -> Result<(), Refusal> {
+        let fits = state.inputs.len() == self.state.inputs.len()
+            && state.parameters.len() == self.state.parameters.len()
+            && state
+                .steps
+                .iter()
+                .all(|step| step.len() == self.state.inputs.len());
+        if !fits {
+            return Err("the state is of another FMU".into());
+        }
+        let same = self.current
+            && state.seed == self.state.seed
+            && state.parameters == self.state.parameters
+            && state.steps.starts_with(&self.state.steps);
+        let made = self.state.steps.len();
+        self.state = state.clone();
+        if same {
+            for step in &self.state.steps[made..] {
+                self.world.step(step)?;
+            }
+        } else {
+            self.current = false;
+            if self.state.phase != Phase::Instantiated {
+                self.catch_up()?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// A parameter as the simulation takes it.
+fn value_of(name: &str, kind: ParameterKind, value: &Value) -> Result<Value, Refusal> {
+    let text = value.as_str().unwrap_or("");
+    match kind {
+        ParameterKind::Json => match serde_json::from_str(text) {
+            Ok(value) => Ok(value),
+            // A name, where a name or an object is possible.
+            Err(_) if !text.starts_with(['[', '{', '"']) => Ok(value.clone()),
+            Err(error) => {
+                Err(format!("parameter {name}: {text:?} is not valid JSON: {error}").into())
+            }
+        },
+        _ => Ok(value.clone()),
+    }
+}
+
+impl Drop for Instance {
+    fn drop(&mut self) {
+        self.world.end();
+    }
+}
+
+/// A state as bytes, and back.
+impl State {
+    pub fn bytes(&self) -> Result<Vec<u8>, Refusal> {
+        serde_json::to_vec(self).map_err(|error| error.to_string().into())
+    }
+
+    pub fn read(bytes: &[u8]) -> Result<Box<Self>, Refusal> {
+        serde_json::from_slice(bytes)
+            .map(Box::new)
+            .map_err(|error| format!("the bytes are not a state of this FMU: {error}").into())
+    }
+}

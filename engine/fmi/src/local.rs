@@ -1,0 +1,116 @@
+//! A built-in simulation in this process.
+
+use swarmwright_worlds::{self as worlds, Parameters, Simulation};
+use swarmwright_wrapper::guarded;
+
+use crate::model::Model;
+use crate::world::{View, World};
+
+/// See the module.
+pub struct Local {
+    simulation: Box<dyn Simulation>,
+    agents: usize,
+    sensors: usize,
+    actuators: usize,
+    metrics: Vec<String>,
+    /// Of each of the model's metrics, its place among the simulation's.
+    places: Vec<usize>,
+    /// Of the acting agents, in their order.
+    acting: Vec<f32>,
+    view: View,
+}
+
+impl Local {
+    /// The simulation of a model.
+    pub fn new(model: &Model) -> Result<Self, String> {
+        let simulation = worlds::create(&model.title).ok_or_else(|| {
+            let known = worlds::titles().join(", ");
+            format!("there is no simulation {}, but {known}", model.title)
+        })?;
+        Ok(Self {
+            simulation,
+            agents: model.agents,
+            sensors: model.sensors,
+            actuators: model.actuators,
+            metrics: model.metrics.clone(),
+            places: Vec::new(),
+            acting: Vec::new(),
+            view: View {
+                sensors: vec![0.0; model.agents * model.sensors],
+                acts: vec![false; model.agents],
+                metrics: vec![f64::NAN; model.metrics.len()],
+                fitness: f64::NAN,
+                done: false,
+            },
+        })
+    }
+
+    /// Reads everything that can be read.
+    fn look(&mut self) -> Result<(), String> {
+        let Self {
+            simulation, view, ..
+        } = self;
+        view.acts.fill(false);
+        view.done = simulation.done();
+        for agent in simulation.acting() {
+            let place = *agent as usize;
+            let Some(acts) = view.acts.get_mut(place) else {
+                return Err(format!(
+                    "the parameters make {} agents or more, the FMU has variables of {}; export it anew with these parameters \
+                     (swarmwright export-fmu --set)",
+                    place + 1,
+                    self.agents
+                ));
+            };
+            *acts = true;
+            let row = place * self.sensors..(place + 1) * self.sensors;
+            simulation.sense(*agent, &mut view.sensors[row]);
+        }
+        view.fitness = simulation.fitness();
+        worlds::measure(simulation.as_ref(), &self.places, &mut view.metrics);
+        Ok(())
+    }
+}
+
+impl World for Local {
+    fn begin(&mut self, parameters: &Parameters) -> Result<(), String> {
+        self.view.sensors.fill(0.0);
+        guarded(|| self.simulation.reset(parameters))
+            .map_err(|failure| failure.reason)?
+            .map_err(|error| error.to_string())?;
+        let description = self.simulation.description();
+        let (found, expected) = (
+            (description.sensors, description.actuators),
+            (self.sensors, self.actuators),
+        );
+        if found != expected {
+            return Err(format!(
+                "with these parameters an agent has {} sensors and {} actuators, the FMU has variables of {} and {}; export it \
+                 anew with these parameters (swarmwright export-fmu --set)",
+                found.0, found.1, expected.0, expected.1
+            ));
+        }
+        self.places = description
+            .metrics_named(&self.metrics)
+            .map_err(|error| error.to_string())?;
+        guarded(|| self.look()).map_err(|failure| failure.reason)?
+    }
+
+    fn step(&mut self, actuators: &[f32]) -> Result<(), String> {
+        self.acting.clear();
+        for agent in self.simulation.acting() {
+            let place = *agent as usize * self.actuators;
+            self.acting
+                .extend_from_slice(&actuators[place..place + self.actuators]);
+        }
+        guarded(|| {
+            self.simulation.step(&self.acting);
+            self.look()
+        })
+        .map_err(|failure| failure.reason)?
+    }
+
+    fn view(&self) -> &View {
+        &self.view
+    }
+}

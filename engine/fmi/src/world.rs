@@ -1,0 +1,32 @@
+//! What an instance steps: a simulation in this process, or one behind a broker.
+
+use swarmwright_worlds::Parameters;
+
+/// What can be read of an episode.
+#[derive(Debug, Clone, Default)]
+pub struct View {
+    /// (agents, sensors): of those who do not act, what they sensed last.
+    pub sensors: Vec<f32>,
+    /// By agent: whether its actuators count in the next step.
+    pub acts: Vec<bool>,
+    pub done: bool,
+    /// NaN as long as it is not known.
+    pub fitness: f64,
+    /// In the order of the model; NaN as long as they are not known.
+    pub metrics: Vec<f64>,
+}
+
+/// Episodes in turn. Errors are for the master's log.
+pub trait World {
+    /// Goes to the start of an episode.
+    fn begin(&mut self, parameters: &Parameters) -> Result<(), String>;
+
+    /// Goes on by a step; `actuators`: (agents, actuators), each in -1..=1.
+    fn step(&mut self, actuators: &[f32]) -> Result<(), String>;
+
+    /// Where the episode is.
+    fn view(&self) -> &View;
+
+    /// Gives the episode up.
+    fn end(&mut self) {}
+}

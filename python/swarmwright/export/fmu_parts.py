@@ -1,0 +1,64 @@
+"""What all FMUs that are written here have in common: archives, units, names, XML."""
+
+import hashlib
+import io
+import zipfile
+from collections.abc import Iterable
+from xml.etree import ElementTree as ET
+
+from swarmwright.export._base import Files, file_bytes
+from swarmwright.export.text import identifiers
+
+_DATE = (1980, 1, 1, 0, 0, 0)
+"""Of all entries, so that the same controller gives the same bytes."""
+UNITS: dict[str, dict[str, str]] = {
+    "m": {"m": "1"}, "s": {"s": "1"}, "rad": {"rad": "1"}, "m/s": {"m": "1", "s": "-1"},
+    "rad/s": {"rad": "1", "s": "-1"}, "m/s^2": {"m": "1", "s": "-2"}, "kg": {"kg": "1"}, "Hz": {"s": "-1"},
+    "V": {"kg": "1", "m": "2", "s": "-3", "A": "-1"}, "K": {"K": "1"},
+    "N": {"kg": "1", "m": "1", "s": "-2"}, "W": {"kg": "1", "m": "2", "s": "-3"},
+}  # fmt: skip
+"""Units in SI base units; others are named only."""
+
+
+def add_units(root: ET.Element, names: Iterable[str]) -> None:
+    """Add the definitions of units, in SI base units where these are known."""
+    units = ET.SubElement(root, "UnitDefinitions")
+    for name in names:
+        one = ET.SubElement(units, "Unit", name=name)
+        if name in UNITS:
+            ET.SubElement(one, "BaseUnit", UNITS[name])
+
+
+def named(group: str, names: Iterable[str]) -> list[str]:
+    """Return names of variables in FMI's structured convention: `sensors.goal_x` for `goal x`."""
+    found = identifiers(names, group.rpartition(".")[2].removesuffix("s").upper())
+    # A name of the convention does not begin with a digit.
+    return [f"{group}.{'_' if name[0].isdigit() else ''}{name.lower()}" for name in found]
+
+
+def token(*parts: str | bytes) -> str:
+    """Return an identifier of what is in the archive, in the form of a GUID."""
+    made = hashlib.sha256()
+    for part in parts:
+        made.update(part.encode() if isinstance(part, str) else part)
+    text = made.hexdigest()[:32]
+    return f"{{{text[:8]}-{text[8:12]}-{text[12:16]}-{text[16:20]}-{text[20:]}}}"
+
+
+def zipped(files: Files) -> bytes:
+    """Return an archive; what tells that Swarmwright wrote it is at its beginning, as it is."""
+    data = io.BytesIO()
+    with zipfile.ZipFile(data, "w") as archive:
+        for name, content in files.items():
+            info = zipfile.ZipInfo(name, _DATE)
+            info.compress_type = zipfile.ZIP_STORED if name.endswith(".xml") else zipfile.ZIP_DEFLATED
+            info.external_attr = (0o755 if name.startswith("binaries/") else 0o644) << 16
+            archive.writestr(info, file_bytes(content))
+    return data.getvalue()
+
+
+def xml(root: ET.Element, comment: str = "") -> str:
+    """Return a document; the comment stands before its root."""
+    ET.indent(root)
+    begin = f"<!-- {comment} -->\n" if comment else ""
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n{begin}{ET.tostring(root, encoding="unicode")}\n'

@@ -1,0 +1,177 @@
+"""Built-in simulations as FMUs for co-simulation: `swarmwright export-fmu`."""
+
+import json
+import platform
+import sys
+from collections.abc import Mapping
+from html import escape
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree as ET
+
+from swarmwright.core.errors import InputError
+from swarmwright.export._base import Files
+from swarmwright.export.fmu_parts import add_units, token, xml, zipped
+from swarmwright.export.simulation_model import Model, Variable
+from swarmwright.export.text import MARK, check_prefix, render
+
+LIBRARY = Path(__file__).parents[1] / "fmu" / "libswarmwright_fmi.so"
+"""Built by `make .venv/.engine` of the crate engine/fmi, and part of the wheel."""
+VERSIONS = ("2.0", "3.0")
+_MACHINES = {"x86_64": "x86_64", "amd64": "x86_64", "aarch64": "aarch64", "arm64": "aarch64"}
+_TWO = {"single": "Real", "double": "Real", "integer": "Integer", "seed": "Integer", "flag": "Boolean",
+        "text": "String"}  # fmt: skip
+_THREE = {"single": "Float32", "double": "Float64", "integer": "Int64", "seed": "UInt64", "flag": "Boolean",
+          "text": "String"}  # fmt: skip
+
+
+def simulation_fmu(title: str, parameters: Mapping[str, Any], *, fmi: str, name: str) -> bytes:
+    """Return an FMU of a built-in simulation, the same bytes for the same simulation and library.
+
+    Args:
+        title: of the simulation.
+        parameters: that are set; the others have their defaults.
+        fmi: 2.0 or 3.0.
+        name: of the model and of its library, a letter, then letters, digits and _.
+
+    Raises InputError for an unknown simulation, for parameters that it refuses, and where the library is not
+    built.
+    """
+    check_prefix(name)
+    model = Model.of(title, parameters)
+    library = _library()
+    content = json.dumps(model.content(""), sort_keys=True)
+    made = token(fmi, name, content, library)
+    inside: Files = {
+        "modelDescription.xml": _description(model, fmi, name, made),
+        "documentation/index.html": _documentation(model, fmi, name),
+        "resources/model.json": json.dumps(model.content(made), indent=1, sort_keys=True),
+        _place(fmi, name): library,
+    }
+    return zipped(inside)
+
+
+def _library() -> bytes:
+    try:
+        return LIBRARY.read_bytes()
+    except OSError:
+        raise InputError(
+            f"{LIBRARY}: is missing, the library that an FMU of a simulation holds; `make .venv/.engine` "
+            "builds it from engine/fmi"
+        ) from None
+
+
+def _place(fmi: str, name: str) -> str:
+    """Return where the library is in the archive. Raises InputError elsewhere than on Linux."""
+    machine = _MACHINES.get(platform.machine().lower())
+    if machine is None or not sys.platform.startswith("linux"):
+        raise InputError(
+            f"{platform.system()} on {platform.machine()}: FMUs are made for Linux on x86_64 and aarch64"
+        )
+    if fmi == "3.0":
+        return f"binaries/{machine}-linux/{name}.so"
+    # FMI 2.0 names 32 and 64 bits only.
+    return f"binaries/linux64/{name}.so"
+
+
+def _description(model: Model, fmi: str, name: str, made: str) -> str:
+    """Return modelDescription.xml."""
+    from swarmwright import __version__  # noqa: PLC0415 - asks the engine
+
+    three = fmi == "3.0"
+    variables = list(model.variables())
+    root = ET.Element(
+        "fmiModelDescription",
+        {
+            "fmiVersion": fmi,
+            "modelName": name,
+            ("instantiationToken" if three else "guid"): made,
+            "description": f"The simulation {model.title} of Swarmwright",
+            "generationTool": f"Swarmwright {__version__}",
+            "variableNamingConvention": "structured",
+            **({} if three else {"numberOfEventIndicators": "0"}),
+        },
+    )
+    state = "FMUState" if three else "FMUstate"
+    what = {
+        "modelIdentifier": name,
+        f"canGetAndSet{state}": "true",
+        f"canSerialize{state}": "true",
+        "canHandleVariableCommunicationStepSize": "true",
+        **({} if three else {"canNotUseMemoryManagementFunctions": "true"}),
+    }
+    ET.SubElement(root, "CoSimulation", what)
+    add_units(root, sorted({"s", *(one.unit for one in variables if one.unit)}))
+    categories = ET.SubElement(root, "LogCategories")
+    for category in ("logStatusDiscard", "logStatusError"):
+        ET.SubElement(categories, "Category", name=category)
+    ET.SubElement(root, "DefaultExperiment", startTime="0", stepSize=repr(model.period))
+    listed = ET.SubElement(root, "ModelVariables")
+    if three:
+        about = {"name": "time", "valueReference": "0", "causality": "independent"}
+        ET.SubElement(listed, "Float64", {**about, "variability": "continuous", "unit": "s"})
+    for one in variables:
+        (_add_three if three else _add_two)(listed, one)
+    _add_structure(ET.SubElement(root, "ModelStructure"), variables, three=three)
+    return xml(root, comment=f"{MARK} {__version__}; changes here are lost.")
+
+
+def _about(one: Variable) -> dict[str, str]:
+    about = {"name": one.name, "valueReference": str(one.reference), "causality": one.causality}
+    about |= {"variability": "fixed" if one.causality == "parameter" else "discrete"}
+    if one.causality == "output":
+        about["initial"] = "calculated"
+    return {**about, "description": one.description}
+
+
+def _limits(one: Variable) -> dict[str, str]:
+    found = {"unit": one.unit} if one.unit else {}
+    if one.range is not None:
+        found |= {"min": repr(one.range[0]), "max": repr(one.range[1])}
+    return found
+
+
+def _start(value: float | bool | str) -> str:
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def _add_two(listed: ET.Element, one: Variable) -> None:
+    element = ET.SubElement(listed, "ScalarVariable", _about(one))
+    start = {} if one.start is None else {"start": _start(one.start)}
+    ET.SubElement(element, _TWO[one.kind], {**_limits(one), **start})
+
+
+def _add_three(listed: ET.Element, one: Variable) -> None:
+    kind = _THREE[one.kind]
+    if kind == "String":
+        element = ET.SubElement(listed, kind, _about(one))
+        ET.SubElement(element, "Start", value=str(one.start))
+        return
+    start = {} if one.start is None else {"start": _start(one.start)}
+    ET.SubElement(listed, kind, {**_about(one), **_limits(one), **start})
+
+
+def _add_structure(structure: ET.Element, variables: list[Variable], *, three: bool) -> None:
+    """Add outputs, and those that are computed at the start: all of them."""
+    outputs = [(index, one) for index, one in enumerate(variables) if one.causality == "output"]
+    for group, element in (("Outputs", "Output"), ("InitialUnknowns", "InitialUnknown")):
+        parent = structure if three else ET.SubElement(structure, group)
+        for index, one in outputs:
+            if three:
+                ET.SubElement(parent, element, valueReference=str(one.reference))
+            else:  # the place among the variables, from 1
+                ET.SubElement(parent, "Unknown", index=str(index + 1))
+
+
+def _documentation(model: Model, fmi: str, name: str) -> str:
+    rows = "\n".join(
+        f"<tr><td>{escape(one.name)}</td><td>{one.causality}</td><td>{escape(one.unit)}</td>"
+        f"<td>{escape(one.description)}</td></tr>"
+        for one in model.variables()
+        if not one.name.startswith("agent[") or one.name.startswith("agent[1]")
+    )
+    values = {
+        "p": escape(name), "fmi": fmi, "title": escape(model.title), "rows": rows,
+        "agents": str(model.agents), "period": repr(model.period),
+    }  # fmt: skip
+    return render("fmu_simulation.txt", values)

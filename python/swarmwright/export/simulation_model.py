@@ -1,0 +1,202 @@
+"""What an FMU of a built-in simulation holds: its variables, with the value references of `engine/fmi`."""
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+
+from swarmwright import _engine
+from swarmwright.core.errors import InputError, engine_errors
+from swarmwright.core.suggestions import did_you_mean
+from swarmwright.export.fmu_parts import named
+from swarmwright.export.text import plain
+from swarmwright.simulations import catalogue
+
+Kind = Literal["number", "integer", "flag", "text", "json"]
+TIME, SEED, DONE, FITNESS = range(4)
+_FIRST_PARAMETER = 100
+_FIRST_METRIC = 10_000
+_FIRST_AGENT = 100_000
+_MOST_VARIABLES = 200_000
+_LARGEST = 2**31 - 1
+"""Of FMI 2.0's type Integer."""
+_UNITS = {"metres": "m", "seconds": "s", "radians": "rad", "metres per second": "m/s"}
+"""Words of simulations, as FMUs name them."""
+
+
+@dataclass(frozen=True)
+class Variable:
+    """A variable of the FMU."""
+
+    name: str
+    reference: int
+    kind: Literal["single", "double", "integer", "seed", "flag", "text"]
+    causality: Literal["parameter", "input", "output"]
+    description: str
+    start: Any = None
+    unit: str = ""
+    range: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A parameter that masters can set."""
+
+    name: str
+    kind: Kind
+    start: float | int | bool | str
+    description: str
+
+
+@dataclass(frozen=True)
+class Model:
+    """A built-in simulation with parameters."""
+
+    title: str
+    description: Mapping[str, Any]
+    """See `catalogue.description`."""
+    base: Mapping[str, Any]
+    """Parameters that are set, without the seed."""
+    seed: int
+    agents: int
+    period: float
+    """Seconds of a step."""
+    parameters: list[Parameter] = field(default_factory=list)
+
+    @classmethod
+    def of(cls, title: str, parameters: Mapping[str, Any]) -> "Model":
+        """Return the model of a built-in simulation.
+
+        Raises InputError for another one, and for parameters that it does not have or refuses.
+        """
+        known = catalogue.titles()
+        if title not in known:
+            raise InputError(
+                f"simulation {title}: an FMU holds a simulation that is built in, {', '.join(known)}"
+                f"{did_you_mean(title, list(known)) or ''}"
+            )
+        base = {name: value for name, value in parameters.items() if name != "seed"}
+        seed = int(parameters.get("seed", 0)) % 2**64
+        description = catalogue.description(title, dict(parameters))
+        for name in base:
+            if name not in description["parameters"]:
+                hint = did_you_mean(name, list(description["parameters"])) or ""
+                raise InputError(f"parameters.{name}: {title} has no such parameter{hint}")
+        agents, period = _started(title, base, seed, int(description["actuators"]))
+        variables = agents * (1 + description["sensors"] + description["actuators"])
+        if variables > _MOST_VARIABLES:
+            raise InputError(
+                f"simulation {title}: {agents:,} agents make {variables:,} variables; an FMU has at most "
+                f"{_MOST_VARIABLES:,}: take fewer agents"
+            )
+        found = [
+            _parameter(name, about, base)
+            for name, about in sorted(description["parameters"].items())
+            if name != "seed"
+        ]
+        return cls(title, description, base, seed, agents, period, found)
+
+    @property
+    def metrics(self) -> list[str]:
+        """Names of the metrics."""
+        return list(self.description["metrics"])
+
+    def content(self, token: str) -> dict[str, Any]:
+        """Return what the library reads, `resources/model.json`."""
+        return {
+            "token": token,
+            "title": self.title,
+            "base": self.base,
+            "parameters": [
+                {"name": one.name, "kind": one.kind, "start": one.start} for one in self.parameters
+            ],
+            "seed": self.seed,
+            "agents": self.agents,
+            "sensors": self.description["sensors"],
+            "actuators": self.description["actuators"],
+            "metrics": self.metrics,
+            "period": self.period,
+        }
+
+    def variables(self) -> Iterator[Variable]:
+        """Give all variables, but for the time."""
+        yield Variable("seed", SEED, "seed", "parameter", "Seed of the episode, at least 0", start=self.seed)
+        for index, one in enumerate(self.parameters):
+            kind: Any = {"number": "double", "json": "text"}.get(one.kind, one.kind)
+            reference = _FIRST_PARAMETER + index
+            yield Variable(one.name, reference, kind, "parameter", one.description, start=one.start)
+        yield Variable("done", DONE, "flag", "output", "Whether the episode has ended")
+        yield Variable(
+            "fitness", FITNESS, "double", "output", "Fitness of the episode so far; larger is better"
+        )
+        for index, (name, about) in enumerate(self.description["metrics"].items()):
+            text, unit = about["description"], unit_of(about["unit"])
+            yield Variable(f"metrics.{name}", _FIRST_METRIC + index, "double", "output", text, unit=unit)
+        yield from self._of_agents()
+
+    def _of_agents(self) -> Iterator[Variable]:
+        sensors, actuators = (self._channels(which) for which in ("sensor", "actuator"))
+        for agent in range(self.agents):
+            first = _FIRST_AGENT + agent * (1 + len(sensors) + len(actuators))
+            yield Variable(
+                f"agent[{agent + 1}].acts",
+                first,
+                "flag",
+                "output",
+                "Whether the actuators of the agent count in the next step",
+            )
+            for index, (name, text, unit) in enumerate(sensors):
+                full = f"agent[{agent + 1}].{name}"
+                yield Variable(full, first + 1 + index, "single", "output", text, unit=unit)
+            for index, (name, text, unit) in enumerate(actuators):
+                full, reference = f"agent[{agent + 1}].{name}", first + 1 + len(sensors) + index
+                about = f"{text}, -1 to 1"
+                yield Variable(full, reference, "single", "input", about, 0.0, unit, (-1.0, 1.0))
+
+    def _channels(self, which: str) -> list[tuple[str, str, str]]:
+        """Return name, text and unit of an agent's sensors or actuators."""
+        count = self.description[f"{which}s"]
+        names = [plain(name) for name in self.description[f"{which}_names"]]
+        units = [unit_of(unit) for unit in self.description[f"{which}_units"]]
+        if len(names) != count:
+            names = [f"{which} {index + 1}" for index in range(count)]
+        if len(units) != count:
+            units = [""] * count
+        return list(zip(named(f"{which}s", names), names, units, strict=True))
+
+
+def unit_of(words: str) -> str:
+    """Return a unit as FMUs name it: m for metres."""
+    return _UNITS.get(words, plain(words))
+
+
+def _started(title: str, base: Mapping[str, Any], seed: int, actuators: int) -> tuple[int, float]:
+    """Return how many agents act in the first step, and the seconds of a step."""
+    with engine_errors():
+        episodes = _engine.Episodes(title, dict(base), [seed])
+        agents = 0
+        while not episodes.done:
+            acting = episodes.acting()[1]
+            agents = max([agents, *(int(agent) + 1 for agent in acting)])
+            episodes.step(np.zeros((len(acting), actuators), np.float32))
+            if not episodes.mid_step:
+                break
+        return agents, episodes.step_size or 1.0
+
+
+def _parameter(name: str, about: Mapping[str, Any], base: Mapping[str, Any]) -> Parameter:
+    value = base.get(name, about["default"])
+    text = plain(about["description"])
+    simple = about["type"] in ("integer", "number", "string", "boolean") and value is not None
+    if simple and isinstance(value, bool):
+        return Parameter(name, "flag", value, text)
+    if simple and about["type"] == "integer" and float(value).is_integer() and abs(value) <= _LARGEST:
+        return Parameter(name, "integer", int(value), text)
+    if simple and about["type"] in ("integer", "number"):
+        return Parameter(name, "number", float(value), text)
+    if simple:
+        return Parameter(name, "text", str(value), text)
+    start = value if isinstance(value, str) else "" if value is None else json.dumps(value)
+    return Parameter(name, "json", start, f"{text} As JSON; empty for the default.")

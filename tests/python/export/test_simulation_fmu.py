@@ -1,0 +1,226 @@
+"""Built-in simulations as FMUs: FMPy gets the engine's bits, and attached back they give the same record."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from fmpy import extract, read_model_description
+from fmpy.fmi1 import FMICallException
+from fmpy.fmi2 import FMU2Slave
+from fmpy.fmi3 import FMU3Slave
+from fmpy.validation import validate_fmu
+
+from swarmwright import Experiment, InputError, _engine, optimize
+from swarmwright.cli._commands import program
+from swarmwright.export import simulation_fmu as module
+from swarmwright.export.fmu_parts import named
+from swarmwright.export.simulation_fmu import LIBRARY, simulation_fmu
+from swarmwright.simulations import catalogue
+
+pytestmark = pytest.mark.skipif(not LIBRARY.exists(), reason="engine/fmi is not built: make .venv/.engine")
+
+CASES: dict[str, dict[str, Any]] = {
+    "minisim": {"numAgents": 3, "placement": "random", "speedDefenders": 0.4},
+    "emergency_exit": {"numAgents": 4, "width": 9, "height": 8, "numBlockades": 5, "steps": 6},
+    "arena": {"robots": 3, "duration": 3},
+}
+
+
+@dataclass
+class Driven:
+    """An instance that FMPy drives."""
+
+    fmu: Any
+    version: str
+    references: dict[str, int]
+    period: float
+
+    def begin(self, seed: int) -> None:
+        if self.version == "2.0":
+            self.fmu.setInteger([self.references["seed"]], [seed])
+            self.fmu.setupExperiment(startTime=0.0)
+        else:
+            self.fmu.setUInt64([self.references["seed"]], [seed])
+        self.fmu.enterInitializationMode()
+        self.fmu.exitInitializationMode()
+
+    def singles(self, names: list[str]) -> list[float]:
+        get = self.fmu.getReal if self.version == "2.0" else self.fmu.getFloat32
+        return list(get([self.references[name] for name in names]))
+
+    def put(self, names: list[str], values: list[float]) -> None:
+        put = self.fmu.setReal if self.version == "2.0" else self.fmu.setFloat32
+        put([self.references[name] for name in names], values)
+
+    def double(self, name: str) -> float:
+        get = self.fmu.getReal if self.version == "2.0" else self.fmu.getFloat64
+        return float(get([self.references[name]])[0])
+
+    def flag(self, name: str) -> bool:
+        return bool(self.fmu.getBoolean([self.references[name]])[0])
+
+    def step(self, number: int) -> None:
+        self.fmu.doStep(currentCommunicationPoint=number * self.period, communicationStepSize=self.period)
+
+
+@contextmanager
+def driven(folder: Path, title: str, parameters: dict[str, Any], fmi: str) -> Iterator[Driven]:
+    file = folder / "world.fmu"
+    file.write_bytes(simulation_fmu(title, parameters, fmi=fmi, name="world"))
+    assert validate_fmu(str(file)) == []
+    known = read_model_description(str(file))
+    made = FMU2Slave if fmi == "2.0" else FMU3Slave
+    fmu = made(
+        guid=known.guid,
+        unzipDirectory=extract(str(file), str(folder / "world")),
+        modelIdentifier="world",
+        instanceName="world",
+    )
+    fmu.instantiate()
+    references = {one.name: one.valueReference for one in known.modelVariables}
+    yield Driven(fmu, fmi, references, float(known.defaultExperiment.stepSize))
+    fmu.terminate()
+    fmu.freeInstance()
+
+
+@pytest.mark.parametrize("fmi", ["2.0", "3.0"])
+@pytest.mark.parametrize("title", CASES)
+def test_every_step_is_that_of_the_engine(title: str, fmi: str, tmp_path: Path) -> None:
+    """Sensors, who acts, fitness and metrics to the bit, in two episodes; a state takes back to it."""
+    about = catalogue.description(title, CASES[title])
+    sensors, actuators = (named(f"{one}s", about[f"{one}_names"]) for one in ("sensor", "actuator"))
+    with driven(tmp_path, title, CASES[title], fmi) as world:
+        for seed in (5, 6):
+            world.begin(seed)
+            episode = _engine.Episodes(title, CASES[title], [seed])
+            random, made, state = np.random.default_rng(seed), 0, b""
+            while not episode.done:
+                assert not world.flag("done")
+                _, agents, sensed = episode.acting()
+                for agent, row in zip(agents, sensed, strict=True):
+                    assert world.flag(f"agent[{agent + 1}].acts")
+                    found = world.singles([f"agent[{agent + 1}].{name}" for name in sensors])
+                    assert np.array_equal(np.array(found, np.float32), row)
+                moves = random.uniform(-1, 1, (len(agents), len(actuators))).astype(np.float32)
+                for agent, row in zip(agents, moves, strict=True):
+                    world.put(
+                        [f"agent[{agent + 1}].{name}" for name in actuators], [float(one) for one in row]
+                    )
+                if made == 2:
+                    kept = world.fmu.getFMUState()
+                    state = world.fmu.serializeFMUState(kept)
+                    world.fmu.freeFMUState(kept)
+                    then = episode.fitness()[0], world.double("fitness")
+                episode.step(moves)
+                world.step(made)
+                made += 1
+            assert world.flag("done")
+            assert world.double("fitness") == episode.fitness()[0]
+            metrics = [world.double(f"metrics.{name}") for name in episode.metric_names]
+            assert np.array_equal(metrics, episode.metrics(list(episode.metric_names))[0], equal_nan=True)
+            world.step(made)  # nothing changes
+            assert world.double("fitness") == episode.fitness()[0]
+            kept = world.fmu.deserializeFMUState(state)
+            world.fmu.setFMUState(kept)
+            assert world.double("fitness") == then[0] == then[1]
+            assert not world.flag("done")
+            world.fmu.freeFMUState(kept)
+            world.fmu.reset()
+
+
+@pytest.mark.parametrize("fmi", ["2.0", "3.0"])
+def test_attached_back_it_gives_the_same_record(fmi: str, tmp_path: Path) -> None:
+    """Three agents that start at random; parameters are set at the export and by the experiment."""
+    file = tmp_path / "server.fmu"
+    file.write_bytes(simulation_fmu("minisim", CASES["minisim"], fmi=fmi, name="server"))
+    records = []
+    for simulation, parameters in (("minisim", CASES["minisim"]), (str(file), {})):
+        experiment = Experiment.from_mapping(
+            {
+                "simulation": simulation,
+                "parameters": {**parameters, "maxSteps": 9, "seed": 4},
+                "method": {"kind": "nnga", "population": 4, "generations": 2},
+                "controller": {"kind": "fully_meshed", "hidden": 2},
+                "ranking": {"episodes": 2},
+                "fitness": "fitness + arrived - 0.1 * distance - 0.01 * steps",
+                "servers": "in-process",
+            }
+        )
+        record = optimize(experiment, out=tmp_path / Path(simulation).stem).record
+        records.append([np.array(one) for one in (record.fitness, record.metrics, record.genomes)])
+    assert all(np.array_equal(one, other) for one, other in zip(*records, strict=True))
+    assert records[0][1].shape[1:] == (2, 3)
+
+
+def test_parameters_set_by_the_master(tmp_path: Path) -> None:
+    """Numbers, text, JSON in text; what the simulation refuses is in the log."""
+    said: list[str] = []
+    file = tmp_path / "world.fmu"
+    file.write_bytes(simulation_fmu("minisim", {}, fmi="3.0", name="world"))
+    known = read_model_description(str(file))
+    references = {one.name: one.valueReference for one in known.modelVariables}
+    folder = extract(str(file), str(tmp_path / "world"))
+    fmu = FMU3Slave(guid=known.guid, unzipDirectory=folder, modelIdentifier="world", instanceName="w")
+    fmu.instantiate(logMessage=lambda _environment, _status, _category, text: said.append(text.decode()))
+    fmu.setFloat64([references["speedAgents"]], [2.5])
+    fmu.setString([references["goal"]], ["[9, 4]"])
+    fmu.setString([references["placement"]], ["fixed"])
+    fmu.enterInitializationMode()
+    fmu.exitInitializationMode()
+    engine = _engine.Episodes("minisim", {"speedAgents": 2.5, "goal": [9, 4]}, [0])
+    engine.step(np.zeros((1, 1), np.float32))
+    fmu.doStep(currentCommunicationPoint=0.0, communicationStepSize=0.25)
+    assert fmu.getFloat64([references["fitness"]])[0] == engine.fitness()[0]
+
+    fmu.setFloat32([references["agent[1].actuators.heading"]], [float("nan")])
+    refused: list[tuple[Callable[[], Any], str]] = [
+        (lambda: fmu.doStep(0.25, 0.25), "actuator 1 of agent 1 is NaN"),
+        (lambda: fmu.setInt64([references["mapWidth"]], [3]), "mapWidth is a parameter: it can be set until"),
+        (lambda: fmu.setFloat64([references["fitness"]], [3.0]), "fitness is an output"),
+        (lambda: fmu.getFloat64([references["done"]]), "done (value reference 2) is not of the type Float64"),
+        (lambda: fmu.getFloat64([99]), "no variable with the value reference 99"),
+    ]
+    for call, expected in refused:
+        with pytest.raises(FMICallException):
+            call()
+        assert expected in said[-1]
+    for name, value, expected in (
+        ("numAgents", 4, "export it anew with these parameters"),
+        ("mapWidth", -1, "parameter mapWidth: -1 found"),
+    ):
+        fmu.reset()
+        fmu.setInt64([references[name]], [value])
+        fmu.enterInitializationMode()
+        with pytest.raises(FMICallException):
+            fmu.exitInitializationMode()
+        assert expected in said[-1]
+    fmu.freeInstance()
+
+
+def test_mistakes_on_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.fmu").write_text("of another program")
+    for words, expected in (
+        (["minisin"], "is no built-in simulation (arena, emergency_exit, minisim)"),
+        (["minisim", "--set", "parameters.numAgent=3"], "did you mean 'numAgents'?"),
+        (["minisim", "--set", "parameters.numAgents=-3"], "numAgents"),
+        (["minisim", "--output", "mine.fmu"], "was not exported by Swarmwright"),
+        (["minisim", "--fmi", "1"], "'1' is not one of '2', '3'"),
+        (["minisim", "--set", "parameters.numAgents=90000"], "an FMU has at most 200,000"),
+    ):
+        done = CliRunner().invoke(program, ["export-fmu", *words])
+        said = done.output + str(done.exception)
+        assert expected in said, said
+        assert done.exit_code == 2 or isinstance(done.exception, InputError)
+    assert {file.name for file in tmp_path.iterdir()} == {"mine.fmu"}
+
+
+def test_a_missing_library_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "LIBRARY", tmp_path / "libswarmwright_fmi.so")
+    with pytest.raises(InputError, match=r"is missing, .* `make \.venv/\.engine`"):
+        simulation_fmu("minisim", {}, fmi="2.0", name="world")
