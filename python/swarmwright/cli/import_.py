@@ -70,8 +70,8 @@ def command(
     a replacement can be named.
 
     The files of a model are those of Modelio's CPSwarm modules: FREVO problem descriptions (<icomponent>),
-    OptimisedParameters (JSON), SwarmComposition (XML) and state machines (SCXML). They are given together, as
-    far as there are any.
+    OptimisedParameters (JSON), SwarmComposition (XML), abstraction descriptions (ADF JSON) and state machines
+    (SCXML). They are given together, as far as there are any.
 
     Comments in the experiment say where every line comes from.
     """

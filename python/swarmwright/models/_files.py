@@ -8,12 +8,12 @@ from swarmwright.core import json_source, xml
 from swarmwright.core.errors import InputError
 from swarmwright.core.files import read_bytes
 from swarmwright.core.suggestions import did_you_mean
-from swarmwright.models import behaviour, frevo_problem, optimised_parameters, swarm_composition
+from swarmwright.models import abstractions, behaviour, frevo_problem, optimised_parameters, swarm_composition
 from swarmwright.models._parts import Part
 
 _XML: tuple[Any, ...] = (frevo_problem, swarm_composition, behaviour)
 """Modules with `ROOTS`, names of root elements, `WORDS` and `load(path)`."""
-_JSON: tuple[Any, ...] = (optimised_parameters,)
+_JSON: tuple[Any, ...] = (optimised_parameters, abstractions)
 """Modules with `recognises(values)`, `WORDS` and `load(path, source)`."""
 _SESSION = "frevo"
 _LARGEST = 1 << 28
