@@ -8,6 +8,7 @@
 # make test-simulators  SUMO and others that take hundreds of megabytes: adapters, and pages of the documentation
 # make test-arm64  whole runs on an emulated arm64 processor have the records of this one
 # make gazebo  missions of the arena in Gazebo classic 11, of Debian 11, which it downloads (2 GB, outside of this folder)
+# make test-slurm  servers as jobs of Slurm: a real one on this machine, as root
 # make test-ssh  servers on other machines through SSH: a real sshd on loopback
 # make test-gazebo  whole runs in it; skipped where it cannot be set up
 # make test-export  controllers in C, C++, .. on emulated processors of other makes
@@ -25,7 +26,7 @@ SHELL := /bin/bash
 .ONESHELL:
 .DELETE_ON_ERROR:
 .DEFAULT_GOAL := help
-.PHONY: brokers test-brokers test-ros1 test-ssh test-simulators test-export test-arm64 test-peers test-docs help demo java cpp test schedules test-engine test-java test-cpp test-python lint lint-engine lint-java lint-cpp lint-python lint-protocol audit bench docs check-docs clean fuzz gazebo test-gazebo
+.PHONY: brokers test-brokers test-ros1 test-slurm test-ssh test-simulators test-export test-arm64 test-peers test-docs help demo java cpp test schedules test-engine test-java test-cpp test-python lint lint-engine lint-java lint-cpp lint-python lint-protocol audit bench docs check-docs clean fuzz gazebo test-gazebo
 
 VENV := .venv
 BIN := $(CURDIR)/$(VENV)/bin
@@ -173,6 +174,12 @@ test-ros1: $(VENV)/.engine $(VENV)/.dev
 		&& [ -e /usr/lib/python3/dist-packages/nav_msgs ] && command -v catkin_make > /dev/null \
 		&& command -v roslaunch > /dev/null && command -v rosrun > /dev/null || { $(call install,$(ROS1)); }
 	SWARMWRIGHT_ROS1=1 CMAKE_POLICY_VERSION_MINIMUM=3.5 $(BIN)/python -m pytest $(AGAIN) -n 3 --dist loadfile --durations=10 tests/ros1 tests/docs/test_snippets.py -k "ros1 or attach-ros"
+
+# Servers as jobs of a real Slurm with one node on this machine; its daemons need root.
+test-slurm: $(VENV)/.engine $(VENV)/.dev
+	@command -v sbatch > /dev/null && [ -x /usr/sbin/slurmctld ] && [ -x /usr/sbin/munged ] || { $(call install,slurm-wlm munge); }
+	if [ "$$(id -u)" = 0 ]; then export SWARMWRIGHT_SLURM=1; fi
+	$(BIN)/python -m pytest $(AGAIN) -rs -n 0 --durations=10 tests/slurm
 
 # Servers through a real sshd, on a port and with keys of its own.
 test-ssh: $(VENV)/.engine $(VENV)/.dev

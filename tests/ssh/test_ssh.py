@@ -14,6 +14,7 @@ import pytest
 from swarmwright import Experiment, InputError, RunError, optimize
 from swarmwright.testing import check_launcher
 from tests.conftest import PROGRAM, environment
+from tests.paced_simulation import written
 from tests.python.records import same_record
 from tests.ssh.conftest import Machine
 
@@ -95,7 +96,7 @@ def test_tls_with_an_account_and_a_connection_that_breaks(machine: Machine, tmp_
                 os.kill(session, signal.SIGKILL)
             until(lambda: len(machine.sessions()) > 0)
 
-    made = experiment(machine, broker_host=own_address())
+    made = experiment(machine, written(tmp_path / "simulation"), broker_host=own_address())
     here = optimize(made, out=tmp_path / "here", servers="in-process", progress=False)
     same_record(optimize(made, breaks, out=tmp_path / "there", progress=False), here)
     assert broken

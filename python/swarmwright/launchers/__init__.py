@@ -12,6 +12,7 @@ LAUNCHERS: Registry[Launcher] = Registry(
     "swarmwright.launchers",
     {
         "process": "swarmwright.launchers.process:Process",
+        "slurm": "swarmwright.launchers.slurm:Slurm",
         "ssh": "swarmwright.launchers.ssh:Ssh",
     },
     "swarmwright.launchers:Launcher",

@@ -22,7 +22,9 @@ def prepared(options: RemoteOptions, variables: Mapping[str, str], folder: str) 
     """Return lines of shell that set what the program needs; `folder` becomes the working folder."""
     lines = [f"export {name}={shlex.quote(value)}" for name, value in sorted(variables.items())]
     setup = [] if options.setup is None else [options.setup]
-    return [*setup, *lines, f"cd {shlex.quote(folder)} || exit 1"]
+    # Of another account, or another broker, where the environment is passed on.
+    others = "unset SWARMWRIGHT_BROKER SWARMWRIGHT_USERNAME SWARMWRIGHT_PASSWORD SWARMWRIGHT_PASSWORD_FILE"
+    return [*setup, f"{others} SWARMWRIGHT_CA_FILE", *lines, f"cd {shlex.quote(folder)} || exit 1"]
 
 
 def called(options: RemoteOptions, specification: Specification, server: int) -> str:

@@ -1,0 +1,149 @@
+"""A real Slurm on this machine: munged, slurmctld and slurmd, as root, without systemd."""
+
+import os
+import shutil
+import socket
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from tests.conftest import free_port
+
+HERE = Path(__file__).parent
+WHY_NOT = "SWARMWRIGHT_SLURM is not set: run `make test-slurm` as root"
+PATH = "/usr/sbin:/usr/bin:/sbin:/bin"
+
+_CONFIGURATION = """\
+ClusterName=test
+SlurmctldHost={host}(127.0.0.1)
+SlurmctldPort={controller}
+SlurmdPort={node}
+SlurmUser=root
+AuthType=auth/munge
+AuthInfo=socket={folder}/munge.socket
+CredType=cred/munge
+MpiDefault=none
+ProctrackType=proctrack/linuxproc
+TaskPlugin=task/none
+SelectType=select/cons_tres
+SelectTypeParameters=CR_CPU
+SchedulerType=sched/backfill
+SchedulerParameters=batch_sched_delay=1,sched_interval=1,sched_min_interval=0
+SlurmdParameters=config_overrides
+StateSaveLocation={folder}/state
+SlurmdSpoolDir={folder}/spool
+SlurmctldPidFile={folder}/slurmctld.pid
+SlurmdPidFile={folder}/slurmd.pid
+SlurmctldLogFile={folder}/slurmctld.log
+SlurmdLogFile={folder}/slurmd.log
+ReturnToService=2
+KillWait=5
+MinJobAge=60
+JobRequeue=1
+EnforcePartLimits=ALL
+NodeName={host} NodeAddr=127.0.0.1 CPUs=4
+PartitionName=short Nodes={host} Default=YES MaxTime=60 State=UP
+"""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    if os.environ.get("SWARMWRIGHT_SLURM"):
+        return
+    for item in items:
+        if item.path.is_relative_to(HERE):
+            item.add_marker(pytest.mark.skip(reason=WHY_NOT))
+
+
+@dataclass
+class Cluster:
+    """Slurm with one node."""
+
+    folder: Path
+    host: str
+    processes: "list[subprocess.Popen[bytes]]"
+
+    def run(self, *command: str) -> str:
+        """Return what a command of Slurm prints."""
+        return subprocess.run(command, capture_output=True, text=True, check=True).stdout
+
+    def queue(self) -> list[str]:
+        """Jobs that wait, run, or are being ended."""
+        return self.run("squeue", "--noheader", "--array", "--format=%i %T").splitlines()
+
+    def running(self) -> list[str]:
+        """Jobs that run."""
+        return [line.split()[0] for line in self.queue() if line.endswith("RUNNING")]
+
+    def set_node(self, *settings: str) -> None:
+        """Change the node's state."""
+        self.run("scontrol", "update", f"NodeName={self.host}", *settings)
+
+
+def until(holds: Callable[[], object]) -> None:
+    """Wait; the test's own time-out ends this."""
+    while not holds():
+        time.sleep(0.1)
+
+
+def _start(folder: Path, *command: str) -> "subprocess.Popen[bytes]":
+    with (folder / f"{command[0]}.out").open("wb") as out:
+        program = shutil.which(command[0], path=PATH)
+        assert program, f"{command[0]} is missing; `make test-slurm` installs it"
+        return subprocess.Popen([program, *command[1:]], stdout=out, stderr=subprocess.STDOUT)
+
+
+def _answers(*command: str) -> bool:
+    return subprocess.run(command, capture_output=True, check=False).returncode == 0
+
+
+@pytest.fixture(scope="session")
+def slurm(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
+    folder = tmp_path_factory.mktemp("slurm")
+    for name in ("state", "spool"):
+        (folder / name).mkdir()
+    host = socket.gethostname().partition(".")[0]
+    configuration = _CONFIGURATION.format(host=host, controller=free_port(), node=free_port(), folder=folder)
+    (folder / "slurm.conf").write_text(configuration)
+    (folder / "cgroup.conf").write_text("CgroupPlugin=autodetect\n")
+    key, munge = folder / "munge.key", folder / "munge.socket"
+    key.write_bytes(os.urandom(128))
+    key.chmod(0o600)
+    os.environ["SLURM_CONF"] = str(folder / "slurm.conf")
+    processes = [
+        _start(
+            folder,
+            "munged",
+            "--foreground",
+            "--force",
+            f"--key-file={key}",
+            f"--socket={munge}",
+            f"--pid-file={folder}/munged.pid",
+            f"--seed-file={folder}/munge.seed",
+        )
+    ]
+    made = Cluster(folder, host, processes)
+    try:
+        until(munge.exists)
+        processes.append(_start(folder, "slurmctld", "-D"))
+        until(lambda: _answers("scontrol", "ping") and "UP" in made.run("scontrol", "ping"))
+        processes.append(_start(folder, "slurmd", "-D", "-N", host))
+        until(lambda: "idle" in made.run("sinfo", "--noheader", "--format=%t"))
+        yield made
+    finally:
+        for process in reversed(processes):
+            process.terminate()
+            process.wait()
+        del os.environ["SLURM_CONF"]
+
+
+@pytest.fixture(autouse=True)
+def empty(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Every test leaves an empty queue behind."""
+    yield
+    if "slurm" in request.fixturenames:
+        cluster: Cluster = request.getfixturevalue("slurm")
+        assert cluster.queue() == []

@@ -1,0 +1,123 @@
+"""Servers as jobs of Slurm: the same record, an empty queue, errors in its words."""
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from swarmwright import Experiment, RunError, optimize
+from swarmwright.testing import check_launcher
+from tests.conftest import Run
+from tests.paced_simulation import written
+from tests.python.records import same_record
+from tests.slurm.conftest import Cluster, until
+
+COMMAND = f"{sys.executable} -m swarmwright"
+
+
+def options(folder: Path, **others: Any) -> dict[str, Any]:
+    return {"command": COMMAND, "folder": str(folder), "broker_host": "127.0.0.1", **others}
+
+
+def experiment(folder: Path, simulation: str = "minisim", **servers: Any) -> Experiment:
+    return Experiment.from_mapping(
+        {
+            "simulation": simulation,
+            "method": {"population": 20, "generations": 12},
+            "validate": False,
+            "servers": {"launcher": "slurm", "count": 2, **options(folder, **servers)},
+        }
+    )
+
+
+@pytest.mark.timeout(180)
+def test_the_conformance_check(slurm: Cluster, tmp_path: Path) -> None:
+    check_launcher("slurm", options(tmp_path), alive=lambda: len(slurm.queue()))
+    assert not list((tmp_path / "run").iterdir())
+
+
+@pytest.mark.timeout(240)
+def test_a_cancelled_job_and_a_drained_node_change_nothing(slurm: Cluster, tmp_path: Path) -> None:
+    from swarmwright.evaluation.launched.access import own_address
+
+    made = experiment(tmp_path / "shared", written(tmp_path / "simulation"), broker_host=own_address())
+    here = optimize(made, out=tmp_path / "here", servers="in-process", progress=False)
+    done: list[int] = []
+
+    def disturb(generation: Any) -> None:
+        done.append(generation.generation)
+        if len(done) == 2:
+            until(lambda: len(slurm.running()) == 2)
+            gone = slurm.running()[0]
+            slurm.run("scancel", gone)
+            until(lambda: len(slurm.running()) == 2 and gone not in slurm.running())
+        if len(done) == 4:
+            slurm.set_node("State=DRAIN", "Reason=test")
+            slurm.run("scancel", slurm.running()[0])
+            until(lambda: any("PENDING" in line for line in slurm.queue()))
+        if len(done) == 6:
+            slurm.set_node("State=RESUME")
+            until(lambda: len(slurm.running()) == 2)
+
+    same_record(optimize(made, disturb, out=tmp_path / "there", progress=False), here)
+    assert len(done) == 12
+    assert slurm.queue() == []
+    assert not list((tmp_path / "shared" / "run").iterdir())
+
+
+@pytest.mark.timeout(120)
+def test_waiting_in_the_queue_is_reported_with_its_reason(
+    slurm: Cluster, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    slurm.set_node("State=DRAIN", "Reason=test")
+
+    def resumed() -> None:
+        until(lambda: "servers wait: pending (" in caplog.text)
+        slurm.set_node("State=RESUME")
+
+    made = experiment(tmp_path / "shared")
+    in_thread(resumed, lambda: optimize(made, out=tmp_path / "run", progress=False))
+    assert "slurm: 2 of 2 servers wait: pending (" in caplog.text
+
+
+def in_thread(beside: Callable[[], None], work: Callable[[], object]) -> None:
+    import threading
+
+    thread = threading.Thread(target=beside)
+    thread.start()
+    try:
+        work()
+    finally:
+        thread.join()
+
+
+@pytest.mark.parametrize(
+    ("servers", "message"),
+    [
+        ({"partition": "nope"}, r"sbatch: error: .*[Ii]nvalid partition"),
+        ({"time": "2-00:00:00"}, r"sbatch: error: .*[Tt]ime limit"),
+        ({"cpus": 64}, r"sbatch: error: .*More processors requested"),
+        ({"arguments": ["--nonsense"]}, r"sbatch: unrecognized option '--nonsense'"),
+        ({"command": "/opt/no/swarmwright"}, r"no server starts:(.|\n)*/opt/no/swarmwright: not found"),
+    ],
+)
+@pytest.mark.timeout(120)
+def test_what_is_wrong_is_said_in_the_words_of_slurm(
+    slurm: Cluster, tmp_path: Path, servers: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(RunError, match=message):
+        optimize(experiment(tmp_path / "shared", **servers), out=tmp_path / "run", progress=False)
+    assert slurm.queue() == []
+
+
+@pytest.mark.timeout(120)
+def test_on_the_command_line(slurm: Cluster, tmp_path: Path, program: Run) -> None:
+    experiment(tmp_path / "shared").save(tmp_path / "lab.yaml")
+    result = program("optimize", "lab.yaml", "--servers", "slurm:1", "--out", "run", timeout=100)
+    assert result.returncode == 0, result.stderr
+    result = program("optimize", "lab.yaml", "--set", "servers.partition=nope", "--out", "other")
+    assert result.returncode == 1
+    assert "swarmwright: sbatch: error: " in result.stderr
+    assert slurm.queue() == []
