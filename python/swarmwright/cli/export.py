@@ -95,6 +95,15 @@ class CandidateId(click.ParamType[tuple[int | None, int]]):
     metavar="FILE",
     help="With --bundle: put this text into it as LICENSE.txt. Default: permission to do anything with it.",
 )
+@click.option(
+    "--model",
+    "model",
+    type=ExistingPath(folder=None),
+    multiple=True,
+    metavar="FILE",
+    help="Instead of --to: write a copy of this file of the model that `swarmwright import` has read, with "
+    "the candidate's values. May be repeated.",
+)
 @click.option("--force", is_flag=True, help="Write over files that Swarmwright did not export.")
 @trust_option
 @json_option
@@ -108,6 +117,7 @@ def command(
     bundle: Path | None,
     mapping: Path | None,
     terms: Path | None,
+    model: tuple[Path, ...],
     force: bool,
     as_json: bool,
 ) -> int:
@@ -128,9 +138,16 @@ def command(
                 "--bundle holds all forms, verified: leave out --to, --output and --verify"
             )
         return _bundle(said, run, bundle, generation, candidate, prefix, mapping, terms, force=force)
+    if model:
+        if form is not None or verify or output is None:
+            raise click.UsageError(
+                "--model writes into a folder: name it with --output, leave out --to and --verify"
+            )
+        return _model(said, run, model, output, generation, candidate, force=force)
     if form is None:
         raise click.UsageError(
-            f"what to export to is missing: --to {', '.join(EXPORTERS.names())}, or --bundle FILE.zip"
+            f"what to export to is missing: --to {', '.join(EXPORTERS.names())}, --bundle FILE.zip, or "
+            "--model FILE"
         )
     if mapping is not None or terms is not None:
         raise click.UsageError("--mapping and --license are for bundles: name one with --bundle FILE.zip")
@@ -170,6 +187,30 @@ def command(
         said.text(f"Verified without episodes: {found.without_episodes}")
     said.text(f"Verified: {found.words}" if found.ok else found.words)
     return 0 if found.ok else 1
+
+
+def _model(
+    said: Output,
+    run: Path,
+    files: tuple[Path, ...],
+    output: Path,
+    generation: int | None,
+    candidate: int | None,
+    *,
+    force: bool,
+) -> int:
+    """Write copies of a model's files with a candidate's values, and say where they are."""
+    from swarmwright import models
+
+    subject, written = models.write_back(
+        run, files, output=output, generation=generation, candidate=candidate, force=force
+    )
+    facts = dict(subject.facts)
+    said.text(f"Candidate {facts['Candidate']}, fitness {facts['Fitness']}: {facts['Controller']}")
+    for file in written:
+        said.text(f"  {file}")
+    said.json({"run": str(run), "files": [str(file) for file in written]})
+    return 0
 
 
 def _bundle(

@@ -1,0 +1,164 @@
+"""The way back: values of a candidate written into the files of its model."""
+
+import json
+import re
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any
+from xml.sax.saxutils import escape, unescape
+
+from swarmwright import scxml
+from swarmwright.core import json_source
+from swarmwright.core.errors import InputError
+from swarmwright.core.files import read_bytes
+from swarmwright.export.scxml import Scxml
+from swarmwright.export.subject import Subject, subject_of
+from swarmwright.export.writing import write
+from swarmwright.models._files import files_of
+from swarmwright.models._files import load as load_part
+from swarmwright.models._names import Known, folded
+from swarmwright.models._parts import Optimised, Part
+from swarmwright.runs.run import Run
+
+CANDIDATE = "candidate.json"
+"""The values as CPSwarm's optimization tool hands a candidate to simulators and robots."""
+_LARGEST = 1 << 28
+_COMMENT = re.compile(r"<!--.*?-->|<!\[CDATA\[.*?\]\]>", re.DOTALL)
+_TAG = re.compile(r"<(?:[\w.-]+:)?(SwarmMember|swarmMember|propentry)\b(?:[^>\"']|\"[^\"]*\"|'[^']*')*>")
+
+Values = dict[str, Any]
+"""What the simulation gets, by the name that it has for each."""
+
+
+def write_back(
+    run: Run | str | Path,
+    paths: Iterable[str | Path],
+    *,
+    output: str | Path,
+    generation: int | None = None,
+    candidate: int | None = None,
+    force: bool = False,
+) -> tuple[Subject, list[Path]]:
+    """Write copies of a model's files with the values of a candidate; return it and what was written.
+
+    Args:
+        run: a run, or its folder.
+        paths: the files of the model, or folders with them.
+        output: the folder that is written to.
+        generation: of the candidate, from 0; as in `Run.evaluation`.
+        candidate: as in `Run.evaluation`; default: the best one.
+        force: write over files that are there.
+
+    Raises:
+        InputError: there is no such candidate, a file is wrong, or nothing in the files was evolved.
+    """
+    opened = run if isinstance(run, Run) else Run.open(run)
+    subject = subject_of(opened, generation, candidate)
+    known = Known(opened.experiment.simulation)
+    parts = [load_part(path) for path in files_of(map(Path, paths))]
+    values = dict(subject.values)
+    files: dict[str, str | bytes] = {}
+    alone = _only_member(parts)
+    for part in parts:
+        written = _written(part, subject, values, known, alone)
+        if written is not None:
+            if part.path.name in files:
+                raise InputError(f"{part.path}: another file has the same name; rename one of them")
+            files[part.path.name] = written
+    optimised = [one for part in parts for one in part.optimised]
+    found = [
+        {"name": one.name, "meta": one.meta, "value": _value(values, known, one.name, alone)}
+        for one in optimised
+        if _value(values, known, one.name, alone) is not None
+    ]
+    if found:
+        files[CANDIDATE] = json.dumps(found, indent=2) + "\n"
+    if not files:
+        evolved = f"the parameters {', '.join(values)}" if values else f"a controller, {subject.kind}"
+        raise InputError(
+            f"{', '.join(str(part.path) for part in parts)}: nothing in it was evolved; the run evolved "
+            f"{evolved}"
+        )
+    return subject, write(files, Path(output), force=force)
+
+
+def _only_member(parts: list[Part]) -> str | None:
+    members = [member.name for part in parts for member in part.members]
+    return members[0] if len(members) == 1 else None
+
+
+def _value(values: Values, known: Known, name: str, alone: str | None) -> Any:  # noqa: ANN401 - a number or text
+    """Return the value of a parameter, or of the number of members; None where it was not evolved."""
+    own = known.name(name)
+    if own not in values and alone is not None and folded(name) == folded(alone):
+        own = known.agents
+    return values.get(own) if own is not None else None
+
+
+def _written(
+    part: Part, subject: Subject, values: Values, known: Known, alone: str | None
+) -> str | bytes | None:
+    """Return a file with its values; None where nothing of it was evolved."""
+    if part.behaviour is not None:
+        return _machine(part.behaviour, subject) if subject.kind == "mealy_fsm" else None
+
+    def value(name: str) -> Any:  # noqa: ANN401 - a number or text
+        return _value(values, known, name, alone)
+
+    if part.optimised and part.path.suffix.lower() != ".sysml":
+        return _optimised(part, value)
+    names = [*(one.name for one in part.members), *(one.name for one in part.properties)]
+    if any(value(name) is not None for name in names):
+        return _tags(part.path, value)
+    return None
+
+
+def _machine(machine: scxml.StateMachine, subject: Subject) -> str | bytes:
+    (text,) = Scxml().files(subject, machine.path.stem).values()
+    return text
+
+
+def _optimised(part: Part, value: Callable[[str], Any]) -> str | None:
+    """Return OptimisedParameters with a `value` for each, between min and max."""
+    document: Any = json_source.read(part.path).values
+    by_name: Mapping[str, Optimised] = {one.name: one for one in part.optimised}
+    found = False
+    for entry in document["parameters"]:
+        one = by_name[entry["name"].strip()]
+        number = value(one.name)
+        if number is not None:
+            entry["value"] = number if one.whole else float(f"{number / one.scale:.9g}")
+            found = True
+    return json.dumps(document, indent=2, ensure_ascii=False) + "\n" if found else None
+
+
+def _tags(path: Path, value: Callable[[str], Any]) -> str:
+    """Return XML in which attributes have other values; all else stays as it is."""
+    text = read_bytes(path, _LARGEST).decode("utf-8-sig")
+    hidden = [match.span() for match in _COMMENT.finditer(text)]
+
+    def replaced(match: re.Match[str]) -> str:
+        if any(begin <= match.start() < end for begin, end in hidden):
+            return match[0]
+        naming, set_ = ("key", "value") if match[1] == "propentry" else ("name", "number")
+        name = _attribute(match[0], naming)
+        found = None if name is None else value(name.strip())
+        return match[0] if found is None else _with(match[0], set_, str(found))
+
+    return _TAG.sub(replaced, text)
+
+
+def _pattern(name: str) -> re.Pattern[str]:
+    return re.compile(rf"(\s{name}\s*=\s*)(\"[^\"]*\"|'[^']*')")
+
+
+def _attribute(tag: str, name: str) -> str | None:
+    match = _pattern(name).search(tag)
+    return None if match is None else unescape(match[2][1:-1], {"&quot;": '"', "&apos;": "'"})
+
+
+def _with(tag: str, name: str, text: str) -> str:
+    """Return a tag with another value of an attribute, or with one more attribute."""
+    written = f'"{escape(text, {chr(34): "&quot;"})}"'
+    changed, count = _pattern(name).subn(lambda match: match[1] + written, tag, count=1)
+    return changed if count else re.sub(r"\s*(/?>)$", rf" {name}={written}\1", tag)
