@@ -4,7 +4,6 @@
 #include "user_file.hpp"
 #include "user_model.hpp"
 
-#include <functional>
 #include <mutex>
 #include <optional>
 #include <stdexcept>
@@ -57,8 +56,5 @@ UserWorld user_world(const std::string& path);
 
 /// Reads a model of the user, with the same search.
 UserFile user_file(const std::string& path);
-
-/// Makes a call; Gazebo's exceptions, which do not derive from std::exception, become a GazeboError.
-void guarded(const char* task, const std::function<void()>& call);
 
 }  // namespace swarmwright::gazebo

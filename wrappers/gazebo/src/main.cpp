@@ -1,10 +1,10 @@
-// A simulation server: missions of the arena in Gazebo classic.
+// A simulation server: missions of the arena in Gazebo.
 //
 //   swarmwright-gazebo --broker mqtt://localhost:1883 --id 6
 
 #include <swarmwright/gazebo_physics.hpp>
 
-#include "gazebo.hpp"
+#include "library.hpp"
 
 #include <algorithm>
 #include <array>
@@ -52,7 +52,7 @@ constexpr std::array options = {"--world", "--walls", "--model", "--joints",    
 struct Choices {
   std::string world = {};
   gz::ModelChoice model = {};
-  std::string title = "arena-gazebo";
+  std::string title = gz::traits.title;
 };
 
 /// Sets an option of this program.

@@ -1,6 +1,7 @@
 #include "sdf_world.hpp"
 
 #include "gazebo.hpp"
+#include "library.hpp"
 
 #include <algorithm>
 #include <cctype>
@@ -119,6 +120,10 @@ std::string ray_sensor(const RobotModel& model, double z) {
   return text.str();
 }
 
+bool has_ray_sensors(const RobotModel& model) {
+  return traits.has_ray_sensors && settings().rays && !model.rays.empty();
+}
+
 /// One of two wheels: side is 1 for the left one, -1 for the right one.
 std::string wheel(const RobotModel& model, int side) {
   const double radius = wheel_radius(model);
@@ -156,7 +161,7 @@ std::string robot(const World& world, std::size_t number, double x, double y) {
                   at(0.7 * radius * std::cos(angle), 0.7 * radius * std::sin(angle), caster + (wheels ? 2e-4 : 0)),
                   sphere(caster), 0, nullptr, rolling);
   }
-  if (settings().rays && !model.rays.empty()) {
+  if (has_ray_sensors(model)) {
     text << ray_sensor(model, ray_height(world));
   }
   text << "</link>";
@@ -340,7 +345,7 @@ sdf::ElementPtr user_robot(const UserModel& user, const World& world, std::size_
   robot->GetElement("pose")->Set(ignition::math::Pose3d(x, y, user.lift, 0, 0, 0));
   robot->GetElement("allow_auto_disable")->Set(false);
   const RobotModel& model = world.model(number);
-  if (settings().rays && !model.rays.empty()) {
+  if (has_ray_sensors(model)) {
     const sdf::ElementPtr carrier = parsed_world("<sdf version='1.6'><world name='w'><model name='m'><link name='l'>" +
                                                  ray_sensor(model, 0) + "</link></model></world></sdf>")
                                         ->GetElement("model")
@@ -366,10 +371,19 @@ sdf::ElementPtr with_models(const UserWorld& user, const sdf::ElementPtr& missio
        model = model->GetNextElement("model")) {
     keep_awake(model);
   }
-  while (mission->HasElement("model")) {
-    const sdf::ElementPtr model = mission->GetElement("model");
-    mission->RemoveChild(model);
-    insert(world, model);
+  for (sdf::ElementPtr plugin = world->HasElement("plugin") ? world->GetElement("plugin") : nullptr; plugin;) {
+    const sdf::ElementPtr next = plugin->GetNextElement("plugin");
+    if (is_left_out(plugin->Get<std::string>("filename"))) {
+      world->RemoveChild(plugin);
+    }
+    plugin = next;
+  }
+  for (const char* kind : {"plugin", "model"}) {
+    while (mission->HasElement(kind)) {
+      const sdf::ElementPtr part = mission->GetElement(kind);
+      mission->RemoveChild(part);
+      insert(world, part);
+    }
   }
   return world;
 }
@@ -425,7 +439,7 @@ std::string mission_text(const World& world) {
 
 sdf::ElementPtr world_element(const World& world, const std::string& name) {
   const sdf::ElementPtr mission = parsed_world("<?xml version='1.0'?><sdf version='1.6'><world name='" + name + "'>" +
-                                               mission_text(world) + "</world></sdf>\n");
+                                               traits.world_parts + mission_text(world) + "</world></sdf>\n");
   if (settings().model) {
     double row = 0;
     for (std::size_t i = 0; i < world.robots.size(); ++i) {

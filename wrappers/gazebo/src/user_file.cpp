@@ -1,6 +1,7 @@
 #include "user_file.hpp"
 
-#include "gazebo.hpp"
+#include "captured.hpp"
+#include "library.hpp"
 
 #include <tinyxml2.h>
 
@@ -9,9 +10,7 @@
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
-#include <iostream>
 #include <iterator>
-#include <sstream>
 #include <string_view>
 
 namespace swarmwright::gazebo {
@@ -38,40 +37,6 @@ std::string contents(const std::string& path) {
   }
   return {std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
 }
-
-/// What is written to std::cerr while this object exists. The library of SDF tells most mistakes there only.
-class Captured {
- public:
-  Captured() : before_(std::cerr.rdbuf(text_.rdbuf())) {}
-  ~Captured() { std::cerr.rdbuf(before_); }
-  Captured(const Captured&) = delete;
-  Captured& operator=(const Captured&) = delete;
-
-  /// Its lines, errors first, without colours and places in the library's source code.
-  std::vector<std::string> lines() const {
-    std::vector<std::string> errors;
-    std::vector<std::string> others;
-    std::istringstream text(text_.str());
-    for (std::string line; std::getline(text, line);) {
-      for (std::size_t start = line.find('\033'); start != std::string::npos; start = line.find('\033')) {
-        const std::size_t end = line.find('m', start);
-        line.erase(start, end == std::string::npos ? end : end - start + 1);
-      }
-      const bool error = line.compare(0, 7, "Error [") == 0;
-      const std::size_t end = error || line.compare(0, 9, "Warning [") == 0 ? line.find(']') : std::string::npos;
-      line.erase(0, end == std::string::npos ? 0 : line.find_first_not_of(' ', end + 1));
-      if (!line.empty()) {
-        (error ? errors : others).push_back(line);
-      }
-    }
-    errors.insert(errors.end(), others.begin(), others.end());
-    return errors;
-  }
-
- private:
-  std::ostringstream text_;
-  std::streambuf* before_;
-};
 
 /// A file in XML, and those that it includes.
 class Checked {
@@ -117,7 +82,7 @@ class Checked {
       refuse(path_, element.GetLineNum(), "<" + std::string(name) + ">: this is xacro; name the file *.xacro");
     } else if (name == "physics") {
       check_engine(element);
-    } else if (name == "plugin" || name == "actor") {
+    } else if (name == "actor" || (name == "plugin" && !is_left_out(element))) {
       repeatable_ = false;
     }
     for (const XMLElement* child = element.FirstChildElement(); child != nullptr; child = child->NextSiblingElement()) {
@@ -125,11 +90,16 @@ class Checked {
     }
   }
 
+  static bool is_left_out(const XMLElement& plugin) {
+    const char* file = plugin.Attribute("filename");
+    return file != nullptr && gazebo::is_left_out(file);
+  }
+
   void check_engine(const XMLElement& physics) const {
     const char* type = physics.Attribute("type");
-    if (type != nullptr && std::string_view(type) != "ode") {
+    if (type != nullptr && std::string(traits.engines).find(" " + std::string(type) + " ") == std::string::npos) {
       refuse(path_, physics.GetLineNum(),
-             "<physics type=\"" + std::string(type) + "\">: expected ode, the only engine here");
+             "<physics type=\"" + std::string(type) + "\">: expected " + traits.expected_engine);
     }
   }
 
@@ -171,7 +141,7 @@ class Checked {
              "<" + std::string(own == "uri" ? element.Parent()->ToElement()->Name() : own) + "> of \"" + name +
                  "\": not found; " +
                  (network ? "nothing is fetched from the network: save it beside the file, and name it model://NAME"
-                          : "put it beside the file, or its folder's parent into GAZEBO_MODEL_PATH"));
+                          : "put it beside the file, or its folder's parent into " + std::string(traits.model_path)));
     }
     return where;
   }

@@ -65,6 +65,9 @@ struct ModelChoice {
   std::string sensor;
 };
 
+/// A text in quotation marks.
+std::string in_quotes(const std::string& text);
+
 /// Reads a model and measures it. Throws GazeboError, which names the file and what in it, if it cannot be used.
 UserModel user_model(const ModelChoice& choice);
 

@@ -1,6 +1,7 @@
 #include "robots.hpp"
 
 #include "gazebo.hpp"
+#include "library.hpp"
 
 #include <gazebo/physics/ode/ODECollision.hh>
 #include <gazebo/physics/physics.hh>
@@ -18,8 +19,6 @@ using ::gazebo::physics::ModelPtr;
 using ::gazebo::physics::WorldPtr;
 using Vector = ignition::math::Vector3d;
 using Placement = ignition::math::Pose3d;
-
-constexpr double off_the_ground = 0.5;
 
 }  // namespace
 
@@ -47,14 +46,7 @@ void put(const ModelPtr& model, const Pose& pose, double lift) {
 
 Pose flat(const ModelPtr& model, double lift) {
   const Placement pose = model->WorldPose();
-  const double sum = pose.Pos().X() + pose.Pos().Y() + pose.Rot().Yaw();
-  if (!std::isfinite(sum) || !(std::abs(pose.Pos().Z() - lift) < off_the_ground)) {
-    throw GazeboError(model->GetName() +
-                      " has left the ground: Gazebo's contacts are unstable with steps of this length; set a smaller "
-                      "--step" +
-                      (settings().world ? "; or " + settings().world->path + " has no floor there, at z = 0" : ""));
-  }
-  return {static_cast<float>(pose.Pos().X()), static_cast<float>(pose.Pos().Y()), static_cast<float>(pose.Rot().Yaw())};
+  return on_the_ground(model->GetName(), pose.Pos().X(), pose.Pos().Y(), pose.Pos().Z(), pose.Rot().Yaw(), lift);
 }
 
 Robot::Robot(const WorldPtr& world, const World& plan, std::size_t number)
@@ -91,21 +83,7 @@ void Robot::add_eye(const std::string& name, const World& plan) {
   if (!eye_ || eye_->LaserShape()->RayCount() != model_.rays.size()) {
     throw GazeboError("Gazebo did not make the sensor " + name);
   }
-  const std::optional<UserModel>& user = settings().model;
-  if (user) {
-    aims_ = aims_of(*user, model_, ray_height(plan));
-    for (std::size_t i = 0; !user->sensor.empty() && i < aims_.size(); ++i) {
-      const Vector along = user->link_at.Rot().RotateVector(aims_[i].second - aims_[i].first).Normalized();
-      seen_from_.emplace_back(user->link_at.CoordPositionAdd(aims_[i].first), along);
-    }
-  } else {
-    const double end = static_cast<double>(model_.ray_start) + static_cast<double>(model_.ray_range);
-    const Vector up(0, 0, ray_height(plan));
-    for (const float angle : model_.rays) {
-      const Vector along(std::cos(static_cast<double>(angle)), std::sin(static_cast<double>(angle)), 0);
-      aims_.emplace_back(along * ray_origin(model_) + up, along * end + up);
-    }
-  }
+  rays_ = RobotRays(model_, ray_height(plan));
   for (const auto& link : placed_->GetLinks()) {
     for (const auto& collision : link->GetCollisions()) {
       const auto part = boost::dynamic_pointer_cast<::gazebo::physics::ODECollision>(collision);
@@ -134,8 +112,8 @@ void Robot::drive(const Motion& motion) const {
 void Robot::look(Span<float> distances) const {
   // Each update rounds the ends of the rays a little: they are aimed anew, so that no reading depends on earlier ones.
   const ::gazebo::physics::MultiRayShapePtr shape = eye_->LaserShape();
-  for (std::size_t i = 0; i < aims_.size(); ++i) {
-    shape->SetRay(static_cast<unsigned>(i), aims_[i].first, aims_[i].second);
+  for (std::size_t i = 0; i < rays_.size(); ++i) {
+    shape->SetRay(static_cast<unsigned>(i), rays_[i].begin, rays_[i].end);
   }
   // Rays begin inside of the robot, which is not to be seen.
   for (const Part& part : parts_) {
@@ -148,13 +126,7 @@ void Robot::look(Span<float> distances) const {
     dGeomSetCollideBits(part.geometry, part.collides);
   }
   for (std::size_t i = 0; i < distances.size(); ++i) {
-    double from_middle = eye_->Range(static_cast<unsigned>(i));
-    if (!seen_from_.empty() && std::isfinite(from_middle)) {
-      const Vector met = seen_from_[i].first + seen_from_[i].second * (from_middle - ray_origin(model_));
-      from_middle = std::hypot(met.X(), met.Y());
-    }
-    const double reach = from_middle - static_cast<double>(model_.ray_start);
-    distances[i] = static_cast<float>(std::clamp(reach, 0.0, static_cast<double>(model_.ray_range)));
+    distances[i] = rays_.reading(i, eye_->Range(static_cast<unsigned>(i)));
   }
 }
 

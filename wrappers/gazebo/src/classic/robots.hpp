@@ -3,6 +3,7 @@
 
 #include <swarmwright/physics.hpp>
 
+#include "robot_rays.hpp"
 #include "sdf_world.hpp"
 
 #include <gazebo/ode/ode.h>
@@ -11,11 +12,8 @@
 
 #include <sdf/sdf.hh>
 
-#include <ignition/math/Vector3.hh>
-
 #include <cstddef>
 #include <string>
-#include <utility>
 #include <vector>
 
 namespace swarmwright::gazebo {
@@ -70,10 +68,7 @@ class Robot {
   Wheel left_;  // without a joint: the body gets its velocity
   Wheel right_;
   ::gazebo::sensors::RaySensorPtr eye_;
-  /// Where its rays begin and end, in the frame of the link that has the sensor.
-  std::vector<std::pair<ignition::math::Vector3d, ignition::math::Vector3d>> aims_;
-  /// Where they begin, and their directions, in the frame of the robot, if they are those of a sensor of the user.
-  std::vector<std::pair<ignition::math::Vector3d, ignition::math::Vector3d>> seen_from_;
+  RobotRays rays_;
   std::vector<Part> parts_;
 };
 
