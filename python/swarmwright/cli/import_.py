@@ -71,7 +71,8 @@ def command(
 
     The files of a model are those of Modelio's CPSwarm modules: FREVO problem descriptions (<icomponent>),
     OptimisedParameters (JSON), SwarmComposition (XML), abstraction descriptions (ADF JSON) and state machines
-    (SCXML). They are given together, as far as there are any.
+    (SCXML). They are given together, as far as there are any. Models in SysML v2's textual notation are read,
+    too.
 
     Comments in the experiment say where every line comes from.
     """

@@ -8,8 +8,16 @@ from swarmwright.core import json_source, xml
 from swarmwright.core.errors import InputError
 from swarmwright.core.files import read_bytes
 from swarmwright.core.suggestions import did_you_mean
-from swarmwright.models import abstractions, behaviour, frevo_problem, optimised_parameters, swarm_composition
+from swarmwright.models import (
+    abstractions,
+    behaviour,
+    frevo_problem,
+    optimised_parameters,
+    swarm_composition,
+    sysml,
+)
 from swarmwright.models._parts import Part
+from swarmwright.models._sysml_text import read_text
 
 _XML: tuple[Any, ...] = (frevo_problem, swarm_composition, behaviour)
 """Modules with `ROOTS`, names of root elements, `WORDS` and `load(path)`."""
@@ -36,6 +44,8 @@ def load(path: Path) -> Part:
         return _load_xml(path)
     if sign in {"{", "["}:
         return _load_json(path)
+    if sign and sysml.recognises(read_text(path)):
+        return sysml.load(path)
     raise InputError(f"{path}: {'is empty' if not sign else 'is of no kind that is known'}; {_expected()}")
 
 
@@ -78,7 +88,7 @@ def _load_json(path: Path) -> Part:
 
 
 def _expected() -> str:
-    words = [module.WORDS for module in (*_XML, *_JSON)]
+    words = [module.WORDS for module in (*_XML, *_JSON, sysml)]
     return f"expected a FREVO session (<{_SESSION}>), {', '.join(words[:-1])} or {words[-1]}"
 
 

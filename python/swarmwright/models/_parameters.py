@@ -86,8 +86,8 @@ class Parameters:
         for one in model.optimised:
             member = members.get(folded(one.name))
             name = known.name(one.name)
-            if name is None and member is not None and len(model.members) == 1:
-                name = known.agents  # the number of agents is what is optimised
+            if member is not None and len(model.members) == 1:
+                name = known.agents or name  # the number of agents is what is optimised
             if name is None:
                 problems.add(one.place, known.missing(one.name))
                 continue

@@ -14,6 +14,7 @@ from swarmwright.core.files import read_bytes
 from swarmwright.export.scxml import Scxml
 from swarmwright.export.subject import Subject, subject_of
 from swarmwright.export.writing import write
+from swarmwright.models import sysml
 from swarmwright.models._files import files_of
 from swarmwright.models._files import load as load_part
 from swarmwright.models._names import Known, folded
@@ -90,8 +91,8 @@ def _only_member(parts: list[Part]) -> str | None:
 def _value(values: Values, known: Known, name: str, alone: str | None) -> Any:  # noqa: ANN401 - a number or text
     """Return the value of a parameter, or of the number of members; None where it was not evolved."""
     own = known.name(name)
-    if own not in values and alone is not None and folded(name) == folded(alone):
-        own = known.agents
+    if alone is not None and folded(name) == folded(alone):
+        own = known.agents or own
     return values.get(own) if own is not None else None
 
 
@@ -105,7 +106,9 @@ def _written(
     def value(name: str) -> Any:  # noqa: ANN401 - a number or text
         return _value(values, known, name, alone)
 
-    if part.optimised and part.path.suffix.lower() != ".sysml":
+    if part.kind == sysml.WORDS:
+        return sysml.with_values(part.path, value)
+    if part.optimised:
         return _optimised(part, value)
     names = [*(one.name for one in part.members), *(one.name for one in part.properties)]
     if any(value(name) is not None for name in names):

@@ -1,0 +1,260 @@
+"""Models in SysML v2's textual notation (OMG, "Systems Modeling Language", version 2.0): a subset.
+
+Read are packages, part definitions and usages with multiplicity, attributes with values, ports and directed
+features, and the metadata `@Optimize { min = ..; max = ..; scale = ..; }` of attributes and parts.
+"""
+
+import math
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from swarmwright.core.errors import InputError
+from swarmwright.models._parts import Member, Optimised, Part, Place, Problems, Property
+from swarmwright.models._sysml_features import KEYWORDS, SILENT, Feature, feature_of, literal
+from swarmwright.models._sysml_text import read_text, statements
+
+WORDS = "a model in SysML v2's textual notation (part def ..)"
+OPTIMIZE = frozenset({"optimize", "optimise"})
+"""Names of the metadata of what is optimised."""
+SIMULATION = "simulation"
+"""Name of the attribute with the simulation's name."""
+_BEGIN = re.compile(r"\b(?:package|part|attribute|port)\b")
+_MOST = 1_000_000
+
+
+def recognises(text: str) -> bool:
+    """Whether a text is such a model."""
+    return _BEGIN.search(text) is not None
+
+
+def load(path: Path) -> Part:
+    """Read a model.
+
+    Raises InputError with everything that is wrong, file and line each, and when it has no agents.
+    """
+    return _Reader(path, read_text(path)).part()
+
+
+def with_values(path: Path, value: Callable[[str], Any]) -> str | None:
+    """Return the text of a model with values of what was optimised; None where it has none of it.
+
+    value: returns the value of a name, None for what was not evolved.
+    """
+    text = read_text(path)
+    reader = _Reader(path, text)
+    reader.part()
+    changes: list[tuple[int, int, str]] = []
+    for feature in reader.optimised:
+        number = value(feature.name)
+        if number is None:
+            continue
+        written = f'"{number}"' if isinstance(number, str) else str(number)
+        if feature.keyword == "part":
+            tokens = feature.multiplicity or []
+            changes.append((tokens[0].begin, tokens[-1].end, written))
+        elif feature.value:
+            last = next((i for i, one in enumerate(feature.value) if one.text == "["), len(feature.value))
+            changes.append((feature.value[0].begin, feature.value[last - 1].end, written))
+        else:
+            end = feature.statement.tokens[-1].end
+            changes.append((end, end, f" = {written}"))
+    for begin, end, written in sorted(changes, reverse=True):
+        text = text[:begin] + written + text[end:]
+    return text if changes else None
+
+
+class _Reader:
+    def __init__(self, path: Path, text: str) -> None:
+        self.path = path
+        self.roots = [feature_of(one) for one in statements(text, path)]
+        self.problems = Problems()
+        self.result = Part(path, WORDS)
+        self.optimised: list[Feature] = []
+        self.definitions: dict[str, Feature] = {}
+        self.usages: list[Feature] = []
+        self.about: dict[str, Feature] = {}
+        self._left_out: list[str] = []
+
+    def place(self, feature: Feature) -> Place:
+        return Place(self.path, feature.line, " ".join(filter(None, (feature.keyword, feature.name))))
+
+    def part(self) -> Part:
+        for feature in self.roots:
+            self._define(feature)
+        self.result.name = next((one.name for one in self.roots if one.keyword == "package"), "")
+        for feature in self.roots:
+            self._take(feature, in_port=False)
+        self._agents()
+        self.problems.stop()
+        if not self.result.members:
+            raise InputError(
+                f"{self.path}: has no agents; expected a part with a multiplicity, such as part agents : "
+                "Agent[3]; whose definition has ports or directed features (in, out)"
+            )
+        named = [one for one in self.result.properties if one.name == SIMULATION]
+        self.result.properties = [one for one in self.result.properties if one.name != SIMULATION]
+        self.result.titles = tuple(filter(None, [*(str(one.value) for one in named), self.result.name]))
+        self.result.sensors = len(self.result.sensor_names) or None
+        self.result.actuators = len(self.result.actuator_names) or None
+        if self._left_out:
+            self.result.notes.append(f"{self.path}: not taken over: {', '.join(self._left_out[:20])}")
+        return self.result
+
+    def _define(self, feature: Feature) -> None:
+        if feature.is_definition and feature.name:
+            if feature.name in self.definitions:
+                first = self.definitions[feature.name].line
+                self.problems.add(self.place(feature), f"duplicate definition (first in line {first})")
+            self.definitions[feature.name] = feature
+        if feature.keyword == "@" and feature.name.lower() in OPTIMIZE:
+            self.about.update(dict.fromkeys(feature.about, feature))
+        if feature.keyword in {"package", "part", "port"}:
+            for one in feature.inside:
+                self._define(one)
+
+    def _take(self, feature: Feature, *, in_port: bool) -> None:
+        """Collect usages of parts, and attributes with values."""
+        if feature.keyword in SILENT or feature.keyword == "@":
+            return
+        if feature.keyword not in KEYWORDS and feature.keyword:
+            self._left_out.append(f"{feature.keyword} in line {feature.line}")
+            return
+        if feature.is_definition and feature.keyword != "part":
+            return
+        if feature.keyword == "part" and not feature.is_definition:
+            self.usages.append(feature)
+        if feature.keyword in {"attribute", ""} and not feature.direction and not in_port:
+            self._attribute(feature)
+        if feature.keyword in {"package", "part"}:
+            for one in feature.inside:
+                self._take(one, in_port=in_port)
+
+    def _attribute(self, feature: Feature) -> None:
+        settings = self._optimize(feature)
+        if settings is not None:
+            self._optimise(feature, settings)
+            return
+        if feature.value is None:
+            return
+        value = literal(feature.value)
+        if value is None:
+            self.problems.add(self.place(feature), "its value is not a number, a text, true or false")
+            return
+        before = next((one for one in self.result.properties if one.name == feature.name), None)
+        if before is not None:
+            if before.value != value:
+                self.problems.add(
+                    self.place(feature),
+                    f"is {value}, but {before.value} in line {before.place.line}; keep one",
+                )
+            return
+        self.result.properties.append(Property(feature.name, value, self.place(feature)))
+
+    def _optimize(self, feature: Feature) -> dict[str, Any] | None:
+        """Return what the metadata of a feature says; None without such metadata."""
+        inside = [one for one in feature.inside if not one.about]
+        for one in [*inside, *([self.about[feature.name]] if feature.name in self.about else [])]:
+            if one.keyword == "@" and one.name.lower() in OPTIMIZE:
+                found: dict[str, Any] = {}
+                for setting in one.inside:
+                    name = setting.name or setting.keyword
+                    if name not in {"min", "max", "scale"}:
+                        self.problems.add(
+                            self.place(setting), f"unknown key {name!r}; expected min, max, scale"
+                        )
+                    found[name] = literal(setting.value)
+                return found
+        return {} if any(prefix.lower() in OPTIMIZE for prefix in feature.prefixes) else None
+
+    def _optimise(self, feature: Feature, settings: dict[str, Any]) -> None:
+        place = self.place(feature)
+        numbers: list[int | float] = []
+        for key in ("min", "max"):
+            number = settings.get(key)
+            if isinstance(number, bool) or not isinstance(number, int | float) or not abs(number) <= 2**24:
+                self.problems.add(place, f"@Optimize: {key} is missing or no number; write {key} = 5;")
+            else:
+                numbers.append(number)
+        scale = settings.get("scale", 1)
+        try:
+            factor = math.nan if isinstance(scale, bool) or scale is None else float(scale)
+        except ValueError:
+            factor = math.nan
+        if not math.isfinite(factor) or factor <= 0:
+            self.problems.add(place, "@Optimize: scale: expected a number above 0, or text with one")
+        elif len(numbers) == 2 and not numbers[0] < numbers[1]:
+            self.problems.add(
+                place, f"@Optimize: max is {numbers[1]}, expected a number above min, {numbers[0]}"
+            )
+        elif any(one.name == feature.name for one in self.result.optimised):
+            self.problems.add(place, "is optimised twice; keep one")
+        elif len(numbers) == 2:
+            low, high = numbers
+            if "Real" in feature.types or any(isinstance(number, float) for number in numbers):
+                low, high = float(low), float(high)
+            self.optimised.append(feature)
+            self.result.optimised.append(Optimised(feature.name, low, high, factor, "command_line", place))
+
+    def _agents(self) -> None:
+        """Take the usages of parts that sense or act; where none does, those with a multiplicity."""
+        interfaces = [self._interface(usage) for usage in self.usages]
+        acting = any(any(interface) for interface in interfaces)
+        first: tuple[list[str], list[str]] | None = None
+        for usage, interface in zip(self.usages, interfaces, strict=True):
+            if acting and not any(interface):
+                continue
+            if not acting and usage.multiplicity is None:
+                continue
+            number = 1 if usage.multiplicity is None else literal(usage.multiplicity)
+            if isinstance(number, bool) or not isinstance(number, int) or not 1 <= number <= _MOST:
+                self.problems.add(self.place(usage), f"its multiplicity is not 1 to {_MOST}; write [3]")
+                continue
+            if first is not None and first != interface:
+                self.problems.add(
+                    self.place(usage),
+                    "has other sensors or actuators than the agents before, which is not supported",
+                )
+            first = first or interface
+            self.result.members.append(Member(usage.name, "", number, self.place(usage)))
+            settings = self._optimize(usage)
+            if settings is not None:
+                self._optimise(usage, settings)
+                if usage.multiplicity is None:
+                    self.problems.add(self.place(usage), "is optimised, but has no multiplicity; write [1]")
+        if first is not None:
+            self.result.sensor_names, self.result.actuator_names = first
+
+    def _interface(self, usage: Feature) -> tuple[list[str], list[str]]:
+        """Return the names of the sensors and of the actuators of a part."""
+        found: dict[str, list[str]] = {"in": [], "out": []}
+        self._directed(usage, found, flipped=False, seen=frozenset())
+        return found["in"], found["out"]
+
+    def _directed(
+        self, feature: Feature, found: dict[str, list[str]], *, flipped: bool, seen: frozenset[str]
+    ) -> None:
+        for name in feature.types:
+            if name in self.definitions and name not in seen:
+                conjugated = flipped != feature.conjugated
+                self._directed(self.definitions[name], found, flipped=conjugated, seen=seen | {name})
+        for one in feature.inside:
+            if one.direction in found:
+                way = {"in": "out", "out": "in"}[one.direction] if flipped else one.direction
+                found[way] += self._named(one)
+            elif one.direction == "inout":
+                self.problems.add(
+                    self.place(one), "inout is not supported; write in for what is sensed, out else"
+                )
+            elif one.keyword == "port" and not one.is_definition:
+                self._directed(one, found, flipped=flipped, seen=seen)
+
+    def _named(self, feature: Feature) -> list[str]:
+        number = 1 if feature.multiplicity is None else literal(feature.multiplicity)
+        if isinstance(number, bool) or not isinstance(number, int) or not 1 <= number <= 10_000:
+            self.problems.add(self.place(feature), "its multiplicity is not 1 to 10000; write [8]")
+            return []
+        return (
+            [feature.name] if feature.multiplicity is None else [f"{feature.name} {i}" for i in range(number)]
+        )

@@ -1,0 +1,175 @@
+"""Models in SysML v2's textual notation."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from swarmwright import InputError, Run, models, optimize
+from tests.python.models.test_behaviour import WALK
+
+MODEL = """/* A swarm
+   for Minisim. */
+package Escape {
+    private import ScalarValues::*;
+    metadata def Optimize { attribute min : Real; attribute max : Real; }
+    port def Sensing {
+        in item goal_x : Real;
+        in item goal_y : Real;
+        in item defender_x : Real;
+        in item defender_y : Real;
+    }
+    part def Agent {
+        doc /* Gets past the defenders. */
+        port sensing : Sensing;
+        port driving { out item heading : Real; }
+        attribute speedAgents : Real = 1.5 [m];
+    }
+    part mission {
+        attribute simulation : String = "minisim";
+        attribute placement = "random";
+        attribute numDefenders : Integer = 2; // guards
+        attribute avoidance : Real { @Optimize { min = 0; max = 5; } }
+        attribute maxSteps : Integer = 15 { @Optimize { min = 15; max = 30; scale = "1"; } }
+        part agents : Agent[3];
+    }
+    state def Behaviour { state idle; }
+}
+"""
+
+
+def written(folder: Path, *changes: tuple[str, str]) -> Path:
+    text = MODEL
+    for old, new in changes:
+        assert old in text, old
+        text = text.replace(old, new, 1)
+    path = folder / "escape.sysml"
+    path.write_text(text)
+    return path
+
+
+def test_a_model_becomes_an_experiment(tmp_path: Path) -> None:
+    imported = models.load([written(tmp_path)])
+    experiment = imported.experiment
+    assert experiment.simulation == "minisim"
+    assert experiment.parameters == {
+        "speedAgents": 1.5,
+        "placement": "random",
+        "numDefenders": 2,
+        "numAgents": 3,
+        "steering": "rule",
+    }
+    options = experiment.controller.model_dump()["parameters"]
+    assert {name: (one["type"], one["range"]) for name, one in options.items()} == {
+        "avoidance": ("real", [0.0, 5.0]),
+        "maxSteps": ("integer", [15, 30]),
+    }
+    assert any("state in line 26" in note for note in imported.notes)
+
+
+def test_values_are_written_into_the_same_text(tmp_path: Path) -> None:
+    path = written(tmp_path, ("Agent[3];", "Agent[3] { @Optimize { min = 1; max = 6; } }"))
+    experiment = models.load([path]).experiment
+    small = experiment.replace(servers="local", method={"population": 8, "generations": 2})
+    run = Run.open(optimize(small, out=tmp_path / "run").path)
+    values = run.best.controller.parameters
+    models.write_back(run, [path], output=tmp_path / "back")
+    expected = path.read_text()
+    expected = expected.replace("avoidance : Real {", f"avoidance : Real = {values['avoidance']} {{")
+    expected = expected.replace("Integer = 15 {", f"Integer = {values['maxSteps']} {{")
+    expected = expected.replace("Agent[3]", f"Agent[{values['numAgents']}]")
+    assert (tmp_path / "back" / "escape.sysml").read_text() == expected
+    assert models.load([tmp_path / "back" / "escape.sysml"]).experiment.controller == experiment.controller
+
+
+def test_a_behaviour_beside_it(tmp_path: Path) -> None:
+    (tmp_path / "walk.scxml").write_text(WALK)
+    paths = [written(tmp_path, ('"minisim"', '"elsewhere"')), tmp_path / "walk.scxml"]
+    experiment = models.load(paths, target=tmp_path / "x.yaml", controller="mealy_fsm").experiment
+    assert (experiment.simulation, experiment.sensors, experiment.actuators) == ("elsewhere", 4, 1)
+    assert experiment.start_from is not None
+
+
+@pytest.mark.parametrize(
+    ("changes", "sensors", "actuators"),
+    [
+        ([("port sensing : Sensing;", "port sensing : ~Sensing;")], 0, 5),
+        ([("in item goal_x : Real;", "in item goal_x : Real[8];")], 11, 1),
+        ([("port sensing : Sensing;", "in attribute x : Real; in y;")], 2, 1),
+        ([("part agents : Agent[3]", "part agents[3] : Agent")], 4, 1),
+        (
+            [("Agent[3];", "Scout[3];"), ("part mission", "part def Scout :> Agent { out z; } part mission")],
+            4,
+            2,
+        ),
+    ],
+)
+def test_ports_and_directions(
+    tmp_path: Path, changes: list[tuple[str, str]], sensors: int, actuators: int
+) -> None:
+    path = written(tmp_path, *changes, ('"minisim"', '"elsewhere"'))
+    experiment = models.load([path]).experiment
+    assert (experiment.sensors or 0, experiment.actuators or 0) == (sensors, actuators)
+
+
+def test_metadata_about_something_else(tmp_path: Path) -> None:
+    path = written(
+        tmp_path,
+        (
+            "Real { @Optimize { min = 0; max = 5; } }",
+            "Real;\n @Optimize about avoidance { :>> min = 1; max = 2; }",
+        ),
+    )
+    options = models.load([path]).experiment.controller.model_dump()["parameters"]
+    assert options["avoidance"]["range"] == [1.0, 2.0]
+
+
+@pytest.mark.parametrize(
+    ("change", "answer"),
+    [
+        (
+            (" part agents : Agent[3];", ""),
+            "escape.sysml: has no agents; expected a part with a multiplicity",
+        ),
+        (("Agent[3]", "Agent[1..3]"), "sysml:24: part agents: its multiplicity is not 1 to"),
+        (("Agent[3]", "Agent[*]"), "sysml:24: part agents: its multiplicity is not"),
+        (("Agent[3]", "Agent[0]"), "its multiplicity is not"),
+        (("min = 0; ", ""), "sysml:22: attribute avoidance: @Optimize: min is missing or no number"),
+        (("max = 5", "max = -5"), "sysml:22: .* max is -5, expected a number above min, 0"),
+        (('"1"', '"one"'), "scale: expected a number above 0"),
+        (("max = 5", "maximum = 5"), "unknown key 'maximum'; expected min, max, scale"),
+        (
+            ("attribute avoidance", "#Optimize attribute avoid : Real; attribute avoidance"),
+            "avoid: @Optimize: min",
+        ),
+        (("= 2;", "= 2 + 3;"), "numDefenders: its value is not a number, a text, true or false"),
+        (('= "random";', '= "random"; attribute placement = "fixed";'), "is fixed, but random in line 20"),
+        (("in item goal_x", "inout item goal_x"), "inout is not supported"),
+        (('= "random";', '= "random"'), "';' is missing|its value is not"),
+        (("state idle; }", "state idle; "), "is not valid SysML: '{' is not closed"),
+        (("state idle; }", "state idle; } } }"), "'}' found without the '{' that it closes"),
+        (("// guards", "`"), "sysml:21: is not valid SysML: '`' is not expected"),
+        (("part def Agent", "part def Agent; part def Agent"), r"duplicate definition \(first in line 12\)"),
+    ],
+)
+def test_what_is_wrong_is_named(tmp_path: Path, change: tuple[str, str], answer: str) -> None:
+    path = written(tmp_path, change)
+    with pytest.raises(InputError, match=answer):
+        models.load([path])
+
+
+def test_an_open_comment(tmp_path: Path) -> None:
+    path = tmp_path / "x.sysml"
+    path.write_text("package A {\n /* part")
+    with pytest.raises(InputError, match=r"x\.sysml:2: is not valid SysML: a comment is not closed"):
+        models.load([path])
+    path.write_text("package A { " * 60 + "}" * 60)
+    with pytest.raises(InputError, match="nested more than 50 deep"):
+        models.load([path])
+
+
+def test_the_command_line(program: Any, tmp_path: Path) -> None:
+    written(tmp_path)
+    done = program("import", "escape.sysml", "-o", "escape.yaml")
+    assert done.returncode == 0, done.stderr
+    assert "not taken over: state in line 26" in done.stderr
