@@ -5,7 +5,7 @@ use std::ffi::{CString, c_char, c_int, c_uint, c_void};
 use crate::instance::{Instance, State, Worth};
 use crate::log::{Log, Logger2, Status};
 use crate::model::{Model, folder};
-use crate::shield::{Refusal, free, handed_over, put, shield, slice, slice_mut};
+use crate::shield::{Refusal, free, handed_over, put, shield, slice, slice_mut, to_fill, to_read};
 use crate::text::text;
 use crate::variables::Type;
 
@@ -139,9 +139,7 @@ macro_rules! variables {
             values: *mut $type,
         ) -> c_int {
             shield(c, |instance| {
-                // SAFETY: both arrays have `count` values.
-                let (references, values) =
-                    unsafe { (slice(references, count)?, slice_mut(values, count)?) };
+                let (references, values) = to_fill(references, count, values, count)?;
                 for (reference, value) in references.iter().zip(values) {
                     let found = instance.get(*reference, $is, $what)?;
                     *value = $from(found)?;
@@ -158,9 +156,7 @@ macro_rules! variables {
             values: *const $type,
         ) -> c_int {
             shield(c, |instance| {
-                // SAFETY: both arrays have `count` values.
-                let (references, values) =
-                    unsafe { (slice(references, count)?, slice(values, count)?) };
+                let (references, values) = to_read(references, count, values, count)?;
                 for (reference, value) in references.iter().zip(values) {
                     let kind = crate::variables::Variable::of(&instance.model, *reference)
                         .map(|variable| variable.kind(&instance.model));
@@ -229,9 +225,7 @@ extern "C" fn fmi2GetString(
     values: *mut *const c_char,
 ) -> c_int {
     shield(c, |instance| {
-        // SAFETY: both arrays have `count` values.
-        let (references, values) =
-            unsafe { (slice(references, count)?, slice_mut(values, count)?) };
+        let (references, values) = to_fill(references, count, values, count)?;
         texts(instance, references, values)
     })
 }
@@ -264,8 +258,7 @@ extern "C" fn fmi2SetString(
     values: *const *const c_char,
 ) -> c_int {
     shield(c, |instance| {
-        // SAFETY: both arrays have `count` values.
-        let (references, values) = unsafe { (slice(references, count)?, slice(values, count)?) };
+        let (references, values) = to_read(references, count, values, count)?;
         set_texts(instance, references, values)
     })
 }

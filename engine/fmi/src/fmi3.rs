@@ -8,7 +8,7 @@ use crate::fmi2::{
 use crate::instance::{Instance, State, Worth};
 use crate::log::{Log, Logger3, Status};
 use crate::model::Model;
-use crate::shield::{Refusal, free, handed_over, put, shield, slice, slice_mut};
+use crate::shield::{free, handed_over, put, shield, to_fill, to_read};
 use crate::text::text;
 use crate::variables::Type;
 
@@ -160,10 +160,7 @@ macro_rules! variables {
             value_count: usize,
         ) -> c_int {
             shield(c, |instance| {
-                // SAFETY: the arrays have so many values.
-                let (references, values) =
-                    unsafe { (slice(references, count)?, slice_mut(values, value_count)?) };
-                same(count, value_count)?;
+                let (references, values) = to_fill(references, count, values, value_count)?;
                 for (reference, value) in references.iter().zip(values) {
                     *value = match ($from)(instance.get(*reference, $is, $what)?) {
                         Some(found) => found,
@@ -183,10 +180,7 @@ macro_rules! variables {
             value_count: usize,
         ) -> c_int {
             shield(c, |instance| {
-                // SAFETY: the arrays have so many values.
-                let (references, values) =
-                    unsafe { (slice(references, count)?, slice(values, value_count)?) };
-                same(count, value_count)?;
+                let (references, values) = to_read(references, count, values, value_count)?;
                 for (reference, value) in references.iter().zip(values) {
                     instance.set(*reference, $is, $what, ($to)(*value))?;
                 }
@@ -205,14 +199,6 @@ macro_rules! variables {
             |_| Worth::Flag(false)
         );)*
     };
-}
-
-/// No variable is an array.
-fn same(count: usize, value_count: usize) -> Result<(), Refusal> {
-    if count == value_count {
-        return Ok(());
-    }
-    Err(format!("{count} variables, but {value_count} values: no variable here is an array").into())
 }
 
 variables!(
@@ -293,10 +279,7 @@ extern "C" fn fmi3GetString(
     value_count: usize,
 ) -> c_int {
     shield(c, |instance| {
-        // SAFETY: the arrays have so many values.
-        let (references, values) =
-            unsafe { (slice(references, count)?, slice_mut(values, value_count)?) };
-        same(count, value_count)?;
+        let (references, values) = to_fill(references, count, values, value_count)?;
         texts(instance, references, values)
     })
 }
@@ -310,10 +293,7 @@ extern "C" fn fmi3SetString(
     value_count: usize,
 ) -> c_int {
     shield(c, |instance| {
-        // SAFETY: the arrays have so many values.
-        let (references, values) =
-            unsafe { (slice(references, count)?, slice(values, value_count)?) };
-        same(count, value_count)?;
+        let (references, values) = to_read(references, count, values, value_count)?;
         set_texts(instance, references, values)
     })
 }

@@ -104,6 +104,38 @@ pub unsafe fn slice_mut<'a, T>(start: *mut T, count: usize) -> Result<&'a mut [T
     Ok(unsafe { std::slice::from_raw_parts_mut(start, count) })
 }
 
+/// The arrays of a call that gets variables.
+pub fn to_fill<'a, T>(
+    references: *const u32,
+    count: usize,
+    values: *mut T,
+    value_count: usize,
+) -> Result<(&'a [u32], &'a mut [T]), Refusal> {
+    same(count, value_count)?;
+    // SAFETY: masters hand over arrays of these sizes.
+    Ok(unsafe { (slice(references, count)?, slice_mut(values, count)?) })
+}
+
+/// The arrays of a call that sets variables.
+pub fn to_read<'a, T>(
+    references: *const u32,
+    count: usize,
+    values: *const T,
+    value_count: usize,
+) -> Result<(&'a [u32], &'a [T]), Refusal> {
+    same(count, value_count)?;
+    // SAFETY: masters hand over arrays of these sizes.
+    Ok(unsafe { (slice(references, count)?, slice(values, count)?) })
+}
+
+/// No variable is an array.
+fn same(count: usize, value_count: usize) -> Result<(), Refusal> {
+    if count == value_count {
+        return Ok(());
+    }
+    Err(format!("{count} variables, but {value_count} values: no variable here is an array").into())
+}
+
 /// Writes where a pointer points, if it does.
 ///
 /// # Safety

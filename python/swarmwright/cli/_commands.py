@@ -21,6 +21,7 @@ COMMANDS = (
     "draw",
     "export",
     "export-fmu",
+    "couple",
     "verify",
     "new",
     "broker",

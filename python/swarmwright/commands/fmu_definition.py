@@ -134,8 +134,8 @@ class FmuOptions(Definition):
     metrics: dict[str, str] = Field(default={})
     """Metrics of an episode, name -> what is made of a variable's values after the steps: last, first, mean,
     sum, min, max, std or count, or with a variable of another name mean(variable). Those of several agents
-    are averaged. Default: the last value of each output with a name that an expression can have, where there
-    are at most 1,000."""
+    are averaged. Default: the last value of each output with a name that an expression can have (world_x for
+    world.x of an SSP), where there are at most 1,000."""
     done: str | None = Field(default=None, min_length=1)
     """When an episode ends before: an expression over the metrics as they are after a step."""
     fitness: str | None = Field(default=None, min_length=1)
@@ -260,7 +260,11 @@ class FmuOptions(Definition):
         outputs = [one.name for one in self.description.of_causality("output")]
         if len(outputs) > MOST:
             return {}
-        return {name: Reduction("last", name) for name in outputs if METRIC_NAME.fullmatch(name)}
+        is_system = self.description.version == VERSION
+        named = {name.replace(".", "_") if is_system else name: name for name in outputs}
+        return {
+            metric: Reduction("last", name) for metric, name in named.items() if METRIC_NAME.fullmatch(metric)
+        }
 
     @property
     def size(self) -> float:

@@ -142,7 +142,7 @@ class _Watch:
         threading.Thread(target=self._look, daemon=True).start()
 
     def __call__(self, name: str, what: str) -> "_Watch":
-        self._next = f"{name} {what}"
+        self._next = f"{name}, which {what}"
         return self
 
     def __enter__(self) -> None:

@@ -28,6 +28,13 @@ class Unit:
             float(get("offset", 0.0) or 0.0),
         )
 
+    def attributes(self) -> dict[str, str]:
+        """Return the attributes of a BaseUnit that are not the default ones."""
+        exponents = zip(_BASE, self.exponents, strict=True)
+        found = {name: str(exponent) for name, exponent in exponents if exponent}
+        found |= {"factor": repr(self.factor)} if self.factor != 1.0 else {}
+        return found | ({"offset": repr(self.offset)} if self.offset else {})
+
 
 def units_of(found: Mapping[str, Unit | None]) -> dict[str, Unit]:
     """Return those units that are defined by SI base units."""

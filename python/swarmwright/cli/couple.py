@@ -1,0 +1,63 @@
+"""`swarmwright couple`: several FMUs as one system."""
+
+from pathlib import Path
+
+import click
+
+from swarmwright.cli._commands import Command
+from swarmwright.cli._options import json_option
+from swarmwright.cli._output import Output, show_warnings
+
+
+@click.command(
+    "couple",
+    cls=Command,
+    example="swarmwright couple world.fmu radio.fmu --connect world.x:radio.x --output system.ssp\n"
+    "swarmwright couple world.fmu left=motor.fmu right=motor.fmu --connect left.force:world.left "
+    "--connect right.force:world.right --output robot.ssp",
+)
+@click.argument("fmus", nargs=-1, required=True, metavar="[NAME=]FILE.fmu...")
+@click.option(
+    "--connect",
+    "connections",
+    multiple=True,
+    metavar="A.OUT:B.IN",
+    help="Connect an output of a component with an input of another. Units are converted. May be repeated.",
+)
+@click.option(
+    "--output",
+    type=click.Path(path_type=Path),
+    required=True,
+    metavar="FILE.ssp",
+    help="The file to write.",
+)
+@click.option("--force", is_flag=True, help="Write over a file that exists.")
+@json_option
+def command(
+    fmus: tuple[str, ...], connections: tuple[str, ...], output: Path, force: bool, as_json: bool
+) -> None:
+    """Couple FMUs to one system, an SSP (System Structure and Parameterization 1.0).
+
+    Components are named like their files, or NAME=FILE.fmu. Names, causalities and units of connections are
+    checked. The system is a simulation: `simulation: FILE.ssp`.
+    """
+    from swarmwright.core.errors import InputError
+    from swarmwright.fmu.coupling import component_files, coupled
+
+    said = Output(as_json=as_json)
+    show_warnings()
+    if output.suffix != ".ssp":
+        raise InputError(f"{output}: is no name of an SSP; let it end with .ssp")
+    if output.is_dir():
+        raise InputError(f"{output}: is a folder; name a file with --output")
+    if output.exists() and not force:
+        raise InputError(f"{output}: is there already; name another --output, or write over it with --force")
+    files = component_files(fmus)
+    data = coupled(output.stem, files, connections)
+    try:
+        output.parent.mkdir(parents=True, exist_ok=True)
+        output.write_bytes(data)
+    except OSError as error:
+        raise InputError(f"{output}: cannot be written: {error.strerror}") from error
+    said.text(f"{output}: {', '.join(files)}; {len(connections)} connections")
+    said.json({"file": str(output), "components": list(files), "connections": list(connections)})

@@ -1,0 +1,142 @@
+"""Writes SSPs: several FMUs as one system."""
+
+import io
+import re
+import zipfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+from swarmwright.core.errors import InputError
+from swarmwright.fmu.description import Description, Variable, described
+from swarmwright.fmu.ssp import STRUCTURE, System, checked, conversion
+from swarmwright.fmu.units import Unit, units_of
+
+_SSD = "http://ssp-standard.org/SSP1/SystemStructureDescription"
+_SSC = "http://ssp-standard.org/SSP1/SystemStructureCommon"
+_DATE = (1980, 1, 1, 0, 0, 0)
+"""Of all entries, so that the same system gives the same bytes."""
+_NAME = re.compile(r"[A-Za-z_]\w*", re.ASCII)
+_KINDS = {"parameter": "parameter", "input": "input", "output": "output"}
+
+
+def component_files(words: Sequence[str]) -> dict[str, Path]:
+    """Return the file of each component: `FILE.fmu`, which is named by its file, or `NAME=FILE.fmu`.
+
+    Raises InputError for a name that is taken or has other characters than letters, digits and _.
+    """
+    files: dict[str, Path] = {}
+    for word in words:
+        name, equals, file = word.partition("=")
+        path = Path(file if equals else word)
+        name = name if equals else path.stem
+        if not _NAME.fullmatch(name):
+            raise InputError(
+                f"{word}: {name!r} is no name of a component: letters, digits and _; name it, NAME={path}"
+            )
+        if name in files:
+            raise InputError(f"{word}: there is a component {name} already; name this one, OTHER={path}")
+        files[name] = path
+    return files
+
+
+def coupled(name: str, files: Mapping[str, Path], connections: Sequence[str]) -> bytes:
+    """Return an SSP 1.0 of FMUs, the same bytes for the same FMUs.
+
+    Args:
+        name: of the system.
+        files: by component, in the order in which gauss_seidel steps them.
+        connections: `component.output:component.input` each.
+
+    Raises InputError for unknown names, for wrong causalities, for an input that is connected twice, and for
+    units that cannot be converted.
+    """
+    components = {component: described(file) for component, file in files.items()}
+    system = System(name, {}, components, (), {})
+    root = ET.Element(f"{{{_SSD}}}SystemStructureDescription", {"version": "1.0", "name": name})
+    top = ET.SubElement(root, f"{{{_SSD}}}System", name=name)
+    elements = ET.SubElement(top, f"{{{_SSD}}}Elements")
+    for component, known in components.items():
+        about = {
+            "name": component,
+            "source": f"resources/{component}.fmu",
+            "type": "application/x-fmu-sharedlibrary",
+        }
+        one = ET.SubElement(elements, f"{{{_SSD}}}Component", about)
+        _add_connectors(ET.SubElement(one, f"{{{_SSD}}}Connectors"), known)
+    if connections:
+        listed = ET.SubElement(top, f"{{{_SSD}}}Connections")
+        taken: dict[str, str] = {}
+        for text in connections:
+            start, end = _ends(text)
+            first, last = checked(system, start, end)
+            conversion(system, start, end, first.unit, last.unit, {})
+            if end in taken:
+                raise InputError(f"{text}: {end} is connected already, to {taken[end]}")
+            taken[end] = start
+            ET.SubElement(listed, f"{{{_SSD}}}Connection", _attributes(start, end))
+    _add_units(root, components)
+    ET.register_namespace("ssd", _SSD)
+    ET.register_namespace("ssc", _SSC)
+    ET.indent(root)
+    text = f'<?xml version="1.0" encoding="UTF-8"?>\n{ET.tostring(root, encoding="unicode")}\n'
+    contents = {STRUCTURE: text.encode()}
+    contents |= {f"resources/{component}.fmu": file.read_bytes() for component, file in files.items()}
+    return _zipped(contents)
+
+
+def _ends(text: str) -> tuple[str, str]:
+    start, colon, end = text.partition(":")
+    if not colon or "." not in start or "." not in end:
+        raise InputError(f"{text}: expected COMPONENT.OUTPUT:COMPONENT.INPUT, such as world.x:radio.x")
+    return start, end
+
+
+def _attributes(start: str, end: str) -> dict[str, str]:
+    first, last = start.partition("."), end.partition(".")
+    return {
+        "startElement": first[0],
+        "startConnector": first[2],
+        "endElement": last[0],
+        "endConnector": last[2],
+    }
+
+
+def _add_connectors(parent: ET.Element, known: Description) -> None:
+    for one in known.variables.values():
+        if one.causality not in _KINDS or one.is_array:
+            continue
+        connector = ET.SubElement(parent, f"{{{_SSD}}}Connector", name=one.name, kind=_KINDS[one.causality])
+        kind = _type(one)
+        unit = {"unit": one.unit} if one.unit and kind == "Real" else {}
+        ET.SubElement(connector, f"{{{_SSC}}}{kind}", unit)
+
+
+def _type(variable: Variable) -> str:
+    """Return the type of a connector; enumerations are written as their numbers."""
+    if variable.is_real:
+        return "Real"
+    return variable.type if variable.type in ("Boolean", "String", "Binary") else "Integer"
+
+
+def _add_units(root: ET.Element, components: Mapping[str, Description]) -> None:
+    found: dict[str, Unit] = {}
+    for known in components.values():
+        found |= units_of(known.units)
+    if not found:
+        return
+    listed = ET.SubElement(root, f"{{{_SSD}}}Units")
+    for name, unit in sorted(found.items()):
+        one = ET.SubElement(listed, f"{{{_SSC}}}Unit", name=name)
+        ET.SubElement(one, f"{{{_SSC}}}BaseUnit", unit.attributes())
+
+
+def _zipped(contents: Mapping[str, bytes]) -> bytes:
+    data = io.BytesIO()
+    with zipfile.ZipFile(data, "w") as archive:
+        for name, content in contents.items():
+            info = zipfile.ZipInfo(name, _DATE)
+            info.compress_type = zipfile.ZIP_STORED if name.endswith(".fmu") else zipfile.ZIP_DEFLATED
+            info.external_attr = 0o644 << 16
+            archive.writestr(info, content)
+    return data.getvalue()
