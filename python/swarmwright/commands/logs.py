@@ -4,6 +4,7 @@ import csv
 import io
 import json
 import math
+import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -136,6 +137,24 @@ def _table(delimiter: str) -> Reader:
     return rows
 
 
+def _agent(name: str, file: Path | bytes, _wanted: Collection[str]) -> Iterator[Row]:
+    """Yield one row for an agent's log: how many steps it has, and the last, first, .. of its values.
+
+    As the fitness functions of Modelio's CPSwarm module read it: the last value is that of the largest step.
+    """
+    values: dict[int, float] = {}
+    for number, line in enumerate(_text(name, file).splitlines(), 1):
+        if not line.strip() or line.startswith("#"):
+            continue
+        words = line.split("\t")
+        place = f"{name}:{number}"
+        if len(words) != 2 or not re.fullmatch(r"\s*[+-]?\d{1,18}\s*", words[0]):
+            raise CommandFailure(f"{place}: {line[:40]!r} found, expected a whole number, a tab and a number")
+        values[int(words[0])] = _number(place, "value", words[1])
+    series = [values[step] for step in sorted(values)]
+    yield name, {"steps": len(series), **({} if not series else {"first": series[0], "last": series[-1]})}
+
+
 def _json_lines(name: str, file: Path | bytes, _wanted: Collection[str]) -> Iterator[Row]:
     for number, line in enumerate(_text(name, file).splitlines(), 1):
         if line.strip():
@@ -183,6 +202,7 @@ def _what_is_there(folder: Path) -> str:
 _READERS: dict[str, Reader] = {
     "csv": _table(","),
     "tsv": _table("\t"),
+    "agents": _agent,
     "jsonl": _json_lines,
     "json": _json,
     "rosbag": bags.rosbag,
