@@ -191,6 +191,8 @@ def _conclude(output: Output, run: "Run") -> None:
     for event in run.events():
         if event.kind == "incidents" and event.session == run.sessions[-1].session:
             output.item(f"Incidents: {event.text}.")
+        if event.kind == "servers" and event.session == run.sessions[-1].session:
+            output.text(f"Servers: {event.text}.")
     if run.ended not in {None, "generations"}:
         output.text(f"Ended since {run.experiment.budget.words(run.ended)}.")
     output.text(f"{run.evaluations} evaluations in {duration(run.seconds)} ({rate:.0f} a second).")

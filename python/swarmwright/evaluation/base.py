@@ -126,11 +126,18 @@ class Backend(Protocol):
     def incidents(self) -> dict[str, int]:
         """Counts of faults and countermeasures so far, by name; without zeros."""
 
+    def usage(self) -> str:
+        """Return what was used of servers elsewhere, in words; empty where that is not counted."""
+
     def log_to(self, folder: Path) -> None:
         """Write what started servers print to a file in a run's folder."""
 
     def post_evaluates(self) -> None:
         """Publish that what follows belongs to no generation: the best, on held-out seeds."""
+
+
+class BudgetSpent(KeyboardInterrupt):
+    """The budget for servers is spent; the run can be resumed."""
 
 
 class StartedServers(Protocol):
@@ -152,6 +159,14 @@ class StartedServers(Protocol):
 
     def log_to(self, file: Path) -> None:
         """Write what they print to a file."""
+
+    @property
+    def usage(self) -> str:
+        """What was used of servers elsewhere, in words; empty where that is not counted."""
+
+    @property
+    def on_status(self) -> Callable[[Mapping[str, Any]], None] | None:
+        """Takes the pool's status, see protocol/schemas/status.schema.json; None where it is not needed."""
 
     def check(self) -> None:
         """Log servers that have been given up; raise RunError when none is left."""

@@ -108,6 +108,10 @@ class InProcessBackend:
     ) -> None:
         """Do nothing: without a broker there are no watchers."""
 
+    def usage(self) -> str:
+        """Return nothing: there are no servers."""
+        return ""
+
     def incidents(self) -> dict[str, int]:
         """Return how many evaluations failed; other faults are errors here."""
         return {"failed": self._failed} if self._failed else {}

@@ -2,13 +2,13 @@
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright import _engine
-from swarmwright.core.engine_types import AttemptRow
+from swarmwright.core.engine_types import AttemptRow, Report
 from swarmwright.core.errors import RunError, engine_errors
 from swarmwright.core.suggestions import did_you_mean
 from swarmwright.evaluation import reports
@@ -43,8 +43,7 @@ class BrokerBackend:
         self._restarts = 0 if servers is None else servers.restarts
         self._without_value = 0
         self._run: str | None = None
-        if reports.wanted():
-            pool.listen(reports.tell, warnings_only=reports.only_warnings())
+        self._listen()
         self._expression = experiment.fitness_expression
         self.metrics = metrics_of(self._expression, metrics)
         self.description = where
@@ -79,6 +78,27 @@ class BrokerBackend:
 
     def count_failed(self, results: Results) -> None:
         """Do nothing: the pool counts."""
+
+    def _listen(self) -> None:
+        """Have the pool's reports go to those who want them."""
+        on_status = None if self._servers is None else self._servers.on_status
+        if on_status is None:
+            if reports.wanted():
+                self._pool.listen(reports.tell, warnings_only=reports.only_warnings())
+            return
+
+        def tell(report: Report) -> None:
+            told = cast("dict[str, Any]", report)
+            if told["event"] == "status":
+                on_status(told["status"])
+            if reports.wanted():
+                reports.tell(report)
+
+        self._pool.listen(tell)
+
+    def usage(self) -> str:
+        """Return what was used of servers elsewhere."""
+        return "" if self._servers is None else self._servers.usage
 
     def incidents(self) -> dict[str, int]:
         """Return what the pool counted."""

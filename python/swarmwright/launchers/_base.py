@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from swarmwright.core.errors import RunError
 from swarmwright.core.options import Options
@@ -41,6 +41,19 @@ class LauncherOptions(Options):
     launcher: str
     count: int = Field(default=1, ge=1, le=10_000)
     """Servers to start."""
+    min: int | None = Field(default=None, ge=1, le=10_000)
+    """With `max`, instead of `count`: the fewest servers. Default: 1."""
+    max: int | None = Field(default=None, ge=1, le=10_000)
+    """The most servers of an elastic pool. There is one for each minute of work that is left of the run, as
+    measured by the evaluations so far, but not more than a generation has evaluations."""
+    idle: float = Field(default=60.0, ge=1, le=86_400)
+    """Seconds after which servers of an elastic pool are ended that were not needed in this time."""
+    cost_per_hour: float | None = Field(default=None, ge=0)
+    """Cost of a server for an hour, in any currency. What was spent is reported at the end of the run."""
+    budget: float | None = Field(default=None, gt=0)
+    """Most that this launcher's servers may cost in one session of a run; needs `cost_per_hour`. When it is
+    spent they are ended; without other servers the run is interrupted, its results kept, and `resume` goes
+    on."""
     broker_host: str | None = Field(default=None, min_length=1)
     """Name or address by which the servers reach this machine, for the embedded broker. Default for servers
     elsewhere: the address of this machine's default route. If it is not a loopback address, the broker
@@ -63,6 +76,33 @@ class LauncherOptions(Options):
 
     paths: ClassVar[tuple[str, ...]] = ("credentials",)
     """Options that are paths on this machine; they are relative to the experiment's file."""
+
+    @property
+    def is_elastic(self) -> bool:
+        """Whether the number of servers follows the work."""
+        return self.max is not None
+
+    @property
+    def fewest(self) -> int:
+        """How many servers are started at first."""
+        return (self.min or 1) if self.is_elastic else self.count
+
+    @property
+    def most(self) -> int:
+        """How many servers there are at most."""
+        return self.max if self.max is not None else self.count
+
+    @model_validator(mode="after")
+    def _consistent(self) -> "LauncherOptions":
+        if self.min is not None and self.max is None:
+            raise ValueError("min needs max: the number of servers follows the work between the two")
+        if self.min is not None and self.max is not None and self.min > self.max:
+            raise ValueError(f"min: {self.min} is more than max: {self.max}")
+        if self.max is not None and "count" in self.model_fields_set and self.count != 1:
+            raise ValueError("give either count, or min and max")
+        if self.budget is not None and not self.cost_per_hour:
+            raise ValueError("budget needs cost_per_hour")
+        return self
 
 
 class Launcher(ABC):

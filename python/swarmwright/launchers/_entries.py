@@ -17,7 +17,7 @@ Entries = tuple[LauncherOptions, ...]
 Report = Callable[[tuple[str | int, ...], str], None]
 """Takes a problem: where in `servers`, what."""
 
-_TEXT = re.compile(r"([^\W\d][\w-]*):(\d+)")
+_TEXT = re.compile(r"([^\W\d][\w-]*):(\d+)(?:\.\.(\d+))?")
 WORDS = ("auto", "local", "in-process")
 
 
@@ -112,14 +112,19 @@ def of_text(text: str, given: Sequence[LauncherOptions]) -> Entries:
         if match is None:
             hint = did_you_mean(part, [*LAUNCHERS.names(), *WORDS])
             raise InputError(
-                f"must be a launcher with a number of servers, such as slurm:4, not {part!r}{hint}"
+                f"must be a launcher with a number of servers, such as slurm:4 or slurm:4..200, "
+                f"not {part!r}{hint}"
             )
-        kind, count = match[1], int(match[2])
+        kind = match[1]
+        number = {"count": int(match[2])}
+        if match[3] is not None:
+            number = {"min": int(match[2]), "max": int(match[3])}
         model = LAUNCHERS.get(kind).options_model
         base = next((one for one in given if one.launcher == kind), None)
         values: dict[str, Any] = {"launcher": kind} if base is None else base.model_dump(exclude_unset=True)
         try:
-            made.append(model.model_validate({**values, "launcher": kind, "count": count}))
+            others = {key: value for key, value in values.items() if key not in {"count", "min", "max"}}
+            made.append(model.model_validate({**others, "launcher": kind, **number}))
         except ValidationError as error:
             path, message = problems_of(error, model)[0]
             key = ".".join(map(str, path))

@@ -315,6 +315,7 @@ def _run(
         raise
     finally:
         store.incidents(backend.incidents())
+        store.usage(backend.usage())
     store.save_best(representation)
     if store.outcome != "interrupted":
         _validate(experiment, store, backend, on_progress)

@@ -89,6 +89,10 @@ class TwoSimulations:
         self.fast.about(run, generation, generations, evaluations)
         self.slow.about(run, generation, generations, evaluations)
 
+    def usage(self) -> str:
+        """Return what servers of both were used."""
+        return "; ".join(filter(None, (self.fast.usage(), self.slow.usage())))
+
     def incidents(self) -> dict[str, int]:
         """Return the counts of both."""
         counts = self.fast.incidents()

@@ -374,6 +374,12 @@ class StoreWriter:
         with suppress(RunError), self._writing():
             self._store.connection.execute(_EVENT, (self._session, None, timestamp(), "incidents", text))
 
+    def usage(self, text: str) -> None:
+        """Write what servers elsewhere were used in this session, and what they cost."""
+        if text:
+            with suppress(RunError), self._writing():
+                self._store.connection.execute(_EVENT, (self._session, None, timestamp(), "servers", text))
+
     def note_validation(self, values: Mapping[str, Any]) -> None:
         """Write what is known of the best candidates on held-out seeds; it is not part of the record."""
         self._note_fact("validation", json.dumps(dict(values), allow_nan=False))

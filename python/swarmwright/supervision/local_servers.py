@@ -100,6 +100,15 @@ class LocalServers:
         return len(self._supervisor.identifiers)
 
     @property
+    def usage(self) -> str:
+        """Nothing: processes of this machine are not counted."""
+        return ""
+
+    @property
+    def on_status(self) -> None:
+        """None: their number does not depend on the work."""
+
+    @property
     def restarts(self) -> int:
         """How often one was started again."""
         return self._supervisor.restarts

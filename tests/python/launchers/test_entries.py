@@ -41,6 +41,7 @@ def test_paths_are_relative_to_the_file(tmp_path: Path) -> None:
 def test_the_number_on_the_command_line_keeps_other_options() -> None:
     made = loaded({"launcher": "process", "count": 3, "start_timeout": 7.0})
     assert chosen(made, "process:5") == (ProcessOptions(count=5, start_timeout=7.0),)
+    assert chosen(made, "process:2..9") == (ProcessOptions(min=2, max=9, start_timeout=7.0),)
     assert chosen(made, None) == made.servers
     assert chosen(made, 4) == 4
 
@@ -58,8 +59,15 @@ def test_the_number_on_the_command_line_keeps_other_options() -> None:
             r"servers[1]: must be a launcher, such as {launcher: slurm, count: 4}",
         ),
         (["process:1", "process:2"], "servers: process is there twice"),
+        ({"launcher": "process", "min": 3, "max": 2}, "servers: min: 3 is more than max: 2"),
+        ({"launcher": "process", "min": 3}, "servers: min needs max"),
+        ({"launcher": "process", "count": 3, "max": 9}, "servers: give either count, or min and max"),
+        ({"launcher": "process", "budget": 9.0}, "servers: budget needs cost_per_hour"),
         ([], "servers: must name a launcher"),
-        ("process:many", "servers: must be a launcher with a number of servers, such as slurm:4, not"),
+        (
+            "process:many",
+            "servers: must be a launcher with a number of servers, such as slurm:4 or slurm:4..200",
+        ),
         ("sevral", "servers: must be auto, local, in-process, a number of servers, or what starts them"),
     ],
 )

@@ -4,7 +4,7 @@ import logging
 import secrets
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,7 +13,9 @@ from typing import Any, Self, cast
 
 from swarmwright import _engine
 from swarmwright.core.errors import RunError, engine_errors
+from swarmwright.evaluation.base import BudgetSpent
 from swarmwright.evaluation.launched.access import Access
+from swarmwright.evaluation.launched.scaling import Load, Scaling
 from swarmwright.launchers import Health, Launcher, LauncherError, LauncherOptions
 
 _log = logging.getLogger("swarmwright")
@@ -55,9 +57,39 @@ class Entry:
     looked: float = 0.0
     answered: float = field(default_factory=time.monotonic)
     given_up: str | None = None
+    scaling: Scaling | None = None
+    seconds: float = 0.0
+    """Of servers that ran, all together."""
+    counted: float = 0.0
+    """Until when they are counted."""
+    is_spent: bool = False
     told: str = ""
     words: list[str] = field(default_factory=list)
     """How servers ended, without having been on the broker."""
+
+    @property
+    def cost(self) -> float:
+        """What its servers have cost so far."""
+        return self.seconds / 3600 * (self.options.cost_per_hour or 0.0)
+
+    @property
+    def is_counted(self) -> bool:
+        """Whether its use is reported: of servers elsewhere, and of those that have a price."""
+        return not self.launcher.is_here or self.options.cost_per_hour is not None
+
+    @property
+    def used(self) -> str:
+        """What was used, in words."""
+        cost = "" if self.options.cost_per_hour is None else f", cost {self.cost:.2f}"
+        return f"{self.name} {self.seconds / 3600:.2f} hours{cost}"
+
+    def count_use(self, now: float) -> None:
+        """Count the time of the servers that run; note when the budget is spent."""
+        running = sum(one.health.state == "running" for one in self.servers.values())
+        self.seconds += running * (now - self.counted)
+        self.counted = now
+        budget = self.options.budget
+        self.is_spent = self.is_spent or (budget is not None and self.cost >= budget)
 
 
 class LaunchedServers:
@@ -89,6 +121,7 @@ class LaunchedServers:
         # Others may have servers on this broker; ids must differ.
         self._next = 1 + secrets.randbelow(_LARGEST // 2)
         self._reserved: dict[str, list[int]] = {}
+        self._load: Load | None = None
         self.restarts = 0
 
     def __enter__(self) -> Self:
@@ -96,8 +129,11 @@ class LaunchedServers:
             with self.access.environment(), engine_errors():
                 self._watcher = _engine.Watcher(self.access.address, prefix=self._prefix)
             for entry in self._entries:
-                entry.wanted = entry.options.count
-                self._reserved[entry.name] = [self._new_id() for _ in range(entry.wanted)]  # see `_start`
+                options = entry.options
+                entry.wanted, entry.counted = options.fewest, time.monotonic()
+                self._reserved[entry.name] = [self._new_id() for _ in range(options.most)]  # see `_start`
+                if options.is_elastic:
+                    entry.scaling = Scaling(options.fewest, options.most, options.idle)
                 entry.launcher.open()
             for entry in self._entries:
                 self._start(entry, entry.wanted)
@@ -123,6 +159,19 @@ class LaunchedServers:
         """Which launchers start how many, in words."""
         return ", ".join(f"{entry.wanted} by {entry.name}" for entry in self._entries)
 
+    @property
+    def usage(self) -> str:
+        """How long servers have run, and what they cost."""
+        return "; ".join(entry.used for entry in self._entries if entry.is_counted)
+
+    @property
+    def on_status(self) -> Callable[[Mapping[str, Any]], None] | None:
+        """Takes the pool's status; None where the number of servers does not depend on it."""
+        return self._hear_status if any(entry.scaling for entry in self._entries) else None
+
+    def _hear_status(self, status: Mapping[str, Any]) -> None:
+        self._load = Load.of_status(status)
+
     def attach(self, pool: _engine.Pool) -> None:
         """Report to a pool how many servers are being started, until `detach`; from the pool's thread."""
         for entry in self._entries:
@@ -144,6 +193,11 @@ class LaunchedServers:
         """Log launchers that have been given up; raise RunError when none of their servers is left."""
         if self._failure is not None:
             raise RunError(f"launchers: {self._failure!r}") from self._failure
+        ends = [entry.is_spent or entry.given_up is not None for entry in self._entries]
+        if all(ends) and any(entry.is_spent for entry in self._entries):
+            words = f"the budget for servers is spent: {self.usage}"
+            self._warn_once(f"{words}; `swarmwright resume` goes on, with a budget of its own")
+            raise BudgetSpent
         lost = [entry for entry in self._entries if entry.given_up is not None]
         if len(lost) == len(self._entries) and not self._present:
             raise RunError("\n".join(f"{entry.name}: {entry.given_up}" for entry in lost))
@@ -177,6 +231,9 @@ class LaunchedServers:
                 self._listen()
                 now = time.monotonic()
                 for entry in self._entries:
+                    entry.count_use(now)
+                    if entry.is_spent:
+                        entry.wanted = 0
                     if entry.given_up is None and now - entry.looked >= entry.launcher.interval:
                         entry.looked = now
                         self._look(entry, now)
@@ -227,9 +284,34 @@ class LaunchedServers:
             if health.state == "ended" or late:
                 self._ended(entry, server, late=late)
         self._tell_waiting(entry, now)
+        self._scale(entry, now)
         missing = entry.wanted - len(entry.servers)
         if entry.given_up is None and missing > 0 and now >= entry.again_at:
             self._replace(entry, missing, now)
+
+    def _scale(self, entry: Entry, now: float) -> None:
+        """Follow the work; of too many servers, end those that wait first, then those without work."""
+        load = self._load
+        if entry.scaling is not None and load is not None and not entry.is_spent:
+            entry.wanted = entry.scaling.wanted(now, entry.wanted, load)
+        surplus = len(entry.servers) - entry.wanted
+        if surplus <= 0:
+            return
+        busy = frozenset() if load is None else load.busy
+
+        def worth(server: int) -> tuple[bool, bool, float]:
+            one = entry.servers[server]
+            return one.health.state == "running", server in busy, -one.since
+
+        leaving = sorted(entry.servers, key=worth)[:surplus]
+        try:
+            entry.launcher.stop(leaving)
+        except LauncherError as error:
+            self._unknown(entry, str(error), now)
+            return
+        for server in leaving:
+            del entry.servers[server]
+            self._present.discard(server)
 
     def _ended(self, entry: Entry, server: int, *, late: bool) -> None:
         """Note the end of a server."""
