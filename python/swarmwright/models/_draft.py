@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from swarmwright.core.errors import InputError
+from swarmwright.core.suggestions import did_you_mean
 from swarmwright.core.untrusted import one_line
 from swarmwright.core.yaml import dump
 from swarmwright.models._model import Model
@@ -48,8 +49,8 @@ class Draft:
             self.parameters.fixed.setdefault(_STEERING[0], (_STEERING[1], "agents steer themselves"))
         if self.known.description is None:
             self.notes.append(
-                f"{simulation} is not built in: a simulation server has to offer it, or name another one "
-                "with --simulation"
+                f"{simulation} is not built in{did_you_mean(simulation, catalogue.titles())}; a simulation "
+                "server has to offer it, or name another one with --simulation"
             )
         if model.behaviour is not None and self.kind != _MACHINE:
             self.notes.append(

@@ -56,11 +56,17 @@ def files_of(paths: Iterable[Path]) -> list[Path]:
         if not path.is_dir():
             found.append(path)
             continue
-        inside = sorted(one for one in path.iterdir() if one.suffix.lower() in _SUFFIXES and one.is_file())
+        inside = sorted(one for one in path.iterdir() if _is_model(one))
         if not inside:
             raise InputError(f"{path}: no file with the ending {', '.join(sorted(_SUFFIXES))} is in it")
         found += inside
     return found
+
+
+def _is_model(path: Path) -> bool:
+    """Whether a file of a folder is looked at, which those that Swarmwright has written beside it are not."""
+    written = path.name == "candidate.json" or path.name.endswith(".controller.json")
+    return path.suffix.lower() in _SUFFIXES and path.is_file() and not written
 
 
 def _load_xml(path: Path) -> Part:

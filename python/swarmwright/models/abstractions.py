@@ -37,6 +37,8 @@ _MESSAGES = {
     "Twist": _TWIST,
 }
 """Messages of ROS's geometry_msgs -> their numbers; `..Stamped` has the same."""
+_PLAIN = re.compile(r"(?:Float|U?Int)(?:8|16|32|64)|Bool|Byte|Char")
+"""Messages of ROS's std_msgs with one number, `data`."""
 _ARRAY = re.compile(r"(.+)\[(\d{0,6})\]")
 _LONGEST = 1000
 
@@ -155,7 +157,7 @@ def _field(source: Source, at: Path_, field: Any, problems: Problems) -> list[st
     plain = (array[1] if array else kind).strip().rpartition("/")[2]
     if plain in _NO_NUMBERS:
         return []
-    parts = _MESSAGES.get(plain.removesuffix("Stamped"))
+    parts = ("data",) if _PLAIN.fullmatch(plain) else _MESSAGES.get(plain.removesuffix("Stamped"))
     if plain not in _NUMBERS and parts is None:
         _note(
             source,

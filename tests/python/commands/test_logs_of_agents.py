@@ -60,5 +60,5 @@ controller: {{kind: parameter_set, parameters: {{gain: {{type: real, range: [0, 
 """
     )
     experiment = Experiment.load(tmp_path / "x.yaml")
-    (fitness,) = evaluate(experiment, [[0.0]], servers="local")
+    (fitness,) = evaluate(experiment, [[0.5]], servers="local")
     assert fitness == pytest.approx(-(1 + 3 + 5) / 3 - 0.1 * 3)

@@ -73,6 +73,7 @@ def test_all_five_files_are_an_experiment(drawn: list[Path], tmp_path: Path) -> 
         ("geometry_msgs/Pose2D", ["s.f.x", "s.f.y", "s.f.theta"]),
         ("float32[2]", ["s.f[0]", "s.f[1]"]),
         ("bool", ["s"]),
+        ("std_msgs/Float64", ["s"]),
     ],
 )
 def test_numbers_of_messages(tmp_path: Path, kind: str, names: list[str]) -> None:

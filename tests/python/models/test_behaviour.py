@@ -89,6 +89,8 @@ def test_the_command_line(program: Any, edited: Edited, tmp_path: Path) -> None:
     shown = program("simulate", "drawn.yaml", "--controller", "drawn.controller.json")
     assert shown.returncode == 0, shown.stderr
     (tmp_path / "drawn.yaml").unlink()
+    whole = program("import", ".", "-o", "again.yaml")
+    assert whole.returncode == 0, whole.stderr
     again = program("import", "problem.xml", "walk.scxml", "-o", "drawn.yaml")
     assert again.returncode == 2
     assert "'drawn.controller.json' exists and is not written over" in again.stderr

@@ -35,7 +35,7 @@ def test_a_model_becomes_an_experiment(drawn: list[Path]) -> None:
     assert "rosPath = /opt/ros: minisim has no parameter" in imported.yaml
     assert "# command_line, parameters.json:3" in imported.yaml
     assert [note for note in imported.notes if "says 2, the swarm has 3" in note]
-    genomes = np.array([[2.0, 20.0], [0.0, 15.0]], dtype=np.float32)
+    genomes = np.array([[0.4, 0.5], [0.0, 1.0]], dtype=np.float32)
     assert len(evaluate(experiment, genomes, servers="local")) == 2
 
 
