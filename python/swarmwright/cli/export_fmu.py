@@ -46,11 +46,16 @@ def command(
     from swarmwright.core.errors import InputError
     from swarmwright.export.simulation_fmu import simulation_fmu
     from swarmwright.export.writing import write
-    from swarmwright.simulations.catalogue import titles
+    from swarmwright.simulations.catalogue import parameter_names, titles
 
     said = Output(as_json=as_json)
     show_warnings()
     if simulation in titles():
+        for setting in settings:
+            if setting.partition("=")[0].partition(".")[0] in parameter_names(simulation):
+                raise InputError(
+                    f"--set {setting}: is a parameter of {simulation}; write --set parameters.{setting}"
+                )
         experiment = Experiment.from_mapping({"simulation": simulation}).with_settings(settings)
     elif Path(simulation).is_file():
         experiment = Experiment.load(simulation, settings)

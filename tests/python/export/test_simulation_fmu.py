@@ -18,8 +18,12 @@ from fmpy.validation import validate_fmu
 from swarmwright import Experiment, InputError, _engine, optimize
 from swarmwright.cli._commands import program
 from swarmwright.export import simulation_fmu as module
+from swarmwright.export.exporting import export_controller
 from swarmwright.export.fmu_parts import named
 from swarmwright.export.simulation_fmu import LIBRARY, simulation_fmu
+from swarmwright.fmu.coupled import Coupled
+from swarmwright.fmu.coupling import coupled
+from swarmwright.fmu.ssp import described, system_of
 from swarmwright.simulations import catalogue
 
 pytestmark = pytest.mark.skipif(not LIBRARY.exists(), reason="engine/fmi is not built: make .venv/.engine")
@@ -157,6 +161,38 @@ def test_attached_back_it_gives_the_same_record(fmi: str, tmp_path: Path) -> Non
     assert records[0][1].shape[1:] == (2, 3)
 
 
+def test_coupled_with_controllers_it_gives_the_fitness_of_the_run(tmp_path: Path) -> None:
+    """A system of the world and an exported controller for each agent needs no further program."""
+    parameters = {"numAgents": 2, "speedDefenders": 0.4}
+    experiment = Experiment.from_mapping(
+        {
+            "simulation": "minisim",
+            "parameters": parameters,
+            "method": {"kind": "nnga", "population": 4, "generations": 2},
+        }
+    )
+    run = optimize(experiment, out=tmp_path / "run")
+    export_controller(run.path, to="fmu", output=tmp_path, prefix="robot")
+    (tmp_path / "world.fmu").write_bytes(simulation_fmu("minisim", parameters, fmi="3.0", name="world"))
+    about = catalogue.description("minisim")
+    names = [*named("sensors", about["sensor_names"]), *named("actuators", about["actuator_names"])]
+    ends = [(f"world.agent[{n}].{name}", f"robot{n}.{name}") for n in (1, 2) for name in names]
+    connections = [
+        f"{robot}:{world}" if ".actuators." in world else f"{world}:{robot}" for world, robot in ends
+    ]
+    files = {name: tmp_path / f"{name.rstrip('12')}.fmu" for name in ("robot1", "robot2", "world")}
+    file = tmp_path / "system.ssp"
+    file.write_bytes(coupled("system", files, connections))
+    system = Coupled(str(file), system_of(file), tmp_path / "unpacked", "gauss_seidel")
+    variables, step = described(file).variables, 0
+    system.begin({}, 0.0, 10.0)
+    while not system.get(variables["world.done"]):
+        system.step(step * 0.25, 0.25)
+        step += 1
+    assert system.get(variables["world.fitness"]) == run.best.fitness
+    system.end()
+
+
 def test_parameters_set_by_the_master(tmp_path: Path) -> None:
     """Numbers, text, JSON in text; what the simulation refuses is in the log."""
     said: list[str] = []
@@ -209,6 +245,7 @@ def test_mistakes_on_the_command_line(tmp_path: Path, monkeypatch: pytest.Monkey
         (["minisin"], "is no built-in simulation (arena, emergency_exit, minisim)"),
         (["minisim", "--set", "parameters.numAgent=3"], "did you mean 'numAgents'?"),
         (["minisim", "--set", "parameters.numAgents=-3"], "numAgents"),
+        (["minisim", "--set", "numAgents=3"], "write --set parameters.numAgents=3"),
         (["minisim", "--output", "mine.fmu"], "was not exported by Swarmwright"),
         (["minisim", "--fmi", "1"], "'1' is not one of '2', '3'"),
         (["minisim", "--set", "parameters.numAgents=90000"], "an FMU has at most 200,000"),
