@@ -30,7 +30,8 @@ class FmuSimulation(CommandSimulation):
         names = {which: [one.variable for one in found] for which, found in channels.items()}
         units = {
             which: [
-                "" if one.range is not None else known[one.variable.replace(AGENT, "1")].unit for one in found
+                "" if one.range is not None else one.unit or known[one.variable.replace(AGENT, "1")].unit
+                for one in found
             ]
             for which, found in channels.items()
         }

@@ -35,16 +35,31 @@ MOST = 1000
 
 
 class Channel(Options):
-    """A variable of an FMU as a sensor or an actuator.
+    """A variable of an FMU, or all those of a terminal, as sensors or actuators.
 
-    With a range, its lowest and highest values are -1 and 1 for the controller.
+    With a range, their lowest and highest values are -1 and 1 for the controller.
     """
 
-    variable: str = Field(min_length=1)
-    """The name of the variable; {agent} stands for the number of the agent, from 1."""
+    variable: str = ""
+    """The name of the variable; {agent} stands for the number of the agent, from 1. An array of FMI 3.0 gives
+    as many sensors or actuators as it has elements, `x[{agent}]` the elements of a row for each agent."""
+    terminal: str = ""
+    """In the place of a variable: a terminal of FMI 3.0, all outputs of which are sensors, or all inputs
+    actuators."""
+    unit: str = ""
+    """The unit of the values and of the range, which the FMU's unit definitions convert. Default: the
+    variable's."""
     range: tuple[float, float] | None = None
     """Lowest and highest value. Default for actuators: the variable's own min and max where it has both;
     otherwise values are what they are."""
+
+    @model_validator(mode="after")
+    def _is_one(self) -> "Channel":
+        if bool(self.variable) == bool(self.terminal):
+            raise ValueError("write a variable or a terminal, one of them")
+        if AGENT in self.terminal:
+            raise ValueError(f"terminal: cannot hold {AGENT}; name its variables")
+        return self
 
     @field_validator("range")
     @classmethod
@@ -83,9 +98,11 @@ Channels = Annotated[
                         "type": "object",
                         "properties": {
                             "variable": {"type": "string"},
+                            "terminal": {"type": "string"},
+                            "unit": {"type": "string"},
                             "range": {"type": "array", "items": {"type": "number"}},
                         },
-                        "required": ["variable"],
+                        "oneOf": [{"required": ["variable"]}, {"required": ["terminal"]}],
                         "additionalProperties": False,
                     },
                 ]
@@ -96,7 +113,7 @@ Channels = Annotated[
 
 
 class FmuOptions(Definition):
-    """A simulation that is a Functional Mock-up Unit (FMU) for co-simulation, of FMI 2.0 or 3.0.
+    """A simulation that is a Functional Mock-up Unit (FMU) of FMI 2.0 or 3.0.
 
     Its parameters are the simulation's: they can be set and evolved by their names. A process with the
     instances runs many episodes; FMPy steps them (`pip install 'swarmwright[fmi]'`).
@@ -117,13 +134,17 @@ class FmuOptions(Definition):
     for FMUs with variables agent[1].NAME, agent[2].NAME, ..: as many as there are, in one instance."""
     sensors: Channels = None
     """What an agent's controller senses: names of variables, or {variable: NAME, range: [low, high]}, where
-    the range becomes -1 to 1. Default: all outputs that are numbers or booleans, as they are; where there are
-    variables agent[1].NAME, those of the agent."""
+    the range becomes -1 to 1, with `unit: km/h` in another unit that the FMU defines; or {terminal: NAME}.
+    An array is all its elements. Default: all outputs that are numbers or booleans, as they are; where there
+    are variables agent[1].NAME, those of the agent."""
     actuators: Channels = None
     """What it sets, likewise. -1 to 1 becomes the range. Default: all inputs that are numbers or booleans;
     none where a parameter set is evolved: inputs then keep their start values."""
     step: float | None = Field(default=None, gt=0)
     """Seconds of a step. Default: the FMU's own step size, else a hundredth of its stop time, else 0.1."""
+    solver: Literal["cvode", "euler"] | None = None
+    """What integrates an FMU for model exchange: CVode of SUNDIALS, or one step of Euler's method in each
+    step. Default: co-simulation, or CVode where the FMU is not for that."""
     steps: int | None = Field(default=None, ge=1, le=2**31)
     """Steps of an episode. Default: to the FMU's stop time, else 100."""
     start: dict[str, float | int | bool | str] = Field(default={})
@@ -231,16 +252,60 @@ class FmuOptions(Definition):
                 for one in self.description.of_causality(causality)
                 if one.name != self.seeded
             ]
-        return list(given) if which == "sensors" else [self._ranged(one) for one in given]
+        parts = [part for one in given for part in self._expanded(one, causality)]
+        return parts if which == "sensors" else [self._ranged(one) for one in parts]
+
+    def _expanded(self, channel: Channel, causality: str) -> list[Channel]:
+        """Return the channels of the variables of a terminal, and of the elements of an array."""
+        known = self.description
+        names = [channel.variable]
+        if channel.terminal:
+            members = known.terminals.get(channel.terminal, ())
+            names = [
+                name
+                for name in members
+                if name in known.variables and known.variables[name].causality == causality
+            ]
+        elements = [element for name in names for element in self._elements(known, name)]
+        return [Channel(variable=name, unit=channel.unit, range=channel.range) for name in elements]
+
+    def _elements(self, known: Description, name: str) -> Sequence[str]:
+        variable = known.variables.get(name)
+        if variable is not None:
+            return variable.elements or [name]
+        first = name.replace(AGENT, "1")
+        if name.endswith("]") and first not in known.variables:  # a row of an array of two dimensions
+            row = [one[len(first) - 1 :] for one in known.variables if one.startswith(f"{first[:-1]},")]
+            return [f"{name[:-1]}{rest}" for rest in row] or [name]
+        return [name]
 
     def _ranged(self, channel: Channel) -> Channel:
         variable = self.description.variables.get(channel.variable.replace(AGENT, "1"))
         if channel.range is not None or variable is None:
             return channel
         low, high = variable.minimum, variable.maximum
-        if low is None or high is None or not low < high or (low, high) == (-1.0, 1.0):
+        factor, offset = self._conversion(channel) or (1.0, 0.0)
+        if low is None or high is None or not low < high:
             return channel
-        return Channel(variable=channel.variable, range=(low, high))
+        limits = sorted(factor * one + offset for one in (low, high))
+        if limits == [-1.0, 1.0]:
+            return channel
+        return Channel(variable=channel.variable, unit=channel.unit, range=(limits[0], limits[1]))
+
+    def _conversion(self, channel: Channel) -> tuple[float, float] | None:
+        """Return factor and offset from the FMU's unit of a variable to that of a channel; None for none."""
+        variable = self.description.variables.get(channel.variable.replace(AGENT, "1"))
+        if not channel.unit or variable is None or channel.unit == variable.unit:
+            return None
+        return self.description.conversions.get(variable.unit, {}).get(channel.unit)
+
+    @property
+    def solved_by(self) -> str | None:
+        """FMPy's name of the solver; None for co-simulation."""
+        known = self.description
+        if known.exchange is None or (self.solver is None and known.identifier):
+            return None
+        return "Euler" if self.solver == "euler" else "CVode"
 
     @property
     def seeded(self) -> str | None:
@@ -293,6 +358,7 @@ class FmuOptions(Definition):
             for one in self.description.variables.values()
             if one.causality == "parameter"
             and not one.is_array
+            and one.count == 1
             and one.name not in {*self.start, self.seeded}
         }
 
@@ -331,8 +397,9 @@ class FmuOptions(Definition):
             "agents": self.count,
             "one": self.is_one,
             "algorithm": self.algorithm or "gauss_seidel",
-            "sensors": [one.model_dump() for one in self.channels("sensors")],
-            "actuators": [one.model_dump() for one in self.channels("actuators")],
+            "solver": self.solved_by,
+            "sensors": [self._written(one) for one in self.channels("sensors")],
+            "actuators": [self._written(one) for one in self.channels("actuators")],
             "step": self.size,
             "steps": self.length,
             "start": self.start,
@@ -342,6 +409,14 @@ class FmuOptions(Definition):
             "fitness": None if found is None else found.fitness,
             "acts": None if found is None else found.acts,
             "ended": None if found is None else found.done,
+        }
+
+    def _written(self, channel: Channel) -> dict[str, Any]:
+        """Return what the program reads of a channel."""
+        return {
+            "variable": channel.variable,
+            "range": channel.range,
+            "convert": self._conversion(channel),
         }
 
     def problems(self) -> list[tuple[Path_, str]]:
@@ -355,6 +430,8 @@ class FmuOptions(Definition):
             found.append((("fmu",), self.no_library))
         if self.algorithm is not None and known.version != VERSION:
             found.append((("algorithm",), f"is for systems of FMUs ({ENDING}); {self.fmu} is one FMU"))
+        if self.solver is not None and known.exchange is None:
+            found.append((("solver",), f"{self.fmu} is for co-simulation only, and has its own solver"))
         if known.only_once and self.agents > 1 and not self.is_one:
             found.append(
                 (("agents",), f"{self.fmu} allows one instance in a process only, not {self.agents}")
@@ -368,9 +445,14 @@ class FmuOptions(Definition):
                 found.append((("metrics", name), problem))
         names = list(known.variables)
         for name in [*self.start, *([] if self.seed is None else [self.seed])]:
-            if name not in known.variables:
-                key: Path_ = ("start", name) if name in self.start else ("seed",)
+            key: Path_ = ("start", name) if name in self.start else ("seed",)
+            variable = known.variables.get(name)
+            if variable is None:
                 found.append((key, _unknown(self.fmu, name, names)))
+            elif variable.is_array or variable.count > 1:
+                found.append(
+                    (key, f"{name} of {self.fmu} is an array, or of one, whose start is that of the FMU")
+                )
         return found
 
     @property
@@ -387,12 +469,19 @@ class FmuOptions(Definition):
     ) -> Iterator[tuple[Path_, str]]:
         numbers = [one.name for one in known.variables.values() if one.is_number]
         given = self.sensors if which == "sensors" else self.actuators
+        causality = "output" if which == "sensors" else "input"
         for index, channel in enumerate(given or ()):
-            problem = self._problem(known, channel.variable, numbers)
-            if problem is None and which == "actuators":
-                problem = self._unsettable(known, channel.variable)
-            if problem is not None:
-                yield (which, index), problem
+            parts = self._expanded(channel, causality)
+            if not parts:
+                yield (which, index), self._empty(known, channel.terminal, causality)
+            for part in parts:
+                problem = self._problem(known, part.variable, numbers)
+                if problem is None and which == "actuators":
+                    problem = self._unsettable(known, part.variable)
+                problem = problem or self._unconvertible(known, part)
+                if problem is not None:
+                    yield (which, index), problem
+                    break
         count = len(self.channels(which))
         if given is None and count > MOST:
             what = "outputs" if which == "sensors" else "inputs"
@@ -411,6 +500,27 @@ class FmuOptions(Definition):
                 kind = "an array" if variable.is_array else f"of the type {variable.type}"
                 return f"{one} of {self.fmu} is {kind}, not one number"
         return None
+
+    def _empty(self, known: Description, terminal: str, causality: str) -> str:
+        """Return what is wrong with a terminal that has no variables."""
+        if terminal in known.terminals:
+            return f"the terminal {terminal} of {self.fmu} has no {causality}"
+        names = list(known.terminals)
+        hint = did_you_mean(terminal, names) or f"; there is: {', '.join(names) or 'none'}"
+        return f"{self.fmu} has no terminal {terminal!r}{hint}"
+
+    def _unconvertible(self, known: Description, channel: Channel) -> str | None:
+        variable = known.variables[channel.variable.replace(AGENT, "1")]
+        if not channel.unit or channel.unit == variable.unit or self._conversion(channel) is not None:
+            return None
+        if not variable.unit:
+            return f"unit: {variable.name} of {self.fmu} has no unit, so {channel.unit} cannot be converted"
+        others = list(known.conversions.get(variable.unit, {}))
+        hint = did_you_mean(channel.unit, others) or f"; there is: {', '.join(others) or 'none'}"
+        return (
+            f"unit: {self.fmu} does not define how {variable.unit}, the unit of {variable.name}, is "
+            f"converted to {channel.unit!r}{hint}"
+        )
 
     def _unsettable(self, known: Description, name: str) -> str | None:
         causality = known.variables[name.replace(AGENT, "1")].causality

@@ -8,7 +8,7 @@ from pathlib import Path
 from xml.etree import ElementTree as ET
 
 from swarmwright.core.errors import InputError
-from swarmwright.fmu.description import Description, Variable, described
+from swarmwright.fmu.description import Description, Variable, for_coupling
 from swarmwright.fmu.ssp import STRUCTURE, System, checked, conversion
 from swarmwright.fmu.units import Unit, units_of
 
@@ -51,7 +51,7 @@ def coupled(name: str, files: Mapping[str, Path], connections: Sequence[str]) ->
     Raises InputError for unknown names, for wrong causalities, for an input that is connected twice, and for
     units that cannot be converted.
     """
-    components = {component: described(file) for component, file in files.items()}
+    components = {component: for_coupling(file) for component, file in files.items()}
     system = System(name, {}, components, (), {})
     root = ET.Element(f"{{{_SSD}}}SystemStructureDescription", {"version": "1.0", "name": name})
     top = ET.SubElement(root, f"{{{_SSD}}}System", name=name)

@@ -1,22 +1,30 @@
 """What an FMU announces, as far as a simulation needs it."""
 
 import importlib.util
+import itertools
 import math
 import zipfile
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from swarmwright.core.errors import InputError, explained
+from swarmwright.fmu.conversions import conversions, inverse_units
+from swarmwright.fmu.terminals import terminals_of
 from swarmwright.fmu.units import Unit
 
 _REALS = ("Real", "Float32", "Float64")
 _INTEGERS = (
     "Integer", "Enumeration", "Int8", "UInt8", "Int16", "UInt16", "Int32", "UInt32", "Int64", "UInt64",
 )  # fmt: skip
+_NUMBERS = (*_REALS, *_INTEGERS, "Boolean")
 VERSIONS = ("2.0", "3.0")
+TERMINALS = "terminalsAndIcons/terminalsAndIcons.xml"
+_TOLERANCE = 1e-5
+"""Of solvers, where the FMU proposes none: FMPy's."""
+_MOST_ELEMENTS = 10_000
 _MOST_FAULTS = 300
 """Characters of what is wrong with a file that are repeated."""
 
@@ -37,11 +45,17 @@ class Variable:
     minimum: float | None
     maximum: float | None
     is_array: bool
+    elements: tuple[str, ...] = ()
+    """Of an array of numbers: the names of these, such as x[1] or x[2,1], which are variables, too."""
+    index: int = 0
+    """Of an element: its place in the array, row by row."""
+    count: int = 1
+    """Of an element: how many the array has."""
 
     @property
     def is_number(self) -> bool:
         """Whether it is one number or boolean."""
-        return not self.is_array and self.type in (*_REALS, *_INTEGERS, "Boolean")
+        return not self.is_array and self.type in _NUMBERS
 
     @property
     def is_real(self) -> bool:
@@ -50,13 +64,28 @@ class Variable:
 
 
 @dataclass(frozen=True)
+class Exchange:
+    """What an FMU announces for model exchange, where a solver integrates its equations."""
+
+    identifier: str
+    """Of the library."""
+    states: int
+    indicators: int
+    """Event indicators."""
+    completes: bool
+    """Whether it has to be told when a step of the solver is completed."""
+    tolerance: float
+    """Relative, of the solver."""
+
+
+@dataclass(frozen=True)
 class Description:
-    """An FMU for co-simulation."""
+    """An FMU for co-simulation, model exchange, or both."""
 
     version: str
     """2.0 or 3.0."""
     identifier: str
-    """Of the library."""
+    """Of the library for co-simulation; empty where it is not for that."""
     token: str
     """The GUID, or instantiation token."""
     variables: Mapping[str, Variable]
@@ -69,6 +98,12 @@ class Description:
     """Those that it has libraries for, as its folders are called: linux64, x86_64-linux, .."""
     units: Mapping[str, Unit | None] = field(default_factory=dict)
     """By name; None for those that are not defined by SI base units."""
+    conversions: Mapping[str, Mapping[str, tuple[float, float]]] = field(default_factory=dict)
+    """Unit -> other unit -> factor and offset, by which a value in the one becomes one in the other."""
+    exchange: Exchange | None = None
+    """For model exchange; None where it is not for that."""
+    terminals: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """Terminal of FMI 3.0 -> its variables; those in others by all names, such as robot.wheels."""
 
     def of_causality(self, causality: str) -> list[Variable]:
         """Return the variables with one number, of a causality."""
@@ -84,12 +119,20 @@ NEEDS = "FMUs are read by FMPy: pip install 'swarmwright[fmi]'"
 
 
 def described(file: Path) -> Description:
-    """Return what an FMU announces. Raises InputError where the file is not one for co-simulation."""
+    """Return what an FMU announces. Raises InputError where the file is not one that can be stepped."""
     try:
         changed = file.stat().st_mtime_ns
     except OSError:
         raise InputError(f"{file}: there is no such file") from None
     return _described(file, changed)
+
+
+def for_coupling(file: Path) -> Description:
+    """Return the same of one to be coupled. Raises InputError unless it is for co-simulation."""
+    found = described(file)
+    if not found.identifier:
+        raise InputError(f"{file}: is for model exchange only; export one for co-simulation to couple it")
+    return found
 
 
 @lru_cache(maxsize=16)
@@ -101,7 +144,9 @@ def _described(file: Path, _changed: int) -> Description:
     try:
         with zipfile.ZipFile(file) as archive:
             places = [Path(name).parts for name in archive.namelist()]
-        found = read_model_description(str(file), validate=False)
+            found = read_model_description(str(file), validate=False)
+            inverse = inverse_units(archive.read("modelDescription.xml"))
+            terminals = terminals_of(archive.read(TERMINALS)) if TERMINALS in archive.namelist() else {}
     except Exception as error:  # noqa: BLE001 - whatever a broken file leads to
         raise InputError(f"{file}: is not an FMU: {explained(error)[:_MOST_FAULTS]}") from None
     version = next((one for one in VERSIONS if str(found.fmiVersion).startswith(one)), None)
@@ -109,14 +154,14 @@ def _described(file: Path, _changed: int) -> Description:
         raise InputError(
             f"{file}: is an FMU of FMI {found.fmiVersion}; those of {' and '.join(VERSIONS)} work"
         )
-    if found.coSimulation is None:
+    if found.coSimulation is None and found.modelExchange is None:
         raise InputError(
-            f"{file}: is not for co-simulation, only for model exchange or scheduled execution; export one "
-            "for co-simulation"
+            f"{file}: is for scheduled execution only; export one for co-simulation or model exchange"
         )
     experiment = found.defaultExperiment
     try:
-        variables = {one.name: _variable(one) for one in found.modelVariables}
+        variables = {one.name: one for variable in found.modelVariables for one in _with_elements(variable)}
+        exchange = _exchange(found)
         times = {
             key: None if experiment is None else _number(getattr(experiment, key))
             for key in ("startTime", "stopTime", "stepSize")
@@ -125,16 +170,48 @@ def _described(file: Path, _changed: int) -> Description:
         raise InputError(f"{file}: modelDescription.xml: {error}") from None
     return Description(
         version,
-        found.coSimulation.modelIdentifier,
+        "" if found.coSimulation is None else found.coSimulation.modelIdentifier,
         found.guid,
         variables,
         times["startTime"] or 0.0,
         times["stopTime"],
         times["stepSize"] or None,
-        bool(found.coSimulation.canBeInstantiatedOnlyOncePerProcess),
+        bool((found.coSimulation or found.modelExchange).canBeInstantiatedOnlyOncePerProcess),
         tuple(sorted({one[1] for one in places if len(one) > 2 and one[0] == "binaries"})),
         {one.name: Unit.of(one.baseUnit) for one in found.unitDefinitions},
+        conversions(found.unitDefinitions, inverse),
+        exchange,
+        terminals,
     )
+
+
+def _exchange(found: Any) -> Exchange | None:  # noqa: ANN401 - FMPy has no types
+    if found.modelExchange is None:
+        return None
+    experiment = found.defaultExperiment
+    tolerance = None if experiment is None else _number(experiment.tolerance)
+    return Exchange(
+        found.modelExchange.modelIdentifier,
+        int(found.numberOfContinuousStates or 0),
+        int(found.numberOfEventIndicators or 0),
+        bool(found.modelExchange.needsCompletedIntegratorStep),
+        tolerance or _TOLERANCE,
+    )
+
+
+def _with_elements(found: Any) -> Iterator[Variable]:  # noqa: ANN401 - FMPy has no types
+    """Yield a variable, and of an array of numbers its elements."""
+    whole = _variable(found)
+    sizes = [int(one.start if one.variable is None else one.variable.start) for one in found.dimensions or ()]
+    count = math.prod(sizes)
+    if not whole.is_array or whole.type not in _NUMBERS or not 0 < count <= _MOST_ELEMENTS:
+        yield whole
+        return
+    places = itertools.product(*(range(1, size + 1) for size in sizes))
+    names = tuple(f"{whole.name}[{','.join(map(str, place))}]" for place in places)
+    yield replace(whole, elements=names)
+    for index, name in enumerate(names):
+        yield replace(whole, name=name, is_array=False, index=index, count=count)
 
 
 def _variable(found: Any) -> Variable:  # noqa: ANN401 - FMPy has no types

@@ -45,15 +45,19 @@ class Instance:
         arguments = {
             "guid": description.token,
             "unzipDirectory": str(folder),
-            "modelIdentifier": description.identifier,
             "instanceName": name,
         }
         try:
-            self._fmu: Any = FMU2Slave(**arguments) if self._two else FMU3Slave(**arguments)
+            self._fmu = self._library(arguments)
         except Exception as error:  # FMPy's own kinds
             raise FmuError(f"the FMU's library cannot be loaded: {error}") from error
         self._is_fresh = False
         self._make()
+
+    def _library(self, arguments: dict[str, str]) -> Any:  # noqa: ANN401 - FMPy has no types
+        """Load the library."""
+        arguments["modelIdentifier"] = self._description.identifier
+        return FMU2Slave(**arguments) if self._two else FMU3Slave(**arguments)
 
     def _make(self) -> None:
         try:
@@ -113,6 +117,9 @@ class Instance:
 
     def set(self, variable: Variable, value: Any) -> None:  # noqa: ANN401 - a number, boolean or text
         """Set a variable. Raises FmuError where the FMU refuses it."""
+        if variable.count > 1:
+            self._put_elements([variable], [value])
+            return
         kind = self._kind(variable)
         if kind == "Boolean":
             value = bool(value)
@@ -123,11 +130,38 @@ class Instance:
 
     def get(self, variable: Variable) -> float:
         """Return a variable that is a number or boolean."""
+        if variable.count > 1:
+            return self._array(variable)[variable.index]
         function = getattr(self._fmu, f"get{self._kind(variable)}")
         return float(self._called(variable.name, function, [variable.reference])[0])
 
+    def _array(self, variable: Variable) -> list[float]:
+        """Return the whole array of an element."""
+        function = getattr(self._fmu, f"get{self._kind(variable)}")
+        found = self._called(variable.name, function, [variable.reference], variable.count)
+        return [float(one) for one in found]
+
+    def _put_elements(self, variables: Sequence[Variable], values: Sequence[float]) -> None:
+        """Set elements of arrays; others keep their values."""
+        arrays: dict[int, tuple[Variable, list[float]]] = {}
+        for variable, value in zip(variables, values, strict=True):
+            if variable.reference not in arrays:
+                arrays[variable.reference] = (variable, self._array(variable))
+            arrays[variable.reference][1][variable.index] = value
+        for variable, whole in arrays.values():
+            function = getattr(self._fmu, f"set{self._kind(variable)}")
+            numbers = whole if variable.is_real else [round(one) for one in whole]
+            self._called(variable.name, function, [variable.reference], numbers)
+
     def put(self, variables: Sequence[Variable], values: Sequence[float]) -> None:
         """Set variables that are numbers or booleans; real ones of one type at once."""
+        single = [one.count == 1 for one in variables]
+        if not all(single):
+            pairs = list(zip(variables, values, strict=True))
+            chosen = [pair for pair, alone in zip(pairs, single, strict=True) if not alone]
+            self._put_elements([one for one, _ in chosen], [value for _, value in chosen])
+            pairs = [pair for pair, alone in zip(pairs, single, strict=True) if alone]
+            variables, values = [one for one, _ in pairs], [value for _, value in pairs]
         if not variables:
             return
         kinds = {self._kind(one) for one in variables if one.is_real}
@@ -141,6 +175,9 @@ class Instance:
     def numbers(self, variables: Sequence[Variable]) -> list[float]:
         """Return variables that are numbers or booleans; those of one type at once."""
         kinds = {self._kind(one) for one in variables}
+        if any(one.count > 1 for one in variables):
+            arrays = {one.reference: self._array(one) for one in variables if one.count > 1}
+            return [arrays[one.reference][one.index] if one.count > 1 else self.get(one) for one in variables]
         if len(kinds) != 1:  # several types, or none
             return [self.get(one) for one in variables]
         function = getattr(self._fmu, f"get{kinds.pop()}")

@@ -52,7 +52,15 @@ class Episodes:
             return [Coupled(file, system, folder / str(number), algorithm) for number in range(count)]
         unpacked(file, folder)
         names = ["simulation"] if count == 1 else [f"agent {number + 1}" for number in range(count)]
-        return [Instance(self._known, folder, name) for name in names]
+        return [self._instance(folder, name) for name in names]
+
+    def _instance(self, folder: Path, name: str) -> Instance:
+        solver = self._attachment["solver"]
+        if solver is None:
+            return Instance(self._known, folder, name)
+        from swarmwright.fmu.exchange import ExchangeInstance  # noqa: PLC0415 - loads SUNDIALS
+
+        return ExchangeInstance(self._known, folder, name, solver)
 
     def _variables(self, names: Sequence[str]) -> list[tuple[Instance | Coupled, list[Variable]]]:
         """Return the instance of each agent, and the variables with these names."""
@@ -81,11 +89,11 @@ class Episodes:
 
     def step(self, actuators: Sequence[Sequence[float]]) -> dict[str, Any]:
         """Go on by a step; return the answer."""
-        limits = [channel["range"] for channel in self._attachment["actuators"]]
+        channels = self._attachment["actuators"]
         for row, (instance, variables) in zip(actuators, self._actuators, strict=True):
             values = [
-                value if one is None else one[0] + (value + 1.0) * 0.5 * (one[1] - one[0])
-                for value, one in zip(row, limits, strict=False)
+                _from_unit(one, value if one["range"] is None else _from_share(one["range"], value))
+                for value, one in zip(row, channels, strict=False)
             ]
             instance.put(variables, values)
         time = self._begin + self._made * self._size
@@ -107,7 +115,7 @@ class Episodes:
         return answer
 
     def _sensed(self) -> list[list[float]]:
-        limits = [channel["range"] for channel in self._attachment["sensors"]]
+        channels = self._attachment["sensors"]
         rows = []
         for instance, variables in self._sensors:
             values = instance.numbers(variables)
@@ -116,8 +124,10 @@ class Episodes:
                     raise FmuError(f"{variable.name} is {value} at {self._time:g} s")
             rows.append(
                 [
-                    value if one is None else 2.0 * (value - one[0]) / (one[1] - one[0]) - 1.0
-                    for value, one in zip(values, limits, strict=True)
+                    _in_unit(one, value)
+                    if one["range"] is None
+                    else _share(one["range"], _in_unit(one, value))
+                    for value, one in zip(values, channels, strict=True)
                 ]
             )
         return rows
@@ -148,6 +158,24 @@ class Episodes:
             return bool(self._done(self._metrics()))
         except (ArithmeticError, ValueError) as error:
             raise FmuError(f"done: {self._done.text}: {error}") from error
+
+
+def _in_unit(channel: Mapping[str, Any], value: float) -> float:
+    """Return a value of the FMU in the unit of a mapping."""
+    return value if channel["convert"] is None else channel["convert"][0] * value + channel["convert"][1]
+
+
+def _from_unit(channel: Mapping[str, Any], value: float) -> float:
+    """Return the FMU's value of one in the unit of a mapping."""
+    return value if channel["convert"] is None else (value - channel["convert"][1]) / channel["convert"][0]
+
+
+def _share(limits: Sequence[float], value: float) -> float:
+    return 2.0 * (value - limits[0]) / (limits[1] - limits[0]) - 1.0
+
+
+def _from_share(limits: Sequence[float], value: float) -> float:
+    return limits[0] + (value + 1.0) * 0.5 * (limits[1] - limits[0])
 
 
 def main(arguments: Sequence[str]) -> int:

@@ -90,7 +90,7 @@ def _system(file: Path, _changed: int) -> System:
         raise InputError(f"{file}: {STRUCTURE}: the system has no components")
     with tempfile.TemporaryDirectory(prefix="swarmwright-ssp-") as folder:
         components = {
-            name: fmus.described(extracted(file, source, Path(folder))) for name, source in sources.items()
+            name: fmus.for_coupling(extracted(file, source, Path(folder))) for name, source in sources.items()
         }
     known = System(found.system.name or file.stem, sources, components, (), {})
     try:
@@ -248,7 +248,8 @@ def _flat(file: Path, system: System) -> Description:
             full = f"{component}.{name}"
             causality = "local" if (component, name) in ends else one.causality
             start = system.starts.get(full, one.start)
-            variables[full] = replace(one, name=full, causality=causality, start=start)
+            elements = tuple(f"{component}.{element}" for element in one.elements)
+            variables[full] = replace(one, name=full, causality=causality, start=start, elements=elements)
     every = list(system.components.values())
     missing = [one for one in every if not runs_here(one)]
     sizes = {one.step_size for one in every if one.step_size is not None}

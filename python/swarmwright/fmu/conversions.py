@@ -1,0 +1,47 @@
+"""Conversions between the units that an FMU defines."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+from xml.etree import ElementTree as ET
+
+from swarmwright.fmu.units import Unit
+
+
+def conversions(units: Sequence[Any], inverse: set[str]) -> Mapping[str, Mapping[str, tuple[float, float]]]:
+    """Return unit -> other unit -> factor and offset, by which a value in the one becomes one in the other.
+
+    A unit is converted to its display units, and to units of the same SI base units and their display units.
+    FMI 3.0, section 2.4.4: base = factor unit + offset; display unit = factor unit + offset.
+
+    Args:
+        units: unit definitions, as FMPy has read them.
+        inverse: display units that are left out, since they are reciprocals.
+    """
+    found: dict[str, dict[str, tuple[float, float]]] = {}
+    bases = {one.name: Unit.of(one.baseUnit) for one in units}
+    for one in units:
+        others, base = {one.name: (1.0, 0.0)}, bases[one.name]
+        for other in units:
+            to = bases[other.name]
+            if other is one or base is None or to is None or base.exponents != to.exponents:
+                continue
+            # The value in base units is in between.
+            factor, offset = base.factor / to.factor, (base.offset - to.offset) / to.factor
+            others[other.name] = (factor, offset)
+            for shown in other.displayUnits:
+                others.setdefault(shown.name, _then((factor, offset), shown))
+        # Its own definitions come before those by way of others.
+        others.update({shown.name: _then((1.0, 0.0), shown) for shown in one.displayUnits})
+        found[one.name] = {name: by for name, by in others.items() if name not in inverse}
+    return found
+
+
+def _then(by: tuple[float, float], shown: Any) -> tuple[float, float]:  # noqa: ANN401 - FMPy has no types
+    factor = float(shown.factor)
+    return by[0] * factor, by[1] * factor + float(shown.offset)
+
+
+def inverse_units(description: bytes) -> set[str]:
+    """Return the names of display units of FMI 3.0 that are reciprocals, which FMPy does not tell apart."""
+    root = ET.fromstring(description)  # noqa: S314 - expat limits entities
+    return {one.get("name", "") for one in root.iter("DisplayUnit") if one.get("inverse") in ("true", "1")}
