@@ -11,8 +11,10 @@ LAUNCHERS: Registry[Launcher] = Registry(
     "launcher",
     "swarmwright.launchers",
     {
+        "dask": "swarmwright.launchers.dask:Dask",
         "process": "swarmwright.launchers.process:Process",
         "slurm": "swarmwright.launchers.slurm:Slurm",
+        "ray": "swarmwright.launchers.ray:Ray",
         "ssh": "swarmwright.launchers.ssh:Ssh",
     },
     "swarmwright.launchers:Launcher",
