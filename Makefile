@@ -8,6 +8,7 @@
 # make test-simulators  SUMO and others that take hundreds of megabytes: adapters, and pages of the documentation
 # make test-arm64  whole runs on an emulated arm64 processor have the records of this one
 # make gazebo  missions of the arena in Gazebo classic 11, of Debian 11, which it downloads (2 GB, outside of this folder)
+# make test-ray    servers on clusters of Ray and Dask: real ones with two nodes on this machine
 # make test-slurm  servers as jobs of Slurm: a real one on this machine, as root
 # make test-ssh  servers on other machines through SSH: a real sshd on loopback
 # make test-gazebo  whole runs in it; skipped where it cannot be set up
@@ -26,7 +27,7 @@ SHELL := /bin/bash
 .ONESHELL:
 .DELETE_ON_ERROR:
 .DEFAULT_GOAL := help
-.PHONY: brokers test-brokers test-ros1 test-slurm test-ssh test-simulators test-export test-arm64 test-peers test-docs help demo java cpp test schedules test-engine test-java test-cpp test-python lint lint-engine lint-java lint-cpp lint-python lint-protocol audit bench docs check-docs clean fuzz gazebo test-gazebo
+.PHONY: brokers test-brokers test-ros1 test-ray test-slurm test-ssh test-simulators test-export test-arm64 test-peers test-docs help demo java cpp test schedules test-engine test-java test-cpp test-python lint lint-engine lint-java lint-cpp lint-python lint-protocol audit bench docs check-docs clean fuzz gazebo test-gazebo
 
 VENV := .venv
 BIN := $(CURDIR)/$(VENV)/bin
@@ -174,6 +175,10 @@ test-ros1: $(VENV)/.engine $(VENV)/.dev
 		&& [ -e /usr/lib/python3/dist-packages/nav_msgs ] && command -v catkin_make > /dev/null \
 		&& command -v roslaunch > /dev/null && command -v rosrun > /dev/null || { $(call install,$(ROS1)); }
 	SWARMWRIGHT_ROS1=1 CMAKE_POLICY_VERSION_MINIMUM=3.5 $(BIN)/python -m pytest $(AGAIN) -n 3 --dist loadfile --durations=10 tests/ros1 tests/docs/test_snippets.py -k "ros1 or attach-ros"
+
+# Servers as actors of Ray and tasks of Dask, on real clusters.
+test-ray: $(VENV)/.engine $(VENV)/.dev $(VENV)/.clusters
+	SWARMWRIGHT_CLUSTERS=1 $(BIN)/python -m pytest $(AGAIN) -rs -n 0 --durations=10 tests/clusters
 
 # Servers as jobs of a real Slurm with one node on this machine; its daemons need root.
 test-slurm: $(VENV)/.engine $(VENV)/.dev
@@ -377,6 +382,11 @@ $(VENV)/.docs: $(VENV)/.tools pyproject.toml
 # Simulators that not everybody wants to have.
 $(VENV)/.simulators: $(VENV)/.dev pyproject.toml
 	$(BIN)/python -m pip install --quiet --group simulators
+	touch $@
+
+# Libraries of clusters that not everybody has.
+$(VENV)/.clusters: $(VENV)/.dev pyproject.toml
+	$(BIN)/python -m pip install --quiet --group clusters
 	touch $@
 
 # What only benchmarks need: those that Swarmwright is compared with.

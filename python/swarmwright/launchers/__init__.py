@@ -13,8 +13,8 @@ LAUNCHERS: Registry[Launcher] = Registry(
     {
         "dask": "swarmwright.launchers.dask:Dask",
         "process": "swarmwright.launchers.process:Process",
-        "slurm": "swarmwright.launchers.slurm:Slurm",
         "ray": "swarmwright.launchers.ray:Ray",
+        "slurm": "swarmwright.launchers.slurm:Slurm",
         "ssh": "swarmwright.launchers.ssh:Ssh",
     },
     "swarmwright.launchers:Launcher",
