@@ -52,11 +52,10 @@ def tail(key: str, lines: int) -> list[str]:
 
 @dataclass
 class _Task:
-    """A task, and the worker that it runs on."""
+    """A task, and how its server ended."""
 
     key: str
     future: Any
-    worker: str | None = None
     ended: End | None = None
 
 
@@ -108,18 +107,16 @@ class Cluster:
     def health(self) -> Mapping[int, Health]:
         """Return the states of all tasks."""
         workers = self._workers()
-        # The last start counts: Dask starts a task again on another worker when its own one is lost.
-        started = {event["server"]: event["worker"] for _, event in self._client.get_events(self._topic)}
+        started = self._started()
         waits = self._reason(workers)
         found = {}
         for server, one in self._tasks.items():
             if one.ended is None and one.future.done():
                 one.ended = _end(one.future)
                 self._printed[server] = one.ended.lines
-            one.worker = started.get(server)
             if one.ended is not None:
                 found[server] = Health("ended", one.ended.words)
-            elif one.worker in workers:
+            elif started.get(server) in workers:
                 found[server] = Health("running")
             else:
                 found[server] = Health("waiting", waits)
@@ -127,11 +124,12 @@ class Cluster:
 
     def stop(self, servers: Sequence[int]) -> None:
         """End servers by SIGTERM, and drop tasks that have not begun."""
-        leaving = [self._tasks.pop(server) for server in servers if server in self._tasks]
-        unfinished = [one for one in leaving if not one.future.done()]
+        leaving = {server: self._tasks.pop(server) for server in servers if server in self._tasks}
+        unfinished = [one for one in leaving.values() if not one.future.done()]
         if not unfinished:
             return
-        running = self._running(unfinished)
+        started = self._started()
+        running = {one.key for server, one in leaving.items() if server in started}
         for one in unfinished:
             if one.key not in running:
                 one.future.cancel()
@@ -140,16 +138,17 @@ class Cluster:
         if running:
             with suppress(TimeoutError):
                 wait([one.future for one in unfinished if one.key in running], timeout=GRACE + _SHORT)
-        for one in leaving:
+        for one in leaving.values():
             one.future.cancel()
 
     def logs(self, server: int, lines: int) -> Sequence[str]:
         """Return the last lines of a server."""
         one = self._tasks.get(server)
-        if one is None or one.ended is not None or one.worker is None:
+        worker = self._started().get(server)
+        if one is None or one.ended is not None or worker is None:
             return list(self._printed.get(server, ()))[-lines:]
-        found = self._client.run(tail, one.key, lines, workers=[one.worker], on_error="ignore")
-        return list(found.get(one.worker, ()))
+        found = self._client.run(tail, one.key, lines, workers=[worker], on_error="ignore")
+        return list(found.get(worker, ()))
 
     def close(self) -> None:
         """End all tasks, and the connection."""
@@ -163,11 +162,9 @@ class Cluster:
         found: dict[str, Any] = self._client.scheduler_info(n_workers=-1)["workers"]
         return found
 
-    def _running(self, tasks: Sequence[_Task]) -> set[str]:
-        """Return the names of those that have begun."""
-        self.health()
-        keys = {event["server"] for _, event in self._client.get_events(self._topic)}
-        return {one.key for one in tasks if int(one.key.rpartition("-")[2]) in keys}
+    def _started(self) -> dict[int, str]:
+        """Return the workers of servers that have begun; the last, where Dask repeated a lost task."""
+        return {event["server"]: event["worker"] for _, event in self._client.get_events(self._topic)}
 
     def _compare_versions(self) -> None:
         own = platform.python_version()
