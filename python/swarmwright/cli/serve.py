@@ -77,6 +77,15 @@ LARGEST_ID = 2**31 - 1
     help="End when the broker has not been reached for so long, for servers that another program started. "
     "Default: keep trying.",
 )
+@click.option(
+    "--grace",
+    type=click.FloatRange(0.0, 86400.0),
+    default=3.0,
+    show_default=True,
+    metavar="SECONDS",
+    help="On SIGTERM, how long a server may go on with the request that it computes; a second signal ends it "
+    "at once.",
+)
 @observe_options
 @trust_option
 @json_option
@@ -90,6 +99,7 @@ def command(
     restart: bool,
     wait: float | None,
     broker_timeout: float | None,
+    grace: float,
     log: Path | None,
     log_level: str,
     log_size: int | None,
@@ -124,14 +134,23 @@ def command(
     with observed_servers(output, Observing(log, log_level, metrics, log_size)) as (lines, figures):
         reporter = Reporter(output, title, broker, lines, figures)
         with suppress(Terminated):  # SIGTERM is how a service is asked to end
-            _serve(settings, reporter, restart=restart, patience=broker_timeout)
+            _serve(settings, reporter, restart=restart, patience=broker_timeout, grace=grace)
     return reporter.status
 
 
 def _serve(
-    settings: Sequence[Mapping[str, Any]], reporter: "Reporter", *, restart: bool, patience: float | None
+    settings: Sequence[Mapping[str, Any]],
+    reporter: "Reporter",
+    *,
+    restart: bool,
+    patience: float | None,
+    grace: float,
 ) -> None:
-    """Keep servers alive until none is left, or all of them have missed the broker for so many seconds."""
+    """Keep servers alive until none is left.
+
+    patience: seconds after which they end that have missed the broker. grace: seconds for which they may go
+    on with what they compute when SIGTERM arrives.
+    """
     news: queue.SimpleQueue[News] = queue.SimpleQueue()
     servers = Supervisor(settings, draws=True, restart=restart, output=Printed(), tell=news.put)
     reached = time.monotonic()
@@ -149,6 +168,9 @@ def _serve(
             elif patience is not None and time.monotonic() - reached > patience:
                 reporter.give_up(f"the broker has not been reached for {patience:g} s")
                 return
+    except Terminated:
+        servers.stop(grace)
+        raise
     finally:
         servers.stop()
 

@@ -181,15 +181,34 @@ class Supervisor:
             self._count()
         _end([place.process for place in leaving if place.process is not None])
 
-    def stop(self) -> None:
-        """End all servers: ask all, then wait for each, then kill."""
+    def stop(self, grace: float = 0.0) -> None:
+        """End all servers: ask all, then wait for each, then kill.
+
+        grace: seconds for which each may go on with the request that it computes.
+        """
         self._stopping.set()
         self._news.set()
         if self._thread.is_alive():
             self._thread.join()
+        self._finish(grace)
         _end([place.process for place in self._places.values() if place.process is not None])
         for place in self._places.values():
             place.process = None
+
+    def _finish(self, grace: float) -> None:
+        """Ask each server to end when it has answered the request that it computes; wait for that."""
+        deadline = time.monotonic() + grace
+        computing = {}
+        for place in self._places.values():
+            if place.process is not None:
+                computing[place.process] = place.process.progress.read()
+        while computing and time.monotonic() < deadline:
+            for process, before in list(computing.items()):
+                now = process.progress.read()
+                if not now.candidates or now.request != before.request:
+                    process.dismiss()
+                    del computing[process]
+            time.sleep(SOON)
 
     def attach(self, supervision: "_engine.Supervision | None") -> None:
         """Report the state of the servers to this pool from now on; None: to no pool."""
