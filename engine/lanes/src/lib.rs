@@ -136,6 +136,16 @@ pub trait Lanes: Copy {
     }
 }
 
+/// Has items brought into the nearest cache where the processor can do that.
+#[inline(always)]
+pub fn prefetch<T>(items: &[T]) {
+    const CACHE_LINE: usize = 64;
+    for _offset in (0..size_of_val(items)).step_by(CACHE_LINE) {
+        #[cfg(target_arch = "x86_64")]
+        x86::prefetch_line(items.as_ptr().cast::<u8>().wrapping_add(_offset));
+    }
+}
+
 /// One condition per lane.
 pub trait Mask: Copy {
     /// Bit i is the condition of lane i.
@@ -201,4 +211,13 @@ pub trait Int: Copy {
     }
     /// The four bytes from `bytes[self]` on, the first one lowest, per lane. Panics when one of them lies outside.
     fn lookup_bytes(self, bytes: &[u8]) -> Self;
+    /// As [`lookup_bytes`](Self::lookup_bytes) where the condition holds, else `other`: memory is read for those lanes alone
+    /// where the processor can do that. Panics when the bytes of any lane lie outside.
+    #[inline(always)]
+    fn lookup_bytes_where(self, bytes: &[u8], other: Self, condition: Self::Mask) -> Self {
+        self.lookup_bytes(bytes).select(other, condition)
+    }
+    /// Has `bytes[self]` of every lane brought into the nearest cache where the processor can do that; no index is wrong.
+    #[inline(always)]
+    fn prefetch(self, _bytes: &[u8]) {}
 }

@@ -194,4 +194,16 @@ impl<L: Lanes> Int for PairInt<L> {
     fn lookup_bytes(self, bytes: &[u8]) -> Self {
         Self(self.0.lookup_bytes(bytes), self.1.lookup_bytes(bytes))
     }
+    #[inline(always)]
+    fn lookup_bytes_where(self, bytes: &[u8], other: Self, condition: PairMask<L>) -> Self {
+        Self(
+            self.0.lookup_bytes_where(bytes, other.0, condition.0),
+            self.1.lookup_bytes_where(bytes, other.1, condition.1),
+        )
+    }
+    #[inline(always)]
+    fn prefetch(self, bytes: &[u8]) {
+        self.0.prefetch(bytes);
+        self.1.prefetch(bytes);
+    }
 }

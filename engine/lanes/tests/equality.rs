@@ -84,6 +84,8 @@ impl All<'_> {
                 i.and(L::Int::splat(3))
                     .lookup_where(&[7, -5, 1 << 30, 0], j, i.lt(j)),
                 i.and(L::Int::splat(3)).lookup_bytes(&BYTES),
+                i.and(L::Int::splat(3))
+                    .lookup_bytes_where(&BYTES, j, i.lt(j)),
                 i.lookup_eight(&EIGHT),
                 a.at_least(b).select(b, a.le(a)).pattern(),
             ];
@@ -141,7 +143,7 @@ fn number_in_table(row: usize, column: usize) -> f32 {
 
 /// The same with one number at a time.
 fn scalar(a: &[f32], b: &[f32], i: &[i32], j: &[i32]) -> Vec<u32> {
-    let mut columns: Vec<Vec<u32>> = vec![Vec::new(); 35 + COLUMNS];
+    let mut columns: Vec<Vec<u32>> = vec![Vec::new(); 36 + COLUMNS];
     for lane in 0..32 {
         let (a, b, i, j) = (a[lane], b[lane], i[lane], j[lane]);
         let choose = |condition: bool| if condition { a } else { b };
@@ -188,6 +190,11 @@ fn scalar(a: &[f32], b: &[f32], i: &[i32], j: &[i32]) -> Vec<u32> {
                 j
             },
             i32::from_le_bytes(std::array::from_fn(|byte| BYTES[(i & 3) as usize + byte])),
+            if i < j {
+                i32::from_le_bytes(std::array::from_fn(|byte| BYTES[(i & 3) as usize + byte]))
+            } else {
+                j
+            },
             EIGHT[(i & 7) as usize],
             (if a < b || a.is_nan() { b } else { a }).to_bits() as i32,
         ];
@@ -253,6 +260,7 @@ enum Lookup {
     Everywhere,
     Nowhere,
     Bytes,
+    NoBytes,
 }
 
 struct Outside(Lookup);
@@ -266,6 +274,7 @@ impl Kernel for Outside {
             Lookup::Everywhere => index.lookup(&[1, 2, 3, 4]),
             Lookup::Nowhere => index.lookup_where(&[1, 2, 3, 4], index, index.lt(index)),
             Lookup::Bytes => index.lookup_bytes(&BYTES),
+            Lookup::NoBytes => index.lookup_bytes_where(&BYTES, index, index.lt(index)),
         };
         found.store(&mut out);
     }
@@ -274,7 +283,12 @@ impl Kernel for Outside {
 #[test]
 fn a_lookup_outside_of_the_table_panics() {
     for level in Level::available() {
-        for lookup in [Lookup::Everywhere, Lookup::Nowhere, Lookup::Bytes] {
+        for lookup in [
+            Lookup::Everywhere,
+            Lookup::Nowhere,
+            Lookup::Bytes,
+            Lookup::NoBytes,
+        ] {
             assert!(
                 std::panic::catch_unwind(|| level.run(Outside(lookup))).is_err(),
                 "{} {lookup:?}",

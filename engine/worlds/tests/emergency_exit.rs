@@ -135,6 +135,27 @@ proptest! {
     }
 
     #[test]
+    fn the_first_of_the_nearest_exits_is_sensed(
+        (side, exits) in (4_u32..40).prop_flat_map(|side| (Just(side), prop::collection::vec([0..side, 1..side], 1..side as usize * side as usize))),
+        seed in any::<u64>()
+    ) {
+        let agents: Vec<[u32; 2]> = (0..side).step_by(2).map(|x| [x, 0]).collect();
+        let field = json!({"width": side, "height": side, "agents": agents, "exits": exits});
+        let mut simulation = reset(&json!({"field": field, "steps": 12})).unwrap();
+        let mut noise = noise(seed);
+        while let [agent, ..] = *simulation.acting() {
+            let ([x, y], _) = self::agents(&simulation.scene().unwrap())[agent as usize];
+            let ways = exits.iter().map(|exit| [exit[0] as i32 - x, exit[1] as i32 - y]);
+            // min_by_key gives the first of equal ones.
+            let nearest = ways.min_by_key(|[dx, dy]| dx * dx + dy * dy).unwrap();
+            let mut sensors = [0.0; 10];
+            simulation.sense(agent, &mut sensors);
+            prop_assert_eq!([sensors[0], sensors[1]], nearest.map(|cells| cells as f32));
+            simulation.step(&[noise(), noise()]);
+        }
+    }
+
+    #[test]
     fn an_episode_begins_anew_whatever_was_before(
         parameters in episode(), other in episode(), seed in any::<u64>()
     ) {

@@ -386,9 +386,90 @@ fn a_crowd_walks_as_one_by_one() {
         .collect();
     // So many that vectors do not lie side by side.
     assert!(agents.len() > 4096);
-    let field = json!({"width": 70, "height": 70, "agents": agents, "exits": [[3, 60], [69, 0]]});
-    let parameters = json!({"field": field, "steps": 4});
-    check("emergency_exit", &network, &parameters, &genomes, &[0]);
+    let some = json!([[3, 60], [69, 0]]);
+    let many: Vec<[u32; 2]> = (0..350)
+        .map(|exit| [exit % 70, 7 + 11 * (exit / 70)])
+        .collect();
+    for (exits, update) in [
+        (&some, "sequential"),
+        (&json!(many), "sequential"),
+        (&json!(many), "simultaneous"),
+    ] {
+        let field = json!({"width": 70, "height": 70, "agents": agents, "exits": exits});
+        let parameters = json!({"field": field, "steps": 4, "update": update});
+        check("emergency_exit", &network, &parameters, &genomes, &[0]);
+    }
+}
+
+/// A field with an exit in every `spacing`-th column and row, in an order of their own; between four of them are ties.
+fn lattice_of_exits() -> impl Strategy<Value = Value> {
+    let sides = (20usize..45, 20usize..45);
+    (sides, 2usize..7, 0usize..4, 5usize..12, any::<u64>()).prop_map(
+        |((width, height), spacing, twice, agents, order)| {
+            let cells: Vec<[usize; 2]> = (0..width * height)
+                .map(|index| [index % width, index / width])
+                .collect();
+            let mut exits: Vec<_> = cells
+                .iter()
+                .filter(|[x, y]| x % spacing + y % spacing == 0)
+                .collect();
+            exits.sort_by_key(|[x, y]| ((x * 1000 + y) as u64 + 1).wrapping_mul(order | 1));
+            // The same cell once more does not count.
+            exits.extend_from_within(..twice);
+            let agents: Vec<_> = cells.iter().step_by(agents).collect();
+            json!({"width": width, "height": height, "agents": agents, "exits": exits})
+        },
+    )
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(24))]
+
+    #[test]
+    fn the_nearest_of_many_exits_is_the_same_in_lanes(
+        field in lattice_of_exits(), steps in 1u32..15, update in prop::sample::select(vec!["sequential", "simultaneous"])
+    ) {
+        let (network, genomes) = meshed(35);
+        let parameters = json!({"field": field, "steps": steps, "update": update});
+        check("emergency_exit", &network, &parameters, &genomes, &[0]);
+    }
+
+    /// Each episode has exits of its own, more than a byte counts.
+    #[test]
+    fn exits_of_random_fields_are_the_same_in_lanes(exits in 240u32..400, first in any::<u32>()) {
+        let (network, genomes) = meshed(7);
+        let parameters = json!({"width": 50, "height": 50, "numAgents": 40, "numExits": exits, "numBlockades": 100, "steps": 12});
+        let seeds: Vec<u64> = (0..3).map(|episode| u64::from(first) + episode).collect();
+        check("emergency_exit", &network, &parameters, &genomes, &seeds);
+    }
+}
+
+/// At the borders where a number of an exit takes a byte more, the last exit is the nearest one of some agents.
+#[test]
+fn as_many_exits_as_a_number_holds_and_one_more() {
+    let (network, genomes) = meshed(17);
+    let mut seen = Vec::new();
+    for exits in [0x100usize, 0x101, 0x1_0000, 0x1_0001] {
+        let side = if exits > 0x200 { 300 } else { 60 };
+        // The last exits lie in the upper rows, where the agents are.
+        let field = json!({
+            "width": side, "height": side,
+            "agents": (0..side / 3).map(|x| [3 * x, 1]).collect::<Vec<_>>(),
+            "exits": (0..exits).map(|index| {
+                let cell = exits - 1 - index;
+                [cell % side, 3 + cell / side]
+            }).collect::<Vec<_>>(),
+        });
+        let parameters = json!({"field": field, "steps": 6});
+        seen.push(check(
+            "emergency_exit",
+            &network,
+            &parameters,
+            &genomes,
+            &[0],
+        ));
+    }
+    assert!(seen.iter().flatten().any(|fitness| *fitness != seen[0][0]));
 }
 
 #[test]

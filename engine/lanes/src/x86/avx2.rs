@@ -153,6 +153,21 @@ impl I32s {
             "an index lies outside of the table"
         );
     }
+
+    #[inline(always)]
+    #[expect(clippy::cast_possible_wrap, reason = "compared without a sign")]
+    fn assert_inside_bytes(self, bytes: &[u8]) {
+        let last = bytes
+            .len()
+            .checked_sub(4)
+            .and_then(|last| u32::try_from(last).ok());
+        let last = simd!(_mm256_set1_epi32(last.unwrap_or(0) as i32));
+        let inside = simd!(_mm256_cmpeq_epi32(_mm256_min_epu32(self.0, last), self.0));
+        assert!(
+            bytes.len() >= 4 && simd!(_mm256_movemask_epi8(inside)) == -1,
+            "an index lies outside of the bytes"
+        );
+    }
 }
 
 impl Int for I32s {
@@ -248,19 +263,24 @@ impl Int for I32s {
         })
     }
     #[inline(always)]
-    #[expect(clippy::cast_possible_wrap, reason = "compared without a sign")]
     fn lookup_bytes(self, bytes: &[u8]) -> Self {
-        let last = bytes
-            .len()
-            .checked_sub(4)
-            .and_then(|last| u32::try_from(last).ok());
-        let last = simd!(_mm256_set1_epi32(last.unwrap_or(0) as i32));
-        let inside = simd!(_mm256_cmpeq_epi32(_mm256_min_epu32(self.0, last), self.0));
-        assert!(
-            bytes.len() >= 4 && simd!(_mm256_movemask_epi8(inside)) == -1,
-            "an index lies outside of the bytes"
-        );
+        self.assert_inside_bytes(bytes);
         // SAFETY: every lane's four bytes lie within, as asserted.
         Self(unsafe { _mm256_i32gather_epi32::<1>(bytes.as_ptr().cast(), self.0) })
+    }
+    #[inline(always)]
+    fn lookup_bytes_where(self, bytes: &[u8], other: Self, condition: Conditions) -> Self {
+        self.assert_inside_bytes(bytes);
+        // SAFETY: every lane's four bytes lie within, as asserted.
+        Self(unsafe {
+            let mask = _mm256_castps_si256(condition.0);
+            _mm256_mask_i32gather_epi32::<1>(other.0, bytes.as_ptr().cast(), self.0, mask)
+        })
+    }
+    #[inline(always)]
+    fn prefetch(self, bytes: &[u8]) {
+        let mut indices = [0; WIDTH];
+        self.store(&mut indices);
+        crate::x86::prefetch(bytes, &indices);
     }
 }

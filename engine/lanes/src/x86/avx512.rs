@@ -226,6 +226,13 @@ impl I32s {
     }
 
     #[inline(always)]
+    fn assert_inside_bytes(self, bytes: &[u8]) {
+        let length = i32::try_from(bytes.len().saturating_sub(3)).unwrap_or(i32::MAX);
+        let inside = simd!(_mm512_cmplt_epu32_mask(self.0, _mm512_set1_epi32(length)));
+        assert!(inside == u16::MAX, "an index lies outside of the bytes");
+    }
+
+    #[inline(always)]
     fn of_halves(low: __m256i, high: __m256i) -> Self {
         let low = simd!(_mm512_castsi256_si512(low));
         Self(simd!(_mm512_inserti64x4::<1>(low, high)))
@@ -360,9 +367,7 @@ impl Int for I32s {
     }
     #[inline(always)]
     fn lookup_bytes(self, bytes: &[u8]) -> Self {
-        let length = i32::try_from(bytes.len().saturating_sub(3)).unwrap_or(i32::MAX);
-        let inside = simd!(_mm512_cmplt_epu32_mask(self.0, _mm512_set1_epi32(length)));
-        assert!(inside == u16::MAX, "an index lies outside of the bytes");
+        self.assert_inside_bytes(bytes);
         let (low, high) = self.halves();
         // SAFETY: every lane's four bytes lie within, as asserted.
         let (low, high) = unsafe {
@@ -372,6 +377,29 @@ impl Int for I32s {
             )
         };
         Self::of_halves(low, high)
+    }
+    #[inline(always)]
+    #[expect(clippy::cast_possible_truncation, reason = "a half of the lanes")]
+    fn lookup_bytes_where(self, bytes: &[u8], other: Self, condition: Conditions) -> Self {
+        self.assert_inside_bytes(bytes);
+        let (low, high) = self.halves();
+        let (other_low, other_high) = other.halves();
+        let (in_low, in_high) = (condition.0 as u8, (condition.0 >> 8) as u8);
+        let bytes = bytes.as_ptr().cast();
+        // SAFETY: every lane's four bytes lie within, as asserted.
+        let (low, high) = unsafe {
+            (
+                _mm256_mmask_i32gather_epi32::<1>(other_low, in_low, low, bytes),
+                _mm256_mmask_i32gather_epi32::<1>(other_high, in_high, high, bytes),
+            )
+        };
+        Self::of_halves(low, high)
+    }
+    #[inline(always)]
+    fn prefetch(self, bytes: &[u8]) {
+        let mut indices = [0; WIDTH];
+        self.store(&mut indices);
+        crate::x86::prefetch(bytes, &indices);
     }
 }
 

@@ -4,6 +4,7 @@
 //! around an agent, to sense and to move. Cells are changed only in lanes whose agent moves.
 //! Agents that are out are put where nothing ever happens, so that no step asks whether they are still there.
 
+mod exits;
 mod prepared;
 mod room;
 mod terrain;

@@ -5,6 +5,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use super::super::settings::{self, Settings};
 use super::MOST_LANES;
+use super::exits::{Numbers, packed};
 use super::terrain::{Layout, Terrain};
 use crate::block::Block;
 use crate::{ParameterError, Parameters};
@@ -12,7 +13,7 @@ use crate::{ParameterError, Parameters};
 /// More stacks than this in all grids of a group of lanes, and memory rather than arithmetic sets the pace.
 const MOST_STACKS: usize = 1 << 25;
 /// Up to here something is worth keeping: 4 MB.
-const KEPT_PLACES: usize = 1 << 20;
+const KEPT_BYTES: usize = 1 << 22;
 
 /// Fields, and whatever else all episodes of a block have in common.
 pub(crate) struct Prepared {
@@ -23,8 +24,12 @@ pub(crate) struct Prepared {
     pub(super) agents: usize,
     /// One for each episode, or one for all.
     pub(super) terrains: Vec<Terrain>,
-    /// `Terrain::ways` of all terrains, one after another.
-    pub(super) ways: Vec<i32>,
+    /// Of all terrains, one after another.
+    pub(super) numbers: Numbers,
+    /// By number: the way to an exit from the first cell; terrain after terrain.
+    pub(super) exits: Vec<i32>,
+    /// By terrain: index in `exits` of its first one.
+    pub(super) first_exits: Vec<i32>,
     /// Whether the parameters give the field; else each episode draws its own.
     given: bool,
 }
@@ -60,7 +65,7 @@ impl Prepared {
         let Some(prepared) = Self::new(block, given)?.map(Arc::new) else {
             return Ok(None);
         };
-        *last() = (prepared.ways.len() <= KEPT_PLACES).then(|| Kept {
+        *last() = (prepared.numbers.len() <= KEPT_BYTES).then(|| Kept {
             parameters: block.parameters.clone(),
             seeds: seeds.to_vec(),
             prepared: Arc::clone(&prepared),
@@ -89,10 +94,15 @@ impl Prepared {
             return Ok(None);
         }
         let agents = field.agents.len();
-        let mut terrains: Vec<Terrain> = fields.iter().map(Terrain::new).collect();
-        let mut ways = std::mem::take(&mut terrains[0].ways);
-        for terrain in &mut terrains[1..] {
-            ways.append(&mut terrain.ways);
+        let most_exits = fields.iter().map(|field| field.exits.len()).max();
+        let places = 8 * layout.stacks * fields.len();
+        let mut numbers = Numbers::new(most_exits.unwrap_or(0), places);
+        let mut terrains = Vec::with_capacity(fields.len());
+        let (mut exits, mut first_exits) = (Vec::new(), Vec::new());
+        for field in &fields {
+            terrains.push(Terrain::new(field, &mut numbers));
+            first_exits.push(exits.len() as i32);
+            exits.extend(field.exits.iter().map(|cell| packed(*cell)));
         }
         Ok(Some(Self {
             settings,
@@ -100,7 +110,9 @@ impl Prepared {
             corrections: layout.corrections(),
             agents,
             terrains,
-            ways,
+            numbers,
+            exits,
+            first_exits,
             given,
         }))
     }

@@ -1,25 +1,33 @@
 //! The state of as many episodes as there are lanes, and a step of all of them.
 
 use swarmwright_controllers::LaneController;
-use swarmwright_lanes::{Int, Lanes, Mask};
+use swarmwright_lanes::{Int, Lanes, Mask, prefetch};
 
+use super::super::ACTUATORS;
 use super::super::settings::Update;
-use super::super::{ACTUATORS, SENSORS};
-use super::MOST_LANES;
+use super::exits::{columns_and_rows, numbers, of_step};
 use super::prepared::Prepared;
-use super::terrain::{AROUND, NOWHERE, OWN};
+use super::terrain::{AROUND, NOWHERE, OWN, Terrain};
+use super::{FEW_AGENTS, MOST_LANES};
+
+/// So many turns ahead an agent and its surroundings are fetched, where there are many agents. They act in index order.
+const AHEAD: usize = 16;
 
 pub(crate) struct Room<L: Lanes> {
     /// By lane, then stack: the cells that are not free now.
     taken: Vec<u8>,
     /// By lane: index in `taken` of the stack before its first one.
     stacks: L::Int,
-    /// By lane: index in `Prepared::ways` of its terrain's first one.
+    /// By lane: index in `Prepared::numbers` of its terrain's first place.
     terrains: L::Int,
+    /// By lane: index in `Prepared::exits` of its terrain's first one.
+    first_exits: L::Int,
     /// By agent: its place in each lane.
     places: Vec<L::Int>,
-    /// By agent: `Terrain::ways` of its place in each lane.
+    /// By agent: the way to the nearest exit in each lane, see `exits`.
     ways: Vec<L::Int>,
+    /// By agent: the number of that exit.
+    exits: Vec<L::Int>,
     /// By agent: the lanes in which it is inside.
     inside: Vec<u64>,
     /// By lane: the step during which the last agent got out, else the number of steps.
@@ -58,16 +66,6 @@ impl<L: Lanes> Window<L> {
     }
 }
 
-/// dx and dy of a way.
-#[inline(always)]
-fn numbers<L: Lanes>(way: L::Int) -> [L; SENSORS - AROUND.len()] {
-    let half = L::Int::splat(16);
-    [
-        L::from_int(way.shl(half).shr_signed(half)),
-        L::from_int(way.shr_signed(half)),
-    ]
-}
-
 impl<L: Lanes> Move<L> {
     #[inline(always)]
     fn new(actuators: [L; ACTUATORS]) -> Self {
@@ -86,6 +84,21 @@ fn velocity<L: Lanes>(actuator: L, unit: i32) -> L::Int {
     L::Int::splat(-unit).select(forward, actuator.lt(L::splat(-0.5)))
 }
 
+/// Where an agent starts on the terrain of each lane: place, way, number of the exit.
+#[inline(always)]
+fn starts<L: Lanes>(all: &[Terrain], terrains: &[usize; MOST_LANES], agent: usize) -> [L::Int; 3] {
+    if let [terrain] = all {
+        return terrain.agents[agent].map(L::Int::splat);
+    }
+    let mut columns = [[0; MOST_LANES]; 3];
+    for (lane, terrain) in terrains.iter().enumerate().take(L::WIDTH) {
+        for (column, value) in columns.iter_mut().zip(all[*terrain].agents[agent]) {
+            column[lane] = value;
+        }
+    }
+    columns.map(|column| L::Int::load(&column))
+}
+
 impl<L: Lanes> Room<L> {
     #[inline(always)]
     pub(super) fn new(world: &Prepared, controllers: &LaneController<'_, L>) -> Self {
@@ -102,8 +115,10 @@ impl<L: Lanes> Room<L> {
             taken: vec![0; world.layout.stacks * L::WIDTH],
             stacks: L::Int::load(&stacks),
             terrains: L::Int::splat(0),
+            first_exits: L::Int::splat(0),
             places: vec![L::Int::splat(0); world.agents],
             ways: vec![L::Int::splat(0); world.agents],
+            exits: vec![L::Int::splat(0); world.agents],
             inside: vec![0; world.agents],
             finished: [0; MOST_LANES],
             states: vec![L::splat(0.0); world.agents * controllers.state_length()],
@@ -117,18 +132,13 @@ impl<L: Lanes> Room<L> {
         for (lane, taken) in self.taken.chunks_exact_mut(world.layout.stacks).enumerate() {
             taken.copy_from_slice(&world.terrains[terrains[lane]].taken);
         }
-        let mut bases = [0; MOST_LANES];
-        for (base, terrain) in bases.iter_mut().zip(terrains) {
-            *base = (terrain * world.places()) as i32;
-        }
-        self.terrains = L::Int::load(&bases);
+        self.terrains = L::Int::load(&terrains.map(|terrain| (terrain * world.places()) as i32));
+        self.first_exits = L::Int::load(&terrains.map(|terrain| world.first_exits[terrain]));
         for agent in 0..world.agents {
-            let mut places = [0; MOST_LANES];
-            for (place, terrain) in places.iter_mut().zip(terrains) {
-                *place = world.terrains[*terrain].places[agent];
-            }
-            self.places[agent] = L::Int::load(&places);
-            self.ways[agent] = self.places[agent].add(self.terrains).lookup(&world.ways);
+            let [place, way, exit] = starts::<L>(&world.terrains, terrains, agent);
+            self.places[agent] = place;
+            self.ways[agent] = way;
+            self.exits[agent] = exit;
         }
         self.inside.fill(u64::MAX >> (64 - L::WIDTH));
         self.states.fill(L::splat(0.0));
@@ -152,6 +162,7 @@ impl<L: Lanes> Room<L> {
     fn step_in_turn(&mut self, world: &Prepared, controllers: &mut LaneController<'_, L>) -> u64 {
         let mut any = 0;
         for agent in 0..world.agents {
+            self.prefetch(agent + AHEAD, world);
             if self.inside[agent] == 0 {
                 continue;
             }
@@ -173,12 +184,14 @@ impl<L: Lanes> Room<L> {
     #[inline(always)]
     fn step_together(&mut self, world: &Prepared, controllers: &mut LaneController<'_, L>) -> u64 {
         for agent in 0..world.agents {
+            self.prefetch(agent + AHEAD, world);
             if self.inside[agent] != 0 {
                 self.wishes[agent] = self.decide(agent, self.look(agent), controllers);
             }
         }
         // Cells are entered but not left.
         for agent in 0..world.agents {
+            self.prefetch(agent + AHEAD, world);
             if self.inside[agent] == 0 {
                 continue;
             }
@@ -192,6 +205,7 @@ impl<L: Lanes> Room<L> {
         // Now they are left.
         let mut any = 0;
         for agent in 0..world.agents {
+            self.prefetch(agent + AHEAD, world);
             if self.inside[agent] == 0 {
                 continue;
             }
@@ -202,6 +216,23 @@ impl<L: Lanes> Room<L> {
             any |= self.leave(agent, world);
         }
         any
+    }
+
+    /// Has an agent and its surroundings in each lane brought near, where there is such an agent and it pays.
+    #[inline(always)]
+    fn prefetch(&self, agent: usize, world: &Prepared) {
+        if world.agents > FEW_AGENTS
+            && let Some(place) = self.places.get(agent)
+        {
+            let stack = place.shr(L::Int::splat(3)).add(self.stacks);
+            stack.prefetch(&self.taken);
+            world.numbers.prefetch(place.add(self.terrains));
+            // The processor itself fetches ahead, but not beyond a page.
+            let length = self.states.len() / world.agents;
+            prefetch(&self.states[agent * length..][..length]);
+            prefetch(&self.ways[agent..=agent]);
+            prefetch(&self.exits[agent..=agent]);
+        }
     }
 
     /// What lies around an agent.
@@ -258,11 +289,17 @@ impl<L: Lanes> Room<L> {
             .add(there.lookup_eight(&world.corrections))
             .select(place, moved);
         self.places[agent] = there;
+        let mut way = self.ways[agent].sub(of_step(step).select(L::Int::splat(0), moved));
         // Only where it moved: elsewhere the table need not be read.
-        self.ways[agent] =
-            there
-                .add(self.terrains)
-                .lookup_where(&world.ways, self.ways[agent], moved);
+        let exit = self.exits[agent];
+        let nearest = there.add(self.terrains);
+        let nearest = world.numbers.lookup_where(nearest, exit, moved);
+        if moved.and_not(nearest.eq(exit)).any() {
+            let exits = |numbers: L::Int| numbers.add(self.first_exits).lookup(&world.exits);
+            way = way.add(exits(nearest)).sub(exits(exit));
+            self.exits[agent] = nearest;
+        }
+        self.ways[agent] = way;
     }
 
     /// Takes those who stand on an exit out. Returns the lanes in which the agent is still inside.
@@ -295,7 +332,7 @@ impl<L: Lanes> Room<L> {
             let mut lanes = [0; MOST_LANES];
             ways.store(&mut lanes);
             for (fitness, way) in fitness.iter_mut().zip(lanes) {
-                let [dx, dy] = [i32::from(way as i16), way >> 16];
+                let [dx, dy] = columns_and_rows(way);
                 *fitness -= f64::from(dx * dx + dy * dy).sqrt();
             }
         }

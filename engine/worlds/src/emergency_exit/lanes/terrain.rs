@@ -8,7 +8,8 @@
 //! An agent's *place* is 8 times the index of its stack, plus which of the six cells it is.
 
 use super::super::field::{Cell, Field};
-use super::super::grid::Grid;
+use super::super::nearest::nearest;
+use super::exits::{Numbers, between};
 
 /// Cells in a stack.
 const ROWS: usize = 6;
@@ -34,12 +35,10 @@ pub(super) struct Layout {
 
 /// What a field is like at the start.
 pub(super) struct Terrain {
-    /// By place: rows (upper half) and columns to the nearest exit; 0 is an exit.
-    pub ways: Vec<i32>,
     /// By stack: the cells that are not free.
     pub taken: Vec<u8>,
-    /// Places of the agents.
-    pub places: Vec<i32>,
+    /// Where each agent starts: its place, the way to its nearest exit, the number of that exit.
+    pub agents: Vec<[i32; 3]>,
 }
 
 impl Layout {
@@ -88,22 +87,24 @@ fn flip_four(taken: &mut [u8], stack: usize, cells: u32) {
 }
 
 impl Terrain {
-    pub(super) fn new(field: &Field) -> Self {
+    /// The numbers of exits that are nearest to its places become the next ones of `numbers`.
+    pub(super) fn new(field: &Field, numbers: &mut Numbers) -> Self {
         let layout = Layout::new(field.width, field.height);
-        let grid = Grid::new(field);
-        let mut terrain = Self {
-            ways: vec![0; 8 * layout.stacks],
-            taken: vec![0xFF; layout.stacks],
-            places: field
-                .agents
-                .iter()
-                .map(|cell| layout.place(*cell) as i32)
-                .collect(),
+        let table = nearest(field.width, field.height, &field.exits);
+        let start = |cell: &Cell| {
+            let exit = table[cell[1] as usize * field.width as usize + cell[0] as usize];
+            let way = between(*cell, field.exits[exit as usize]);
+            [layout.place(*cell) as i32, way, exit as i32]
         };
+        let mut terrain = Self {
+            taken: vec![0xFF; layout.stacks],
+            agents: field.agents.iter().map(start).collect(),
+        };
+        let mut numbers = numbers.append(8 * layout.stacks);
+        let mut table = table.iter();
         for y in 0..field.height {
-            for x in 0..field.width {
-                let [dx, dy] = grid.to_exit(grid.index([x, y]));
-                terrain.ways[layout.place([x, y])] = i32::from(dy) << 16 | i32::from(dx) & 0xFFFF;
+            for (x, exit) in (0..field.width).zip(&mut table) {
+                numbers.put(layout.place([x, y]), *exit);
                 terrain.turn(layout, [x, y]);
             }
         }
