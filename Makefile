@@ -400,5 +400,5 @@ $(VENV)/.engine: $(VENV)/.tools $(ENGINE)
 	@mkdir -p build
 	$(BIN)/maturin develop --release --extras conformance
 	$(CARGO) rustc $(MANIFEST) --release --package swarmwright-fmi --lib -- -C strip=symbols
-	install engine/target/release/libswarmwright_fmi.so python/swarmwright/fmu/
+	install "$${CARGO_TARGET_DIR:-engine/target}/release/libswarmwright_fmi.so" python/swarmwright/fmu/
 	touch $@
