@@ -3,6 +3,7 @@
 import ctypes
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -15,11 +16,25 @@ from fmpy.logging import addLoggerProxy
 from swarmwright.fmu.description import Description, Variable
 
 _DISCARD = 2
+_MOST_PLANS = 10_000
+"""Lists of variables of which it is remembered how they are set and got; three for each agent."""
 _STATUS = {_DISCARD: "that it is not done", 3: "an error", 4: "a fatal error"}
 
 
 class FmuError(Exception):
     """An episode cannot go on; the text says why."""
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """How variables are set and got."""
+
+    variables: Sequence[Variable]
+    """Held, so that their identity stays theirs."""
+    kind: str | None
+    """Of all, which are set and got at once; None for several kinds, and for elements of arrays."""
+    are_real: bool
+    references: list[int]
 
 
 class Instance:
@@ -42,6 +57,7 @@ class Instance:
         self._description = description
         self._two = description.version == "2.0"
         self._last, self._messages = "", log
+        self._plans: dict[int, _Plan] = {}
         arguments = {
             "guid": description.token,
             "unzipDirectory": str(folder),
@@ -155,34 +171,45 @@ class Instance:
 
     def put(self, variables: Sequence[Variable], values: Sequence[float]) -> None:
         """Set variables that are numbers or booleans; real ones of one type at once."""
-        single = [one.count == 1 for one in variables]
-        if not all(single):
-            pairs = list(zip(variables, values, strict=True))
-            chosen = [pair for pair, alone in zip(pairs, single, strict=True) if not alone]
-            self._put_elements([one for one, _ in chosen], [value for _, value in chosen])
-            pairs = [pair for pair, alone in zip(pairs, single, strict=True) if alone]
-            variables, values = [one for one, _ in pairs], [value for _, value in pairs]
         if not variables:
             return
-        kinds = {self._kind(one) for one in variables if one.is_real}
-        if len(kinds) == 1 and all(one.is_real for one in variables):
-            function = getattr(self._fmu, f"set{kinds.pop()}")
-            self._called("inputs", function, [one.reference for one in variables], list(values))
-        else:
-            for variable, value in zip(variables, values, strict=True):
+        plan = self._plan(variables)
+        if plan.kind is not None and plan.are_real:
+            function = getattr(self._fmu, f"set{plan.kind}")
+            self._called("inputs", function, plan.references, list(values))
+            return
+        arrays = [pair for pair in zip(variables, values, strict=True) if pair[0].count > 1]
+        if arrays:
+            self._put_elements([one for one, _ in arrays], [value for _, value in arrays])
+        for variable, value in zip(variables, values, strict=True):
+            if variable.count == 1:
                 self.set(variable, value)
 
     def numbers(self, variables: Sequence[Variable]) -> list[float]:
         """Return variables that are numbers or booleans; those of one type at once."""
-        kinds = {self._kind(one) for one in variables}
-        if any(one.count > 1 for one in variables):
-            arrays = {one.reference: self._array(one) for one in variables if one.count > 1}
-            return [arrays[one.reference][one.index] if one.count > 1 else self.get(one) for one in variables]
-        if len(kinds) != 1:  # several types, or none
-            return [self.get(one) for one in variables]
-        function = getattr(self._fmu, f"get{kinds.pop()}")
-        found = self._called("outputs", function, [one.reference for one in variables])
-        return [float(one) for one in found]
+        plan = self._plan(variables)
+        if plan.kind is not None:
+            found = self._called("outputs", getattr(self._fmu, f"get{plan.kind}"), plan.references)
+            return [float(one) for one in found]
+        arrays = {one.reference: self._array(one) for one in variables if one.count > 1}
+        return [arrays[one.reference][one.index] if one.count > 1 else self.get(one) for one in variables]
+
+    def _plan(self, variables: Sequence[Variable]) -> "_Plan":
+        """Return how variables are set and got, which is looked up in every step."""
+        plan = self._plans.get(id(variables))
+        if plan is None or plan.variables is not variables:
+            kinds = {self._kind(one) for one in variables}
+            at_once = len(kinds) == 1 and all(one.count == 1 for one in variables)
+            plan = _Plan(
+                variables,
+                kinds.pop() if at_once else None,
+                all(one.is_real for one in variables),
+                [one.reference for one in variables],
+            )
+            if len(self._plans) >= _MOST_PLANS:  # of lists that are made anew for each call
+                self._plans.clear()
+            self._plans[id(variables)] = plan
+        return plan
 
     def _kind(self, variable: Variable) -> str:
         if variable.type == "Enumeration":
