@@ -1,6 +1,6 @@
 """Models that engineers draw: files of modelling tools become experiments.
 
-Read are the files of Modelio's CPSwarm modules (https://github.com/Modelio-R-D/CPSwarm), which the
+It reads the files of Modelio's CPSwarm modules (https://github.com/Modelio-R-D/CPSwarm), which the
 optimization tool gets from the designer in CPSwarm's D6.1, section 4.
 """
 

@@ -1,6 +1,6 @@
 """Models in SysML v2's textual notation (OMG, "Systems Modeling Language", version 2.0): a subset.
 
-Read are packages, part definitions and usages with multiplicity, attributes with values, ports and directed
+It reads packages, part definitions and usages with multiplicity, attributes with values, ports and directed
 features, and the metadata `@Optimize { min = ..; max = ..; scale = ..; }` of attributes and parts.
 """
 

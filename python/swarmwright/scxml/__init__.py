@@ -1,6 +1,6 @@
 """State machines in SCXML (W3C, "State Chart XML", 2015) as controllers of the kind `mealy_fsm`, and back.
 
-Read is a subset: states side by side, transitions on comparisons of sensors with numbers, actuators that are
+It reads a subset: states side by side, transitions on comparisons of sensors with numbers, actuators that are
 assigned or sent.
 """
 
