@@ -78,6 +78,18 @@ class Cluster:
         """Jobs that run."""
         return [line.split()[0] for line in self.queue() if line.endswith("RUNNING")]
 
+    def start_controller(self) -> None:
+        """Start slurmctld, and wait until it answers."""
+        self.processes.append(_start(self.folder, "slurmctld", "-D"))
+        until(lambda: _answers("scontrol", "ping") and "UP" in self.run("scontrol", "ping"))
+
+    def stop_controller(self) -> None:
+        """End slurmctld, as when its machine fails."""
+        for process in self.processes:
+            if str(process.args[0]).endswith("slurmctld"):  # type: ignore[index] # a list
+                process.kill()
+                process.wait()
+
     def set_node(self, *settings: str) -> None:
         """Change the node's state."""
         self.run("scontrol", "update", f"NodeName={self.host}", *settings)
@@ -128,8 +140,7 @@ def slurm(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
     made = Cluster(folder, host, processes)
     try:
         until(munge.exists)
-        processes.append(_start(folder, "slurmctld", "-D"))
-        until(lambda: _answers("scontrol", "ping") and "UP" in made.run("scontrol", "ping"))
+        made.start_controller()
         processes.append(_start(folder, "slurmd", "-D", "-N", host))
         until(lambda: "idle" in made.run("sinfo", "--noheader", "--format=%t"))
         yield made

@@ -53,13 +53,17 @@ def test_a_cancelled_job_and_a_drained_node_change_nothing(slurm: Cluster, tmp_p
             gone = slurm.running()[0]
             slurm.run("scancel", gone)
             until(lambda: len(slurm.running()) == 2 and gone not in slurm.running())
-        if len(done) == 4:
+        if len(done) == 8:
             slurm.set_node("State=DRAIN", "Reason=test")
             slurm.run("scancel", slurm.running()[0])
             until(lambda: any("PENDING" in line for line in slurm.queue()))
-        if len(done) == 6:
+        if len(done) == 10:
             slurm.set_node("State=RESUME")
             until(lambda: len(slurm.running()) == 2)
+        if len(done) == 4:
+            slurm.stop_controller()
+        if len(done) == 6:
+            slurm.start_controller()
 
     same_record(optimize(made, disturb, out=tmp_path / "there", progress=False), here)
     assert len(done) == 12
@@ -119,5 +123,5 @@ def test_on_the_command_line(slurm: Cluster, tmp_path: Path, program: Run) -> No
     assert result.returncode == 0, result.stderr
     result = program("optimize", "lab.yaml", "--set", "servers.partition=nope", "--out", "other")
     assert result.returncode == 1
-    assert "swarmwright: sbatch: error: " in result.stderr
+    assert "swarmwright: slurm: sbatch: error: " in result.stderr
     assert slurm.queue() == []

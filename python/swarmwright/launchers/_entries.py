@@ -52,10 +52,18 @@ def entries_of(value: Any, folder: Path, report: Report) -> Entries | None:  # n
     if not found:
         report((), "must name a launcher, such as {launcher: slurm, count: 4}")
         return None
-    if sum(one.launcher == "process" for one in found) > 1:
-        report((), "process is there twice; this machine's servers are one entry: add up their numbers")
+    problem = _together(found)
+    if problem is not None:
+        report((), problem)
         return None
     return found
+
+
+def _together(entries: Entries) -> str | None:
+    """Return why entries cannot be used together, None where they can."""
+    if sum(one.launcher == "process" for one in entries) > 1:
+        return "process is there twice; this machine's servers are one entry: add up their numbers"
+    return None
 
 
 def _entry(value: Any, folder: Path, report: Report) -> LauncherOptions | None:  # noqa: ANN401 - whatever a file says
@@ -128,10 +136,15 @@ def of_text(text: str, given: Sequence[LauncherOptions]) -> Entries:
         except ValidationError as error:
             path, message = problems_of(error, model)[0]
             key = ".".join(map(str, path))
+            if not path:  # of several options together
+                raise InputError(f"{part}: {message}") from error
             raise InputError(
                 f"{part}: {key}: {message}; give it in the experiment, "
                 f"servers: {{launcher: {kind}, {key}: ..}}"
             ) from error
+    problem = _together(tuple(made))
+    if problem is not None:
+        raise InputError(problem)
     return tuple(made)
 
 

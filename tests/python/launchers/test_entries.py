@@ -63,6 +63,8 @@ def test_the_number_on_the_command_line_keeps_other_options() -> None:
         ({"launcher": "process", "min": 3}, "servers: min needs max"),
         ({"launcher": "process", "count": 3, "max": 9}, "servers: give either count, or min and max"),
         ({"launcher": "process", "budget": 9.0}, "servers: budget needs cost_per_hour"),
+        ("process:1,process:2", "servers: process is there twice"),
+        ("process:3..2", "servers: process:3..2: min: 3 is more than max: 2"),
         ([], "servers: must name a launcher"),
         (
             "process:many",

@@ -4,8 +4,8 @@ import logging
 import secrets
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
@@ -92,6 +92,15 @@ class Entry:
         self.is_spent = self.is_spent or (budget is not None and self.cost >= budget)
 
 
+@contextmanager
+def _named(entry: Entry) -> Iterator[None]:
+    """Within this block, errors of a launcher begin with its name."""
+    try:
+        yield
+    except LauncherError as error:
+        raise LauncherError(f"{entry.name}: {error}") from error
+
+
 class LaunchedServers:
     """Servers of several launchers for the time of a `with` block, which begins when one is on the broker.
 
@@ -134,9 +143,11 @@ class LaunchedServers:
                 self._reserved[entry.name] = [self._new_id() for _ in range(options.most)]  # see `_start`
                 if options.is_elastic:
                     entry.scaling = Scaling(options.fewest, options.most, options.idle)
-                entry.launcher.open()
+                with _named(entry):
+                    entry.launcher.open()
             for entry in self._entries:
-                self._start(entry, entry.wanted)
+                with _named(entry):
+                    self._start(entry, entry.wanted)
             self._thread.start()
             self._wait_for_first()
         except BaseException:

@@ -111,8 +111,10 @@ def _credentials(options: LauncherOptions) -> Credentials:
     what = f"servers: credentials: {file}"
     try:
         words = shlex.split(file.read_text(encoding="utf-8"), comments=True)
-    except (OSError, ValueError) as error:
-        raise InputError(f"{what}: cannot be read: {error}") from error
+    except OSError as error:
+        raise InputError(f"{what}: cannot be read: {error.strerror}") from error
+    except ValueError as error:
+        raise InputError(f"{what}: is not a file of variables: {error}") from error
     found = dict(word.split("=", 1) for word in words if "=" in word)
     made = Credentials.of_environment(found, what)
     if made.username is None or made.password is None:
