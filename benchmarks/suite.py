@@ -95,6 +95,12 @@ def _tasks(scale: Scale) -> Suite:
     return TaskSuite(libraries=scale.extras, scale=scale.smaller)
 
 
+def _ray(scale: Scale) -> Suite:
+    from benchmarks.on_ray import RaySuite
+
+    return RaySuite(scale=scale.smaller)
+
+
 def _methods(scale: Scale) -> Suite:
     from benchmarks.methods import MethodSuite
 
@@ -158,6 +164,7 @@ SUITES: dict[str, Callable[[Scale], Suite]] = {
     "bound": _bound,
     "growth": _growth,
     "tasks": _tasks,
+    "ray": _ray,
     "methods": _methods,
     "store": _store,
     "long": _long,

@@ -62,7 +62,7 @@ def main() -> None:
             except LauncherError as error:
                 pipe.send((number, False, str(error)))
             except Exception as error:  # noqa: BLE001 - of the cluster's library: its words are shown
-                pipe.send((number, False, str(error).strip() or type(error).__name__))
+                pipe.send((number, False, _words(error)))
             else:
                 pipe.send((number, True, answer))
             if name == "close":
@@ -73,6 +73,12 @@ def main() -> None:
     finally:
         sys.stderr.flush()
         os._exit(0)  # threads of the libraries may not end
+
+
+def _words(error: BaseException) -> str:
+    """Return what an error says, and what caused it."""
+    words = str(error).strip() or type(error).__name__
+    return words if error.__cause__ is None else f"{words}: {_words(error.__cause__)}"
 
 
 def _watch(parent: int) -> None:
