@@ -12,6 +12,8 @@
 # make test-slurm  servers as jobs of Slurm: a real one on this machine, as root
 # make test-ssh  servers on other machines through SSH: a real sshd on loopback
 # make test-gazebo  whole runs in it; skipped where it cannot be set up
+# make gz      missions of the arena in Gazebo Fortress, where GZ_ROOT has it: / for this system, or a folder with another one
+# make test-gz  whole runs in it; skipped where it is missing
 # make test-export  controllers in C, C++, .. on emulated processors of other makes
 # make fuzz    many more inputs for every decoder than `make test` has (INPUTS=1000000 of each kind)
 # make schedules  100,000 seeded schedules of faults for pools and servers, in virtual time (minutes)
@@ -27,7 +29,7 @@ SHELL := /bin/bash
 .ONESHELL:
 .DELETE_ON_ERROR:
 .DEFAULT_GOAL := help
-.PHONY: brokers test-brokers test-ros1 test-ray test-slurm test-ssh test-simulators test-export test-arm64 test-peers test-docs help demo java cpp test schedules test-engine test-java test-cpp test-python lint lint-engine lint-java lint-cpp lint-python lint-protocol audit bench docs check-docs clean fuzz gazebo test-gazebo
+.PHONY: brokers test-brokers test-ros1 test-ray test-slurm test-ssh test-simulators test-export test-arm64 test-peers test-docs help demo java cpp test schedules test-engine test-java test-cpp test-python lint lint-engine lint-java lint-cpp lint-python lint-protocol audit bench docs check-docs clean fuzz gazebo test-gazebo gz test-gz
 
 VENV := .venv
 BIN := $(CURDIR)/$(VENV)/bin
@@ -46,6 +48,10 @@ CPP := wrappers/cpp/build
 CPP_SOURCES := $(shell find wrappers/cpp engine/c/include -path $(CPP) -prune -o -type f -print)
 GAZEBO := wrappers/gazebo/build
 GAZEBO_ROOT ?= $(or $(XDG_CACHE_HOME),$(HOME)/.cache)/swarmwright/gazebo/root
+GZ := $(GAZEBO)/gz
+GZ_ROOT ?= $(or $(XDG_CACHE_HOME),$(HOME)/.cache)/swarmwright/gz/root
+GZ_HEADER := usr/include/ignition/gazebo6/ignition/gazebo/Server.hh
+NO_GZ := $(GZ_ROOT) has no Gazebo Fortress; install libignition-gazebo6-dev there, or name a system that has it: GZ_ROOT=/
 GAZEBO_SOURCES := $(shell find wrappers/gazebo -path $(GAZEBO) -prune -o -type f -print)
 ATTACHED_SOURCES := $(shell find wrappers/argos wrappers/stage -name build -prune -o -name '*.[ch]pp' -print)
 ROS1_SOURCES := $(wildcard wrappers/ros1/*/src/*.[ch] wrappers/ros1/*/src/*.cpp python/swarmwright/export/templates/ros*/src/*.[ch]pp)
@@ -224,6 +230,27 @@ test-gazebo: $(VENV)/.engine $(VENV)/.dev $(CPP)/.built
 	fi
 	$(BIN)/python -m pytest $(AGAIN) -rs -n 2 --durations=10 --durations-min=5 tests/gazebo \
 		"tests/docs/test_snippets.py::test_every_snippet_of_the_page_works[docs/how-to/attach-gazebo.md]"
+
+# Gazebo Fortress is in no release of Debian: a system that has it is used where there is one.
+gz:
+	@[ -e $(GZ_ROOT)/$(GZ_HEADER) ] || { echo "$(NO_GZ)" >&2; exit 1; }
+	$(MAKE) --no-print-directory $(GZ)/.built
+
+$(GZ)/.built: $(GAZEBO_SOURCES) $(CPP)/.built
+	@in_root="$(if $(filter-out /,$(GZ_ROOT)),wrappers/gazebo/in-root $(GZ_ROOT))"
+	$$in_root cmake -S wrappers/gazebo -B $(GZ) -DCMAKE_BUILD_TYPE=Release -Wno-dev -DSWARMWRIGHT_GAZEBO=gz \
+		-DSWARMWRIGHT_STATIC_LIBRARY=$(CURDIR)/$(CPP)/libswarmwright.a > /dev/null
+	$$in_root cmake --build $(GZ) --parallel 2 > /dev/null
+	touch $@
+
+test-gz: $(VENV)/.engine $(VENV)/.dev $(CPP)/.built
+	if [ -e $(GZ_ROOT)/$(GZ_HEADER) ]; then
+		$(MAKE) --no-print-directory $(GZ)/.built
+		export SWARMWRIGHT_GZ=$(GZ_ROOT)
+	else
+		export SWARMWRIGHT_NO_GZ="$(NO_GZ)"
+	fi
+	$(BIN)/python -m pytest $(AGAIN) -rs -n 2 --durations=10 --durations-min=5 tests/gz
 
 INPUTS ?= 1000000
 

@@ -24,6 +24,8 @@ struct Traits {
   bool has_master;
   /// Whether proximity rays are sensors of its worlds.
   bool has_ray_sensors;
+  /// Whether episodes have the same bits again, in any order and beside others.
+  bool bitwise;
   /// The environment variable with folders of models.
   const char* model_path;
   /// The types of <physics> that a world may name, each between blanks.

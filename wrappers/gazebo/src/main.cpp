@@ -27,14 +27,14 @@ constexpr const char* usage =
     "  --model         file in SDF or URDF with the model that all robots are\n"
     "  --joints        LEFT,RIGHT: the joints of its wheels\n"
     "  --sensor        its ray sensor whose rays are those of missions; by default they are as missions have them\n"
-    "  --title         name in experiments, arena-NAME; arena-gazebo by default\n"
+    "  --title         name in experiments, arena-NAME; arena-gazebo by default, arena-gz with Gazebo Fortress\n"
     "  --step          longest step of Gazebo, seconds; by default that of the world's file, else 0.005,\n"
     "                  or 0.0025 with --model\n"
     "  --drive         wheels: motors turn the wheels of differential drives, the default; body: the body gets the\n"
     "                  velocity, as that of robots with other drives always does\n"
     "  --rays          gazebo: proximity rays are those of Gazebo's ray sensors, the default; engine: computed from "
     "poses\n"
-    "  --master-port   of Gazebo's master on 127.0.0.1, for gzclient; any free one by default\n"
+    "  --master-port   of Gazebo 11's master on 127.0.0.1, for gzclient; any free one by default\n"
     "  --save-world    file that gets the world of the mission as SDF\n";
 
 /// One of two words. Throws std::invalid_argument.
@@ -113,7 +113,8 @@ std::vector<char*> rest(int count, char** values, Choices& choices) {
     } else if (i + 1 < count) {
       value = values[i + 1];
     }
-    if (std::find(options.begin(), options.end(), name) == options.end()) {
+    const bool known = std::find(options.begin(), options.end(), name) != options.end();
+    if (!known || (name == "--master-port" && !gz::traits.has_master)) {
       others.push_back(values[i]);
       continue;
     }
@@ -176,9 +177,8 @@ int run(int count, char** values) {
   swarmwright::PhysicsDescription description;
   description.title = choices.title;
   // Plug-ins of the user's world do what they like.
-  description.determinism = gz::settings().world && !gz::settings().world->repeatable
-                                ? swarmwright::Determinism::undeclared
-                                : swarmwright::Determinism::bitwise;
+  const bool repeatable = gz::traits.bitwise && (!gz::settings().world || gz::settings().world->repeatable);
+  description.determinism = repeatable ? swarmwright::Determinism::bitwise : swarmwright::Determinism::undeclared;
   description.only_one = true;  // a world more takes Gazebo a quarter of a second and tens of megabytes
   return swarmwright::serve_physics<gz::GazeboPhysics>(description, static_cast<int>(others.size()), others.data());
 }

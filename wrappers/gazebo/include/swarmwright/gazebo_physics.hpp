@@ -1,4 +1,4 @@
-// Missions of the arena in Gazebo classic.
+// Missions of the arena in Gazebo.
 #pragma once
 
 #include <swarmwright/physics.hpp>
@@ -11,8 +11,9 @@ namespace swarmwright::gazebo {
 
 /// Motion, collisions and proximity rays of Gazebo for missions of the arena.
 ///
-/// Every object has a world of its own; Gazebo computes one at a time, in whichever thread. The same world, poses and
-/// motions give the same poses and rays, to the bit, after any episodes and beside others.
+/// Every object has a world of its own; Gazebo computes one at a time, in whichever thread. With Gazebo classic the
+/// same world, poses and motions give the same poses and rays, to the bit, after any episodes and beside others; with
+/// Gazebo Fortress after any episodes of this process.
 class GazeboPhysics : public Physics {
  public:
   GazeboPhysics();

@@ -23,7 +23,7 @@
 namespace swarmwright::gazebo {
 
 const Traits traits = {
-    "swarmwright-gazebo",        "arena-gazebo", true, true, "GAZEBO_MODEL_PATH", " ode ",
+    "swarmwright-gazebo",        "arena-gazebo", true, true, true, "GAZEBO_MODEL_PATH", " ode ",
     "ode, the only engine here", " ray ",        "",
 };
 
