@@ -98,18 +98,26 @@ class Apart:
             return __import__(name, globals, locals, fromlist, level)
 
 
-class _Loader(SourceFileLoader):
-    """Loads a module of such a folder from its source, without leaving or reading bytecode there."""
+class FromSource(SourceFileLoader):
+    """Loads a module from its source, without leaving or reading bytecode.
 
-    def __init__(self, name: str, path: str, apart: Apart) -> None:
-        super().__init__(name, path)
-        self._apart = apart
+    Python takes bytecode for that of a file whose size and second of change are the same, so that an edit
+    may have no effect.
+    """
 
     def get_code(self, fullname: str) -> CodeType:
         """Return the compiled source."""
         path = self.get_filename(fullname)
         code: CodeType = self.source_to_code(self.get_data(path), path)
         return code
+
+
+class _Loader(FromSource):
+    """Loads a module of such a folder."""
+
+    def __init__(self, name: str, path: str, apart: Apart) -> None:
+        super().__init__(name, path)
+        self._apart = apart
 
     def exec_module(self, module: ModuleType) -> None:
         """Run the module's code."""

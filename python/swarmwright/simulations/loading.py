@@ -211,7 +211,8 @@ def _executed(path: Path, hidden: set[str]) -> ModuleType:
         if hidden:
             return isolation.Apart(path.parent, hidden).load(name, path)
         _look_in(path.parent)
-        spec = importlib.util.spec_from_file_location(name, path)
+        loader = isolation.FromSource(name, str(path))
+        spec = importlib.util.spec_from_file_location(name, path, loader=loader)
         assert spec is not None
         assert spec.loader is not None
         module = importlib.util.module_from_spec(spec)

@@ -295,8 +295,8 @@ def test_every_form_is_deterministic() -> None:
     for form in EXPORTERS.names():
         exporter = EXPORTERS.get(form)()
         assert exporter.form == form
-        networks = ("layered-tanh-0", "fully_meshed-clamp-0", "mealy_fsm")
-        for name in ("modules",) if form == "machine" else networks:
+        known = {"machine": ["modules"], "scxml": ["mealy_fsm"]}
+        for name in known.get(form, ["layered-tanh-0", "fully_meshed-clamp-0", "mealy_fsm"]):
             assert exporter.files(subject(ALL[name]), "robot") == exporter.files(subject(ALL[name]), "robot")
 
 

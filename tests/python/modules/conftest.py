@@ -59,6 +59,8 @@ def _forget() -> None:
 def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Path]]:
     """Return what installs modules: code, and entry points; and returns the file with the code."""
     site = tmp_path / "site"
+    # Bytecode is taken for that of a file of the same size that was changed in the same second.
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
 
     def put(code: str = CODE, points: str = POINTS) -> Path:
         information = site / "own_modules-1.0.dist-info"

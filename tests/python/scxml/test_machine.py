@@ -229,8 +229,9 @@ def test_modelios_missing_slash_is_named(tmp_path: Path) -> None:
 
 
 def test_a_table_that_is_too_large_is_refused(tmp_path: Path) -> None:
-    tests = " || ".join(f"{name} == {number / 4}" for name in SENSORS for number in range(300))
-    states = f'<state id="a"><transition event="step" cond="{tests}" target="a"/></state>'
+    tests = (" || ".join(f"{name} == {number / 4}" for number in range(300)) for name in SENSORS)
+    transitions = "".join(f'<transition event="step" cond="{test}" target="a"/>' for test in tests)
+    states = f'<state id="a">{transitions}</state>'
     with pytest.raises(InputError, match=r"the table has \d+ numbers, at most 1000000 are possible"):
         controller(written(tmp_path, states))
 
