@@ -10,6 +10,7 @@ measures how many operations of each kind the processor does in a nanosecond.
 import copy
 import json
 import subprocess
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,8 @@ from benchmarks.rollout import Block, minisim, stadium
 
 PEAK = Path(__file__).parent / "peak"
 ENGINE = Path(__file__).parents[1] / "engine"
-CARGO = ("cargo", "run", "--quiet", "--manifest-path")
+PEAK_PROGRAM = (str(PEAK / "Cargo.toml"), "--release")
+COUNTING_PROGRAM = (str(ENGINE / "Cargo.toml"), "-p", "swarmwright-arena", "--example", "operations")
 
 
 @dataclass(frozen=True)
@@ -72,16 +74,23 @@ ARENA = {"EvoStick": (arena.evostick, "e-puck-rm1.1"), "modules": (arena.machine
 """Controllers and robots of the arena whose operations are counted."""
 
 
-def _printed(*command: str, text: str = "") -> dict[str, Any]:
+def build() -> None:
+    """Compile the measurements in Rust, which takes minutes where nothing of the engine is compiled."""
+    for program in (PEAK_PROGRAM, COUNTING_PROGRAM):
+        subprocess.run(["cargo", "build", "--quiet", "--manifest-path", *program], check=True)
+
+
+def _printed(program: Sequence[str], text: str = "") -> dict[str, Any]:
     """Return the object that a measurement in Rust prints, compiling it before."""
-    done = subprocess.run([*CARGO, *command], input=text, check=True, stdout=subprocess.PIPE, text=True)
+    command = ["cargo", "run", "--quiet", "--manifest-path", *program]
+    done = subprocess.run(command, input=text, check=True, stdout=subprocess.PIPE, text=True)
     printed: dict[str, Any] = json.loads(done.stdout)
     return printed
 
 
 def peak() -> dict[str, float]:
     """Operations per nanosecond of one core by kind, best instruction set; and `lanes` of a vector."""
-    return _printed(str(PEAK / "Cargo.toml"), "--release")
+    return _printed(PEAK_PROGRAM)
 
 
 def counted(name: str, candidates: int) -> Count:
@@ -97,14 +106,7 @@ def counted(name: str, candidates: int) -> Count:
         "genomes": genomes.ravel().tolist(),
         "seeds": [0],
     }
-    found = _printed(
-        str(ENGINE / "Cargo.toml"),
-        "-p",
-        "swarmwright-arena",
-        "--example",
-        "operations",
-        text=json.dumps(work),
-    )
+    found = _printed(COUNTING_PROGRAM, json.dumps(work))
     steps = found["vectors"] * arena.ROBOTS * arena.TICKS
     each = {kind: round(found[kind] / steps) for kind in ("divide", "square_root", "scalar_load")}
     return Count(vector=round((found["vector"] + found["integer"]) / steps), **each)

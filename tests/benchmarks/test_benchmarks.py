@@ -15,13 +15,17 @@ from tests.java import jar
 KEYS = {"name", "value", "unit", "against", "ratio"}
 
 
-@pytest.mark.timeout(600)  # it may build the wrappers for Java and C++
+@pytest.mark.timeout(1500)  # it may build the wrappers for Java and C++, and what measures in Rust
 @pytest.mark.skipif(shutil.which("cargo") is None, reason="the bare client is compiled by cargo")
 def test_a_quick_run_compares_every_figure_with_its_floor(root: Path, tmp_path: Path) -> None:
+    from benchmarks import bare
+    from benchmarks.bound import build as build_measurements
     from benchmarks.wrappers import COLUMNS
 
     jar()
     build()
+    bare.build()
+    build_measurements()
     file = tmp_path / "build" / "bench.json"
     result = subprocess.run(
         [sys.executable, "-m", "benchmarks", str(file), "--quick"],
