@@ -197,10 +197,12 @@ test-ssh: $(VENV)/.engine $(VENV)/.dev
 	@[ -x /usr/sbin/sshd ] && command -v ssh-keygen pgrep tar > /dev/null || { $(call install,openssh-server openssh-client procps tar); }
 	SWARMWRIGHT_SSH=1 $(BIN)/python -m pytest $(AGAIN) -n 2 --durations=10 tests/ssh
 
-# Simulators that take hundreds of megabytes: their adapters, and the pages of the documentation.
+# Simulators that take hundreds of megabytes: their adapters, and the pages of the documentation. ns-3 in processes of its own:
+# where it was loaded, PyBullet computed other bits in a later test.
 test-simulators: $(VENV)/.engine $(VENV)/.simulators
-	$(BIN)/python -m pytest $(AGAIN) -n 2 --durations=10 tests/python/adapters/ns3 tests/python/adapters/sumo tests/benchmarks/test_simulators.py tests/docs/test_snippets.py \
-		-k "ns3 or sumo or test_simulators or pybullet or ir-sim"
+	$(BIN)/python -m pytest $(AGAIN) -n 2 --durations=10 tests/python/adapters/sumo tests/benchmarks/test_simulators.py tests/docs/test_snippets.py \
+		-k "sumo or test_simulators or pybullet or ir-sim"
+	$(BIN)/python -m pytest $(AGAIN) -n 2 --durations=10 tests/python/adapters/ns3 tests/docs/test_snippets.py -k ns3
 
 # Gazebo 11 is not in newer releases of Debian: its programs are compiled and run in the files of Debian 11.
 gazebo: $(CPP)/.built
