@@ -5,12 +5,17 @@
 # make test-peers  servers, tools and brokers of other makes and in other languages (Java, C++, JavaScript, Go)
 # make test-docs   every command and snippet of the documentation
 # make test-ros1  ROS 1 as Debian has it: real masters, nodes and launch files
+# make wheel   a wheel for Linux with glibc 2.17 or newer, which installs without Rust: build/wheel/dist
+# make test-wheel  a wheel for this system, installed into an environment without Rust
 # make test-simulators  SUMO and others that take hundreds of megabytes: adapters, and pages of the documentation
 # make test-arm64  whole runs on an emulated arm64 processor have the records of this one
 # make gazebo  missions of the arena in Gazebo classic 11, of Debian 11, which it downloads (2 GB, outside of this folder)
 # make test-ray    servers on clusters of Ray and Dask: real ones with two nodes on this machine
 # make test-slurm  servers as jobs of Slurm: a real one on this machine, as root
+# make kubernetes  a Kubernetes without nodes, and Helm, for tests: compiled in 15 minutes from Go modules, outside of this folder
+# make test-kubernetes  servers as pods and the Helm chart, in it, as root; skipped where `make kubernetes` has not been run
 # make test-ssh  servers on other machines through SSH: a real sshd on loopback
+# make test-preemption  64 servers of two launchers for two minutes, those of one are preempted every 20 s; less: PREEMPTION=16x40
 # make test-gazebo  whole runs in it; skipped where it cannot be set up
 # make gz      missions of the arena in Gazebo Fortress, where GZ_ROOT has it: / for this system, or a folder with another one
 # make test-gz  whole runs in it; skipped where it is missing
@@ -29,7 +34,7 @@ SHELL := /bin/bash
 .ONESHELL:
 .DELETE_ON_ERROR:
 .DEFAULT_GOAL := help
-.PHONY: brokers test-brokers test-ros1 test-ray test-slurm test-ssh test-simulators test-export test-arm64 test-peers test-docs help demo java cpp test schedules test-engine test-java test-cpp test-python lint lint-engine lint-java lint-cpp lint-python lint-protocol audit bench docs check-docs clean fuzz gazebo test-gazebo gz test-gz
+.PHONY: wheel test-wheel brokers test-brokers test-ros1 test-ray test-slurm kubernetes test-kubernetes test-ssh test-preemption test-simulators test-export test-arm64 test-peers test-docs help demo java cpp test schedules test-engine test-java test-cpp test-python lint lint-engine lint-java lint-cpp lint-python lint-protocol audit bench docs check-docs clean fuzz gazebo test-gazebo gz test-gz
 
 VENV := .venv
 BIN := $(CURDIR)/$(VENV)/bin
@@ -48,6 +53,7 @@ CPP := wrappers/cpp/build
 CPP_SOURCES := $(shell find wrappers/cpp engine/c/include -path $(CPP) -prune -o -type f -print)
 GAZEBO := wrappers/gazebo/build
 GAZEBO_ROOT ?= $(or $(XDG_CACHE_HOME),$(HOME)/.cache)/swarmwright/gazebo/root
+KUBERNETES ?= $(or $(XDG_CACHE_HOME),$(HOME)/.cache)/swarmwright/kubernetes
 GZ := $(GAZEBO)/gz
 GZ_ROOT ?= $(or $(XDG_CACHE_HOME),$(HOME)/.cache)/swarmwright/gz/root
 GZ_HEADER := usr/include/ignition/gazebo6/ignition/gazebo/Server.hh
@@ -114,6 +120,7 @@ test-python: $(VENV)/.engine $(VENV)/.dev protocol/node_modules/.package-lock.js
 
 test-peers: $(VENV)/.engine $(VENV)/.dev $(JAVA) $(CPP)/address/.built $(CPP)/thread/.built $(JAVASCRIPT) $(GO)
 	@command -v mosquitto > /dev/null || [ -x /usr/sbin/mosquitto ] || { $(call install,mosquitto); }
+	command -v nginx > /dev/null || [ -x /usr/sbin/nginx ] || { $(call install,nginx-light); }
 	ls /usr/lib/python3/dist-packages/pyenki.* > /dev/null 2>&1 || { $(call install,python3-enki2); }
 	$(PYTEST) tests/benchmarks tests/conformance tests/system tests/wrappers
 
@@ -192,10 +199,57 @@ test-slurm: $(VENV)/.engine $(VENV)/.dev
 	if [ "$$(id -u)" = 0 ]; then export SWARMWRIGHT_SLURM=1; fi
 	$(BIN)/python -m pytest $(AGAIN) -rs -n 0 --durations=10 tests/slurm
 
-# Servers through a real sshd, on a port and with keys of its own.
+kubernetes:
+	@command -v go > /dev/null || { $(call install,golang-go ca-certificates); }
+	tests/kubernetes/make-binaries $(KUBERNETES)
+
+# Servers as pods of a real Kubernetes, whose pods are processes in mount namespaces: that needs root.
+test-kubernetes: $(VENV)/.engine $(VENV)/.dev
+	@[ ! -e $(KUBERNETES)/version ] || command -v kubectl > /dev/null || { $(call install,kubernetes-client); }
+	if [ "$$(id -u)" != 0 ]; then
+		export SWARMWRIGHT_NO_KUBERNETES="root is needed"
+	elif [ ! -e $(KUBERNETES)/version ]; then
+		export SWARMWRIGHT_NO_KUBERNETES="$(KUBERNETES) has no Kubernetes: run 'make kubernetes', about 15 minutes"
+	else
+		export SWARMWRIGHT_KUBERNETES=$(KUBERNETES)
+	fi
+	$(BIN)/python -m pytest $(AGAIN) -rs -n 0 --durations=10 tests/kubernetes
+
+# Servers through a real sshd, on a port and with keys of its own; as root also in network namespaces, with a jump host.
 test-ssh: $(VENV)/.engine $(VENV)/.dev
+	@[ -x /usr/sbin/sshd ] && command -v ssh-keygen > /dev/null && command -v pgrep > /dev/null && command -v tar > /dev/null \
+		&& { command -v ip > /dev/null || [ -x /usr/sbin/ip ]; } || { $(call install,openssh-server openssh-client procps tar iproute2); }
+	PATH="$$PATH:/usr/sbin" SWARMWRIGHT_SSH=1 $(BIN)/python -m pytest $(AGAIN) -rs -n 2 --durations=10 tests/ssh
+
+# Servers that are preempted again and again, processes and servers through a real sshd: servers x seconds.
+PREEMPTION ?= 64x120
+test-preemption: $(VENV)/.engine $(VENV)/.dev
 	@[ -x /usr/sbin/sshd ] && command -v ssh-keygen pgrep tar > /dev/null || { $(call install,openssh-server openssh-client procps tar); }
-	SWARMWRIGHT_SSH=1 $(BIN)/python -m pytest $(AGAIN) -n 2 --durations=10 tests/ssh
+	SWARMWRIGHT_PREEMPTION=$(PREEMPTION) $(BIN)/python -m pytest $(AGAIN) -rs -rP -n 0 tests/preemption
+
+# Links with an old glibc, by zig, so that the wheel installs on systems since 2014; everything is compiled anew, for which this takes
+# as long as the first build.
+GLIBC := 2.17
+WHEEL := build/wheel
+ZIG_TARGET := $(shell uname -m)-unknown-linux-gnu
+
+wheel: $(VENV)/.wheel
+	@export PATH=$(BIN):$$PATH CARGO_TARGET_DIR=$(CURDIR)/$(WHEEL)/target
+	rm -rf $(WHEEL)/dist
+	cargo-zigbuild rustc $(MANIFEST) --release --package swarmwright-fmi --lib --target $(ZIG_TARGET).$(GLIBC) -- -C strip=symbols
+	install -D $(WHEEL)/target/$(ZIG_TARGET)/release/libswarmwright_fmi.so python/swarmwright/fmu/libswarmwright_fmi.so
+	maturin build --release --strip --zig --target $(ZIG_TARGET) --compatibility manylinux_$(subst .,_,$(GLIBC)) --out $(WHEEL)/dist
+	auditwheel show $(WHEEL)/dist/*.whl
+	SWARMWRIGHT_WHEEL_GLIBC=$(GLIBC) SWARMWRIGHT_WHEEL=$$(echo $(CURDIR)/$(WHEEL)/dist/*.whl) $(BIN)/python -m pytest -q tests/wheel
+
+# The wheel of what is compiled already, with this system's glibc, in an environment without Rust.
+test-wheel: $(VENV)/.engine $(VENV)/.dev $(VENV)/.wheel
+	@command -v strip > /dev/null || { $(call install,binutils); }
+	export PATH=$(BIN):$$PATH
+	rm -rf $(WHEEL)/built $(WHEEL)/here
+	maturin build --release --auditwheel skip --out $(WHEEL)/built
+	auditwheel repair --strip --wheel-dir $(WHEEL)/here $(WHEEL)/built/*.whl
+	SWARMWRIGHT_WHEEL=$$(echo $(CURDIR)/$(WHEEL)/here/*.whl) $(BIN)/python -m pytest $(AGAIN) -rs -n 0 --durations=10 tests/wheel
 
 # Simulators that take hundreds of megabytes: their adapters, and the pages of the documentation. ns-3 in processes of its own:
 # where it was loaded, PyBullet computed other bits in a later test.
@@ -419,6 +473,10 @@ $(VENV)/.clusters: $(VENV)/.dev pyproject.toml
 	touch $@
 
 # What only benchmarks need: those that Swarmwright is compared with.
+$(VENV)/.wheel: $(VENV)/.dev pyproject.toml
+	$(BIN)/python -m pip install --quiet --group wheel
+	touch $@
+
 $(VENV)/.bench: $(VENV)/.dev pyproject.toml
 	@command -v mosquitto > /dev/null || [ -x /usr/sbin/mosquitto ] || { $(call install,mosquitto); }
 	$(BIN)/python -m pip install --quiet --group bench

@@ -40,6 +40,7 @@ Overview:
     export_bundle, verify_bundle  an archive to hand over, with proof; its check
     evaluate, simulate, repeat  the fitness of given genomes; one episode; one evaluation again
     Simulation, BatchSimulation, CommandSimulation, Parameter   base classes of custom simulations
+    Group                       agents of one kind in a custom simulation
     Physics                     base class of simulators that move the robots of the arena's missions
     callbacks, templates, frevo, testing     TensorBoard and MLflow; experiments to start from; FREVO's files;
                                 checks for plug-ins
@@ -74,6 +75,7 @@ if TYPE_CHECKING:
     from swarmwright.runs.validation import Validation
     from swarmwright.simulations.base import Simulation
     from swarmwright.simulations.batches import BatchSimulation
+    from swarmwright.simulations.groups import Group
     from swarmwright.simulations.parameters import Parameter
     from swarmwright.simulations.physics import Physics
 
@@ -89,6 +91,7 @@ __all__ = [
     "Experiment",
     "Exported",
     "Generation",
+    "Group",
     "InputError",
     "Parameter",
     "Physics",
@@ -128,6 +131,7 @@ _LAZY = {
     "Experiment": "experiment.experiment",
     "Exported": "export.exporting",
     "Generation": "optimization.optimize",
+    "Group": "simulations.groups",
     "Parameter": "simulations.parameters",
     "Physics": "simulations.physics",
     "PostEvaluation": "runs.post_evaluation",

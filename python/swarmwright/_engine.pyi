@@ -142,6 +142,12 @@ class Controller:
     def parameters(self) -> dict[str, Any]:
         """Values of a parameter set, by name; empty for what steers agents."""
 
+    def of_agent(self, agent: int) -> Controller:
+        """The controller of an agent of a team; of another controller, one at the start of an episode.
+
+        Raises InputError for an agent that belongs to no group.
+        """
+
     def reset(self) -> None: ...
     def step(self, sensors: NDArray[np.float32]) -> NDArray[np.float32]:
         """(sensors,) float32 -> (actuators,) float32 in -1..1. Raises InputError for another length or a NaN."""

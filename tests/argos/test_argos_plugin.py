@@ -51,7 +51,8 @@ MISTAKES = {
     ),
     "no wheels": ('<differential_steering implementation="default"/>', "", "has no wheels"),
     "no robots": ('<controller config="steered"/>', '<controller config="other"/>', "other"),
-    "broken": ("</arena>", "", "arena"),
+    "broken": ("</arena>", "", "bad.argos"),
+    "no speed": ("<params/>", '<params max_speed="-4"/>', "max_speed: -4 found, expected a number above 0"),
 }
 
 

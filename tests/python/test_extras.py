@@ -5,6 +5,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 EXTRAS = (
     "paho",
     "msgpack",
@@ -31,9 +33,15 @@ sys.exit(cli.run(sys.argv[1:]))
 """
 
 
-def program(*arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:
+LEFT_OUT = ("matplotlib", "PIL", "scipy")
+"""What the container image leaves out."""
+
+
+def program(
+    *arguments: str, folder: Path, missing: tuple[str, ...] = EXTRAS
+) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-c", PROGRAM, *arguments],
+        [sys.executable, "-c", PROGRAM.replace(repr(EXTRAS), repr(missing)), *arguments],
         capture_output=True,
         text=True,
         check=False,
@@ -67,3 +75,25 @@ def test_all_else_works_without_extras(tmp_path: Path) -> None:
     done = program("runs", "export", "run", "x.parquet", folder=tmp_path)
     assert "pip install 'swarmwright[parquet]'" in done.stderr
     assert json.loads((tmp_path / "run" / "best.json").read_text())["candidate"] < 10
+
+
+@pytest.mark.timeout(200)  # six programs, one after another
+def test_a_run_needs_no_libraries_for_figures(tmp_path: Path) -> None:
+    (tmp_path / "x.yaml").write_text(
+        "simulation: minisim\nmethod: {kind: nnga, population: 10, generations: 2}\n"
+    )
+    for command in (
+        ["optimize", "x.yaml", "--out", "run"],
+        ["evaluate", "run", "--episodes", "3"],
+        ["replay", "run", "--save", "best.html"],
+        ["export", "run", "--to", "c", "--output", "c"],
+    ):
+        done = program(*command, folder=tmp_path, missing=LEFT_OUT)
+        assert (done.returncode, done.stderr) == (0, ""), command
+    for command, package in (
+        (["plot", "run"], "matplotlib"),
+        (["replay", "run", "--save", "best.gif"], "pillow"),
+    ):
+        done = program(*command, folder=tmp_path, missing=LEFT_OUT)
+        assert done.returncode == 2
+        assert done.stderr == f"swarmwright: this needs the package {package}: pip install {package}\n"

@@ -1,11 +1,12 @@
-"""A real sshd on a port of its own, with keys of its own."""
+"""A real sshd on a port of its own, with keys of its own; also in network namespaces."""
 
 import os
 import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,17 +28,19 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @dataclass
 class Machine:
-    """An sshd on loopback that admits one key."""
+    """An sshd that admits one key."""
 
     folder: Path
     port: int
     process: "subprocess.Popen[bytes]"
+    address: str = "127.0.0.1"
+    slots: int = 4
 
     @property
     def options(self) -> dict[str, Any]:
         """What the launcher needs to log in."""
         return {
-            "hosts": [{"host": "127.0.0.1", "port": self.port, "slots": 4}],
+            "hosts": [{"host": self.address, "port": self.port, "slots": self.slots}],
             "key": str(self.folder / "key"),
             "known_hosts": str(self.folder / "known_hosts"),
             "config": str(self.folder / "config"),
@@ -65,32 +68,41 @@ class Machine:
         return [line for line in found if line]
 
 
-@pytest.fixture
-def machine(tmp_path: Path) -> Iterator[Machine]:
+@contextmanager
+def running(
+    folder: Path, address: str = "127.0.0.1", inside: Sequence[str] = (), slots: int = 4
+) -> Iterator[Machine]:
+    """Start an sshd that listens on an address; `inside` is a command that runs others, in a namespace."""
     program = shutil.which("sshd", path="/usr/sbin:/usr/bin")
     assert program, "sshd is missing; `make test-ssh` installs it"
     Path("/run/sshd").mkdir(exist_ok=True)
-    folder = tmp_path / "machine"
     folder.mkdir(mode=0o700)
     for name in ("key", "host_key", "other_key"):
         subprocess.run(["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", str(folder / name)], check=True)
     port = free_port()
     shutil.copy(folder / "key.pub", folder / "authorized_keys")
     host_key = (folder / "host_key.pub").read_text().split()
-    (folder / "known_hosts").write_text(f"[127.0.0.1]:{port} {host_key[0]} {host_key[1]}\n")
+    (folder / "known_hosts").write_text(f"[{address}]:{port} {host_key[0]} {host_key[1]}\n")
     (folder / "config").write_text("")
     (folder / "sshd_config").write_text(
-        f"ListenAddress 127.0.0.1:{port}\nHostKey {folder}/host_key\nPidFile none\nUsePAM no\n"
+        f"ListenAddress {address}:{port}\nHostKey {folder}/host_key\nPidFile none\nUsePAM no\n"
         f"AuthorizedKeysFile {folder}/authorized_keys\nStrictModes no\nPasswordAuthentication no\n"
         f"Subsystem sftp internal-sftp\nSetEnv XDG_LABEL={folder}\nPermitRootLogin yes\n"
+        f"MaxSessions {slots + 8}\n"
     )
-    process = subprocess.Popen([program, "-D", "-f", str(folder / "sshd_config"), "-E", str(folder / "log")])
-    made = Machine(folder, port, process)
+    arguments = [program, "-D", "-f", str(folder / "sshd_config"), "-E", str(folder / "log")]
+    process = subprocess.Popen([*inside, *arguments])
     try:
         while "Server listening" not in ((folder / "log").read_text() if (folder / "log").exists() else ""):
             assert process.poll() is None
             time.sleep(0.05)
-        yield made
+        yield Machine(folder, port, process, address, slots)
     finally:
         process.terminate()
         process.wait()
+
+
+@pytest.fixture
+def machine(tmp_path: Path) -> Iterator[Machine]:
+    with running(tmp_path / "machine") as made:
+        yield made

@@ -29,6 +29,7 @@ class Gather(swarmwright.Simulation):
     def reset(self, parameters, seed):
         far = json.loads((pathlib.Path(__file__).parent / "maps" / "hall.json").read_text())["far"]
         self.place, self.left = float(far), 20
+        print("far is", far, flush=True)
         return [[self.place]]
 
     def step(self, actuators):
@@ -77,6 +78,7 @@ def test_code_travels_once_and_the_record_is_the_same(machine: Machine, tmp_path
     copies = machine.folder / "cache" / "code"
     for folder in ("first", "second"):
         same_record(optimize(made, out=tmp_path / folder, progress=False), here)
+        assert ": far is 9\n" in (tmp_path / folder / "servers.log").read_text()
         (copied,) = copies.iterdir()
         assert (copied / "maps" / "hall.json").exists()
     assert not list((machine.folder / "cache" / "run").iterdir())

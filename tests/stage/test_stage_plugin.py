@@ -44,6 +44,12 @@ MISTAKES = {
     "no sensors": ("ranger( sensor( range [ 0 1 ] fov 345 samples 24 ) )", "", "senses nothing"),
     "unknown option": ("speed=0.4", "sped=0.4", '"sped=0.4" is unknown'),
     "no number": ("speed=0.4", "speed=fast", "is not a number"),
+    "no duration": ("duration=10", "duration=-3", "duration: -3 found, expected a number above 0"),
+    "two options": (
+        'robot( name "d"',
+        'robot( ctrl "swarmwright_stage speed=1" name "d"',
+        "robots have different options",
+    ),
 }
 
 

@@ -26,6 +26,7 @@ mod physics;
 mod place;
 mod polygon;
 mod proximity;
+mod radio;
 mod random;
 mod robot;
 mod scene;
@@ -52,8 +53,8 @@ use swarmwright_lanes::Lanes;
 use swarmwright_simulation::block::{self, Create};
 use swarmwright_simulation::simulation::Describer;
 use swarmwright_simulation::{
-    Block, Description, Determinism, Means, MetricInfo, ParameterError, ParameterInfo, Parameters,
-    RolloutError, Scene, Simulation,
+    Block, Description, Determinism, Group, Means, MetricInfo, ParameterError, ParameterInfo,
+    Parameters, RolloutError, Scene, Simulation,
 };
 
 /// Evaluates a block of controllers that fit the robots.
@@ -205,6 +206,24 @@ impl Simulation for Arena {
         }
         self.settings = settings;
         self.start()
+    }
+
+    /// The kinds of robots, where there are several. All have the same numbers: 0 for what a kind lacks.
+    fn groups(&self) -> Vec<Group> {
+        let team = &self.settings.team;
+        if team.groups().len() < 2 {
+            return Vec::new();
+        }
+        let group = |(name, robots): (String, std::ops::Range<usize>)| Group {
+            name: name.into(),
+            agents: robots.len() as u32,
+            sensors: team.sensors(),
+            actuators: team.actuators(),
+            padded: true,
+            sensor_names: team.sensor_names(),
+            actuator_names: team.actuator_names(),
+        };
+        team.named().map(group).collect()
     }
 
     fn acting(&self) -> &[u32] {

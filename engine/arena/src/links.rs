@@ -1,9 +1,10 @@
 //! Range and bearing: messages of the robots around, where nothing stands between and nothing is lost.
 
-use swarmwright_lanes::{Int, Lanes, Mask, Number, number};
+use swarmwright_lanes::{Lanes, Mask, Number, number};
 
 use super::place::Place;
-use super::random::{Keys, LINKS};
+use super::radio::Reception;
+use super::random::Keys;
 use super::robot::{Links, Robot};
 use super::senses::Others;
 use super::slots::Slots;
@@ -72,15 +73,19 @@ impl<L: Lanes> LinkWindow<L> {
         tick: u32,
     ) {
         let loss = self.loss.unwrap_or(links.loss);
-        let lost = L::Int::splat((loss * 65536.0) as i32 - 1);
         let (mut kind, mut left) = (0, 0);
         let mut range = number::<L>(0.0);
         let mut arrived = Arrived {
             count: number(0.0),
             sum: [number(0.0); 2],
         };
-        let mut block = usize::MAX;
-        let mut words = [L::Int::splat(0); 4];
+        let mut reception = Reception::new(
+            links,
+            team,
+            (others, indices),
+            (loss, &self.mute),
+            (keys, tick, index),
+        );
         let slots = &mut self.sent;
         slots.clear();
         let at = [bodies.x[index], bodies.y[index]];
@@ -92,17 +97,8 @@ impl<L: Lanes> LinkWindow<L> {
                 kind += 1;
             }
             left -= 1;
-            if sender / LINKS != block {
-                block = sender / LINKS;
-                words = keys.links(tick, index, block);
-            }
-            let word = words[sender % LINKS / 2];
-            let half = if sender.is_multiple_of(2) {
-                word.and(L::Int::splat(0xFFFF))
-            } else {
-                word.shr(L::Int::splat(16))
-            };
-            let mut sent = lost.lt(half).and(other.square.lt(range));
+            let of = team.kind(kind - 1);
+            let mut sent = reception.arrives((sender, of), other.square, range);
             if !self.mute.is_empty() {
                 sent = sent.and_not(self.mute[sender]);
             }
@@ -145,7 +141,7 @@ impl<L: Lanes> LinkWindow<L> {
     }
 }
 
-/// The square of the distance up to which a sender is heard, m^2: the shorter range of both; 0 of those that send nothing.
+/// The square of the distance up to which a sender is heard, with fading on average, m^2: the shorter range of both; 0 of those that send nothing.
 #[inline(always)]
 pub(super) fn both(links: &Links, sender: &Robot) -> f32 {
     let range = match &sender.links {
@@ -171,10 +167,13 @@ fn receive<L: Lanes>(
         let (way, nothing) = slots.get(place_of);
         // As of all others, so that the sender itself does not stand between.
         let square = way[0] * way[0] + way[1] * way[1];
-        let hidden = nothing
-            .or(behind_robot(team, way, square, others))
-            .or(behind_wall(place, at, way))
-            .or(bodies.objects.hide(at, way));
+        let mut hidden = nothing;
+        if links.line_of_sight() {
+            hidden = hidden
+                .or(behind_robot(team, way, square, others))
+                .or(behind_wall(place, at, way))
+                .or(bodies.objects.hide(at, way));
+        }
         let distance = square.sqrt();
         let weight = number::<L>(1.0) / ((distance * 100.0 + (1.0 - links.offset)) * distance);
         let weight = number::<L>(0.0).select(weight, hidden);

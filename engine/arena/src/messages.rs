@@ -1,10 +1,11 @@
 //! The numbers that robots send each other with their messages.
 
-use swarmwright_lanes::{Int, Lanes, Mask, Number, number};
+use swarmwright_lanes::{Lanes, Mask, Number, number};
 
 use super::links::{self, LinkWindow};
 use super::place::Place;
-use super::random::{Keys, LINKS};
+use super::radio::Reception;
+use super::random::Keys;
 use super::robot::Robot;
 use super::senses::Others;
 use super::swarm::Bodies;
@@ -28,7 +29,14 @@ pub(super) fn hear<L: Lanes>(
     let Some(links) = &robot.links else {
         return;
     };
-    let lost = L::Int::splat((window.loss.unwrap_or(links.loss) * 65536.0) as i32 - 1);
+    let loss = window.loss.unwrap_or(links.loss);
+    let mut reception = Reception::new(
+        links,
+        team,
+        (others, indices),
+        (loss, &window.mute),
+        (keys, tick, index),
+    );
     let (mut kind, mut left) = (0, 0);
     let mut range = number::<L>(0.0);
     let mut heard = number::<L>(0.0);
@@ -41,13 +49,8 @@ pub(super) fn hear<L: Lanes>(
             kind += 1;
         }
         left -= 1;
-        let word = keys.links(tick, index, sender / LINKS)[sender % LINKS / 2];
-        let half = if sender.is_multiple_of(2) {
-            word.and(L::Int::splat(0xFFFF))
-        } else {
-            word.shr(L::Int::splat(16))
-        };
-        let mut arrives = lost.lt(half).and(other.square.lt(range));
+        let of = team.kind(kind - 1);
+        let mut arrives = reception.arrives((sender, of), other.square, range);
         if !window.mute.is_empty() {
             arrives = arrives.and_not(window.mute[sender]);
         }
@@ -55,10 +58,12 @@ pub(super) fn hear<L: Lanes>(
             continue;
         }
         let way = [other.x, other.y];
-        let arrives = arrives
-            .and_not(links::behind_robot(team, way, other.square, others))
-            .and_not(links::behind_wall(place, position, way))
-            .and_not(bodies.objects.hide(position, way));
+        if links.line_of_sight() {
+            arrives = arrives
+                .and_not(links::behind_robot(team, way, other.square, others))
+                .and_not(links::behind_wall(place, position, way))
+                .and_not(bodies.objects.hide(position, way));
+        }
         heard = heard.add_where(number(1.0), arrives);
         for part in 0..means.len() {
             let number = sent[sender * means.len() + part];

@@ -11,7 +11,7 @@ use super::place::Place;
 use super::settings::with_place;
 pub(super) use outputs::Output;
 pub(super) use parts::{
-    Battery, Camera, Drive, GroundSensors, LedColor, LightSensors, Links, Proximity, Sight,
+    Battery, Camera, Drive, GroundSensors, LedColor, LightSensors, Links, Proximity, Radio, Sight,
 };
 use swarmwright_simulation::ParameterError;
 use swarmwright_simulation::parameters::wrong;
@@ -109,7 +109,7 @@ impl Robot {
         let proximity = proximity.map_or(0.0, |p| p.start + p.range + largest);
         self.links
             .as_ref()
-            .map_or(0.0, |links| links.range)
+            .map_or(0.0, Links::reach)
             .max(proximity)
             .max(self.around.unwrap_or(0.0))
             .max(self.camera.as_ref().map_or(0.0, |camera| camera.range))

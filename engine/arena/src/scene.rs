@@ -280,7 +280,8 @@ fn look(scene: &mut Scene, team: &Team, place: &Place, swarm: &Swarm<f32>) {
             let walls = inner.map(|face| to_wall(at(index), along, face));
             let pushed =
                 objects(place, swarm).map(|(pose, form, ..)| to_form(at(index), along, form, pose));
-            if away < range && !hidden && !walls.chain(pushed).any(nearer) {
+            let through = heard.is_some_and(|links| !links.line_of_sight());
+            if away < range && (through || !hidden && !walls.chain(pushed).any(nearer)) {
                 scene.links.push([*sender as u32, index as u32]);
             }
         }

@@ -9,7 +9,7 @@ use super::neighbours::Neighbours;
 use super::place::Place;
 use super::proximity::Seen;
 use super::random::{Keys, Purpose, halves, noise, uniform};
-use super::robot::Output;
+use super::robot::{Links, Output};
 use super::swarm::Bodies;
 use super::team::{Group, Team};
 use super::{around, camera, contacts, grey, light, messages, proximity};
@@ -79,7 +79,7 @@ pub(super) struct Senses<L: Lanes> {
     /// By group: which controllers are told of both, half turns.
     angles: Vec<[Vec<f32>; 2]>,
     seen: Seen<L>,
-    /// By robot: the numbers of its message.
+    /// By robot: the numbers of its message; as many ticks one after the other as messages take, and one more.
     pub sent: Vec<Number<L>>,
     /// By robot: what the drive aimed at, for encoders.
     pub turned: Vec<Number<L>>,
@@ -117,7 +117,7 @@ impl<L: Lanes> Senses<L> {
             light: vec![number(0.0); most(1).unwrap_or(0)],
             angles,
             seen: Seen::new(),
-            sent: vec![number(0.0); robots * team.message()],
+            sent: vec![number(0.0); robots * team.message() * (team.delay() as usize + 1)],
             turned: vec![number(0.0); robots * team.encoders()],
             shown: if team.any(|robot| !robot.leds.is_empty() || robot.camera.is_some()) {
                 vec![number(0.0); robots]
@@ -287,7 +287,11 @@ impl<L: Lanes> Senses<L> {
                     }
                     Output::GroundReadings => copy(&self.ground.readings, numbers),
                     Output::Message => {
-                        let others = (&self.sent[..], &self.others, &self.indices[..]);
+                        let all = team.len() * team.message();
+                        let delay = robot.links.as_ref().map_or(0, Links::delay);
+                        let then = team.sent_at(tick, delay);
+                        let sent = &self.sent[then..][..all];
+                        let others = (sent, &self.others, &self.indices[..]);
                         messages::hear(
                             (robot, team),
                             place,

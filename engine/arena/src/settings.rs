@@ -22,6 +22,8 @@ pub(super) const LONGEST: f64 = (MOST_TICKS - 1) as f64 / 10.0;
 pub(super) struct Settings {
     pub mission: Mission,
     pub team: Team,
+    /// Where it is said how many robots there are.
+    counted: &'static str,
     pub failures: Vec<Failure>,
     /// Ticks of 0.1 s; the first one is the start.
     pub ticks: u32,
@@ -65,6 +67,11 @@ impl Settings {
         }
         Ok(Self {
             team,
+            counted: if robots.is_some() {
+                "robots"
+            } else {
+                "mission.robots"
+            },
             failures,
             ticks: (duration * 10.0).round() as u32,
             seed: read.seed("seed")?.unwrap_or(0),
@@ -107,7 +114,7 @@ impl Settings {
         );
         let robots = poses.map_err(|found| {
             wrong(
-                "robots",
+                self.counted,
                 format!(
                     "{robots} robots do not fit where they are to start: {found} found a free place at random; \
                      take fewer, or a larger start or arena"

@@ -293,7 +293,8 @@ impl<L: Lanes> Swarm<L> {
                 self.senses.shown[index] = camera::shown(&robot.leds, given);
             }
             let sent = &row[row.len() - robot.message..];
-            for (kept, number) in self.senses.sent[index * robot.message..]
+            let now = team.sent_at(self.tick, 0);
+            for (kept, number) in self.senses.sent[now + index * robot.message..]
                 .iter_mut()
                 .zip(sent)
             {

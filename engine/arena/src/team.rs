@@ -6,7 +6,7 @@ use serde::Deserialize;
 use serde_json::Value;
 
 use super::place::Place;
-use super::robot::{Output, Robot};
+use super::robot::{Links, Output, Robot};
 use super::settings::{MOST_ROBOTS, with_place};
 use super::together::{self, Row};
 use swarmwright_simulation::ParameterError;
@@ -49,6 +49,8 @@ pub(super) struct Team {
     pairs: Vec<Pair>,
     /// By group: the change of velocity by an impulse that changes that of a robot of the first kind by 1.
     lightness: Vec<f32>,
+    /// Ticks that the slowest messages take.
+    delay: u32,
     /// What the controller of all gets and gives.
     row: Row,
 }
@@ -129,11 +131,14 @@ impl Team {
         let pairs = pairs.map(|(one, two)| pair(one, two)).collect();
         let mut groups = groups;
         let row = together::arrange(&mut groups);
+        let links = groups.iter().flat_map(|group| &group.robot.links);
+        let delay = links.map(Links::delay).max().unwrap_or(0);
         Self {
             groups,
             of,
             pairs,
             lightness,
+            delay,
             row,
         }
     }
@@ -333,6 +338,19 @@ impl Team {
     fn most(&self, of: impl Fn(&Robot) -> f32) -> f32 {
         let numbers = self.groups.iter().map(|group| of(&group.robot));
         numbers.fold(0.0, f32::max)
+    }
+
+    /// Ticks that the slowest messages take.
+    pub(super) fn delay(&self) -> u32 {
+        self.delay
+    }
+
+    /// Where the messages of all robots begin that were sent so many ticks before a tick, among those kept in turn.
+    #[inline(always)]
+    pub(super) fn sent_at(&self, tick: u32, delay: u32) -> usize {
+        let kept = self.delay() + 1;
+        let place = (tick + kept - delay) % kept;
+        place as usize * self.len() * self.message()
     }
 
     /// The largest radius, metres.

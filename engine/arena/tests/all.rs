@@ -13,5 +13,6 @@ mod arena_objects;
 mod arena_physics;
 mod arena_polygons;
 mod arena_presets;
+mod arena_radio;
 mod arena_robots;
 mod contacts_parts;

@@ -262,3 +262,34 @@ fn grippers() {
         &json!({"mission": mission, "robot": robot, "robots": 10, "duration": 12, "failures": failures()}),
     );
 }
+
+#[test]
+fn radios() {
+    let every = json!({"fading": 2, "exponent": 2.7, "slots": 15, "interval": 0.2, "delay": 0.3, "line_of_sight": false});
+    for radio in [
+        every,
+        json!({"fading": 1}),
+        json!({"slots": 4}),
+        json!({"delay": 0.1}),
+    ] {
+        let robot = |range: f64, radio: &Value| {
+            json!({
+                "radius": 0.04, "drive": {"kind": "differential", "wheel_base": 0.1, "max_speed": 0.4, "noise": 0.1},
+                "sensors": [
+                    {"kind": "range_and_bearing", "range": range, "loss": 0.2, "radio": radio,
+                        "gives": ["count", "message", "attraction"]},
+                ],
+                "actuators": [{"kind": "message", "numbers": 2}],
+            })
+        };
+        check(
+            &json!({"robot": robot(0.5, &radio), "robots": 12, "duration": 6, "failures": failures()}),
+        );
+        // So many that one episode at a time looks at the cells around a robot, and robots of two kinds.
+        let kinds = json!([{"robot": robot(0.15, &radio), "count": 40}, {"robot": robot(0.3, &json!({"delay": 0.2})), "count": 15}]);
+        check(
+            &json!({"mission": {"walls": {"rectangle": [4, 4]}, "start": {"rectangle": {"x": [-1.9, 1.9], "y": [-1.9, 1.9]}},
+            "fitness": "order"}, "robots": kinds, "duration": 3}),
+        );
+    }
+}

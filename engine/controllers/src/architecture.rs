@@ -1,6 +1,6 @@
 //! What controllers of one experiment have in common: everything but the weights.
 
-use crate::kinds::{self, KINDS, Kind, of_kind};
+use crate::kinds::{self, KINDS, Kind, TEAM, Team, of_kind};
 use crate::reader::{Reader, wrong};
 use crate::{Architecture, MAX_WEIGHTS, SpecificationError, VERSION};
 
@@ -19,7 +19,7 @@ impl Architecture {
 
     pub(crate) fn read(reader: &mut Reader<'_>) -> Result<Self, SpecificationError> {
         reader.count("version", VERSION as usize, VERSION as usize)?;
-        let expected = alternatives(KINDS);
+        let expected = alternatives(&[KINDS, &[TEAM]].concat());
         let name = reader.text("kind", &expected)?;
         let Some(architecture) = kinds::read(&name, reader) else {
             return Err(wrong(
@@ -54,6 +54,14 @@ impl Architecture {
     /// Whether agents are steered: not by a parameter set, which fits any simulation.
     pub fn steers(&self) -> bool {
         of_kind!(self, kind => kind.steers())
+    }
+
+    /// The groups of agents, if these have different controllers.
+    pub fn team(&self) -> Option<&Team> {
+        match self {
+            Self::Team(team) => Some(team),
+            _ => None,
+        }
     }
 
     /// Numbers in; 0 if it steers no agents.

@@ -1,9 +1,10 @@
 //! The controller of one agent.
 
-use crate::kinds::{Kind, of_kind};
+use crate::kinds::{Kind, Team, of_kind};
 use crate::{Architecture, Specification};
 use serde_json::{Map, Value};
 use std::borrow::Cow;
+use std::ops::Range;
 use std::sync::Arc;
 
 /// Why a controller did not step; its state is then unchanged.
@@ -15,6 +16,20 @@ pub enum ControllerError {
          (Minisim does with the parameter steering: rule), or the controller must be of another kind, such as layered"
     )]
     SteersNoAgents,
+    /// A team was asked to steer instead of one of its controllers.
+    #[error("a team has a controller for each agent; take that of one agent")]
+    NoAgent,
+    /// An agent that belongs to no group of a team.
+    #[error(
+        "agent {agent} belongs to no group: the groups of the controller have {agents} agents, from 0 to {}",
+        .agents - 1
+    )]
+    NoGroup {
+        /// Which agent.
+        agent: u32,
+        /// How many agents all groups have.
+        agents: u32,
+    },
     /// A sensor reading of the wrong length.
     #[error("sensors: {found} numbers, but this controller takes {expected}")]
     SensorCount {
@@ -58,6 +73,10 @@ pub enum ControllerError {
 pub struct Controller {
     architecture: Arc<Architecture>,
     weights: Arc<[f32]>,
+    /// Those of the above that are this controller's: all but in a team.
+    own: Range<usize>,
+    /// In a team, the most sensors and actuators that any agent has: rows may be as long; 0, 0 otherwise.
+    row: (u32, u32),
     /// Kept between steps: the outputs of all nodes of a fully meshed network, the state of a finite-state machine.
     state: Box<[f32]>,
     scratch: Box<[f32]>,
@@ -98,7 +117,9 @@ impl Controller {
             of_kind!(&*architecture, kind => (kind.state_length(), kind.scratch_length()));
         Self {
             architecture,
+            own: 0..weights.len(),
             weights,
+            row: (0, 0),
             state: vec![0.0; state].into_boxed_slice(),
             scratch: vec![0.0; scratch].into_boxed_slice(),
         }
@@ -106,7 +127,34 @@ impl Controller {
 
     /// The specification: architecture and weights, without any state.
     pub fn specification(&self) -> Specification {
-        Specification::of(&self.architecture, &self.weights)
+        Specification::of(&self.architecture, &self.weights[self.own.clone()])
+    }
+
+    /// The controller of an agent at the start of an episode, which shares the weights: in a team that of its group, otherwise
+    /// this one.
+    ///
+    /// # Errors
+    /// An agent that belongs to no group of the team.
+    pub fn of_agent(&self, agent: u32) -> Result<Self, ControllerError> {
+        let Some(team) = self.architecture.team() else {
+            let mut controller = self.clone();
+            controller.reset();
+            return Ok(controller);
+        };
+        let (group, own) = team.group_of(agent).ok_or(ControllerError::NoGroup {
+            agent,
+            agents: team.agents().unwrap_or(u32::MAX),
+        })?;
+        Ok(Self {
+            own,
+            row: (team.sensors() as u32, team.actuators() as u32),
+            ..Self::build(Arc::clone(&group.controller), Arc::clone(&self.weights))
+        })
+    }
+
+    /// The groups of agents, if these have different controllers.
+    pub fn team(&self) -> Option<&Team> {
+        self.architecture.team()
     }
 
     /// Whether it steers agents; a parameter set does not.
@@ -116,7 +164,7 @@ impl Controller {
 
     /// Values of parameters of the simulation, by name; empty unless it is a parameter set.
     pub fn parameters(&self) -> Map<String, Value> {
-        of_kind!(&*self.architecture, kind => kind.values(&self.weights))
+        of_kind!(&*self.architecture, kind => kind.values(&self.weights[self.own.clone()]))
     }
 
     /// The parameters of an episode: those given, replaced or extended by those of a parameter set.
@@ -152,7 +200,8 @@ impl Controller {
 
     /// One step: writes the actuators, each in -1..=1, for `sensors`. Allocates nothing.
     ///
-    /// An overflow inside the network that ends in a NaN gives the actuator 0.
+    /// An overflow inside the network that ends in a NaN gives the actuator 0. In a team, both may also be as long as those of
+    /// the agent that has most: sensors at the end do not count then, and actuators at the end are 0.
     ///
     /// # Errors
     /// Slices of the wrong length, a sensor that is NaN or infinite, a parameter set.
@@ -160,23 +209,41 @@ impl Controller {
         if !self.steers() {
             return Err(ControllerError::SteersNoAgents);
         }
-        if sensors.len() != self.sensors() {
+        if self.architecture.team().is_some() {
+            return Err(ControllerError::NoAgent);
+        }
+        let (own_sensors, own_actuators) = (self.sensors(), self.actuators());
+        let row = (self.row.0 as usize, self.row.1 as usize);
+        let sensors = if sensors.len() == row.0 && row.0 > own_sensors {
+            &sensors[..own_sensors]
+        } else {
+            sensors
+        };
+        let actuators = if actuators.len() == row.1 && row.1 > own_actuators {
+            let (actuators, rest) = actuators.split_at_mut(own_actuators);
+            rest.fill(0.0);
+            actuators
+        } else {
+            actuators
+        };
+        if sensors.len() != own_sensors {
             return Err(ControllerError::SensorCount {
-                expected: self.sensors(),
+                expected: own_sensors,
                 found: sensors.len(),
             });
         }
-        if actuators.len() != self.actuators() {
+        if actuators.len() != own_actuators {
             return Err(ControllerError::ActuatorCount {
-                expected: self.actuators(),
+                expected: own_actuators,
                 found: actuators.len(),
             });
         }
         if let Some(index) = sensors.iter().position(|s| !s.is_finite()) {
             return Err(ControllerError::SensorValue { index });
         }
+        let weights = &self.weights[self.own.clone()];
         let (state, scratch) = (&mut self.state, &mut self.scratch);
-        of_kind!(&*self.architecture, kind => kind.step(&self.weights, state, scratch, sensors, actuators));
+        of_kind!(&*self.architecture, kind => kind.step(weights, state, scratch, sensors, actuators));
         Ok(())
     }
 }

@@ -18,7 +18,7 @@ pub use activation::Activation;
 pub use controller::{Controller, ControllerError};
 pub use kinds::{
     Architecture, BEHAVIOUR_NAMES, CONDITION_NAMES, Evostick, Form, FullyMeshed, KINDS, Layered,
-    MealyFsm, Modules, Parameter, ParameterKind, ParameterSet,
+    MealyFsm, Modules, Parameter, ParameterKind, ParameterSet, TEAM, Team, TeamGroup,
 };
 pub use lanes::LaneController;
 pub use output_range::OutputRange;

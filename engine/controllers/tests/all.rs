@@ -7,4 +7,5 @@ mod lanes;
 mod modules;
 mod parameter_set;
 mod specification;
+mod team;
 mod vectors;

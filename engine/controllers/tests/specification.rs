@@ -82,7 +82,7 @@ fn refuses_with_the_field_and_the_cure() {
             &[
                 "controller.kind",
                 "\"layerd\"",
-                "\"layered\", \"fully_meshed\", \"mealy_fsm\", \"evostick\", \"modules\" or \"parameter_set\"",
+                "\"layered\", \"fully_meshed\", \"mealy_fsm\", \"evostick\", \"modules\", \"parameter_set\" or \"team\"",
             ],
         ),
         (

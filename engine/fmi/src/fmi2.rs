@@ -285,7 +285,7 @@ extern "C" fn fmi2GetFMUstate(c: Component, state: *mut *mut State) -> c_int {
 
 /// Makes a copy of the state, in place of the one that is there.
 pub fn get_state(instance: &mut Instance, state: *mut *mut State) -> Result<(), Refusal> {
-    let made = Box::into_raw(instance.state());
+    let made = Box::into_raw(instance.state()?);
     // SAFETY: masters hand over the place of a pointer that is null or came from here.
     unsafe {
         let Some(place) = state.as_mut() else {

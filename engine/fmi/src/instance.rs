@@ -9,12 +9,16 @@ use swarmwright_worlds::Parameters;
 use crate::local::Local;
 use crate::log::{Log, Status};
 use crate::model::{Model, ParameterKind};
+use crate::remote::Remote;
 use crate::shield::Refusal;
 use crate::variables::{Type, Variable};
 use crate::world::World;
 
 /// Masters add up step sizes, and rounding errors with them: so much of a period may be missing.
 const SLACK: f64 = 1e-3;
+
+/// Names of parameters that say how a proxy reaches its server begin with this.
+const CONNECTION: &str = "connection.";
 
 /// A value of a variable.
 #[derive(Debug, Clone, PartialEq)]
@@ -50,7 +54,9 @@ pub struct State {
     seed: u64,
     /// (agents, actuators)
     inputs: Vec<f32>,
-    /// Steps that were made, each with (agents, actuators).
+    /// Steps that were made.
+    made: u64,
+    /// Their (agents, actuators), where they can be repeated.
     steps: Vec<Vec<f32>>,
 }
 
@@ -76,8 +82,13 @@ impl Instance {
             );
             return None;
         }
-        let world: Box<dyn World> = match Local::new(&model) {
-            Ok(world) => Box::new(world),
+        let world: Result<Box<dyn World>, String> = if model.dimensions.is_some() {
+            Ok(Box::new(Remote::new(&model)))
+        } else {
+            Local::new(&model).map(|world| Box::new(world) as Box<dyn World>)
+        };
+        let world = match world {
+            Ok(world) => world,
             Err(reason) => {
                 log.tell(Status::Error, &reason);
                 return None;
@@ -94,6 +105,7 @@ impl Instance {
                 .collect(),
             seed: model.seed,
             inputs: vec![0.0; model.agents * model.actuators],
+            made: 0,
             steps: Vec::new(),
         };
         Some(Box::new(Self {
@@ -122,6 +134,7 @@ impl Instance {
                 .collect(),
             seed: self.model.seed,
             inputs: vec![0.0; self.state.inputs.len()],
+            made: 0,
             steps: Vec::new(),
         };
     }
@@ -168,7 +181,8 @@ impl Instance {
         if self.current {
             return Ok(());
         }
-        self.world.begin(&self.parameters()?)?;
+        let (parameters, connection) = self.parameters()?;
+        self.world.begin(&parameters, &connection)?;
         for step in &self.state.steps {
             self.world.step(step)?;
         }
@@ -176,11 +190,16 @@ impl Instance {
         Ok(())
     }
 
-    /// Those of the episode: what was set at the export, and what the master has set since.
-    fn parameters(&self) -> Result<Parameters, Refusal> {
+    /// Those of the episode, what was set at the export, and what the master has set since; and those of the connection.
+    fn parameters(&self) -> Result<(Parameters, Parameters), Refusal> {
         let mut found = self.model.base.clone();
+        let mut connection = Parameters::new();
         for (known, value) in self.model.parameters.iter().zip(&self.state.parameters) {
-            if *value != known.start {
+            if let Some(name) = known.name.strip_prefix(CONNECTION)
+                && self.model.dimensions.is_some()
+            {
+                connection.insert(name.to_owned(), value.clone());
+            } else if *value != known.start {
                 found.insert(
                     known.name.clone(),
                     value_of(&known.name, known.kind, value)?,
@@ -188,7 +207,7 @@ impl Instance {
             }
         }
         found.insert("seed".to_owned(), self.state.seed.into());
-        Ok(found)
+        Ok((found, connection))
     }
 
     /// The variable, and whether it is of a type.
@@ -324,9 +343,12 @@ impl Instance {
         self.catch_up()?;
         let end = (time + size - self.state.start) / self.model.period + SLACK;
         let inputs = self.limited()?;
-        while (self.state.steps.len() + 1) as f64 <= end && !self.world.view().done {
+        while (self.state.made + 1) as f64 <= end && !self.world.view().done {
             self.world.step(&inputs)?;
-            self.state.steps.push(inputs.clone());
+            if self.world.goes_back() {
+                self.state.steps.push(inputs.clone());
+            }
+            self.state.made += 1;
         }
         self.state.time = time + size;
         Ok(())
@@ -352,13 +374,22 @@ impl Instance {
     }
 
     /// A copy of the state.
-    pub fn state(&self) -> Box<State> {
-        Box::new(self.state.clone())
+    pub fn state(&self) -> Result<Box<State>, Refusal> {
+        if self.world.goes_back() {
+            Ok(Box::new(self.state.clone()))
+        } else {
+            Err(
+                "states cannot be kept: a simulation server does not go back to an earlier step"
+                    .into(),
+            )
+        }
     }
 
     /// Goes to a state: the steps up to it are repeated, unless they are those that were made.
     pub fn set_state(&mut self, state: &State) -> Result<(), Refusal> {
-        let fits = state.inputs.len() == self.state.inputs.len()
+        let fits = self.world.goes_back()
+            && state.made == state.steps.len() as u64
+            && state.inputs.len() == self.state.inputs.len()
             && state.parameters.len() == self.state.parameters.len()
             && state
                 .steps

@@ -73,7 +73,7 @@ impl Local {
 }
 
 impl World for Local {
-    fn begin(&mut self, parameters: &Parameters) -> Result<(), String> {
+    fn begin(&mut self, parameters: &Parameters, _: &Parameters) -> Result<(), String> {
         self.view.sensors.fill(0.0);
         guarded(|| self.simulation.reset(parameters))
             .map_err(|failure| failure.reason)?

@@ -45,6 +45,9 @@ pub struct Model {
     pub metrics: Vec<String>,
     /// Seconds of a step.
     pub period: f64,
+    /// Of a proxy: number of spatial dimensions of the servers that are looked for. None: the simulation is in this process.
+    #[serde(default)]
+    pub dimensions: Option<f64>,
 }
 
 impl Model {

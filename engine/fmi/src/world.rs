@@ -19,7 +19,9 @@ pub struct View {
 /// Episodes in turn. Errors are for the master's log.
 pub trait World {
     /// Goes to the start of an episode.
-    fn begin(&mut self, parameters: &Parameters) -> Result<(), String>;
+    ///
+    /// `connection`: of a simulation behind a broker, how it is reached.
+    fn begin(&mut self, parameters: &Parameters, connection: &Parameters) -> Result<(), String>;
 
     /// Goes on by a step; `actuators`: (agents, actuators), each in -1..=1.
     fn step(&mut self, actuators: &[f32]) -> Result<(), String>;
@@ -29,4 +31,9 @@ pub trait World {
 
     /// Gives the episode up.
     fn end(&mut self) {}
+
+    /// Whether an episode can be repeated up to a step, so that its states can be kept.
+    fn goes_back(&self) -> bool {
+        true
+    }
 }

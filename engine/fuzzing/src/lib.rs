@@ -8,7 +8,7 @@ mod mutation;
 
 use proptest::test_runner::Config;
 
-pub use memory::{Counting, peak};
+pub use memory::{Counting, held, peak};
 pub use mutation::{mutated, noise};
 
 /// Inputs of each test by default: some seconds for all decoders together.

@@ -48,6 +48,12 @@ unsafe impl GlobalAlloc for Counting {
     }
 }
 
+/// The bytes that this thread has taken and not given back.
+#[must_use]
+pub fn held() -> isize {
+    HELD.get()
+}
+
 /// Calls, and says how many bytes were held at once beyond those before.
 pub fn peak<T>(call: impl FnOnce() -> T) -> (T, usize) {
     let before = HELD.get();

@@ -26,6 +26,27 @@ pub struct Timeouts {
     pub episode: Duration,
 }
 
+impl Timeouts {
+    /// What helps where a server was silent for longer than `step`, but only slow: the end of a message.
+    #[must_use]
+    pub fn step_hint(&self) -> String {
+        hint("step", self.step)
+    }
+
+    /// The same for `episode`.
+    #[must_use]
+    pub fn episode_hint(&self) -> String {
+        hint("episode", self.episode)
+    }
+}
+
+fn hint(key: &str, value: Duration) -> String {
+    format!(
+        "if the simulation needs longer, raise timeouts.{key} ({} s)",
+        value.as_secs_f64()
+    )
+}
+
 impl Default for Timeouts {
     fn default() -> Self {
         Self {

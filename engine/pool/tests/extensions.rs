@@ -118,6 +118,7 @@ fn the_status_names_who_is_waited_for_and_who_has_a_pause() {
         reason.starts_with("server 1 has not answered a block"),
         "{reason}"
     );
+    assert!(reason.ends_with("raise timeouts.step (10 s)"), "{reason}");
 }
 
 #[test]

@@ -32,6 +32,11 @@ impl PyController {
         self.0.actuators()
     }
 
+    /// The controller of an agent of a team; of another controller, one at the start of an episode.
+    fn of_agent(&self, agent: u32) -> PyResult<Self> {
+        self.0.of_agent(agent).map(Self).map_err(input)
+    }
+
     /// Values of a parameter set by their names.
     #[getter]
     fn parameters<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {

@@ -242,17 +242,18 @@ fn actions(
             continue;
         }
         let (controllers, agent) = (&mut episodes[place / seen.agents], place % seen.agents);
-        if controllers.agents.len() <= agent {
-            controllers
-                .agents
-                .resize(agent + 1, controllers.prototype.clone());
+        let failed = |source| RolloutError::Controller {
+            agent: u32::try_from(agent).unwrap_or(u32::MAX),
+            source,
+        };
+        while controllers.agents.len() <= agent {
+            let next = u32::try_from(controllers.agents.len()).unwrap_or(u32::MAX);
+            let made = controllers.prototype.of_agent(next).map_err(failed)?;
+            controllers.agents.push(made);
         }
         controllers.agents[agent]
             .step(row, action)
-            .map_err(|source| RolloutError::Controller {
-                agent: u32::try_from(agent).unwrap_or(u32::MAX),
-                source,
-            })?;
+            .map_err(failed)?;
     }
     Ok(actions)
 }

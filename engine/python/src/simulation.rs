@@ -10,7 +10,7 @@ use pyo3::types::{PyDict, PyString};
 use swarmwright_controllers::Controller;
 use swarmwright_pool::check_work;
 use swarmwright_worlds::{
-    Block, Description, Determinism, Failure, Means, MetricInfo, ParameterError, Parameters,
+    Block, Description, Determinism, Failure, Group, Means, MetricInfo, ParameterError, Parameters,
     RolloutError, Scene, Simulation, Together, fail, measure, rollout,
 };
 use swarmwright_wrapper::{Progress, guarded};
@@ -67,6 +67,8 @@ pub struct Hosted {
     progress: Option<Arc<Progress>>,
     /// Whether it runs controllers itself.
     takes_controller: bool,
+    /// Whether there are several kinds of agents.
+    has_groups: bool,
     /// The specification of the next episode's, as JSON.
     controller: Option<String>,
 }
@@ -84,6 +86,9 @@ pub fn determinism(host: &Bound<'_, PyAny>) -> PyResult<Determinism> {
 
 /// What `reset` and `step` of a host return: the agents that act next, (agents, sensors), whether the episode has ended.
 type Seen<'py> = (PyReadonlyArray1<'py, u32>, PyReadonlyArray2<'py, f32>, bool);
+
+/// A group of agents: its name, agents, sensors, actuators, and whether rows are padded.
+type HostedGroup = (String, u32, usize, usize, bool);
 
 /// Why a call did not return anything.
 pub enum Trouble {
@@ -153,6 +158,7 @@ impl Hosted {
             group: lanes::Group::default(),
             progress: None,
             takes_controller: host.getattr("takes_controller")?.extract()?,
+            has_groups: host.getattr("has_groups")?.extract()?,
             controller: None,
             host: host.unbind(),
         })
@@ -231,6 +237,24 @@ pub fn or_fail<T>(result: Result<T, Trouble>) -> T {
 impl Simulation for Hosted {
     fn description(&self) -> Description {
         self.description.clone()
+    }
+
+    fn groups(&self) -> Vec<Group> {
+        if !self.has_groups {
+            return Vec::new();
+        }
+        let groups: Vec<HostedGroup> =
+            or_fail(self.call(|host| host.call_method0("groups")?.extract()));
+        let group = |(name, agents, sensors, actuators, padded): HostedGroup| Group {
+            name: name.into(),
+            agents,
+            sensors,
+            actuators,
+            padded,
+            sensor_names: Vec::new(),
+            actuator_names: Vec::new(),
+        };
+        groups.into_iter().map(group).collect()
     }
 
     fn take_controller(&mut self, controller: &Controller) {

@@ -16,6 +16,7 @@ mod faults;
 
 mod network;
 mod random;
+pub mod scale;
 mod schedule;
 mod server;
 mod shrink;

@@ -372,7 +372,7 @@ pub type Create = fn() -> Box<dyn Simulation>;
 /// Evaluates a block of controllers that fit the simulation.
 pub type Evaluate = fn(&Block<'_>, Means, Create) -> Result<Vec<f64>, RolloutError>;
 
-/// Evaluates a block with `evaluate`, or one episode at a time where its controllers do not steer.
+/// Evaluates a block with `evaluate`, or one episode at a time where its controllers do not steer, or differ between agents.
 ///
 /// # Errors
 /// Parameters that the simulation refuses, controllers that do not fit its `description`.
@@ -392,6 +392,10 @@ pub fn evaluate_fitting<D: Borrow<Description>>(
         architecture.sensors(),
         architecture.actuators(),
     )?;
+    if architecture.team().is_some() {
+        // Lanes have one controller for all agents.
+        return one_by_one(block, means, create);
+    }
     evaluate(block, means, create)
 }
 

@@ -17,7 +17,7 @@ pub use parameters::ParameterReader;
 pub use rollout::{Episode, RolloutError, rollout, rollout_until};
 pub use scene::{Body, Light, Patch, Ray, Scale, Scene, Style, Wall};
 pub use simulation::{
-    Description, Determinism, MetricInfo, ParameterError, ParameterInfo, Parameters, Simulation,
-    UnknownMetric, measure,
+    Description, Determinism, Group, MetricInfo, ParameterError, ParameterInfo, Parameters,
+    Simulation, UnknownMetric, measure,
 };
 pub use together::Together;

@@ -2,8 +2,8 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use crate::{Description, ParameterError, Parameters, Simulation};
-use swarmwright_controllers::{Controller, ControllerError};
+use crate::{Description, Group, ParameterError, Parameters, Simulation};
+use swarmwright_controllers::{Controller, ControllerError, Team};
 
 /// Why an episode could not be computed.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -25,6 +25,16 @@ pub enum RolloutError {
         expected: usize,
         /// Numbers that the controller has.
         found: usize,
+    },
+    /// The groups of the controller are not those of the simulation.
+    #[error(
+        "controller.groups: {reason} in simulation {simulation}; use a controller that was made for it"
+    )]
+    Groups {
+        /// Title of the simulation.
+        simulation: String,
+        /// Which group differs, and how.
+        reason: String,
     },
     /// The weights of a candidate do not make a controller.
     #[error("candidate {candidate}: {source}")]
@@ -59,7 +69,8 @@ pub enum RolloutError {
 struct AgentControllers {
     /// Never stepped, so that its clones are at the start of an episode.
     prototype: Controller,
-    controllers: Vec<Controller>,
+    /// By agent; none for those that have not acted.
+    controllers: Vec<Option<Controller>>,
     sensors: Vec<f32>,
     actuators: Vec<f32>,
 }
@@ -89,11 +100,49 @@ pub fn check_sizes(
     Ok(())
 }
 
+/// Whether the controllers of a team are for these agents; a simulation without groups takes any.
+fn check_groups(simulation: &str, team: &Team, groups: &[Group]) -> Result<(), RolloutError> {
+    let wrong = |reason: String| RolloutError::Groups {
+        simulation: simulation.to_owned(),
+        reason,
+    };
+    if groups.is_empty() {
+        return Ok(());
+    }
+    let names = |names: Vec<&str>| names.join(", ");
+    let (found, expected) = (
+        names(team.groups.iter().map(|group| &*group.name).collect()),
+        names(groups.iter().map(|group| &*group.name).collect()),
+    );
+    if found != expected {
+        return Err(wrong(format!("{found} found, but there are {expected}")));
+    }
+    for (own, group) in team.groups.iter().zip(groups) {
+        let agents = own.agents.unwrap_or(group.agents);
+        for (what, found, expected) in [
+            ("agents", agents as usize, group.agents as usize),
+            ("sensors", own.controller.sensors(), group.sensors),
+            ("actuators", own.controller.actuators(), group.actuators),
+        ] {
+            if found != expected {
+                let name = &own.name;
+                return Err(wrong(format!(
+                    "{name} has {found} {what}, but there are {expected}"
+                )));
+            }
+        }
+    }
+    Ok(())
+}
+
 impl AgentControllers {
     fn new(simulation: &dyn Simulation, controller: &Controller) -> Result<Self, RolloutError> {
         let description = simulation.description();
         if controller.steers() {
             check_sizes(&description, controller.sensors(), controller.actuators())?;
+        }
+        if let Some(team) = controller.team() {
+            check_groups(&description.title, team, &simulation.groups())?;
         }
         let mut prototype = controller.clone();
         prototype.reset();
@@ -124,7 +173,7 @@ impl AgentControllers {
         if let Some(last) = acting.last() {
             let agents = *last as usize + 1;
             if self.controllers.len() < agents {
-                self.controllers.resize(agents, self.prototype.clone());
+                self.controllers.resize(agents, None);
             }
         }
         let width = self.prototype.actuators();
@@ -134,8 +183,16 @@ impl AgentControllers {
             .zip(self.actuators.chunks_exact_mut(width.max(1)))
         {
             simulation.sense(*agent, &mut self.sensors);
-            self.controllers[*agent as usize]
-                .step(&self.sensors, row)
+            let place = &mut self.controllers[*agent as usize];
+            let controller = match place {
+                Some(controller) => Ok(controller),
+                None => self
+                    .prototype
+                    .of_agent(*agent)
+                    .map(|made| place.insert(made)),
+            };
+            controller
+                .and_then(|controller| controller.step(&self.sensors, row))
                 .map_err(|source| RolloutError::Controller {
                     agent: *agent,
                     source,
@@ -241,9 +298,11 @@ impl Episode {
     /// The state in which the state machine of each agent makes its next step, by agent; none for other kinds of
     /// controllers. Agents that have not acted yet, after the last of those that have, are left out: state 0.
     pub fn machine_states(&self) -> Option<Vec<u32>> {
-        self.agents.prototype.current()?;
+        let first = self.agents.prototype.current()?;
         let controllers = self.agents.controllers.iter();
-        controllers.map(Controller::current).collect()
+        let state =
+            |one: &Option<Controller>| one.as_ref().map_or(Some(first), Controller::current);
+        controllers.map(state).collect()
     }
 
     /// The simulation, to ask for fitness, scene and step size.

@@ -85,6 +85,26 @@ impl Description {
     }
 }
 
+/// Agents of one kind in an episode: what they sense and how they are steered.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Group {
+    /// The name by which controllers of these agents are found.
+    pub name: Cow<'static, str>,
+    /// How many there are.
+    pub agents: u32,
+    /// Numbers that each senses: the first ones of what [`Simulation::sense`] writes, the others are 0.
+    pub sensors: usize,
+    /// Numbers that each is steered by: the first ones of its row, the others do not count.
+    pub actuators: usize,
+    /// Whether messages hold the numbers that do not count, too: all agents then have messages of the same length, and a
+    /// controller that all share can steer them.
+    pub padded: bool,
+    /// Names of the sensors, in their order; empty where there are none.
+    pub sensor_names: Vec<String>,
+    /// Names of the actuators, likewise.
+    pub actuator_names: Vec<String>,
+}
+
 /// What a simulation says of one of its metrics: a number that it measures in an episode.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct MetricInfo {
@@ -187,6 +207,12 @@ pub trait Simulation: Send {
 
     /// Names of an agent's actuators, as [`sensor_names`](Self::sensor_names).
     fn actuator_names(&self) -> Vec<String> {
+        Vec::new()
+    }
+
+    /// The kinds of agents of the episode that [`reset`](Self::reset) began, where there are several: the first has the agents
+    /// from 0 on, the next one those after them. The description has the most sensors and actuators of any.
+    fn groups(&self) -> Vec<Group> {
         Vec::new()
     }
 

@@ -11,7 +11,7 @@ pub use registry::{create, describe, described, evaluate, titles};
 pub use swarmwright_arena::{Arena, MissionInfo, missions};
 pub use swarmwright_simulation::simulation::Describer;
 pub use swarmwright_simulation::{
-    Block, Body, Description, Determinism, Episode, Failure, Light, Means, MetricInfo, Pace,
+    Block, Body, Description, Determinism, Episode, Failure, Group, Light, Means, MetricInfo, Pace,
     ParameterError, ParameterInfo, ParameterReader, Parameters, Patch, Ray, RolloutError, Scale,
     Scene, Simulation, Style, Together, UnknownMetric, Wall, fail, measure, rollout, rollout_until,
 };

@@ -105,7 +105,8 @@ pub fn evaluate(
 
 /// A JSON object: title, dimensions, max_agents (null: no limit), sensors, actuators, their names and units,
 /// parameters (name to type, default, description), metrics (name to unit, description), varies (whether sensors, actuators
-/// and metrics depend on parameters); None for an unknown title. It is that of these parameters, or of the default ones.
+/// and metrics depend on parameters), groups (of agents, where there are several kinds: name, agents, sensors, actuators and their
+/// names); None for an unknown title. It is that of these parameters, or of the default ones.
 ///
 /// # Errors
 /// A parameter that the simulation refuses.
@@ -145,5 +146,6 @@ pub fn describe(
         "metrics": metrics,
         "determinism": description.determinism.name(),
         "varies": entry.varies,
+        "groups": simulation.groups(),
     })))
 }

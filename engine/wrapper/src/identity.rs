@@ -1,6 +1,6 @@
 //! Who a server is: its id, and what tells it from another one with the same id.
 
-use swarmwright_controllers::KINDS;
+use swarmwright_controllers::{KINDS, TEAM};
 use swarmwright_protocol::{Announcement, Capabilities, GAUSSIAN};
 use swarmwright_worlds::Description;
 
@@ -46,7 +46,7 @@ impl Identity {
             swarmwright: Some(Announcement {
                 version: 1,
                 modes: texts(&["stepwise", "batched", "offloaded"]),
-                controllers: texts(KINDS),
+                controllers: texts(&[KINDS, &[TEAM]].concat()),
                 batch: Some(batch),
                 lanes: Some(lanes).filter(|lanes| *lanes > 1),
                 distributions: texts(&[GAUSSIAN]),

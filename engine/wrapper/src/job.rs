@@ -355,6 +355,7 @@ fn is_refusal(error: &RolloutError) -> bool {
         error,
         RolloutError::Parameter(_)
             | RolloutError::Mismatch { .. }
+            | RolloutError::Groups { .. }
             | RolloutError::NotSteered { .. }
     )
 }

@@ -8,7 +8,7 @@ use memchr::memmem::Finder;
 use swarmwright_protocol::{
     Actuator, Control, Fitness, MAX_SENSOR, ReadingWriter, SceneMessage, ToTool,
 };
-use swarmwright_worlds::{Failure, MetricInfo, ParameterError, Parameters, Simulation};
+use swarmwright_worlds::{Failure, Group, MetricInfo, ParameterError, Parameters, Simulation};
 
 use crate::guard::{finite, guarded};
 use crate::scenes::{sending, to_message};
@@ -42,6 +42,8 @@ pub(crate) struct Run {
     actuators: Vec<f32>,
     per_agent: usize,
     sensors: Vec<f32>,
+    /// Kinds of agents with sensors and actuators of their own; empty where all agents have the same.
+    groups: Vec<Group>,
     metrics: Cow<'static, [MetricInfo]>,
 }
 
@@ -86,6 +88,7 @@ impl Run {
         guarded(|| simulation.reset(parameters))?.map_err(NoStart::Refused)?;
         let description = guarded(|| simulation.description())?;
         Ok(Self {
+            groups: guarded(|| simulation.groups())?,
             per_agent: description.actuators,
             sensors: vec![0.0; description.sensors],
             metrics: description.metrics,
@@ -129,8 +132,39 @@ impl Run {
             actuators: Vec::new(),
             per_agent: 0,
             sensors: Vec::new(),
+            groups: Vec::new(),
             metrics: Cow::default(),
         }
+    }
+
+    /// The group of an agent, where there are groups.
+    fn group_of(&self, agent: u32) -> Option<&Group> {
+        let mut first = 0_u32;
+        self.groups.iter().find(|group| {
+            first = first.saturating_add(group.agents);
+            agent < first
+        })
+    }
+
+    /// Numbers in the sensor message of an agent.
+    fn sensors_of(&self, agent: u32) -> usize {
+        let own = self.group_of(agent).filter(|group| !group.padded);
+        own.map_or(self.sensors.len(), |group| {
+            group.sensors.min(self.sensors.len())
+        })
+    }
+
+    /// Whether an actuator message of an agent has as many numbers as it may have; if not, how many it may have.
+    fn check_actuators(&self, agent: u32, found: usize) -> Result<(), usize> {
+        let Some(group) = self.group_of(agent) else {
+            return (found == self.per_agent)
+                .then_some(())
+                .ok_or(self.per_agent);
+        };
+        let padded = group.padded && found == self.per_agent;
+        (padded || found == group.actuators)
+            .then_some(())
+            .ok_or(group.actuators)
     }
 
     /// Sends the sensors of all acting agents, or ends the episode when it is done. A simulation that goes on by itself
@@ -173,7 +207,9 @@ impl Run {
                     format!("sensor {index} of agent {agent} is {value}, not a finite number");
                 return Outcome::Failed(reason.into());
             }
-            let payload = self.writer.encode(u64::from(agent), &self.sensors);
+            let payload = self
+                .writer
+                .encode(u64::from(agent), &self.sensors[..self.sensors_of(agent)]);
             let bytes = payload.len();
             if bytes > MAX_SENSOR {
                 return Outcome::TooLarge { agent, bytes };
@@ -269,8 +305,8 @@ impl Run {
                 "agent {agent} is not among those asked for actuators"
             ));
         };
-        if message.actuator.len() != self.per_agent {
-            let (given, expected) = (message.actuator.len(), self.per_agent);
+        let given = message.actuator.len();
+        if let Err(expected) = self.check_actuators(self.acting[slot], given) {
             return Err(format!(
                 "{given} actuators for agent {agent}, expected {expected}"
             ));

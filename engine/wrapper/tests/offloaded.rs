@@ -215,7 +215,9 @@ fn presence_says_who_has_the_server() {
     );
     let announced = presence.capabilities.swarmwright.unwrap();
     assert_eq!(announced.modes, ["stepwise", "batched", "offloaded"]);
-    assert_eq!(announced.controllers, swarmwright_controllers::KINDS);
+    let (last, kinds) = announced.controllers.split_last().unwrap();
+    assert_eq!(kinds, swarmwright_controllers::KINDS);
+    assert_eq!(last, swarmwright_controllers::TEAM);
     assert_eq!(announced.batch, Some(256));
 }
 

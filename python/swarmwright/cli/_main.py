@@ -122,6 +122,10 @@ def _show_usage_error(error: click.ClickException) -> None:
         _complain(message)
 
 
+_LEFT_OUT = {"matplotlib": "matplotlib", "PIL": "pillow", "scipy": "scipy"}
+"""Packages by modules: what container images leave out, since only figures and statistics need them."""
+
+
 def _show_error(error: Exception) -> int:
     """Say what went wrong; the exit status that goes with it."""
     status = getattr(error, "exit_status", None)
@@ -135,6 +139,9 @@ def _show_error(error: Exception) -> int:
     if engine is not None and isinstance(error, engine.EngineError):
         _complain(str(error))
         return FAILED
+    if isinstance(error, ModuleNotFoundError) and error.name in _LEFT_OUT:
+        _complain(f"this needs the package {_LEFT_OUT[error.name]}: pip install {_LEFT_OUT[error.name]}")
+        return click.UsageError.exit_code
     if isinstance(error, OSError) and error.errno is not None:
         where = f"{error.filename}: " if error.filename else ""
         hint = "; free some space and run again" if error.errno == errno.ENOSPC else ""

@@ -61,6 +61,11 @@ class CandidateId(click.ParamType[tuple[int | None, int]]):
     "run. Default: the best one.",
 )
 @click.option(
+    "--group",
+    metavar="NAME",
+    help="Of agents, whose controller is exported; needed where the controller is of the kind team.",
+)
+@click.option(
     "--prefix",
     default="controller",
     show_default=True,
@@ -112,6 +117,7 @@ def command(
     form: str | None,
     output: Path | None,
     chosen: tuple[int | None, int] | None,
+    group: str | None,
     prefix: str,
     verify: bool,
     bundle: Path | None,
@@ -137,6 +143,8 @@ def command(
             raise click.UsageError(
                 "--bundle holds all forms, verified: leave out --to, --output and --verify"
             )
+        if group is not None:
+            raise click.UsageError("--group goes with --to: a bundle holds one controller for all agents")
         return _bundle(said, run, bundle, generation, candidate, prefix, mapping, terms, force=force)
     if model:
         if form is not None or verify or output is None:
@@ -157,6 +165,7 @@ def command(
         output=output,
         generation=generation,
         candidate=candidate,
+        group=group,
         prefix=prefix,
         verify=verify,
         force=force,

@@ -2,19 +2,35 @@
 
 import re
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from swarmwright.cli._commands import Command
-from swarmwright.cli._options import json_option, set_option
+from swarmwright.cli._options import (
+    DEFAULT_BROKER,
+    Prefix,
+    WholeNumber,
+    broker_option,
+    experiment_broker,
+    json_option,
+    set_option,
+)
 from swarmwright.cli._output import Output, show_warnings
+
+if TYPE_CHECKING:
+    from swarmwright import Experiment
+
+
+_PROXY_ONLY = "is for FMUs of simulation servers; add --proxy"
 
 
 @click.command(
     "export-fmu",
     cls=Command,
     example="swarmwright export-fmu minisim --fmi 3 --output minisim.fmu\n"
-    "swarmwright export-fmu arena --set parameters.mission=aac --set parameters.robots=5 --output arena.fmu",
+    "swarmwright export-fmu arena --set parameters.mission=aac --set parameters.robots=5 --output arena.fmu\n"
+    "swarmwright export-fmu minisim --proxy --broker mqtt://localhost --output server.fmu",
 )
 @click.argument("simulation", metavar="SIMULATION")
 @click.option(
@@ -30,46 +46,120 @@ from swarmwright.cli._output import Output, show_warnings
     metavar="FILE",
     help="The file to write. Default: SIMULATION.fmu, here.",
 )
+@click.option(
+    "--proxy",
+    is_flag=True,
+    help="An FMU of a simulation server: it holds no simulation, but steps that of a server, which it "
+    "finds through the broker.",
+)
+@broker_option(
+    default=None,
+    text="With --proxy: the broker. Default: that of the experiment, SWARMWRIGHT_BROKER, or "
+    f"{DEFAULT_BROKER}. Masters can set another one.",
+)
+@click.option("--prefix", type=Prefix(), metavar="P", help="With --proxy: prefix of all topics.")
+@click.option(
+    "--server",
+    type=WholeNumber(min=0, max=2**31 - 1),
+    metavar="ID",
+    help="With --proxy: the only server to be used. Default: any free one that offers the simulation.",
+)
+@click.option(
+    "--agents",
+    type=WholeNumber(min=1),
+    metavar="N",
+    help="With --proxy: for how many agents there are variables. Default: as many as the simulation has with "
+    "its parameters.",
+)
 @set_option("Set a parameter of the simulation: parameters.numAgents=3.")
 @click.option("--force", is_flag=True, help="Write over a file that Swarmwright did not export.")
 @json_option
 def command(
-    simulation: str, fmi: str, output: Path | None, settings: tuple[str, ...], force: bool, as_json: bool
+    simulation: str,
+    fmi: str,
+    output: Path | None,
+    proxy: bool,
+    broker: str | None,
+    prefix: str | None,
+    server: int | None,
+    agents: int | None,
+    settings: tuple[str, ...],
+    force: bool,
+    as_json: bool,
 ) -> None:
-    """Export SIMULATION as an FMU for co-simulation, with the engine inside.
+    """Export SIMULATION as an FMU for co-simulation, with the engine inside or, with --proxy, of a server.
 
     SIMULATION is a built-in simulation (minisim, emergency_exit, arena) or an experiment file, whose
-    simulation and parameters are taken. Parameters are parameters of the FMU, actuators inputs, sensors,
+    simulation and parameters are taken; with --proxy also a class, FILE.py:CLASS, or the title of a
+    simulation that a server offers. Parameters are parameters of the FMU, actuators inputs, sensors,
     fitness and metrics outputs. How many agents there are is decided by the parameters at the export.
     """
-    from swarmwright import Experiment
     from swarmwright.core.errors import InputError
-    from swarmwright.export.simulation_fmu import simulation_fmu
+    from swarmwright.export.proxy_model import Address, proxy_model
+    from swarmwright.export.simulation_fmu import model_fmu
+    from swarmwright.export.simulation_model import Model
     from swarmwright.export.writing import write
-    from swarmwright.simulations.catalogue import parameter_names, titles
+    from swarmwright.simulations.catalogue import title
 
     said = Output(as_json=as_json)
     show_warnings()
+    options = {"--broker": broker, "--prefix": prefix, "--server": server, "--agents": agents}
+    if not proxy and (given := [name for name, value in options.items() if value is not None]):
+        raise InputError(f"{given[0]}: {_PROXY_ONLY}")
+    experiment = _experiment(simulation, settings, proxy=proxy)
+    label = title(experiment.simulation)
+    file = output or Path(f"{_stem(simulation)}.fmu")
+    if file.is_dir():
+        raise InputError(f"{file}: is a folder; name a file with --output")
+    name = re.sub(r"\W", "_", file.stem, flags=re.ASCII)
+    name = name if name[:1].isalpha() else f"model_{name}"
+    if proxy:
+        address = Address(
+            broker or experiment.broker or experiment_broker(None, None, "auto") or DEFAULT_BROKER,
+            experiment.prefix if prefix is None else prefix,
+            server,
+            experiment.timeouts.discovery,
+            experiment.timeouts.step,
+        )
+        model = proxy_model(experiment, address, agents)
+    else:
+        model = Model.of(experiment.simulation, experiment.parameters)
+    write({file.name: model_fmu(model, fmi=f"{fmi}.0", name=name)}, file.parent, force=force)
+    by = f", by servers on {address.broker}" if proxy else ""
+    said.text(f"{file}: {label}, FMI {fmi}.0{by}")
+    about: dict[str, object] = {"file": str(file), "simulation": label, "fmi": f"{fmi}.0"}
+    said.json({**about, "broker": address.broker} if proxy else about)
+
+
+def _experiment(simulation: str, settings: tuple[str, ...], *, proxy: bool) -> "Experiment":
+    """Return the experiment of the argument. Raises InputError."""
+    from swarmwright import Experiment
+    from swarmwright.core.errors import InputError
+    from swarmwright.simulations.catalogue import is_described, parameter_names, titles
+
     if simulation in titles():
         for setting in settings:
             if setting.partition("=")[0].partition(".")[0] in parameter_names(simulation):
                 raise InputError(
                     f"--set {setting}: is a parameter of {simulation}; write --set parameters.{setting}"
                 )
-        experiment = Experiment.from_mapping({"simulation": simulation}).with_settings(settings)
     elif Path(simulation).is_file():
-        experiment = Experiment.load(simulation, settings)
+        return Experiment.load(simulation, settings)
     else:
         known = ", ".join(titles())
-        raise InputError(
-            f"{simulation}: is no built-in simulation ({known}), and there is no experiment file of this name"
-        )
-    file = output or Path(f"{Path(simulation).stem}.fmu")
-    if file.is_dir():
-        raise InputError(f"{file}: is a folder; name a file with --output")
-    name = re.sub(r"\W", "_", file.stem, flags=re.ASCII)
-    name = name if name[:1].isalpha() else f"model_{name}"
-    data = simulation_fmu(experiment.simulation, experiment.parameters, fmi=f"{fmi}.0", name=name)
-    write({file.name: data}, file.parent, force=force)
-    said.text(f"{file}: {experiment.simulation}, FMI {fmi}.0")
-    said.json({"file": str(file), "simulation": experiment.simulation, "fmi": f"{fmi}.0"})
+        is_file = Path(simulation).suffix in (".yaml", ".yml", ".fmu", ".ssp", ".py")
+        if is_file or not proxy:
+            kinds = "a class is named FILE.py:CLASS; " if proxy else ""
+            raise InputError(
+                f"{simulation}: is no built-in simulation ({known}), and there is no experiment file of this "
+                f"name{'; ' + kinds.rstrip('; ') if kinds else ''}"
+            )
+        if not is_described(simulation) and not any(one.startswith("requirements") for one in settings):
+            # What a server of another make offers is not known here.
+            settings = ("requirements.dimensions=2", *settings)
+    return Experiment.from_mapping({"simulation": simulation}).with_settings(settings)
+
+
+def _stem(simulation: str) -> str:
+    """Return the name of the file for a simulation, an experiment file or FILE.py:CLASS."""
+    return re.sub(r"\W", "_", simulation.rpartition(":")[2]) if ":" in simulation else Path(simulation).stem

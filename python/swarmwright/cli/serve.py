@@ -127,6 +127,7 @@ def command(
         "prefix": prefix,
         "step_timeout": step_timeout,
         "wait": wait or 0.0,
+        "grace": grace,
     }
     settings = [{**shared, "id": first + i} for i in range(count)]
     prepare(broker)

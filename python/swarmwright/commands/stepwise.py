@@ -239,7 +239,7 @@ class Dialogue:
             self._pipes = (-1, *self._pipes[1:])
             if select.select([self._processes.channel], [], [], _GOODBYE)[0]:
                 with contextlib.suppress(CommandFailure, OSError):
-                    self._processes.report()
+                    self._note_end()  # it may have printed something at its end
             else:
                 self._processes.kill()
         self._close_pipes()

@@ -230,6 +230,18 @@ class MetricDescription(TypedDict):
     description: str
 
 
+class GroupDescription(TypedDict):
+    """A kind of agents of a simulation."""
+
+    name: str
+    agents: int
+    sensors: int
+    actuators: int
+    padded: bool
+    sensor_names: list[str]
+    actuator_names: list[str]
+
+
 class Description(TypedDict):
     """What a simulation announces."""
 
@@ -246,6 +258,7 @@ class Description(TypedDict):
     metrics: dict[str, MetricDescription]
     determinism: str | None
     varies: bool
+    groups: list[GroupDescription]
 
 
 class Mission(TypedDict):

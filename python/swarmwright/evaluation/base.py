@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from swarmwright import _engine
 from swarmwright.core.errors import InputError
+from swarmwright.core.server_use import ServerUses
 from swarmwright.core.yaml import dotted_path
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.fitness import FitnessExpression
@@ -129,6 +130,9 @@ class Backend(Protocol):
     def usage(self) -> str:
         """Return what was used of servers elsewhere, in words; empty where that is not counted."""
 
+    def server_use(self) -> ServerUses:
+        """Return the use of the servers of each launcher in this session so far."""
+
     def log_to(self, folder: Path) -> None:
         """Write what started servers print to a file in a run's folder."""
 
@@ -163,6 +167,10 @@ class StartedServers(Protocol):
     @property
     def usage(self) -> str:
         """What was used of servers elsewhere, in words; empty where that is not counted."""
+
+    @property
+    def use(self) -> ServerUses:
+        """Use of the servers of each launcher so far; empty where that is not counted."""
 
     @property
     def on_status(self) -> Callable[[Mapping[str, Any]], None] | None:

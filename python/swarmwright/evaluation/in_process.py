@@ -8,6 +8,7 @@ import numpy as np
 
 from swarmwright import _engine
 from swarmwright.core.errors import engine_errors
+from swarmwright.core.server_use import ServerUses
 from swarmwright.evaluation.base import Controllers, Feed, Progress, Results, apply_expression, metrics_of
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.simulations import catalogue
@@ -111,6 +112,10 @@ class InProcessBackend:
     def usage(self) -> str:
         """Return nothing: there are no servers."""
         return ""
+
+    def server_use(self) -> ServerUses:
+        """Return nothing: there are no servers."""
+        return {}
 
     def incidents(self) -> dict[str, int]:
         """Return how many evaluations failed; other faults are errors here."""

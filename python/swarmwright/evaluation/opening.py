@@ -5,6 +5,7 @@ import secrets
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
+from types import MappingProxyType
 from typing import cast
 
 from swarmwright import _engine
@@ -14,6 +15,7 @@ from swarmwright.broker.waiting import patiently
 from swarmwright.core.engine_types import Faults, Requirements, Timeouts
 from swarmwright.core.errors import InputError, RunError, engine_errors
 from swarmwright.core.notebook import in_notebook
+from swarmwright.core.server_use import ServerUses
 from swarmwright.core.simulation_names import LIBRARIES, is_command, is_python
 from swarmwright.core.suggestions import did_you_mean, unknown
 from swarmwright.evaluation.base import (
@@ -51,6 +53,7 @@ def open_backend(
     most: int | None = None,
     metrics: Sequence[str] = (),
     in_python: bool = False,
+    earlier: ServerUses = MappingProxyType({}),
 ) -> Iterator[Backend]:
     """Start what an experiment needs and yield the backend; end all of it afterwards.
 
@@ -64,6 +67,7 @@ def open_backend(
         most: evaluations that there are, if that is known: no more worker processes are started for `local`.
         metrics: asked for beside those that the fitness needs.
         in_python: controllers are machines with modules in Python, although the experiment's are not.
+        earlier: use of launchers' servers in earlier sessions of the run, which counts for their budgets.
 
     Raises:
         InputError: the simulation is unknown, or broker and local servers are both asked for.
@@ -88,7 +92,9 @@ def open_backend(
         local: StartedServers | None
         environment: Callable[[], AbstractContextManager[None]]
         if isinstance(wanted, tuple):
-            local = launched = open_launched(stack, experiment, broker, wanted, visual=visual)
+            local = launched = open_launched(
+                stack, experiment, broker, wanted, visual=visual, earlier=earlier
+            )
             address, environment = launched.access.address, launched.access.environment
         else:
             address, local = open_servers(
@@ -232,7 +238,13 @@ def open_servers(
 
 
 def open_launched(
-    stack: ExitStack, experiment: Experiment, broker: str | None, entries: Entries, *, visual: bool = False
+    stack: ExitStack,
+    experiment: Experiment,
+    broker: str | None,
+    entries: Entries,
+    *,
+    visual: bool = False,
+    earlier: ServerUses = MappingProxyType({}),
 ) -> LaunchedServers:
     """Start the servers of launchers, and the embedded broker if there is no other; they end with the stack.
 
@@ -243,7 +255,7 @@ def open_launched(
         raise InputError("visual: servers of launchers draw nowhere; leave it out, or take servers: 1")
     if experiment.simulation.startswith("__main__:"):
         raise InputError(_SESSION.format(experiment.label))
-    return start(stack, experiment, entries, broker)
+    return start(stack, experiment, entries, broker, earlier)
 
 
 def _pool(

@@ -4,12 +4,15 @@ Arguments: a file descriptor, to which events go as JSON lines, then the argumen
 JSON object, where a simulation in Python is named by its class, `wait`, seconds for a broker that does not
 answer, `files`, path -> SHA-256, which the source of the class must have: all servers of a run compute the
 same, `visual`, whether a command is to show its episodes, `progress`, the descriptor of a file in which it
-says what it computes, and `marked`, whether what it prints is to say for which candidate.
+says what it computes, `grace`, seconds for which it may go on with a request when SIGTERM arrives, and
+`marked`, whether what it prints is to say for which candidate.
 
 Events are what `_engine.serve` reports, {"event": "waiting", "server", "message"} while no broker answers,
 {"event": "failure", "server", "message", "traceback"} when the code of a simulation in Python fails, and
 {"event": "error", "message"} when the server does. Standard input is a pipe from the parent: when it closes
-the parent is done or gone, however it ended, and so is this process.
+the parent is done or gone, however it ended, and so is this process. On SIGTERM, which schedulers send to all
+processes of a job that they preempt, the request under way is finished; then the process leaves the broker
+and ends by this signal. A second SIGTERM ends it at once.
 """
 
 import faulthandler
@@ -18,6 +21,7 @@ import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from typing import Any
@@ -28,9 +32,13 @@ from swarmwright.core.errors import SwarmwrightError, engine_errors
 from swarmwright.simulations import catalogue
 from swarmwright.supervision.marked_output import mark_output
 from swarmwright.supervision.process import STACK_SIGNAL
+from swarmwright.supervision.progress import Sample
 
 GRACE = 2.0
 """Seconds for disconnecting from the broker."""
+PREEMPTION_GRACE = 3.0
+"""Seconds for finishing a request on SIGTERM, unless `grace` says otherwise."""
+_LOOK = 0.01
 
 
 def _end_with_parent() -> None:
@@ -41,6 +49,41 @@ def _end_with_parent() -> None:
         os.kill(os.getpid(), signal.SIGINT)
         threading.Event().wait(GRACE)
         os._exit(0)
+
+
+class _Preemption:
+    """Ends this process in an orderly way on SIGTERM."""
+
+    def __init__(self, settings: Mapping[str, Any]) -> None:
+        self.has_come = False
+        self._progress: int | None = settings.get("progress")
+        self._grace = float(settings.get("grace", PREEMPTION_GRACE))
+        signal.signal(signal.SIGTERM, self._begin)
+
+    def _begin(self, _number: int, _frame: object) -> None:
+        self.has_come = True
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        threading.Thread(target=self._end, daemon=True).start()
+
+    def _end(self) -> None:
+        """Wait for the end of the request under way, then interrupt the main thread, which disconnects."""
+        deadline = time.monotonic() + self._grace
+        before = self._sample()
+        while (now := self._sample()).candidates and now.request == before.request:
+            if time.monotonic() > deadline:
+                break
+            time.sleep(_LOOK)
+        os.kill(os.getpid(), signal.SIGINT)
+        threading.Event().wait(GRACE)
+        self.finish()
+
+    def _sample(self) -> Sample:
+        return Sample() if self._progress is None else Sample.read(self._progress)
+
+    @staticmethod
+    def finish() -> None:
+        """End by the signal: whoever waits for this process sees why it has ended."""
+        os.kill(os.getpid(), signal.SIGTERM)
 
 
 def _simulation(name: str, files: dict[str, str], failed: Callable[[str, str], None], *, visual: bool) -> Any:  # noqa: ANN401 - as the engine takes it
@@ -74,11 +117,17 @@ def main() -> int:
     """Serve until the parent ends; return 0, or the exit status of what went wrong."""
     # The parent may have been started with SIGINT ignored, as shells do in the background.
     signal.signal(signal.SIGINT, signal.default_int_handler)
+    preemption = None
     try:
         # It may end at any time, also before this process serves.
         threading.Thread(target=_end_with_parent, daemon=True).start()
-        return _serve(int(sys.argv[1]), json.loads(sys.argv[2]))
+        settings = json.loads(sys.argv[2])
+        preemption = _Preemption(settings)
+        settings.pop("grace", None)
+        return _serve(int(sys.argv[1]), settings)
     except KeyboardInterrupt:
+        if preemption is not None and preemption.has_come:
+            preemption.finish()
         return 0
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from swarmwright import _engine
 from swarmwright.core.engine_types import AttemptRow, Report
 from swarmwright.core.errors import RunError, engine_errors
+from swarmwright.core.server_use import ServerUses
 from swarmwright.core.suggestions import did_you_mean
 from swarmwright.evaluation import reports
 from swarmwright.evaluation.base import (
@@ -99,6 +100,10 @@ class BrokerBackend:
     def usage(self) -> str:
         """Return what was used of servers elsewhere."""
         return "" if self._servers is None else self._servers.usage
+
+    def server_use(self) -> ServerUses:
+        """Return the use of the servers of each launcher so far."""
+        return {} if self._servers is None else self._servers.use
 
     def incidents(self) -> dict[str, int]:
         """Return what the pool counted."""

@@ -117,5 +117,15 @@ def genomes_of(start_from: Sequence[Entry], representation: Representation) -> G
 
 def _differing(one: Mapping[str, Any], other: Mapping[str, Any]) -> Iterator[str]:
     for key in dict.fromkeys([*other, *one]):
-        if one.get(key) != other.get(key):
+        if _comparable(one.get(key)) != _comparable(other.get(key)):
             yield str(key)
+
+
+def _comparable(value: Any) -> Any:  # noqa: ANN401 - any value of a specification
+    """Return what counts of it: how many agents a group of a team has does not."""
+    if not isinstance(value, list):
+        return value
+    return [
+        {key: inner for key, inner in one.items() if key != "agents"} if isinstance(one, dict) else one
+        for one in value
+    ]

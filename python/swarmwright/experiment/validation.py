@@ -30,6 +30,7 @@ from swarmwright.rankings._slow import SlowOptions
 from swarmwright.rankings.race import RaceOptions
 from swarmwright.representations import Representation
 from swarmwright.representations.parameter_set import ParameterSetOptions
+from swarmwright.representations.team import TeamOptions, check_counts, most, with_groups
 from swarmwright.simulations import catalogue
 from swarmwright.simulations.names import absolute, of_run
 from swarmwright.store import FILE
@@ -243,6 +244,7 @@ def _check_values(values: dict[str, Any], here: bool, report: Report, *, ask: bo
         _check_parameters(values["simulation"] if here else None, dict(parameters), report)
     if "simulation" in checked:
         _fill_in(checked, here, report)
+        _check_groups(checked, here, report)
         reads_code = not ask and getattr(checked.get("controller"), "in_files", False)
         representation = None if reads_code else _check_representation(checked, report)
         _check_method(checked, representation, report)
@@ -370,6 +372,51 @@ def _check_validation(checked: Checked, report: Report) -> None:
         )
 
 
+def _check_groups(checked: Checked, here: bool, report: Report) -> None:
+    """Fill in what the simulation declares of the groups of a team; check it against the file."""
+    options = checked.get("controller")
+    if not isinstance(options, TeamOptions):
+        return
+    try:
+        declared = catalogue.groups(checked["simulation"], checked["parameters"]) if here else []
+    except InputError:  # has been reported
+        checked["controller"] = None
+        return
+    try:
+        if declared:
+            checked["controller"] = with_groups(options, declared, checked["simulation"])
+            return
+        if here and catalogue.built_in(checked["simulation"]) is not None:
+            raise InputError(_no_groups(checked["simulation"]))
+        if here or not catalogue.is_described(checked["simulation"]):
+            check_counts(options)
+        for name in ("sensors", "actuators"):
+            if checked[name] is None:
+                checked[name] = most(options, name)
+    except InputError as error:
+        _report_controller(error, report)
+        checked["controller"] = None
+
+
+def _no_groups(simulation: str) -> str:
+    """Return why a team cannot steer the agents of a built-in simulation with these parameters."""
+    hint = {
+        "minisim": "set the parameter defenderSteering: controller, so that defenders are steered, too",
+        "arena": "make the parameter robots a list of kinds of robots",
+    }.get(catalogue.built_in(simulation) or "", "all its agents are alike")
+    return (
+        f"controller.kind: a team needs several kinds of agents, but {simulation} has one with these "
+        f"parameters; {hint}, or take another kind of controller"
+    )
+
+
+def _report_controller(error: InputError, report: Report) -> None:
+    """Report what is wrong with the controller, `controller[.KEY]: why`, at its place."""
+    place, found, reason = str(error).removeprefix("controller").partition(": ")
+    path = [part for part in place.split(".") if part] if found else []
+    report(("controller", *path), reason or str(error))
+
+
 def _check_representation(checked: Checked, report: Report) -> Representation | None:
     """Check that the controller's options fit the sensors and actuators; return it, None if not known yet."""
     options, sensors, actuators = (checked.get(name) for name in ("controller", "sensors", "actuators"))
@@ -383,9 +430,7 @@ def _check_representation(checked: Checked, report: Report) -> Representation | 
     try:
         made: Representation = component(options, sensors=sensors, actuators=actuators)
     except InputError as error:
-        place, found, reason = str(error).removeprefix("controller").partition(": ")
-        path = [part for part in place.split(".") if part] if found else []
-        report(("controller", *path), reason or str(error))
+        _report_controller(error, report)
         return None
     return made
 

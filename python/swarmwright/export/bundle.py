@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from swarmwright.core.errors import InputError, RunError, SwarmwrightError
 from swarmwright.core.files import read_bytes
+from swarmwright.core.teams import TEAM
 from swarmwright.export import EXPORTERS
 from swarmwright.export._base import Exporter, Files, file_bytes
 from swarmwright.export.sequences import Sequences
@@ -105,6 +106,11 @@ def export_bundle(
     target = Path(file)
     _check_target(target, force=force)
     opened = run if isinstance(run, Run) else Run.open(run)
+    if opened.experiment.controller.kind == TEAM:
+        raise InputError(
+            f"{opened.path}: has a controller for each group of agents, and a bundle holds one for all; "
+            "export each with --to FORM --group NAME"
+        )
     subject = subject_of(opened, generation, candidate)
     files: Files = {
         CONTROLLER: _json(subject.specification),

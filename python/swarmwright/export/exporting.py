@@ -35,6 +35,7 @@ def export_controller(
     output: str | Path | None = None,
     generation: int | None = None,
     candidate: int | None = None,
+    group: str | None = None,
     prefix: str = PREFIX,
     verify: bool = False,
     force: bool = False,
@@ -51,14 +52,15 @@ def export_controller(
         output: folder that is written to; by default one named like `prefix`, here.
         generation: of the candidate, from 0; as in `Run.evaluation`.
         candidate: as in `Run.evaluation`; default: the best one.
+        group: of agents, whose controller is written; needed where groups have controllers of their own.
         prefix: begins names of files, functions and types, so that a program can hold several controllers.
         verify: compile and run what was written, in 10,000 random sequences and in the run's episodes, and
             compare its actuators with the simulation's.
         force: write over files that were not exported by Swarmwright.
 
     Raises:
-        InputError: there is no such candidate or form, the prefix is not an identifier, a file is in the way,
-            or a program that verification needs is not installed.
+        InputError: there is no such candidate, group or form, the prefix is not an identifier, a file is in
+            the way, or a program that verification needs is not installed.
         RunError: what was written does not compile or run.
     """
     from swarmwright.runs.run import Run  # noqa: PLC0415 - with figures and more
@@ -66,7 +68,7 @@ def export_controller(
     check_prefix(prefix)
     exporter = EXPORTERS.get(to)()
     opened = run if isinstance(run, Run) else Run.open(run)
-    subject = subject_of(opened, generation, candidate)
+    subject = subject_of(opened, generation, candidate, group)
     files = exporter.files(subject, prefix)
     written = write(files, Path(output if output is not None else prefix), force=force)
     found = _verify(exporter, subject, prefix, files) if verify else None

@@ -1,4 +1,4 @@
-"""Built-in simulations as FMUs for co-simulation: `swarmwright export-fmu`."""
+"""Simulations and simulation servers as FMUs for co-simulation: `swarmwright export-fmu`."""
 
 import json
 import platform
@@ -23,6 +23,13 @@ _TWO = {"single": "Real", "double": "Real", "integer": "Integer", "seed": "Integ
         "text": "String"}  # fmt: skip
 _THREE = {"single": "Float32", "double": "Float64", "integer": "Int64", "seed": "UInt64", "flag": "Boolean",
           "text": "String"}  # fmt: skip
+_STATES = {
+    True: "To set a state repeats the steps of the episode up to it.",
+    False: "The server is looked for when initialization ends, and is free again after a reset, at the end "
+    "and when the instance is freed. States cannot be kept. Fitness and metrics are known when the episode "
+    "has ended, and NaN before.",
+}
+"""By whether the simulation is inside."""
 
 
 def simulation_fmu(title: str, parameters: Mapping[str, Any], *, fmi: str, name: str) -> bytes:
@@ -37,8 +44,12 @@ def simulation_fmu(title: str, parameters: Mapping[str, Any], *, fmi: str, name:
     Raises InputError for an unknown simulation, for parameters that it refuses, and where the library is not
     built.
     """
+    return model_fmu(Model.of(title, parameters), fmi=fmi, name=name)
+
+
+def model_fmu(model: Model, *, fmi: str, name: str) -> bytes:
+    """Return an FMU of a model, see `simulation_fmu`. Raises InputError where the library is not built."""
     check_prefix(name)
-    model = Model.of(title, parameters)
     library = _library()
     content = json.dumps(model.content(""), sort_keys=True)
     made = token(fmi, name, content, library)
@@ -86,17 +97,18 @@ def _description(model: Model, fmi: str, name: str, made: str) -> str:
             "fmiVersion": fmi,
             "modelName": name,
             ("instantiationToken" if three else "guid"): made,
-            "description": f"The simulation {model.title} of Swarmwright",
+            "description": _about_model(model),
             "generationTool": f"Swarmwright {__version__}",
             "variableNamingConvention": "structured",
             **({} if three else {"numberOfEventIndicators": "0"}),
         },
     )
     state = "FMUState" if three else "FMUstate"
+    keeps = "true" if model.dimensions is None else "false"
     what = {
         "modelIdentifier": name,
-        f"canGetAndSet{state}": "true",
-        f"canSerialize{state}": "true",
+        f"canGetAndSet{state}": keeps,
+        f"canSerialize{state}": keeps,
         "canHandleVariableCommunicationStepSize": "true",
         **({} if three else {"canNotUseMemoryManagementFunctions": "true"}),
     }
@@ -114,6 +126,12 @@ def _description(model: Model, fmi: str, name: str, made: str) -> str:
         (_add_three if three else _add_two)(listed, one)
     _add_structure(ET.SubElement(root, "ModelStructure"), variables, three=three)
     return xml(root, comment=f"{MARK} {__version__}; changes here are lost.")
+
+
+def _about_model(model: Model) -> str:
+    if model.dimensions is None:
+        return f"The simulation {model.title} of Swarmwright"
+    return f"The simulation {model.title} on a simulation server, which an MQTT broker leads to"
 
 
 def _about(one: Variable) -> dict[str, str]:
@@ -173,5 +191,6 @@ def _documentation(model: Model, fmi: str, name: str) -> str:
     values = {
         "p": escape(name), "fmi": fmi, "title": escape(model.title), "rows": rows,
         "agents": str(model.agents), "period": repr(model.period),
+        "about": _about_model(model), "states": _STATES[model.dimensions is None],
     }  # fmt: skip
     return render("fmu_simulation.txt", values)

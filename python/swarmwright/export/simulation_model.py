@@ -1,7 +1,7 @@
-"""What an FMU of a built-in simulation holds: its variables, with the value references of `engine/fmi`."""
+"""What an FMU of a simulation holds: its variables, with the value references of `engine/fmi`."""
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -9,10 +9,12 @@ import numpy as np
 
 from swarmwright import _engine
 from swarmwright.core.errors import InputError, engine_errors
+from swarmwright.core.groups import DeclaredGroup
 from swarmwright.core.suggestions import did_you_mean
 from swarmwright.export.fmu_parts import named
 from swarmwright.export.text import plain
 from swarmwright.simulations import catalogue
+from swarmwright.simulations.hosts import AnyHost
 
 Kind = Literal["number", "integer", "flag", "text", "json"]
 TIME, SEED, DONE, FITNESS = range(4)
@@ -52,7 +54,7 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Model:
-    """A built-in simulation with parameters."""
+    """A simulation with parameters: built in, or behind a broker."""
 
     title: str
     description: Mapping[str, Any]
@@ -64,6 +66,10 @@ class Model:
     period: float
     """Seconds of a step."""
     parameters: list[Parameter] = field(default_factory=list)
+    dimensions: float | None = None
+    """Of a proxy: number of spatial dimensions of the servers that are looked for."""
+    groups: Sequence[DeclaredGroup] = ()
+    """Kinds of agents in the order of the agents, where they differ."""
 
     @classmethod
     def of(cls, title: str, parameters: Mapping[str, Any]) -> "Model":
@@ -84,19 +90,11 @@ class Model:
             if name not in description["parameters"]:
                 hint = did_you_mean(name, list(description["parameters"])) or ""
                 raise InputError(f"parameters.{name}: {title} has no such parameter{hint}")
-        agents, period = _started(title, base, seed, int(description["actuators"]))
-        variables = agents * (1 + description["sensors"] + description["actuators"])
-        if variables > _MOST_VARIABLES:
-            raise InputError(
-                f"simulation {title}: {agents:,} agents make {variables:,} variables; an FMU has at most "
-                f"{_MOST_VARIABLES:,}: take fewer agents"
-            )
-        found = [
-            _parameter(name, about, base)
-            for name, about in sorted(description["parameters"].items())
-            if name != "seed"
-        ]
-        return cls(title, description, base, seed, agents, period, found)
+        agents, period = started(title, base, seed, int(description["actuators"]))
+        check_size(title, agents, description)
+        variables = parameters_of(description, base)
+        groups = catalogue.groups(title, dict(parameters))
+        return cls(title, description, base, seed, agents, period, variables, groups=groups)
 
     @property
     def metrics(self) -> list[str]:
@@ -118,6 +116,7 @@ class Model:
             "actuators": self.description["actuators"],
             "metrics": self.metrics,
             "period": self.period,
+            **({} if self.dimensions is None else {"dimensions": self.dimensions}),
         }
 
     def variables(self) -> Iterator[Variable]:
@@ -137,9 +136,11 @@ class Model:
         yield from self._of_agents()
 
     def _of_agents(self) -> Iterator[Variable]:
-        sensors, actuators = (self._channels(which) for which in ("sensor", "actuator"))
+        most = {which: int(self.description[f"{which}s"]) for which in ("sensor", "actuator")}
+        groups = [group for group in self.groups for _ in range(group.agents)]
         for agent in range(self.agents):
-            first = _FIRST_AGENT + agent * (1 + len(sensors) + len(actuators))
+            group = groups[agent] if agent < len(groups) else None
+            first = _FIRST_AGENT + agent * (1 + most["sensor"] + most["actuator"])
             yield Variable(
                 f"agent[{agent + 1}].acts",
                 first,
@@ -147,24 +148,26 @@ class Model:
                 "output",
                 "Whether the actuators of the agent count in the next step",
             )
-            for index, (name, text, unit) in enumerate(sensors):
+            for index, (name, text, unit) in enumerate(self._channels("sensor", group)):
                 full = f"agent[{agent + 1}].{name}"
                 yield Variable(full, first + 1 + index, "single", "output", text, unit=unit)
-            for index, (name, text, unit) in enumerate(actuators):
-                full, reference = f"agent[{agent + 1}].{name}", first + 1 + len(sensors) + index
+            for index, (name, text, unit) in enumerate(self._channels("actuator", group)):
+                full, reference = f"agent[{agent + 1}].{name}", first + 1 + most["sensor"] + index
                 about = f"{text}, -1 to 1"
                 yield Variable(full, reference, "single", "input", about, 0.0, unit, (-1.0, 1.0))
 
-    def _channels(self, which: str) -> list[tuple[str, str, str]]:
+    def _channels(self, which: str, group: DeclaredGroup | None) -> list[tuple[str, str, str]]:
         """Return name, text and unit of an agent's sensors or actuators."""
-        count = self.description[f"{which}s"]
-        names = [plain(name) for name in self.description[f"{which}_names"]]
-        units = [unit_of(unit) for unit in self.description[f"{which}_units"]]
-        if len(names) != count:
-            names = [f"{which} {index + 1}" for index in range(count)]
-        if len(units) != count:
-            units = [""] * count
-        return list(zip(named(f"{which}s", names), names, units, strict=True))
+        if group is None:
+            count = self.description[f"{which}s"]
+            names, units = self.description[f"{which}_names"], self.description[f"{which}_units"]
+        else:
+            count, names, units = getattr(group, f"{which}s"), getattr(group, f"{which}_names"), ()
+        texts = [plain(name) for name in names]
+        if len(texts) != count:
+            texts = [f"{which} {index + 1}" for index in range(count)]
+        known = [unit_of(unit) for unit in units] if len(units) == count else [""] * count
+        return list(zip(named(f"{which}s", texts), texts, known, strict=True))
 
 
 def unit_of(words: str) -> str:
@@ -172,10 +175,31 @@ def unit_of(words: str) -> str:
     return _UNITS.get(words, plain(words))
 
 
-def _started(title: str, base: Mapping[str, Any], seed: int, actuators: int) -> tuple[int, float]:
+def check_size(title: str, agents: int, description: Mapping[str, Any]) -> None:
+    """Raise InputError where agents have more variables than an FMU may have."""
+    variables = agents * (1 + description["sensors"] + description["actuators"])
+    if variables > _MOST_VARIABLES:
+        raise InputError(
+            f"simulation {title}: {agents:,} agents make {variables:,} variables; an FMU has at most "
+            f"{_MOST_VARIABLES:,}: take fewer agents"
+        )
+
+
+def parameters_of(description: Mapping[str, Any], base: Mapping[str, Any]) -> list[Parameter]:
+    """Return the parameters of a description, with the values of `base`."""
+    return [
+        _parameter(name, about, base)
+        for name, about in sorted(description["parameters"].items())
+        if name != "seed"
+    ]
+
+
+def started(
+    simulation: str | AnyHost, base: Mapping[str, Any], seed: int, actuators: int
+) -> tuple[int, float]:
     """Return how many agents act in the first step, and the seconds of a step."""
     with engine_errors():
-        episodes = _engine.Episodes(title, dict(base), [seed])
+        episodes = _engine.Episodes(simulation, dict(base), [seed])
         agents = 0
         while not episodes.done:
             acting = episodes.acting()[1]

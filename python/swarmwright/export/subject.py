@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from swarmwright.commands.ros_definition import RosOptions
 from swarmwright.core.errors import InputError, RunError, SwarmwrightError, engine_errors
 from swarmwright.core.simulation_names import SimulationName
+from swarmwright.export.groups import Member, member_of
 from swarmwright.export.sequences import Sequences, random_sequences
 from swarmwright.export.text import plain
 from swarmwright.representations.controller import controller_words
@@ -126,7 +127,9 @@ class Subject:
         return f"whole episodes of {golden.count} agent{'s' if golden.count > 1 else ''}, {steps}"
 
 
-def subject_of(run: "Run", generation: int | None = None, candidate: int | None = None) -> Subject:
+def subject_of(
+    run: "Run", generation: int | None = None, candidate: int | None = None, group: str | None = None
+) -> Subject:
     """Return what is exported of a run.
 
     Its simulation is run to record episodes, where that is possible here.
@@ -135,9 +138,10 @@ def subject_of(run: "Run", generation: int | None = None, candidate: int | None 
         run: with at least one finished generation.
         generation: as in `Run.evaluation`.
         candidate: as in `Run.evaluation`.
+        group: of agents, whose controller is exported; needed in a team.
 
     Raises:
-        InputError: there is no such candidate, or its evaluation failed.
+        InputError: there is no such candidate or group, or its evaluation failed.
     """
     try:
         chosen = choose(run, generation, candidate)
@@ -149,22 +153,28 @@ def subject_of(run: "Run", generation: int | None = None, candidate: int | None 
             f"{run.path}: the evaluation of {where} failed; name one with a fitness: --candidate G:N"
         )
     facts = _facts(run, chosen)
-    if "sensors" not in chosen.specification:
+    part = member_of(chosen.specification, group, str(run.path))
+    if part is not None:
+        facts = (
+            *facts[:-1],
+            ("Group", plain(part.name)),
+            ("Controller", controller_words(part.specification)),
+        )
+    specification = chosen.specification if part is None else part.specification
+    if "sensors" not in specification:
         return _parameter_set(run, chosen, facts)
     if not catalogue.is_here(run.experiment.simulation):
         reason = f"the simulation {run.experiment.label!r} is not available in this process"
-        return Subject(chosen.specification, facts, reason=reason)
+        return Subject(specification, facts, reason=reason)
     topics, real_time = _of_ros(run.experiment.simulation)
     if real_time:
         reason = "its robots move in real time, and are not driven for that"
-        return Subject(chosen.specification, facts, _described(run), reason=reason, topics=topics)
+        return Subject(specification, facts, _described(run, part), reason=reason, topics=topics)
     try:
-        description, episodes, count, step_size = _recorded(run, chosen)
+        description, episodes, count, step_size = _recorded(run, chosen, part)
     except SwarmwrightError as error:
-        return Subject(chosen.specification, facts, _described(run), reason=str(error), topics=topics)
-    return Subject(
-        chosen.specification, facts, description, episodes, count, topics=topics, step_size=step_size
-    )
+        return Subject(specification, facts, _described(run, part), reason=str(error), topics=topics)
+    return Subject(specification, facts, description, episodes, count, topics=topics, step_size=step_size)
 
 
 def _of_ros(simulation: str) -> tuple[Mapping[str, Any], bool]:
@@ -209,17 +219,33 @@ def _parameter_set(run: "Run", chosen: "Choice", facts: tuple[tuple[str, str], .
     return Subject(chosen.specification, facts, values=values, ranges=ranges)
 
 
-def _described(run: "Run") -> Mapping[str, Any]:
+def _described(run: "Run", part: Member | None) -> Mapping[str, Any]:
     """Return the description of a built-in simulation, or of robots with ROS.
 
     Of no other: that may execute code.
     """
     simulation = run.experiment.simulation
     is_ros = SimulationName.parse(simulation).prefix == SimulationName.ROS
-    return catalogue.description(simulation) if is_ros or catalogue.built_in(simulation) else {}
+    if not (is_ros or catalogue.built_in(simulation)):
+        return {}
+    return _of_part(run, catalogue.description(simulation), part)
 
 
-def _recorded(run: "Run", chosen: "Choice") -> tuple[Mapping[str, Any], Sequences, int, float]:
+def _of_part(run: "Run", description: Mapping[str, Any], part: Member | None) -> Mapping[str, Any]:
+    """Return a simulation's description with the names of the sensors and actuators of a group."""
+    if part is None:
+        return description
+    groups = catalogue.groups(run.experiment.simulation, run.experiment.parameters)
+    for one in groups:
+        if one.name == part.name:
+            names = {"sensor_names": list(one.sensor_names), "actuator_names": list(one.actuator_names)}
+            return {**description, **names, "sensor_units": [], "actuator_units": []}
+    return description
+
+
+def _recorded(
+    run: "Run", chosen: "Choice", part: Member | None
+) -> tuple[Mapping[str, Any], Sequences, int, float]:
     """Return the simulation's description; what agents sensed and did; episodes; seconds of a step."""
     from swarmwright.runs.replay import Replay  # noqa: PLC0415 - needs displays
 
@@ -227,14 +253,15 @@ def _recorded(run: "Run", chosen: "Choice") -> tuple[Mapping[str, Any], Sequence
     done, count = 0, 0
     for number in range(min(_EPISODES, len(chosen.seeds))):
         replay = Replay.of(run, generation=chosen.generation, candidate=chosen.candidate, episode=number)
-        agents, step_size = _agents(replay)
+        agents, step_size = _agents(replay, part)
         done += sum(len(sensors) for sensors, _ in agents)
         count += 1
         parts += agents
         if done > _STEPS:
             break
-    description = catalogue.description(replay.experiment.simulation)
-    width = (int(chosen.specification["sensors"]), int(chosen.specification["actuators"]))
+    description = _of_part(run, catalogue.description(replay.experiment.simulation), part)
+    of = chosen.specification if part is None else part.specification
+    width = (int(of["sensors"]), int(of["actuators"]))
     first = np.zeros(done, np.bool_)
     starts = np.cumsum([0, *(len(sensors) for sensors, _ in parts)])[:-1]
     first[starts] = True
@@ -248,8 +275,8 @@ def _recorded(run: "Run", chosen: "Choice") -> tuple[Mapping[str, Any], Sequence
 _Played = list[tuple[NDArray[np.float32], NDArray[np.float32]]]
 
 
-def _agents(replay: Any) -> tuple[_Played, float]:  # noqa: ANN401 - a Replay
-    """Return the sensors and the actuators of each agent of an episode, played to its end; the step size."""
+def _agents(replay: Any, part: Member | None) -> tuple[_Played, float]:  # noqa: ANN401 - a Replay
+    """Return sensors and actuators of each agent (of a group) in a whole episode; the step size."""
     episode = replay.engine_episode()
     rows = []
     with engine_errors():
@@ -258,5 +285,9 @@ def _agents(replay: Any) -> tuple[_Played, float]:  # noqa: ANN401 - a Replay
     if not rows:
         return [], episode.step_size
     agents, sensors, actuators = (np.concatenate(part) for part in zip(*rows, strict=True))
+    if part is not None:
+        own = (agents >= part.first) & (agents < part.last)
+        widths = (int(part.specification["sensors"]), int(part.specification["actuators"]))
+        agents, sensors, actuators = agents[own], sensors[own, : widths[0]], actuators[own, : widths[1]]
     played = [(sensors[agents == agent], actuators[agents == agent]) for agent in np.unique(agents)]
     return played, episode.step_size

@@ -98,6 +98,16 @@ class Coupled:
                 ends |= self._named(name, lambda: instance.step(time, size))  # noqa: B023 - called at once
         return ends
 
+    def give_up(self) -> None:
+        """End the episode in all components."""
+        for instance in self._instances.values():
+            instance.give_up()
+
+    @property
+    def waited(self) -> str:
+        """How long each component was waited for, the one with the longest time first."""
+        return self._watch.summary
+
     def end(self) -> None:
         """Free the instances."""
         for instance in self._instances.values():
@@ -138,18 +148,33 @@ class _Watch:
     def __init__(self, log: TextIO) -> None:
         self._log = log
         self._current: tuple[str, float] | None = None
+        self._waited: dict[str, list[float]] = {}
+        """By component: seconds in all, calls, the longest one."""
         self._told: tuple[str, float] | None = None
         threading.Thread(target=self._look, daemon=True).start()
 
     def __call__(self, name: str, what: str) -> "_Watch":
-        self._next = f"{name}, which {what}"
+        self._name, self._next = name, f"{name}, which {what}"
         return self
 
     def __enter__(self) -> None:
         self._current = (self._next, clock.monotonic())
 
     def __exit__(self, *_: object) -> None:
+        if self._current is not None:
+            seconds = clock.monotonic() - self._current[1]
+            total = self._waited.setdefault(self._name, [0.0, 0, 0.0])
+            self._waited[self._name] = [total[0] + seconds, total[1] + 1, max(total[2], seconds)]
         self._current = None
+
+    @property
+    def summary(self) -> str:
+        """Seconds by component, the one that was waited for longest first."""
+        found = sorted(self._waited.items(), key=lambda one: -one[1][0])
+        return ", ".join(
+            f"{name} {total:.3g} s in {calls:,.0f} calls (longest {most:.3g} s)"
+            for name, (total, calls, most) in found
+        )
 
     def _look(self) -> None:
         while True:

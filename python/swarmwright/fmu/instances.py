@@ -1,5 +1,6 @@
 """Instances of an FMU in this process, stepped by FMPy."""
 
+import contextlib
 import ctypes
 import sys
 from collections.abc import Callable, Mapping, Sequence
@@ -231,6 +232,14 @@ class Instance:
         if early:
             raise FmuError(f"the step from {time:g} s ended at {last:g} s already")
         return bool(terminates)
+
+    def give_up(self) -> None:
+        """End the episode, so that what the FMU has taken for it, such as a simulation server, is free."""
+        if self._is_fresh:
+            return
+        with contextlib.suppress(FMICallException):
+            self._fmu.reset()
+            self._is_fresh = True
 
     def end(self) -> None:
         """Free the instance and its library."""

@@ -4,6 +4,7 @@ import json
 import math
 import os
 import sys
+import threading
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, TextIO
@@ -18,6 +19,7 @@ from swarmwright.ros.expression import Expression
 from swarmwright.ros.reductions import FUNCTIONS, mean
 
 _SEEDS = 2**31
+_GIVE_UP_S = 1.0
 
 
 class Episodes:
@@ -105,6 +107,22 @@ class Episodes:
             return {"done": True, "metrics": self._metrics(), **own}
         return self._answer()
 
+    def give_up(self) -> None:
+        """End the episode, so that simulation servers behind FMUs are free; not for long, an FMU may hang."""
+        thread = threading.Thread(target=self._give_up, daemon=True)
+        thread.start()
+        thread.join(_GIVE_UP_S)
+
+    def _give_up(self) -> None:
+        for instance in self._instances:
+            instance.give_up()
+
+    def tell_waited(self) -> None:
+        """Say how long each component of a system was waited for."""
+        for instance in self._instances:
+            if isinstance(instance, Coupled) and instance.waited:
+                print(f"waited for components: {instance.waited}", file=sys.stderr, flush=True)
+
     def _answer(self) -> dict[str, Any]:
         answer: dict[str, Any] = {"sensors": self._sensed()}
         if self._acts:
@@ -137,16 +155,22 @@ class Episodes:
         return self._begin + self._made * self._size
 
     def _metrics(self) -> dict[str, float]:
+        found = self._measured()
+        for name, value in found.items():
+            if not math.isfinite(value):
+                function, variable = self._attachment["metrics"][name]
+                raise FmuError(f"the metric {name}, {function}({variable}), is {value} at {self._time:g} s")
+        return found
+
+    def _measured(self) -> dict[str, float]:
+        """Return all metrics; some may be NaN before an episode ends."""
         found = {}
         for index, (name, (function, variable)) in enumerate(self._attachment["metrics"].items()):
             reduce = FUNCTIONS[function]
             # One that all agents share is taken once: a mean of equal numbers can have other bits.
             shared = self._attachment["one"] and AGENT not in variable
             agents = range(1 if shared else self._agents)
-            value = mean([reduce([step[agent][index] for step in self._values]) for agent in agents])
-            if not math.isfinite(value):
-                raise FmuError(f"the metric {name}, {function}({variable}), is {value} at {self._time:g} s")
-            found[name] = value
+            found[name] = mean([reduce([step[agent][index] for step in self._values]) for agent in agents])
         return found
 
     def _is_done(self) -> bool:
@@ -155,7 +179,8 @@ class Episodes:
         if self._done is None:
             return False
         try:
-            return bool(self._done(self._metrics()))
+            value = self._done(self._measured())
+            return not math.isnan(value) and bool(value)
         except (ArithmeticError, ValueError) as error:
             raise FmuError(f"done: {self._done.text}: {error}") from error
 
@@ -195,8 +220,13 @@ def main(arguments: Sequence[str]) -> int:
             else:
                 answer = episodes.step(message["actuators"])
         except FmuError as error:
+            if episodes is not None:
+                episodes.give_up()
             answer = {"error": str(error)}
         _write(answers, answer)
+    if episodes is not None:
+        episodes.give_up()
+        episodes.tell_waited()
     # Libraries of FMUs are not unloaded: some do not survive that.
     answers.close()
     os._exit(0)

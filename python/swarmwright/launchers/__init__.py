@@ -12,6 +12,7 @@ LAUNCHERS: Registry[Launcher] = Registry(
     "swarmwright.launchers",
     {
         "dask": "swarmwright.launchers.dask:Dask",
+        "kubernetes": "swarmwright.launchers.kubernetes:Kubernetes",
         "process": "swarmwright.launchers.process:Process",
         "ray": "swarmwright.launchers.ray:Ray",
         "slurm": "swarmwright.launchers.slurm:Slurm",

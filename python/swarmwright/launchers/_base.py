@@ -51,9 +51,9 @@ class LauncherOptions(Options):
     cost_per_hour: float | None = Field(default=None, ge=0)
     """Cost of a server for an hour, in any currency. What was spent is reported at the end of the run."""
     budget: float | None = Field(default=None, gt=0)
-    """Most that this launcher's servers may cost in one session of a run; needs `cost_per_hour`. When it is
-    spent they are ended; without other servers the run is interrupted, its results kept, and `resume` goes
-    on."""
+    """Most that this launcher's servers may cost in the whole run, also when it is resumed; needs
+    `cost_per_hour`. When it is spent they are ended; without other servers the run is interrupted, its
+    results kept, and `resume` goes on with a larger budget or other servers."""
     broker_host: str | None = Field(default=None, min_length=1)
     """Name or address by which the servers reach this machine, for the embedded broker. Default for servers
     elsewhere: the address of this machine's default route. If it is not a loopback address, the broker

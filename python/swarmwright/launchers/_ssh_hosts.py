@@ -25,6 +25,8 @@ CONNECT = 15.0
 """Seconds for connecting and logging in."""
 KEEPALIVE = 10.0
 """Seconds between signs of life on an idle connection; the third that is not answered ends it."""
+_LAST_WORDS = 0.1
+"""Seconds for connections to jump hosts, which close after those that they carry."""
 _KEPT = 200
 
 
@@ -36,6 +38,7 @@ class _Unusable(Exception):  # noqa: N818 - a state
 class _Machine:
     """A machine and its connection."""
 
+    number: int
     host: "Host"
     name: str
     connection: Any = None
@@ -63,7 +66,7 @@ class Hosts:
 
     def __init__(self, hosts: Sequence["Host"], options: "SshOptions", specification: Specification) -> None:
         self._options, self._specification = options, specification
-        self._machines = [_Machine(host, host.host) for host in hosts]
+        self._machines = [_Machine(number, host, host.host) for number, host in enumerate(hosts)]
         self._servers: dict[int, _Remote] = {}
         self._ended: dict[int, list[str]] = {}
         self._token = secrets.token_hex(4)
@@ -105,10 +108,10 @@ class Hosts:
         for machine in self._machines:
             if machine.connection is not None:
                 machine.connection.close()
-        for machine in self._machines:
-            if machine.connection is not None:
-                with suppress(Exception):  # it may have broken in any way
-                    await asyncio.wait_for(machine.connection.wait_closed(), GRACE)
+        await asyncio.gather(
+            *(_closed(one.connection) for one in self._machines if one.connection is not None)
+        )
+        await asyncio.sleep(_LAST_WORDS)
 
     async def _end(self, server: _Remote) -> None:
         server.stopped = True
@@ -125,6 +128,8 @@ class Hosts:
         import asyncssh  # noqa: PLC0415 - optional
 
         machine.again_at = asyncio.get_running_loop().time() + RETRY
+        if machine.connection is not None:
+            machine.connection.abort()
         try:
             machine.connection = await asyncio.wait_for(
                 asyncssh.connect(machine.host.host, **self._arguments(machine.host)), CONNECT
@@ -178,12 +183,12 @@ class Hosts:
         return str(result.stdout)
 
     async def _copy_code(self, machine: _Machine) -> str | None:
-        """Copy the code where it is not yet; return its folder."""
+        """Copy the code where it is not yet; return its folder, which machines may share."""
         code = self._specification.code
         if code is None:
             return self._options.code
         base = str(PurePosixPath(machine.home, self._options.folder, "code"))
-        folder, part = f"{base}/{code.digest}", f"{base}/{self._token}.part"
+        folder, part = f"{base}/{code.digest}", f"{base}/{self._token}-{machine.number}.part"
         async with machine.connection.start_sftp_client() as files:
             if await files.isdir(folder):
                 return folder
@@ -286,3 +291,11 @@ class Hosts:
                 "exit $status",
             ]
         )
+
+
+async def _closed(connection: Any) -> None:  # noqa: ANN401 - of asyncssh
+    """Wait until a connection is closed, and close it by force if it does not."""
+    try:
+        await asyncio.wait_for(connection.wait_closed(), GRACE)
+    except Exception:  # noqa: BLE001 - it may have broken in any way
+        connection.abort()

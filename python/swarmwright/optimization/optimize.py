@@ -107,6 +107,7 @@ def optimize(
                 with StoreWriter.create(folder, resolved, backend.metrics, code, size) as store:
                     loop = _new_loop(resolved, representation, store)
                     libraries = (*loop.libraries, *distributions(code))
+                    store.follow_use({}, backend.server_use)
                     store.begin(backend.description, libraries, 1 if code else None)
                     _run(resolved, store, loop, backend, on_generation, on_progress)
             _transfer(experiment, folder, on_progress, broker=broker, servers=servers)
@@ -238,7 +239,9 @@ def _continue(
         if code.experiment.controller != experiment.controller:  # other files of modules
             loop = _with_changed_modules(run, experiment, code.experiment, store, reader)
         experiment, notes = code.experiment, [*notes, *code.notes]
-        backend = stack.enter_context(open_simulations(experiment, **where))
+        earlier = reader.server_use()
+        backend = stack.enter_context(open_simulations(experiment, earlier=earlier, **where))
+        store.follow_use(earlier, backend.server_use)
         copy = code.copy
         if copy is None and code.used:
             copy = store.keep_code(code.version, code.used)

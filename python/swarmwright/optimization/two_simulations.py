@@ -3,12 +3,14 @@
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
 from swarmwright import _engine
 from swarmwright.core.errors import InputError, RunError
+from swarmwright.core.server_use import ServerUses
 from swarmwright.evaluation.base import (
     HERE,
     Backend,
@@ -29,6 +31,9 @@ from swarmwright.rankings._slow import METRIC, SlowRanking
 from swarmwright.simulations import catalogue
 from swarmwright.store import Journal
 from swarmwright.user_code.permission import require_named
+
+_SLOW = "slow: "
+"""Before the names of launchers of the slow simulation."""
 
 
 class TwoSimulations:
@@ -93,6 +98,11 @@ class TwoSimulations:
         """Return what servers of both were used."""
         return "; ".join(filter(None, (self.fast.usage(), self.slow.usage())))
 
+    def server_use(self) -> ServerUses:
+        """Return the use of the servers of each launcher; those of the slow simulation are apart."""
+        slow = {f"{_SLOW}{name}": use for name, use in self.slow.server_use().items()}
+        return {**self.fast.server_use(), **slow}
+
     def incidents(self) -> dict[str, int]:
         """Return the counts of both."""
         counts = self.fast.incidents()
@@ -118,6 +128,7 @@ def open_simulations(
     broker: str | None = None,
     servers: Servers | None = None,
     wait: float | None = None,
+    earlier: ServerUses = MappingProxyType({}),
 ) -> Iterator[Backend]:
     """Start what an experiment needs, with the slow simulation of its ranking where it has one.
 
@@ -126,7 +137,7 @@ def open_simulations(
     """
     target = slow_of(experiment)
     if target is None:
-        with open_backend(experiment, broker=broker, servers=servers, wait=wait) as backend:
+        with open_backend(experiment, broker=broker, servers=servers, wait=wait, earlier=earlier) as backend:
             yield backend
         return
     ranking = experiment.new_ranking()
@@ -140,12 +151,20 @@ def open_simulations(
         where.pop("broker", None)
     places = [_place(experiment, broker, servers), _place(there, where.get("broker"), where.get("servers"))]
     _require_apart(experiment, there, target, places)
+    apart = {name.removeprefix(_SLOW): use for name, use in earlier.items() if name.startswith(_SLOW)}
     with ExitStack() as stack:
         fast = stack.enter_context(
-            open_backend(experiment, broker=broker, servers=servers, wait=wait, metrics=ranking.descriptor)
+            open_backend(
+                experiment,
+                broker=broker,
+                servers=servers,
+                wait=wait,
+                metrics=ranking.descriptor,
+                earlier=earlier,
+            )
         )
         try:
-            slow = stack.enter_context(open_backend(there, wait=wait, **where))
+            slow = stack.enter_context(open_backend(there, wait=wait, earlier=apart, **where))
         except (InputError, RunError) as error:
             raise type(error)(f"{experiment.place('ranking')}slow: {target.name}: {error}") from error
         _require_fit(experiment, fast, slow, target)

@@ -18,6 +18,7 @@ REPRESENTATIONS: Registry[Representation] = Registry(
         "mealy_fsm": "swarmwright.representations.mealy_fsm:MealyFsm",
         "modules": "swarmwright.representations.modules:Modules",
         "parameter_set": "swarmwright.representations.parameter_set:ParameterSet",
+        "team": "swarmwright.representations.team:Team",
     },
     "swarmwright.representations:Representation",
 )

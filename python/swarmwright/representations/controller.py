@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Mapping
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
 
@@ -12,6 +13,7 @@ from swarmwright import _engine
 from swarmwright.core.errors import InputError, engine_errors, explained
 from swarmwright.core.files import read_bytes, write_text
 from swarmwright.core.modules import ACTUATORS, PYTHON_KIND, SENSORS
+from swarmwright.core.teams import is_team, parts_of
 from swarmwright.modules._machine import Swarm
 from swarmwright.modules._registered import find
 
@@ -25,7 +27,9 @@ class Controller:
     Call it with an array of shape (sensors,) for one agent or (agents, sensors) for a swarm; it returns
     float32 of shape (actuators,) or (agents, actuators), each number in -1..1, the same bits as in every
     simulation server. Each agent (row) keeps its state between calls, where the representation has
-    one; `reset` begins a new episode. A parameter set steers no agents: it has `parameters` and cannot be
+    one; `reset` begins a new episode. In a team, rows belong to its groups of agents in their order; what a
+    row has beyond the sensors of the agent's group does not count, and what it has beyond its actuators is 0.
+    A parameter set steers no agents: it has `parameters` and cannot be
     called.
 
     Args:
@@ -112,17 +116,17 @@ class Controller:
     @property
     def parameters(self) -> dict[str, Any]:
         """Values of a parameter set, by name, as the simulation gets them; {} for what steers agents."""
-        return {} if self._swarm is not None else self._agents[0].parameters
+        return {} if self._swarm is not None or self._is_team else self._agents[0].parameters
 
     @property
     def sensors(self) -> int:
         """Numbers that an agent senses; 0 for a parameter set."""
-        return SENSORS if self._swarm is not None else self._agents[0].sensors
+        return SENSORS if self._swarm is not None else self._sizes[0]
 
     @property
     def actuators(self) -> int:
         """Numbers that an agent is steered by; 0 for a parameter set."""
-        return ACTUATORS if self._swarm is not None else self._agents[0].actuators
+        return ACTUATORS if self._swarm is not None else self._sizes[1]
 
     @property
     def in_python(self) -> bool:
@@ -132,8 +136,9 @@ class Controller:
     def reset(self) -> None:
         """Begin a new episode: forget all state, and how many agents there are."""
         if self._swarm is None:
-            self._agents = self._agents[:1]
-            self._agents[0].reset()
+            self._agents = [] if self._is_team else self._agents[:1]
+            for agent in self._agents:
+                agent.reset()
         self._started = 0
 
     def __call__(self, sensors: ArrayLike) -> NDArray[np.float32]:
@@ -163,7 +168,10 @@ class Controller:
             return self._stepped(self._swarm, rows, whole=values.ndim == 2)
         self._set_agents(len(rows))
         with engine_errors("sensors: "):
-            actuators = np.stack([agent.step(row) for agent, row in zip(self._agents, rows, strict=True)])
+            steps = [agent.step(row) for agent, row in zip(self._agents, rows, strict=True)]
+        actuators = np.zeros((len(rows), self.actuators), dtype=np.float32)
+        for row, step in zip(actuators, steps, strict=True):
+            row[: len(step)] = step
         return actuators if values.ndim == 2 else actuators[0]
 
     def _stepped(self, swarm: Swarm, rows: NDArray[np.float32], *, whole: bool) -> NDArray[np.float32]:
@@ -183,8 +191,27 @@ class Controller:
     def _set_agents(self, agents: int) -> None:
         self._check_agents(agents)
         with engine_errors("controller: "):
+            if self._is_team and not self._started:
+                whole = _engine.Controller(self._text)
+                self._agents = [whole.of_agent(agent) for agent in range(agents)]
             self._agents += [_engine.Controller(self._text) for _ in range(agents - len(self._agents))]
         self._started = agents
+
+    @cached_property
+    def groups(self) -> dict[str, "Controller"]:
+        """The controller of each group of a team, by name; empty for others."""
+        return {name: Controller(part) for name, part in parts_of(self.specification).items()}
+
+    @cached_property
+    def _sizes(self) -> tuple[int, int]:
+        """The most sensors and actuators of any agent."""
+        with engine_errors("controller: "):
+            whole = _engine.Controller(self._text)
+        return whole.sensors, whole.actuators
+
+    @cached_property
+    def _is_team(self) -> bool:
+        return self._swarm is None and is_team(self.specification)
 
     def _repr_html_(self) -> str:
         """Return the kind, the sizes and a drawing, for notebooks."""
@@ -217,9 +244,12 @@ def _find_modules(specification: Mapping[str, Any], folder: Path) -> None:
         raise InputError(f"controller: is not a machine of modules: {explained(error)}") from error
 
 
-def controller_words(specification: dict[str, Any]) -> str:
+def controller_words(specification: Mapping[str, Any]) -> str:
     """Return what kind of controller it is: `layered, 4-8-1, tanh`."""
     kind = specification.get("kind", "controller")
+    if is_team(specification) and isinstance(specification.get("groups"), list):
+        groups = (f"{one['name']}: {controller_words(one['controller'])}" for one in specification["groups"])
+        return f"team of {'; '.join(groups)}"
     sensors, actuators = specification.get("sensors"), specification.get("actuators")
     hidden = specification.get("hidden")
     parts = [str(kind)]

@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 from contextlib import suppress
+from importlib.util import find_spec
 from pathlib import Path
 from threading import Lock, Timer
 
@@ -24,8 +25,8 @@ _timer: Timer | None = None
 
 
 def wanted() -> bool:
-    """Return whether runs end with a plot: unless the environment says SWARMWRIGHT_PLOT=0."""
-    return os.environ.get("SWARMWRIGHT_PLOT") != "0"
+    """Return whether runs end with a plot: unless SWARMWRIGHT_PLOT=0, or Matplotlib is not installed."""
+    return os.environ.get("SWARMWRIGHT_PLOT") != "0" and find_spec("matplotlib") is not None
 
 
 def draw_later(folder: Path) -> None:

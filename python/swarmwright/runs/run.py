@@ -55,18 +55,18 @@ class Best:
 class Run:
     """An optimization's results, in a folder.
 
-    Made by `swarmwright.optimize` or `Run.open(folder)`. The files: run.sqlite (every evaluation and how it
-    came about), experiment.yaml (every default written out), best.json (the best controller) and
-    fitness.png. A run that was killed can be opened too, and one that still goes on; it holds all generations
-    that were finished when it was opened.
+    Made by `swarmwright.optimize`, `Run.open(folder)` or `Run(folder)`. The files: run.sqlite (every
+    evaluation and how it came about), experiment.yaml (every default written out), best.json (the best
+    controller) and fitness.png. A run that was killed can be opened too, and one that still goes on; it
+    holds all generations that were finished when it was opened.
     """
 
     _finished: int | None = None
     """Generations, where the history is read later."""
 
-    def __init__(self, path: Path, store: StoreReader | None = None) -> None:
-        self.path = path
-        self.store = store or StoreReader(path)
+    def __init__(self, path: str | Path, store: StoreReader | None = None) -> None:
+        self.path = Path(path) if store else find_store(Path(path))
+        self.store = store or StoreReader(self.path)
         """What run.sqlite holds, table by table."""
 
     @classmethod
@@ -80,7 +80,7 @@ class Run:
 
         Raises InputError when `path` is not a run folder, or when its store cannot be read.
         """
-        run = cls(find_store(Path(path)))
+        run = cls(path)
         with trusting() if trust else nullcontext():
             _ = run.history, run.experiment  # report errors now rather than later
         if trust:

@@ -1,7 +1,7 @@
 """State machines in SCXML (W3C, "State Chart XML", 2015) as controllers of the kind `mealy_fsm`, and back.
 
-It reads a subset: states side by side, transitions on comparisons of sensors with numbers, actuators that are
-assigned or sent.
+It reads a subset: states, also parallel ones and with histories, transitions on comparisons of sensors with
+numbers, actuators that are assigned or sent, events of the machine for itself.
 """
 
 from swarmwright.scxml._machine import StateMachine

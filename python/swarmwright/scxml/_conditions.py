@@ -5,7 +5,7 @@ import math
 import operator
 import re
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Container, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -50,6 +50,13 @@ class Above:
 
 
 @dataclass(frozen=True)
+class Active:
+    """Whether a state is active, `In('state')`."""
+
+    state: str
+
+
+@dataclass(frozen=True)
 class Combined:
     """Conditions of which one, or all, or the only one does not hold."""
 
@@ -58,7 +65,7 @@ class Combined:
     parts: tuple["Condition", ...]
 
 
-Condition = Above | Combined | bool
+Condition = Above | Active | Combined | bool
 
 
 def parse(text: str) -> ast.expr:
@@ -125,6 +132,8 @@ def condition(
             return Combined("and" if isinstance(how, ast.And) else "or", parts)
         case ast.UnaryOp(op=ast.Not(), operand=inner):
             return Combined("not", (condition(inner, sensor, constants, depth + 1),))
+        case ast.Call(func=ast.Name(id="In"), args=[ast.Constant(value=str() as name)], keywords=[]):
+            return Active(name)
         case ast.Compare(left=left, ops=[operation], comparators=[right]) if type(operation) in _MIRRORED:
             kind: type[ast.cmpop] = type(operation)
             if (number := sensor(left)) is not None:
@@ -178,14 +187,26 @@ def collect(one: Condition, thresholds: dict[int, set[float]]) -> None:
             collect(part, thresholds)
 
 
-def holds(one: Condition, thresholds: Thresholds, intervals: NDArray[np.int64]) -> Bits:
-    """Return whether a condition holds, for each combination of intervals, (sensors, combinations)."""
-    if isinstance(one, bool):
-        return np.full(intervals.shape[1], one)
+def named(one: Condition) -> set[str]:
+    """Return the states that a condition asks for."""
+    if isinstance(one, Active):
+        return {one.state}
+    return {name for part in one.parts for name in named(part)} if isinstance(one, Combined) else set()
+
+
+def holds(
+    one: Condition, thresholds: Thresholds, intervals: NDArray[np.int64], active: Container[str] = ()
+) -> Bits:
+    """Return whether a condition holds, for each combination of intervals, (sensors, combinations).
+
+    active: the states that are active.
+    """
+    if isinstance(one, bool | Active):
+        return np.full(intervals.shape[1], one if isinstance(one, bool) else one.state in active)
     if isinstance(one, Above):
         found: Any = intervals[one.sensor] > thresholds[one.sensor].index(one.threshold)
         return np.asarray(found, dtype=np.bool_)
-    parts = [holds(part, thresholds, intervals) for part in one.parts]
+    parts = [holds(part, thresholds, intervals, active) for part in one.parts]
     if one.how == "not":
         return ~parts[0]
     combined: Bits = (np.logical_and if one.how == "and" else np.logical_or).reduce(parts)

@@ -10,42 +10,22 @@ from typing import Any
 
 from swarmwright.core.errors import InputError
 from swarmwright.core.suggestions import unknown
-from swarmwright.scxml._conditions import Above, Combined, Condition, ConditionError, condition
-from swarmwright.scxml._table import Rules, table
+from swarmwright.scxml._chart import Assignment, Event, State, Transition
+from swarmwright.scxml._conditions import (
+    Above,
+    Combined,
+    Condition,
+    ConditionError,
+    collect,
+    condition,
+    named,
+)
+from swarmwright.scxml._steps import Edge, matches
+from swarmwright.scxml._table import table
 
-
-@dataclass(frozen=True)
-class Assignment:
-    """A number for an actuator."""
-
-    actuator: str
-    value: float
-    line: int
-
-
-@dataclass(frozen=True)
-class Transition:
-    """A transition; without target it stays in its state, which it neither leaves nor enters."""
-
-    line: int
-    on_event: bool
-    """Whether it waits for the next control step."""
-    event: str | None
-    """A sensor that is the event: it occurs while the sensor is above 0."""
-    condition: ast.expr | None
-    target: str | None
-    actions: list[Assignment]
-
-
-@dataclass
-class State:
-    """A state with what it does."""
-
-    name: str
-    line: int
-    entry: list[Assignment] = field(default_factory=list)
-    exit: list[Assignment] = field(default_factory=list)
-    transitions: list[Transition] = field(default_factory=list)
+EVENT = "step"
+"""The event of each control step, at which sensors have new values."""
+EVENTS = frozenset({EVENT, "*"})
 
 
 @dataclass
@@ -54,19 +34,20 @@ class StateMachine:
 
     path: Path
     name: str
-    initial: str = ""
+    root: State
     declared: dict[str, float | None] = field(default_factory=dict)
     """Data: name -> a number, or None for data without a value."""
-    states: dict[str, State] = field(default_factory=dict)
+
+    @property
+    def states(self) -> dict[str, State]:
+        """All states, without histories, by name."""
+        return {one.name: one for one in self.root.all() if one.kind not in {"scxml", "history"}}
 
     @property
     def assigned(self) -> list[str]:
         """Names of actuators: those declared first, in their order, then in the order of their use."""
-        used = [
-            one.actuator
-            for state in self.states.values()
-            for one in (*state.entry, *state.exit, *(a for t in state.transitions for a in t.actions))
-        ]
+        actions = (one for state in self.root.all() for one in state.actions)
+        used = [one.actuator for one in actions if isinstance(one, Assignment)]
         return list(dict.fromkeys([*(name for name in self.declared if name in used), *used]))
 
     @property
@@ -78,17 +59,18 @@ class StateMachine:
     def specification(self, sensors: Sequence[str] = (), actuators: Sequence[str] = ()) -> dict[str, Any]:
         """Return the controller, see protocol/schemas/controller.schema.json.
 
-        In each control step sensors get their values, then the first transition of the state whose event and
-        condition hold is taken, then transitions without an event until none holds. Actuators keep their
-        numbers until they get others, 0 at first. Where what an actuator keeps depends on the way into a
-        state, the table has this state several times.
+        In each control step sensors get their values, then the event `step` occurs; all that follows is by
+        SCXML's algorithm: transitions without an event, then events that the machine gave to itself, until
+        none is left. Each combination of states that are active together, with what histories remember, is a
+        state of the controller. Actuators keep their numbers until they get others, 0 at first. Where what an
+        actuator keeps depends on the way into a state, the table has this state several times.
 
         Args:
             sensors: names in the order of the simulation's sensors; default: those that the file declares.
             actuators: names in the order of the simulation's actuators; default: those that are assigned.
 
-        Raises InputError with every name that there is not, every condition that is not supported, and
-        transitions that go in a circle; file and line each.
+        Raises InputError with every name that there is not, every condition that is not supported,
+        transitions that go in a circle, and too many states; file and line each.
         """
         return _Resolved(
             self, list(sensors) or self.sensors, list(actuators) or self.assigned
@@ -113,20 +95,19 @@ class _Resolved:
             for name, value in machine.declared.items()
             if value is not None and folded(name) not in assigned
         }
+        self.all = {one.name: one for one in machine.root.all()}
+        self.given = self._given()
 
     def specification(self) -> dict[str, Any]:
         machine = self.machine
         for what, names in (("sensors", self.sensors), ("actuators", self.actuators)):
             if not names:
                 self.problems.append(f'{machine.path}: names no {what}; declare them, <data id="NAME"/>')
-        order = [machine.initial, *(name for name in machine.states if name != machine.initial)]
-        numbers = {name: index for index, name in enumerate(order)}
-        rules = [self._rules(machine.states[name], numbers) for name in order]
-        entered = machine.states[machine.initial].entry
-        begin = self._values([*self._initial(), *((one.line, one) for one in entered)])
+        edges, outputs = self.parts()
+        begin = [(self._numbered(name), value) for name, value in self._initial()]
         self._stop()
         try:
-            made = table(rules, begin, len(self.sensors), len(self.actuators))
+            made = table(machine.root, edges, outputs, begin, len(self.sensors), len(self.actuators))
         except ValueError as error:
             raise InputError(f"{machine.path}: {error}") from None
         return {
@@ -137,7 +118,13 @@ class _Resolved:
             **made,
         }
 
-    def _initial(self) -> list[tuple[int, Assignment]]:
+    def parts(self) -> tuple[dict[int, Edge], dict[int, tuple[int, float]]]:
+        """Return transitions and assignments, by their `id`."""
+        states = self.machine.root.all()
+        edges = {id(one): self._edge(state, one) for state in states for one in state.all_transitions}
+        return edges, self._outputs()
+
+    def _initial(self) -> list[tuple[str, float]]:
         """Return the numbers that declared actuators have before anything is assigned."""
         found = []
         for name, value in self.machine.declared.items():
@@ -147,48 +134,76 @@ class _Resolved:
                         f"{self.machine.path}: <data>: {name} is {value:g}, expected -1 to 1, the range of "
                         "an actuator"
                     )
-                found.append((1, Assignment(name, value, 1)))
+                found.append((name, value))
         return found
 
     def _stop(self) -> None:
         if self.problems:
             raise InputError("\n".join(dict.fromkeys(self.problems)))
 
-    def _rules(self, state: State, numbers: dict[str, int]) -> Rules:
-        rules = Rules(state.name, numbers[state.name])
-        for one in state.transitions:
-            target = None if one.target is None else numbers[one.target]
-            actions = list(one.actions)
-            if one.target is not None:
-                actions = [*state.exit, *actions, *self.machine.states[one.target].entry]
-            values = self._values([(one.line, action) for action in actions])
-            rules.add(self._condition(one), target, values, on_event=one.on_event)
-        return rules
+    def _outputs(self) -> dict[int, tuple[int, float]]:
+        """Return the actuator and its number of each action that assigns one."""
+        found = {}
+        for state in self.machine.root.all():
+            for one in state.actions:
+                if isinstance(one, Assignment):
+                    number = self._numbered(one.actuator)
+                    if number < 0:
+                        self._unknown(one.line, "actuator", one.actuator, self.actuators)
+                    found[id(one)] = (number, one.value)
+        return found
 
-    def _values(self, actions: list[tuple[int, Assignment]]) -> dict[int, float]:
-        values: dict[int, float] = {}
-        for _, one in actions:
-            number = self._number(one.actuator, self.actuators, "actuators")
-            if number is None:
-                self._unknown(one.line, "actuator", one.actuator, self.actuators)
-            else:
-                values[number] = one.value
-        return values
+    def _numbered(self, actuator: str) -> int:
+        """Return the number of an actuator, -1 for none."""
+        number = self._number(actuator, self.actuators, "actuators")
+        return -1 if number is None else number
 
-    def _condition(self, one: Transition) -> Condition:
-        parts: list[Condition] = []
-        if one.event is not None:
-            number = self._number(one.event, self.sensors, "sensors")
-            if number is None:
-                self._unknown(one.line, "event", one.event, ["step", *self.sensors])
-            else:
-                parts.append(Above(number, 0.0))
+    def _edge(self, source: State, one: Transition) -> Edge:
+        edge = Edge(source, one, [self.all[target] for target in one.targets])
         if one.condition is not None:
             try:
-                parts.append(condition(one.condition, partial(self._sensor, one.line), self.constants))
+                edge.condition = condition(one.condition, partial(self._sensor, one.line), self.constants)
             except ConditionError as error:
                 self.problems.append(f"{self.machine.path}:{one.line}: <transition>: cond: {error}")
-        return True if not parts else parts[0] if len(parts) == 1 else Combined("and", tuple(parts))
+            for name in sorted(named(edge.condition) - set(self.machine.states)):
+                self.problems.append(
+                    f"{self.machine.path}:{one.line}: <transition>: cond: In({name!r}): "
+                    f"{unknown('state', name, list(self.machine.states))}"
+                )
+        trigger = self._trigger(one)
+        if trigger is not None:
+            parts = tuple(part for part in (trigger, edge.condition) if part is not True)
+            edge.on_step = True if not parts else parts[0] if len(parts) == 1 else Combined("and", parts)
+        compared: dict[int, set[float]] = {}
+        collect(edge.condition, compared)
+        edge.compares = bool(compared)
+        return edge
+
+    def _trigger(self, one: Transition) -> Condition | None:
+        """Return when the event of a control step triggers a transition; None for never."""
+        found: list[Condition] = []
+        for event in one.events:
+            if event in EVENTS:
+                return True
+            if any(matches(event, given) for given in self.given):
+                continue
+            number = self._number(event, self.sensors, "sensors")
+            if number is None:
+                self._unknown(one.line, "event", event, ["step", *sorted(self.given), *self.sensors])
+            else:
+                found.append(Above(number, 0.0))
+        return None if not found else found[0] if len(found) == 1 else Combined("or", tuple(found))
+
+    def _given(self) -> set[str]:
+        """Return the names of the events that the machine gives to itself."""
+        found = set()
+        for state in self.machine.root.all():
+            if state.kind == "final" and state.parent is not None and state.parent is not self.machine.root:
+                found.add(f"done.state.{state.parent.name}")
+                if state.parent.parent is not None and state.parent.parent.kind == "parallel":
+                    found.add(f"done.state.{state.parent.parent.name}")
+            found |= {one.name for one in state.actions if isinstance(one, Event)}
+        return found
 
     def _sensor(self, line: int, node: ast.expr) -> int | None:
         match node:

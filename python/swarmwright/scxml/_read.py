@@ -9,23 +9,35 @@ from swarmwright.core.files import read_bytes
 from swarmwright.core.suggestions import did_you_mean
 from swarmwright.core.xml import Element
 from swarmwright.core.xml import read as read_xml
+from swarmwright.scxml._chart import Action, Assignment, Event, State, Transition
 from swarmwright.scxml._conditions import ConditionError, constant, parse
-from swarmwright.scxml._machine import Assignment, State, StateMachine, Transition
+from swarmwright.scxml._machine import EVENT, StateMachine
+from swarmwright.scxml._steps import matches
 
-EVENT = "step"
-"""The event of each control step, at which sensors have new values."""
-_EVENTS = frozenset({EVENT, "*"})
 _BARE = re.compile(rb"<state\s*>")
 _LARGEST = 1 << 28
 _IGNORED = frozenset({"log"})
 _INSTEAD = {
     "invoke": 'actions of ROS are not computed by controllers; assign actuators: <assign location="heading" '
     'expr="0.5"/>',
-    "parallel": "states that are active at the same time are not supported; draw one machine for each agent",
-    "state": "states inside states are not supported; draw them side by side",
-    "history": "is not supported",
     "if": "is not supported; take a transition with the condition",
     "script": "is not supported; assign actuators",
+}
+
+_STATES = ("final", "history", "parallel", "state")
+_HOLD = {
+    "final": ("scxml", "state"),
+    "history": ("state", "parallel"),
+    "parallel": ("scxml", "state", "parallel"),
+    "state": ("scxml", "state", "parallel"),
+}
+"""In which elements each state can be."""
+_EXPECTED = {
+    "scxml": ("datamodel", "final", "parallel", "state"),
+    "state": ("final", "history", "initial", "onentry", "onexit", "parallel", "state", "transition"),
+    "parallel": ("history", "onentry", "onexit", "parallel", "state", "transition"),
+    "final": ("onentry", "onexit"),
+    "history": ("transition",),
 }
 
 
@@ -58,20 +70,17 @@ class _Reader:
     def __init__(self, path: Path, root: Element) -> None:
         self.root = root
         self.problems: list[str] = []
-        self.machine_ = StateMachine(path, root.attributes.get("name", ""))
+        self.states: dict[str, State] = {}
+        top = State("", root.line, "scxml", None, 0)
+        self.machine_ = StateMachine(path, root.attributes.get("name", ""), top)
 
     def problem(self, element: Element, message: str) -> None:
         self.problems.append(str(element.error(message)))
 
     def machine(self) -> StateMachine:
-        for element in self.root.children:
-            if element.tag == "datamodel":
-                self._data(element)
-            elif element.tag in {"state", "final"}:
-                self._state(element)
-            else:
-                self._unknown(element, ("datamodel", "final", "state"))
+        self._inside(self.machine_.root, self.root)
         self._check_targets()
+        self._check_events()
         if self.problems:
             raise InputError("\n".join(self.problems))
         return self.machine_
@@ -108,30 +117,70 @@ class _Reader:
             self.problem(element, f"{attribute}: {error}")
             return 0.0
 
-    def _state(self, element: Element) -> None:
+    def _inside(self, parent: State, element: Element) -> None:
+        """Read what is inside of a state, or of the machine."""
+        for inner in element.children:
+            if inner.tag in _STATES:
+                if parent.kind not in _HOLD[inner.tag]:
+                    self.problem(inner, f"cannot be inside of <{element.tag}>")
+                    continue
+                self._state(parent, inner)
+            elif inner.tag == "datamodel" and parent.kind == "scxml":
+                self._data(inner)
+            elif inner.tag == "datamodel":
+                pass  # belongs to an <invoke>, which is reported
+            elif inner.tag == "initial" and parent.kind == "state":
+                self._initial(parent, inner)
+            elif inner.tag in {"onentry", "onexit"} and parent.kind not in {"scxml", "history"}:
+                (parent.entry if inner.tag == "onentry" else parent.exit).extend(self._actions(inner))
+            elif inner.tag == "transition" and parent.kind == "history":
+                self._initial(parent, element)
+            elif inner.tag == "transition" and parent.kind in {"state", "parallel"}:
+                parent.transitions.append(self._transition(inner))
+            else:
+                self._unknown(inner, _EXPECTED[parent.kind])
+        given = element.attributes.get("initial", "").split()
+        if given and parent.kind in {"scxml", "state"}:
+            if parent.initial is not None:
+                self.problem(element, "has both an attribute initial and <initial>; keep one")
+            parent.initial = Transition(element.line, targets=given)
+
+    def _state(self, parent: State, element: Element) -> None:
         name = element.attributes.get("id", "").strip()
+        if not name and element.tag == "history":
+            name = f"history in line {element.line}"
         if not name:
             self.problem(element, "the attribute id is missing")
             return
-        if name in self.machine_.states:
-            first = self.machine_.states[name].line
+        if name in self.states:
+            first = self.states[name].line
             self.problem(element, f"duplicate id {name!r} (first in line {first}); keep one")
             return
-        state = State(name, element.line)
-        self.machine_.states[name] = state
-        for inner in element.children:
-            if inner.tag == "onentry":
-                state.entry += self._actions(inner)
-            elif inner.tag == "onexit":
-                state.exit += self._actions(inner)
-            elif inner.tag == "transition":
-                state.transitions.append(self._transition(inner))
-            elif inner.tag != "datamodel":  # belongs to an <invoke>, which is reported
-                self._unknown(inner, ("onentry", "onexit", "transition"))
+        depth = element.attributes.get("type", "shallow")
+        if element.tag == "history" and depth not in {"shallow", "deep"}:
+            self.problem(element, f"type {depth!r} found, expected shallow or deep")
+        # The order in the document is the order in which states are met.
+        state = State(name, element.line, element.tag, parent, len(self.states) + 1, depth == "deep")
+        self.states[name] = state
+        parent.children.append(state)
+        self._inside(state, element)
+        if state.kind == "history" and state.initial is None:
+            self.problem(element, 'has no <transition target=".."/>, which says what is entered at first')
+        if state.kind == "parallel" and state.is_atomic:
+            self.problem(element, "has no states inside; expected two or more")
+
+    def _initial(self, parent: State, element: Element) -> None:
+        """Read what is entered first: the one transition of an `<initial>` or a history."""
+        ones = element.all("transition")
+        if len(ones) != 1:
+            self.problem(element, f"{len(ones)} transitions found inside; expected one")
+        if parent.initial is not None or not ones:
+            return
+        parent.initial = self._transition(ones[0])
+        if parent.initial.events or parent.initial.condition or not parent.initial.targets:
+            self.problem(ones[0], "expected a target, without event and cond")
 
     def _transition(self, element: Element) -> Transition:
-        events = element.attributes.get("event", "").split()
-        named = [event for event in events if event not in _EVENTS]
         text = element.attributes.get("cond")
         tree: ast.expr | None = None
         if text is not None:
@@ -139,41 +188,67 @@ class _Reader:
                 tree = parse(text)
             except ConditionError as error:
                 self.problem(element, f"cond: {error}")
-        if len(named) > 1:
-            self.problem(element, f"has {len(named)} events; draw one transition for each")
-        target = element.attributes.get("target", "").strip() or None
-        if text is None and not events:
-            self.problem(
-                element,
-                f'has neither cond nor event; write cond="SENSOR &gt; NUMBER", or event="{EVENT}" for one '
-                "that is taken in any case",
-            )
+        kind = element.attributes.get("type", "external")
+        if kind not in {"external", "internal"}:
+            self.problem(element, f"type {kind!r} found, expected external or internal")
         return Transition(
-            element.line, bool(events), named[0] if named else None, tree, target, self._actions(element)
+            element.line,
+            element.attributes.get("event", "").split(),
+            tree,
+            element.attributes.get("target", "").split(),
+            self._actions(element),
+            kind == "internal",
         )
 
-    def _actions(self, element: Element) -> list[Assignment]:
-        found: list[Assignment] = []
+    def _actions(self, element: Element) -> list[Action]:
+        found: list[Action] = []
         for inner in element.children:
             if inner.tag == "assign":
                 location = inner.attributes.get("location", "").strip()
                 if not location:
                     self.problem(inner, "the attribute location is missing; it names an actuator")
                 found.append(Assignment(location, self._output(inner), inner.line))
+            elif inner.tag == "raise":
+                self._event(inner, found, internal=True)
             elif inner.tag == "send":
-                for parameter in inner.children:
-                    name = parameter.attributes.get("name", "").strip()
-                    if parameter.tag != "param" or not name:
-                        self.problem(
-                            parameter, 'expected <param name="ACTUATOR" expr="NUMBER"/> inside <send>'
-                        )
-                        continue
-                    found.append(Assignment(name, self._output(parameter), parameter.line))
-                if not inner.children:
-                    self.problem(inner, 'is empty; expected <param name="ACTUATOR" expr="NUMBER"/> inside')
+                self._send(inner, found)
             else:
-                self._unknown(inner, ("assign", "log", "send"))
+                self._unknown(inner, ("assign", "log", "raise", "send"))
         return found
+
+    def _send(self, element: Element, found: list[Action]) -> None:
+        for parameter in element.children:
+            name = parameter.attributes.get("name", "").strip()
+            if parameter.tag != "param" or not name:
+                self.problem(parameter, 'expected <param name="ACTUATOR" expr="NUMBER"/> inside <send>')
+                continue
+            found.append(Assignment(name, self._output(parameter), parameter.line))
+        for attribute in ("delay", "delayexpr"):
+            if attribute in element.attributes:
+                self.problem(element, f"{attribute}: is not supported; count control steps with states")
+        target = element.attributes.get("target", "")
+        if target not in {"", "#_internal"}:
+            if not element.children:
+                self.problem(
+                    element,
+                    f"target {target!r} found; controllers send numbers to actuators, and events to "
+                    'themselves: leave it out, or write target="#_internal"',
+                )
+        elif element.children or "event" in element.attributes:
+            self._event(element, found, internal=bool(target))
+        else:
+            self.problem(
+                element, 'is empty; expected an event, or <param name="ACTUATOR" expr="NUMBER"/> inside'
+            )
+
+    def _event(self, element: Element, found: list[Action], *, internal: bool) -> None:
+        name = element.attributes.get("event", "").strip()
+        if not name and not element.children:
+            self.problem(element, "the attribute event is missing")
+        elif name == EVENT:
+            self.problem(element, f"the event {EVENT!r} is that of each control step; take another name")
+        elif name:
+            found.append(Event(name, internal, bool(element.children), element.line))
 
     def _output(self, element: Element) -> float:
         value = self._number(element, "expr")
@@ -181,19 +256,57 @@ class _Reader:
             self.problem(element, f"expr: {value:g} found, expected -1 to 1, the range of an actuator")
         return value
 
+    def _check_events(self) -> None:
+        """Events that no transition waits for are mistakes, or meant for others where they carry numbers."""
+        waited = [one for state in self.states.values() for t in state.transitions for one in t.events]
+        for state in self.states.values():
+            for block in (state.entry, state.exit, *(t.actions for t in state.all_transitions)):
+                for one in [one for one in block if isinstance(one, Event)]:
+                    if any(matches(descriptor, one.name) for descriptor in waited):
+                        continue
+                    block.remove(one)
+                    if not one.optional:
+                        self.problems.append(
+                            f"{self.root.file}:{one.line}: event: no transition waits for {one.name!r}"
+                            f"{did_you_mean(one.name, waited)}"
+                        )
+
     def _check_targets(self) -> None:
-        states = self.machine_.states
-        if not states:
+        if not self.states:
             self.problem(self.root, "has no states")
             return
-        initial = self.root.attributes.get("initial", "").strip() or next(iter(states))
-        if initial not in states:
-            self.problem(self.root, f"initial: there is no state {initial!r}{did_you_mean(initial, states)}")
-        self.machine_.initial = initial
-        for state in states.values():
+        for state in (self.machine_.root, *self.states.values()):
+            if state.initial is not None:
+                self._check(state, state.initial, "initial" if state.kind != "history" else "target")
+            elif state.is_compound:
+                state.initial = Transition(state.line, targets=[state.inner[0].name])
             for one in state.transitions:
-                if one.target is not None and one.target not in states:
+                self._check(state, one, "target")
+
+    def _check(self, state: State, one: Transition, what: str) -> None:
+        """Check that targets are there, in the state where they have to be, and can be active together."""
+        place = f"{self.root.file}:{one.line}: <{'transition' if what == 'target' else state.kind}>: {what}:"
+        found = []
+        for name in one.targets:
+            if name in self.states:
+                found.append(self.states[name])
+            else:
+                self.problems.append(f"{place} there is no state {name!r}{did_you_mean(name, self.states)}")
+        if one is state.initial:
+            parent = state.parent if state.kind == "history" else state
+            for target in found:
+                shallow = state.kind == "history" and not state.deep
+                if parent is None or not target.inside(parent) or (shallow and target.parent is not parent):
+                    where = "directly inside" if shallow else "inside"
                     self.problems.append(
-                        f"{self.root.file}:{one.line}: <transition>: target: there is no state "
-                        f"{one.target!r}{did_you_mean(one.target, states)}"
+                        f"{place} {target.name!r} is not {where} of {parent.name if parent else ''!r}"
+                    )
+        for index, target in enumerate(found):
+            for other in found[:index]:
+                around = next((up for up in target.ancestors if other.inside(up)), None)
+                nested = target.inside(other) or other.inside(target) or target is other
+                if nested or around is None or around.kind != "parallel":
+                    self.problems.append(
+                        f"{place} {other.name!r} and {target.name!r} are not in two regions of a <parallel>, "
+                        "so that they cannot be entered together"
                     )

@@ -1,88 +1,120 @@
-"""Rules of states become the table of a Mealy machine."""
+"""Statecharts become the table of a Mealy machine."""
 
 import math
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from swarmwright.scxml._conditions import Condition, Thresholds, collect, holds
+from swarmwright.scxml._chart import State, combinations
+from swarmwright.scxml._conditions import Bits, Condition, Thresholds, collect, holds
+from swarmwright.scxml._steps import Edge, EndlessError, Output, Snapshot, Steps
 
 _LARGEST_TABLE = 1_000_000
 """Numbers in a table, at most, as in the engine."""
 _MOST_STATES = 1000
 
+_MOST_MACHINES = 1000
+
 _Effect = tuple[int, tuple[tuple[int, float], ...]]
 """The state after a step, and the actuators that got a number in it."""
 
 
-@dataclass(frozen=True)
-class _Rule:
-    condition: Condition
-    target: int | None
-    values: dict[int, float]
-    on_event: bool
-
-
-@dataclass
-class Rules:
-    """Transitions of a state, in the order in which they are tried."""
-
-    name: str
-    number: int
-    found: list[_Rule] = field(default_factory=list)
-
-    def add(
-        self, condition: Condition, target: int | None, values: dict[int, float], *, on_event: bool
-    ) -> None:
-        """Add a transition, and what actuators get by it: of leaving, of itself, of entering."""
-        self.found.append(_Rule(condition, target, values, on_event))
-
-    def first(
-        self, thresholds: Thresholds, intervals: NDArray[np.int64], *, on_event: bool
-    ) -> NDArray[np.int64]:
-        """Return the number of the first rule that holds for each combination of intervals, -1 for none."""
-        chosen = np.full(intervals.shape[1], -1)
-        for index, rule in enumerate(self.found):
-            if rule.on_event == on_event:
-                chosen[(chosen < 0) & holds(rule.condition, thresholds, intervals)] = index
-        return chosen
-
-
-def table(rules: list[Rules], begin: dict[int, float], sensors: int, actuators: int) -> dict[str, Any]:
+def table(
+    root: State,
+    edges: dict[int, Edge],
+    outputs: dict[int, Output],
+    begin: list[Output],
+    sensors: int,
+    actuators: int,
+) -> dict[str, Any]:
     """Return states, thresholds and weights of a controller.
 
     Args:
-        rules: of each state, the initial one first.
-        begin: actuators that get a number before the first step.
+        root: the machine.
+        edges: its transitions, by their `id`.
+        outputs: what its assignments do, by their `id`.
+        begin: actuators that have a number before anything is assigned.
         sensors: how many there are.
         actuators: how many there are.
 
     Raises ValueError when the table is too large, or transitions without an event go in a circle.
     """
-    thresholds = _thresholds(rules, sensors)
-    counts = [len(thresholds[sensor]) + 1 for sensor in range(sensors)]
-    _check_size(len(rules) * math.prod(counts) * (1 + actuators))
-    intervals = np.indices(counts).reshape(sensors, -1)
-    effects = [_effects(rules, state.number, thresholds, intervals) for state in rules]
+    steps, thresholds, rows = steps_of(root, edges, outputs, sensors)
+    _check_size(rows * (1 + actuators))
+    effects, first = _flattened(root, steps, rows, 1 + actuators)
     kept = [_kept(one, actuators) for one in effects]
-    start = tuple(begin.get(actuator, 0.0) for actuator in range(actuators))
+    given = dict([*begin, *first])
+    start = tuple(given.get(actuator, 0.0) for actuator in range(actuators))
     variants = _variants(effects, kept, start)
-    _check_size(len(variants) * math.prod(counts) * (1 + actuators))
+    _check_size(len(variants) * rows * (1 + actuators))
     weights: list[float] = []
     for state, held in variants:
         for target, values in effects[state]:
-            outputs = list(held)
+            numbers = list(held)
             for actuator, value in values:
-                outputs[actuator] = value
-            weights.append(variants[target, _restricted(outputs, kept[target])])
-            weights += [_shortest(output) for output in outputs]
+                numbers[actuator] = value
+            weights.append(variants[target, _restricted(numbers, kept[target])])
+            weights += [_shortest(number) for number in numbers]
     return {
         "states": len(variants),
         "thresholds": [[_shortest(end) for end in thresholds[sensor]] for sensor in range(sensors)],
         "weights": weights,
     }
+
+
+def steps_of(
+    root: State, edges: dict[int, Edge], outputs: dict[int, Output], sensors: int
+) -> tuple[Steps, Thresholds, int]:
+    """Return the steps of a machine, where intervals of sensors end, and the number of combinations."""
+    thresholds = _thresholds(edges, sensors)
+    counts = [len(thresholds[sensor]) + 1 for sensor in range(sensors)]
+    rows = math.prod(counts)
+    _check_size(rows)
+    intervals = np.indices(counts).reshape(sensors, -1)
+
+    def truth(condition: Condition, active: frozenset[str]) -> Bits:
+        return holds(condition, thresholds, intervals, active)
+
+    return Steps(root, edges, outputs, truth, rows), thresholds, rows
+
+
+def _flattened(
+    root: State, steps: Steps, rows: int, width: int
+) -> tuple[list[list[_Effect]], tuple[Output, ...]]:
+    """Return what a step does in each state that can be reached, the first one first, and first outputs."""
+    try:
+        first, done = steps.begin()
+        numbers = {first: 0}
+        order = [first]
+        if all(one.is_atomic for one in root.inner):
+            # States side by side stay, too, where no transition leads to them.
+            for state in root.inner:
+                one = Snapshot((state.order,))
+                if numbers.setdefault(one, len(order)) == len(order):
+                    order.append(one)
+        effects: list[list[_Effect]] = []
+        for snapshot in order:  # grows while it is walked through
+            found: list[_Effect] = [(0, ())] * rows
+            for taken, after, values in steps.step(snapshot):
+                if numbers.setdefault(after, len(order)) == len(order):
+                    order.append(after)
+                effect = (numbers[after], tuple(sorted(dict(values).items())))
+                for row in taken.tolist():
+                    found[row] = effect
+            effects.append(found)
+            if len(order) > _MOST_MACHINES:
+                raise ValueError(
+                    f"more than {_MOST_MACHINES} combinations of active states and remembered ones "
+                    f"can be reached ({combinations(root):,} combinations of states are drawn); a controller "
+                    "has a state for each: draw fewer parallel regions or histories"
+                )
+            _check_size(len(order) * rows * width)
+    except EndlessError as error:
+        raise ValueError(
+            f"transitions without an event from the state {error!s} are taken without end for some values of "
+            'the sensors; give them event="step" to take one in each control step'
+        ) from None
+    return effects, done
 
 
 def _shortest(number: float) -> float:
@@ -98,39 +130,13 @@ def _check_size(numbers: int) -> None:
         )
 
 
-def _thresholds(rules: list[Rules], sensors: int) -> Thresholds:
+def _thresholds(edges: dict[int, Edge], sensors: int) -> Thresholds:
     found: dict[int, set[float]] = {sensor: set() for sensor in range(sensors)}
-    for state in rules:
-        for rule in state.found:
-            collect(rule.condition, found)
+    for edge in edges.values():
+        for condition in (edge.condition, edge.on_step):
+            if condition is not None:
+                collect(condition, found)
     return {sensor: sorted(ones) for sensor, ones in found.items()}
-
-
-def _effects(
-    rules: list[Rules], number: int, thresholds: Thresholds, intervals: NDArray[np.int64]
-) -> list[_Effect]:
-    """Return what a step does in a state, for each combination of intervals."""
-    on_event = rules[number].first(thresholds, intervals, on_event=True).tolist()
-    without = [state.first(thresholds, intervals, on_event=False).tolist() for state in rules]
-    found = []
-    for combination, chosen in enumerate(on_event):
-        at, values, visited = number, dict[int, float](), set[int]()
-        if chosen >= 0:
-            rule = rules[number].found[chosen]
-            values.update(rule.values)
-            at = number if rule.target is None else rule.target
-        while (chosen := without[at][combination]) >= 0:
-            rule = rules[at].found[chosen]
-            if at in visited or rule.target is None:
-                raise ValueError(
-                    f"transitions without an event from the state {rules[at].name!r} are taken without end "
-                    'for some values of the sensors; give them event="step" to take one in each control step'
-                )
-            visited.add(at)
-            values.update(rule.values)
-            at = rule.target
-        found.append((at, tuple(sorted(values.items()))))
-    return found
 
 
 def _kept(effects: list[_Effect], actuators: int) -> tuple[int, ...]:

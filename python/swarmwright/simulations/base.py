@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 if TYPE_CHECKING:
     from swarmwright.display import Scene
+    from swarmwright.simulations.groups import Group
 
 
 class Described(ABC):
@@ -24,6 +25,10 @@ class Described(ABC):
     """Sensor values of an agent, at least 1."""
     actuators: int
     """Actuator values of an agent, at least 1."""
+    groups: Mapping[str, "Group"] = {}
+    """Kinds of agents that differ in sensors, actuators or controllers: name -> Group(agents, sensors,
+    actuators), the first one having the agents from 0 on. `sensors` and `actuators` then follow from them:
+    the most of any. Experiments have `controller: {kind: team, groups: {..}}`."""
     sensor_names: Sequence[str] = ()
     """Names of an agent's sensors, one for each, for drawings of controllers; empty: they are numbered."""
     actuator_names: Sequence[str] = ()
@@ -95,6 +100,7 @@ class Simulation(Described):
 
         Returns:
             Observations, (agents, sensors), finite: a row for each agent. Numbers are rounded to binary32.
+            With `groups`, rows may be as long as each agent's group says; they are filled up with 0.
 
         Raises:
             swarmwright.InputError: the parameters cannot be used, "name: why"; no other episode is tried with
@@ -106,7 +112,8 @@ class Simulation(Described):
         """Go on by one step.
 
         Args:
-            actions: (agents, actuators), float32, -1 to 1; rows of agents that did not act are 0.
+            actions: (agents, actuators), float32, -1 to 1; rows of agents that did not act are 0, and with
+                `groups` what a row has beyond the actuators of the agent's group.
 
         Returns:
             Observations as from `reset`, with as many rows. Rows of agents that do not act next do not count,

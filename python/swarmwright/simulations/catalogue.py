@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from swarmwright import _engine
 from swarmwright.core.errors import InputError, engine_errors
+from swarmwright.core.groups import DeclaredGroup
 from swarmwright.core.simulation_names import MISSIONS, is_python
 from swarmwright.simulations.parameters import filled_in
 
@@ -151,6 +152,35 @@ def description(simulation: str, parameters: dict[str, Any] | None = None) -> di
 def _announced(title: str) -> "Description":
     with engine_errors():
         return _engine.describe(title)
+
+
+def groups(simulation: str, parameters: dict[str, Any]) -> list[DeclaredGroup]:
+    """Return the kinds of agents of a simulation that is known here, with these parameters.
+
+    Empty where all agents are alike. Raises InputError for a class that cannot be loaded, and for parameters
+    that the simulation refuses.
+    """
+    known = _engine_title(simulation)
+    if known is None:
+        from swarmwright.simulations.groups import counted
+
+        found = _python_description(simulation)
+        if not found.groups:
+            return []
+        return counted(found.groups, filled_in(found.parameters, parameters))
+    with engine_errors():
+        announced = _engine.describe(known, parameters)["groups"]
+    return [
+        DeclaredGroup(
+            one["name"],
+            one["agents"],
+            one["sensors"],
+            one["actuators"],
+            tuple(one["sensor_names"]),
+            tuple(one["actuator_names"]),
+        )
+        for one in announced
+    ]
 
 
 def parameter_names(simulation: str) -> list[str]:

@@ -9,6 +9,8 @@ from typing import Any
 
 from swarmwright.core.errors import InputError
 from swarmwright.simulations.base import Described
+from swarmwright.simulations.groups import Group
+from swarmwright.simulations.groups import declared as declared_groups
 from swarmwright.simulations.parameters import Parameter, declared
 
 _LARGEST = 1_000_000
@@ -38,6 +40,10 @@ class Description:
     frame_seconds: float
     takes_controller: bool
     """Whether `reset` gets the controller, which the simulation runs itself."""
+    groups: Mapping[str, Group]
+    """Kinds of agents, in the order of the agents; empty where all are alike."""
+    padded: bool
+    """Whether rows of all agents have the same length in messages, whatever the groups say."""
     steers_itself: bool | None
     """Whether no agent is steered from outside; None: it depends on the parameters."""
 
@@ -77,8 +83,8 @@ def describe(simulation: Described | Any, where: str = "") -> Description:  # no
                 f"{where}.parameters[{name!r}]: default: {one.default!r} found, expected what JSON can hold"
             ) from None
     most = simulation.max_agents
-    sensors = _count(where, "sensors", getattr(simulation, "sensors", None))
-    actuators = _count(where, "actuators", getattr(simulation, "actuators", None))
+    groups = declared_groups(getattr(simulation, "groups", {}), parameters, where)
+    sensors, actuators = (_widest(where, simulation, groups, name) for name in ("sensors", "actuators"))
 
     def channels(name: str, count: int) -> tuple[str, ...]:
         return _channels(where, name, getattr(simulation, name, ()), count)
@@ -101,8 +107,21 @@ def describe(simulation: Described | Any, where: str = "") -> Description:  # no
         lanes=_count(where, "lanes", getattr(simulation, "lanes", 1)),
         frame_seconds=_tolerance(where, simulation.frame_seconds, "frame_seconds"),
         takes_controller=bool(getattr(simulation, "takes_controller", False)),
+        groups=groups,
+        padded=bool(getattr(simulation, "padded", False)),
         steers_itself=getattr(simulation, "steers_itself", None),
     )
+
+
+def _widest(where: str, simulation: Any, groups: Mapping[str, Group], name: str) -> int:  # noqa: ANN401 - as above
+    """Return the number of sensors or actuators: with groups, the most of any."""
+    given = getattr(simulation, name, None)
+    if not groups:
+        return _count(where, name, given)
+    most = max(getattr(group, name) for group in groups.values())
+    if given is not None and given != most:
+        raise InputError(f"{where}.{name}: {given!r} found, but groups have up to {most}; leave it out")
+    return int(most)
 
 
 def _channels(where: str, name: str, value: Any, count: int) -> tuple[str, ...]:  # noqa: ANN401 - whatever it says

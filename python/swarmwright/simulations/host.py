@@ -9,11 +9,13 @@ from numpy.typing import NDArray
 
 from swarmwright import _engine
 from swarmwright.core.errors import InputError
+from swarmwright.core.groups import DeclaredGroup
 from swarmwright.simulations.base import Simulation
 from swarmwright.simulations.batch_checks import BatchChecks, Many
 from swarmwright.simulations.batches import BatchSimulation
 from swarmwright.simulations.calls import Calls, short
 from swarmwright.simulations.description import Description, describe
+from swarmwright.simulations.groups import counted
 from swarmwright.simulations.parameters import filled_in
 from swarmwright.simulations.visualization import defines
 
@@ -64,9 +66,19 @@ class Host(Calls[Simulation | BatchSimulation]):
         self.determinism = description.determinism
         self.tolerance = description.tolerance
         self.takes_controller = description.takes_controller
+        self.has_groups = bool(description.groups)
         self.steers_itself = description.steers_itself
         self.has_scenes = defines(kind, "scene")
         self._agents = 0
+        self._groups: list[DeclaredGroup] = []  # of the episode
+
+    def groups(self) -> list[tuple[str, int, int, int, bool]]:
+        """Return the kinds of agents of the episode.
+
+        Name, agents, sensors, actuators, and whether rows of all agents have the same length.
+        """
+        padded = self.description.padded
+        return [(one.name, one.agents, one.sensors, one.actuators, padded) for one in self._groups]
 
     def another(self) -> "Host":
         """Return a host with another object, which is made when it is reset."""
@@ -189,6 +201,8 @@ class Host(Calls[Simulation | BatchSimulation]):
         try:
             seed = _seed(given.pop("seed", 0))
             values = filled_in(self.description.parameters, given)
+            if self.has_groups:
+                self._groups = counted(self.description.groups, values)
             if self._object is None:
                 self._object = self._made()
         except InputError as error:
@@ -216,6 +230,8 @@ class Host(Calls[Simulation | BatchSimulation]):
         return acting, rows, bool(done)
 
     def _rows(self, method: str, returned: Any, *, first: bool) -> NDArray[np.float32]:  # noqa: ANN401
+        if self.has_groups:
+            returned = self._filled_up(method, returned)
         expected = f"({'agents' if first else self._agents}, {self.sensors})"
         try:
             given = np.asarray(returned)
@@ -237,6 +253,26 @@ class Host(Calls[Simulation | BatchSimulation]):
                 limit = "" if most is None else f" and at most {most}, the simulation's max_agents"
                 self._fail(f"{method}: {self._agents} agents returned, expected at least 1{limit}")
         return rows
+
+    def _filled_up(self, method: str, returned: Any) -> Any:  # noqa: ANN401 - whatever it returns
+        """Return rows of the same length where each is as long as the agent's group says."""
+        wanted = [one.sensors for one in self._groups for _ in range(one.agents)]
+        try:
+            rows = [np.asarray(row) for row in returned]
+        except (TypeError, ValueError):
+            return returned
+        if len(rows) != len(wanted):
+            groups = ", ".join(f"{one.agents} {one.name}" for one in self._groups)
+            self._fail(f"{method}: {len(rows)} rows returned, expected {len(wanted)}: {groups}")
+        filled = np.zeros((len(rows), self.sensors), np.float64)
+        for agent, (row, own) in enumerate(zip(rows, wanted, strict=True)):
+            if row.dtype.kind not in "biuf" or row.shape not in {(own,), (self.sensors,)}:
+                self._fail(
+                    f"{method}: agent {agent} senses {short(row.tolist())}, expected {own} numbers, as its "
+                    "group says"
+                )
+            filled[agent, :own] = row[:own]
+        return filled
 
     def _acting(self) -> NDArray[np.uint32]:
         returned = self._call("acting")

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from swarmwright import _engine
 from swarmwright.core.errors import InputError, RunError
+from swarmwright.core.server_use import ServerUse, read
 from swarmwright.core.statistics import Summary
 from swarmwright.rankings._base import best_first
 from swarmwright.store.blocks import Record, joined
@@ -204,6 +205,14 @@ class StoreReader:
     def ended(self) -> str:
         """Return what ended a run that is done; empty where that was not written."""
         return self._facts_now().get("ended", "")
+
+    def server_use(self) -> dict[str, ServerUse]:
+        """Return the use of the servers of each launcher in all sessions, of those that are counted."""
+        text = self._facts_now().get("servers")
+        try:
+            return {} if text is None else read(text)
+        except (ValueError, KeyError, TypeError, AttributeError) as error:
+            raise InputError(f"{self._folder}: is damaged: servers: {error}") from error
 
     def validation(self) -> dict[str, Any] | None:
         """Return what is stored of the validation, see `runs.validation`; None of a run that has none yet."""

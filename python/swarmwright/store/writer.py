@@ -5,7 +5,7 @@ import platform
 import socket
 import sqlite3
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self
 from swarmwright import _engine
 from swarmwright.core.errors import InputError, RunError
 from swarmwright.core.files import write_text
+from swarmwright.core.server_use import ServerUses, together, written
 from swarmwright.core.yaml import dump
 from swarmwright.representations import Representation
 from swarmwright.store.blocks import EvaluationsDigest, Sample, encoded, of_columns
@@ -94,6 +95,8 @@ class StoreWriter:
         self._facts: dict[str, str] = {}  # that are to be written
         self._bytes = 0  # of genomes and results, in what is finished
         self._seeds = _Seeds()
+        self._use: Callable[[], ServerUses] | None = None
+        self._earlier_use: ServerUses = {}
 
     @classmethod
     def create(
@@ -349,6 +352,8 @@ class StoreWriter:
                         "reserved it; what it writes counts, and this one ends"
                     )
             self._write_finished()
+            if self._use is not None and (uses := together(self._earlier_use, self._use())):
+                self._facts["servers"] = written(uses)
             if self._facts:
                 self._store.connection.executemany(
                     "INSERT OR REPLACE INTO fact VALUES (?, ?)", self._facts.items()
@@ -379,6 +384,15 @@ class StoreWriter:
         if text:
             with suppress(RunError), self._writing():
                 self._store.connection.execute(_EVENT, (self._session, None, timestamp(), "servers", text))
+
+    def follow_use(self, earlier: ServerUses, use: Callable[[], ServerUses]) -> None:
+        """Write, with everything that is written in this session, how servers were used in the whole run.
+
+        Args:
+            earlier: their use in the sessions before.
+            use: returns their use in this session so far.
+        """
+        self._earlier_use, self._use = earlier, use
 
     def note_validation(self, values: Mapping[str, Any]) -> None:
         """Write what is known of the best candidates on held-out seeds; it is not part of the record."""

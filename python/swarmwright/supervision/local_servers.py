@@ -10,6 +10,7 @@ from typing import Any, Self
 
 from swarmwright import _engine
 from swarmwright.core.errors import RunError
+from swarmwright.core.server_use import ServerUses
 from swarmwright.supervision import Ended, Event, Output, Supervisor
 from swarmwright.supervision.supervisor import START, News
 
@@ -103,6 +104,11 @@ class LocalServers:
     def usage(self) -> str:
         """Nothing: processes of this machine are not counted."""
         return ""
+
+    @property
+    def use(self) -> ServerUses:
+        """Nothing: processes of this machine are not counted."""
+        return {}
 
     @property
     def on_status(self) -> None:

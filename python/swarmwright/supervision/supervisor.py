@@ -364,8 +364,9 @@ class Supervisor:
         self, place: _Place, process: Process, server_exit: ServerExit, sample: Sample
     ) -> float | None:
         """How long to wait before it is started again; None: not at all."""
-        if not self._restart or not place.was_ready or place.left:
-            return None  # never ready: the cause is permanent
+        # Never ready: the cause is permanent, unless a user or a scheduler has ended it.
+        if not self._restart or place.left or not (place.was_ready or server_exit.outside):
+            return None
         place.failed_starts = 0 if process.ready else place.failed_starts + 1
         place.ends = 0 if sample.ended else place.ends + 1
         wasted = not sample.ended and not sample.candidates and not server_exit.outside

@@ -19,6 +19,12 @@ EXAMPLES: dict[str, dict[str, Any]] = {
             "strategy": {"type": "categorical", "choices": ["a", "b", "c"]},
         }
     },
+    "team": {
+        "groups": {
+            "leaders": {"hidden": [3], "agents": 2},
+            "others": {"kind": "fully_meshed", "sensors": 1, "actuators": 1},
+        }
+    },
     "multi_fidelity": {"slow": "minisim"},
     "transferability": {"slow": "minisim", "threshold": 0.5},
 }

@@ -98,6 +98,12 @@ def test_one_process_runs_many_episodes(traced: Traced) -> None:
     ]
 
 
+def test_what_a_process_prints_at_its_end_is_heard(traced: Traced, capfd: pytest.CaptureFixture[str]) -> None:
+    last = "import atexit; atexit.register(print, 'that was all', file=sys.stderr)"
+    evaluate(stepped(traced, f"{last}; {WELL}", recycle=1), [[0.0], [0.5], [1.0]])
+    assert capfd.readouterr().err.splitlines().count("that was all") >= 2, "of all but the last process"
+
+
 @pytest.mark.parametrize("how", ["recycle", "exit"])
 def test_another_process_after_some_episodes(traced: Traced, how: str) -> None:
     script = f"assert number < 2; {WELL}" + ("; number == 1 and sys.exit()" if how == "exit" else "")

@@ -152,6 +152,15 @@ def test_a_mistake_in_the_experiment_is_told_with_its_line(tmp_path: Path) -> No
     )
 
 
+def test_robots_of_a_mission_that_do_not_fit_are_told_with_their_line(tmp_path: Path) -> None:
+    (tmp_path / "mine.yaml").write_text(MISSION.replace("robots: 12", "robots: 5000"))
+    (tmp_path / "swarm.yaml").write_text("simulation: arena\nparameters:\n  mission: mine.yaml\n")
+    with pytest.raises(InputError) as caught:
+        Experiment.load(tmp_path / "swarm.yaml")
+    expected = f"{tmp_path}/mine.yaml:7: robots: 5000 robots do not fit where they are to start"
+    assert expected in str(caught.value)
+
+
 @pytest.mark.parametrize(
     ("parameters", "answer"),
     [

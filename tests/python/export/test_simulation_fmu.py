@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,6 @@ import pytest
 from click.testing import CliRunner
 from fmpy import extract, read_model_description
 from fmpy.fmi1 import FMICallException
-from fmpy.fmi2 import FMU2Slave
 from fmpy.fmi3 import FMU3Slave
 from fmpy.validation import validate_fmu
 
@@ -25,6 +23,7 @@ from swarmwright.fmu.coupled import Coupled
 from swarmwright.fmu.coupling import coupled
 from swarmwright.fmu.ssp import described, system_of
 from swarmwright.simulations import catalogue
+from tests.fmus import Driven, driving
 
 pytestmark = pytest.mark.skipif(not LIBRARY.exists(), reason="engine/fmi is not built: make .venv/.engine")
 
@@ -33,43 +32,8 @@ CASES: dict[str, dict[str, Any]] = {
     "emergency_exit": {"numAgents": 4, "width": 9, "height": 8, "numBlockades": 5, "steps": 6},
     "arena": {"robots": 3, "duration": 3},
 }
-
-
-@dataclass
-class Driven:
-    """An instance that FMPy drives."""
-
-    fmu: Any
-    version: str
-    references: dict[str, int]
-    period: float
-
-    def begin(self, seed: int) -> None:
-        if self.version == "2.0":
-            self.fmu.setInteger([self.references["seed"]], [seed])
-            self.fmu.setupExperiment(startTime=0.0)
-        else:
-            self.fmu.setUInt64([self.references["seed"]], [seed])
-        self.fmu.enterInitializationMode()
-        self.fmu.exitInitializationMode()
-
-    def singles(self, names: list[str]) -> list[float]:
-        get = self.fmu.getReal if self.version == "2.0" else self.fmu.getFloat32
-        return list(get([self.references[name] for name in names]))
-
-    def put(self, names: list[str], values: list[float]) -> None:
-        put = self.fmu.setReal if self.version == "2.0" else self.fmu.setFloat32
-        put([self.references[name] for name in names], values)
-
-    def double(self, name: str) -> float:
-        get = self.fmu.getReal if self.version == "2.0" else self.fmu.getFloat64
-        return float(get([self.references[name]])[0])
-
-    def flag(self, name: str) -> bool:
-        return bool(self.fmu.getBoolean([self.references[name]])[0])
-
-    def step(self, number: int) -> None:
-        self.fmu.doStep(currentCommunicationPoint=number * self.period, communicationStepSize=self.period)
+GROUPS = {**CASES["minisim"], "numDefenders": 2, "defenderSteering": "controller"}
+"""Two kinds of agents, whose sensors have names of their own."""
 
 
 @contextmanager
@@ -77,44 +41,42 @@ def driven(folder: Path, title: str, parameters: dict[str, Any], fmi: str) -> It
     file = folder / "world.fmu"
     file.write_bytes(simulation_fmu(title, parameters, fmi=fmi, name="world"))
     assert validate_fmu(str(file)) == []
-    known = read_model_description(str(file))
-    made = FMU2Slave if fmi == "2.0" else FMU3Slave
-    fmu = made(
-        guid=known.guid,
-        unzipDirectory=extract(str(file), str(folder / "world")),
-        modelIdentifier="world",
-        instanceName="world",
-    )
-    fmu.instantiate()
-    references = {one.name: one.valueReference for one in known.modelVariables}
-    yield Driven(fmu, fmi, references, float(known.defaultExperiment.stepSize))
-    fmu.terminate()
-    fmu.freeInstance()
+    with driving(file) as world:
+        yield world
 
 
 @pytest.mark.parametrize("fmi", ["2.0", "3.0"])
-@pytest.mark.parametrize("title", CASES)
-def test_every_step_is_that_of_the_engine(title: str, fmi: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("title", "parameters"), [*CASES.items(), ("minisim", GROUPS)])
+def test_every_step_is_that_of_the_engine(
+    title: str, parameters: dict[str, Any], fmi: str, tmp_path: Path
+) -> None:
     """Sensors, who acts, fitness and metrics to the bit, in two episodes; a state takes back to it."""
-    about = catalogue.description(title, CASES[title])
-    sensors, actuators = (named(f"{one}s", about[f"{one}_names"]) for one in ("sensor", "actuator"))
-    with driven(tmp_path, title, CASES[title], fmi) as world:
+    about = catalogue.description(title, parameters)
+    kinds = [
+        (group.agents, group.sensor_names, group.actuator_names)
+        for group in catalogue.groups(title, parameters)
+    ] or [(100, about["sensor_names"], about["actuator_names"])]
+    channels = [
+        (named("sensors", sensors), named("actuators", actuators))
+        for count, sensors, actuators in kinds
+        for _ in range(count)
+    ]
+    with driven(tmp_path, title, parameters, fmi) as world:
         for seed in (5, 6):
             world.begin(seed)
-            episode = _engine.Episodes(title, CASES[title], [seed])
+            episode = _engine.Episodes(title, parameters, [seed])
             random, made, state = np.random.default_rng(seed), 0, b""
             while not episode.done:
                 assert not world.flag("done")
                 _, agents, sensed = episode.acting()
                 for agent, row in zip(agents, sensed, strict=True):
                     assert world.flag(f"agent[{agent + 1}].acts")
-                    found = world.singles([f"agent[{agent + 1}].{name}" for name in sensors])
+                    found = world.singles([f"agent[{agent + 1}].{name}" for name in channels[agent][0]])
                     assert np.array_equal(np.array(found, np.float32), row)
-                moves = random.uniform(-1, 1, (len(agents), len(actuators))).astype(np.float32)
+                moves = random.uniform(-1, 1, (len(agents), about["actuators"])).astype(np.float32)
                 for agent, row in zip(agents, moves, strict=True):
-                    world.put(
-                        [f"agent[{agent + 1}].{name}" for name in actuators], [float(one) for one in row]
-                    )
+                    names = [f"agent[{agent + 1}].{name}" for name in channels[agent][1]]
+                    world.put(names, [float(one) for one in row])
                 if made == 2:
                     kept = world.fmu.getFMUState()
                     state = world.fmu.serializeFMUState(kept)

@@ -2,6 +2,10 @@
 
 import os
 import signal
+import sqlite3
+import threading
+import time
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +16,7 @@ from swarmwright.evaluation.launched.access import own_address
 from swarmwright.evaluation.opening import open_backend
 from swarmwright.evaluation.through_broker import BrokerBackend
 from swarmwright.testing import check_launcher
+from tests.paced_simulation import written
 from tests.python.records import same_record
 
 
@@ -54,6 +59,37 @@ def test_a_killed_server_is_started_again() -> None:
             backend.check()
         assert first[1] in supervisor.pids
     assert not any(Path(f"/proc/{pid}").exists() for pid in first)
+
+
+@pytest.mark.timeout(120)
+def test_a_preempted_server_finishes_what_it_computes(tmp_path: Path) -> None:
+    name = written(tmp_path / "simulation")
+    file = tmp_path / "simulation" / "paced.py"
+    begun = tmp_path / "begun"
+    note = "import os; open(os.environ['BEGUN'], 'w').write(str(os.getpid())); time.sleep(0.05)"
+    file.write_text(file.read_text().replace("time.sleep(0.002)", note))  # 1 s an episode
+    sent: list[float] = []
+
+    def preempt() -> None:
+        while not (begun.exists() and begun.read_text()):
+            time.sleep(0.01)
+        sent.append(time.time())
+        os.kill(int(begun.read_text()), signal.SIGTERM)
+
+    beside = threading.Thread(target=preempt)
+    beside.start()
+    made = experiment(count=1, environment={"BEGUN": str(begun)}).replace(
+        simulation=name, method={"population": 3, "generations": 1}
+    )
+    run = optimize(made, out=tmp_path / "run", progress=False)
+    beside.join()
+    with closing(sqlite3.connect(run.path / "run.sqlite")) as store:
+        attempts = store.execute("SELECT started, seconds, error FROM attempt").fetchall()
+    finished = [
+        started < sent[0] < started + seconds for started, seconds, error in attempts if error is None
+    ]
+    assert sum(finished) == 1
+    assert "was killed by SIGTERM" in (run.path / "servers.log").read_text()
 
 
 def test_servers_that_do_not_start_are_given_up_with_what_they_printed(tmp_path: Path) -> None:

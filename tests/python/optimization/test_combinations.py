@@ -20,6 +20,12 @@ SMALL: dict[str, dict[str, Any]] = {
             "avoidanceRadius": {"type": "real", "range": [0.1, 10.0], "scale": "log"},
         }
     },
+    "team": {
+        "groups": {
+            "agents": {"kind": "layered", "hidden": [2]},
+            "defenders": {"kind": "fully_meshed", "hidden": 1},
+        }
+    },
 }
 """Options of representations that need some, or are large without."""
 ROBOTS = Path(__file__).with_name("robots.py")
@@ -41,6 +47,8 @@ def experiment(controller: str, method: str, operation: str, ranking: int) -> Ex
     parameters: dict[str, Any] = {"maxSteps": 4, "placement": "random", "numAgents": 2}
     if controller == "parameter_set":
         parameters["steering"] = "rule"
+    if controller == "team":
+        parameters["defenderSteering"] = "controller"
     return Experiment.from_mapping(
         {
             "simulation": "minisim",

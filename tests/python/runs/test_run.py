@@ -98,6 +98,14 @@ def test_the_plot_is_a_png_of_a_good_size(finished: Run, tmp_path: Path) -> None
         finished.plot(tmp_path / "none" / "x.png")
 
 
+def test_the_class_opens_a_folder_by_its_name(finished: Run, tmp_path: Path) -> None:
+    run = Run(str(finished.path))
+    assert run.path == finished.path
+    assert run.best.fitness == finished.best.fitness
+    with pytest.raises(InputError, match="there is no such folder"):
+        Run(tmp_path / "none")
+
+
 def test_exporting(finished: Run, tmp_path: Path) -> None:
     finished.export(tmp_path / "out.csv")
     lines = (tmp_path / "out.csv").read_text().splitlines()

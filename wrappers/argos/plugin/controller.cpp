@@ -76,6 +76,10 @@ void ArgosController::Init(argos::TConfigurationNode& tree) {
   find_sensors();
   find_wheels();
   argos::GetNodeAttributeOrDefault(tree, "max_speed", top_speed_, top_speed_);
+  if (!(top_speed_ > 0)) {
+    THROW_ARGOSEXCEPTION("swarmwright_controller: max_speed: " << top_speed_
+                                                               << " found, expected a number above 0, in cm/s");
+  }
   ControlStep();
 }
 

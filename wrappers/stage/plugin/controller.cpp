@@ -34,6 +34,8 @@ using swarmwright::Span;
 constexpr std::uint32_t actuators = 2;
 /// How long an update without an episode may take: a window draws meanwhile.
 constexpr std::chrono::milliseconds patience(20);
+/// Of the options.
+constexpr double largest = 1e6;
 
 /// Stops at everything that rangers see, but the robot itself.
 bool is_hit(Stg::Model* met, const Stg::Model* finder, const void* /*argument*/) {
@@ -103,8 +105,8 @@ struct Robot {
 /// All robots of a world that have this controller.
 class Server {
  public:
-  explicit Server(const std::string& arguments) {
-    std::istringstream words(arguments);
+  explicit Server(std::string arguments) : arguments_(std::move(arguments)) {
+    std::istringstream words(arguments_);
     std::string word;
     words >> word;  // the controller's name
     while (words >> word) {
@@ -117,9 +119,17 @@ class Server {
       }
       options_[name] = word.substr(equals + 1);
     }
-    speed_ = number("speed", 0.4);
-    turn_ = number("turn", 1.5);
-    duration_ = number("duration", 60);
+    speed_ = positive("speed", 0.4);
+    turn_ = positive("turn", 1.5);
+    duration_ = positive("duration", 60);
+  }
+
+  /// One server has one set of options.
+  void expect(const std::string& arguments) const {
+    if (arguments != arguments_) {
+      throw std::invalid_argument("ctrl: robots have different options: \"" + arguments_ + "\" and \"" + arguments +
+                                  "\"; all have the same ones");
+    }
   }
 
   void add(Stg::Model* model) {
@@ -190,9 +200,17 @@ class Server {
     return found != options_.end() ? found->second : absent;
   }
 
-  double number(const std::string& name, double absent) const {
+  double positive(const std::string& name, double absent) const {
     const auto found = options_.find(name);
-    return found != options_.end() ? swarmwright::detail::number<double>("ctrl: " + name, found->second) : absent;
+    if (found == options_.end()) {
+      return absent;
+    }
+    const auto value = swarmwright::detail::number<double>("ctrl: " + name, found->second);
+    if (!(value > 0 && value <= largest)) {
+      throw std::invalid_argument("ctrl: " + name + ": " + found->second +
+                                  " found, expected a number above 0, 1e6 at most");
+    }
+    return value;
   }
 
   void open(Stg::World& world) {
@@ -252,7 +270,7 @@ class Server {
     }
     swarm_->begin([&] {
       const double interval = static_cast<double>(world.sim_interval) / 1e6;
-      length_ = std::lround(swarm_->parameters().number("duration", interval, 1e6, duration_) / interval);
+      length_ = std::lround(swarm_->parameters().number("duration", interval, largest, duration_) / interval);
       ticks_ = 0;
       for (const auto& [model, start] : starts_) {
         // Both layers of the map are drawn only if the pose changes.
@@ -263,6 +281,8 @@ class Server {
     });
   }
 
+  /// As the file has them.
+  std::string arguments_;
   std::map<std::string, std::string> options_;
   /// m/s and rad/s with both wheels at their largest speed, along or against each other.
   double speed_ = 0;
@@ -305,6 +325,7 @@ extern "C" int Init(Stg::Model* model, Stg::CtrlArgs* arguments) {
       server = std::make_unique<Server>(arguments->worldfile);
       model->GetWorld()->AddUpdateCallback(&updated, nullptr);
     }
+    server->expect(arguments->worldfile);
     server->add(model);
   });
   return 0;

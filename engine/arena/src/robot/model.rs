@@ -4,6 +4,7 @@ mod actuators;
 mod battery;
 mod drive;
 mod preset;
+mod radio;
 mod sensors;
 
 use serde::Deserialize;

@@ -83,6 +83,46 @@ pub(in super::super) struct Links {
     pub loss: f32,
     /// What is subtracted from the distance, centimetres.
     pub offset: f32,
+    /// What is imperfect besides; none where the range and the loss alone count.
+    pub radio: Option<Radio>,
+}
+
+impl Links {
+    /// How far messages are ever heard, metres.
+    pub(in super::super) fn reach(&self) -> f32 {
+        let radio = self.radio.as_ref();
+        radio.map_or(self.range, |radio| self.range * radio.stretch)
+    }
+
+    /// How many ticks ago the numbers that arrive were sent.
+    pub(in super::super) fn delay(&self) -> u32 {
+        self.radio.as_ref().map_or(0, |radio| radio.delay)
+    }
+
+    /// Whether robots, walls and objects stop messages.
+    #[inline(always)]
+    pub(in super::super) fn line_of_sight(&self) -> bool {
+        self.radio.as_ref().is_none_or(|radio| radio.line_of_sight)
+    }
+}
+
+/// How messages fare between the robots of a swarm.
+#[derive(Debug, Clone, PartialEq)]
+pub(in super::super) struct Radio {
+    /// The shape of Nakagami fading; 0 for none, so that all within the range is heard.
+    pub fading: u32,
+    /// Of the path loss.
+    pub exponent: f32,
+    /// The logarithm of the probability that a message does not collide with another one; 0 where none collide.
+    pub crowding: f32,
+    /// Ticks from a robot's message to its next one.
+    pub interval: u32,
+    /// Ticks from the sending of numbers to their reception.
+    pub delay: u32,
+    /// Whether robots, walls and objects stop messages.
+    pub line_of_sight: bool,
+    /// The distance beyond which nothing is ever heard, in ranges.
+    pub stretch: f32,
 }
 
 /// How a robot moves.

@@ -62,6 +62,7 @@ impl Robot {
                 range: 0.7,
                 loss: 0.85,
                 offset: 7.0,
+                radio: None,
             }),
             around: None,
             camera: None,

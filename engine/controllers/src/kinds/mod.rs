@@ -10,6 +10,7 @@ mod layered;
 mod mealy_fsm;
 mod modules;
 mod parameter_set;
+mod team;
 
 pub use evostick::Evostick;
 pub use fully_meshed::FullyMeshed;
@@ -17,6 +18,7 @@ pub use layered::Layered;
 pub use mealy_fsm::MealyFsm;
 pub use modules::{BEHAVIOUR_NAMES, CONDITION_NAMES, Form, Modules};
 pub use parameter_set::{Parameter, ParameterKind, ParameterSet};
+pub use team::{Team, TeamGroup};
 
 use crate::SpecificationError;
 use crate::reader::Reader;
@@ -114,6 +116,9 @@ pub(crate) trait LaneKind: Kind {
     );
 }
 
+/// The name of several controllers in one specification. It is in no list of kinds: what an agent has is one of its parts.
+pub const TEAM: &str = "team";
+
 /// Makes everything that follows from the list of kinds. `$d` is `$`, for the macro that it makes.
 macro_rules! kinds {
     (($d:tt) $($(#[$doc:meta])* $name:literal => $Kind:ident,)+) => {
@@ -125,12 +130,16 @@ macro_rules! kinds {
         #[serde(tag = "kind")]
         pub enum Architecture {
             $($(#[$doc])* #[serde(rename = $name)] $Kind($Kind),)+
+            /// Several kinds of agents with a controller each.
+            #[serde(rename = "team")]
+            Team(Team),
         }
 
         /// Reads the fields of the kind with this name; none for an unknown name.
         pub(crate) fn read(name: &str, reader: &mut Reader<'_>) -> Option<Result<Architecture, SpecificationError>> {
             match name {
                 $($name => Some($Kind::read(reader).map(Architecture::$Kind)),)+
+                TEAM => Some(Team::read(reader).map(Architecture::Team)),
                 _ => None,
             }
         }
@@ -139,6 +148,7 @@ macro_rules! kinds {
         pub(crate) fn size(architecture: &Architecture) -> (&'static str, &'static str) {
             match architecture {
                 $(Architecture::$Kind(_) => $Kind::SIZE,)+
+                Architecture::Team(_) => Team::SIZE,
             }
         }
 
@@ -147,6 +157,7 @@ macro_rules! kinds {
             ($d architecture:expr, $d kind:ident => $d expression:expr) => {
                 match $d architecture {
                     $(crate::Architecture::$Kind($d kind) => $d expression,)+
+                    crate::Architecture::Team($d kind) => $d expression,
                 }
             };
         }

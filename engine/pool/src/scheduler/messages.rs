@@ -20,6 +20,10 @@ pub(crate) struct Messages {
 
 /// The number of agents that the parameters tell.
 fn agents(parameters: &Map<String, Value>) -> Option<u64> {
+    // Minisim's defenders are then agents, too.
+    if parameters.get("defenderSteering").and_then(Value::as_str) == Some("controller") {
+        return None;
+    }
     #[expect(
         clippy::cast_precision_loss,
         reason = "a list is far shorter than 2^53"

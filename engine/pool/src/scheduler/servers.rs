@@ -87,7 +87,7 @@ impl Scheduler {
             }
         }
         if discover {
-            self.discovery.hasten(now);
+            self.discovery.hasten(self.fleet.audience(), now);
         }
     }
 

@@ -49,8 +49,13 @@ impl Scheduler {
         format!(
             "required: {}; found: {}",
             self.config.demand.describe(),
-            self.fleet.describe(&self.config.demand)
+            self.found()
         )
+    }
+
+    fn found(&self) -> String {
+        self.fleet
+            .describe(&self.config.demand, &self.config.timeouts)
     }
 
     /// Titles that the servers offer.
@@ -99,7 +104,7 @@ impl Scheduler {
         let unserved = self.unserved(now);
         (unserved >= SILENCE).then(|| NoServer {
             seconds: unserved.as_secs_f64(),
-            found: self.fleet.describe(&self.config.demand),
+            found: self.found(),
         })
     }
 

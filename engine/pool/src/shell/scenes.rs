@@ -329,7 +329,7 @@ impl SceneEpisode {
                 "server {server} asks for actuators of agent {agent}, but a parameter set steers none"
             )));
         }
-        if values.len() != controller.sensors() {
+        if controller.team().is_none() && values.len() != controller.sensors() {
             return Err(Impossible(format!(
                 "server {server}: agent {agent} has {} sensors, the controller {}; use a controller that was made for it",
                 values.len(),
@@ -356,19 +356,23 @@ impl SceneEpisode {
     ) -> Result<(), SceneError> {
         let prototype = &self.options.controller;
         let acted = &mut self.agents[agent];
-        let controller = acted.controller.get_or_insert_with(|| {
-            let mut controller = prototype.clone();
-            controller.reset();
-            controller
-        });
-        acted.actuators.resize(prototype.actuators(), 0.0);
         let server = self.server;
+        let wrong = |error| Impossible(format!("server {server}: agent {agent}: {error}"));
+        let controller = match &mut acted.controller {
+            Some(controller) => controller,
+            none => none.insert(prototype.of_agent(agent as u32).map_err(wrong)?),
+        };
+        acted.actuators.resize(controller.actuators(), 0.0);
         controller
             .step(&values, &mut acted.actuators)
-            .map_err(|error| Impossible(format!("server {server}: agent {agent}: {error}")))?;
+            .map_err(wrong)?;
         acted.step = Some(self.scene.step);
         acted.sensors = values;
-        observe(agent as u32, &acted.sensors, &acted.actuators);
+        // All rows are as long as those of the agent that has most.
+        let (mut sensors, mut actuators) = (acted.sensors.clone(), acted.actuators.clone());
+        sensors.resize(prototype.sensors(), 0.0);
+        actuators.resize(prototype.actuators(), 0.0);
+        observe(agent as u32, &sensors, &actuators);
         let payload = self.writer.encode(agent as u64, &acted.actuators);
         self.send(Topic::Actuator, &payload)
     }

@@ -137,9 +137,11 @@ impl LaneWorld for MinisimLanes {
         let settings = (0..block.seeds.len())
             .map(|episode| Settings::read(&block.parameters_of(episode)))
             .collect::<Result<Vec<_>, _>>()?;
-        let few = settings
-            .first()
-            .is_some_and(|first| first.defenders.len() <= MOST_DEFENDERS && !first.steers_itself);
+        let few = settings.first().is_some_and(|first| {
+            first.defenders.len() <= MOST_DEFENDERS
+                && !first.steers_itself
+                && !first.controls_defenders
+        });
         Ok(few.then_some(Self {
             settings,
             counts_steps: block.metrics.contains(&STEPS),

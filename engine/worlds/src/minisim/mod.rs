@@ -20,6 +20,10 @@
 //! right, w.x = w.x + s * (v.x / r), w.y = w.y + s * (v.y / r). Then n = sqrt(w.x*w.x + w.y*w.y), and unless it is 0
 //! x = x + speedAgents * (w.x / n), y = y + speedAgents * (w.y / n), each limited as in 1.
 //!
+//! With `defenderSteering: controller` defenders are agents, too, numbered after the others, and sense what is closest to them:
+//! (agent.x - x) / mapWidth, (agent.y - y) / mapHeight for the closest free agent as in 2, then the same for the goal. In place
+//! of 2, every defender, ascending: x = x + speedDefenders * cos_pi(a), y = y + speedDefenders * sin_pi(a), limited as in 1.
+//!
 //! Sensors: (goal.x - x) / mapWidth, (goal.y - y) / mapHeight, then the same for the closest defender (smallest q,
 //! lower index on ties), or 0, 0 without defenders.
 //! Fitness: 0 - s / n, where s is the sum over agents, ascending, of the distance to the goal as in 3 (0 for those
@@ -34,7 +38,7 @@ mod settings;
 
 use crate::simulation::texts;
 use crate::{
-    Block, Body, Description, Determinism, Means, MetricInfo, ParameterError, ParameterInfo,
+    Block, Body, Description, Determinism, Group, Means, MetricInfo, ParameterError, ParameterInfo,
     Parameters, RolloutError, Scene, Simulation,
 };
 pub(crate) use lanes::MinisimLanes;
@@ -76,6 +80,8 @@ pub struct Minisim {
     states: Vec<State>,
     defenders: Vec<Point>,
     /// Free agents, ascending; none once the episode has ended.
+    free: Vec<u32>,
+    /// Those whose actuators are asked for: of agents and of defenders, what controllers steer.
     acting: Vec<u32>,
     /// Where the defenders are, to be asked for the closest one.
     near_defenders: Nearest,
@@ -103,26 +109,49 @@ fn limit(value: f32, high: f32) -> f32 {
 impl Minisim {
     fn at_start(settings: Settings) -> Self {
         let (agents, defenders) = (settings.agents.clone(), settings.defenders.clone());
-        let acting = (0..settings.count()).collect();
+        let free = (0..settings.count()).collect();
         let mut near_defenders = Nearest::default();
         near_defenders.fill(settings.map, defenders.iter().copied());
-        Self {
+        let mut minisim = Self {
             states: vec![State::Free; agents.len()],
             settings,
             agents,
             defenders,
-            acting,
+            free,
+            acting: Vec::new(),
             near_defenders,
             near_agents: Nearest::default(),
             step: 0,
+        };
+        minisim.ask();
+        minisim
+    }
+
+    /// Says whose actuators the next step needs.
+    fn ask(&mut self) {
+        self.acting.clear();
+        if !self.settings.steers_itself {
+            self.acting.extend_from_slice(&self.free);
         }
+        if self.settings.controls_defenders {
+            self.look_for_agents();
+            if !self.free.is_empty() {
+                let first = self.settings.count();
+                self.acting.extend((first..).take(self.defenders.len()));
+            }
+        }
+    }
+
+    fn look_for_agents(&mut self) {
+        let free = self.free.iter().map(|agent| self.agents[*agent as usize]);
+        self.near_agents.fill(self.settings.map, free);
     }
 
     fn move_agents(&mut self, actuators: &[f32]) {
         let Settings {
             map, speed_agents, ..
         } = self.settings;
-        for (agent, a) in self.acting.iter().zip(actuators) {
+        for (agent, a) in self.free.iter().zip(actuators) {
             let [x, y] = &mut self.agents[*agent as usize];
             *x = limit(*x + speed_agents * cos_pi(*a), map[0]);
             *y = limit(*y + speed_agents * sin_pi(*a), map[1]);
@@ -130,7 +159,7 @@ impl Minisim {
     }
 
     fn move_agents_by_rule(&mut self) {
-        for agent in &self.acting {
+        for agent in &self.free {
             let from = self.agents[*agent as usize];
             let nearest = self.near_defenders.closest(from).map(|(place, _)| place);
             let [wx, wy] = self.settings.rule.way(from, self.settings.goal, nearest);
@@ -149,8 +178,7 @@ impl Minisim {
 
     fn move_defenders(&mut self) {
         let speed = self.settings.speed_defenders;
-        let free = self.acting.iter().map(|agent| self.agents[*agent as usize]);
-        self.near_agents.fill(self.settings.map, free);
+        self.look_for_agents();
         for defender in &mut self.defenders {
             let Some((target, q)) = self.near_agents.closest(*defender) else {
                 return;
@@ -168,8 +196,36 @@ impl Minisim {
             .fill(self.settings.map, self.defenders.iter().copied());
     }
 
+    fn steer_defenders(&mut self, actuators: &[f32]) {
+        let Settings {
+            map,
+            speed_defenders,
+            ..
+        } = self.settings;
+        for ([x, y], a) in self.defenders.iter_mut().zip(actuators) {
+            *x = limit(*x + speed_defenders * cos_pi(*a), map[0]);
+            *y = limit(*y + speed_defenders * sin_pi(*a), map[1]);
+        }
+        self.near_defenders
+            .fill(map, self.defenders.iter().copied());
+    }
+
+    /// What a defender senses, if it is one.
+    fn seen_by_defender(&self, agent: u32) -> Option<[f32; 4]> {
+        let index = agent.checked_sub(self.settings.count())?;
+        let [x, y] = *self.defenders.get(index as usize)?;
+        let (target, _) = self.near_agents.closest([x, y])?;
+        let ([width, height], goal) = (self.settings.map, self.settings.goal);
+        Some([
+            (target[0] - x) / width,
+            (target[1] - y) / height,
+            (goal[0] - x) / width,
+            (goal[1] - y) / height,
+        ])
+    }
+
     fn judge_agents(&mut self) {
-        for agent in &self.acting {
+        for agent in &self.free {
             let agent = *agent as usize;
             let position = self.agents[agent];
             if distance(position, self.settings.goal) <= self.settings.goal_radius {
@@ -204,6 +260,25 @@ impl Simulation for Minisim {
         texts(&["goal x", "goal y", "defender x", "defender y"])
     }
 
+    fn groups(&self) -> Vec<Group> {
+        if !self.settings.controls_defenders {
+            return Vec::new();
+        }
+        let group = |name: &'static str, agents, sensor_names| Group {
+            name: name.into(),
+            agents,
+            sensors: 4,
+            actuators: 1,
+            padded: false,
+            sensor_names,
+            actuator_names: self.actuator_names(),
+        };
+        let defenders = u32::try_from(self.defenders.len()).unwrap_or(u32::MAX);
+        let seen = texts(&["agent x", "agent y", "goal x", "goal y"]);
+        let agents = group("agents", self.settings.count(), self.sensor_names());
+        vec![agents, group("defenders", defenders, seen)]
+    }
+
     fn actuator_names(&self) -> Vec<String> {
         texts(&["heading"])
     }
@@ -222,20 +297,19 @@ impl Simulation for Minisim {
     }
 
     fn acting(&self) -> &[u32] {
-        if self.settings.steers_itself {
-            &[]
-        } else {
-            &self.acting
-        }
+        &self.acting
     }
 
     fn done(&self) -> bool {
-        self.acting.is_empty()
+        self.free.is_empty()
     }
 
     fn sense(&self, agent: u32, sensors: &mut [f32]) {
         let [width, height] = self.settings.map;
         let Some(&[x, y]) = self.agents.get(agent as usize) else {
+            if let Some(seen) = self.seen_by_defender(agent) {
+                sensors.copy_from_slice(&seen);
+            }
             return;
         };
         let goal = self.settings.goal;
@@ -255,22 +329,29 @@ impl Simulation for Minisim {
     }
 
     fn step(&mut self, actuators: &[f32]) {
-        if self.acting.is_empty() {
+        if self.free.is_empty() {
             return;
         }
-        if self.settings.steers_itself {
+        let steered = if self.settings.steers_itself {
             self.move_agents_by_rule();
+            0
         } else {
             self.move_agents(actuators);
+            self.free.len()
+        };
+        if self.settings.controls_defenders {
+            self.steer_defenders(actuators.get(steered..).unwrap_or_default());
+        } else {
+            self.move_defenders();
         }
-        self.move_defenders();
         self.judge_agents();
         self.step += 1;
         if self.step >= self.settings.max_steps {
-            self.acting.clear();
+            self.free.clear();
         }
-        self.acting
+        self.free
             .retain(|agent| self.states[*agent as usize] == State::Free);
+        self.ask();
     }
 
     fn fitness(&self) -> f64 {

@@ -34,6 +34,8 @@ pub(super) struct Settings {
     pub goal_radius: f32,
     /// Whether agents follow the rule and no actuators are asked for.
     pub steers_itself: bool,
+    /// Whether actuators are asked for defenders, too.
+    pub controls_defenders: bool,
     pub rule: Rule,
 }
 
@@ -53,6 +55,7 @@ impl Default for Settings {
             capture_radius: 0.5,
             goal_radius: 0.5,
             steers_itself: false,
+            controls_defenders: false,
             rule: Rule {
                 avoidance: 1.0,
                 radius: 2.0,
@@ -131,6 +134,8 @@ impl Settings {
                 .not_negative("goalRadius")?
                 .unwrap_or(default.goal_radius),
             steers_itself: read.choice("steering", &["controller", "rule"])? == Some(1),
+            controls_defenders: read.choice("defenderSteering", &["rule", "controller"])?
+                == Some(1),
             rule: rule(read, default.rule)?,
         })
     }
@@ -328,6 +333,12 @@ pub(super) fn parameters() -> Vec<ParameterInfo> {
             "string",
             json!("controller"),
             "Who steers the agents: controller, or rule: they steer themselves, to the goal and around the closest defender.",
+        ),
+        info(
+            "defenderSteering",
+            "string",
+            json!("rule"),
+            "Who steers the defenders: rule: they go to the closest free agent; or controller: they are agents, numbered after the others, which sense the closest free agent and the goal; the groups of a controller of the kind team are then agents and defenders.",
         ),
         info(
             "avoidance",

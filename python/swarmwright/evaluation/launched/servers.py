@@ -12,11 +12,13 @@ from types import TracebackType
 from typing import Any, Self, cast
 
 from swarmwright import _engine
-from swarmwright.core.errors import RunError, engine_errors
+from swarmwright.core.errors import InputError, RunError, engine_errors
+from swarmwright.core.server_use import ServerUse
 from swarmwright.evaluation.base import BudgetSpent
 from swarmwright.evaluation.launched.access import Access
 from swarmwright.evaluation.launched.scaling import Load, Scaling
 from swarmwright.launchers import Health, Launcher, LauncherError, LauncherOptions
+from swarmwright.supervision.output import KEPT, Output
 
 _log = logging.getLogger("swarmwright")
 
@@ -24,12 +26,16 @@ LOOK = 0.5
 """Seconds between two looks, unless something is heard before."""
 SOON = 5.0
 """Seconds for which servers may wait in a queue before that is reported."""
+LINES = 20
+"""Lines of a server that ended too early which are shown."""
 MOST_FAILURES = 3
 """Servers in a row that end without having been on the broker before a launcher is given up."""
 FIRST_PAUSE, LONGEST_PAUSE = 1.0, 60.0
 """Seconds before a server is replaced; doubled with each one in a row that was never on the broker."""
 PATIENCE = 60.0
 """Seconds for which a launcher may not answer, while none of its servers is on the broker."""
+COLLECT = 10.0
+"""Seconds at most for collecting at the end of a run what servers elsewhere have printed."""
 _LARGEST = 2**31 - 1
 
 
@@ -59,7 +65,9 @@ class Entry:
     given_up: str | None = None
     scaling: Scaling | None = None
     seconds: float = 0.0
-    """Of servers that ran, all together."""
+    """Of servers that ran in this session, all together."""
+    earlier: ServerUse = field(default_factory=ServerUse)
+    """In earlier sessions of the run."""
     counted: float = 0.0
     """Until when they are counted."""
     is_spent: bool = False
@@ -68,9 +76,9 @@ class Entry:
     """How servers ended, without having been on the broker."""
 
     @property
-    def cost(self) -> float:
-        """What its servers have cost so far."""
-        return self.seconds / 3600 * (self.options.cost_per_hour or 0.0)
+    def use(self) -> ServerUse:
+        """Of its servers in this session so far."""
+        return ServerUse(self.seconds, self.seconds / 3600 * (self.options.cost_per_hour or 0.0))
 
     @property
     def is_counted(self) -> bool:
@@ -80,16 +88,32 @@ class Entry:
     @property
     def used(self) -> str:
         """What was used, in words."""
-        cost = "" if self.options.cost_per_hour is None else f", cost {self.cost:.2f}"
-        return f"{self.name} {self.seconds / 3600:.2f} hours{cost}"
+
+        def words(use: ServerUse) -> str:
+            cost = "" if self.options.cost_per_hour is None else f", cost {use.cost:.2f}"
+            return f"{use.seconds / 3600:.2f} hours{cost}"
+
+        whole = f" (the whole run: {words(self.earlier + self.use)})" if self.earlier.seconds else ""
+        return f"{self.name} {words(self.use)}{whole}"
 
     def count_use(self, now: float) -> None:
         """Count the time of the servers that run; note when the budget is spent."""
         running = sum(one.health.state == "running" for one in self.servers.values())
         self.seconds += running * (now - self.counted)
         self.counted = now
-        budget = self.options.budget
-        self.is_spent = self.is_spent or (budget is not None and self.cost >= budget)
+        self.compare_with_budget()
+
+    def compare_with_budget(self) -> None:
+        """Note when the budget is spent, earlier sessions included."""
+        budget, cost = self.options.budget, self.earlier.cost + self.use.cost
+        self.is_spent = self.is_spent or (budget is not None and cost >= budget)
+
+
+def _spent(entry: Entry) -> str:
+    return (
+        f"the budget of {entry.name}, {entry.options.budget:g}, was spent in earlier sessions of this run, "
+        f"which cost {entry.earlier.cost:.2f}"
+    )
 
 
 @contextmanager
@@ -110,6 +134,7 @@ class LaunchedServers:
         prefix: of all topics.
 
     Raises:
+        InputError: on entry, when the budget of every launcher was spent in earlier sessions.
         RunError: on entry, when no launcher can start a server; with the launchers' own words.
 
     """
@@ -131,23 +156,30 @@ class LaunchedServers:
         self._next = 1 + secrets.randbelow(_LARGEST // 2)
         self._reserved: dict[str, list[int]] = {}
         self._load: Load | None = None
+        self._output: Output | None = None
         self.restarts = 0
 
     def __enter__(self) -> Self:
+        self._check_budgets()
         try:
             with self.access.environment(), engine_errors():
                 self._watcher = _engine.Watcher(self.access.address, prefix=self._prefix)
             for entry in self._entries:
                 options = entry.options
                 entry.wanted, entry.counted = options.fewest, time.monotonic()
+                entry.compare_with_budget()
+                if entry.is_spent:
+                    entry.wanted = 0
+                    self._warn_once(f"{_spent(entry)}; none of its servers is started")
                 self._reserved[entry.name] = [self._new_id() for _ in range(options.most)]  # see `_start`
                 if options.is_elastic:
                     entry.scaling = Scaling(options.fewest, options.most, options.idle)
                 with _named(entry):
                     entry.launcher.open()
             for entry in self._entries:
-                with _named(entry):
-                    self._start(entry, entry.wanted)
+                if entry.wanted:
+                    with _named(entry):
+                        self._start(entry, entry.wanted)
             self._thread.start()
             self._wait_for_first()
         except BaseException:
@@ -176,6 +208,11 @@ class LaunchedServers:
         return "; ".join(entry.used for entry in self._entries if entry.is_counted)
 
     @property
+    def use(self) -> dict[str, ServerUse]:
+        """Of the servers of each launcher in this session."""
+        return {entry.name: entry.use for entry in self._entries if entry.is_counted}
+
+    @property
     def on_status(self) -> Callable[[Mapping[str, Any]], None] | None:
         """Takes the pool's status; None where the number of servers does not depend on it."""
         return self._hear_status if any(entry.scaling for entry in self._entries) else None
@@ -196,9 +233,12 @@ class LaunchedServers:
             entry.launcher.attach(None, ())
 
     def log_to(self, file: Path) -> None:
-        """Write what servers print to a file, where a launcher knows it."""
+        """Write what servers print to a file: those of this machine at once, others when they end."""
         for entry in self._entries:
             entry.launcher.log_to(file)
+        if self._output is None:
+            self._output = Output()
+        self._output.log_to(file)
 
     def check(self) -> None:
         """Log launchers that have been given up; raise RunError when none of their servers is left."""
@@ -207,7 +247,7 @@ class LaunchedServers:
         ends = [entry.is_spent or entry.given_up is not None for entry in self._entries]
         if all(ends) and any(entry.is_spent for entry in self._entries):
             words = f"the budget for servers is spent: {self.usage}"
-            self._warn_once(f"{words}; `swarmwright resume` goes on, with a budget of its own")
+            self._warn_once(f"{words}; `swarmwright resume` goes on with a larger one, or with other servers")
             raise BudgetSpent
         lost = [entry for entry in self._entries if entry.given_up is not None]
         if len(lost) == len(self._entries) and not self._present:
@@ -215,16 +255,33 @@ class LaunchedServers:
         for entry in lost:
             self._warn_once(f"{entry.name}: {entry.given_up}\nIt is not used any more.")
 
+    def _check_budgets(self) -> None:
+        """Raise InputError when no launcher may start a server."""
+        for entry in self._entries:
+            entry.compare_with_budget()
+        if all(entry.is_spent for entry in self._entries):
+            words = "; ".join(_spent(entry) for entry in self._entries)
+            raise InputError(
+                f"servers: {words}. Give a larger budget, with --set servers=.. or in the experiment.yaml of "
+                "the run, or other servers, such as --servers local"
+            )
+
     def close(self) -> None:
         """End all servers of all launchers."""
         self._stopping.set()
         if self._thread.is_alive():
             self._thread.join()
+        deadline = time.monotonic() + COLLECT
         for entry in self._entries:
+            for server in entry.servers:
+                if time.monotonic() < deadline:
+                    self._printed(entry, server)
             try:
                 entry.launcher.close()
             except LauncherError as error:
                 _log.warning("%s: servers may be left: %s", entry.name, error)
+        if self._output is not None:
+            self._output.close()
         if self._watcher is not None:
             self._watcher.close()
             self._watcher = None
@@ -315,6 +372,8 @@ class LaunchedServers:
             return one.health.state == "running", server in busy, -one.since
 
         leaving = sorted(entry.servers, key=worth)[:surplus]
+        for server in leaving:
+            self._printed(entry, server)
         try:
             entry.launcher.stop(leaving)
         except LauncherError as error:
@@ -328,9 +387,8 @@ class LaunchedServers:
         """Note the end of a server."""
         one = entry.servers.pop(server)
         self._present.discard(server)
-        printed: list[str] = []
+        printed = [line for line in self._printed(entry, server) if line.strip()][-LINES:]
         with suppress(LauncherError):
-            printed = [line for line in entry.launcher.logs(server) if line.strip()]
             entry.launcher.stop([server])
         words = one.health.reason or "ended"
         if late:
@@ -348,6 +406,16 @@ class LaunchedServers:
             if entry.failures >= min(MOST_FAILURES, max(entry.wanted, 1)) and not self._on_broker(entry):
                 entry.given_up = "no server starts:\n" + "\n".join(dict.fromkeys(entry.words))
         entry.again_at = max(entry.again_at, time.monotonic() + pause)
+
+    def _printed(self, entry: Entry, server: int) -> Sequence[str]:
+        """Return the last lines that a server printed; those of servers elsewhere are written to the log."""
+        lines: Sequence[str] = ()
+        with suppress(LauncherError):
+            lines = entry.launcher.logs(server, KEPT)
+        if self._output is not None and not entry.launcher.is_here:
+            for line in lines:
+                self._output.say(server, line)
+        return lines
 
     def _replace(self, entry: Entry, missing: int, now: float) -> None:
         try:

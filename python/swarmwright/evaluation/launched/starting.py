@@ -4,9 +4,11 @@ import os
 import shlex
 from contextlib import ExitStack
 from pathlib import Path
+from types import MappingProxyType
 
 from swarmwright.broker.credentials import prepare
 from swarmwright.core.errors import InputError
+from swarmwright.core.server_use import ServerUse, ServerUses
 from swarmwright.core.simulation_names import is_python
 from swarmwright.evaluation.launched.access import Access, Credentials, embedded, own_address
 from swarmwright.evaluation.launched.packing import packed
@@ -16,8 +18,17 @@ from swarmwright.launchers import LAUNCHERS, LauncherOptions, Specification
 from swarmwright.launchers._entries import Entries
 from swarmwright.user_code.changes import files_of
 
+MOST_EMBEDDED = 4_000
+"""Servers for which the embedded broker is enough; it admits 4,096 clients."""
 
-def start(stack: ExitStack, experiment: Experiment, entries: Entries, broker: str | None) -> LaunchedServers:
+
+def start(
+    stack: ExitStack,
+    experiment: Experiment,
+    entries: Entries,
+    broker: str | None,
+    earlier: ServerUses = MappingProxyType({}),
+) -> LaunchedServers:
     """Start the servers of all entries; they end with the stack.
 
     Args:
@@ -25,14 +36,21 @@ def start(stack: ExitStack, experiment: Experiment, entries: Entries, broker: st
         experiment: whose simulation the servers offer.
         entries: what is started where.
         broker: an external one; None: the embedded one is started.
+        earlier: use of servers in earlier sessions of the run, which counts for budgets.
 
     Raises:
-        InputError: the code cannot be packed, or credentials cannot be read.
+        InputError: the code cannot be packed, credentials cannot be read, or there are too many servers.
         RunError: a launcher cannot be used, or no server starts; with the launcher's own words.
     """
     names = _names(entries)
     hosts = {name: _host(one) for name, one in zip(names, entries, strict=True)}
     if broker is None:
+        most = sum(one.most for one in entries)
+        if most > MOST_EMBEDDED:
+            raise InputError(
+                f"servers: {most} servers are too many for the embedded broker, which admits {MOST_EMBEDDED}"
+                ": start another broker, and name it with broker or --broker"
+            )
         access = embedded(stack, list(hosts.values()), names, port=_port(entries), prefix=experiment.prefix)
     else:
         prepare(broker)
@@ -48,7 +66,9 @@ def start(stack: ExitStack, experiment: Experiment, entries: Entries, broker: st
             None if broker is not None else hosts[name],
             here=component.is_here,
         )
-        launchers[name] = Entry(name, component(options, specification), options)
+        launchers[name] = Entry(
+            name, component(options, specification), options, earlier=earlier.get(name, ServerUse())
+        )
     return stack.enter_context(LaunchedServers(list(launchers.values()), access, experiment.prefix))
 
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 from swarmwright.core.errors import InputError
 from swarmwright.core.evostick import as_layered
 from swarmwright.core.modules import is_modules
+from swarmwright.core.teams import is_team
 from swarmwright.figures.controllers.names import Names
 
 if TYPE_CHECKING:
@@ -51,4 +52,8 @@ def figure(
         from swarmwright.figures.controllers.parameters import draw as draw_parameters
 
         return draw_parameters(specification, options or {}, title)
+    if is_team(specification):
+        from swarmwright.figures.controllers.team import draw as draw_team
+
+        return draw_team(specification, title)
     raise InputError(f"controller: one of the kind {kind!r} cannot be drawn")

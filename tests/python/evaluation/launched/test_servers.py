@@ -1,12 +1,17 @@
 """Servers of launchers for the time of a run: their number, their cost, and the end of a budget."""
 
+import re
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from swarmwright import Experiment, optimize, resume
+from swarmwright import Experiment, InputError, Run, optimize, resume
+from swarmwright.core.server_use import ServerUse
 from swarmwright.evaluation.launched import scaling, servers
+from swarmwright.evaluation.launched.access import embedded
+from swarmwright.launchers import LAUNCHERS, Specification
 from tests.paced_simulation import written
 from tests.python.records import same_record
 
@@ -43,7 +48,7 @@ def test_servers_join_while_there_is_work_and_leave_after_it(
 
 
 @pytest.mark.timeout(180)
-def test_a_spent_budget_interrupts_the_run_which_goes_on_later(
+def test_a_budget_is_that_of_the_whole_run(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     made = experiment(tmp_path, 20, count=2, cost_per_hour=0.5, budget=9.0)
@@ -51,19 +56,67 @@ def test_a_spent_budget_interrupts_the_run_which_goes_on_later(
     opened = servers.LaunchedServers.__enter__
 
     def enter(self: Any) -> Any:
-        entries.extend(self._entries)
+        entries[:] = self._entries
         return opened(self)
 
-    def use(generation: Any) -> None:
-        if generation.generation == 2:
-            entries[0].seconds += 20 * 3600  # as after 10 hours
+    def use_at(number: int, hours: float) -> Any:
+        def use(generation: Any) -> None:
+            if generation.generation == number:
+                entries[0].seconds += 3600 * hours  # as after this time
+
+        return use
+
+    def used(run: Run) -> list[str]:
+        return [event.text for event in run.events() if event.kind == "servers"]
 
     monkeypatch.setattr(servers.LaunchedServers, "__enter__", enter)
-    run = optimize(made, use, out=tmp_path / "run", progress=False)
+    run = optimize(made, use_at(2, 20), out=tmp_path / "run", progress=False)
     assert run.interrupted
     assert 3 <= run.generations < 20
-    assert "the budget for servers is spent: process 20.00 hours, cost 10.00" in caplog.text
-    (used,) = [event.text for event in run.events() if event.kind == "servers"]
-    assert used == "process 20.00 hours, cost 10.00"
+    first = r"process 20\.\d\d hours, cost 10\.\d\d"
+    assert re.search(f"the budget for servers is spent: {first}; `swarmwright resume`", caplog.text)
+    (text,) = used(run)
+    assert re.fullmatch(first, text)
+    # Nothing of it is left for another session.
+    spent = r"the budget of process, 9, was spent in earlier sessions of this run, which cost 10\."
+    with pytest.raises(InputError, match=spent):
+        resume(run, progress=False)
+    with pytest.raises(InputError, match=spent):
+        resume(run, servers="process:1", progress=False)
+    caplog.clear()
+    at = run.generations + 1
+    run = resume(run, use_at(at, 9), settings=["servers.budget=14.4"], progress=False)
+    assert run.interrupted
+    second = r"process 9\.\d\d hours, cost 4\.\d\d \(the whole run: 29\.\d\d hours, cost 14\.\d\d\)"
+    assert re.search(second, caplog.text)
+    assert re.fullmatch(second, used(run)[1])
     run = resume(run, servers="in-process", progress=False)
     same_record(run, optimize(made, out=tmp_path / "here", servers="in-process", progress=False))
+
+
+@pytest.mark.timeout(180)
+def test_a_launcher_whose_budget_is_spent_is_left_out(caplog: pytest.LogCaptureFixture) -> None:
+    component = LAUNCHERS.get("process")
+    options = component.options_model.model_validate(
+        {"launcher": "process", "cost_per_hour": 1.0, "budget": 1.0}
+    )
+    with ExitStack() as stack:
+        access = embedded(stack, ["127.0.0.1"], [], port=None, prefix="")
+        specification = Specification("minisim", access.address)
+        rows = [
+            servers.Entry(
+                "process", component(options, specification), options, earlier=ServerUse(7200, 2.0)
+            ),
+            servers.Entry("other", component(options, specification), options),
+        ]
+        launched = stack.enter_context(servers.LaunchedServers(rows, access, ""))
+        assert [len(row.servers) for row in rows] == [0, 1]
+        assert launched.use.keys() == {"process", "other"}
+        launched.check()
+    assert "the budget of process, 1, was spent" in caplog.text
+
+
+def test_more_servers_than_the_embedded_broker_admits_are_refused(tmp_path: Path) -> None:
+    made = experiment(tmp_path, 2).replace(servers={"launcher": "process", "count": 4_001})
+    with pytest.raises(InputError, match=r"4001 servers are too many for the embedded broker"):
+        optimize(made, out=tmp_path / "run", progress=False)

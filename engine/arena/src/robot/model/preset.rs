@@ -5,6 +5,7 @@ use serde_json::Value;
 
 use super::super::{Drive, Output, Robot, presets};
 use super::battery::BatteryText;
+use super::radio::RadioText;
 use super::{MASSES, NOISE, RANGE, RAYS, REACH, SHARE, TURNED, drive, parsed, within};
 use swarmwright_simulation::ParameterError;
 use swarmwright_simulation::parameters::wrong;
@@ -68,6 +69,7 @@ struct LightChanges {
 struct LinkChanges {
     range: Option<f32>,
     loss: Option<f32>,
+    radio: Option<RadioText>,
 }
 
 #[derive(Debug, Deserialize)]
@@ -260,6 +262,9 @@ fn change_sensors(robot: &mut Robot, changes: &Changes) -> Result<(), ParameterE
             RANGE,
         )?;
         put_within(&mut part.loss, given.loss, &format!("{name}.loss"), SHARE)?;
+        if let Some(radio) = given.radio {
+            radio.put(part, &format!("{name}.radio"))?;
+        }
     }
     if let (Some(range), Some(given)) = (&mut robot.around, &sensors.neighbours) {
         put_within(range, given.range, "sensors.neighbours.range", RANGE)?;

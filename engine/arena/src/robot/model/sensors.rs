@@ -6,6 +6,7 @@ use super::super::parts::{Ray, half_turns};
 use super::super::{
     Camera, GroundSensors, LedColor, LightSensors, Links, Output, Proximity, Robot, Sight,
 };
+use super::radio::RadioText;
 use super::{NOISE, RANGE, RAYS, REACH, SHARE, TURNED, each_once, within};
 use swarmwright_simulation::ParameterError;
 use swarmwright_simulation::parameters::wrong;
@@ -106,6 +107,7 @@ pub(super) enum Sensor {
         /// Probability that a message is lost.
         #[serde(default)]
         loss: f32,
+        radio: Option<RadioText>,
         #[serde(default = "heard")]
         gives: Vec<Heard>,
     },
@@ -289,16 +291,26 @@ pub(super) fn add(robot: &mut Robot, sensor: &Sensor, at: &str) -> Result<(), Pa
                 Shade::Color => Output::Ground,
             });
         }
-        Sensor::RangeAndBearing { range, loss, gives } => {
+        Sensor::RangeAndBearing {
+            range,
+            loss,
+            radio,
+            gives,
+        } => {
             only(at, "range_and_bearing", robot.links.as_ref())?;
             within(&format!("{at}.range"), *range, RANGE)?;
             within(&format!("{at}.loss"), *loss, SHARE)?;
-            robot.links = Some(Links {
+            let mut links = Links {
                 range: *range,
                 loss: *loss,
                 // From rim to rim.
                 offset: 200.0 * robot.radius,
-            });
+                radio: None,
+            };
+            if let Some(radio) = radio {
+                radio.put(&mut links, &format!("{at}.radio"))?;
+            }
+            robot.links = Some(links);
             for (index, heard) in gives.iter().enumerate() {
                 if *heard == Heard::Message && robot.message == 0 {
                     return Err(wrong(

@@ -6,6 +6,7 @@ use swarmwright_protocol::State;
 
 use crate::demand::Demand;
 use crate::scheduler::fleet::Fleet;
+use crate::sections::Timeouts;
 
 impl Fleet {
     /// Numbers of sensors and actuators that a fitting server announces.
@@ -36,7 +37,7 @@ impl Fleet {
     }
 
     /// What was found, a line per server.
-    pub fn describe(&self, demand: &Demand) -> String {
+    pub fn describe(&self, demand: &Demand, timeouts: &Timeouts) -> String {
         let mut lines: BTreeMap<u64, String> = self
             .unfit
             .iter()
@@ -48,7 +49,9 @@ impl Fleet {
                 Some((times, failure)) => format!(
                     "fits, but failed {times} times in a row, the last time because: {failure}"
                 ),
-                None if slot.silent => "fits, but is silent".to_owned(),
+                None if slot.silent => {
+                    format!("fits, but is silent; {}", timeouts.step_hint())
+                }
                 None => "fits".to_owned(),
             };
             lines.insert(*id, format!("server {id}: {answer}"));

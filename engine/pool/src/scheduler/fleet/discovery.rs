@@ -8,6 +8,10 @@ const FIRST_ROUND: Duration = Duration::from_millis(100);
 const LATER_ROUND: Duration = Duration::from_secs(2);
 /// How long a server that is new waits for its first work, where two may have one id.
 pub(crate) const PROBATION: Duration = Duration::from_millis(30);
+/// All servers hear each round. Where there are more than so many, not each one that comes or becomes free may cause one of
+/// its own: there is a pause for each further server between two rounds, up to `LATER_ROUND`.
+const FEW_SERVERS: usize = 16;
+const PAUSE_PER_SERVER: Duration = Duration::from_millis(10);
 /// Rounds whose answers are still understood.
 const ROUNDS: usize = 16;
 
@@ -16,6 +20,7 @@ pub(crate) struct Discovery {
     /// Hash and number of each of the last rounds.
     rounds: VecDeque<(String, u64)>,
     round: u64,
+    last: Option<Instant>,
     next: Instant,
     pause: Duration,
 }
@@ -25,6 +30,7 @@ impl Discovery {
         Self {
             rounds: VecDeque::new(),
             round: 0,
+            last: None,
             next: now,
             pause: FIRST_ROUND,
         }
@@ -54,12 +60,15 @@ impl Discovery {
 
     /// The next round is not to be later than the usual pause from now.
     pub fn work_began(&mut self, now: Instant) {
-        self.hasten(now + LATER_ROUND);
+        self.next = self.next.min(now + LATER_ROUND);
     }
 
-    /// The next round is not to be later than at this time.
-    pub fn hasten(&mut self, at: Instant) {
-        self.next = self.next.min(at);
+    /// Something has changed: the next round is not to be later than the pause that so many servers need.
+    pub fn hasten(&mut self, servers: usize, now: Instant) {
+        let many = u32::try_from(servers.saturating_sub(FEW_SERVERS)).unwrap_or(u32::MAX);
+        let pause = PAUSE_PER_SERVER.saturating_mul(many);
+        let at = self.last.map_or(now, |last| last + pause.min(LATER_ROUND));
+        self.next = self.next.min(at.max(now));
     }
 
     /// No round is needed for a while.
@@ -76,6 +85,7 @@ impl Discovery {
     /// A round begins. `found`: whether a server is there. `within`: who is there must be known within this time.
     pub fn begin(&mut self, hash: String, found: bool, within: Option<Duration>, now: Instant) {
         self.round += 1;
+        self.last = Some(now);
         self.rounds.push_back((hash, self.round));
         if self.rounds.len() > ROUNDS {
             self.rounds.pop_front();
@@ -89,5 +99,26 @@ impl Discovery {
             self.pause = self.pause.min((within / 4).max(FIRST_ROUND));
         }
         self.next = now + self.pause;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rounds_of_many_servers_have_a_pause() {
+        let start = Instant::now();
+        let later = start + Duration::from_millis(100);
+        let next = |servers| {
+            let mut discovery = Discovery::new(start);
+            discovery.begin("hash".to_owned(), true, None, start);
+            discovery.hasten(servers, later);
+            discovery.next() - start
+        };
+        assert_eq!(next(1), Duration::from_millis(100));
+        assert_eq!(next(FEW_SERVERS), Duration::from_millis(100));
+        assert_eq!(next(100), Duration::from_millis(840));
+        assert_eq!(next(10_000), LATER_ROUND);
     }
 }

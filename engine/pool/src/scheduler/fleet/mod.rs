@@ -61,6 +61,11 @@ impl Fleet {
         self.slots.len()
     }
 
+    /// How many servers hear what all are told, as far as is known.
+    pub fn audience(&self) -> usize {
+        self.slots.len().max(self.presences.len())
+    }
+
     /// A server that may be used.
     pub fn slot(&self, id: u64) -> Option<&Slot> {
         self.slots.get(&id)

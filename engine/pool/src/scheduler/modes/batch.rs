@@ -184,10 +184,17 @@ impl Batch {
         else {
             return Err(format!("episode {episode} acts and is not running"));
         };
-        let agent = agent as usize;
+        let (message_agent, agent) = (agent, agent as usize);
         if agent >= controllers.len() {
             controllers.resize(agent + 1, None);
         }
-        Ok(controllers[agent].get_or_insert_with(|| prototype.clone()))
+        let place = &mut controllers[agent];
+        match place {
+            Some(controller) => Ok(controller),
+            None => {
+                let made = prototype.of_agent(message_agent);
+                Ok(place.insert(made.map_err(|error| error.to_string())?))
+            }
+        }
     }
 }

@@ -99,7 +99,23 @@ impl Episode {
             self.controllers.resize(agent + 1, None);
             self.answered.resize(agent + 1, 0);
         }
-        let controller = self.controllers[agent].get_or_insert_with(|| self.prototype.clone());
+        let place = &mut self.controllers[agent];
+        let controller = match place {
+            Some(controller) => controller,
+            None => {
+                let number = u32::try_from(agent).unwrap_or(u32::MAX);
+                let made = self.prototype.of_agent(number);
+                place.insert(made.map_err(|error| error.to_string())?)
+            }
+        };
+        // Who is sent as many numbers for all agents gets as many from all.
+        let padded = sensor.sensor.len() > controller.sensors();
+        let width = if padded {
+            self.prototype.actuators()
+        } else {
+            controller.actuators()
+        };
+        self.actuator.resize(width, 0.0);
         controller
             .step(&sensor.sensor, &mut self.actuator)
             .map_err(|error| error.to_string())?;

@@ -197,7 +197,11 @@ impl Scheduler {
                     continue;
                 }
                 let (server, heard) = (request.server, request.heard());
-                let reason = request.waiting_for(now).to_string();
+                let reason = format!(
+                    "{}; {}",
+                    request.waiting_for(now),
+                    self.config.timeouts.step_hint()
+                );
                 self.counts.time_outs += 1;
                 self.fleet.fell_silent(server);
                 let others = self.fleet.anyone_spoke(heard, now);

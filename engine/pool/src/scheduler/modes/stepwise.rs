@@ -321,7 +321,13 @@ impl Scheduler {
                 continue;
             }
             let (server, heard) = (run.server, run.heard());
-            let waiting = run.waiting_for(now).to_string();
+            let timeouts = &self.config.timeouts;
+            let hint = if now.saturating_duration_since(run.started) < timeouts.episode {
+                timeouts.step_hint()
+            } else {
+                timeouts.episode_hint()
+            };
+            let waiting = format!("{}; {hint}", run.waiting_for(now));
             let refusal = run.refusal().map(str::to_owned);
             let reason = refusal
                 .as_ref()

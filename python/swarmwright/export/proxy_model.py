@@ -1,0 +1,157 @@
+"""What the FMU of a simulation server holds, a proxy: its variables are those of the server's simulation."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from swarmwright import _engine
+from swarmwright.core.errors import InputError, engine_errors
+from swarmwright.core.groups import DeclaredGroup
+from swarmwright.experiment.experiment import Experiment
+from swarmwright.export.simulation_model import Model, Parameter, check_size, parameters_of, started
+from swarmwright.simulations import catalogue
+
+CONNECTION = "connection."
+"""What the names of parameters begin with that say how the server is reached; as in `engine/fmi`."""
+_ANNOUNCED_S = 1.0
+_AGENTS = ("numAgents", "robots", "agents")
+"""Parameters that may say how many agents there are."""
+
+
+@dataclass(frozen=True)
+class Address:
+    """How a proxy reaches its server unless its master sets other values."""
+
+    broker: str
+    """URL, or those of a cluster, separated by commas."""
+    prefix: str = ""
+    server: int | None = None
+    """The only server that is used; None for any."""
+    discovery_s: float = 10.0
+    """For how long a free server is looked for."""
+    step_s: float = 60.0
+    """How long a server may take for a step."""
+
+
+def proxy_model(experiment: Experiment, address: Address, agents: int | None = None) -> Model:
+    """Return the model of a simulation that servers offer.
+
+    What it has is known where the simulation is here, or from a server that announces it on the broker;
+    otherwise the experiment says it.
+
+    Args:
+        experiment: its simulation, parameters, sensors, actuators and requirements.
+        address: of the servers.
+        agents: for how many there are variables; default: found out.
+
+    Raises:
+        InputError: sensors, actuators or agents are not known, or the parameters are wrong.
+
+    """
+    simulation, parameters = experiment.simulation, experiment.parameters
+    base = {name: value for name, value in parameters.items() if name != "seed"}
+    seed = int(parameters.get("seed", 0)) % 2**64
+    period = 1.0
+    groups: Sequence[DeclaredGroup] = ()
+    if catalogue.is_described(simulation):
+        groups = catalogue.groups(simulation, dict(parameters))
+        description: Mapping[str, Any] = catalogue.description(simulation, dict(parameters))
+        known = parameters_of(description, base)
+    else:
+        description = _announced(experiment, address)
+        known = parameters_of({"parameters": {name: _told(value) for name, value in base.items()}}, base)
+    if catalogue.is_here(simulation) and description["actuators"]:
+        found, period = started(catalogue.playable(simulation), base, seed, int(description["actuators"]))
+        agents = found if agents is None else agents
+    if agents is None:
+        agents = _agents(experiment, description)
+    check_size(simulation, agents, description)
+    return Model(
+        catalogue.title(simulation),
+        description,
+        base,
+        seed,
+        agents,
+        period,
+        [*_connection(catalogue.title(simulation), address), *known],
+        dimensions=experiment.requirements.dimensions,
+        groups=groups,
+    )
+
+
+def _announced(experiment: Experiment, address: Address) -> dict[str, Any]:
+    """Return a description from the experiment and, where it does not say all, from a server."""
+    title, found = experiment.simulation, {}
+    if experiment.sensors is None or experiment.actuators is None:
+        try:
+            with engine_errors():
+                servers = _engine.servers(address.broker, prefix=address.prefix, wait=_ANNOUNCED_S)
+        except _engine.NoBrokerError as error:
+            raise InputError(f"{_unknown(experiment)}, and servers cannot be asked: {error}") from None
+        for server in servers:
+            if title in server["simulations"] and address.server in (None, server["server"]):
+                found = server["capabilities"].get("swarmwright", {})
+                break
+    numbers = {
+        name: found.get(name) if given is None else given
+        for name, given in (("sensors", experiment.sensors), ("actuators", experiment.actuators))
+    }
+    for name, number in numbers.items():
+        if number is None:
+            raise InputError(
+                f"{_unknown(experiment, name)}, and no server on {address.broker} announces them; give "
+                "'sensors' and 'actuators' in an experiment file, or --set sensors=N --set actuators=N"
+            )
+    metrics = {name: {"unit": "", "description": ""} for name in found.get("metrics", [])}
+    return {**numbers, "sensor_names": [], "actuator_names": [], "sensor_units": [], "actuator_units": [],
+            "metrics": metrics, "max_agents": None}  # fmt: skip
+
+
+def _unknown(experiment: Experiment, name: str = "sensors") -> str:
+    return f"{experiment.place('simulation')}{name} not known: {experiment.simulation!r} is not built in"
+
+
+def _told(value: Any) -> dict[str, Any]:  # noqa: ANN401 - any value of a file
+    """Return the declaration of a parameter of which only a value is known."""
+    kinds = {bool: "boolean", int: "integer", float: "number", str: "string"}
+    return {"type": kinds.get(type(value), "object"), "default": value, "description": "Of the simulation."}
+
+
+def _agents(experiment: Experiment, description: Mapping[str, Any]) -> int:
+    for name in _AGENTS:
+        value = experiment.parameters.get(name)
+        if isinstance(value, int) and not isinstance(value, bool) and value > 0:
+            return value
+    most = experiment.requirements.max_agents or description.get("max_agents")
+    if most is None:
+        raise InputError(
+            f"the number of agents of {experiment.simulation!r} is not known here; give it with --agents"
+        )
+    return int(most)
+
+
+def _connection(title: str, address: Address) -> list[Parameter]:
+    """Return the parameters of the connection."""
+    texts = {
+        "broker": (address.broker, ("URL of the broker: mqtt://, mqtts://, ws:// or wss://HOST:PORT; several "
+                   "of a cluster, separated by commas.")),
+        "prefix": (address.prefix, "Prefix of all topics; empty for none."),
+        "username": ("", "Account at the broker; empty: SWARMWRIGHT_USERNAME of the environment."),
+        "passwordFile": ("", ("File whose first line is the password; empty: SWARMWRIGHT_PASSWORD or "
+                         "SWARMWRIGHT_PASSWORD_FILE of the environment.")),
+        "caFile": ("", ("Certificate authority, PEM, for mqtts and wss; empty: SWARMWRIGHT_CA_FILE of the "
+                   "environment, or the system's.")),
+        "simulation": (title, "Title of the simulation, by which servers are found."),
+    }  # fmt: skip
+    seconds = {
+        "discoveryTimeout": (address.discovery_s, "Seconds for which a free server is looked for."),
+        "stepTimeout": (address.step_s, "Seconds that a server may take for a step."),
+        "gatherTime": (0.1, ("Seconds for which further agents of a step are waited for, where the server "
+                       "implements D6.1 alone and not all agents of the last step have answered.")),
+    }  # fmt: skip
+    server = -1 if address.server is None else address.server
+    return [
+        *(Parameter(f"{CONNECTION}{name}", "text", *about) for name, about in texts.items()),
+        Parameter(f"{CONNECTION}server", "integer", server, "Id of the only server to be used; -1 for any."),
+        *(Parameter(f"{CONNECTION}{name}", "number", *about) for name, about in seconds.items()),
+    ]

@@ -1,0 +1,100 @@
+"""Kinds of agents in one simulation, as its class declares them."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from swarmwright.core.errors import InputError
+from swarmwright.core.groups import DeclaredGroup
+from swarmwright.simulations.parameters import Parameter
+
+_LARGEST = 1_000_000
+
+
+@dataclass(frozen=True)
+class Group:
+    """Agents of one kind.
+
+    groups = {"predators": Group(agents="numPredators", sensors=4, actuators=2),
+              "prey": Group(agents=1, sensors=6, actuators=1)}
+    """
+
+    agents: int | str
+    """How many there are, or the parameter that says it."""
+    sensors: int
+    """Sensor values of an agent, at least 1."""
+    actuators: int
+    """Actuator values of an agent, at least 1."""
+    sensor_names: Sequence[str] = ()
+    """Names of an agent's sensors, one for each, or none at all."""
+    actuator_names: Sequence[str] = ()
+    """Names of an agent's actuators, in the same way."""
+
+    def count(self, parameters: Mapping[str, Any]) -> int:
+        """Return how many there are with these parameters, in which none is missing.
+
+        Raises InputError, `name: why`, for a parameter that is no number of agents.
+        """
+        if isinstance(self.agents, int):
+            return self.agents
+        value = parameters.get(self.agents)
+        if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= _LARGEST:
+            raise InputError(f"{self.agents}: {value!r} found, expected a number of agents, 0 to {_LARGEST}")
+        return value
+
+
+def declared(groups: Any, parameters: Mapping[str, Parameter], where: str) -> dict[str, Group]:  # noqa: ANN401 - whatever the class says
+    """Return the groups of a class, checked.
+
+    Args:
+        groups: name -> Group, in the order of the agents.
+        parameters: those of the class.
+        where: its name, for messages.
+
+    Raises InputError, naming class and attribute.
+    """
+    if not isinstance(groups, Mapping):
+        raise InputError(f"{where}.groups: {groups!r} found, expected names with Group(..) for each")
+    for name, one in groups.items():
+        if not isinstance(name, str) or not name:
+            raise InputError(f"{where}.groups: the name {name!r} found, expected text")
+        at = f"{where}.groups[{name!r}]"
+        if not isinstance(one, Group):
+            raise InputError(f"{at}: {one!r} found, expected Group(agents=.., sensors=.., actuators=..)")
+        _check(one, parameters, at)
+    return dict(groups)
+
+
+def _check(one: Any, parameters: Mapping[str, Parameter], at: str) -> None:  # noqa: ANN401 - fields may be anything
+    for key in ("sensors", "actuators"):
+        number, names = getattr(one, key), getattr(one, f"{key[:-1]}_names")
+        if isinstance(number, bool) or not isinstance(number, int) or not 1 <= number <= _LARGEST:
+            raise InputError(f"{at}.{key}: {number!r} found, expected an integer from 1 to {_LARGEST}")
+        if names and len(names) != number:
+            raise InputError(f"{at}.{key[:-1]}_names: {len(names)} found, expected {number}")
+    if isinstance(one.agents, str):
+        if one.agents not in parameters:
+            known = ", ".join(parameters) or "none"
+            raise InputError(f"{at}.agents: there is no parameter {one.agents!r}; there are: {known}")
+        if parameters[one.agents].kind != "integer":
+            raise InputError(f"{at}.agents: the parameter {one.agents!r} is not an integer")
+    elif isinstance(one.agents, bool) or not isinstance(one.agents, int) or not 0 <= one.agents <= _LARGEST:
+        raise InputError(
+            f"{at}.agents: {one.agents!r} found, expected a number from 0 to {_LARGEST}, or the name of a "
+            "parameter"
+        )
+
+
+def counted(groups: Mapping[str, Group], parameters: Mapping[str, Any]) -> list[DeclaredGroup]:
+    """Return the groups with numbers of agents. Raises InputError as `Group.count`."""
+    return [
+        DeclaredGroup(
+            name,
+            one.count(parameters),
+            one.sensors,
+            one.actuators,
+            tuple(one.sensor_names),
+            tuple(one.actuator_names),
+        )
+        for name, one in groups.items()
+    ]
