@@ -9,7 +9,9 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 import pytest
+from statemachine.engines.sync import SyncEngine
 from statemachine.io import load
+from statemachine.orderedset import OrderedSet
 
 from swarmwright import Controller, InputError, scxml
 from swarmwright.scxml import _table
@@ -18,6 +20,33 @@ from swarmwright.scxml._machine import _Resolved
 SENSORS, ACTUATORS = ["left", "right"], ["speed", "turn"]
 NUMBERS = [-0.5, 0.25, 0.5]
 EVENTS = ["ping", "pong", "alarm.one"]
+
+
+@pytest.fixture(autouse=True)
+def _as_in_the_standard(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two places where the other interpreter, in version 3.2.2, is not that of SCXML's appendix D.
+
+    selectTransitions sorts atomic states in document order; it takes them in the order of their entry, so
+    that one that was entered anew comes after those of later regions, and loses a conflict with these.
+    exitStates remembers atomic states alone in a deep history; it remembers all, so that the domain of a
+    transition to the history is too large.
+    """
+    select, leave = SyncEngine._select_transitions, SyncEngine._prepare_exit_states
+
+    def in_document_order(engine: SyncEngine, *arguments: Any) -> Any:
+        active = engine.sm.configuration
+        engine.sm.configuration = OrderedSet(sorted(active, key=lambda one: one.document_order))
+        return select(engine, *arguments)
+
+    def atomic_remembered(engine: SyncEngine, transitions: Any) -> Any:
+        found = leave(engine, transitions)
+        for history in (one for info in found[0] for one in info.state.history if one.type.is_deep):
+            states = engine.sm.history_values[history.id]
+            engine.sm.history_values[history.id] = [one for one in states if one.is_atomic]
+        return found
+
+    monkeypatch.setattr(SyncEngine, "_select_transitions", in_document_order)
+    monkeypatch.setattr(SyncEngine, "_prepare_exit_states", atomic_remembered)
 
 
 class Drawn:
@@ -227,7 +256,7 @@ def flattened(path: Path) -> tuple[Any, Any]:
     return steps, thresholds
 
 
-@pytest.mark.parametrize("seed", range(24))
+@pytest.mark.parametrize("seed", [*range(22), 38, 147])
 def test_random_charts_do_what_another_interpreter_does(tmp_path: Path, seed: int) -> None:
     states = Drawn(seed).text()
     path = written(tmp_path, states, 'initial="s0"')
@@ -267,6 +296,49 @@ def test_a_chart_with_too_many_states_is_refused_with_their_number(tmp_path: Pat
     path = written(tmp_path, f'<parallel id="all">{regions}</parallel>')
     with pytest.raises(InputError, match=r"can be reached \(8,192 combinations of states are drawn\)"):
         scxml.read(path).specification(SENSORS, ACTUATORS)
+
+
+CONFLICT = """
+    <parallel id="both">
+      <state id="first"><initial><transition target="again"/></initial>
+        <state id="again"><transition event="step" target="again">
+          <assign location="turn" expr="0.5"/></transition></state></state>
+      <state id="second"><transition event="step" target="elsewhere"/></state>
+    </parallel>
+    <state id="elsewhere"><onentry><assign location="speed" expr="1"/></onentry></state>"""
+"""Both regions want to leave `again`: the first one in the document wins, in every step."""
+DEEP = """
+    <state id="outer">
+      <history id="before" type="deep"><transition target="start"/></history>
+      <initial><transition target="start"/></initial>
+      <state id="start"><transition event="step" target="inner"/></state>
+      <state id="around"><onexit><assign location="speed" expr="1"/></onexit>
+        <initial><transition target="inner"/></initial>
+        <state id="inner">
+          <transition event="step" cond="left &gt; 0.5" target="before">
+            <assign location="turn" expr="0.5"/></transition>
+          <transition event="step" target="away"/></state></state>
+    </state>
+    <state id="away"><onentry><assign location="speed" expr="0"/></onentry>
+      <transition event="step" target="before"/></state>"""
+"""`before` remembers `inner` alone, an atomic state: a transition from there does not leave `around`."""
+
+
+@pytest.mark.parametrize(
+    ("states", "steps"),
+    [
+        (CONFLICT, [(0, [0, 0.5]), (0, [0, 0.5]), (0, [0, 0.5])]),
+        (DEEP, [(0, [0, 0]), (0, [0, 0]), (0, [0, 0]), (1, [0, 0.5]), (0, [0, 0.5])]),
+    ],
+    ids=["order of regions", "deep history"],
+)
+def test_what_other_interpreters_do_otherwise(
+    tmp_path: Path, states: str, steps: list[tuple[float, list[float]]]
+) -> None:
+    """As SCXML's appendix D has it; these are shrunk charts that another interpreter took differently."""
+    machine = Controller(scxml.read(written(tmp_path, states)).specification(SENSORS, ACTUATORS))
+    for left, expected in steps:
+        assert machine([left, 0]).tolist() == expected
 
 
 def test_regions_take_steps_together(tmp_path: Path) -> None:
