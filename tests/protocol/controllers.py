@@ -1,7 +1,7 @@
 """Controllers in Python, from decision 002 alone: it shares nothing with the engine.
 
-Every operation is one of NumPy's on binary32, in the order that the decision gives. `max(a, b)` is
-`a < b ? b : a`, which lets a NaN pass.
+Every operation is one of NumPy's on binary32, or on binary64 where the decision says so, in the order that it
+gives. `max(a, b)` is `a < b ? b : a`, which lets a NaN pass.
 """
 
 from collections.abc import Callable, Sequence
@@ -12,6 +12,7 @@ import numpy as np
 from tests.protocol.machines import Machine, Tree
 
 Single = np.float32
+Double = np.float64
 Json = dict[str, Any]
 
 _TANH_P = [Single(c) for c in ("0.5", "0.015736774", "7.970824e-5", "4.2581547e-8")]
@@ -95,7 +96,9 @@ class Controller:
     def reset(self) -> None:
         self.state = 0
         self.machine: Machine | Tree | None = None
-        parts = ("sensors", "hidden", "actuators") if self.specification["kind"] == "fully_meshed" else ()
+        recurrent = self.specification["kind"] in {"fully_meshed", "hebbian"}
+        parts = ("sensors", "hidden", "actuators") if recurrent else ()
+        self.learnt: list[list[Single]] = []
         self.outputs = [ZERO] * sum(self.specification[part] for part in parts)
 
     def step(self, sensors: Sequence[Single]) -> list[Single]:
@@ -105,15 +108,19 @@ class Controller:
             "fully_meshed": self._fully_meshed,
             "mealy_fsm": self._mealy_fsm,
             "evostick": self._evostick,
+            "hebbian": self._hebbian,
             "modules": self._modules,
         }
         return kinds[self.specification["kind"]](list(sensors))
 
     def _node(self, row: Sequence[Single], inputs: Sequence[Single]) -> Single:
+        return ACTIVATIONS[self.specification["activation"]](row[0] + self._total(row[1:], inputs))
+
+    def _total(self, weights: Sequence[Single], inputs: Sequence[Single]) -> Single:
         total = ZERO
-        for weight, value in zip(row[1:], inputs, strict=True):
+        for weight, value in zip(weights, inputs, strict=True):
             total = total + weight * value
-        return ACTIVATIONS[self.specification["activation"]](row[0] + total)
+        return total
 
     def _layered(self, values: list[Single]) -> list[Single]:
         rest = self.weights
@@ -132,8 +139,31 @@ class Controller:
             self.outputs = sensors + [self._node(row, self.outputs) for row in rows]
         return [self._actuator(value) for value in self.outputs[-self.specification["actuators"] :]]
 
+    def _hebbian(self, sensors: list[Single]) -> list[Single]:
+        rate, *genes = self.weights
+        length, first = len(self.outputs) + 1, len(sensors)
+        biases = genes[::length]
+        if not self.learnt:
+            self.learnt = [genes[at + 1 : at + length] for at in range(0, len(genes), length)]
+        self.outputs[:first] = sensors
+        for _ in range(self.specification["iterations"]):
+            rows = zip(biases, self.learnt, strict=True)
+            self.outputs = sensors + [_clamp(bias + self._total(row, self.outputs)) for bias, row in rows]
+        halves = [Double(rate) * (Double(output) - Double(0.5)) for output in self.outputs[first:]]
+        deltas = [[Single(half * (Double(o) - Double(0.5))) for o in self.outputs] for half in halves]
+        links = [(i, j) for i in range(len(deltas)) for j in range(len(self.outputs)) if j != first + i]
+        total = ZERO
+        for i, j in links:
+            total = total + deltas[i][j]
+        mean = total / Single(len(links))
+        for i, j in links:
+            self.learnt[i][j] = self.learnt[i][j] + (deltas[i][j] - mean)
+        return [self._stretched(o, [0, 1]) for o in self.outputs[-self.specification["actuators"] :]]
+
     def _actuator(self, o: Single) -> Single:
-        bounds = self.specification["output_range"]
+        return self._stretched(o, self.specification["output_range"])
+
+    def _stretched(self, o: Single, bounds: list[float]) -> Single:
         low, high = (Single(bound) for bound in bounds)
         if bounds == [-1, 1]:
             a = o

@@ -17,8 +17,8 @@ mod specification;
 pub use activation::Activation;
 pub use controller::{Controller, ControllerError};
 pub use kinds::{
-    Architecture, BEHAVIOUR_NAMES, CONDITION_NAMES, Evostick, Form, FullyMeshed, KINDS, Layered,
-    MealyFsm, Modules, Parameter, ParameterKind, ParameterSet, TEAM, Team, TeamGroup,
+    Architecture, BEHAVIOUR_NAMES, CONDITION_NAMES, Evostick, Form, FullyMeshed, Hebbian, KINDS,
+    Layered, MealyFsm, Modules, Parameter, ParameterKind, ParameterSet, TEAM, Team, TeamGroup,
 };
 pub use lanes::LaneController;
 pub use output_range::OutputRange;

@@ -39,6 +39,8 @@ fn a_step_allocates_nothing() {
         json!({"version": 1, "kind": "mealy_fsm", "sensors": 4, "actuators": 1, "states": 2,
             "thresholds": [[-0.5, 0.5], [], [0], [0]], "weights": vec![1.0; 48]}),
         json!({"version": 1, "kind": "evostick", "sensors": 4, "actuators": 1, "weights": vec![0.1; 5]}),
+        json!({"version": 1, "kind": "hebbian", "sensors": 4, "actuators": 1, "hidden": 2, "iterations": 2,
+            "weights": vec![0.1; 25]}),
     ];
     for document in documents {
         let mut controller =

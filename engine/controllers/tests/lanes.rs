@@ -117,7 +117,10 @@ fn architecture(sensors: usize) -> impl Strategy<Value = serde_json::Value> {
         |states| json!({"kind": "modules", "form": "tree", "states": states, "transitions": 1}),
     );
     let modules = prop_oneof![machines, trees];
-    let any = prop_oneof![4 => network, 2 => machine, 1 => evostick, 5 => modules];
+    let hebbian = (0usize..4, 1u32..4).prop_map(
+        |(hidden, iterations)| json!({"kind": "hebbian", "hidden": hidden, "iterations": iterations}),
+    );
+    let any = prop_oneof![4 => network, 2 => machine, 1 => evostick, 5 => modules, 2 => hebbian];
     (any, 1usize..4).prop_map(move |(mut specification, actuators)| {
         let mut actuators = actuators;
         if specification["kind"] == "modules" {

@@ -23,6 +23,11 @@ fn evostick() -> Value {
     json!({"version": 1, "kind": "evostick", "sensors": 24, "actuators": 2, "weights": vec![0.5; 50]})
 }
 
+fn hebbian() -> Value {
+    json!({"version": 1, "kind": "hebbian", "sensors": 2, "actuators": 1, "hidden": 2, "iterations": 2,
+        "weights": vec![0.25; 19]})
+}
+
 fn refusal(text: &str) -> String {
     Specification::from_json(text).unwrap_err().to_string()
 }
@@ -34,6 +39,7 @@ fn accepts_and_counts() {
         (meshed(), 18),
         (machine(), 36),
         (evostick(), 50),
+        (hebbian(), 19),
     ] {
         let specification = Specification::from_json(&document.to_string()).unwrap();
         assert_eq!(specification.weight_count(), count);
@@ -82,7 +88,7 @@ fn refuses_with_the_field_and_the_cure() {
             &[
                 "controller.kind",
                 "\"layerd\"",
-                "\"layered\", \"fully_meshed\", \"mealy_fsm\", \"evostick\", \"modules\", \"parameter_set\" or \"team\"",
+                "\"layered\", \"fully_meshed\", \"mealy_fsm\", \"evostick\", \"hebbian\", \"modules\", \"parameter_set\" or \"team\"",
             ],
         ),
         (

@@ -84,8 +84,11 @@ fn network(sensors: usize, actuators: usize) -> impl Strategy<Value = Value> {
             network
         });
     let evostick = Just(json!({"kind": "evostick"}));
-    (prop_oneof![6 => network.boxed(), 2 => machine(sensors).boxed(), 1 => evostick]).prop_map(
-        move |mut controller| {
+    let hebbian = (0usize..4, 1u32..4).prop_map(
+        |(hidden, iterations)| json!({"kind": "hebbian", "hidden": hidden, "iterations": iterations}),
+    );
+    (prop_oneof![6 => network.boxed(), 2 => machine(sensors).boxed(), 1 => evostick, 1 => hebbian])
+        .prop_map(move |mut controller| {
             for (key, value) in [
                 ("version", 1),
                 ("sensors", sensors),
@@ -94,8 +97,7 @@ fn network(sensors: usize, actuators: usize) -> impl Strategy<Value = Value> {
                 controller[key] = json!(value);
             }
             controller
-        },
-    )
+        })
 }
 
 /// A machine that looks at some of the sensors.

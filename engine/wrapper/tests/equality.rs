@@ -192,7 +192,10 @@ fn network() -> impl Strategy<Value = Value> {
         |(states, cut)| json!({"kind": "mealy_fsm", "states": states, "thresholds": [cut, [0.1]]}),
     );
     let evostick = Just(json!({"kind": "evostick"}));
-    prop_oneof![3 => network, 1 => machine, 1 => evostick]
+    let hebbian = (0usize..4, 1u32..4).prop_map(
+        |(hidden, iterations)| json!({"kind": "hebbian", "hidden": hidden, "iterations": iterations}),
+    );
+    prop_oneof![3 => network, 1 => machine, 1 => evostick, 1 => hebbian]
 }
 
 fn world() -> impl Strategy<Value = (&'static str, Value, usize, usize)> {

@@ -25,10 +25,11 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "fully_meshed": {"hidden": 2, "activation": "sigmoid", "iterations": 2},
     "mealy_fsm": {"states": 3, "levels": 2},
     "evostick": {},
+    "hebbian": {"hidden": 1, "iterations": 2},
     "modules": {},
 }
 """The options with which each kind of controller that steers agents is tried; the second, the third
-and the last have a state."""
+and the last two have a state."""
 KINDS = (*OPTIONS, "parameter_set")
 """All kinds of controller."""
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from swarmwright.core import modules
 from swarmwright.core.evostick import STEEP, as_layered
+from swarmwright.core.hebbian import as_meshed
 from swarmwright.export._base import not_exported
 from swarmwright.export.c_modules import catalogue_of, own_code
 from swarmwright.export.subject import Subject
@@ -133,6 +134,38 @@ def _fully_meshed(subject: Subject, language: dict[str, str]) -> Code:
         step,
         f"    float outputs[{nodes}];\n    float next[{computed}];",
         "the outputs of all nodes are kept from step to step",
+    )
+
+
+def _hebbian(subject: Subject, language: dict[str, str]) -> Code:
+    meshed = as_meshed(subject.specification)
+    sensors, hidden = int(meshed["sensors"]), int(meshed["hidden"])
+    computed = hidden + int(meshed["actuators"])
+    nodes = sensors + computed
+    length = computed * (nodes + 1)
+    step = render(
+        "c_step_hebbian.txt",
+        {
+            **language,
+            "words": f"{nodes} nodes",
+            "nodes": str(nodes),
+            "computed": str(computed),
+            "length": str(length),
+            "learning": str(max(computed * (nodes - 1), 1)),
+            "above": str(sensors + hidden),
+            "iterations": str(meshed["iterations"]),
+        },
+    )
+    rows = [(f"node {sensors + node}", nodes + 1) for node in range(computed)]
+    table = _weights(subject.weights[1:], rows)
+    rate = f"    /* learning rate */\n{wrapped(literals(subject.weights[:1]))}"
+    network = _network(replace(subject, specification=meshed), language)
+    return Code(
+        (replace(table, length=length + 1, text=f"{rate}\n{table.text}", evolved=subject.weights),),
+        f"{network.rstrip()}\n\n{render('c_hebbian.txt', language)}",
+        step,
+        f"    float outputs[{nodes}];\n    float next[{computed}];\n    float links[{length}];",
+        "the outputs of all nodes, and what the weights have become, are kept from step to step",
     )
 
 
@@ -296,6 +329,7 @@ def _modules(subject: Subject, language: dict[str, str]) -> Code:
 _KINDS: dict[str, Callable[[Subject, dict[str, str]], Code]] = {
     "evostick": _evostick,
     "fully_meshed": _fully_meshed,
+    "hebbian": _hebbian,
     "layered": _layered,
     "mealy_fsm": _mealy_fsm,
     modules.KIND: _modules,

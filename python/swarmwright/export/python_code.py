@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from swarmwright.core import modules
 from swarmwright.core.evostick import STEEP, STEEPNESS, as_layered
+from swarmwright.core.hebbian import as_meshed
 from swarmwright.export._base import not_exported
 from swarmwright.export.c_code import machine_tables, machine_weights
 from swarmwright.export.c_modules import catalogue_of
@@ -106,6 +107,34 @@ def _fully_meshed(subject: Subject, numbers: Numbers) -> PythonCode:
         _indented([f"self._outputs = [0.0] * {computed}"]),
         _indented(step),
         "the outputs of all nodes are kept from step to step",
+    )
+
+
+def _hebbian(subject: Subject, numbers: Numbers) -> PythonCode:
+    meshed = replace(subject, specification=as_meshed(subject.specification))
+    code = _fully_meshed(meshed, numbers)
+    lines = [
+        f"(_RATE,) = {numbers(subject.weights[:1])}",
+        "if 1.0 + 2.0**-52 == 1.0:",
+        '    raise RuntimeError("what a network learns is computed with floats of 64 bits")',
+    ]
+    hidden = int(meshed.specification["hidden"])
+    step = [
+        "outputs = self._outputs",
+        f"for _ in range({int(meshed.specification['iterations'])}):",
+        "    outputs = _layer(self._nodes, values + outputs, cell)",
+        "self._outputs = outputs",
+        "_learn(self._nodes, _RATE, values + outputs, cell)",
+        f"values = outputs[{hidden}:]",
+        *_ACTUATORS,
+    ]
+    return replace(
+        code,
+        numbers=f"{code.numbers}\n\n# The learning rate.\n" + "\n".join(lines),
+        functions=f"{code.functions}\n\n\n{render('python_hebbian.txt', {})}".rstrip("\n"),
+        reset=f"{code.reset}\n" + _indented(["self._nodes = [list(row) for row in _NODES]"]),
+        step=_indented(step),
+        state_words="the outputs of all nodes, and what the weights have become, are kept from step to step",
     )
 
 
@@ -295,6 +324,7 @@ def _probability(own: bool, number: str, place: str) -> str:
 _KINDS: dict[str, Callable[[Subject, Numbers], PythonCode]] = {
     "evostick": _evostick,
     "fully_meshed": _fully_meshed,
+    "hebbian": _hebbian,
     "layered": _layered,
     "mealy_fsm": _mealy_fsm,
     modules.KIND: _modules,

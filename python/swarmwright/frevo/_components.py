@@ -12,13 +12,14 @@ COMPLETE = "completeNetwork.CompleteNetwork"
 THREE_LAYERS = "threeLayerNetwork.ThreeLayerNetwork"
 LAYERS = "multiLayerNetwork.MultiLayerNetwork"
 MACHINE = "fsm.MealyFSM"
+HEBBIAN = "hebbNet.HebbNet"
 NNGA, CEA2D, PSO = "nnga.NNGA", "CEA2D.CEA2D", "pso.PSO"
 RANDOM_SEARCH = "frevo.method.randomsearch.RandomSearch"
 
 KNOWN = {
     "problem": (EMERGENCY_EXIT,),
     "method": (NNGA, CEA2D, PSO, RANDOM_SEARCH),
-    "representation": (MESHED, COMPLETE, THREE_LAYERS, LAYERS, MACHINE),
+    "representation": (MESHED, COMPLETE, THREE_LAYERS, LAYERS, MACHINE, HEBBIAN),
     "ranking": ("AbsoluteRanking.AbsoluteRanking",),
 }
 """Classes of each section that have a counterpart here."""

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from swarmwright.core.xml import Element
-from swarmwright.frevo._components import COMPLETE, LAYERS, MACHINE, MESHED, THREE_LAYERS
+from swarmwright.frevo._components import COMPLETE, HEBBIAN, LAYERS, MACHINE, MESHED, THREE_LAYERS
 from swarmwright.frevo._document import Section, Session, java_number
-from swarmwright.frevo._representations import check_deterministic, take_activation
+from swarmwright.frevo._representations import check_deterministic, take_activation, take_passes
 from swarmwright.representations._base import shortest
 
 _TAGS = {
@@ -17,6 +17,7 @@ _TAGS = {
     COMPLETE: "completenetwork",
     THREE_LAYERS: "ThreeLayerNetwork",
     LAYERS: "ThreeLayerNetwork",
+    HEBBIAN: "hebbnet",
 }
 """What FREVO calls the networks of each representation in a file."""
 _MOST_NODES = 10_000
@@ -82,6 +83,9 @@ def _reader(section: Section) -> Callable[[Element], dict[str, Any]]:
         return _three_layers
     if section.class_name == LAYERS:
         return _layers
+    if section.class_name == HEBBIAN:
+        passes = take_passes(section)
+        return lambda element: _hebbian(element, passes)
     check_deterministic(section)
     complete = section.class_name == COMPLETE
     iterations = section.take_integer("stepNumber" if complete else "iterations", 2, 1)
@@ -109,6 +113,28 @@ def _meshed(element: Element, iterations: int, activation: str) -> dict[str, Any
         "activation": activation,
         "iterations": iterations,
         "output_range": [0, 1],
+        "weights": shortest(np.array(numbers, dtype=np.float32)),
+    }
+
+
+def _hebbian(element: Element, iterations: int) -> dict[str, Any]:
+    """Read a network that learns; the plasticity of its weights, which FREVO does not use, is left out."""
+    sensors, actuators, nodes = _sizes(element)
+    rate = java_number(element.attribute("learningrate"))
+    if rate is None or not np.isfinite(_single(rate)):
+        raise element.error(
+            f"learningrate {element.attribute('learningrate')!r} found, expected a finite number"
+        )
+    numbers = [rate]
+    for node in _nodes(element, range(sensors, nodes), nodes):
+        numbers += _genes(node, nodes, range(nodes))
+    return {
+        "version": 1,
+        "kind": "hebbian",
+        "sensors": sensors,
+        "actuators": actuators,
+        "hidden": nodes - sensors - actuators,
+        "iterations": iterations,
         "weights": shortest(np.array(numbers, dtype=np.float32)),
     }
 

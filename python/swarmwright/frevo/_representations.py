@@ -1,6 +1,6 @@
 """FREVO's representations: their entries as options of Swarmwright's controllers."""
 
-from swarmwright.frevo._components import COMPLETE, LAYERS, MACHINE, MESHED, THREE_LAYERS
+from swarmwright.frevo._components import COMPLETE, HEBBIAN, LAYERS, MACHINE, MESHED, THREE_LAYERS
 from swarmwright.frevo._document import Section
 from swarmwright.frevo._machine import take_machine
 from swarmwright.frevo._mapped import Line, Mapped
@@ -10,6 +10,10 @@ ACTIVATIONS = {"LINEAR": "clamp", "SIGMOID": "sigmoid", "RELU": "relu"}
 RELU = (
     "RELU: outputs have no upper limit in FREVO, whose agents of Emergency Exit stand still where one is "
     "above 1.25; actuators here end at 1"
+)
+LEARNING_RATE = (
+    "representation: the learning rate of a HebbNet is mutated and crossed over; in FREVO, which rounds the "
+    "range of its change to 0, it keeps what it was drawn as"
 )
 SIGMOID = "computed to 1e-7 here, so that single steps may differ"
 
@@ -26,6 +30,8 @@ def map_representation(section: Section, sensors: int | None, mapped: Mapped) ->
         return
     if section.class_name in (MESHED, COMPLETE):
         _map_meshed(section, mapped)
+    elif section.class_name == HEBBIAN:
+        _map_hebbian(section, mapped)
     else:
         _map_layers(section, mapped)
     mapped.controller += [
@@ -94,6 +100,16 @@ def _map_layers(section: Section, mapped: Mapped) -> None:
     mapped.not_controller.append(f"stepNumber = {steps}: without feedback every pass gives the same")
 
 
+def _map_hebbian(section: Section, mapped: Mapped) -> None:
+    mapped.controller_kind = "hebbian"
+    mapped.controller += [
+        Line("hidden", section.take_integer("hiddenNodes", 2, 0), "hiddenNodes"),
+        Line("iterations", take_passes(section), "stepNumber"),
+    ]
+    mapped.not_controller.append("plasticity of weights: FREVO evolves it, and does not use it")
+    mapped.notes.append(LEARNING_RATE)
+
+
 def _map_machine(section: Section, sensors: int | None, mapped: Mapped) -> None:
     machine = take_machine(section, sensors)
     mapped.controller_kind = "mealy_fsm"
@@ -121,6 +137,11 @@ def check_deterministic(section: Section) -> None:
         raise section.error(
             "random_source", "true found: controllers here draw no random numbers; set it to false in FREVO"
         )
+
+
+def take_passes(section: Section) -> int:
+    """Return how often the nodes of a HebbNet are computed in a step; FREVO takes less than 1 for 1."""
+    return max(1, section.take_integer("stepNumber", 2))
 
 
 def take_activation(section: Section) -> str:

@@ -14,6 +14,7 @@ REPRESENTATIONS: Registry[Representation] = Registry(
     {
         "evostick": "swarmwright.representations.evostick:Evostick",
         "fully_meshed": "swarmwright.representations.fully_meshed:FullyMeshed",
+        "hebbian": "swarmwright.representations.hebbian:Hebbian",
         "layered": "swarmwright.representations.layered:Layered",
         "mealy_fsm": "swarmwright.representations.mealy_fsm:MealyFsm",
         "modules": "swarmwright.representations.modules:Modules",

@@ -451,7 +451,7 @@ class LosesAMetric(Broken):
 class RoundsOffloaded(Broken):
     """Gives other fitness offloaded than stepwise."""
 
-    breaks: ClassVar = {"S9.3", "S9.4", "S9.5", "S9.15"}
+    breaks: ClassVar = {"S9.3", "S9.4", "S9.5", "S9.15", "S9.18"}
     rules: ClassVar = OFFLOADED
 
     def compute(self, request: Json) -> tuple[list[float], dict[str, list[float]]]:
@@ -462,7 +462,7 @@ class RoundsOffloaded(Broken):
 class OneControllerForAll(Broken):
     """Agents share a controller, and its state."""
 
-    breaks: ClassVar = {"S9.4", "S9.5"}
+    breaks: ClassVar = {"S9.4", "S9.5", "S9.18"}
     rules: ClassVar = OFFLOADED
 
     def rollout(self, specification: str, parameters: Json) -> World:
@@ -511,6 +511,19 @@ class LessSteep(Broken):
         if wanted["kind"] == "evostick":
             weights = np.array(wanted["weights"], np.float32) / np.float32(4.924273)
             wanted["weights"] = [float(str(weight)) for weight in weights]
+        return super().rollout(json.dumps(wanted), parameters)
+
+
+class NeverLearns(Broken):
+    """Takes a network that learns for one whose weights stay as they are."""
+
+    breaks: ClassVar = {"S9.18"}
+    rules: ClassVar = OFFLOADED
+
+    def rollout(self, specification: str, parameters: Json) -> World:
+        wanted = json.loads(specification)
+        if wanted["kind"] == "hebbian":
+            wanted["weights"][0] = 0.0
         return super().rollout(json.dumps(wanted), parameters)
 
 
@@ -567,7 +580,7 @@ class ForgetsTheSubtree(BrokenRobots):
 class ColumnsFirst(Broken):
     """Writes episodes before candidates."""
 
-    breaks: ClassVar = {"S9.3", "S9.4", "S9.5", "S9.15"}
+    breaks: ClassVar = {"S9.3", "S9.4", "S9.5", "S9.15", "S9.18"}
     rules: ClassVar = OFFLOADED
 
     def compute(self, request: Json) -> tuple[list[float], dict[str, list[float]]]:

@@ -42,6 +42,17 @@ def evostick(sensors: int, actuators: int, reach: float = 1.0) -> Specification:
     return {**made, "weights": [float(text) for text in weights.astype(str)]}
 
 
+def hebbian(hidden: int, iterations: int, rate: float, seed: int = 0) -> Specification:
+    """A network that learns, in a few steps with a high rate."""
+    made = {
+        "version": 1, "kind": "hebbian", "sensors": 3, "actuators": 2,
+        "hidden": hidden, "iterations": iterations,
+    }  # fmt: skip
+    weights = np.random.default_rng(seed).uniform(-0.6, 0.7, _engine.genome_size(made)).astype(np.float32)
+    weights[0] = rate
+    return {**made, "weights": [float(text) for text in weights.astype(str)]}
+
+
 def machine(thresholds: list[list[float]], states: int = 3, actuators: int = 2) -> Specification:
     """A state machine with next states and outputs beyond their limits, too."""
     made = {
@@ -87,6 +98,9 @@ ALL = {
     "layered-deep": network("layered", "sigmoid", [0.0, 1.0], hidden=[2, 7, 1, 4]),
     "layered-wide": network("layered", "tanh", [-1.0, 1.0], sensors=40, actuators=9, hidden=[30]),
     "fully_meshed-bare": network("fully_meshed", "tanh", [-1.0, 1.0], hidden=0, iterations=3),
+    "hebbian": hebbian(3, 2, 0.1),
+    "hebbian-bare": hebbian(0, 1, 0.3, seed=1),
+    "hebbian-slow": hebbian(2, 3, 1e-7, seed=2),
     "modules": modules(4, 4, 1),
     "modules-other": modules(4, 4, 2),
     "modules-two": modules(2, 1, 3),

@@ -10,6 +10,7 @@ from swarmwright import Experiment, InputError, frevo, optimize
 from swarmwright.methods.pso import PsoOptions
 from swarmwright.methods.random_search import RandomSearchOptions
 from swarmwright.representations.fully_meshed import FullyMeshedOptions
+from swarmwright.representations.hebbian import HebbianOptions
 from swarmwright.representations.layered import LayeredOptions
 from swarmwright.representations.mealy_fsm import MealyFsmOptions
 
@@ -66,6 +67,7 @@ def session(tmp_path: Path) -> Session:
 
 LAYERS = "threeLayerNetwork.ThreeLayerNetwork"
 MANY = "multiLayerNetwork.MultiLayerNetwork"
+HEBBIAN = "hebbNet.HebbNet"
 COMPLETE = "completeNetwork.CompleteNetwork"
 
 
@@ -101,12 +103,24 @@ def test_networks(session: Session, representation: str, given: Entries, expecte
 
 
 def test_imported_networks_evolve(session: Session, tmp_path: Path) -> None:
-    for index, representation in enumerate((LAYERS, MANY, COMPLETE)):
+    for index, representation in enumerate((LAYERS, MANY, COMPLETE, HEBBIAN)):
         experiment = frevo.load(session(representation=representation)).experiment
         short = experiment.replace(method={"population": 8, "generations": 1}, servers="local")
         run = optimize(short, out=tmp_path / str(index))
         assert run.evaluations == 8
         assert run.best.fitness < 0
+
+
+def test_networks_that_learn(session: Session) -> None:
+    given = {"hiddenNodes": 3, "stepNumber": 0, "weight_range": "1.5f", "bias_range": 3}
+    imported = frevo.load(session(representation=HEBBIAN, given={"representation": given}))
+    assert imported.experiment.controller == HebbianOptions(
+        hidden=3, iterations=1, weight_range=1.5, bias_range=3.0
+    )
+    assert any("the learning rate of a HebbNet is mutated" in note for note in imported.notes)
+    assert "plasticity of weights: FREVO evolves it, and does not use it" in imported.yaml
+    default = frevo.load(session(representation=HEBBIAN)).experiment.controller
+    assert default == HebbianOptions()
 
 
 def test_mutation_of_layers_in_proportion_is_said_to_differ(session: Session) -> None:

@@ -23,7 +23,7 @@ def test_all_networks_score_as_in_frevo(data: Path, name: str) -> None:
     assert scores.notes == ()
 
 
-@pytest.mark.parametrize("name", ["gaspecies", "three_layers", "multi_layer", "complete"])
+@pytest.mark.parametrize("name", ["gaspecies", "three_layers", "multi_layer", "complete", "hebbian"])
 def test_networks_of_all_methods_and_kinds_score_as_in_frevo(data: Path, name: str) -> None:
     scores = frevo.score(data / f"{name}.zre")
     assert len(scores) >= 5
@@ -56,13 +56,13 @@ def test_problem_and_representation_matter(edited: Edited) -> None:
     path = edited(
         "emergency_exit_random.zre",
         ('class="emergencyexit.EmergencyExit"', 'class="cam.Cam"'),
-        ('class="fullyMeshedNet.FullyMeshedNet"', 'class="hebbNet.HebbNet"'),
+        ('class="fullyMeshedNet.FullyMeshedNet"', 'class="neat.NEAT"'),
     )
     with pytest.raises(InputError) as caught:
         frevo.score(path)
     first, second = str(caught.value).splitlines()
     assert "<problem>: the class 'cam.Cam' has no counterpart here" in first
-    assert "<representation>: the class 'hebbNet.HebbNet' has no counterpart here" in second
+    assert "<representation>: the class 'neat.NEAT' has no counterpart here" in second
     assert "--" not in first + second  # nothing can stand in their place
 
 

@@ -13,6 +13,7 @@ from tests.python.records import same_record
 SMALL: dict[str, dict[str, Any]] = {
     "layered": {"hidden": [3]},
     "fully_meshed": {"hidden": 1},
+    "hebbian": {"hidden": 1},
     "mealy_fsm": {},
     "parameter_set": {
         "parameters": {

@@ -18,6 +18,7 @@ REPRESENTED: dict[str, tuple[str, dict[str, Any]]] = {
     "one node": ("layered", {"hidden": []}),
     "fully meshed": ("fully_meshed", {"hidden": 2, "mutation": "proportional"}),
     "evostick": ("evostick", {}),
+    "hebbian": ("hebbian", {"mutation": "proportional"}),
     "machine": ("mealy_fsm", {"states": 3}),
     "continuous machine": ("mealy_fsm", {"output_levels": 0}),
     "one row": ("mealy_fsm", {"states": 1, "levels": 1}),

@@ -6,6 +6,7 @@
 
 mod evostick;
 mod fully_meshed;
+mod hebbian;
 mod layered;
 mod mealy_fsm;
 mod modules;
@@ -14,6 +15,7 @@ mod team;
 
 pub use evostick::Evostick;
 pub use fully_meshed::FullyMeshed;
+pub use hebbian::Hebbian;
 pub use layered::Layered;
 pub use mealy_fsm::MealyFsm;
 pub use modules::{BEHAVIOUR_NAMES, CONDITION_NAMES, Form, Modules};
@@ -173,6 +175,8 @@ kinds! { ($)
     "mealy_fsm" => MealyFsm,
     /// EvoStick's network.
     "evostick" => Evostick,
+    /// FREVO's recurrent network that learns.
+    "hebbian" => Hebbian,
     /// A probabilistic finite-state machine, or a behaviour tree, of modules.
     "modules" => Modules,
     /// Parameters of a simulation that steers its agents itself.

@@ -178,6 +178,19 @@ def evostick(server: Server) -> str:
 
 
 @rule(
+    "S9.18",
+    "Networks with Hebbian learning give the fitness that they give stepwise, to the last bit.",
+    where="decision 002",
+    fix="begin every episode with the weights of the genome, multiply what is learnt in binary64, and leave "
+    "the weight of a node to itself as it is; replay protocol/vectors/controllers.json",
+    needs=["S9.1", "S3.2"],
+)
+def hebbian(server: Server) -> str:
+    """Three candidates, two seeds."""
+    return _equal(server, "hebbian")
+
+
+@rule(
     "S9.16",
     "Machines of modules give the fitness that they give stepwise, to the last bit.",
     where="decision 002",

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from swarmwright.core import hebbian
 from swarmwright.core.errors import InputError
 from swarmwright.core.evostick import as_layered
 from swarmwright.core.modules import is_modules
@@ -36,7 +37,10 @@ def figure(
     kind = specification.get("kind")
     if kind == "evostick":
         specification = {**as_layered(specification), "kind": kind}
-    if kind in {"layered", "fully_meshed", "evostick"}:
+    if kind == hebbian.KIND:
+        rate = f"learning rate {specification['weights'][0]:.2g}"
+        specification = {**hebbian.as_meshed(specification), "kind": kind, "activation": rate}
+    if kind in {"layered", "fully_meshed", "evostick", hebbian.KIND}:
         from swarmwright.figures.controllers.network import draw as draw_network
 
         return draw_network(specification, Names.of(specification, simulation), title)

@@ -18,7 +18,7 @@ _NAMED = 40
 
 
 def draw(specification: Mapping[str, Any], names: Names, title: str) -> "Figure":
-    """Return the figure of a `layered` or `fully_meshed` network, a matrix for each layer."""
+    """Return the figure of a `layered`, `fully_meshed` or `hebbian` network, a matrix for each layer."""
     sizes, found = columns(specification), layers(specification)
     unit = largest(np.concatenate([np.column_stack([one.bias, one.weights]).ravel() for one in found]))
     figure = new_figure(10, 2.2 + sum(_height(one) for one in found))

@@ -12,6 +12,7 @@ from swarmwright.figures.controllers.weights import (
     Layer,
     colormap,
     columns,
+    is_recurrent,
     largest,
     layers,
 )
@@ -29,13 +30,13 @@ _APART = 0.56  # nodes
 
 
 def draw(specification: Mapping[str, Any], names: Names, title: str) -> "Figure":
-    """Return the figure of a `layered` or `fully_meshed` network."""
+    """Return the figure of a `layered`, `fully_meshed` or `hebbian` network."""
     sizes, found = columns(specification), layers(specification)
     if max(sizes) > _MOST_NODES or sum(layer.weights.size for layer in found) > _MOST_LINES:
         from swarmwright.figures.controllers.matrix import draw as draw_matrix
 
         return draw_matrix(specification, names, title)
-    recurrent = specification["kind"] == "fully_meshed"
+    recurrent = is_recurrent(specification)
     places = [
         [(column * _BETWEEN, (size - 1 - 2 * index) / 2 * _apart(size, max(sizes))) for index in range(size)]
         for column, size in enumerate(sizes)

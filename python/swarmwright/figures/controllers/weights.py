@@ -37,11 +37,16 @@ def columns(specification: Mapping[str, Any]) -> list[int]:
     return [specification["sensors"], *between, specification["actuators"]]
 
 
+def is_recurrent(specification: Mapping[str, Any]) -> bool:
+    """Return whether every node sees every node."""
+    return specification["kind"] in {"fully_meshed", "hebbian"}
+
+
 def layers(specification: Mapping[str, Any]) -> list[Layer]:
-    """Return the layers of a `layered` or a `fully_meshed` network."""
+    """Return the layers of a `layered`, a `fully_meshed` or a `hebbian` network."""
     sizes = columns(specification)
     weights = np.array(specification["weights"], dtype=np.float64)
-    if specification["kind"] == "fully_meshed":
+    if is_recurrent(specification):
         return _meshed(sizes, weights)
     found = []
     start = 0

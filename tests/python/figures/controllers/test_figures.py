@@ -245,6 +245,14 @@ def test_evosticks_network() -> None:
         assert name in text
 
 
+def test_a_network_that_learns() -> None:
+    weights = [0.0625, *np.random.default_rng(3).uniform(-2, 2, 4 * 15).tolist()]
+    sizes = {"sensors": 10, "actuators": 2, "hidden": 2, "iterations": 2}
+    drawn = figure({"version": 1, "kind": "hebbian", **sizes, "weights": weights})
+    for name in ("hebbian 10-2-2, learning rate 0.062", "sensor 9", "actuator 1", "and to itself"):
+        assert name in said(drawn)
+
+
 @pytest.mark.parametrize(("states", "seed"), [(4, 1), (1, 2), (16, 3)])
 def test_machines_of_modules(
     states: int, seed: int, tmp_path: Path, caplog: pytest.LogCaptureFixture

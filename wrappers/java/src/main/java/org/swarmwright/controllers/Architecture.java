@@ -20,6 +20,7 @@ public abstract strictfp class Architecture {
     KINDS.put("fully_meshed", FullyMeshed::read);
     KINDS.put("mealy_fsm", MealyFsm::read);
     KINDS.put("evostick", Evostick::read);
+    KINDS.put("hebbian", Hebbian::read);
     KINDS.put("modules", Modules::read);
     KINDS.put("parameter_set", ParameterSet::read);
   }
