@@ -13,6 +13,7 @@ mod lanes;
 mod output_range;
 mod reader;
 mod specification;
+mod swarm;
 
 pub use activation::Activation;
 pub use controller::{Controller, ControllerError};
@@ -23,3 +24,4 @@ pub use kinds::{
 pub use lanes::LaneController;
 pub use output_range::OutputRange;
 pub use specification::{MAX_WEIGHTS, Specification, SpecificationError, VERSION};
+pub use swarm::SwarmControllers;

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
-use swarmwright_controllers::Controller;
+use swarmwright_controllers::{Controller, SwarmControllers};
 use swarmwright_worlds::{Block, ParameterError, Parameters, RolloutError, Together};
 
 use crate::simulation::{Hosted, Trouble, or_fail, refused};
@@ -17,12 +17,6 @@ type Many<'py> = (
     PyReadonlyArray3<'py, f32>,
     PyReadonlyArray1<'py, bool>,
 );
-
-/// One episode's controllers.
-struct Controllers {
-    prototype: Controller,
-    agents: Vec<Controller>,
-}
 
 /// What is seen of all episodes between two steps.
 #[derive(Default)]
@@ -180,10 +174,7 @@ pub fn evaluate(host: &Hosted, block: &Block<'_>) -> Result<Vec<f64>, RolloutErr
             );
             let prototype = Controller::with_weights(&architecture, block.genome(candidate).into())
                 .map_err(|source| RolloutError::Weights { candidate, source })?;
-            episodes.push(Controllers {
-                prototype,
-                agents: Vec::new(),
-            });
+            episodes.push(SwarmControllers::new(prototype));
             seeds.push(block.seeds[episode]);
         }
         run(host, block, seeds, &mut episodes, results)?;
@@ -196,7 +187,7 @@ fn run(
     host: &Hosted,
     block: &Block<'_>,
     seeds: Vec<u64>,
-    episodes: &mut [Controllers],
+    episodes: &mut [SwarmControllers],
     results: &mut [f64],
 ) -> Result<(), RolloutError> {
     let mut seen = Seen::default();
@@ -230,7 +221,7 @@ fn run(
 /// What all controllers compute, (episodes, agents, actuators); 0 for agents that do not act.
 fn actions(
     host: &Hosted,
-    episodes: &mut [Controllers],
+    episodes: &mut [SwarmControllers],
     seen: &Seen,
 ) -> Result<Vec<f32>, RolloutError> {
     let (sensors, actuators) = (host.sensors(), host.actuators());
@@ -241,19 +232,11 @@ fn actions(
         if !acts {
             continue;
         }
-        let (controllers, agent) = (&mut episodes[place / seen.agents], place % seen.agents);
-        let failed = |source| RolloutError::Controller {
-            agent: u32::try_from(agent).unwrap_or(u32::MAX),
-            source,
-        };
-        while controllers.agents.len() <= agent {
-            let next = u32::try_from(controllers.agents.len()).unwrap_or(u32::MAX);
-            let made = controllers.prototype.of_agent(next).map_err(failed)?;
-            controllers.agents.push(made);
-        }
-        controllers.agents[agent]
-            .step(row, action)
-            .map_err(failed)?;
+        let agent = u32::try_from(place % seen.agents).unwrap_or(u32::MAX);
+        episodes[place / seen.agents]
+            .of(agent)
+            .and_then(|controller| controller.step(row, action))
+            .map_err(|source| RolloutError::Controller { agent, source })?;
     }
     Ok(actions)
 }

@@ -3,7 +3,7 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use crate::{Description, Group, ParameterError, Parameters, Simulation};
-use swarmwright_controllers::{Controller, ControllerError, Team};
+use swarmwright_controllers::{Controller, ControllerError, SwarmControllers, Team};
 
 /// Why an episode could not be computed.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -64,13 +64,10 @@ pub enum RolloutError {
     },
 }
 
-/// Controllers by agent, each with its own state, and buffers for a step.
+/// Controllers by agent, and buffers for a step.
 #[derive(Debug, Clone)]
 struct AgentControllers {
-    /// Never stepped, so that its clones are at the start of an episode.
-    prototype: Controller,
-    /// By agent; none for those that have not acted.
-    controllers: Vec<Option<Controller>>,
+    controllers: SwarmControllers,
     sensors: Vec<f32>,
     actuators: Vec<f32>,
 }
@@ -144,12 +141,9 @@ impl AgentControllers {
         if let Some(team) = controller.team() {
             check_groups(&description.title, team, &simulation.groups())?;
         }
-        let mut prototype = controller.clone();
-        prototype.reset();
         let sensors = vec![0.0; description.sensors];
         Ok(Self {
-            prototype,
-            controllers: Vec::new(),
+            controllers: SwarmControllers::new(controller.clone()),
             sensors,
             actuators: Vec::new(),
         })
@@ -163,35 +157,23 @@ impl AgentControllers {
         mut observe: impl FnMut(u32, &[f32], &[f32]),
     ) -> Result<(), RolloutError> {
         let acting = simulation.acting();
-        if let (Some(agent), false) = (acting.first(), self.prototype.steers()) {
+        let prototype = self.controllers.prototype();
+        if let (Some(agent), false) = (acting.first(), prototype.steers()) {
             return Err(RolloutError::NotSteered {
                 simulation: simulation.description().title,
                 agent: *agent,
                 source: ControllerError::SteersNoAgents,
             });
         }
-        if let Some(last) = acting.last() {
-            let agents = *last as usize + 1;
-            if self.controllers.len() < agents {
-                self.controllers.resize(agents, None);
-            }
-        }
-        let width = self.prototype.actuators();
+        let width = prototype.actuators();
         self.actuators.resize(acting.len() * width, 0.0);
         for (agent, row) in acting
             .iter()
             .zip(self.actuators.chunks_exact_mut(width.max(1)))
         {
             simulation.sense(*agent, &mut self.sensors);
-            let place = &mut self.controllers[*agent as usize];
-            let controller = match place {
-                Some(controller) => Ok(controller),
-                None => self
-                    .prototype
-                    .of_agent(*agent)
-                    .map(|made| place.insert(made)),
-            };
-            controller
+            self.controllers
+                .of(*agent)
                 .and_then(|controller| controller.step(&self.sensors, row))
                 .map_err(|source| RolloutError::Controller {
                     agent: *agent,
@@ -298,11 +280,7 @@ impl Episode {
     /// The state in which the state machine of each agent makes its next step, by agent; none for other kinds of
     /// controllers. Agents that have not acted yet, after the last of those that have, are left out: state 0.
     pub fn machine_states(&self) -> Option<Vec<u32>> {
-        let first = self.agents.prototype.current()?;
-        let controllers = self.agents.controllers.iter();
-        let state =
-            |one: &Option<Controller>| one.as_ref().map_or(Some(first), Controller::current);
-        controllers.map(state).collect()
+        self.agents.controllers.machine_states()
     }
 
     /// The simulation, to ask for fitness, scene and step size.

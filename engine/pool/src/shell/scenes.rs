@@ -8,7 +8,7 @@ use std::collections::{BTreeMap, VecDeque};
 use std::time::{Duration, Instant};
 
 use serde_json::{Map, Value};
-use swarmwright_controllers::Controller;
+use swarmwright_controllers::{Controller, SwarmControllers};
 use swarmwright_mqtt::{
     ConnectError, Connection, Event, PublishOptions, QoS, Settings, Subscription, TooLarge,
 };
@@ -78,7 +78,6 @@ enum News {
 /// What an agent sensed and did last.
 #[derive(Default)]
 struct Acted {
-    controller: Option<Controller>,
     sensors: Vec<f32>,
     actuators: Vec<f32>,
     /// In which step.
@@ -99,6 +98,7 @@ pub struct SceneEpisode {
     /// What came and has not been dealt with.
     waiting: VecDeque<News>,
     agents: Vec<Acted>,
+    controllers: SwarmControllers,
     scene: SceneMessage,
     /// Scenes that did not come.
     missing: u64,
@@ -153,6 +153,7 @@ impl SceneEpisode {
             events: Vec::new(),
             waiting: VecDeque::new(),
             agents: Vec::new(),
+            controllers: SwarmControllers::new(options.controller.clone()),
             scene: SceneMessage::default(),
             missing: 0,
             fitness: None,
@@ -358,10 +359,7 @@ impl SceneEpisode {
         let acted = &mut self.agents[agent];
         let server = self.server;
         let wrong = |error| Impossible(format!("server {server}: agent {agent}: {error}"));
-        let controller = match &mut acted.controller {
-            Some(controller) => controller,
-            none => none.insert(prototype.of_agent(agent as u32).map_err(wrong)?),
-        };
+        let controller = self.controllers.of(agent as u32).map_err(wrong)?;
         acted.actuators.resize(controller.actuators(), 0.0);
         controller
             .step(&values, &mut acted.actuators)
@@ -447,14 +445,7 @@ impl SceneEpisode {
     /// The state of each agent's state machine, as far as agents have acted; none for other controllers.
     #[must_use]
     pub fn machine_states(&self) -> Option<Vec<u32>> {
-        let first = self.options.controller.current()?;
-        let state = |acted: &Acted| {
-            acted
-                .controller
-                .as_ref()
-                .map_or(Some(first), Controller::current)
-        };
-        self.agents.iter().map(state).collect()
+        self.controllers.machine_states()
     }
 
     /// Ends the episode on the server, if it has not ended, and leaves the broker.

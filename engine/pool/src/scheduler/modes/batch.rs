@@ -1,7 +1,7 @@
 //! A batch of episodes on one server, seen from the optimization tool: a controller with its own state for every agent
 //! of every episode, all answered in one message a step.
 
-use swarmwright_controllers::{Controller, ControllerError};
+use swarmwright_controllers::{Controller, ControllerError, SwarmControllers};
 use swarmwright_protocol::BatchSensors;
 
 use crate::metrics::needed;
@@ -18,17 +18,12 @@ pub(crate) struct Batch {
     agents: Option<u64>,
     /// Names of the metrics that are needed.
     metrics: Vec<String>,
-    episodes: Vec<Episode>,
+    /// The controllers of each episode; none once it has ended.
+    episodes: Vec<Option<SwarmControllers>>,
     actuators: usize,
     sensors: usize,
     /// Bytes of the largest message of the server, about.
     largest: usize,
-}
-
-struct Episode {
-    /// Never stepped; none once the episode has ended.
-    prototype: Option<Controller>,
-    controllers: Vec<Option<Controller>>,
 }
 
 /// What a message of the server brought.
@@ -48,10 +43,7 @@ impl Batch {
         let (sensors, actuators) = controllers
             .first()
             .map_or((0, 0), |one| (one.sensors(), one.actuators()));
-        let episode = |prototype| Episode {
-            prototype: Some(prototype),
-            controllers: Vec::new(),
-        };
+        let episode = |prototype| Some(SwarmControllers::new(prototype));
         Self {
             step: 0,
             agents,
@@ -76,8 +68,7 @@ impl Batch {
     /// Bytes of the server's next message, about, as far as it may be larger than those before; none where that is not
     /// known. `results`: numbers that an episode ends with.
     pub fn due(&self, results: usize) -> Option<usize> {
-        let open = self.episodes.iter().filter(|one| one.prototype.is_some());
-        let open = open.count();
+        let open = self.episodes.iter().flatten().count();
         let ends = open * (INDEX + 8 * results);
         if !self.steers() {
             return Some(ends);
@@ -141,7 +132,7 @@ impl Batch {
             ));
         }
         if rows == 0 {
-            return match self.episodes.iter().position(|one| one.prototype.is_some()) {
+            return match self.episodes.iter().position(Option::is_some) {
                 Some(open) => Err(format!("no agent acts, but episode {open} has not ended")),
                 None => Ok(Some(progress)),
             };
@@ -163,7 +154,7 @@ impl Batch {
     fn end(&mut self, episode: u64) -> Result<usize, String> {
         let index = usize::try_from(episode).unwrap_or(usize::MAX);
         let found = self.episodes.get_mut(index);
-        match found.and_then(|one| one.prototype.take()) {
+        match found.and_then(Option::take) {
             Some(_) => Ok(index),
             None => Err(format!("episode {episode} ended that was not running")),
         }
@@ -177,24 +168,9 @@ impl Batch {
                 "agent {agent} is unknown; the agents are 0 to {last}"
             ));
         }
-        let Some(Episode {
-            prototype: Some(prototype),
-            controllers,
-        }) = self.episodes.get_mut(episode as usize)
-        else {
+        let Some(Some(controllers)) = self.episodes.get_mut(episode as usize) else {
             return Err(format!("episode {episode} acts and is not running"));
         };
-        let (message_agent, agent) = (agent, agent as usize);
-        if agent >= controllers.len() {
-            controllers.resize(agent + 1, None);
-        }
-        let place = &mut controllers[agent];
-        match place {
-            Some(controller) => Ok(controller),
-            None => {
-                let made = prototype.of_agent(message_agent);
-                Ok(place.insert(made.map_err(|error| error.to_string())?))
-            }
-        }
+        controllers.of(agent).map_err(|error| error.to_string())
     }
 }

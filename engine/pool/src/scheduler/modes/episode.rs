@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use swarmwright_controllers::Controller;
+use swarmwright_controllers::{Controller, SwarmControllers};
 use swarmwright_protocol::{Missing, PieceKind, ReadingWriter, SensorReading, Waiting};
 
 use crate::config::Config;
@@ -37,8 +37,7 @@ pub(crate) struct Episode {
     overdue: bool,
     /// Number of agents, if the parameters tell.
     agents: Option<u64>,
-    prototype: Controller,
-    controllers: Vec<Option<Controller>>,
+    controllers: SwarmControllers,
     writer: ReadingWriter,
     actuator: Vec<f32>,
     /// Sensor messages answered, by agent.
@@ -74,8 +73,7 @@ impl Episode {
             backed_up: false,
             overdue: false,
             agents,
-            prototype,
-            controllers: Vec::new(),
+            controllers: SwarmControllers::new(prototype),
             answered: Vec::new(),
             last_agent: 0,
         }
@@ -95,26 +93,16 @@ impl Episode {
                 limit - 1
             ));
         }
-        if agent >= self.controllers.len() {
-            self.controllers.resize(agent + 1, None);
+        if agent >= self.answered.len() {
             self.answered.resize(agent + 1, 0);
         }
-        let place = &mut self.controllers[agent];
-        let controller = match place {
-            Some(controller) => controller,
-            None => {
-                let number = u32::try_from(agent).unwrap_or(u32::MAX);
-                let made = self.prototype.of_agent(number);
-                place.insert(made.map_err(|error| error.to_string())?)
-            }
-        };
+        let most = self.controllers.prototype().actuators();
+        let number = u32::try_from(agent).unwrap_or(u32::MAX);
+        let controller = self.controllers.of(number);
+        let controller = controller.map_err(|error| error.to_string())?;
         // Who is sent as many numbers for all agents gets as many from all.
         let padded = sensor.sensor.len() > controller.sensors();
-        let width = if padded {
-            self.prototype.actuators()
-        } else {
-            controller.actuators()
-        };
+        let width = if padded { most } else { controller.actuators() };
         self.actuator.resize(width, 0.0);
         controller
             .step(&sensor.sensor, &mut self.actuator)
@@ -184,7 +172,7 @@ impl Episode {
 
     /// Whether the controller steers agents; else nothing is heard of the episode before its fitness.
     pub fn steers(&self) -> bool {
-        self.prototype.steers()
+        self.controllers.prototype().steers()
     }
 
     /// Whether the server has begun.
