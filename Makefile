@@ -75,8 +75,13 @@ define install
 		echo "Please install: $(1)" >&2
 		exit 1
 	fi
+	# One at a time: two targets may be made at once.
+	mkdir -p $(CURDIR)/build
+	exec 9> $(CURDIR)/build/.installing
+	flock 9
 	$$as apt-get update -qq
 	$$as env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $(1) > /dev/null
+	exec 9>&-
 endef
 
 help:
