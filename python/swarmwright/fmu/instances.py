@@ -16,10 +16,10 @@ from fmpy.logging import addLoggerProxy
 
 from swarmwright.fmu.description import Description, Variable
 
-_DISCARD = 2
+_DISCARD, _FATAL = 2, 4
 _MOST_PLANS = 10_000
 """Lists of variables of which it is remembered how they are set and got; three for each agent."""
-_STATUS = {_DISCARD: "that it is not done", 3: "an error", 4: "a fatal error"}
+_STATUS = {_DISCARD: "that it is not done", 3: "an error", _FATAL: "a fatal error"}
 
 
 class FmuError(Exception):
@@ -69,6 +69,8 @@ class Instance:
         except Exception as error:  # FMPy's own kinds
             raise FmuError(f"the FMU's library cannot be loaded: {error}") from error
         self._is_fresh = False
+        self.is_corrupted = False
+        """Whether it had a fatal error: FMI forbids to call its FMU any more."""
         self._make()
 
     def _library(self, arguments: dict[str, str]) -> Any:  # noqa: ANN401 - FMPy has no types
@@ -105,6 +107,7 @@ class Instance:
             self._messages.write(f"{said}\n")
 
     def _explained(self, what: str, error: Exception) -> str:
+        self.is_corrupted |= isinstance(error, FMICallException) and error.status == _FATAL
         reason = self._last or str(error)
         if not self._last and isinstance(error, FMICallException):
             reason = f"the FMU reports {_STATUS.get(error.status, error.status)}, and no reason"
@@ -235,7 +238,7 @@ class Instance:
 
     def give_up(self) -> None:
         """End the episode, so that what the FMU has taken for it, such as a simulation server, is free."""
-        if self._is_fresh:
+        if self._is_fresh or self.is_corrupted:
             return
         with contextlib.suppress(FMICallException):
             self._fmu.reset()
