@@ -1,5 +1,6 @@
 """What an experiment says of an FMU as its simulation: `simulation: {fmu: model.fmu, ..}`."""
 
+import math
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -17,8 +18,10 @@ from swarmwright.core.suggestions import did_you_mean
 from swarmwright.core.yaml import Path_
 from swarmwright.fmu.description import (
     NEEDS,
+    STRUCTURAL,
     Description,
     Variable,
+    flat,
     is_installed,
     place,
     runs_here,
@@ -147,8 +150,9 @@ class FmuOptions(Definition):
     step. Default: co-simulation, or CVode where the FMU is not for that."""
     steps: int | None = Field(default=None, ge=1, le=2**31)
     """Steps of an episode. Default: to the FMU's stop time, else 100."""
-    start: dict[str, float | int | bool | str] = Field(default={})
-    """Start values of variables that no parameter sets, by name."""
+    start: dict[str, float | int | bool | str | list[Any]] = Field(default={})
+    """Start values of variables that no parameter sets, by name. Of an array of FMI 3.0: a list of all its
+    values, row by row, or a list of rows. Structural parameters set the sizes of arrays."""
     seed: str | None = Field(default=None, min_length=1)
     """The parameter or input that gets the episode's seed, modulo 2^31. Default: the parameter `seed`, if
     there is one; else all episodes are the same."""
@@ -212,7 +216,7 @@ class FmuOptions(Definition):
     @property
     def description(self) -> Description:
         """What the FMU announces. Raises InputError."""
-        return described(self.file)
+        return described(self.file, self.start)
 
     @property
     def layout(self) -> Layout | None:
@@ -449,11 +453,47 @@ class FmuOptions(Definition):
             variable = known.variables.get(name)
             if variable is None:
                 found.append((key, _unknown(self.fmu, name, names)))
-            elif variable.is_array or variable.count > 1:
-                found.append(
-                    (key, f"{name} of {self.fmu} is an array, or of one, whose start is that of the FMU")
-                )
+            else:
+                problem = self._unstartable(variable, self.start.get(name))
+                if problem is not None:
+                    found.append((key, problem))
         return found
+
+    def _unstartable(self, variable: Variable, value: Any) -> str | None:  # noqa: ANN401 - None for a seed
+        """Return what is wrong with a start value of a variable."""
+        about = f"{variable.name} of {self.fmu}"
+        if variable.count > 1:
+            whole = variable.name.rpartition("[")[0]
+            return f"{about} is one element of an array; write the start of the whole array {whole} as a list"
+        if not variable.is_array:
+            if isinstance(value, list):
+                return f"{about} is one value, not a list"
+            if variable.causality == STRUCTURAL and self.description.version == VERSION:
+                return (
+                    f"{about} is a structural parameter, which is settable for one FMU alone, not in an SSP"
+                )
+            if variable.causality == STRUCTURAL and (type(value) is not int or value < 1):
+                return (
+                    f"{about} is a structural parameter, expected a whole number from 1, not {shown(value)}"
+                )
+            return None
+        shape = " x ".join(map(str, variable.shape))
+        count = math.prod(variable.shape)
+        wanted = f"{about} has the shape {shape}"
+        if not isinstance(value, list):
+            return f"{wanted}; expected a list of {count} values, not {shown(value)}"
+        values = flat(value)
+        if len(values) != count:
+            return f"{wanted}, {count} values row by row, but {len(values)} are given"
+        if (
+            value
+            and isinstance(value[0], list)
+            and any(not isinstance(row, list) or len(row) * variable.shape[0] != count for row in value)
+        ):
+            return f"{wanted}; expected {variable.shape[0]} rows of {count // variable.shape[0]} values each"
+        kind = str if variable.type == "String" else (int, float)
+        wrong = next((one for one in values if not isinstance(one, kind)), None)
+        return None if wrong is None else f"{about} is of the type {variable.type}, not {shown(wrong)}"
 
     @property
     def no_library(self) -> str:

@@ -24,6 +24,8 @@ VERSIONS = ("2.0", "3.0")
 TERMINALS = "terminalsAndIcons/terminalsAndIcons.xml"
 _TOLERANCE = 1e-5
 """Of solvers, where the FMU proposes none: FMPy's."""
+STRUCTURAL = "structuralParameter"
+"""The causality of parameters of FMI 3.0 that sizes of arrays depend on."""
 _MOST_ELEMENTS = 10_000
 _MOST_FAULTS = 300
 """Characters of what is wrong with a file that are repeated."""
@@ -45,6 +47,8 @@ class Variable:
     minimum: float | None
     maximum: float | None
     is_array: bool
+    shape: tuple[int, ...] = ()
+    """Of an array: its sizes."""
     elements: tuple[str, ...] = ()
     """Of an array of numbers: the names of these, such as x[1] or x[2,1], which are variables, too."""
     index: int = 0
@@ -110,6 +114,11 @@ class Description:
         return [one for one in self.variables.values() if one.causality == causality and one.is_number]
 
 
+def flat(values: Any) -> list[Any]:  # noqa: ANN401 - a list, or lists in it
+    """Return the values of nested lists in their order, row by row."""
+    return [one for part in values for one in flat(part)] if isinstance(values, list) else [values]
+
+
 def is_installed() -> bool:
     """Return whether FMPy is here."""
     return importlib.util.find_spec("fmpy") is not None
@@ -118,13 +127,17 @@ def is_installed() -> bool:
 NEEDS = "FMUs are read by FMPy: pip install 'swarmwright[fmi]'"
 
 
-def described(file: Path) -> Description:
-    """Return what an FMU announces. Raises InputError where the file is not one that can be stepped."""
+def described(file: Path, start: Mapping[str, Any] | None = None) -> Description:
+    """Return what an FMU announces; arrays have the sizes that structural parameters in `start` give them.
+
+    Raises InputError where the file is not one that can be stepped.
+    """
     try:
         changed = file.stat().st_mtime_ns
     except OSError:
         raise InputError(f"{file}: there is no such file") from None
-    return _described(file, changed)
+    given = ((name, value) for name, value in (start or {}).items() if type(value) is int and value > 0)
+    return _described(file, changed, tuple(sorted(given)))
 
 
 def for_coupling(file: Path) -> Description:
@@ -136,7 +149,7 @@ def for_coupling(file: Path) -> Description:
 
 
 @lru_cache(maxsize=16)
-def _described(file: Path, _changed: int) -> Description:
+def _described(file: Path, _changed: int, given: tuple[tuple[str, int], ...]) -> Description:
     if not is_installed():
         raise InputError(NEEDS)
     from fmpy import read_model_description  # noqa: PLC0415 - optional
@@ -160,7 +173,10 @@ def _described(file: Path, _changed: int) -> Description:
         )
     experiment = found.defaultExperiment
     try:
-        variables = {one.name: one for variable in found.modelVariables for one in _with_elements(variable)}
+        sizes = dict(given)
+        variables = {
+            one.name: one for variable in found.modelVariables for one in _with_elements(variable, sizes)
+        }
         exchange = _exchange(found)
         times = {
             key: None if experiment is None else _number(getattr(experiment, key))
@@ -199,10 +215,13 @@ def _exchange(found: Any) -> Exchange | None:  # noqa: ANN401 - FMPy has no type
     )
 
 
-def _with_elements(found: Any) -> Iterator[Variable]:  # noqa: ANN401 - FMPy has no types
-    """Yield a variable, and of an array of numbers its elements."""
-    whole = _variable(found)
-    sizes = [int(one.start if one.variable is None else one.variable.start) for one in found.dimensions or ()]
+def _with_elements(found: Any, given: Mapping[str, int]) -> Iterator[Variable]:  # noqa: ANN401 - FMPy has no types
+    """Yield a variable, and of an array of numbers its elements; `given` are values of parameters."""
+    sizes = tuple(
+        int(one.start if one.variable is None else given.get(one.variable.name, one.variable.start))
+        for one in found.dimensions or ()
+    )
+    whole = replace(_variable(found), shape=sizes)
     count = math.prod(sizes)
     if not whole.is_array or whole.type not in _NUMBERS or not 0 < count <= _MOST_ELEMENTS:
         yield whole
@@ -211,7 +230,7 @@ def _with_elements(found: Any) -> Iterator[Variable]:  # noqa: ANN401 - FMPy has
     names = tuple(f"{whole.name}[{','.join(map(str, place))}]" for place in places)
     yield replace(whole, elements=names)
     for index, name in enumerate(names):
-        yield replace(whole, name=name, is_array=False, index=index, count=count)
+        yield replace(whole, name=name, is_array=False, shape=(), index=index, count=count)
 
 
 def _variable(found: Any) -> Variable:  # noqa: ANN401 - FMPy has no types

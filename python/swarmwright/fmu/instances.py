@@ -14,7 +14,7 @@ from fmpy.fmi2 import FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE, 
 from fmpy.fmi3 import FMU3Slave
 from fmpy.logging import addLoggerProxy
 
-from swarmwright.fmu.description import Description, Variable
+from swarmwright.fmu.description import STRUCTURAL, Description, Variable, flat
 
 _DISCARD, _FATAL = 2, 4
 _MOST_PLANS = 10_000
@@ -126,8 +126,16 @@ class Instance:
         if not self._is_fresh:
             self._called("reset", fmu.reset)
         self._is_fresh = False
-        for name, value in start.items():
-            self.set(self._description.variables[name], value)
+        given = [(self._description.variables[name], value) for name, value in start.items()]
+        sizes = [pair for pair in given if pair[0].causality == STRUCTURAL]
+        if sizes:  # before other values, whose number may depend on them
+            self._called("configuration", fmu.enterConfigurationMode)
+            for variable, value in sizes:
+                self.set(variable, value)
+            self._called("configuration", fmu.exitConfigurationMode)
+        for variable, value in given:
+            if variable.causality != STRUCTURAL:
+                self.set(variable, value)
         if self._two:
             self._called("setup", lambda: fmu.setupExperiment(startTime=time, stopTime=stop))
             self._called("initialization", fmu.enterInitializationMode)
@@ -136,7 +144,10 @@ class Instance:
         self._called("initialization", fmu.exitInitializationMode)
 
     def set(self, variable: Variable, value: Any) -> None:  # noqa: ANN401 - a number, boolean or text
-        """Set a variable. Raises FmuError where the FMU refuses it."""
+        """Set a variable, an array by all its values row by row. Raises FmuError where the FMU refuses it."""
+        if variable.is_array:
+            self._put_array(variable, flat(value))
+            return
         if variable.count > 1:
             self._put_elements([variable], [value])
             return
@@ -169,9 +180,13 @@ class Instance:
                 arrays[variable.reference] = (variable, self._array(variable))
             arrays[variable.reference][1][variable.index] = value
         for variable, whole in arrays.values():
-            function = getattr(self._fmu, f"set{self._kind(variable)}")
-            numbers = whole if variable.is_real else [round(one) for one in whole]
-            self._called(variable.name, function, [variable.reference], numbers)
+            self._put_array(variable, whole)
+
+    def _put_array(self, variable: Variable, whole: Sequence[Any]) -> None:
+        function = getattr(self._fmu, f"set{self._kind(variable)}")
+        as_they_are = variable.is_real or variable.type == "String"
+        values = list(whole) if as_they_are else [round(one) for one in whole]
+        self._called(variable.name, function, [variable.reference], values)
 
     def put(self, variables: Sequence[Variable], values: Sequence[float]) -> None:
         """Set variables that are numbers or booleans; real ones of one type at once."""

@@ -27,7 +27,7 @@ class Episodes:
 
     def __init__(self, attachment: Mapping[str, Any]) -> None:
         try:
-            self._known = described(Path(attachment["fmu"]))
+            self._known = described(Path(attachment["fmu"]), attachment["start"])
         except InputError as error:
             raise FmuError(str(error)) from error
         self._attachment = attachment

@@ -50,12 +50,13 @@ class System:
     """Values of the parameter sets, by `component.variable`."""
 
 
-def described(file: Path) -> Description:
+def described(file: Path, start: Mapping[str, Any] | None = None) -> Description:
     """Return what an FMU or an SSP announces. Raises InputError where the file is neither.
 
-    Variables of an SSP are named `component.variable`; inputs that are connected are local.
+    Variables of an SSP are named `component.variable`; inputs that are connected are local. Arrays of an FMU
+    have the sizes that structural parameters in `start` give them.
     """
-    return _flat(file, system_of(file)) if file.suffix == ENDING else fmus.described(file)
+    return _flat(file, system_of(file)) if file.suffix == ENDING else fmus.described(file, start)
 
 
 def system_of(file: Path) -> System:

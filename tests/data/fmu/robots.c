@@ -4,15 +4,18 @@
 
 #include "fmi3Functions.h"
 
-enum { TIME, PLACES, SPEEDS, DONE, ROBOTS = 3 };
+enum { TIME, PLACES, SPEEDS, COUNT, FROM, ROBOTS = 3, MOST = 16 };
 
 typedef struct {
-  double places[ROBOTS * 2], speeds[ROBOTS * 2];
+  double places[MOST * 2], speeds[MOST * 2], from[MOST * 2];
+  size_t count;
+  int configuring;
 } robots_t;
 
 static void start(robots_t* robots) {
-  for (int at = 0; at < 2 * ROBOTS; ++at) {
-    robots->places[at] = 0.25 * at;
+  robots->count = ROBOTS;
+  for (int at = 0; at < 2 * MOST; ++at) {
+    robots->from[at] = 0.25 * at;
     robots->speeds[at] = 0.0;
   }
 }
@@ -34,13 +37,45 @@ fmi3Status fmi3Reset(fmi3Instance instance) {
   return fmi3OK;
 }
 
+fmi3Status fmi3EnterConfigurationMode(fmi3Instance instance) {
+  ((robots_t*)instance)->configuring = 1;
+  return fmi3OK;
+}
+
+fmi3Status fmi3ExitConfigurationMode(fmi3Instance instance) {
+  ((robots_t*)instance)->configuring = 0;
+  return fmi3OK;
+}
+
+fmi3Status fmi3SetUInt64(fmi3Instance instance, const fmi3ValueReference of[], size_t count, const fmi3UInt64 values[],
+                         size_t size) {
+  robots_t* robots = instance;
+  if (!robots->configuring || of[0] != COUNT || values[0] > MOST) {
+    return fmi3Error;
+  }
+  robots->count = values[0];
+  return fmi3OK;
+}
+
+fmi3Status fmi3ExitInitializationMode(fmi3Instance instance) {
+  robots_t* robots = instance;
+  for (int at = 0; at < 2 * MOST; ++at) {
+    robots->places[at] = robots->from[at];
+  }
+  return fmi3OK;
+}
+
 static double* found(robots_t* robots, fmi3ValueReference reference) {
-  return reference == PLACES ? robots->places : reference == SPEEDS ? robots->speeds : NULL;
+  return reference == PLACES   ? robots->places
+         : reference == SPEEDS ? robots->speeds
+         : reference == FROM   ? robots->from
+                               : NULL;
 }
 
 fmi3Status fmi3GetFloat64(fmi3Instance instance, const fmi3ValueReference of[], size_t count, fmi3Float64 values[],
                           size_t size) {
-  double* array = count == 1 && size == 2 * ROBOTS ? found(instance, of[0]) : NULL;
+  size_t all = 2 * ((robots_t*)instance)->count;
+  double* array = count == 1 && size == all ? found(instance, of[0]) : NULL;
   for (size_t at = 0; array && at < size; ++at) {
     values[at] = array[at];
   }
@@ -49,7 +84,8 @@ fmi3Status fmi3GetFloat64(fmi3Instance instance, const fmi3ValueReference of[], 
 
 fmi3Status fmi3SetFloat64(fmi3Instance instance, const fmi3ValueReference of[], size_t count,
                           const fmi3Float64 values[], size_t size) {
-  double* array = count == 1 && size == 2 * ROBOTS ? found(instance, of[0]) : NULL;
+  size_t all = 2 * ((robots_t*)instance)->count;
+  double* array = count == 1 && size == all ? found(instance, of[0]) : NULL;
   for (size_t at = 0; array && at < size; ++at) {
     array[at] = values[at];
   }
@@ -59,7 +95,7 @@ fmi3Status fmi3SetFloat64(fmi3Instance instance, const fmi3ValueReference of[], 
 fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 now, fmi3Float64 size, fmi3Boolean keep, fmi3Boolean* event,
                       fmi3Boolean* ends, fmi3Boolean* early, fmi3Float64* last) {
   robots_t* robots = instance;
-  for (int at = 0; at < 2 * ROBOTS; ++at) {
+  for (size_t at = 0; at < 2 * robots->count; ++at) {
     robots->places[at] += size * robots->speeds[at];
   }
   *event = *ends = *early = fmi3False;

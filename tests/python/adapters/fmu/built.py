@@ -75,6 +75,15 @@ ROBOTS = """<?xml version="1.0" encoding="UTF-8"?>
 <ModelStructure><Output valueReference="1"/></ModelStructure>
 </fmiModelDescription>"""
 
+FLEET = ROBOTS.replace('<Dimension start="3"/>', '<Dimension valueReference="3"/>').replace(
+    "</ModelVariables>",
+    """<UInt64 name="count" valueReference="3" causality="structuralParameter" variability="fixed" start="3"/>
+<Float64 name="from" valueReference="4" causality="parameter" variability="fixed"
+ start="0 0.25 0.5 0.75 1 1.25"><Dimension valueReference="3"/><Dimension start="2"/></Float64>
+</ModelVariables>""",
+)
+"""Robots whose number is a structural parameter, and where they start a parameter that is an array."""
+
 TERMINALS = """<?xml version="1.0" encoding="UTF-8"?>
 <fmiTerminalsAndIcons fmiVersion="3.0"><Terminals><Terminal name="swarm">
 <TerminalMemberVariable variableName="speed" variableKind="signal"/>

@@ -16,7 +16,7 @@ from swarmwright.fmu.description import described
 from swarmwright.fmu.exchange import ExchangeInstance
 from swarmwright.fmu.instances import unpacked
 from swarmwright.fmu.program import Episodes
-from tests.python.adapters.fmu.built import BALL_2, BALL_3, ROBOTS, TERMINALS, build
+from tests.python.adapters.fmu.built import BALL_2, BALL_3, FLEET, ROBOTS, TERMINALS, build
 from tests.python.adapters.fmu.test_fmu import controller_of, score
 
 
@@ -170,6 +170,33 @@ def test_arrays_and_terminals(models: Path) -> None:
     assert math.isfinite(found)
 
 
+def test_start_values_of_arrays_and_their_sizes(tmp_path: Path) -> None:
+    """A structural parameter sets sizes before initialization, again after each reset."""
+    file = build(tmp_path, "robots", FLEET)
+    assert described(file).variables["place"].shape == (3, 2)
+    rows = [[0.5, -1.0], [2.0, 0.0], [0.0, 4.0], [1.0, 1.0], [-3.0, 0.25]]
+    for start in (rows, [one for row in rows for one in row]):
+        fleet = episodes(file, start={"from": start, "count": 5})
+        for _ in range(2):
+            assert fleet.reset({}, 1)["sensors"] == [[one for row in rows for one in row]]
+            [seen] = fleet.step([[0.5] * 10])["sensors"]
+            assert seen == [one + 0.0625 for row in rows for one in row]
+    made = experiment(
+        file, "gap", metrics={"gap": "last(place[5,2])"}, start={"count": 5, "from": rows}, agents=5,
+        sensors=["place[{agent}]"], actuators=["speed[{agent}]"], steps=8,
+    )  # fmt: skip
+    assert (made.sensors, made.actuators) == (2, 2)
+    assert math.isfinite(score(made))
+    mistakes: list[tuple[dict[str, Any], str]] = [
+        ({"count": 5, "from": [0.0] * 6}, "from of .* has the shape 5 x 2, 10 values .* but 6 are given"),
+        ({"count": 0}, "count of .* is a structural parameter, expected a whole number from 1, not 0"),
+        ({"count": [5]}, "count of .* is one value, not a list"),
+    ]
+    for wrong, said in mistakes:
+        with pytest.raises(InputError, match=said):
+            experiment(file, "gap", metrics={"gap": "last(place[1,1])"}, start=wrong)
+
+
 MISTAKES: tuple[tuple[dict[str, Any], str], ...] = (
     (
         {"sensors": [{"variable": "speed", "unit": "km/s"}]},
@@ -201,7 +228,11 @@ def test_mistakes_with_arrays_and_solvers(models: Path) -> None:
             {"sensors": [{"terminal": "swarm.seen"}], "actuators": [{"terminal": "swarm.seen"}]},
             "has no input",
         ),
-        ({"start": {"speed[1,1]": 1.0}}, r"start.speed\[1,1\]: .* is an array, or of one"),
+        ({"start": {"speed[1,1]": 1.0}}, r"start.speed\[1,1\]: .* is one element of an array; .* speed as"),
+        ({"start": {"speed": 1.0}}, r"speed of .* has the shape 3 x 2; expected a list of 6 values, not 1"),
+        ({"start": {"speed": [1.0] * 4}}, "has the shape 3 x 2, 6 values row by row, but 4 are given"),
+        ({"start": {"speed": [[1, 2, 3], [4, 5, 6]]}}, "expected 3 rows of 2 values each"),
+        ({"start": {"speed": [1, 2, 3, 4, 5, "a"]}}, "speed of .* is of the type Float64, not 'a'"),
         ({"sensors": ["place[4,1]"]}, r"has no variable 'place\[4,1\]'"),
         (
             {"agents": 4, "sensors": ["place[{agent}]"], "actuators": ["speed[{agent}]"]},
