@@ -131,5 +131,6 @@ def test_a_run_goes_well_where_access_rules_know_no_status(
         if "lost the broker" in tool.stderr:
             assert kind == "mosquitto"
             assert "so it no longer does" in tool.stderr
-            assert "and 1 more alike: lost the broker" in tool.stderr
+            # Once more when it says good-bye, for the same reason or another one.
+            assert tool.stderr.count("lost the broker") > 1
         server.stop()
