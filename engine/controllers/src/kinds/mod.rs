@@ -118,6 +118,54 @@ pub(crate) trait LaneKind: Kind {
     );
 }
 
+/// Makes kinds of which no simulation has lanes, since their agents or parameters differ from lane to lane. None of these functions
+/// is called.
+macro_rules! without_lanes {
+    ($($Kind:ident),+) => {
+        $(impl LaneKind for $Kind {
+            #[inline(always)]
+            fn lane_weights(&self) -> usize {
+                0
+            }
+
+            #[inline(always)]
+            fn lane_state_length(&self) -> usize {
+                0
+            }
+
+            #[inline(always)]
+            fn lane_scratch_length(&self) -> usize {
+                0
+            }
+
+            #[inline(always)]
+            fn step_in_lanes<L: Lanes, const S: usize, const B: usize>(
+                &self,
+                _: (&[L], &[&[f32]]),
+                _: &mut [L],
+                _: &mut [L],
+                _: [L; S],
+                _: (L::Int, [u32; B]),
+                _: &mut [L],
+            ) {
+            }
+
+            #[inline(always)]
+            fn step_slice_in_lanes<L: Lanes>(
+                &self,
+                _: (&[L], &[&[f32]]),
+                _: &mut [L],
+                _: &mut [L],
+                _: &[L],
+                _: &mut [L],
+            ) {
+            }
+        })+
+    };
+}
+
+without_lanes!(ParameterSet, Team);
+
 /// The name of several controllers in one specification. It is in no list of kinds: what an agent has is one of its parts.
 pub const TEAM: &str = "team";
 

@@ -1,6 +1,5 @@
 //! Named parameters of a simulation that steers its agents itself.
 
-mod lanes;
 mod read;
 
 use super::Kind;

@@ -1,6 +1,5 @@
 //! Several kinds of agents with a controller each.
 
-mod lanes;
 mod read;
 
 use std::ops::Range;
