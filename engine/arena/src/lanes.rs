@@ -11,7 +11,7 @@ use super::settings::Settings;
 use super::start::Starts;
 use super::swarm::Swarm;
 use swarmwright_simulation::ParameterError;
-use swarmwright_simulation::block::{Block, LaneWorld, groups};
+use swarmwright_simulation::block::{Block, LaneWorld, side_by_side};
 use swarmwright_simulation::rollout::stopped;
 
 /// The episodes of a block. They differ in the seed alone.
@@ -32,7 +32,8 @@ pub(crate) struct Room<L: Lanes> {
 }
 
 impl LaneWorld for ArenaLanes {
-    const MOST_VECTORS: usize = 1;
+    // One vector waits for itself: each contact needs the velocities that the one before left.
+    const VECTORS: usize = 2;
     const PORTABLE: bool = false;
     type Room<L: Lanes> = Room<L>;
 
@@ -58,7 +59,7 @@ impl LaneWorld for ArenaLanes {
     #[inline(always)]
     fn part<L: Lanes>(&self, block: &Block<'_>, first: usize, results: &mut [f64]) -> bool {
         // In four portable lanes it is slower than one at a time.
-        L::WIDTH > 4 && groups::<L, Self>(self, block, first, results)
+        L::WIDTH > 4 && side_by_side::<L, Self>(self, block, first, results)
     }
 
     fn room<L: Lanes>(&self, controllers: &LaneController<'_, L>) -> Room<L> {

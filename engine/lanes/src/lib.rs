@@ -217,7 +217,4 @@ pub trait Int: Copy {
     fn lookup_bytes_where(self, bytes: &[u8], other: Self, condition: Self::Mask) -> Self {
         self.lookup_bytes(bytes).select(other, condition)
     }
-    /// Has `bytes[self]` of every lane brought into the nearest cache where the processor can do that; no index is wrong.
-    #[inline(always)]
-    fn prefetch(self, _bytes: &[u8]) {}
 }

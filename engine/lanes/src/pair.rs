@@ -201,9 +201,4 @@ impl<L: Lanes> Int for PairInt<L> {
             self.1.lookup_bytes_where(bytes, other.1, condition.1),
         )
     }
-    #[inline(always)]
-    fn prefetch(self, bytes: &[u8]) {
-        self.0.prefetch(bytes);
-        self.1.prefetch(bytes);
-    }
 }

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use rayon::prelude::*;
 use swarmwright_controllers::{Architecture, Controller, ControllerError, LaneController};
-use swarmwright_lanes::{Kernel, Lanes, Level, MOST_LANES, Pair};
+use swarmwright_lanes::{Kernel, Lanes, Level, MOST_LANES, Pair, prefetch};
 
 use crate::rollout::{check_sizes, rollout_until, stopped};
 use crate::{Description, ParameterError, Parameters, RolloutError, Simulation, measure};
@@ -78,13 +78,6 @@ impl<'a> Block<'a> {
         &self.genomes[candidate * length..][..length]
     }
 
-    /// The weights of candidates one after another, both ends included.
-    #[inline(always)]
-    fn genomes_of(&self, first: usize, last: usize) -> &'a [f32] {
-        let length = self.architecture.weight_count();
-        &self.genomes[first * length..(last + 1) * length]
-    }
-
     /// The first weight that is not a finite number.
     fn not_finite(&self) -> Option<RolloutError> {
         let place = self.genomes.iter().position(|weight| !weight.is_finite())?;
@@ -105,19 +98,13 @@ impl<'a> Block<'a> {
 
 /// A simulation whose episodes can be computed in lanes, made for the episodes of one block.
 pub trait LaneWorld: Sync + Sized {
-    /// Most vectors of lanes side by side: 1, 2 or 4.
-    const MOST_VECTORS: usize;
-
-    /// Vectors side by side for these episodes: `MOST_VECTORS`, or 1 where their memory would leave the caches.
-    fn vectors(&self) -> usize {
-        Self::MOST_VECTORS
-    }
+    /// Vectors of lanes side by side: 1, 2 or 4.
+    const VECTORS: usize;
 
     /// Whether the portable instruction set is of use, too; else episodes are computed one at a time there.
     const PORTABLE: bool = true;
 
-    /// Evaluates episodes from `first` on, as many as `results` has room for. Those who never have vectors side by side
-    /// have [`groups`] instead, so that nothing is compiled for pairs. False as soon as a weight is not a finite number.
+    /// Evaluates episodes from `first` on, as many as `results` has room for. False as soon as a weight is not a finite number.
     #[inline(always)]
     fn part<L: Lanes>(&self, block: &Block<'_>, first: usize, results: &mut [f64]) -> bool {
         side_by_side::<L, Self>(self, block, first, results)
@@ -170,31 +157,33 @@ impl<W: LaneWorld> Kernel for Part<'_, W> {
 /// Evaluates episodes from `first` on, as many as `results` has room for: many vectors side by side while there are
 /// episodes for them. False as soon as a weight is not a finite number.
 #[inline(always)]
-fn side_by_side<L: Lanes, W: LaneWorld>(
+pub fn side_by_side<L: Lanes, W: LaneWorld>(
     world: &W,
     block: &Block<'_>,
     first: usize,
     results: &mut [f64],
 ) -> bool {
-    let vectors = world.vectors();
-    let (wide, numbers) = (vectors * L::WIDTH, block.numbers());
+    let (wide, numbers) = (W::VECTORS * L::WIDTH, block.numbers());
     let episodes = results.len() / numbers;
     let rest = episodes % wide;
     let single = if rest > wide / 2 { 0 } else { rest };
     let behind = first + episodes - single;
     let (many, single) = results.split_at_mut((episodes - single) * numbers);
-    let finite = match (vectors, W::MOST_VECTORS) {
-        (4, 4) => groups::<Pair<Pair<L>>, W>(world, block, first, many),
-        (2, 2) => groups::<Pair<L>, W>(world, block, first, many),
+    let finite = match W::VECTORS {
+        4 => groups::<Pair<Pair<L>>, W>(world, block, first, many),
+        2 => groups::<Pair<L>, W>(world, block, first, many),
         _ => groups::<L, W>(world, block, first, many),
     };
     finite && groups::<L, W>(world, block, behind, single)
 }
 
+/// Weights that are fetched before they are needed: 16 KB, so that those in use stay in the nearest cache.
+const MOST_AHEAD: usize = 1 << 12;
+
 /// Evaluates episodes from `first` on, as many as `results` has room for, a vector of lanes at a time; false as soon as a
 /// weight is not a finite number.
 #[inline(always)]
-pub fn groups<L: Lanes, W: LaneWorld>(
+fn groups<L: Lanes, W: LaneWorld>(
     world: &W,
     block: &Block<'_>,
     first: usize,
@@ -208,6 +197,8 @@ pub fn groups<L: Lanes, W: LaneWorld>(
     let mut room = world.room::<L>(&controllers);
     let mut lanes = [0.0; MOST_LANES];
     let numbers = block.numbers();
+    // Counted once: for a network of many layers this takes a while.
+    let length = block.architecture.weight_count();
     for (group, results) in results.chunks_mut(L::WIDTH * numbers).enumerate() {
         if stopped(block.stop) {
             return true;
@@ -215,14 +206,18 @@ pub fn groups<L: Lanes, W: LaneWorld>(
         let count = results.len() / numbers;
         let first = first + group * L::WIDTH;
         let (mut candidate, mut episode) = (first / episodes_each, first % episodes_each);
+        let last = (first + count - 1) / episodes_each;
         // They are about to be read anyway: a pass of its own over all genomes would take a third of an evaluation.
-        if !finite(block.genomes_of(candidate, (first + count - 1) / episodes_each)) {
+        if !finite(&block.genomes[candidate * length..(last + 1) * length]) {
             return false;
         }
+        // Those of the next vectors arrive from memory while these episodes are computed.
+        let next = &block.genomes[(last + 1) * length..];
+        prefetch(&next[..next.len().min(L::WIDTH * length).min(MOST_AHEAD)]);
         let mut genomes: [&[f32]; MOST_LANES] = [&[]; MOST_LANES];
         let mut episodes = [0; MOST_LANES];
         for lane in 0..L::WIDTH {
-            genomes[lane] = block.genome(candidate);
+            genomes[lane] = &block.genomes[candidate * length..][..length];
             episodes[lane] = episode;
             // Lanes without an episode of their own repeat the last one.
             if lane + 1 < count {
@@ -334,7 +329,7 @@ pub fn evaluate<W: LaneWorld>(
                 all_finite.store(false, Ordering::Relaxed);
             }
         };
-        let wide = level.width() * world.vectors();
+        let wide = level.width() * W::VECTORS;
         in_parts(&mut results, numbers, wide, means.threads, work);
         if !all_finite.into_inner()
             && let Some(error) = block.not_finite()

@@ -87,7 +87,11 @@ fn network(sensors: usize, actuators: usize) -> impl Strategy<Value = Value> {
     let hebbian = (0usize..4, 1u32..4).prop_map(
         |(hidden, iterations)| json!({"kind": "hebbian", "hidden": hidden, "iterations": iterations}),
     );
-    (prop_oneof![6 => network.boxed(), 2 => machine(sensors).boxed(), 1 => evostick, 1 => hebbian])
+    let hears = prop::collection::vec(0..sensors + actuators, 0..6);
+    let neat = (prop::collection::vec(hears, actuators..actuators + 3), 1u32..4).prop_map(
+        |(sources, iterations)| json!({"kind": "neat", "sources": sources, "iterations": iterations}),
+    );
+    (prop_oneof![6 => network.boxed(), 2 => machine(sensors).boxed(), 1 => evostick, 1 => hebbian, 1 => neat])
         .prop_map(move |mut controller| {
             for (key, value) in [
                 ("version", 1),

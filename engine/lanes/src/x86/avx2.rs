@@ -277,10 +277,4 @@ impl Int for I32s {
             _mm256_mask_i32gather_epi32::<1>(other.0, bytes.as_ptr().cast(), self.0, mask)
         })
     }
-    #[inline(always)]
-    fn prefetch(self, bytes: &[u8]) {
-        let mut indices = [0; WIDTH];
-        self.store(&mut indices);
-        crate::x86::prefetch(bytes, &indices);
-    }
 }

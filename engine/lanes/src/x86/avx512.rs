@@ -395,12 +395,6 @@ impl Int for I32s {
         };
         Self::of_halves(low, high)
     }
-    #[inline(always)]
-    fn prefetch(self, bytes: &[u8]) {
-        let mut indices = [0; WIDTH];
-        self.store(&mut indices);
-        crate::x86::prefetch(bytes, &indices);
-    }
 }
 
 /// Four columns of sixteen words, or units of them, in rows that begin `stride` apart.

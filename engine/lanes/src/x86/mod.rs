@@ -9,14 +9,6 @@ use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
 pub mod avx2;
 pub mod avx512;
 
-/// Asks for the cache lines of some bytes.
-#[inline(always)]
-fn prefetch(bytes: &[u8], indices: &[i32]) {
-    for index in indices {
-        prefetch_line(bytes.as_ptr().wrapping_offset(*index as isize));
-    }
-}
-
 /// Asks for the cache line of a byte.
 #[inline(always)]
 pub fn prefetch_line(byte: *const u8) {

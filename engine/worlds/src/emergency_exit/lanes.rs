@@ -23,22 +23,16 @@ use swarmwright_simulation::rollout::stopped;
 
 /// Two vectors: with four, the agents leave the nearest cache.
 const MOST_LANES: usize = 2 * swarmwright_lanes::MOST_LANES_UNPAIRED;
-/// Up to here the agents of two vectors stay near the processor.
-const FEW_AGENTS: usize = 1 << 12;
 
 /// The episodes of a block. They differ in the field alone.
 pub(crate) struct EmergencyExitLanes(Arc<Prepared>);
 
 impl LaneWorld for EmergencyExitLanes {
-    const MOST_VECTORS: usize = 2;
+    const VECTORS: usize = 2;
     type Room<L: Lanes> = Room<L>;
 
     fn new(block: &Block<'_>) -> Result<Option<Self>, ParameterError> {
         Ok(Prepared::of(block)?.map(Self))
-    }
-
-    fn vectors(&self) -> usize {
-        if self.0.agents <= FEW_AGENTS { 2 } else { 1 }
     }
 
     #[inline(always)]

@@ -15,8 +15,6 @@ use swarmwright_simulation::rollout::stopped;
 /// With more defenders every agent looks at all of them in vain; the stepper's grid is faster then.
 const MOST_DEFENDERS: usize = 256;
 
-/// Up to here four vectors of agents stay near the processor. More agents wait for each other less than few.
-const FEW_AGENTS: usize = 128;
 /// Agents that move, and are looked at by all defenders, while they are in the nearest cache.
 const TOGETHER: usize = 32;
 
@@ -130,7 +128,7 @@ fn to_closest<L: Lanes>(agent: Points<L>, defenders: &[Points<L>]) -> (Points<L>
 }
 
 impl LaneWorld for MinisimLanes {
-    const MOST_VECTORS: usize = 4;
+    const VECTORS: usize = 4;
     type Room<L: Lanes> = Room<L>;
 
     fn new(block: &Block<'_>) -> Result<Option<Self>, ParameterError> {
@@ -146,14 +144,6 @@ impl LaneWorld for MinisimLanes {
             settings,
             counts_steps: block.metrics.contains(&STEPS),
         }))
-    }
-
-    fn vectors(&self) -> usize {
-        if self.settings[0].agents.len() <= FEW_AGENTS {
-            4
-        } else {
-            1
-        }
     }
 
     #[inline(always)]

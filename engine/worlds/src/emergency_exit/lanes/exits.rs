@@ -63,14 +63,6 @@ impl Numbers {
             .lookup_bytes_where(&self.bytes, others, condition)
             .and(I::splat(mask.cast_signed()))
     }
-
-    /// Has those of places brought near.
-    #[inline(always)]
-    pub(super) fn prefetch<I: Int>(&self, places: I) {
-        places
-            .shl(I::splat(self.shift as i32))
-            .prefetch(&self.bytes);
-    }
 }
 
 impl Part<'_> {

@@ -1,17 +1,14 @@
 //! The state of as many episodes as there are lanes, and a step of all of them.
 
 use swarmwright_controllers::LaneController;
-use swarmwright_lanes::{Int, Lanes, Mask, prefetch};
+use swarmwright_lanes::{Int, Lanes, Mask};
 
 use super::super::ACTUATORS;
 use super::super::settings::Update;
+use super::MOST_LANES;
 use super::exits::{columns_and_rows, numbers, of_step};
 use super::prepared::Prepared;
 use super::terrain::{AROUND, NOWHERE, OWN, Terrain};
-use super::{FEW_AGENTS, MOST_LANES};
-
-/// So many turns ahead an agent and its surroundings are fetched, where there are many agents. They act in index order.
-const AHEAD: usize = 16;
 
 pub(crate) struct Room<L: Lanes> {
     /// By lane, then stack: the cells that are not free now.
@@ -162,7 +159,6 @@ impl<L: Lanes> Room<L> {
     fn step_in_turn(&mut self, world: &Prepared, controllers: &mut LaneController<'_, L>) -> u64 {
         let mut any = 0;
         for agent in 0..world.agents {
-            self.prefetch(agent + AHEAD, world);
             if self.inside[agent] == 0 {
                 continue;
             }
@@ -184,14 +180,12 @@ impl<L: Lanes> Room<L> {
     #[inline(always)]
     fn step_together(&mut self, world: &Prepared, controllers: &mut LaneController<'_, L>) -> u64 {
         for agent in 0..world.agents {
-            self.prefetch(agent + AHEAD, world);
             if self.inside[agent] != 0 {
                 self.wishes[agent] = self.decide(agent, self.look(agent), controllers);
             }
         }
         // Cells are entered but not left.
         for agent in 0..world.agents {
-            self.prefetch(agent + AHEAD, world);
             if self.inside[agent] == 0 {
                 continue;
             }
@@ -205,7 +199,6 @@ impl<L: Lanes> Room<L> {
         // Now they are left.
         let mut any = 0;
         for agent in 0..world.agents {
-            self.prefetch(agent + AHEAD, world);
             if self.inside[agent] == 0 {
                 continue;
             }
@@ -216,23 +209,6 @@ impl<L: Lanes> Room<L> {
             any |= self.leave(agent, world);
         }
         any
-    }
-
-    /// Has an agent and its surroundings in each lane brought near, where there is such an agent and it pays.
-    #[inline(always)]
-    fn prefetch(&self, agent: usize, world: &Prepared) {
-        if world.agents > FEW_AGENTS
-            && let Some(place) = self.places.get(agent)
-        {
-            let stack = place.shr(L::Int::splat(3)).add(self.stacks);
-            stack.prefetch(&self.taken);
-            world.numbers.prefetch(place.add(self.terrains));
-            // The processor itself fetches ahead, but not beyond a page.
-            let length = self.states.len() / world.agents;
-            prefetch(&self.states[agent * length..][..length]);
-            prefetch(&self.ways[agent..=agent]);
-            prefetch(&self.exits[agent..=agent]);
-        }
     }
 
     /// What lies around an agent.
