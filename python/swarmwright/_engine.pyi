@@ -860,8 +860,10 @@ class Broker:
     def __new__(
         cls,
         host: str = "127.0.0.1",
-        port: int = 0,
+        port: int | None = ...,
         *,
+        socket: str | None = None,
+        socket_mode: int = 0o600,
         websocket_port: int | None = None,
         users: str | None = None,
         access: str | None = None,
@@ -871,17 +873,20 @@ class Broker:
         rate: int | None = None,
         memory: int | None = None,
     ) -> Broker:
-        """port 0: any free one. users, access: paths of a password file and of an access file, Mosquitto's formats.
+        """port 0, the default: any free one; None: no MQTT over TCP. socket: path of a Unix socket to listen on; who may write to its file,
+        by socket_mode, may connect. users, access: paths of a password file and of an access file, Mosquitto's formats.
 
         origins: of web pages that may connect by websocket, as "https://dashboard.example.org"; "*" for all. Pages of the
         host that they connect to may in any case.
         rate: packets a second that are taken of one client; None for the default.
         memory: bytes that all clients together make the broker keep at most; None for the default.
 
-        Raises EngineError when the address cannot be bound or a file cannot be used.
+        Raises EngineError when the address or the path cannot be bound or a file cannot be used.
         """
     @property
     def url(self) -> str: ...
+    @property
+    def socket_url(self) -> str | None: ...
     @property
     def port(self) -> int: ...
     def reload(self) -> None:

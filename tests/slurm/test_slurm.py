@@ -1,5 +1,7 @@
 """Servers as jobs of Slurm: the same record, an empty queue, errors in its words."""
 
+import json
+import signal
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -7,12 +9,13 @@ from typing import Any
 
 import pytest
 
-from swarmwright import Experiment, RunError, optimize
+from swarmwright import Experiment, Run, RunError, optimize
 from swarmwright.testing import check_launcher
-from tests.conftest import Run
+from tests import conftest
 from tests.paced_simulation import written
 from tests.python.records import same_record
 from tests.slurm.conftest import Cluster, until
+from tests.system.processes import Program
 
 COMMAND = f"{sys.executable} -m swarmwright"
 
@@ -117,11 +120,45 @@ def test_what_is_wrong_is_said_in_the_words_of_slurm(
 
 
 @pytest.mark.timeout(120)
-def test_on_the_command_line(slurm: Cluster, tmp_path: Path, program: Run) -> None:
+def test_on_the_command_line(slurm: Cluster, tmp_path: Path, program: conftest.Run) -> None:
     experiment(tmp_path / "shared").save(tmp_path / "lab.yaml")
     result = program("optimize", "lab.yaml", "--servers", "slurm:1", "--out", "run", timeout=100)
     assert result.returncode == 0, result.stderr
     result = program("optimize", "lab.yaml", "--set", "servers.partition=nope", "--out", "other")
     assert result.returncode == 1
     assert "swarmwright: slurm: sbatch: error: " in result.stderr
+    assert slurm.queue() == []
+
+
+@pytest.mark.parametrize("first", ["in-process", "process:2"])
+@pytest.mark.timeout(120)
+def test_a_run_that_was_started_on_this_machine_goes_on_on_the_cluster(
+    slurm: Cluster, tmp_path: Path, first: str
+) -> None:
+    made = experiment(tmp_path / "shared", written(tmp_path / "simulation"))
+    # Options of the cluster are in the experiment, or they are named when they are needed.
+    known = first == "process:2"
+    (made if known else made.replace(servers="auto")).save(tmp_path / "lab.yaml")
+    begun = Program("optimize", "lab.yaml", "--servers", first, "--out", "run", "--json", cwd=tmp_path)
+    try:
+        begun.until(lambda run: sum("best_so_far" in line for line in run.lines) >= 4, "4 generations", 60)
+        begun.signal(signal.SIGINT)
+        assert begun.wait() == 130, begun.stderr
+    finally:
+        begun.stop()
+    assert slurm.queue() == []
+    (tmp_path / "run").rename(tmp_path / "moved")
+    stored = Run.open(tmp_path / "moved").generations
+    assert 4 <= stored < 12
+    servers = {"launcher": "slurm", "count": 2, **options(tmp_path / "shared")}
+    named = ["--servers", "slurm:2"] if known else ["--set", f"servers={json.dumps(servers)}"]
+    resumed = Program("resume", "moved", *named, "--json", cwd=tmp_path)
+    try:
+        assert resumed.wait(90) == 0, resumed.stderr
+    finally:
+        resumed.stop()
+    here = optimize(made, out=tmp_path / "here", servers="in-process", progress=False)
+    there = Run.open(tmp_path / "moved")
+    same_record(there, here)
+    assert len({attempt.server for attempt in there.attempts() if attempt.generation >= stored}) == 2
     assert slurm.queue() == []

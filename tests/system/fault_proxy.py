@@ -3,17 +3,16 @@
 import asyncio
 import contextlib
 import random
-import threading
 from collections import Counter
-from types import TracebackType
-from typing import Self
+
+from tests.system.proxy import Proxy
 
 PUBLISH, QOS = 0x30, 0x06
 STEPS = (b"sensor", b"actuator")
 """Messages of a single step have no number, so that one that comes twice counts as the next: not doubled."""
 
 
-class FaultProxy:
+class FaultProxy(Proxy):
     """Passes MQTT packets on to 127.0.0.1:`port`, until leaving the context; `url` is where it listens.
 
     delayed, doubled: shares of the packets; delay: the most, in seconds; packets never overtake each other.
@@ -30,29 +29,12 @@ class FaultProxy:
         doubled: float = 0.1,
         lifetime: float = 3.0,
     ) -> None:
-        self.url = ""
+        super().__init__(port)
         self.faults: Counter[str] = Counter()
         """How often each kind of fault has been made."""
-        self._port, self._draw = port, random.Random(seed)
+        self._draw = random.Random(seed)
         self._delayed, self._delay, self._doubled, self._lifetime = delayed, delay, doubled, lifetime
         self._writers: set[asyncio.StreamWriter] = set()
-        self._loop = asyncio.new_event_loop()
-        self._thread = threading.Thread(target=self._loop.run_forever)
-
-    def __enter__(self) -> Self:
-        self._thread.start()
-        listening = asyncio.start_server(self._accept, "127.0.0.1", 0)
-        self._server = asyncio.run_coroutine_threadsafe(listening, self._loop).result(10)
-        self.url = f"mqtt://127.0.0.1:{self._server.sockets[0].getsockname()[1]}"
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        asyncio.run_coroutine_threadsafe(self._stop(), self._loop).result(10)
-        self._loop.call_soon_threadsafe(self._loop.stop)
-        self._thread.join(10)
-        self._loop.close()
 
     def cut(self) -> None:
         """End all connections; new ones can be made."""
@@ -62,13 +44,6 @@ class FaultProxy:
                 one.transport.abort()
 
         self._loop.call_soon_threadsafe(abort)
-
-    async def _stop(self) -> None:
-        self._server.close()
-        others = [task for task in asyncio.all_tasks() if task is not asyncio.current_task()]
-        for task in others:
-            task.cancel()
-        await asyncio.gather(*others, return_exceptions=True)
 
     async def _accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         writers = [writer]

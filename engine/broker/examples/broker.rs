@@ -4,12 +4,9 @@ use std::io::Read;
 use swarmwright_broker::{Broker, BrokerError, Config};
 
 fn main() -> Result<(), BrokerError> {
-    let port = std::env::args()
-        .nth(1)
-        .and_then(|port| port.parse().ok())
-        .unwrap_or(0);
+    let port = std::env::args().nth(1).and_then(|port| port.parse().ok());
     let broker = Broker::start(&Config {
-        port,
+        port: Some(port.unwrap_or(0)),
         ..Config::default()
     })?;
     println!("{}", broker.url());

@@ -8,8 +8,12 @@ use std::time::Duration;
 pub struct Config {
     /// Address or name of this machine to listen on; loopback by default.
     pub host: String,
-    /// TCP port; 0 = any free one.
-    pub port: u16,
+    /// TCP port; 0 = any free one, None = no MQTT over TCP.
+    pub port: Option<u16>,
+    /// Path of a Unix socket to listen on, without TLS. A file that a broker left behind there is replaced.
+    pub socket: Option<PathBuf>,
+    /// Permissions of its file: whoever may write to it may connect.
+    pub socket_mode: u32,
     /// Port for MQTT over WebSocket; 0 = any free one, None = no WebSocket.
     pub websocket_port: Option<u16>,
     /// Password file, `user:hash` lines; None = every client may connect.
@@ -19,7 +23,7 @@ pub struct Config {
     /// Origins of web pages that may connect by WebSocket, as `https://dashboard.example.org`, or `*` for all. Pages from the
     /// host that they connect to always may, and clients other than browsers, which send no origin.
     pub origins: Vec<String>,
-    /// Certificate chain, PEM. With it both listeners speak TLS only.
+    /// Certificate chain, PEM. With it both TCP ports speak TLS only.
     pub certificate: Option<PathBuf>,
     /// Private key of the certificate, PEM.
     pub key: Option<PathBuf>,
@@ -54,7 +58,9 @@ impl Default for Config {
     fn default() -> Self {
         Self {
             host: "127.0.0.1".into(),
-            port: 0,
+            port: Some(0),
+            socket: None,
+            socket_mode: 0o600,
             websocket_port: None,
             users: None,
             access: None,

@@ -2,10 +2,9 @@
 
 use crate::hub::Hub;
 use crate::transport::Layers;
-use mio::net::TcpStream;
 use std::io::{self, ErrorKind, Write};
-use std::net::Shutdown;
 use std::time::Instant;
+use swarmwright_sockets::Socket;
 
 /// Bytes read at a time.
 pub const CHUNK: usize = 1 << 16;
@@ -18,7 +17,7 @@ const UNREAD: usize = 8 * CHUNK;
 
 /// A client's connection as the server sees it.
 pub struct Connection {
-    pub socket: TcpStream,
+    pub socket: Socket,
     pub layers: Option<Layers>,
     /// The part of an incomplete packet received so far.
     input: Vec<u8>,
@@ -33,7 +32,7 @@ pub struct Connection {
 
 impl Connection {
     /// A connection that was just accepted.
-    pub fn new(socket: TcpStream, layers: Option<Layers>) -> Self {
+    pub fn new(socket: Socket, layers: Option<Layers>) -> Self {
         Self {
             socket,
             layers,
@@ -115,7 +114,7 @@ impl Connection {
     /// Says that nothing more comes.
     pub fn finish(&mut self) -> io::Result<()> {
         if !std::mem::replace(&mut self.is_finished, true) {
-            self.socket.shutdown(Shutdown::Write)?;
+            self.socket.finish()?;
         }
         Ok(())
     }
@@ -164,7 +163,8 @@ mod tests {
     fn of_clients_whose_bytes_cost_much_fewer_are_read_at_a_time() {
         let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
         let socket = std::net::TcpStream::connect(listener.local_addr().unwrap()).unwrap();
-        let mut connection = Connection::new(TcpStream::from_std(socket), None);
+        let mut connection =
+            Connection::new(Socket::Tcp(mio::net::TcpStream::from_std(socket)), None);
         assert_eq!(connection.portion(), CHUNK);
         // Sixteen times as much as it may.
         connection.note_cost(CHUNK, 16_000, 1000);

@@ -32,6 +32,22 @@ pub enum BrokerError {
         /// Port asked for.
         port: u16,
     },
+    /// Another process listens on the Unix socket.
+    #[error(
+        "Unix socket {}: another broker listens there; stop it, or choose another path", path.display()
+    )]
+    SocketInUse {
+        /// Its path.
+        path: PathBuf,
+    },
+    /// The path cannot be that of a Unix socket.
+    #[error("Unix socket {}: {wrong}", path.display())]
+    SocketPath {
+        /// The path asked for.
+        path: PathBuf,
+        /// What is wrong, and how to fix it.
+        wrong: String,
+    },
     /// A file that the configuration names cannot be read.
     #[error("{what} {}: {source}; check the path and that this user may read it", path.display())]
     Unreadable {

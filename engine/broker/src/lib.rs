@@ -1,4 +1,4 @@
-//! The embedded MQTT broker: MQTT 5.0, 3.1.1 and 3.1 over TCP, TLS and WebSocket, in one thread of this process.
+//! The embedded MQTT broker: MQTT 5.0, 3.1.1 and 3.1 over TCP, TLS, WebSocket and Unix sockets, in one thread of this process.
 //!
 //! It keeps everything in memory. Messages of QoS 0 are never dropped for a reader that is behind: they are kept up to a bound
 //! in bytes, publishers are slowed down on the way there, and a reader that takes nothing at all is disconnected, with a
@@ -43,20 +43,23 @@ pub use passwords::{hash_for_mosquitto, hash_password};
 
 use access::Access;
 use passwords::{Passwords, Users};
-use server::{Renewal, Server, Stopper};
+use server::{Listening, Renewal, Server, Stopper};
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
+use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
 
 /// A running broker. It stops when told to or when dropped.
 pub struct Broker {
-    address: SocketAddr,
+    address: Option<SocketAddr>,
     websocket: Option<SocketAddr>,
     tls: bool,
     stopper: Stopper,
     /// What it was started with: the files are read again.
     config: Config,
     thread: Mutex<Option<JoinHandle<()>>>,
+    #[cfg(unix)]
+    file: Mutex<Option<server::SocketFile>>,
 }
 
 impl Broker {
@@ -67,38 +70,32 @@ impl Broker {
     pub fn start(config: &Config) -> Result<Self, BrokerError> {
         let Renewal { tls, users, access } = read_files(config)?;
         let origins = transport::Origins::new(&config.origins, tls.is_some())?;
-        let sockets = server::listen(config)?;
+        let listening = Listening::new(config)?;
         let system = |what| move |source| BrokerError::System { what, source };
-        let address = sockets[0]
-            .local_addr()
-            .map_err(system("read its own address"))?;
-        let websocket = match sockets.get(1) {
-            Some(socket) => Some(
-                socket
-                    .local_addr()
-                    .map_err(system("read its own address"))?,
-            ),
-            None => None,
-        };
         let is_tls = tls.is_some();
         let passwords = users
             .map(Passwords::new)
             .transpose()
             .map_err(system("start threads that check passwords"))?;
         let hub = hub::Hub::new(config.limits.clone(), passwords, access);
-        let (server, stopper) =
-            Server::new(sockets, tls, origins, hub).map_err(system("wait for sockets"))?;
+        let (server, stopper) = Server::new(listening.listeners, tls, origins, hub)
+            .map_err(system("wait for sockets"))?;
         let thread = thread::Builder::new()
             .name("mqtt-broker".into())
             .spawn(move || server.run())
             .map_err(system("start its thread"))?;
         Ok(Self {
-            address,
-            websocket,
+            address: listening.address,
+            websocket: listening.websocket,
             tls: is_tls,
             stopper,
-            config: config.clone(),
+            config: Config {
+                socket: config.socket.as_deref().map(absolute),
+                ..config.clone()
+            },
             thread: Mutex::new(Some(thread)),
+            #[cfg(unix)]
+            file: Mutex::new(listening.file),
         })
     }
 
@@ -113,9 +110,9 @@ impl Broker {
         Ok(())
     }
 
-    /// The TCP port, the actual one where 0 was asked for.
+    /// The TCP port, the actual one where 0 was asked for; 0 without MQTT over TCP.
     pub fn port(&self) -> u16 {
-        self.address.port()
+        self.address.map_or(0, |address| address.port())
     }
 
     /// The WebSocket port, where one was asked for.
@@ -123,13 +120,25 @@ impl Broker {
         self.websocket.map(|address| address.port())
     }
 
-    /// Where clients on this machine connect: `mqtt://host:port`, or `mqtts://` with TLS.
+    /// Where clients on this machine connect: `mqtt://host:port`, or `mqtts://` with TLS; without MQTT over TCP the Unix socket or,
+    /// without one, the WebSocket.
     pub fn url(&self) -> String {
-        format!(
-            "{}://{}",
-            if self.tls { "mqtts" } else { "mqtt" },
-            reachable(self.address)
-        )
+        let tcp = self.address.map(|address| {
+            format!(
+                "{}://{}",
+                if self.tls { "mqtts" } else { "mqtt" },
+                reachable(address)
+            )
+        });
+        tcp.or_else(|| self.socket_url())
+            .or_else(|| self.websocket_url())
+            .unwrap_or_default()
+    }
+
+    /// The Unix socket: `unix:///path`.
+    pub fn socket_url(&self) -> Option<String> {
+        let path = self.config.socket.as_ref()?;
+        Some(format!("unix://{}", path.display()))
     }
 
     /// The same for WebSocket clients: `ws://host:port`, or `wss://` with TLS.
@@ -143,8 +152,15 @@ impl Broker {
         })
     }
 
-    /// Tells the clients, closes their connections, ends the thread and frees the ports. A second call does nothing.
+    /// Tells the clients, closes their connections, ends the thread, frees the ports and removes the file of the Unix socket. A second
+    /// call does nothing.
     pub fn stop(&self) {
+        // While this broker listens there, no other one takes the file for one that was left behind.
+        #[cfg(unix)]
+        self.file
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .take();
         let thread = self
             .thread
             .lock()
@@ -188,6 +204,11 @@ fn read_files(config: &Config) -> Result<Renewal, BrokerError> {
         users: config.users.as_deref().map(Users::read).transpose()?,
         access: config.access.as_deref().map(Access::read).transpose()?,
     })
+}
+
+/// The path from the root; as it is where the system has no current folder.
+fn absolute(path: &Path) -> std::path::PathBuf {
+    std::path::absolute(path).unwrap_or_else(|_| path.to_owned())
 }
 
 /// "All networks" is not an address to connect to; loopback is one of them.

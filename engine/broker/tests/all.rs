@@ -6,4 +6,6 @@ mod lifecycle;
 mod messages;
 mod passwords;
 mod security;
+#[cfg(unix)]
+mod unix;
 mod websocket;

@@ -49,7 +49,7 @@ fn an_occupied_port_is_named() {
     let port = taken.local_addr().unwrap().port();
     for config in [
         Config {
-            port,
+            port: Some(port),
             ..Config::default()
         },
         Config {

@@ -18,7 +18,7 @@ fn stopping_tells_the_clients_and_frees_port_and_threads() {
     in_time(|| {
         let first = broker();
         let config = Config {
-            port: first.port(),
+            port: Some(first.port()),
             ..Config::default()
         };
         let mut clients: Vec<_> = (0..5)
@@ -35,7 +35,7 @@ fn stopping_tells_the_clients_and_frees_port_and_threads() {
             let again = Broker::start(&config).unwrap();
             drop(Client::join(&again, &Hello::default()));
         }
-        assert!(TcpStream::connect(("127.0.0.1", config.port)).is_err());
+        assert!(TcpStream::connect(("127.0.0.1", first.port())).is_err());
         assert_eq!(broker_threads(), 0);
     });
 }

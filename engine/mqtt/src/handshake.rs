@@ -96,7 +96,7 @@ fn attempt(
     transport
         .set_read_timeout(silence)
         .map_err(|error| broken(false, error.to_string()))?;
-    let mut session = Session::new(dialect.version);
+    let mut session = Session::new(dialect.version, settings.keep_alive);
     session
         .connect(settings, caller.client_id, dialect, out)
         .map_err(|error| broken(false, format!("{error:?}")))?;

@@ -2,7 +2,7 @@
 //!
 //! The protocol is implemented by the crate `mqtt-protocol-core`, which does no I/O; the most frequent packet
 //! is read and written here (`plain`). This crate adds the socket (TCP, TLS,
-//! websocket), the event loop on one thread without locks, and reconnection. One `poll` sends everything that was
+//! websocket, Unix socket), the event loop on one thread without locks, and reconnection. One `poll` sends everything that was
 //! published since the last in one write, since a step of many agents is many small messages.
 
 mod connection;
@@ -16,6 +16,8 @@ mod session;
 mod settings;
 mod tls;
 mod transport;
+#[cfg(unix)]
+mod unix;
 
 pub use connection::{Connection, Event, TooLarge, Traffic, Waker};
 pub use probe::holds_back_small_packets;
@@ -83,6 +85,15 @@ pub enum ConnectError {
         url: String,
         /// The broker's reason.
         reason: String,
+    },
+    /// The system does not let this user open the broker's Unix socket.
+    #[error(
+        "this user may not open the broker's socket {url} (permission denied); its file must be writable and the folders of \
+         its path accessible for this user: the built-in broker has --socket-mode, others a umask or a group"
+    )]
+    Forbidden {
+        /// Where.
+        url: String,
     },
     /// The broker denies this client a subscription.
     #[error(

@@ -9,7 +9,7 @@ pub use messages::{Incoming, QoS, Subscription, Version};
 
 use std::ops::Range;
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use mqtt_protocol_core::mqtt::common::Cursor;
 use mqtt_protocol_core::mqtt::connection::{Event as CoreEvent, TimerKind};
@@ -26,12 +26,22 @@ use crate::reading::Reading;
 /// The packet PINGREQ.
 const PINGREQ: [u8; 2] = [0xc0, 0];
 
+/// Parts of the keep-alive interval after which silence is noticed. Up to two of them before a ping and half of the interval for its
+/// answer make the whole interval.
+const CHECKS: u32 = 4;
+
 /// One MQTT connection's state.
 pub(crate) struct Session {
     version: Version,
     core: mqtt::Connection<role::Client>,
     ping_at: Option<Instant>,
-    silent_at: Option<Instant>,
+    keep_alive: Duration,
+    /// When it is next checked whether the broker is silent.
+    check_at: Instant,
+    /// Bytes came since the last check.
+    heard: bool,
+    /// The broker was silent at the last check, and was asked for an answer.
+    asked: bool,
     /// The part of an incomplete packet received so far.
     partial: Vec<u8>,
     /// The broker has accepted the connection: plain messages need not go through the core.
@@ -51,18 +61,22 @@ pub(crate) struct Session {
 }
 
 impl Session {
-    pub fn new(version: Version) -> Self {
+    /// `keep_alive`: seconds, as in the settings.
+    pub fn new(version: Version, keep_alive: u16) -> Self {
+        let keep_alive = Duration::from_secs(keep_alive.into());
         let mut core = mqtt::Connection::new(match version {
             Version::V5 => mqtt::Version::V5_0,
             Version::V3 => mqtt::Version::V3_1_1,
         });
         core.set_auto_pub_response(true);
-        core.set_pingresp_recv_timeout(20_000);
         Self {
             version,
             core,
             ping_at: None,
-            silent_at: None,
+            keep_alive,
+            check_at: Instant::now() + keep_alive / CHECKS,
+            heard: false,
+            asked: false,
             partial: Vec::new(),
             accepted: false,
             over: false,
@@ -143,6 +157,7 @@ impl Session {
         out: &mut Vec<u8>,
         received: &mut impl FnMut(Received),
     ) {
+        self.heard = true;
         if self.partial.is_empty() {
             let done = self.receive_packets(bytes, out, received);
             self.partial.extend_from_slice(&bytes[done..]);
@@ -207,21 +222,41 @@ impl Session {
 
     /// The next time at which `tick` is needed.
     pub fn next_timer(&self) -> Option<Instant> {
-        [self.ping_at, self.silent_at].into_iter().flatten().min()
+        self.ping_at
+            .map_or(Some(self.check_at), |at| Some(at.min(self.check_at)))
     }
 
     /// Fires the timers that are due.
     pub fn tick(&mut self, now: Instant, out: &mut Vec<u8>, received: &mut impl FnMut(Received)) {
-        if self.silent_at.is_some_and(|at| at <= now) {
-            self.silent_at = None;
-            received(Received::Closed(
-                "the broker has not answered a ping for 20 s".to_owned(),
-            ));
-        } else if self.ping_at.is_some_and(|at| at <= now) {
+        if self.ping_at.is_some_and(|at| at <= now) {
             self.ping_at = None;
             for event in self.core.notify_timer_fired(TimerKind::PingreqSend) {
                 self.handle(event, out, received);
             }
+        }
+        if self.check_at <= now {
+            self.check(now, out, received);
+        }
+    }
+
+    /// Asks a broker that has been silent, and gives up one that does not answer.
+    ///
+    /// Pings of the core depend on what is sent: a client that publishes now and then would never ask.
+    fn check(&mut self, now: Instant, out: &mut Vec<u8>, received: &mut impl FnMut(Received)) {
+        let asked = std::mem::replace(&mut self.asked, false);
+        if std::mem::take(&mut self.heard) {
+            self.check_at = now + self.keep_alive / CHECKS;
+        } else if !asked {
+            self.asked = true;
+            self.reading.asked(0);
+            out.extend_from_slice(&PINGREQ);
+            self.check_at = now + self.keep_alive / 2;
+        } else {
+            self.check_at = now + self.keep_alive;
+            received(Received::Closed(format!(
+                "the broker has not answered a ping for {} s",
+                self.keep_alive.as_secs_f64() / 2.0
+            )));
         }
     }
 }

@@ -9,6 +9,10 @@ use std::{env, fmt, fs};
 
 use crate::session::Version;
 
+/// Seconds.
+const KEEP_ALIVE: u16 = 30;
+const LONGEST_KEEP_ALIVE: u16 = 3600;
+
 /// How the broker is reached.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Scheme {
@@ -20,19 +24,21 @@ pub enum Scheme {
     Ws,
     /// Websocket over TLS.
     Wss,
+    /// Unix socket.
+    Unix,
 }
 
-/// Address of a broker: `mqtt://`, `mqtts://`, `ws://` or `wss://`, host, optional port and path; `?mqtt=3` or `?mqtt=5`
-/// after it restricts the connection to one version of MQTT.
+/// Address of a broker: `mqtt://`, `mqtts://`, `ws://` or `wss://`, host, optional port and path, or `unix://` and the
+/// absolute path of a Unix socket; `?mqtt=3` or `?mqtt=5` after it restricts the connection to one version of MQTT.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct BrokerUrl {
     /// How the broker is reached.
     pub scheme: Scheme,
-    /// Name or address, without brackets.
+    /// Name or address, without brackets; empty for a Unix socket.
     pub host: String,
-    /// TCP port.
+    /// TCP port; 0 for a Unix socket.
     pub port: u16,
-    /// Path of a websocket.
+    /// Path of a websocket, or of the file of a Unix socket.
     pub path: String,
     /// The only version of MQTT to use; None = negotiate.
     pub version: Option<Version>,
@@ -64,14 +70,33 @@ impl FromStr for BrokerUrl {
             "mqtts" | "ssl" | "tls" => (Scheme::Mqtts, 8883),
             "ws" => (Scheme::Ws, 80),
             "wss" => (Scheme::Wss, 443),
+            "unix" => (Scheme::Unix, 0),
             _ => {
                 return Err(wrong(
-                    "the scheme must be mqtt://, mqtts://, ws:// or wss://",
+                    "the scheme must be mqtt://, mqtts://, ws://, wss:// or unix://",
                 ));
             }
         };
         let (rest, query) = rest.split_once('?').unwrap_or((rest, ""));
         let (version, query) = options(query).map_err(|reason| wrong(&reason))?;
+        let unknown = || {
+            wrong(&format!(
+                "{query:?} is not an option; the options are ?mqtt=3 and ?mqtt=5"
+            ))
+        };
+        if scheme == Scheme::Unix {
+            check_socket(rest).map_err(|reason| wrong(&reason))?;
+            if !query.is_empty() {
+                return Err(unknown());
+            }
+            return Ok(Self {
+                scheme,
+                host: String::new(),
+                port: 0,
+                path: rest.to_owned(),
+                version,
+            });
+        }
         let (authority, path) = rest
             .split_once('/')
             .map_or((rest, ""), |(authority, path)| (authority, path));
@@ -104,9 +129,7 @@ impl FromStr for BrokerUrl {
             ));
         }
         if plain && !query.is_empty() {
-            return Err(wrong(&format!(
-                "{query:?} is not an option; the options are ?mqtt=3 and ?mqtt=5"
-            )));
+            return Err(unknown());
         }
         let mut path = if plain || !path.is_empty() {
             format!("/{path}")
@@ -123,6 +146,43 @@ impl FromStr for BrokerUrl {
             path,
             version,
         })
+    }
+}
+
+/// A keep-alive interval.
+fn seconds(text: &str) -> Result<u16, SettingsError> {
+    text.parse()
+        .ok()
+        .filter(|seconds| (1..=LONGEST_KEEP_ALIVE).contains(seconds))
+        .ok_or_else(|| {
+            SettingsError(format!(
+                "SWARMWRIGHT_KEEP_ALIVE: expected whole seconds from 1 to {LONGEST_KEEP_ALIVE}, not {text:?}"
+            ))
+        })
+}
+
+/// What is wrong with the path of a Unix socket.
+fn check_socket(path: &str) -> Result<(), String> {
+    #[cfg(unix)]
+    {
+        use swarmwright_sockets::LONGEST_PATH;
+        if !path.starts_with('/') {
+            return Err(
+                "the path must be absolute; write it like unix:///run/mosquitto.sock".to_owned(),
+            );
+        }
+        if path.len() > LONGEST_PATH {
+            return Err(format!(
+                "the path has {} bytes, and this system allows Unix sockets {LONGEST_PATH}; use a shorter one",
+                path.len()
+            ));
+        }
+        Ok(())
+    }
+    #[cfg(not(unix))]
+    {
+        let _ = path;
+        Err("this system has no Unix sockets for brokers; use mqtt://localhost".to_owned())
     }
 }
 
@@ -152,6 +212,7 @@ impl fmt::Display for BrokerUrl {
             Scheme::Mqtts => "mqtts",
             Scheme::Ws => "ws",
             Scheme::Wss => "wss",
+            Scheme::Unix => return write!(formatter, "unix://{}", self.path),
         };
         let path = if self.path == "/" { "" } else { &self.path };
         if self.host.contains(':') {
@@ -188,7 +249,8 @@ pub struct Settings {
     pub ca_file: Option<PathBuf>,
     /// Published by the broker when this connection breaks.
     pub will: Option<Will>,
-    /// Keep-alive interval, seconds.
+    /// Keep-alive interval, seconds: within it a silent broker is asked and, when it does not answer, given up; the broker gives
+    /// this client up after one and a half.
     pub keep_alive: u16,
     /// How long one attempt to connect may take.
     pub timeout: Duration,
@@ -198,12 +260,13 @@ pub struct Settings {
 
 impl Settings {
     /// Settings with the credentials of the environment: `SWARMWRIGHT_USERNAME`, `SWARMWRIGHT_PASSWORD` or
-    /// `SWARMWRIGHT_PASSWORD_FILE` (first line), `SWARMWRIGHT_CA_FILE`.
+    /// `SWARMWRIGHT_PASSWORD_FILE` (first line), `SWARMWRIGHT_CA_FILE`; and with its keep-alive interval, `SWARMWRIGHT_KEEP_ALIVE`.
     ///
     /// `url`: of a broker, or those of the brokers of a cluster, separated by commas.
     ///
     /// # Errors
-    /// A URL is not valid, the password file cannot be read, or a password is set without a user name.
+    /// A URL is not valid, the password file cannot be read, a password is set without a user name, or the keep-alive interval is
+    /// not a number of seconds.
     pub fn from_environment(url: &str) -> Result<Self, SettingsError> {
         let variable = |name: &str| env::var(name).ok().filter(|value| !value.is_empty());
         let username = variable("SWARMWRIGHT_USERNAME");
@@ -241,6 +304,9 @@ impl Settings {
         settings.username = username;
         settings.password = password;
         settings.ca_file = variable("SWARMWRIGHT_CA_FILE").map(PathBuf::from);
+        if let Some(text) = variable("SWARMWRIGHT_KEEP_ALIVE") {
+            settings.keep_alive = seconds(&text)?;
+        }
         Ok(settings)
     }
 
@@ -254,7 +320,7 @@ impl Settings {
             password: None,
             ca_file: None,
             will: None,
-            keep_alive: 30,
+            keep_alive: KEEP_ALIVE,
             timeout: Duration::from_secs(5),
             clear_text_is_known: false,
         }
@@ -321,6 +387,8 @@ mod tests {
             ("ws://localhost:9001", "ws://localhost:9001/mqtt"),
             ("wss://localhost/a/b", "wss://localhost:443/a/b"),
             ("mqtt://[::1]:1883", "mqtt://[::1]:1883"),
+            #[cfg(unix)]
+            ("unix:///run/a b.sock", "unix:///run/a b.sock"),
         ] {
             assert_eq!(text.parse::<BrokerUrl>().unwrap().to_string(), shown);
         }
@@ -336,6 +404,8 @@ mod tests {
             ("mqtt://localhost", false),
             ("mqtt://127.0.0.2", false),
             ("ws://[::1]", false),
+            #[cfg(unix)]
+            ("unix:///run/broker.sock", false),
         ] {
             let mut settings = Settings::new(url.parse().unwrap());
             assert_eq!(settings.clear_text_warning(), None);
@@ -376,6 +446,15 @@ mod tests {
     }
 
     #[test]
+    fn keep_alive_intervals_are_whole_seconds() {
+        assert_eq!(seconds("5"), Ok(5));
+        for wrong in ["0", "3601", "-1", "2.5", "often", " 5"] {
+            let error = seconds(wrong).unwrap_err().to_string();
+            assert!(error.contains("from 1 to 3600") && error.contains(wrong));
+        }
+    }
+
+    #[test]
     fn a_url_may_ask_for_a_version_of_mqtt() {
         for (text, shown, version) in [
             (
@@ -398,6 +477,12 @@ mod tests {
                 "ws://localhost:80/a?x=1&y=2",
                 Some(Version::V5),
             ),
+            #[cfg(unix)]
+            (
+                "unix:///run/broker.sock?mqtt=3",
+                "unix:///run/broker.sock",
+                Some(Version::V3),
+            ),
             ("ws://localhost/a?x=1", "ws://localhost:80/a?x=1", None),
         ] {
             let url: BrokerUrl = text.parse().unwrap();
@@ -407,8 +492,20 @@ mod tests {
 
     #[test]
     fn urls_that_cannot_be_say_why_and_never_repeat_a_password() {
+        #[cfg(unix)]
+        let long = format!("unix:///{}", "x".repeat(107));
         for (text, why) in [
             ("http://localhost", "scheme"),
+            #[cfg(unix)]
+            ("unix://run/broker.sock", "must be absolute"),
+            #[cfg(unix)]
+            ("unix://", "must be absolute"),
+            #[cfg(unix)]
+            ("unix:///run/broker.sock?clean=1", "?mqtt=3 and ?mqtt=5"),
+            #[cfg(unix)]
+            (&long, "the path has 108 bytes"),
+            #[cfg(not(unix))]
+            ("unix:///run/broker.sock", "no Unix sockets"),
             ("mqtt://", "HOST"),
             ("mqtt://localhost:99999", "port"),
             ("mqtt://localhost:0", "port"),

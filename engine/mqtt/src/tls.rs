@@ -4,10 +4,10 @@ use std::io;
 use std::sync::Arc;
 use std::time::Duration;
 
-use mio::net::TcpStream;
 use rustls::pki_types::pem::PemObject;
 use rustls::pki_types::{CertificateDer, ServerName, UnixTime, pem};
 use rustls::{CertificateError, ClientConfig, ClientConnection, RootCertStore, StreamOwned};
+use swarmwright_sockets::Socket;
 
 use crate::ConnectError;
 use crate::settings::Settings;
@@ -15,8 +15,8 @@ use crate::settings::Settings;
 /// The TLS handshake over a connected socket.
 pub(crate) fn connect(
     settings: &Settings,
-    stream: TcpStream,
-) -> Result<StreamOwned<ClientConnection, TcpStream>, ConnectError> {
+    stream: Socket,
+) -> Result<StreamOwned<ClientConnection, Socket>, ConnectError> {
     let failed = |reason: String| ConnectError::Tls {
         url: settings.url.to_string(),
         reason,

@@ -1,4 +1,4 @@
-//! The byte stream to the broker: TCP, TLS or websocket, all with `TCP_NODELAY`.
+//! The byte stream to the broker: TCP, TLS or websocket, all with `TCP_NODELAY`, or a Unix socket.
 //!
 //! Several small messages a step would otherwise meet Nagle's algorithm and delayed acknowledgements: 40 ms each. In the
 //! other direction that is the broker's choice; acknowledging at once (`acknowledge`) makes up for it.
@@ -9,20 +9,22 @@ use std::time::Duration;
 
 use mio::net::TcpStream;
 use rustls::{ClientConnection, StreamOwned};
-use socket2::SockRef;
+use swarmwright_sockets::Socket;
 use tungstenite::WebSocket;
 
 use crate::settings::{Scheme, Settings};
+#[cfg(unix)]
+use crate::unix;
 use crate::{ConnectError, tls};
 
-/// TCP or TLS.
+/// With or without TLS.
 enum Channel {
-    Plain(TcpStream),
-    Tls(Box<StreamOwned<ClientConnection, TcpStream>>),
+    Plain(Socket),
+    Tls(Box<StreamOwned<ClientConnection, Socket>>),
 }
 
 impl Channel {
-    fn socket(&mut self) -> &mut TcpStream {
+    fn socket(&mut self) -> &mut Socket {
         match self {
             Self::Plain(stream) => stream,
             Self::Tls(stream) => &mut stream.sock,
@@ -113,6 +115,11 @@ impl Transport {
     /// Connects, with every handshake below MQTT done; the socket blocks, with the settings' time-out.
     pub fn connect(settings: &Settings) -> Result<Self, ConnectError> {
         let url = settings.url.to_string();
+        #[cfg(unix)]
+        if settings.url.scheme == Scheme::Unix {
+            let socket = unix::connect(settings)?;
+            return Ok(Self(Stream::Raw(Channel::Plain(socket))));
+        }
         let stream = connect_tcp(settings).map_err(|error| ConnectError::NoBroker {
             url: url.clone(),
             reason: error.to_string(),
@@ -143,7 +150,7 @@ impl Transport {
     }
 
     /// The socket, to be registered with the event loop.
-    pub fn socket(&mut self) -> &mut TcpStream {
+    pub fn socket(&mut self) -> &mut Socket {
         match &mut self.0 {
             Stream::Raw(channel) => channel.socket(),
             Stream::WebSocket(stream) => stream.socket.get_mut().socket(),
@@ -152,28 +159,26 @@ impl Transport {
 
     /// How long a read waits from here on.
     pub fn set_read_timeout(&mut self, timeout: Duration) -> io::Result<()> {
-        SockRef::from(&*self.socket()).set_read_timeout(Some(timeout))
+        self.socket().options().set_read_timeout(Some(timeout))
     }
 
     /// From here on reads and writes return at once.
     pub fn set_nonblocking(&mut self) -> io::Result<()> {
-        SockRef::from(&*self.socket()).set_nonblocking(true)
+        self.socket().options().set_nonblocking(true)
     }
 
     /// Has the system acknowledge now what has come in, rather than with what is sent next or after 40 ms.
     ///
     /// A broker that leaves Nagle's algorithm on sends nothing more until then. Only Linux can do it.
     pub fn acknowledge(&mut self) {
-        #[cfg(any(target_os = "linux", target_os = "android"))]
-        if let Err(error) = SockRef::from(&*self.socket()).set_tcp_quickack(true) {
+        if let Err(error) = self.socket().acknowledge(true) {
             log::debug!("the system does not acknowledge at once: {error}");
         }
     }
 
     /// Has the system acknowledge what comes next with what is sent after it, or after 40 ms. Only Linux can be asked.
     pub fn acknowledge_late(&mut self) {
-        #[cfg(any(target_os = "linux", target_os = "android"))]
-        if let Err(error) = SockRef::from(&*self.socket()).set_tcp_quickack(false) {
+        if let Err(error) = self.socket().acknowledge(false) {
             log::debug!("the system does not acknowledge late: {error}");
         }
     }
@@ -208,7 +213,7 @@ impl Transport {
     }
 }
 
-fn connect_tcp(settings: &Settings) -> io::Result<TcpStream> {
+fn connect_tcp(settings: &Settings) -> io::Result<Socket> {
     let addresses = (settings.url.host.as_str(), settings.url.port).to_socket_addrs()?;
     let mut last = io::Error::new(ErrorKind::NotFound, "the host name has no address");
     for address in addresses {
@@ -217,7 +222,7 @@ fn connect_tcp(settings: &Settings) -> io::Result<TcpStream> {
                 stream.set_nodelay(true)?;
                 stream.set_read_timeout(Some(settings.timeout))?;
                 stream.set_write_timeout(Some(settings.timeout))?;
-                return Ok(TcpStream::from_std(stream));
+                return Ok(Socket::Tcp(TcpStream::from_std(stream)));
             }
             Err(error) => last = error,
         }

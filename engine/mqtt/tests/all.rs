@@ -4,3 +4,5 @@ mod common;
 mod connection;
 mod dialects;
 mod other_brokers;
+#[cfg(unix)]
+mod unix;

@@ -87,7 +87,7 @@ fn a_connection_reconnects_with_its_subscriptions() {
     assert_eq!(reader.version(), None);
     reader.publish("t", b"into the void", QoS::AtMostOnce, false, None);
     let _broker = Broker::start(&Config {
-        port,
+        port: Some(port),
         ..Config::default()
     })
     .unwrap();

@@ -24,6 +24,9 @@ pub struct Timeouts {
     /// For a whole stepwise episode.
     #[serde(with = "seconds")]
     pub episode: Duration,
+    /// Keep-alive interval of the connection to the broker, seconds; None = that of the connection's settings. For the caller,
+    /// as `connect` is.
+    pub keep_alive: Option<u16>,
 }
 
 impl Timeouts {
@@ -55,6 +58,7 @@ impl Default for Timeouts {
             step: Duration::from_secs(60),
             least: Duration::from_secs(1),
             episode: Duration::from_secs(86_400),
+            keep_alive: None,
         }
     }
 }

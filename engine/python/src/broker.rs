@@ -13,6 +13,7 @@ use crate::errors::engine;
 pub struct PyBroker {
     broker: Option<Broker>,
     url: String,
+    socket_url: Option<String>,
     port: u16,
 }
 
@@ -20,11 +21,13 @@ pub struct PyBroker {
 impl PyBroker {
     #[new]
     #[expect(clippy::too_many_arguments, reason = "keywords, each with a default")]
-    #[pyo3(signature = (host="127.0.0.1", port=0, *, websocket_port=None, users=None, access=None, certificate=None, key=None, origins=None, rate=None, memory=None))]
+    #[pyo3(signature = (host="127.0.0.1", port=Some(0), *, socket=None, socket_mode=0o600, websocket_port=None, users=None, access=None, certificate=None, key=None, origins=None, rate=None, memory=None))]
     fn new(
         py: Python<'_>,
         host: &str,
-        port: u16,
+        port: Option<u16>,
+        socket: Option<PathBuf>,
+        socket_mode: u32,
         websocket_port: Option<u16>,
         users: Option<PathBuf>,
         access: Option<PathBuf>,
@@ -40,6 +43,8 @@ impl PyBroker {
         let config = Config {
             host: host.to_owned(),
             port,
+            socket,
+            socket_mode,
             websocket_port,
             users,
             access,
@@ -51,6 +56,7 @@ impl PyBroker {
         let broker = py.detach(|| Broker::start(&config)).map_err(engine)?;
         Ok(Self {
             url: broker.url(),
+            socket_url: broker.socket_url(),
             port: broker.port(),
             broker: Some(broker),
         })
@@ -59,6 +65,11 @@ impl PyBroker {
     #[getter]
     fn url(&self) -> &str {
         &self.url
+    }
+
+    #[getter]
+    fn socket_url(&self) -> Option<&str> {
+        self.socket_url.as_deref()
     }
 
     #[getter]

@@ -4,7 +4,7 @@ use numpy::{PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use swarmwright_mqtt::Settings;
-use swarmwright_pool::{About, Attempt, Demand, Options, Pool, PoolError, Report};
+use swarmwright_pool::{About, Attempt, Demand, Options, Pool, PoolError, Report, Timeouts};
 use swarmwright_protocol::Requirements;
 
 use crate::errors::{engine, input, unconnected};
@@ -85,9 +85,12 @@ impl PyPool {
         let timeouts = timeouts
             .map(|given| section("timeouts", given))
             .transpose()?;
+        let timeouts: Timeouts = timeouts.unwrap_or_default();
         let faults = faults.map(|given| section("faults", given)).transpose()?;
+        let mut settings = Settings::from_environment(broker).map_err(input)?;
+        settings.keep_alive = timeouts.keep_alive.unwrap_or(settings.keep_alive);
         let options = Options {
-            settings: Settings::from_environment(broker).map_err(input)?,
+            settings,
             prefix: prefix.to_owned(),
             tool: tool.to_owned(),
             demand: Demand {
@@ -101,7 +104,7 @@ impl PyPool {
             },
             parameters: object("parameters", parameters)?,
             visual,
-            timeouts: timeouts.unwrap_or_default(),
+            timeouts,
             faults: faults.unwrap_or_default(),
             largest: largest.unwrap_or(usize::MAX),
             alone,

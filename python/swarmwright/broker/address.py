@@ -1,9 +1,14 @@
 """Addresses of brokers and topic prefixes, checked before anything connects."""
 
+import os
+import sys
 from urllib.parse import urlsplit
 
-SCHEMES = ("mqtt", "mqtts", "ws", "wss")
+SCHEMES = ("mqtt", "mqtts", "ws", "wss", "unix")
 VERSIONS = ("3", "5")
+
+LONGEST_SOCKET_PATH = 107 if sys.platform.startswith("linux") else 103
+"""Bytes of the path of a Unix socket."""
 
 
 def broker_problem(urls: str) -> str | None:
@@ -33,6 +38,9 @@ def _problem(url: str) -> str | None:
             "must not contain a user or a password: set SWARMWRIGHT_USERNAME and SWARMWRIGHT_PASSWORD "
             "(or SWARMWRIGHT_PASSWORD_FILE) in the environment instead"
         )
+    if parts.scheme == "unix":
+        path = url.partition("://")[2].partition("?")[0]
+        return _socket_problem(path) or _option_problem(parts.query, web=False)
     if not parts.hostname:
         return f"names no host; {example}"
     try:
@@ -42,6 +50,26 @@ def _problem(url: str) -> str | None:
     if port == 0:
         return f"has a port that is not a number from 1 to 65535; {example}"
     return _option_problem(parts.query, web=parts.scheme in {"ws", "wss"})
+
+
+def _socket_problem(path: str) -> str | None:
+    """Return what is wrong with the path of a Unix socket; whether it is there is seen on connecting."""
+    if sys.platform == "win32":
+        return "names a Unix socket, which this system does not have for brokers; use mqtt://localhost"
+    if not path.startswith("/"):
+        return "must have the absolute path of a Unix socket; write it like unix:///run/mosquitto.sock"
+    length = len(os.fsencode(path))
+    if length > LONGEST_SOCKET_PATH:
+        return (
+            f"has a path of {length} bytes, and this system allows Unix sockets {LONGEST_SOCKET_PATH}; "
+            "use a shorter one"
+        )
+    return None
+
+
+def for_other_machines(urls: str) -> str:
+    """Those of a broker's addresses that can be used on other machines: Unix sockets cannot; "" for none."""
+    return ",".join(url for url in urls.split(",") if not url.strip().startswith("unix:"))
 
 
 def _option_problem(query: str, *, web: bool) -> str | None:

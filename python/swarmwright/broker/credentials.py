@@ -12,7 +12,8 @@ import re
 from swarmwright.core.errors import InputError
 
 SERVICE = "swarmwright"
-"""Under this name the keyring has the passwords, of `USER@HOST:PORT` or, for every broker, of `USER`."""
+"""Under this name the keyring has the passwords, of `USER@HOST:PORT` (`USER@PATH` for a Unix socket) or, for
+every broker, of `USER`."""
 
 _LOGGER = logging.getLogger("swarmwright")
 _warned: set[str] = set()
@@ -27,14 +28,15 @@ def prepare(broker: str) -> None:
         InputError: As `from_keyring`.
     """
     from_keyring(broker)
-    there = place(broker)
-    if there not in _warned and has_password() and in_clear(broker):
-        _warned.add(there)
-        _LOGGER.warning(
-            "the password for %s travels unencrypted and can be read on the network path; use a broker "
-            "with TLS, mqtts://",
-            there,
-        )
+    for url in broker.split(","):
+        there = place(url)
+        if there not in _warned and has_password() and in_clear(url):
+            _warned.add(there)
+            _LOGGER.warning(
+                "the password for %s travels unencrypted and can be read on the network path; use a broker "
+                "with TLS, mqtts://",
+                there,
+            )
 
 
 def has_password() -> bool:
@@ -44,7 +46,7 @@ def has_password() -> bool:
 
 def in_clear(broker: str) -> bool:
     """Whether what is sent to a broker leaves this machine without TLS."""
-    if broker.rpartition("://")[0].lower() in {"mqtts", "ssl", "tls", "wss"}:
+    if _scheme(broker) in {"mqtts", "ssl", "tls", "wss", "unix"}:
         return False
     host = re.sub(r":\d+$", "", place(broker)).strip("[]").lower()
     if host == "localhost" or host.endswith(".localhost"):
@@ -58,7 +60,8 @@ def in_clear(broker: str) -> bool:
 def from_keyring(broker: str) -> None:
     """Look the password up, if a user is named and nothing else says it; child processes get it, too.
 
-    broker: URL. Nothing is done where the package keyring is not installed, or has no such password.
+    broker: URL, or several, separated by commas. Nothing is done where the package keyring is not installed,
+    or has no such password.
 
     Raises:
         InputError: The keyring is there and cannot be read: locked, or its file is damaged.
@@ -72,7 +75,7 @@ def from_keyring(broker: str) -> None:
     except ImportError:
         return
     try:
-        for account in (f"{user}@{place(broker)}", user):
+        for account in (*(f"{user}@{place(url)}" for url in broker.split(",")), user):
             password = keyring.get_password(SERVICE, account)
             if password:
                 # The engine reads its environment, and so do the servers that a run starts.
@@ -88,9 +91,16 @@ def from_keyring(broker: str) -> None:
 
 
 def place(broker: str) -> str:
-    """Host and port of a broker's URL: mqtts://lab -> lab:8883."""
-    scheme, _, rest = broker.rpartition("://")
+    """Host and port of a broker's URL, or the path of its Unix socket: mqtts://lab -> lab:8883."""
+    rest = broker.strip().rpartition("://")[2]
+    if _scheme(broker) == "unix":
+        return rest.partition("?")[0]
     authority = re.split("[/?]", rest, maxsplit=1)[0]
     if re.search(r":\d+$", authority):
         return authority
-    return f"{authority}:{_PORTS.get(scheme.lower(), 1883)}"
+    return f"{authority}:{_PORTS.get(_scheme(broker), 1883)}"
+
+
+def _scheme(broker: str) -> str:
+    """The scheme of a URL in lower case, "" where it has none."""
+    return broker.strip().rpartition("://")[0].lower()

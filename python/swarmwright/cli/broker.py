@@ -2,6 +2,7 @@
 
 import ipaddress
 import logging
+import re
 import shlex
 import socket
 import sys
@@ -19,6 +20,19 @@ from swarmwright.cli._signals import Terminated
 
 Port = WholeNumber(0, 65535)
 
+
+class Mode(click.ParamType[int]):
+    """Permissions of a file in octal digits, as chmod takes them."""
+
+    name = "mode"
+
+    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> int:
+        """The permissions as bits."""
+        if not re.fullmatch("0?[0-7]{3}", value):
+            self.fail(f"'{value}' is not a mode; write three octal digits, such as 660.", param, ctx)
+        return int(value, 8)
+
+
 _LOGGER = logging.getLogger("swarmwright.broker")
 
 LOG_SIZE = 64
@@ -26,6 +40,7 @@ LOG_SIZE = 64
 
 EXAMPLE = """\
 swarmwright broker --port 1883
+swarmwright broker --socket /run/user/1000/swarmwright.sock
 swarmwright broker --init lab --host broker.example.org
 swarmwright broker --add-user users.txt ada
 swarmwright broker --host 0.0.0.0 --users users.txt --certificate chain.pem --key key.pem"""
@@ -40,6 +55,20 @@ swarmwright broker --host 0.0.0.0 --users users.txt --certificate chain.pem --ke
     metavar="HOST",
     help="Address to listen on (default: 127.0.0.1); with --init, a name or address by which clients reach "
     "the broker, may be repeated (default: this machine's name).",
+)
+@click.option(
+    "--socket",
+    "socket_file",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Listen on a Unix socket, unix:///PATH for clients, without TLS; on TCP too only with --port or "
+    "--host.",
+)
+@click.option(
+    "--socket-mode",
+    type=Mode(),
+    metavar="MODE",
+    help="Permissions of the socket's file: who may write to it may connect.  [default: 600]",
 )
 @click.option("--websocket-port", type=Port, metavar="PORT", help="Also listen for MQTT over websockets.")
 @click.option(
@@ -113,6 +142,8 @@ swarmwright broker --host 0.0.0.0 --users users.txt --certificate chain.pem --ke
 def command(
     port: int | None,
     hosts: tuple[str, ...],
+    socket_file: Path | None,
+    socket_mode: int | None,
     websocket_port: int | None,
     origins: tuple[str, ...],
     users: Path | None,
@@ -133,12 +164,14 @@ def command(
     """Run the MQTT broker until Ctrl-C, or write the files that a broker needs.
 
     Without a password file, every client that can reach the broker may use it. Therefore it listens on the
-    loopback address only, and to other machines only with a password file and TLS. SIGHUP has it read its
-    files again.
+    loopback address only, and to other machines only with a password file and TLS; a Unix socket is for users
+    who may write to its file. SIGHUP has it read its files again.
     """
     output = Output(as_json=as_json)
     if folder is not None or add_user is not None:
         others = {
+            "--socket": socket_file,
+            "--socket-mode": socket_mode,
             "--websocket-port": websocket_port,
             "--origin": origins or None,
             "--users": users,
@@ -163,13 +196,20 @@ def command(
         raise click.UsageError(f"TLS needs both --certificate and --key; {missing} is missing.")
     _needs("--access", access, "--users FILE", users)
     _needs("--origin", origins or None, "--websocket-port PORT", websocket_port)
+    _needs("--socket-mode", socket_mode, "--socket FILE", socket_file)
+    if socket_file is not None and port is None and not hosts:
+        _needs("--certificate", certificate, "a TCP port; add --port PORT", websocket_port)
+    elif port is None:
+        port = 8883 if certificate else 1883
     _check_exposure(host, users=users, certificate=certificate)
     from swarmwright import _engine
 
     with Log(log, log_level, size=log_size or LOG_SIZE) as lines, hangups() as hung_up:
         broker = _engine.Broker(
             host,
-            port if port is not None else 8883 if certificate else 1883,
+            port,
+            socket=str(socket_file) if socket_file else None,
+            socket_mode=0o600 if socket_mode is None else socket_mode,
             websocket_port=websocket_port,
             users=str(users) if users else None,
             access=str(access) if access else None,
@@ -180,8 +220,10 @@ def command(
             memory=None if memory is None else memory << 20,
         )
         try:
-            output.text(f"The broker listens on {broker.url} (Ctrl-C stops it)")
-            output.json({"event": "listening", "url": broker.url, "port": broker.port})
+            where = dict.fromkeys(url for url in (broker.url, broker.socket_url) if url)
+            output.text(f"The broker listens on {' and '.join(where)} (Ctrl-C stops it)")
+            listening = {"event": "listening", "url": broker.url, "port": broker.port or None}
+            output.json({**listening, **({"socket": broker.socket_url} if socket_file else {})})
             lines.write("info", "listening", url=broker.url)
             # In slices: a signal that comes just before a wait without end begins would never be noticed.
             while True:

@@ -15,6 +15,8 @@ class Timeouts(TypedDict, total=False):
     step: float
     least: float
     episode: float
+    keep_alive: int | None
+    """Whole seconds; None: SWARMWRIGHT_KEEP_ALIVE of the environment, or 30."""
 
 
 class Faults(TypedDict, total=False):

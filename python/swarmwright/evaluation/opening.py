@@ -233,6 +233,7 @@ def open_servers(
         visual=visual,
         episode_timeout=experiment.timeouts.episode,
         start_timeout=max(START, experiment.timeouts.discovery),
+        environment=experiment.timeouts.variables(),
     )
     return address, stack.enter_context(servers)
 

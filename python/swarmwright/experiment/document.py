@@ -93,6 +93,14 @@ class Timeouts(Options):
     another server gets a backup of its work, and the first result counts. Bounded from above by `step`."""
     episode: float = Field(default=_WAIT["episode"], gt=0, le=31 * 86_400)
     """For a whole stepwise episode, before it is given to another server although messages still arrive."""
+    keep_alive: int | None = Field(default=None, ge=1, le=3600)
+    """Keep-alive interval of connections to the broker, of the run and of servers that it starts, in whole
+    seconds. A connection that fails silently is noticed within it at both, and by the broker after one and a
+    half intervals. Default: SWARMWRIGHT_KEEP_ALIVE in the environment, or 30."""
+
+    def variables(self) -> dict[str, str]:
+        """Return environment variables for servers that the run starts."""
+        return {} if self.keep_alive is None else {"SWARMWRIGHT_KEEP_ALIVE": str(self.keep_alive)}
 
 
 class Faults(Options):
@@ -284,10 +292,10 @@ class Document(Options):
     Or what starts servers elsewhere, {launcher: slurm, count: 200, partition: long}, in short slurm:200, or a
     list of these; they are started on the broker that is given, or on the embedded one."""
     broker: str | None = None
-    """Address of an external broker: mqtt://, mqtts://, ws:// or wss://, host, port; several, separated by
-    commas, are the brokers of a cluster, of which the next is used when one is lost. User and password are
-    not part of it: they come from the environment, SWARMWRIGHT_USERNAME and SWARMWRIGHT_PASSWORD (or
-    SWARMWRIGHT_PASSWORD_FILE). Default: an embedded broker is started."""
+    """Address of an external broker: mqtt://, mqtts://, ws:// or wss://, host, port, or unix:// and the path
+    of a socket; several, separated by commas, are the brokers of a cluster, of which the next is used when
+    one is lost. User and password are not part of it: they come from the environment, SWARMWRIGHT_USERNAME
+    and SWARMWRIGHT_PASSWORD (or SWARMWRIGHT_PASSWORD_FILE). Default: an embedded broker is started."""
     prefix: str = ""
     """Put before every topic, with a slash, to keep several groups on one broker apart."""
     timeouts: Timeouts = Field(default_factory=Timeouts)

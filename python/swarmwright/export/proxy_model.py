@@ -133,8 +133,8 @@ def _agents(experiment: Experiment, description: Mapping[str, Any]) -> int:
 def _connection(title: str, address: Address) -> list[Parameter]:
     """Return the parameters of the connection."""
     texts = {
-        "broker": (address.broker, ("URL of the broker: mqtt://, mqtts://, ws:// or wss://HOST:PORT; several "
-                   "of a cluster, separated by commas.")),
+        "broker": (address.broker, ("URL of the broker: mqtt://, mqtts://, ws:// or wss://HOST:PORT, or "
+                   "unix:///PATH; several of a cluster, separated by commas.")),
         "prefix": (address.prefix, "Prefix of all topics; empty for none."),
         "username": ("", "Account at the broker; empty: SWARMWRIGHT_USERNAME of the environment."),
         "passwordFile": ("", ("File whose first line is the password; empty: SWARMWRIGHT_PASSWORD or "

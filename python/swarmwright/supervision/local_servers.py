@@ -4,8 +4,9 @@ import logging
 import os
 import queue
 import time
+from collections.abc import Mapping
 from pathlib import Path
-from types import TracebackType
+from types import MappingProxyType, TracebackType
 from typing import Any, Self
 
 from swarmwright import _engine
@@ -57,6 +58,7 @@ class LocalServers:
         visual: bool = False,
         episode_timeout: float | None = None,
         start_timeout: float = START,
+        environment: Mapping[str, str] = MappingProxyType({}),
     ) -> None:
         self._start = start_timeout
         self._broker = str(settings[0]["broker"])
@@ -69,6 +71,7 @@ class LocalServers:
             step_timeout=float(settings[0]["step_timeout"]),
             episode_timeout=episode_timeout,
             start_timeout=start_timeout,
+            environment=environment,
         )
         self._started: queue.SimpleQueue[News] = queue.SimpleQueue()
         self._ready = False

@@ -7,7 +7,13 @@ from swarmwright.broker.address import broker_problem
 
 @pytest.mark.parametrize(
     "url",
-    ["mqtt://host", "mqtts://host:8883?mqtt=3", "ws://host/mqtt?mqtt=5", "wss://host/mqtt?token=x&mqtt=3"],
+    [
+        "mqtt://host",
+        "mqtts://host:8883?mqtt=3",
+        "ws://host/mqtt?mqtt=5",
+        "wss://host/mqtt?token=x&mqtt=3",
+        "unix:///run/a broker.sock?mqtt=3,mqtt://host",
+    ],
 )
 def test_addresses_that_can_be_used(url: str) -> None:
     assert broker_problem(url) is None
@@ -21,6 +27,9 @@ def test_addresses_that_can_be_used(url: str) -> None:
         ("mqtt://host?clean=1", ("?mqtt=3", "?mqtt=5")),
         ("http://host", ("mqtt://",)),
         ("mqtt://host:0", ("65535",)),
+        ("unix://broker.sock", ("absolute", "unix:///run/mosquitto.sock")),
+        ("unix:///run/broker.sock?clean=1", ("?mqtt=3", "?mqtt=5")),
+        (f"mqtt://host,unix:///{'x' * 107}", ("(address 2 of 2)", "108 bytes")),
     ],
 )
 def test_what_is_wrong_comes_with_what_is_right(url: str, words: tuple[str, ...]) -> None:

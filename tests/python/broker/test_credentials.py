@@ -108,6 +108,7 @@ def test_no_keyring_is_no_error(ask: Ask) -> None:
         ("mqtts://[::1]:8884", "[::1]:8884"),
         ("mqtts://[::1]", "[::1]:8883"),
         ("wss://lab/mqtt", "lab:443"),
+        ("unix:///run/lab.sock?mqtt=5", "/run/lab.sock"),
     ],
 )
 def test_a_broker_is_named_by_host_and_port(url: str, expected: str) -> None:
@@ -126,6 +127,9 @@ def test_a_broker_is_named_by_host_and_port(url: str, expected: str) -> None:
         ("mqtt://localhost:1883", False),
         ("mqtt://127.0.0.2?mqtt=5", False),
         ("mqtt://[::1]:1883", False),
+        ("unix:///run/lab.sock", False),
+        ("mqtt://broker.example:1885,unix:///run/lab.sock", True),
+        ("unix:///run/lab.sock,mqtts://broker.example", False),
     ],
 )
 def test_a_password_that_would_travel_in_the_clear_is_warned_of_once(

@@ -5,21 +5,135 @@ use crate::BrokerError;
 use crate::config::Config;
 use crate::connection::Connection;
 use crate::transport::Layers;
-use mio::net::{TcpListener, TcpStream};
+use mio::event::Source;
+use mio::net::TcpListener;
+#[cfg(unix)]
+use mio::net::UnixListener;
 use mio::{Interest, Token};
-use std::io::ErrorKind;
+use std::io::{self, ErrorKind};
+use std::net::SocketAddr;
+use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
+use swarmwright_sockets::Socket;
 
-pub struct Listener {
-    pub socket: TcpListener,
-    pub websocket: bool,
+/// A listening socket.
+pub enum Listener {
+    Tcp {
+        socket: TcpListener,
+        websocket: bool,
+    },
+    #[cfg(unix)]
+    Unix {
+        socket: UnixListener,
+        /// Of its clients, which have no addresses.
+        peer: String,
+    },
 }
 
-/// Listening sockets for a configuration, with errors that say how to fix it.
-pub fn listen(config: &Config) -> Result<Vec<std::net::TcpListener>, BrokerError> {
-    let ports = std::iter::once(config.port).chain(config.websocket_port);
-    ports.map(|port| listen_on(&config.host, port)).collect()
+impl Listener {
+    pub fn source(&mut self) -> &mut dyn Source {
+        match self {
+            Self::Tcp { socket, .. } => socket,
+            #[cfg(unix)]
+            Self::Unix { socket, .. } => socket,
+        }
+    }
+
+    /// A client that waits, and how to name it.
+    fn accept(&self) -> io::Result<(Socket, String)> {
+        match self {
+            Self::Tcp { socket, .. } => {
+                let (stream, peer) = socket.accept()?;
+                Ok((Socket::Tcp(stream), peer.to_string()))
+            }
+            #[cfg(unix)]
+            Self::Unix { socket, peer } => {
+                let (stream, _) = socket.accept()?;
+                Ok((Socket::Unix(stream), peer.clone()))
+            }
+        }
+    }
+}
+
+/// The sockets that a broker listens on, and where they are.
+pub struct Listening {
+    pub listeners: Vec<Listener>,
+    pub address: Option<SocketAddr>,
+    pub websocket: Option<SocketAddr>,
+    #[cfg(unix)]
+    pub file: Option<super::unix::SocketFile>,
+}
+
+impl Listening {
+    /// Listens where a configuration says, with errors that say how to fix it.
+    pub fn new(config: &Config) -> Result<Self, BrokerError> {
+        let mut listening = Self {
+            listeners: Vec::new(),
+            address: None,
+            websocket: None,
+            #[cfg(unix)]
+            file: None,
+        };
+        listening.address = listening.listen_on(&config.host, config.port, false)?;
+        listening.websocket = listening.listen_on(&config.host, config.websocket_port, true)?;
+        if let Some(path) = &config.socket {
+            listening.listen_at(path, config.socket_mode)?;
+        }
+        if listening.listeners.is_empty() {
+            return Err(BrokerError::System {
+                what: "listen",
+                source: io::Error::other("it was given neither a port nor a Unix socket"),
+            });
+        }
+        Ok(listening)
+    }
+
+    fn listen_on(
+        &mut self,
+        host: &str,
+        port: Option<u16>,
+        websocket: bool,
+    ) -> Result<Option<SocketAddr>, BrokerError> {
+        let Some(port) = port else { return Ok(None) };
+        let system = |what| move |source| BrokerError::System { what, source };
+        let socket = listen_on(host, port)?;
+        let address = socket
+            .local_addr()
+            .map_err(system("read its own address"))?;
+        socket
+            .set_nonblocking(true)
+            .map_err(system("wait for sockets"))?;
+        let socket = TcpListener::from_std(socket);
+        self.listeners.push(Listener::Tcp { socket, websocket });
+        Ok(Some(address))
+    }
+
+    #[cfg(unix)]
+    fn listen_at(&mut self, path: &Path, mode: u32) -> Result<(), BrokerError> {
+        let (socket, file) = super::unix::listen(path, mode)?;
+        socket
+            .set_nonblocking(true)
+            .map_err(|source| BrokerError::System {
+                what: "wait for sockets",
+                source,
+            })?;
+        self.listeners.push(Listener::Unix {
+            socket: UnixListener::from_std(socket),
+            peer: format!("a client at {}", file.path().display()),
+        });
+        self.file = Some(file);
+        Ok(())
+    }
+
+    #[cfg(not(unix))]
+    #[expect(clippy::unused_self, reason = "as on Unix")]
+    fn listen_at(&mut self, path: &Path, _mode: u32) -> Result<(), BrokerError> {
+        Err(BrokerError::SocketPath {
+            path: path.into(),
+            wrong: "this system has no Unix sockets for brokers; use a port".to_owned(),
+        })
+    }
 }
 
 fn listen_on(host: &str, port: u16) -> Result<std::net::TcpListener, BrokerError> {
@@ -39,15 +153,14 @@ fn listen_on(host: &str, port: u16) -> Result<std::net::TcpListener, BrokerError
 
 impl Server {
     pub(super) fn accept(&mut self, place: usize, now: Instant) {
-        let Some(listener) = self.listeners.get(place) else {
-            return;
-        };
-        let websocket = listener.websocket;
         loop {
-            match self.listeners[place].socket.accept() {
+            let Some(listener) = self.listeners.get(place) else {
+                return;
+            };
+            match listener.accept() {
                 Ok((socket, peer)) => {
-                    let peer = peer.to_string();
-                    if let Err(error) = self.welcome(socket, websocket, peer.clone(), now) {
+                    let layers = self.layers(listener);
+                    if let Err(error) = self.welcome(socket, layers, peer.clone(), now) {
                         self.hub.report_refused(&peer, error, now);
                     }
                 }
@@ -69,19 +182,29 @@ impl Server {
         }
     }
 
+    /// What is between MQTT and the socket of a client of a listener.
+    fn layers(&self, listener: &Listener) -> Result<Option<Layers>, String> {
+        match listener {
+            Listener::Tcp { websocket, .. } => {
+                let origins = websocket.then(|| Arc::clone(&self.origins));
+                Layers::new(self.tls.as_ref(), origins)
+            }
+            // What goes through it does not leave this machine.
+            #[cfg(unix)]
+            Listener::Unix { .. } => Ok(None),
+        }
+    }
+
     fn welcome(
         &mut self,
-        mut socket: TcpStream,
-        websocket: bool,
+        mut socket: Socket,
+        layers: Result<Option<Layers>, String>,
         peer: String,
         now: Instant,
     ) -> Result<(), String> {
         // Several small packets a step must not wait for each other's acknowledgement.
-        socket
-            .set_nodelay(true)
-            .map_err(|error| error.to_string())?;
-        let origins = websocket.then(|| Arc::clone(&self.origins));
-        let layers = Layers::new(self.tls.as_ref(), origins)?;
+        socket.send_at_once().map_err(|error| error.to_string())?;
+        let layers = layers?;
         self.hub.make_room();
         self.close_dropped(now);
         let Some(id) = self.hub.open(peer, now) else {

@@ -4,16 +4,19 @@
 
 mod control;
 mod listening;
+#[cfg(unix)]
+mod unix;
 
 pub use control::{Renewal, Stopper};
-pub use listening::listen;
+pub use listening::Listening;
+#[cfg(unix)]
+pub use unix::SocketFile;
 
 use crate::connection::{CHUNK, Connection};
 use crate::hub::Hub;
 use crate::transport::Origins;
 use listening::Listener;
 use mio::event::Event;
-use mio::net::TcpListener;
 use mio::{Events, Interest, Poll, Token, Waker};
 use rustls::ServerConfig;
 use std::io::{self, ErrorKind, Read};
@@ -34,7 +37,7 @@ const TURN: usize = 1 << 14;
 const LEAST_SHARE: usize = 256;
 const WAKE: Token = Token(usize::MAX);
 /// Connections have the tokens after those of the listeners.
-const FIRST: usize = 2;
+const FIRST: usize = 3;
 
 /// The server before it runs.
 pub struct Server {
@@ -54,24 +57,17 @@ pub struct Server {
 }
 
 impl Server {
-    /// A server on sockets that listen already, MQTT first and MQTT over WebSocket second.
+    /// A server on sockets that listen already.
     pub fn new(
-        sockets: Vec<std::net::TcpListener>,
+        mut listeners: Vec<Listener>,
         tls: Option<Arc<ServerConfig>>,
         origins: Origins,
         mut hub: Hub,
     ) -> io::Result<(Self, Stopper)> {
         let poll = Poll::new()?;
-        let mut listeners = Vec::new();
-        for (place, socket) in sockets.into_iter().enumerate() {
-            socket.set_nonblocking(true)?;
-            let mut socket = TcpListener::from_std(socket);
+        for (place, listener) in listeners.iter_mut().enumerate() {
             poll.registry()
-                .register(&mut socket, Token(place), Interest::READABLE)?;
-            listeners.push(Listener {
-                socket,
-                websocket: place == 1,
-            });
+                .register(listener.source(), Token(place), Interest::READABLE)?;
         }
         let stop = Arc::new(AtomicBool::new(false));
         let renewal = Arc::new(Mutex::new(None));

@@ -179,7 +179,8 @@ typedef struct swarmwright_description {
 /** How a server is to be run. */
 typedef struct swarmwright_options {
   size_t size;
-  /** mqtt://, mqtts://, ws:// or wss://; null for the environment's SWARMWRIGHT_BROKER, else mqtt://localhost:1883. */
+  /** mqtt://, mqtts://, ws://, wss:// or unix:///PATH; null for the environment's SWARMWRIGHT_BROKER, else
+   * mqtt://localhost:1883. */
   const char* broker;
   /** The server's id, from 0, which no other server on the broker has. */
   uint64_t id;

@@ -130,8 +130,7 @@ impl Session {
     fn timer(&mut self, kind: TimerKind) -> Option<&mut Option<Instant>> {
         match kind {
             TimerKind::PingreqSend => Some(&mut self.ping_at),
-            TimerKind::PingrespRecv => Some(&mut self.silent_at),
-            TimerKind::PingreqRecv => None,
+            TimerKind::PingrespRecv | TimerKind::PingreqRecv => None,
         }
     }
 }

@@ -6,7 +6,7 @@ const VERSIONS: [Version; 2] = [Version::V5, Version::V3];
 
 /// A session that the broker has accepted, with `properties` (MQTT 5) in its CONNACK.
 fn accepted(version: Version, properties: &[u8]) -> Session {
-    let mut session = Session::new(version);
+    let mut session = Session::new(version, 30);
     let settings = Settings::new("mqtt://localhost".parse().unwrap());
     let dialect = Dialect::first(Some(version));
     session
@@ -202,4 +202,41 @@ fn the_highest_quality_of_service_that_the_broker_takes_is_kept_to() {
     assert_eq!(sent(&[36, 0]), 0b001);
     assert_eq!(sent(&[36, 0, 37, 0]), 0b000);
     assert_eq!(sent(&[37, 0]), 0b010);
+}
+
+#[test]
+fn a_silent_broker_is_asked_and_given_up_within_the_keep_alive_interval() {
+    for version in VERSIONS {
+        let mut session = accepted(version, &[]);
+        let start = Instant::now();
+        let mut pings = 0;
+        let mut closed = None;
+        let second = Duration::from_secs(1);
+        for passed in 0..60u32 {
+            let now = start + second * passed;
+            // Messages for 20 s, and answers to pings: none is given up. What it sends itself is no answer.
+            if passed < 20 {
+                session.receive(&[0xd0, 0], &mut Vec::new(), &mut |_| {});
+            }
+            let mut out = Vec::new();
+            session
+                .publish("t", b"x", &PublishOptions::default(), &mut out)
+                .unwrap();
+            out.clear();
+            session.tick(now, &mut out, &mut |received| {
+                closed = Some((passed, format!("{received:?}")));
+            });
+            pings += out.windows(2).filter(|bytes| *bytes == PINGREQ).count();
+            if closed.is_some() {
+                break;
+            }
+        }
+        let (passed, reason) = closed.unwrap();
+        assert!((35..=50).contains(&passed), "{passed}");
+        assert!(
+            reason.contains("has not answered a ping for 15 s"),
+            "{reason}"
+        );
+        assert!(pings > 0);
+    }
 }

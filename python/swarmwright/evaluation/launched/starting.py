@@ -6,6 +6,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from types import MappingProxyType
 
+from swarmwright.broker.address import for_other_machines
 from swarmwright.broker.credentials import prepare
 from swarmwright.core.errors import InputError
 from swarmwright.core.server_use import ServerUse, ServerUses
@@ -108,9 +109,17 @@ def _specification(
     simulation, code = (experiment.simulation, None) if here else packed(experiment.simulation, options)
     own = _credentials(options) if host is None else None
     credentials = own or access.servers.get(name, Credentials())
+    address = access.address_for(host)
+    if not here:
+        address = for_other_machines(address)
+    if not address:
+        raise InputError(
+            f"broker: servers of {options.launcher} are on other machines, which cannot use a Unix socket; "
+            "name an address of the broker there, such as mqtts://HOST:8883"
+        )
     return Specification(
         simulation=simulation,
-        broker=access.address_for(host),
+        broker=address,
         prefix=experiment.prefix,
         step_timeout=experiment.timeouts.step,
         username=credentials.username,
@@ -118,7 +127,7 @@ def _specification(
         authority=credentials.authority,
         code=code,
         sources=files_of(simulation) if here and is_python(simulation) else {},
-        environment=options.environment,
+        environment={**experiment.timeouts.variables(), **options.environment},
         label=f"swarmwright-{experiment.label}",
     )
 

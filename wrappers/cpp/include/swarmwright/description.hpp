@@ -72,7 +72,8 @@ enum class Notice {
 
 /// Options of a server. The user name and password come from the environment (SWARMWRIGHT_USERNAME, ...).
 struct Options {
-  /// mqtt://, mqtts://, ws:// or wss://; empty for the environment's SWARMWRIGHT_BROKER, else mqtt://localhost:1883.
+  /// mqtt://, mqtts://, ws://, wss:// or unix:///PATH; empty for the environment's SWARMWRIGHT_BROKER, else
+  /// mqtt://localhost:1883.
   std::string broker = {};
   /// The server's id, from 0, unique on the broker.
   std::uint64_t id = 1;

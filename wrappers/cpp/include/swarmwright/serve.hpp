@@ -72,7 +72,8 @@ Number number(std::string_view name, const std::string& text) {
 /// How to start a program whose arguments are read by `arguments`.
 inline constexpr const char* usage =
     "usage: [--broker URL] [--id NUMBER] [--prefix PREFIX] [--step-timeout SECONDS] [--threads NUMBER]\n"
-    "  --broker        mqtt://HOST:PORT, mqtts://, ws:// or wss://; SWARMWRIGHT_BROKER, else mqtt://localhost:1883\n"
+    "  --broker        mqtt://HOST:PORT, mqtts://, ws://, wss:// or unix:///PATH;\n"
+    "                  SWARMWRIGHT_BROKER, else mqtt://localhost:1883\n"
     "  --id            the server's id, from 0, unique on the broker; 1 by default\n"
     "  --prefix        prefix of all topics; empty by default\n"
     "  --step-timeout  after how long a step that misses actuators is given up; 60 by default\n"

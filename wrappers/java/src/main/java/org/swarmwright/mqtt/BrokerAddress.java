@@ -23,7 +23,7 @@ import javax.net.ssl.TrustManagerFactory;
  * variables.
  *
  * <p>SWARMWRIGHT_USERNAME, SWARMWRIGHT_PASSWORD or SWARMWRIGHT_PASSWORD_FILE (its first line),
- * SWARMWRIGHT_CA_FILE (PEM).
+ * SWARMWRIGHT_CA_FILE (PEM), SWARMWRIGHT_KEEP_ALIVE (seconds).
  */
 public final class BrokerAddress {
   private static final Map<String, String> SCHEMES =
@@ -32,6 +32,9 @@ public final class BrokerAddress {
           "wss", "wss");
   private static final Map<String, Integer> PORTS =
       Map.of("tcp", 1883, "ssl", 8883, "ws", 80, "wss", 443);
+
+  private static final int KEEP_ALIVE_S = 20;
+  private static final int LONGEST_KEEP_ALIVE_S = 3600;
 
   private final List<String> uris;
   private final boolean tls;
@@ -81,6 +84,12 @@ public final class BrokerAddress {
       throw wrong(shown, "expected HOST or HOST:PORT after the scheme");
     }
     String scheme = SCHEMES.get(parsed.getScheme().toLowerCase(Locale.ROOT));
+    if (scheme == null && parsed.getScheme().equalsIgnoreCase("unix")) {
+      throw wrong(
+          shown,
+          "servers in Java cannot use Unix sockets, which the MQTT library (Eclipse Paho) does not"
+              + " have; use mqtt://localhost:1883, on which the broker must listen too");
+    }
     if (scheme == null) {
       throw wrong(shown, "the scheme must be mqtt://, mqtts://, ws:// or wss://");
     }
@@ -149,6 +158,23 @@ public final class BrokerAddress {
           "a password is set but SWARMWRIGHT_USERNAME is not; set both or neither");
     }
     return password;
+  }
+
+  /**
+   * The keep-alive interval, seconds.
+   *
+   * @throws IllegalArgumentException if it is not a whole number from 1 to 3600
+   */
+  public int keepAlive() {
+    String text = variable("SWARMWRIGHT_KEEP_ALIVE");
+    if (text == null) {
+      return KEEP_ALIVE_S;
+    }
+    if (!text.matches("[1-9][0-9]{0,3}") || Integer.parseInt(text) > LONGEST_KEEP_ALIVE_S) {
+      throw new IllegalArgumentException(
+          "SWARMWRIGHT_KEEP_ALIVE: expected whole seconds from 1 to 3600, not \"" + text + "\"");
+    }
+    return Integer.parseInt(text);
   }
 
   /**

@@ -1,0 +1,50 @@
+//! Connecting to the Unix socket of a broker.
+
+use std::io::{self, ErrorKind};
+use std::os::unix::fs::FileTypeExt;
+use std::path::Path;
+
+use mio::net::UnixStream;
+use socket2::{Domain, SockAddr, Type};
+use swarmwright_sockets::Socket;
+
+use crate::ConnectError;
+use crate::settings::Settings;
+
+/// A connected Unix socket, which blocks, with the settings' time-out.
+pub fn connect(settings: &Settings) -> Result<Socket, ConnectError> {
+    let url = settings.url.to_string();
+    open(settings).map_err(|error| {
+        let path = Path::new(&settings.url.path);
+        let reason = match error.kind() {
+            ErrorKind::PermissionDenied => {
+                return ConnectError::Forbidden { url };
+            }
+            ErrorKind::NotFound => "there is no such file".to_owned(),
+            ErrorKind::ConnectionRefused
+                if path
+                    .metadata()
+                    .is_ok_and(|file| !file.file_type().is_socket()) =>
+            {
+                "the file is not a socket".to_owned()
+            }
+            ErrorKind::ConnectionRefused => {
+                "no process listens at this socket; the one that created it has ended".to_owned()
+            }
+            // Linux says so when connections have waited for so long to be accepted.
+            ErrorKind::WouldBlock => "it does not accept the connection in time".to_owned(),
+            _ => error.to_string(),
+        };
+        ConnectError::NoBroker { url, reason }
+    })
+}
+
+fn open(settings: &Settings) -> io::Result<Socket> {
+    let address = SockAddr::unix(&settings.url.path)?;
+    let socket = socket2::Socket::new(Domain::UNIX, Type::STREAM, None)?;
+    // Before it connects: the time-out to write is the one to connect, too.
+    socket.set_write_timeout(Some(settings.timeout))?;
+    socket.set_read_timeout(Some(settings.timeout))?;
+    socket.connect(&address)?;
+    Ok(Socket::Unix(UnixStream::from_std(socket.into())))
+}
