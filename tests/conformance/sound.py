@@ -1,6 +1,7 @@
 """A simulation server in Python that keeps every rule, so that others can break one each.
 
-It has presence, metrics and offloaded evaluation. Its world: agents on a line that shall meet at 0.
+It has presence, metrics, offloaded evaluation and control on its own topic. Its world: agents on a line that
+shall meet at 0.
 """
 
 import json
@@ -140,7 +141,7 @@ class SoundServer:
     """See above. What others break are methods of one purpose each."""
 
     title = "toy"
-    controllers: tuple[str, ...] = ("layered", "fully_meshed", "mealy_fsm", "evostick", "hebbian")
+    controllers: tuple[str, ...] = ("layered", "fully_meshed", "mealy_fsm", "evostick", "hebbian", "neat")
     sensors, actuators_of_an_agent = 2, 1
 
     def __init__(self, url: str, server: int = 1) -> None:
@@ -211,10 +212,16 @@ class SoundServer:
         if message.retain:
             raise Refused("retained")
         if message.topic.startswith("swarmwright/"):
-            self.requested(bytes(message.payload))
+            self.on_own_topic(bytes(message.payload))
             return
         content = self.read(bytes(message.payload))
         getattr(self, f"on_{message.topic}")(content)
+
+    def on_own_topic(self, payload: bytes) -> None:
+        if payload.startswith(b"{"):
+            self.on_control(self.read(payload))
+        else:
+            self.requested(payload)
 
     def read(self, payload: bytes) -> Json:
         if len(payload) > 1 << 20:
@@ -265,6 +272,7 @@ class SoundServer:
             "actuators": self.actuators_of_an_agent,
             "metrics": ["arrived", "steps"],
             "scenes": True,
+            "control": True,
         }
         return {"dimensions": 1, "max_agents": 100, "swarmwright": announcement}
 

@@ -63,9 +63,10 @@ STEERED = frozenset(
         4: (1, 2, 3, 4),
         6: (2, 3, 4, 6, 10, 11),
         7: (4,),
-        9: (1, 2, 3, 4, 5, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18),
+        9: (1, 2, 3, 4, 5, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19),
         10: (1, 2, 3, 4, 5, 6),
         11: (5,),
+        15: (2,),
     }.items()
     for number in numbers
 )
@@ -74,7 +75,7 @@ UNLIMITED = frozenset({"S1.6"})
 """What cannot be asked of simulations that take any number of agents."""
 BY_CHANCE = frozenset(
     {"S3.1", "S3.2", "S3.3", "S3.4", "S4.1", "S4.2", "S4.4", "S9.3", "S9.4", "S9.5", "S9.7", "S9.14", "S9.15"}
-    | {"S9.18", "S10.1"}
+    | {"S9.18", "S9.19", "S10.1"}
 )
 """What cannot be compared where no two episodes are the same; the rest is tried all the same."""
 UNSEEN = frozenset({"S14.1", "S14.2", "S14.3"})

@@ -33,6 +33,7 @@ ANNOUNCED: Json = {
     "determinism": "statistical",
     "tolerance": 0.5,
     "scenes": True,
+    "control": True,
     "batch": 8,
     "lanes": 16,
     "instance": "a1",

@@ -18,6 +18,7 @@ TOPICS = ("discovery", "server", "parameters", "control", "sensor", "actuator", 
 PRESENCE = "swarmwright/v1/presence/"
 STATUS = "swarmwright/v1/status/"
 TOOLS = "swarmwright/v1/tool/"
+TO_SERVER = "swarmwright/v1/server/"
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from typing import Any
 
 from tests.system.brokers import BrokerProcess
 from tests.system.conftest import Experiment, Launch, Serve
+from tests.system.peer import TO_SERVER
 from tests.system.plain_tool import PlainTool
 from tests.system.processes import Program, Servers
 from tests.system.recorder import Recorder
@@ -164,7 +165,7 @@ def test_interrupted_runs_free_their_servers_at_once(
     broker: BrokerProcess, serve: Serve, launch: Launch, connect: Any, experiment: Experiment
 ) -> None:
     path = experiment(LONG.replace("generations: 3", "generations: 1000"))
-    recorder: Recorder = connect(Recorder, broker.url, "parameters", "control", "sensor", "fitness")
+    recorder: Recorder = connect(Recorder, broker.url, "parameters", f"{TO_SERVER}+", "sensor", "fitness")
     serve(broker.url, count=2)
     run = launch("optimize", path, "--broker", broker.url, "--out", "result", "--json")
     first_generation(run)

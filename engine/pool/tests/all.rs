@@ -3,6 +3,7 @@
 mod audits;
 mod broken;
 mod common;
+mod control;
 mod conversations;
 mod extensions;
 mod failed;

@@ -112,7 +112,12 @@ fn the_sequence_is_that_of_the_protocol() {
         .collect();
     assert_eq!(
         &topics[..4],
-        ["discovery", "server", "parameters", "control"]
+        [
+            "discovery",
+            "server",
+            "parameters",
+            "swarmwright/v1/server/1"
+        ]
     );
     assert_eq!(topics.last(), Some(&"fitness"));
     // Agents 0 and 4 act in 3 steps, agent 1 in 4, agent 2 in 5, agent 3 in 6; a reset acts in step 0 too.

@@ -182,9 +182,10 @@ fn reports_of_strangers_change_nothing() {
         vec![Party::Server(Box::new(server(2, Line::new())))],
     );
     let stranger = net.add(Party::Gone);
+    let own = Topics::default().to_server(2);
     for _ in 0..200 {
         net.turn();
-        let Some(message) = net.log.iter().rev().find(|one| one.topic == "control") else {
+        let Some(message) = net.log.iter().rev().find(|one| one.topic == own) else {
             continue;
         };
         let control: serde_json::Value =
@@ -231,7 +232,8 @@ fn sensors_that_are_larger_than_a_message_may_be_end_the_work_at_once_with_their
     let note = "x".repeat(MAX_SENSOR);
     let mut sent = false;
     let reason = rejected(&mut net, index, |net| {
-        let control = net.log.iter().find(|one| one.topic == "control");
+        let own = Topics::default().to_server(2);
+        let control = net.log.iter().find(|one| one.topic == own);
         let Some(control) = control.filter(|_| !sent) else {
             return;
         };

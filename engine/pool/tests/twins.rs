@@ -5,11 +5,10 @@ use crate::common;
 
 use std::time::Duration;
 
-use common::{Line, Net, Party, server, tool, tool_in_mode, work};
+use common::{Alone, Line, Net, Party, server, tool, tool_in_mode, work};
 use serde_json::{Value, json};
-use swarmwright_pool::Action;
 use swarmwright_pool::Mode;
-use swarmwright_protocol::{Topic, Topics};
+use swarmwright_protocol::Topics;
 use swarmwright_worlds::{Description, ParameterError, Parameters, Simulation};
 use swarmwright_wrapper::{Identity, Machine};
 
@@ -105,7 +104,8 @@ fn what_names_another_simulation_is_refused_and_counted() {
     for random in 0..10 {
         let mut net = Net::new(random);
         let index = net.add(Party::Tool(Box::new(tool("a", 0, net.now))));
-        net.add(party(1));
+        // It gets control messages on the topic of all, as the other one hears them.
+        net.add_seed_only(1);
         net.add(heedless());
         net.submit(index, work(7, &SEEDS));
         assert_eq!(net.finish(index), expected);
@@ -148,83 +148,21 @@ fn one_of_the_same_simulation_that_comes_in_the_middle_changes_no_result() {
     }
 }
 
-/// A tool that hears what the test says, of servers that know D6.1 alone.
-struct Alone {
-    machine: swarmwright_pool::Scheduler,
-    now: std::time::Instant,
-    said: Vec<(Topic, Value)>,
-    warnings: Vec<String>,
-}
-
-impl Alone {
-    fn pass(&mut self, milliseconds: u64) {
-        self.now += Duration::from_millis(milliseconds);
-        self.machine.tick(self.now);
-        self.collect();
-    }
-
-    fn hear(&mut self, topic: &str, message: &Value) {
-        let payload = message.to_string().into_bytes();
-        self.machine.receive(topic, &payload, false, self.now);
-        self.collect();
-    }
-
-    fn collect(&mut self) {
-        for action in self.machine.actions() {
-            match action {
-                Action::Publish(topic, payload) => {
-                    self.said
-                        .push((topic, serde_json::from_slice(&payload).unwrap()));
-                }
-                Action::Warn(text) => self.warnings.push(text),
-                _ => {}
-            }
-        }
-    }
-
-    /// The hash of the last message of a topic.
-    fn last(&self, topic: Topic) -> Value {
-        let mut said = self.said.iter().rev();
-        let (_, message) = said.find(|(name, _)| *name == topic).unwrap();
-        message["simulation_hash"].clone()
-    }
-
-    fn answer(&mut self) {
-        let hash = self.last(Topic::Discovery);
-        let answer = json!({"server": 1, "simulation_hash": hash, "simulations": ["line"],
-            "capabilities": {"dimensions": 2, "max_agents": 5}});
-        self.hear("server", &answer);
-    }
-
-    fn sense(&mut self, hash: &Value) {
-        let sensor = json!({"simulation_hash": hash, "agent": 0, "sensor": [0.5, 0.5]});
-        self.hear("sensor", &sensor);
-    }
-}
-
 #[test]
 fn what_came_under_an_id_that_two_have_who_cannot_be_told_apart_is_done_again() {
-    let now = std::time::Instant::now();
-    let mut tool = Alone {
-        machine: tool("a", 0, now),
-        now,
-        said: Vec::new(),
-        warnings: Vec::new(),
-    };
-    tool.machine.submit(work(3, &[3]), now);
-    tool.pass(0);
-    tool.answer();
+    let mut tool = Alone::new(work(3, &[3]));
+    tool.answer(1, None);
     tool.pass(40);
-    let first = tool.last(Topic::Control);
+    let first = tool.last("control");
     tool.sense(&first);
     tool.hear("fitness", &json!({"simulation_hash": first, "fitness": 1}));
     assert_eq!(tool.machine.done(), 1);
-    let second = tool.last(Topic::Control);
+    let second = tool.last("control");
     assert_ne!(first, second);
     tool.sense(&second);
     tool.pass(2500);
     // The server is at an episode, and answers all the same: or another one does.
-    tool.answer();
+    tool.answer(1, None);
     tool.pass(100);
     tool.sense(&second);
     assert_eq!(tool.machine.done(), 1, "what was on its way may still come");
@@ -235,23 +173,18 @@ fn what_came_under_an_id_that_two_have_who_cannot_be_told_apart_is_done_again() 
     let told = "two servers answer to the id 1, so neither is used; give one another --id; 1 evaluations that came under \
                 it are done again";
     assert_eq!(tool.warnings, [told]);
-    let controls = |tool: &Alone| {
-        tool.said
-            .iter()
-            .filter(|(topic, _)| *topic == Topic::Control)
-            .count()
-    };
+    let controls = |tool: &Alone| tool.on("control").count();
     let before = controls(&tool);
     // In the next round both answer, in the one after it one of them has gone.
     tool.pass(2500);
-    tool.answer();
-    tool.answer();
+    tool.answer(1, None);
+    tool.answer(1, None);
     tool.pass(2500);
-    tool.answer();
+    tool.answer(1, None);
     tool.pass(100);
     assert_eq!(controls(&tool), before, "neither is used");
     tool.pass(2500);
-    tool.answer();
+    tool.answer(1, None);
     tool.pass(100);
     assert_eq!(controls(&tool), before + 1, "one is left");
 }

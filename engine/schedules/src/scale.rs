@@ -475,7 +475,8 @@ impl Simulation<'_> {
                     self.deliver_to_server(index, &name, &payload);
                 }
             }
-            Action::Request {
+            Action::Control { server, payload }
+            | Action::Request {
                 server, payload, ..
             } => {
                 self.sums.messages += 1;
@@ -527,7 +528,9 @@ impl Simulation<'_> {
 
 fn payload_bytes(action: &Action) -> usize {
     match action {
-        Action::Publish(_, payload) | Action::Request { payload, .. } => payload.capacity(),
+        Action::Publish(_, payload)
+        | Action::Control { payload, .. }
+        | Action::Request { payload, .. } => payload.capacity(),
         Action::Warn(text) => text.capacity(),
         Action::Overdue(_) | Action::AskBroker => 0,
     }

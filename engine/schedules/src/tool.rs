@@ -285,7 +285,8 @@ impl Tool {
         for action in machine.actions() {
             let (topic, payload) = match action {
                 Action::Publish(topic, payload) => (topics.name(topic), payload),
-                Action::Request {
+                Action::Control { server, payload }
+                | Action::Request {
                     server, payload, ..
                 } => (topics.to_server(server), payload),
                 Action::Warn(text) => {

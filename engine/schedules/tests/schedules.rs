@@ -6,6 +6,7 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
+use swarmwright_schedules::scale::{Scale, simulate};
 use swarmwright_schedules::{Schedule, check, draw, shrink, survey};
 
 fn number(name: &str, default: u64) -> u64 {
@@ -25,6 +26,27 @@ fn every_schedule_leaves_every_property() {
         found.scored > count && found.events > 100 * count,
         "{found}"
     );
+}
+
+#[test]
+fn no_server_hears_control_messages_for_another_one() {
+    for servers in [10, 100] {
+        let figures = simulate(
+            &Scale {
+                seed: 1,
+                servers,
+                episode: 1_000_000,
+                preempted_after: Some(60_000_000),
+                share: 4,
+                generations: 1,
+            },
+            &|| 0,
+        )
+        .unwrap();
+        let [discovery, control, own] = figures.heard_per_second;
+        assert_eq!(control, 0.0, "{servers} servers");
+        assert!(discovery > 0.0 && own > 0.0, "{figures:?}");
+    }
 }
 
 /// Schedules that once broke a property, as small as they could be made; the file's name says what was wrong.

@@ -62,6 +62,7 @@ impl Identity {
                 determinism: simulation.determinism.name().map(str::to_owned),
                 tolerance: simulation.determinism.tolerance(),
                 scenes,
+                control: true,
                 instance: Some(self.instance.clone()),
                 host: Some(self.host.clone()),
                 pid: Some(self.pid),

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use common::{ID, Server, Walk, request};
 use serde_json::{Value, json};
-use swarmwright_protocol::{Evaluate, Message, ToTool, Topic};
+use swarmwright_protocol::{Evaluate, Message, ToTool, Topic, Topics};
 
 const SECOND: Duration = Duration::from_secs(1);
 const HASH: &str = "plain";
@@ -221,6 +221,35 @@ fn what_the_broker_does_not_take_ends_the_run_and_its_tool_is_told() {
         failed.reason,
         "a sensor message of 1900000 bytes is larger than the 20000 that the broker takes"
     );
+}
+
+#[test]
+fn control_is_heard_on_the_own_topic_and_on_that_of_all() {
+    let topics = Topics::default();
+    let [own, all, others] = [
+        topics.to_server(ID),
+        topics.name(Topic::Control),
+        topics.to_server(ID + 1),
+    ];
+    for (first, second) in [(&own, &own), (&own, &all), (&all, &own)] {
+        let mut server = Server::of_walks();
+        let starts = control(HASH, Some("ada")).to_string().into_bytes();
+        let ends = ends(HASH, Some("ada")).to_string().into_bytes();
+        server.say(Topic::Parameters, &parameters(HASH));
+        server.receive(&others, &starts);
+        assert_eq!(server.said(Topic::Sensor), 0);
+        server.receive(first, &starts);
+        assert_eq!(server.said(Topic::Sensor), 1, "{first}");
+        server.receive(&others, &ends);
+        assert!(!server.machine.is_free());
+        server.receive(second, &ends);
+        assert!(server.machine.is_free(), "{second}");
+        assert_eq!(server.warnings, Vec::<String>::new());
+    }
+    let mut server = Server::of_walks();
+    server.receive(&own, br#" {"server": 7}"#);
+    let told = r#"refusing a message on swarmwright/v1/server: the required key "simulation_hash" is missing"#;
+    assert_eq!(server.warnings, [told]);
 }
 
 fn ends(hash: &str, tool: Option<&str>) -> Value {

@@ -78,7 +78,7 @@ class Message:
 
 
 def _send_at_once(_client: Paho, _data: object, opened: object) -> None:
-    if isinstance(opened, socket.socket):
+    if isinstance(opened, socket.socket) and opened.family != getattr(socket, "AF_UNIX", None):
         opened.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
 
@@ -107,10 +107,11 @@ class Client:
         self._paho.on_connect = self._on_connect
         self._refused = ""
         address = urlsplit(url)
-        assert address.hostname is not None
         secure = address.scheme in {"mqtts", "wss"}
+        host = address.path if address.scheme == "unix" else address.hostname
+        assert host is not None
         try:
-            self._paho.connect(address.hostname, address.port or (8883 if secure else 1883), keepalive=600)
+            self._paho.connect(host, address.port or (8883 if secure else 1883), keepalive=600)
         except OSError as error:
             raise RunError(f"broker {url}: cannot be reached: {error.strerror or error}") from None
         self._paho.subscribe([(self._before + topic, 1) for topic in subscriptions])
@@ -220,7 +221,7 @@ class Client:
 
 def _paho(url: str) -> Paho:
     address = urlsplit(url)
-    transport = "websockets" if address.scheme in {"ws", "wss"} else "tcp"
+    transport = {"ws": "websockets", "wss": "websockets", "unix": "unix"}.get(address.scheme, "tcp")
     paho = Paho(CallbackAPIVersion.VERSION2, protocol=MQTTv5, transport=transport)  # type: ignore[arg-type]
     user = os.environ.get("SWARMWRIGHT_USERNAME")
     if user:

@@ -26,10 +26,11 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "mealy_fsm": {"states": 3, "levels": 2},
     "evostick": {},
     "hebbian": {"hidden": 1, "iterations": 2},
+    "neat": {"iterations": 2},
     "modules": {},
 }
-"""The options with which each kind of controller that steers agents is tried; the second, the third
-and the last two have a state."""
+"""The options with which each kind of controller that steers agents is tried; all but the first and the
+fourth have a state."""
 KINDS = (*OPTIONS, "parameter_set")
 """All kinds of controller."""
 
@@ -60,7 +61,11 @@ def controller_set(
     changes: options of the representation, other than `OPTIONS` has.
     """
     component = REPRESENTATIONS.get(kind)
-    options = component.options_model.model_validate({**OPTIONS[kind], **changes})
+    wanted = {**OPTIONS[kind], **changes}
+    if kind == "neat":
+        nodes = 1 + server.actuators
+        wanted = {"sources": [list(range(server.sensors + nodes))] * nodes, **wanted}
+    options = component.options_model.model_validate(wanted)
     try:
         made = component(options, sensors=server.sensors, actuators=server.actuators)
         genomes = made.initials(Streams(1, "conformance", 0, range(candidates)))

@@ -263,6 +263,11 @@ class Server:
 
     # Requests.
 
+    @property
+    def own_topic(self) -> str:
+        """Where requests to this server alone are published."""
+        return f"{TO_SERVER}{self.id}"
+
     def request(self, message: Json) -> str:
         """Publish a MessagePack request, as MQTT 5 has it; what was sent, for people."""
         payload: bytes = msgpack.packb(message)
@@ -270,7 +275,7 @@ class Server:
         correlation = number.to_bytes(8, "big") if isinstance(number, int) else b""
         reply = message.get("reply")
         self.client.publish(
-            f"{TO_SERVER}{self.id}",
+            self.own_topic,
             payload,
             correlation=correlation,
             response=reply if isinstance(reply, str) else TO_TOOL + self.token,
@@ -281,7 +286,7 @@ class Server:
             key: f"<{len(value)} bytes>" if isinstance(value, bytes) else value
             for key, value in message.items()
         }
-        return f"{TO_SERVER}{self.id} {shown(json.dumps(brief, default=str))}"
+        return f"{self.own_topic} {shown(json.dumps(brief, default=str))}"
 
 
 class Episode:
@@ -309,8 +314,8 @@ class Episode:
         fields = {**self.parameters, "server": self.server.id, "simulation_hash": self.hash, **changes}
         return self.server.client.send("parameters", **fields)
 
-    def start(self, **changes: Any) -> str:  # noqa: ANN401 - JSON
-        """Send control; what was sent."""
+    def start(self, topic: str = "control", **changes: Any) -> str:  # noqa: ANN401 - JSON
+        """Send control on a topic that the server listens to; what was sent."""
         self.over = False
         self.trajectory, self.pending, self.repeated = Trajectory(), [], []
         fields = {
@@ -321,13 +326,13 @@ class Episode:
             "visual": False,
             **self._named,
         }
-        return self.server.client.send("control", **(fields | changes))
+        return self.server.client.send(topic, **(fields | changes))
 
-    def stop(self) -> str:
+    def stop(self, topic: str = "control") -> str:
         """End it with run: false; what was sent."""
         self.over = True
         fields = {"server": self.server.id, "simulation_hash": self.hash, "run": False, **self._named}
-        return self.server.client.send("control", simulation=self.server.settings.title, **fields)
+        return self.server.client.send(topic, simulation=self.server.settings.title, **fields)
 
     def receive(self, sent: str = "") -> bool:
         """The next sensor message, put among the pending, or the fitness; whether it was a sensor message.

@@ -24,6 +24,7 @@ STEPWISE = "S1,S2,S3,S4,S5,S6,S7,S8,-S6.5,-S6.9"
 OFFLOADED = "S1,S2,S3,S9"
 CONNECTION = "S1,S2,S11,-S11.2"
 SCENES = "S1,S2,S14"
+OWN_TOPIC = "S1,S2,S15"
 
 
 class Broken(SoundServer):
@@ -451,7 +452,7 @@ class LosesAMetric(Broken):
 class RoundsOffloaded(Broken):
     """Gives other fitness offloaded than stepwise."""
 
-    breaks: ClassVar = {"S9.3", "S9.4", "S9.5", "S9.15", "S9.18"}
+    breaks: ClassVar = {"S9.3", "S9.4", "S9.5", "S9.15", "S9.18", "S9.19"}
     rules: ClassVar = OFFLOADED
 
     def compute(self, request: Json) -> tuple[list[float], dict[str, list[float]]]:
@@ -462,7 +463,7 @@ class RoundsOffloaded(Broken):
 class OneControllerForAll(Broken):
     """Agents share a controller, and its state."""
 
-    breaks: ClassVar = {"S9.4", "S9.5", "S9.18"}
+    breaks: ClassVar = {"S9.4", "S9.5", "S9.18", "S9.19"}
     rules: ClassVar = OFFLOADED
 
     def rollout(self, specification: str, parameters: Json) -> World:
@@ -527,6 +528,26 @@ class NeverLearns(Broken):
         return super().rollout(json.dumps(wanted), parameters)
 
 
+class ForgetsNodes(Broken):
+    """Begins every step of NEAT's networks with nodes that are 0."""
+
+    breaks: ClassVar = {"S9.19"}
+    rules: ClassVar = OFFLOADED
+
+    def rollout(self, specification: str, parameters: Json) -> World:
+        if json.loads(specification)["kind"] != "neat":
+            return super().rollout(specification, parameters)
+        world = self.make(parameters)
+        controller = _engine.Controller(specification)
+        while acting := world.acting():
+            actuators = {}
+            for agent in acting:
+                controller.reset()
+                actuators[agent] = controller.step(np.array(world.sense(agent), np.float32)).tolist()
+            world.step(actuators)
+        return world
+
+
 class BrokenRobots(Broken, SoundRobots):
     """Computes machines and trees of modules in another way."""
 
@@ -580,7 +601,7 @@ class ForgetsTheSubtree(BrokenRobots):
 class ColumnsFirst(Broken):
     """Writes episodes before candidates."""
 
-    breaks: ClassVar = {"S9.3", "S9.4", "S9.5", "S9.15", "S9.18"}
+    breaks: ClassVar = {"S9.3", "S9.4", "S9.5", "S9.15", "S9.18", "S9.19"}
     rules: ClassVar = OFFLOADED
 
     def compute(self, request: Json) -> tuple[list[float], dict[str, list[float]]]:
@@ -667,6 +688,38 @@ class ShowsEverybody(Broken):
 
     def on_control(self, content: Json) -> None:
         super().on_control({**content, "scenes": []})
+
+
+class HearsRequestsAlone(Broken):
+    """Announces control and takes requests on its own topic, nothing else."""
+
+    breaks: ClassVar = {"S15.1"}
+    rules: ClassVar = OWN_TOPIC
+
+    def on_own_topic(self, payload: bytes) -> None:
+        self.requested(payload)
+
+
+class EndsElsewhere(Broken):
+    """Starts episodes on its own topic, and waits for their end on control."""
+
+    breaks: ClassVar = {"S15.2"}
+    rules: ClassVar = OWN_TOPIC
+
+    def on_own_topic(self, payload: bytes) -> None:
+        content = self.read(payload)
+        if content.get("run", True) is not False:
+            self.on_control(content)
+
+
+class IsMeant(Broken):
+    """Takes what comes on its own topic for a message to itself."""
+
+    breaks: ClassVar = {"S15.3"}
+    rules: ClassVar = OWN_TOPIC
+
+    def on_own_topic(self, payload: bytes) -> None:
+        self.on_control({**self.read(payload), "server": self.server})
 
 
 SERVERS: list[type[Broken]] = [*Broken.__subclasses__(), *BrokenRobots.__subclasses__()]

@@ -12,7 +12,7 @@ mod stepwise;
 use std::time::{Duration, Instant};
 
 use serde_json::{Map, Value};
-use swarmwright_protocol::{EpisodeHasher, ServerMessage};
+use swarmwright_protocol::{Announcement, EpisodeHasher, ServerMessage};
 use swarmwright_worlds::Parameters;
 
 use crate::model::Model;
@@ -116,9 +116,12 @@ impl Remote {
         self.server.as_ref().map_or(0, |server| server.server)
     }
 
+    fn announcement(&self) -> Option<&Announcement> {
+        self.server.as_ref()?.capabilities.swarmwright.as_ref()
+    }
+
     fn instance(&self) -> Option<String> {
-        let announced = self.server.as_ref()?.capabilities.swarmwright.as_ref()?;
-        announced.instance.clone()
+        self.announcement()?.instance.clone()
     }
 
     /// Looks for servers until one has begun the episode.

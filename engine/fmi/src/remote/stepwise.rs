@@ -84,7 +84,16 @@ impl Remote {
             instance,
             scenes: None,
         };
-        self.send(Topic::Control, control.encode())
+        let announced = self.announcement();
+        let alone = announced.is_some_and(|announced| announced.control);
+        let link = self.link()?;
+        let topic = if alone {
+            link.topics.to_server(server)
+        } else {
+            link.topics.name(Topic::Control)
+        };
+        link.publish(topic, control.encode());
+        Ok(())
     }
 
     /// Waits for the sensors of the next step. All agents of `expected` are enough; where some do not come, the others

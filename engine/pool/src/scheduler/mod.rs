@@ -42,7 +42,7 @@ mod view;
 
 use std::time::Instant;
 
-use swarmwright_protocol::{Control, Topic};
+use swarmwright_protocol::Topic;
 
 use crate::config::Config;
 use crate::counts::Counts;
@@ -252,11 +252,19 @@ impl Scheduler {
         self.end_run(server, &hash);
     }
 
-    pub(crate) fn control(&self, server: u64, hash: String, run: bool) -> Control {
+    /// Starts or ends an episode; a server that listens on its own topic hears it there, and no other one.
+    pub(crate) fn control(&mut self, server: u64, hash: String, run: bool) {
         // Of two servers with one id it is this one that is meant.
         let instance = run.then(|| self.fleet.instance(server)).flatten();
-        self.messages
-            .control(&self.config, server, instance, hash, run)
+        let control = self
+            .messages
+            .control(&self.config, server, instance, hash, run);
+        let payload = control.encode();
+        if self.fleet.hears_own_topic(server) {
+            self.outbox.push(Action::Control { server, payload });
+        } else {
+            self.publish(Topic::Control, payload);
+        }
     }
 
     /// Why the work cannot be done, however often it is tried: a part of it is larger than the broker takes.

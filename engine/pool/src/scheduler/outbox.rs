@@ -14,6 +14,13 @@ const OTHERS: &str = "an evaluation failed for yet another reason";
 pub enum Action {
     /// Publish with QoS 0.
     Publish(Topic, Vec<u8>),
+    /// Publish a control message on a server's own topic with QoS 0.
+    Control {
+        /// The server.
+        server: u64,
+        /// The message.
+        payload: Vec<u8>,
+    },
     /// Publish on a server's own topic with QoS 0.
     Request {
         /// The server.

@@ -92,6 +92,8 @@ pub struct SceneEpisode {
     reply: String,
     tool: String,
     server: u64,
+    /// Whether the server hears control messages on its own topic.
+    on_own_topic: bool,
     hash: String,
     writer: ReadingWriter,
     events: Vec<Event>,
@@ -107,6 +109,15 @@ pub struct SceneEpisode {
     /// Fitness and metrics at the end.
     ended: Option<(f64, BTreeMap<String, f64>)>,
     heard: Instant,
+}
+
+/// A server that has scenes.
+struct Found {
+    server: u64,
+    /// Which start of it answered.
+    instance: Option<String>,
+    /// Whether it hears control messages on its own topic.
+    on_own_topic: bool,
 }
 
 /// Where an agent acted: its index, sensors and actuators.
@@ -149,6 +160,7 @@ impl SceneEpisode {
             connection,
             topics,
             server: 0,
+            on_own_topic: false,
             hash,
             events: Vec::new(),
             waiting: VecDeque::new(),
@@ -161,8 +173,12 @@ impl SceneEpisode {
             heard: Instant::now(),
             options,
         };
-        let (server, instance) = episode.find(&hasher.hash(first), go_on)?;
-        episode.server = server;
+        let Found {
+            server,
+            instance,
+            on_own_topic,
+        } = episode.find(&hasher.hash(first), go_on)?;
+        (episode.server, episode.on_own_topic) = (server, on_own_topic);
         let message = ParametersMessage {
             server,
             simulation_hash: episode.hash.clone(),
@@ -192,7 +208,11 @@ impl SceneEpisode {
     }
 
     fn send(&mut self, topic: Topic, payload: &[u8]) -> Result<(), SceneError> {
-        let name = self.topics.name(topic);
+        let name = if topic == Topic::Control && self.on_own_topic {
+            self.topics.to_server(self.server)
+        } else {
+            self.topics.name(topic)
+        };
         let options = PublishOptions::default();
         let sent = self.connection.publish_with(&name, payload, &options);
         sent.map_err(|TooLarge { bytes, most }| {

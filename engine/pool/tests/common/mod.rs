@@ -8,6 +8,7 @@
     reason = "a test; each uses a part of it"
 )]
 
+mod alone;
 mod extended;
 mod fleets;
 mod narrow;
@@ -21,6 +22,7 @@ use swarmwright_pool::{Attempt, Results, Scheduler, Work};
 use swarmwright_protocol::{Topic, Topics};
 use swarmwright_wrapper::{Machine as ServerMachine, Notice};
 
+pub use alone::Alone;
 pub use extended::{Extended, Wrong, refusal};
 pub use fleets::{
     CANDIDATES, SEEDS, batched, begin, begin_with, begin_without_copies, offloaded, party,
@@ -167,7 +169,8 @@ impl Net {
                         swarmwright_pool::Action::Publish(topic, payload) => {
                             published.push((topics.name(topic), payload))
                         }
-                        swarmwright_pool::Action::Request {
+                        swarmwright_pool::Action::Control { server, payload }
+                        | swarmwright_pool::Action::Request {
                             server, payload, ..
                         } => published.push((topics.to_server(server), payload)),
                         swarmwright_pool::Action::Warn(text) => self.warnings.push(text),

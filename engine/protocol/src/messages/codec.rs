@@ -27,11 +27,17 @@ impl Message {
             Topic::Actuator => Self::Actuator(Actuator::decode(payload)?),
             Topic::Fitness => Self::Fitness(Fitness::decode(payload)?),
             Topic::Presence => Self::Presence(Presence::decode(payload)?),
+            Topic::ToServer if is_object(payload) => Self::Control(Control::decode(payload)?),
             Topic::ToServer => Self::ToServer(ToServer::decode(payload)?),
             Topic::ToTool => Self::ToTool(ToTool::decode(payload)?),
             Topic::Status => Self::Status(Box::new(Status::decode(payload)?)),
         })
     }
+}
+
+/// Whether a payload begins as a JSON object does, and no MessagePack map.
+fn is_object(payload: &[u8]) -> bool {
+    payload.trim_ascii_start().first() == Some(&b'{')
 }
 
 /// An object whose keys are taken out one by one.
@@ -210,6 +216,7 @@ impl Announcement {
                 .lenient("tolerance")
                 .filter(|tolerance| *tolerance >= 0.0),
             scenes: keys.lenient("scenes").unwrap_or_default(),
+            control: keys.lenient("control").unwrap_or_default(),
             instance: keys.lenient("instance"),
             host: keys.lenient("host"),
             pid: keys.lenient("pid"),
@@ -231,6 +238,7 @@ impl Announcement {
         insert(&mut object, "determinism", self.determinism.clone());
         insert(&mut object, "tolerance", self.tolerance);
         insert(&mut object, "scenes", self.scenes.then_some(true));
+        insert(&mut object, "control", self.control.then_some(true));
         insert(&mut object, "instance", self.instance.clone());
         insert(&mut object, "host", self.host.clone());
         insert(&mut object, "pid", self.pid);

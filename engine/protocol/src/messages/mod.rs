@@ -85,6 +85,8 @@ pub struct Announcement {
     pub tolerance: Option<f64>,
     /// Whether it sends the scenes of stepwise episodes to tools that ask for them.
     pub scenes: bool,
+    /// Whether it hears control messages on its own topic too.
+    pub control: bool,
     /// Random for each start of a server: tells two servers with one id apart.
     pub instance: Option<String>,
     /// Where the server runs.

@@ -17,6 +17,7 @@ GROUPS = {
     "S12": "Speed",
     "S13": "The end",
     "S14": "Scenes",
+    "S15": "Control on the server's own topic",
 }
 RULES = Rules("server", GROUPS)
 rule = RULES.rule

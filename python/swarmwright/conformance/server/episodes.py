@@ -10,11 +10,11 @@ from swarmwright.conformance._trajectory import Always
 from swarmwright.conformance.server._rules import rule
 
 
-def begun(server: Server) -> Episode:
+def begun(server: Server, topic: str = "control") -> Episode:
     """An episode whose first step has been asked for; skips the rule when no agent is asked."""
     episode = server.episode()
     episode.configure()
-    episode.start()
+    episode.start(topic)
     episode.gather()
     if episode.over:
         raise Skip("the simulation steers its agents itself, no agent is asked")

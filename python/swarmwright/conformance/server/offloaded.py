@@ -191,6 +191,19 @@ def hebbian(server: Server) -> str:
 
 
 @rule(
+    "S9.19",
+    "NEAT's networks give the fitness that they give stepwise, to the last bit.",
+    where="decision 002",
+    fix="compute in binary64, with the e^x of decision 002, one node after the other, and keep the outputs "
+    "in binary64 from step to step; replay protocol/vectors/controllers.json",
+    needs=["S9.1", "S3.2"],
+)
+def neat(server: Server) -> str:
+    """Three candidates, two seeds."""
+    return _equal(server, "neat")
+
+
+@rule(
     "S9.16",
     "Machines of modules give the fitness that they give stepwise, to the last bit.",
     where="decision 002",

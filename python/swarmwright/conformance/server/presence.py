@@ -51,7 +51,7 @@ def told(server: Server, wanted: str) -> Json:
     needs=["S1.3"],
 )
 def announcement(server: Server) -> str:
-    """Version, modes, controllers, batch, sensors, actuators, metrics, determinism."""
+    """Version, modes, controllers, batch, sensors, actuators, metrics, determinism, scenes, control."""
     server.announces()
     said = server.announced
     for key, least in (("version", 1), ("sensors", 1), ("actuators", 1), ("batch", 1), ("pid", 0)):
@@ -62,6 +62,9 @@ def announcement(server: Server) -> str:
         value = said.get(key, ["stepwise"])
         if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
             raise Failure(f'"{key}" is {value!r}', "a list of names")
+    for key in ("scenes", "control"):
+        if not isinstance(said.get(key, False), bool):
+            raise Failure(f'"{key}" is {said[key]!r}', "true or false")
     if said.get("modes") == []:
         raise Failure('"modes" is empty', "one mode at least, or no such key")
     if "determinism" in said and said["determinism"] not in DETERMINISM:

@@ -12,7 +12,7 @@ pub(crate) mod pace;
 pub(crate) mod processes;
 pub(crate) mod slot;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::time::{Duration, Instant};
 
 use swarmwright_protocol::Presence;
@@ -46,6 +46,9 @@ pub(crate) struct Fleet {
     metrics: BTreeMap<u64, Vec<String>>,
     /// Servers that may still wait for this tool since its connection broke, each with its last hash.
     left_behind: BTreeMap<u64, Option<String>>,
+    /// Servers that said last that they hear control messages on their own topics; some may still wait for this tool
+    /// when nothing else is known of them any more.
+    on_own_topic: BTreeSet<u64>,
     /// How often a server that had been silent spoke again.
     woken: usize,
     lag: Lag,
@@ -111,6 +114,7 @@ impl Fleet {
         *self = Self {
             health: std::mem::take(&mut self.health),
             left_behind: std::mem::take(&mut self.left_behind),
+            on_own_topic: std::mem::take(&mut self.on_own_topic),
             lag: std::mem::take(&mut self.lag),
             ..Self::default()
         };
@@ -122,12 +126,15 @@ impl Fleet {
     }
 
     /// Ends the use of all servers. Returns those that are to be told: of many, those are not that are free in some
-    /// seconds anyway, since all servers hear what one is told.
+    /// seconds anyway where all servers would hear what one is told.
     pub fn release(&mut self) -> Vec<(u64, Option<String>)> {
         let many = self.slots.values().filter(|slot| slot.held).count() > MOST_TOLD;
         let slots = std::mem::take(&mut self.slots).into_iter();
-        let told = |slot: &Slot| slot.held && !(many && slot.capabilities.swarmwright.is_some());
-        let told = slots.filter(|(_, slot)| told(slot));
+        let told = |id: u64, slot: &Slot| {
+            let soon_free = slot.capabilities.swarmwright.is_some();
+            slot.held && !(many && soon_free && !self.hears_own_topic(id))
+        };
+        let told = slots.filter(|(id, slot)| told(*id, slot));
         told.map(|(id, slot)| (id, slot.last_hash)).collect()
     }
 }

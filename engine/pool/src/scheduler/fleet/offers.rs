@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use swarmwright_protocol::{Presence, ServerMessage, State, shortened};
+use swarmwright_protocol::{Capabilities, Presence, ServerMessage, State, shortened};
 
 use crate::demand::Demand;
 use crate::scheduler::fleet::Fleet;
@@ -51,6 +51,7 @@ impl Fleet {
         now: Instant,
     ) -> Answer {
         let id = message.server;
+        self.announced(id, &message.capabilities);
         if message.simulations.contains(&demand.simulation) {
             let announced = message.capabilities.swarmwright.as_ref();
             let names = announced.map(|announced| announced.metrics.clone());
@@ -128,6 +129,21 @@ impl Fleet {
             },
         );
         Answer::Welcome
+    }
+
+    /// What a server says in its answer; presence may be retained, and of another start of it.
+    fn announced(&mut self, id: u64, capabilities: &Capabilities) {
+        let announced = capabilities.swarmwright.as_ref();
+        if announced.is_some_and(|announced| announced.control) {
+            self.on_own_topic.insert(id);
+        } else {
+            self.on_own_topic.remove(&id);
+        }
+    }
+
+    /// Whether a server gets control messages on its own topic. Of two with one id another one may not listen there.
+    pub fn hears_own_topic(&self, id: u64) -> bool {
+        self.on_own_topic.contains(&id) && !self.duplicates.contains_key(&id)
     }
 
     /// Two servers have an id, as was seen in a round: it is not used until one is left. Returns the jobs that they had,
@@ -300,6 +316,7 @@ impl Fleet {
     /// A server left in good order. Returns the jobs that it had.
     pub fn left(&mut self, id: u64) -> Vec<Job> {
         self.presences.remove(&id);
+        self.on_own_topic.remove(&id);
         self.unfit.remove(&id);
         self.unmatched.remove(&id);
         self.metrics.remove(&id);

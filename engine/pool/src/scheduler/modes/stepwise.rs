@@ -52,8 +52,7 @@ impl Scheduler {
             return self.not_for(server, &reason, now);
         }
         self.publish(Topic::Parameters, payload);
-        let control = self.control(server, hash.clone(), true);
-        self.publish(Topic::Control, control.encode());
+        self.control(server, hash.clone(), true);
         self.fleet.sent_to(server, 2);
         let writer = ReadingWriter::actuator(&self.config.demand.simulation, &hash);
         let round = self.discovery.round();
@@ -368,7 +367,6 @@ impl Scheduler {
 
     /// Ends an episode on a server.
     pub(crate) fn end_run(&mut self, server: u64, hash: &str) {
-        let control = self.control(server, hash.to_owned(), false);
-        self.outbox.publish(Topic::Control, control.encode());
+        self.control(server, hash.to_owned(), false);
     }
 }

@@ -128,6 +128,15 @@ impl Pool {
                         None,
                     );
                 }
+                Action::Control { server, payload } => {
+                    self.connection.publish(
+                        &self.topics.to_server(server),
+                        &payload,
+                        QoS::AtMostOnce,
+                        false,
+                        None,
+                    );
+                }
                 Action::Request {
                     server,
                     request,

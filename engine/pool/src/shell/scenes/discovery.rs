@@ -7,7 +7,7 @@ use swarmwright_protocol::{Discovery, Message, ServerMessage, Topic};
 
 use super::SceneError;
 use super::SceneError::Impossible;
-use super::{GoOn, SceneEpisode};
+use super::{Found, GoOn, SceneEpisode};
 
 /// How often discovery is repeated.
 const ASK: Duration = Duration::from_millis(500);
@@ -15,12 +15,8 @@ const ASK: Duration = Duration::from_millis(500);
 const BETTER: Duration = Duration::from_secs(2);
 
 impl SceneEpisode {
-    /// Looks for a free server that has scenes; its id and its start.
-    pub(super) fn find(
-        &mut self,
-        hash: &str,
-        go_on: GoOn<'_>,
-    ) -> Result<(u64, Option<String>), SceneError> {
+    /// Looks for a free server that has scenes.
+    pub(super) fn find(&mut self, hash: &str, go_on: GoOn<'_>) -> Result<Found, SceneError> {
         let begin = Instant::now();
         let mut limit = begin + self.options.discovery;
         let mut ask = begin;
@@ -38,9 +34,12 @@ impl SceneEpisode {
             }
             for message in self.answers(hash, ask.min(limit), go_on)? {
                 let announced = message.capabilities.swarmwright.as_ref();
-                if announced.is_some_and(|announced| announced.scenes) {
-                    let instance = announced.and_then(|announced| announced.instance.clone());
-                    return Ok((message.server, instance));
+                if let Some(announced) = announced.filter(|announced| announced.scenes) {
+                    return Ok(Found {
+                        server: message.server,
+                        instance: announced.instance.clone(),
+                        on_own_topic: announced.control,
+                    });
                 }
                 if !without.contains(&message.server) {
                     without.push(message.server);

@@ -82,6 +82,15 @@ public final class Messages {
         .getAsJsonObject();
   }
 
+  /** Whether a payload begins like a JSON object, and not like a MessagePack map. */
+  public static boolean isObject(byte[] payload) {
+    int start = 0;
+    while (start < payload.length && " \t\r\n".indexOf(payload[start]) >= 0) {
+      start++;
+    }
+    return start < payload.length && payload[start] == '{';
+  }
+
   /** Reads a control message. */
   public static Control readControl(byte[] payload) {
     Fields fields = new Fields(JsonText.read(payload));
@@ -185,6 +194,7 @@ public final class Messages {
         .withTolerance(
             fields.has("tolerance") ? fields.lenient(() -> fields.number("tolerance")) : null)
         .withScenes(fields.lenient(() -> fields.optionalFlag("scenes")))
+        .withControl(fields.lenient(() -> fields.optionalFlag("control")))
         .withInstance(fields.lenient(() -> fields.optionalText("instance")))
         .withHost(fields.lenient(() -> fields.optionalText("host")))
         .withPid(count(fields, "pid"));

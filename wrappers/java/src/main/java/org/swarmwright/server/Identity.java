@@ -75,6 +75,7 @@ final class Identity {
                 .withSensors(simulation.sensors())
                 .withActuators(simulation.actuators())
                 .withScenes(offer.hasScenes() ? true : null)
+                .withControl(true)
                 .withInstance(instance)
                 .withHost(host)
                 .withPid(pid));

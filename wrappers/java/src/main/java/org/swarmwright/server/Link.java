@@ -23,7 +23,6 @@ import org.swarmwright.mqtt.BrokerAddress;
 final class Link {
   private static final Logger LOG = Logger.getLogger(Link.class.getName());
   private static final int TIMEOUT_MILLIS = 10_000;
-  private static final int KEEP_ALIVE_S = 20;
 
   /** How long the broker retains the last will, seconds. */
   private static final long WILL_EXPIRY_S = 3600;
@@ -69,7 +68,7 @@ final class Link {
     options.setAutomaticReconnect(true);
     options.setAutomaticReconnectDelay(1, 5);
     options.setConnectionTimeout(TIMEOUT_MILLIS / 1000);
-    options.setKeepAliveInterval(KEEP_ALIVE_S);
+    options.setKeepAliveInterval(address.keepAlive());
     options.setSocketFactory(address.sockets());
     options.setServerURIs(address.uris());
     if (address.username() != null) {

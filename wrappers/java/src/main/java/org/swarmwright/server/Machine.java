@@ -109,7 +109,11 @@ final class Machine {
         otherPresence(Messages.readPresence(payload), now);
         break;
       case TO_SERVER:
-        extension(ToServer.read(payload), now);
+        if (Messages.isObject(payload)) {
+          runControl.receive(Messages.readControl(payload), now);
+        } else {
+          extension(ToServer.read(payload), now);
+        }
         break;
       default:
         break;

@@ -27,6 +27,26 @@ class MachineTest extends MachineFixture {
   }
 
   @Test
+  void controlIsHeardOnTheOwnTopicAndOnThatOfAll() {
+    String mine = "'server': 7, 'simulation_hash': 'e'";
+    String own = "swarmwright/v1/server/7";
+    say("parameters", mine);
+    say("swarmwright/v1/server/8", mine);
+    assertEquals(0, sensors());
+    say(own, mine);
+    assertTrue(sensors() > 0);
+    say("control", mine + ", 'run': false");
+    assertTrue(isFree(""));
+    say("parameters", mine);
+    say("control", mine);
+    say(own, mine + ", 'run': false");
+    assertTrue(isFree(""));
+    assertEquals(List.of(), out.notices);
+    say(own, "'server': 7");
+    assertTrue(out.notices.toString().contains("\"simulation_hash\""));
+  }
+
+  @Test
   void controlWhoseParametersDoNotComeIsRefused() {
     String late = "'server': 7, 'simulation_hash': 'late'";
     String ended = "'server': 7, 'simulation_hash': 'ended'";

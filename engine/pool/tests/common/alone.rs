@@ -1,0 +1,99 @@
+//! A tool without a broker, which hears what the test says.
+
+use std::time::{Duration, Instant};
+
+use serde_json::{Value, json};
+use swarmwright_pool::{Action, Scheduler, Work};
+use swarmwright_protocol::Topics;
+
+use super::tool;
+
+/// A tool that steps every agent by itself, and what it said in JSON.
+pub struct Alone {
+    pub machine: Scheduler,
+    pub now: Instant,
+    /// Topics and messages.
+    pub said: Vec<(String, Value)>,
+    pub warnings: Vec<String>,
+}
+
+impl Alone {
+    /// A tool that has asked which servers there are for its work.
+    pub fn new(work: Work) -> Self {
+        let now = Instant::now();
+        let mut alone = Self {
+            machine: tool("a", 0, now),
+            now,
+            said: Vec::new(),
+            warnings: Vec::new(),
+        };
+        alone.machine.submit(work, now);
+        alone.pass(0);
+        alone
+    }
+
+    pub fn pass(&mut self, milliseconds: u64) {
+        self.now += Duration::from_millis(milliseconds);
+        self.machine.tick(self.now);
+        self.collect();
+    }
+
+    pub fn hear(&mut self, topic: &str, message: &Value) {
+        let payload = message.to_string().into_bytes();
+        self.machine.receive(topic, &payload, false, self.now);
+        self.collect();
+    }
+
+    /// The connection breaks, and is back at once.
+    pub fn reconnect(&mut self) {
+        self.machine.disconnected(self.now);
+        self.machine.connected(self.now);
+        self.collect();
+    }
+
+    /// Takes what the tool wants said.
+    pub fn collect(&mut self) {
+        let topics = Topics::default();
+        for action in self.machine.actions() {
+            let (topic, payload) = match action {
+                Action::Publish(topic, payload) => (topics.name(topic), payload),
+                Action::Control { server, payload } => (topics.to_server(server), payload),
+                Action::Warn(text) => {
+                    self.warnings.push(text);
+                    continue;
+                }
+                _ => continue,
+            };
+            let message = serde_json::from_slice(&payload).unwrap();
+            self.said.push((topic, message));
+        }
+    }
+
+    /// The messages of a topic.
+    pub fn on(&self, topic: &str) -> impl DoubleEndedIterator<Item = &Value> {
+        let said = self.said.iter();
+        said.filter(move |(name, _)| name == topic)
+            .map(|(_, message)| message)
+    }
+
+    /// The hash of the last message of a topic.
+    pub fn last(&self, topic: &str) -> Value {
+        self.on(topic).next_back().unwrap()["simulation_hash"].clone()
+    }
+
+    /// A server answers the last discovery; `announced`: its `capabilities.swarmwright`.
+    pub fn answer(&mut self, server: u64, announced: Option<&Value>) {
+        let mut capabilities = json!({"dimensions": 2, "max_agents": 5});
+        if let Some(announced) = announced {
+            capabilities["swarmwright"] = announced.clone();
+        }
+        let answer = json!({"server": server, "simulation_hash": self.last("discovery"),
+            "simulations": ["line"], "capabilities": capabilities});
+        self.hear("server", &answer);
+    }
+
+    pub fn sense(&mut self, hash: &Value) {
+        let sensor = json!({"simulation_hash": hash, "agent": 0, "sensor": [0.5, 0.5]});
+        self.hear("sensor", &sensor);
+    }
+}

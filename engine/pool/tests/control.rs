@@ -1,0 +1,141 @@
+//! On which topic control messages go.
+#![allow(clippy::unwrap_used, clippy::panic, reason = "a test")]
+
+use crate::common;
+
+use common::{Alone, CANDIDATES, Line, Net, Party, SEEDS, begin, server, undisturbed, work};
+use serde_json::{Value, json};
+use swarmwright_pool::Mode;
+use swarmwright_protocol::{Message, Topic, Topics};
+
+#[test]
+fn control_goes_to_the_topic_of_a_server_that_says_that_it_listens_there() {
+    let own = Topics::default().to_server(1);
+    for (announced, topic) in [(true, own.as_str()), (false, "control")] {
+        let mut net = Net::new(5);
+        if announced {
+            net.add(Party::Server(Box::new(server(1, Line::new()))));
+        } else {
+            net.add_seed_only(1);
+        }
+        let index = begin(&mut net, Mode::Stepwise, work(CANDIDATES, &SEEDS));
+        assert_eq!(net.finish(index), undisturbed(CANDIDATES));
+        net.tool(index).release();
+        net.collect(index);
+        for _ in 0..20 {
+            net.turn();
+        }
+        let controls = net.log.iter().filter_map(|message| {
+            let Ok(Message::Control(control)) = Message::decode(Topic::Control, &message.payload)
+            else {
+                return None;
+            };
+            (message.topic == "control" || message.topic == own)
+                .then_some((message.topic.as_str(), control.run))
+        });
+        let controls: Vec<(&str, bool)> = controls.collect();
+        let mut expected = vec![(topic, true); CANDIDATES * SEEDS.len()];
+        expected.push((topic, false));
+        assert_eq!(controls, expected);
+    }
+}
+
+/// What a server announces; `control`: whether it hears control messages on its own topic.
+fn announced(instance: &str, control: bool) -> Value {
+    json!({"version": 1, "modes": ["stepwise"], "instance": instance, "control": control})
+}
+
+/// The topics of the control messages so far, each with `run`, the last ones after `known`.
+fn controls(tool: &Alone, known: usize) -> Vec<(&str, bool)> {
+    let said = tool.said.iter().skip(known);
+    let controls = said.filter(|(_, message)| message["run"].is_boolean());
+    controls
+        .map(|(topic, message)| (topic.as_str(), message["run"] == true))
+        .collect()
+}
+
+#[test]
+fn an_id_that_an_announcing_and_a_plain_server_share_has_the_topic_of_all() {
+    let own = Topics::default().to_server(1);
+    let announcing = announced("a", true);
+    let both = [(Some(&announcing), own.as_str()), (None, "control")];
+    // The one that was there first, the other one, and which of them is left.
+    for (first, second, (left, last)) in [
+        (both[0], both[1], both[0]),
+        (both[0], both[1], both[1]),
+        (both[1], both[0], both[0]),
+        (both[1], both[0], both[1]),
+    ] {
+        let mut tool = Alone::new(work(3, &SEEDS));
+        tool.answer(1, first.0);
+        tool.pass(40);
+        assert_eq!(controls(&tool, 0), [(first.1, true)]);
+        let known = tool.said.len();
+        tool.pass(2500);
+        tool.answer(1, first.0);
+        tool.answer(1, second.0);
+        assert_eq!(tool.warnings.len(), 1, "{:?}", tool.warnings);
+        // Either may be at the episode, and the plain one hears the topic of all alone.
+        assert_eq!(controls(&tool, known), [("control", false)]);
+        let known = tool.said.len();
+        for _ in 0..3 {
+            tool.pass(2500);
+            tool.answer(1, left);
+            tool.pass(100);
+        }
+        assert_eq!(controls(&tool, known), [(last, true)]);
+    }
+}
+
+#[test]
+fn the_last_announcement_counts_when_the_connection_is_back() {
+    let own = Topics::default().to_server(1);
+    let topic = |control| if control { own.as_str() } else { "control" };
+    for (before, after) in [(true, false), (false, true), (true, true)] {
+        let mut tool = Alone::new(work(3, &SEEDS));
+        tool.answer(1, Some(&announced("a", before)));
+        tool.pass(40);
+        tool.reconnect();
+        // The server that still waits is the one of before.
+        assert_eq!(
+            controls(&tool, 0),
+            [(topic(before), true), (topic(before), false)]
+        );
+        let known = tool.said.len();
+        tool.pass(100);
+        tool.answer(1, Some(&announced("b", after)));
+        tool.pass(100);
+        assert_eq!(controls(&tool, known), [(topic(after), true)]);
+    }
+}
+
+#[test]
+fn many_servers_are_released_where_each_hears_it_alone() {
+    const MANY: u64 = 150;
+    let topics = Topics::default();
+    let (silent, plain) = (MANY, MANY + 1);
+    let mut tool = Alone::new(work(200, &SEEDS));
+    for id in 0..MANY {
+        tool.answer(id, Some(&announced("a", true)));
+    }
+    tool.answer(silent, Some(&announced("a", false)));
+    tool.answer(plain, None);
+    tool.pass(40);
+    assert_eq!(controls(&tool, 0).len(), 152);
+    tool.machine.cancel();
+    tool.collect();
+    let known = tool.said.len();
+    tool.machine.release();
+    tool.collect();
+    let own = (0..MANY).map(|id| topics.to_server(id));
+    let told: Vec<(String, Value)> = own
+        .zip((0..MANY).map(Value::from))
+        .chain([("control".to_owned(), plain.into())])
+        .collect();
+    let said = tool.said[known..].iter();
+    let said: Vec<(String, Value)> = said
+        .map(|(topic, message)| (topic.clone(), message["server"].clone()))
+        .collect();
+    assert_eq!(said, told);
+    assert!(controls(&tool, known).iter().all(|(_, run)| !run));
+}
