@@ -1,5 +1,6 @@
 """`swarmwright import`: a FREVO session, or the files of a drawn model, become an experiment."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
@@ -66,8 +67,8 @@ def command(
     Each FILE is recognised by what it holds; a folder stands for its .json, .scxml, .sysml and .xml files.
 
     Of a session (.zse) can be taken over: Emergency Exit; NNGA, CEA2D, PSO and RandomSearch; FullyMeshedNet,
-    CompleteNetwork, ThreeLayerNetwork, MultiLayerNetwork and MealyFSM; AbsoluteRanking. For other components
-    a replacement can be named.
+    CompleteNetwork, ThreeLayerNetwork, MultiLayerNetwork, MealyFSM, HebbNet and NEAT, whose connections stay;
+    AbsoluteRanking. For other components a replacement can be named.
 
     The files of a model are those of Modelio's CPSwarm modules: FREVO problem descriptions (<icomponent>),
     OptimisedParameters (JSON), SwarmComposition (XML), abstraction descriptions (ADF JSON) and state machines
@@ -80,17 +81,19 @@ def command(
         raise click.UsageError(f"'{target}': there is no folder '{target.parent}'; create it first.")
     if target is not None and target.exists():
         raise click.UsageError(f"'{target}' exists and is not written over; name another file, or remove it.")
-    from swarmwright import models
-    from swarmwright.core.files import write_text
+    from swarmwright import frevo
 
-    found = models.files_of(files)
     replaced = {"simulation": simulation, "method": method, "controller": controller}
-    if len(found) == 1 and models.is_session(found[0]):
+    found = _files_of(files)
+    if len(found) == 1 and frevo.is_session(found[0]):
         _import_session(found[0], target, field=field, ranking=ranking, **replaced)
         return
     for option, value in (("--field", field), ("--ranking", ranking)):
         if value is not None:
             raise click.UsageError(f"{option} is for FREVO sessions; a drawn model has none.")
+    from swarmwright import models
+    from swarmwright.core.files import write_text
+
     imported = models.load(found, target=target, **replaced)
     for note in imported.notes:
         complain(note)
@@ -101,6 +104,15 @@ def command(
         write_text(beside, text)
         Output().text(f"The behaviour is in {beside}")
     _write(imported.yaml, target)
+
+
+def _files_of(files: Sequence[Path]) -> Sequence[Path]:
+    """Return the files, and those of folders: only for these the readers of models are loaded, slowly."""
+    if not any(file.is_dir() for file in files):
+        return files
+    from swarmwright import models
+
+    return models.files_of(files)
 
 
 def _import_session(file: Path, target: Path | None, *, field: Path | None, **replaced: str | None) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 from swarmwright.core.errors import InputError
 
 _PIECE = 1 << 20
+_LARGEST = 1 << 28
 _KINDS = (
     (stat.S_ISFIFO, "a pipe"),
     (stat.S_ISSOCK, "a socket"),
@@ -39,6 +40,30 @@ def read_bytes(path: Path, largest: int) -> bytes:
             if len(data) <= largest:
                 return data
     raise InputError(f"{path}: is larger than {largest >> 20} MiB")
+
+
+def contents(path: Path) -> bytes:
+    """Return what a file that a person named holds.
+
+    Raises InputError when it cannot be read, is not a regular file, or is larger than 256 MiB.
+    """
+    try:
+        return read_bytes(path, _LARGEST)
+    except FileNotFoundError:
+        raise InputError(f"{path}: there is no such file") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
+
+
+def first_sign(path: Path) -> str:
+    """Return the first character of a text that is not white space, none of an empty one.
+
+    Always "<" for UTF-16, which XML can be in. Raises InputError as `contents` does.
+    """
+    data = contents(path)
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return "<"
+    return data.removeprefix(b"\xef\xbb\xbf").lstrip()[:1].decode("latin-1")
 
 
 def _check_kind(path: Path, mode: int) -> None:

@@ -10,9 +10,8 @@ from pathlib import Path
 from xml.parsers import expat
 
 from swarmwright.core.errors import InputError
-from swarmwright.core.files import read_bytes
+from swarmwright.core.files import contents
 
-_LARGEST = 1 << 28  # bytes
 _MOST = 2_000_000  # elements and attributes; some 400 bytes each
 _DEEPEST = 50
 
@@ -139,12 +138,7 @@ def root_of(path: Path) -> Element:
 
 def _parsed(path: Path, *, stop: bool = False) -> _Builder:
     """Return the builder that has read a file; stop: to the start of its root element only."""
-    try:
-        data = read_bytes(path, _LARGEST)
-    except FileNotFoundError:
-        raise InputError(f"{path}: there is no such file") from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
+    data = contents(path)
     builder = _Builder(str(path))
     if stop:
         builder.parser.StartElementHandler = builder.begin

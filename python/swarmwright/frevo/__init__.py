@@ -4,7 +4,8 @@ FREVO (https://github.com/smartgrids-aau/Frevo, version 1.5) keeps experiments i
 evolved populations in result files (.zre), both XML.
 """
 
+from swarmwright.frevo._document import is_session
 from swarmwright.frevo._imported import Imported, load
 from swarmwright.frevo._score import Score, Scores, score
 
-__all__ = ["Imported", "Score", "Scores", "load", "score"]
+__all__ = ["Imported", "Score", "Scores", "is_session", "load", "score"]

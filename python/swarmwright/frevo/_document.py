@@ -2,13 +2,17 @@
 
 import math
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
+import numpy as np
+
 from swarmwright.core.errors import InputError
+from swarmwright.core.files import first_sign
 from swarmwright.core.suggestions import did_you_mean
-from swarmwright.core.xml import Element, read
+from swarmwright.core.xml import Element, read, root_of
 
 SECTIONS = ("problem", "method", "representation", "ranking")
 """Sections of a session; each names the class of a component."""
@@ -16,6 +20,9 @@ SECTIONS = ("problem", "method", "representation", "ranking")
 
 _TO_FILL_IN = re.compile("-[A-Z_]+-")
 """The placeholder of a value in the templates of FREVO's evaluation scripts."""
+_MOST_NODES = 10_000
+_ROOT = "frevo"
+"""The outermost element."""
 
 
 @dataclass
@@ -142,10 +149,48 @@ def java_number(text: str) -> float | None:
     return value if math.isfinite(value) else None
 
 
+def is_single(value: float) -> bool:
+    """Return whether a number is finite as a binary32, too."""
+    with np.errstate(over="ignore"):
+        return bool(np.isfinite(np.float32(value)))
+
+
+def attribute_number(element: Element, name: str) -> float:
+    """Return an attribute that is a finite binary32 when it is rounded; raise InputError for others."""
+    text = element.attribute(name)
+    value = java_number(text)
+    if value is None or not is_single(value):
+        raise element.error(f"{name} {text[:40]!r} found, expected a finite number")
+    return value
+
+
+def attribute_count(element: Element, name: str) -> int:
+    """Return an attribute that counts or numbers nodes; raise InputError for others."""
+    text = element.attribute(name)
+    if not text.isascii() or not text.isdigit() or int(text[:9]) > _MOST_NODES:
+        raise element.error(f"{name} {text[:40]!r} found, expected a whole number of at most {_MOST_NODES}")
+    return int(text)
+
+
+def members(root: Element) -> Iterator[Element]:
+    """Yield what the populations of a result file hold, in the file's order; nothing for a session."""
+    for element in root.children:
+        if element.tag == "population":
+            yield from element.children
+        elif element.tag == "populations":
+            for population in element.all("population"):
+                yield from population.children
+
+
+def is_session(path: Path) -> bool:
+    """Whether a file is a FREVO session or result. Raises InputError when it cannot be read."""
+    return first_sign(path) == "<" and root_of(path).tag == _ROOT
+
+
 def open_session(path: Path) -> Session:
     """Read a session or result file. Raises InputError, with file and line, when it is not one."""
     root = read(path)
-    if root.tag != "frevo":
+    if root.tag != _ROOT:
         raise root.error(
             "found as the outermost element; expected <frevo>, a session (.zse) or result (.zre)"
         )

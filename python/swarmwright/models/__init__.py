@@ -5,7 +5,7 @@ optimization tool gets from the designer in CPSwarm's D6.1, section 4.
 """
 
 from swarmwright.models._experiment import Imported, load
-from swarmwright.models._files import files_of, is_session
+from swarmwright.models._files import files_of
 from swarmwright.models._write_back import write_back
 
-__all__ = ["Imported", "files_of", "is_session", "load", "write_back"]
+__all__ = ["Imported", "files_of", "load", "write_back"]

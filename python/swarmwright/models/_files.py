@@ -6,7 +6,7 @@ from typing import Any
 
 from swarmwright.core import json_source, xml
 from swarmwright.core.errors import InputError
-from swarmwright.core.files import read_bytes
+from swarmwright.core.files import first_sign
 from swarmwright.core.suggestions import did_you_mean
 from swarmwright.models import (
     abstractions,
@@ -24,14 +24,8 @@ _XML: tuple[Any, ...] = (frevo_problem, swarm_composition, behaviour)
 _JSON: tuple[Any, ...] = (optimised_parameters, abstractions)
 """Modules with `recognises(values)`, `WORDS` and `load(path, source)`."""
 _SESSION = "frevo"
-_LARGEST = 1 << 28
 _SUFFIXES = frozenset({".json", ".scxml", ".sysml", ".xml"})
 """Files of a folder that are looked at."""
-
-
-def is_session(path: Path) -> bool:
-    """Whether a file is a FREVO session or result. Raises InputError when it cannot be read."""
-    return _first_sign(path) == "<" and xml.root_of(path).tag == _SESSION
 
 
 def load(path: Path) -> Part:
@@ -39,7 +33,7 @@ def load(path: Path) -> Part:
 
     Raises InputError when it is of no known kind, or with everything that is wrong in it, file and line each.
     """
-    sign = _first_sign(path)
+    sign = first_sign(path)
     if sign == "<":
         return _load_xml(path)
     if sign in {"{", "["}:
@@ -96,15 +90,3 @@ def _load_json(path: Path) -> Part:
 def _expected() -> str:
     words = [module.WORDS for module in (*_XML, *_JSON, sysml)]
     return f"expected a FREVO session (<{_SESSION}>), {', '.join(words[:-1])} or {words[-1]}"
-
-
-def _first_sign(path: Path) -> str:
-    try:
-        data = read_bytes(path, _LARGEST)
-    except FileNotFoundError:
-        raise InputError(f"{path}: there is no such file") from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
-    if data.startswith((b"\xff\xfe", b"\xfe\xff")):  # UTF-16, which only XML is in
-        return "<"
-    return data.removeprefix(b"\xef\xbb\xbf").lstrip()[:1].decode("latin-1")

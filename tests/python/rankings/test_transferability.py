@@ -73,6 +73,15 @@ def test_a_candidate_with_a_known_behaviour_has_its_disparity() -> None:
     assert ranked.fitness.tolist() == [3 - 5, 2 - 1, 8.5]
 
 
+@pytest.mark.parametrize("apart", [0.0, 5e-324, 1e-160, 1e-120])
+def test_of_those_almost_at_the_place_of_a_known_one_its_disparity_is_predicted(apart: float) -> None:
+    one = ranking(transfers=1, threshold=0.0)
+    fast, metrics = column(3, 2, 1), np.array([0.0, apart, 1.0])[:, np.newaxis, np.newaxis]
+    who, ranked = chosen(one, fast, column(1, 9, 9), metrics)
+    assert who == [[0]]
+    assert ranked.fitness[0] - 3 == ranked.fitness[1] - 2 == -2
+
+
 def test_only_some_generations_are_evaluated_in_both() -> None:
     one = ranking(transfers=1, every=3)
     fast, slow, metrics = column(1, 2, 3), column(0, 0, 0), column(0, 1, 2)[:, :, np.newaxis]
