@@ -4,6 +4,7 @@ Every operation is one of NumPy's on binary32, or on binary64 where the decision
 gives. `max(a, b)` is `a < b ? b : a`, which lets a NaN pass.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -67,6 +68,50 @@ FUNCTIONS: dict[str, Callable[[Single], Single]] = {
 }
 
 
+_EXP_P = (
+    1.66666666666666019037e-01, -2.77777777770155933842e-03, 6.61375632143793436117e-05,
+    -1.65339022054652515390e-06, 4.13813679705723846039e-08,
+)  # fmt: skip
+
+
+def _fdlibm_exp(x: float) -> float:
+    k = math.trunc(1.44269504088896338700 * x + math.copysign(0.5, x))
+    hi, lo = x - k * 6.93147180369123816490e-01, k * 1.90821492927058770002e-10
+    r = hi - lo
+    t = r * r
+    p = _EXP_P[4]
+    for coefficient in _EXP_P[3::-1]:
+        p = coefficient + t * p
+    c = r - t * p
+    return math.ldexp(1.0 - ((lo - (r * c) / (2.0 - c)) - hi), k)
+
+
+def exp(x: float) -> float:
+    """As FREVO's NEAT computes it, in binary64."""
+    if x > 7.09782712893383973096e02:
+        return math.inf
+    if x < -7.45133219101941108420e02:
+        return 0.0
+    if math.isnan(x):
+        return x
+    whole, steps = math.trunc(x), math.trunc(x * 1024.0)
+    i = steps - 1024 * whole
+    d = (x - whole) - i * (1.0 / 1024.0)
+    f = _fdlibm_exp(i / 1024.0) * (1.0 + d * (1.0 + d * (0.5 + d * (1.0 / 6.0 + d * (1.0 / 24.0)))))
+    if whole < -705:
+        return (_fdlibm_exp(54 * 0.6931471805599453 + whole) * f) * 2.0**-54
+    return _fdlibm_exp(float(whole)) * f
+
+
+def _neat_node(slope: float | None, total: float) -> float:
+    if slope is not None:
+        return 1.0 / (1.0 + exp(-slope * total))
+    if total < -20.0 or total > 20.0:
+        return math.copysign(1.0, total)
+    e = exp(-2.0 * total)
+    return (1.0 - e) / (1.0 + e)
+
+
 def _relu(a: Single) -> Single:
     return max(a, ZERO)
 
@@ -99,6 +144,7 @@ class Controller:
         recurrent = self.specification["kind"] in {"fully_meshed", "hebbian"}
         parts = ("sensors", "hidden", "actuators") if recurrent else ()
         self.learnt: list[list[Single]] = []
+        self.doubles = [0.0] * len(self.specification.get("sources", ()))
         self.outputs = [ZERO] * sum(self.specification[part] for part in parts)
 
     def step(self, sensors: Sequence[Single]) -> list[Single]:
@@ -109,6 +155,7 @@ class Controller:
             "mealy_fsm": self._mealy_fsm,
             "evostick": self._evostick,
             "hebbian": self._hebbian,
+            "neat": self._neat,
             "modules": self._modules,
         }
         return kinds[self.specification["kind"]](list(sensors))
@@ -159,6 +206,23 @@ class Controller:
         for i, j in links:
             self.learnt[i][j] = self.learnt[i][j] + (deltas[i][j] - mean)
         return [self._stretched(o, [0, 1]) for o in self.outputs[-self.specification["actuators"] :]]
+
+    def _neat(self, sensors: list[Single]) -> list[Single]:
+        first, sources = len(sensors), self.specification["sources"]
+        hidden = len(sources) - self.specification["actuators"]
+        for _ in range(self.specification["iterations"]):
+            rest = [float(weight) for weight in self.weights]
+            for node, row in enumerate(sources):
+                bias, *weights = rest[: 1 + len(row)]
+                del rest[: 1 + len(row)]
+                total = 0.0
+                for source, weight in zip(row, weights, strict=True):
+                    value = float(sensors[source]) if source < first else self.doubles[source - first]
+                    total = total + value * weight
+                slope = rest.pop(0) if node >= hidden else None
+                self.doubles[node] = _neat_node(slope, total + bias)
+            assert not rest
+        return [self._stretched(Single(output), [0, 1]) for output in self.doubles[hidden:]]
 
     def _actuator(self, o: Single) -> Single:
         return self._stretched(o, self.specification["output_range"])

@@ -135,6 +135,30 @@ impl<'a> Reader<'a> {
         each.collect()
     }
 
+    /// Lists of whole numbers from 0 to `highest`, which may depend on how many lists there are.
+    pub(crate) fn lists(
+        &mut self,
+        field: &str,
+        highest: impl Fn(usize) -> usize,
+    ) -> Result<Vec<Vec<usize>>, SpecificationError> {
+        let rows: Vec<Vec<Value>> = self.read(field, "a list of lists of whole numbers")?;
+        let high = highest(rows.len());
+        let number = |row: usize, index: usize, value: &Value| {
+            whole(value, 0, high).ok_or_else(|| {
+                wrong(
+                    &format!("{field}[{row}][{index}]"),
+                    format!("{value} found, expected a whole number from 0 to {high}"),
+                )
+            })
+        };
+        let each = rows.iter().enumerate().map(|(row, values)| {
+            let each = values.iter().enumerate();
+            each.map(|(index, value)| number(row, index, value))
+                .collect()
+        });
+        each.collect()
+    }
+
     pub(crate) fn activation(
         &mut self,
         allowed: &[Activation],

@@ -41,6 +41,8 @@ fn a_step_allocates_nothing() {
         json!({"version": 1, "kind": "evostick", "sensors": 4, "actuators": 1, "weights": vec![0.1; 5]}),
         json!({"version": 1, "kind": "hebbian", "sensors": 4, "actuators": 1, "hidden": 2, "iterations": 2,
             "weights": vec![0.1; 25]}),
+        json!({"version": 1, "kind": "neat", "sensors": 4, "actuators": 1, "sources": [[0, 4], [0, 1, 4, 5]],
+            "iterations": 3, "weights": vec![0.1; 9]}),
     ];
     for document in documents {
         let mut controller =

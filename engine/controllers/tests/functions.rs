@@ -1,7 +1,7 @@
 //! Accuracy and exact values of the fixed sequences, against binary64.
 
 use std::f64::consts::PI;
-use swarmwright_controllers::functions::{cos_pi, sigmoid, sin_pi, tanh};
+use swarmwright_controllers::functions::{cos_pi, exp, sigmoid, sin_pi, tanh};
 
 const LIMIT: f64 = 2e-7;
 
@@ -115,4 +115,36 @@ fn nan_passes_through() {
     for case in &CASES {
         assert!(case.1(f32::NAN).is_nan(), "{}", case.0);
     }
+}
+
+/// Bits of x, and of what FREVO's FastMath gives for e^x.
+const EXP: [(u64, u64); 19] = [
+    (0xc08750249197a10f, 0x0000000000000000), // -746
+    (0xc0871ff2810ed2a5, 0x0000000000000055), // -740
+    (0xc08680017939952c, 0x0000000991f1708f), // -720
+    (0xc08610053cec5852, 0x0045e95306a5c972), // -706
+    (0xc0860bfecf02fcd2, 0x00521ea542eda860), // -705.5
+    (0xc0860000bf472bae, 0x007448531b0e2a3e), // -704
+    (0xc072c02776bed828, 0x24e2188a45cae5de), // -300
+    (0xc035000051545293, 0x3e0a0da889f52d0d), // -21
+    (0xbff33360d40c53b2, 0x3fd3468d1df7b5c9), // -1.2
+    (0xbfd333d197ebea47, 0x3fe7b48dbe6e6bfa), // -0.3
+    (0xbf50e13c43ec301d, 0x3feff7907eb2b250), // -0.00103
+    (0x3fc998ae84bc3a68, 0x3ff38ab9ba57422e), // 0.2
+    (0x3feccce0bbe2f383, 0x4003ad50a7449c08), // 0.9
+    (0x3ffb341c4ef42000, 0x4015e691819de109), // 1.7
+    (0x4032ffd465227a14, 0x41a5433983729439), // 19
+    (0x405000056a839ab8, 0x45b4274cb7033250), // 64
+    (0x407f400400000000, 0x6d0460ba358d0ac6), // 500
+    (0x40862997be0c8026, 0x7fe1da1d2a0ea365), // 709.2
+    (0x4086401068c2b68a, 0x7ff0000000000000), // 712
+];
+
+#[test]
+fn exp_is_that_of_frevo_to_the_bit() {
+    for (x, y) in EXP {
+        assert_eq!(exp(f64::from_bits(x)).to_bits(), y, "{}", f64::from_bits(x));
+    }
+    assert!(exp(f64::NAN).is_nan());
+    assert_eq!(exp(-0.0).to_bits(), 1.0_f64.to_bits());
 }

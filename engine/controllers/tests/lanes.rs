@@ -120,7 +120,11 @@ fn architecture(sensors: usize) -> impl Strategy<Value = serde_json::Value> {
     let hebbian = (0usize..4, 1u32..4).prop_map(
         |(hidden, iterations)| json!({"kind": "hebbian", "hidden": hidden, "iterations": iterations}),
     );
-    let any = prop_oneof![4 => network, 2 => machine, 1 => evostick, 5 => modules, 2 => hebbian];
+    let hears = prop::collection::vec(0..sensors + 3, 0..6);
+    let neat = (prop::collection::vec(hears, 3..6), 1u32..4).prop_map(
+        |(sources, iterations)| json!({"kind": "neat", "sources": sources, "iterations": iterations}),
+    );
+    let any = prop_oneof![4 => network, 2 => machine, 1 => evostick, 5 => modules, 2 => hebbian, 2 => neat];
     (any, 1usize..4).prop_map(move |(mut specification, actuators)| {
         let mut actuators = actuators;
         if specification["kind"] == "modules" {

@@ -28,6 +28,11 @@ fn hebbian() -> Value {
         "weights": vec![0.25; 19]})
 }
 
+fn neat() -> Value {
+    json!({"version": 1, "kind": "neat", "sensors": 2, "actuators": 1, "sources": [[0, 2], [0, 1, 1, 2]],
+        "iterations": 3, "weights": vec![0.25; 9]})
+}
+
 fn refusal(text: &str) -> String {
     Specification::from_json(text).unwrap_err().to_string()
 }
@@ -40,6 +45,7 @@ fn accepts_and_counts() {
         (machine(), 36),
         (evostick(), 50),
         (hebbian(), 19),
+        (neat(), 9),
     ] {
         let specification = Specification::from_json(&document.to_string()).unwrap();
         assert_eq!(specification.weight_count(), count);
@@ -74,7 +80,37 @@ fn weights_are_read_as_binary32() {
 
 #[test]
 fn refuses_with_the_field_and_the_cure() {
-    let cases: [(Value, &str, Value, &[&str]); 33] = [
+    let cases: [(Value, &str, Value, &[&str]); 37] = [
+        (
+            neat(),
+            "sources",
+            json!([]),
+            &[
+                "controller.sources",
+                "0 lists found, expected one for each hidden node and each of the 1",
+            ],
+        ),
+        (
+            neat(),
+            "sources",
+            json!([[0, 2], [0, 4]]),
+            &[
+                "controller.sources[1][1]",
+                "4 found, expected a whole number from 0 to 3",
+            ],
+        ),
+        (
+            neat(),
+            "sources",
+            json!([[0], 7]),
+            &["controller.sources", "a list of lists of whole numbers"],
+        ),
+        (
+            neat(),
+            "weights",
+            json!([0.25]),
+            &["controller.weights", "this controller needs 9"],
+        ),
         (
             layered(),
             "version",
@@ -88,7 +124,7 @@ fn refuses_with_the_field_and_the_cure() {
             &[
                 "controller.kind",
                 "\"layerd\"",
-                "\"layered\", \"fully_meshed\", \"mealy_fsm\", \"evostick\", \"hebbian\", \"modules\", \"parameter_set\" or \"team\"",
+                "\"layered\", \"fully_meshed\", \"mealy_fsm\", \"evostick\", \"hebbian\", \"neat\", \"modules\", \"parameter_set\" or \"team\"",
             ],
         ),
         (

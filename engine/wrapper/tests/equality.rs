@@ -195,7 +195,12 @@ fn network() -> impl Strategy<Value = Value> {
     let hebbian = (0usize..4, 1u32..4).prop_map(
         |(hidden, iterations)| json!({"kind": "hebbian", "hidden": hidden, "iterations": iterations}),
     );
-    prop_oneof![3 => network, 1 => machine, 1 => evostick, 1 => hebbian]
+    // Counted from the last node, which is an actuator's; a world has at most two, and at least two sensors.
+    let hears = prop::collection::vec(0usize..4, 0..5);
+    let neat = (prop::collection::vec(hears, 2..5), 1u32..4).prop_map(
+        |(sources, iterations)| json!({"kind": "neat", "sources": sources, "iterations": iterations}),
+    );
+    prop_oneof![3 => network, 1 => machine, 1 => evostick, 1 => hebbian, 1 => neat]
 }
 
 fn world() -> impl Strategy<Value = (&'static str, Value, usize, usize)> {
@@ -225,6 +230,12 @@ proptest! {
         mut network in network(), (title, parameters, sensors, actuators) in world(),
         weights in prop::collection::vec(-3.0f32..3.0, 400), candidates in 1usize..4, first in any::<u32>(), episodes in 1u64..4,
     ) {
+        if let Some(rows) = network.get_mut("sources").and_then(Value::as_array_mut) {
+            let last = sensors + rows.len() - 1;
+            for number in rows.iter_mut().filter_map(Value::as_array_mut).flatten() {
+                *number = json!(last - number.as_u64().unwrap() as usize);
+            }
+        }
         for (key, value) in [("version", 1), ("sensors", sensors), ("actuators", actuators)] {
             network[key] = json!(value);
         }

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from swarmwright.cli._commands import Command
-from swarmwright.cli._options import ExistingPath, json_option
+from swarmwright.cli._options import ExistingPath, WholeNumber, json_option
 from swarmwright.cli._output import Output, complain
 from swarmwright.cli.import_ import FIELD_HELP
 
@@ -14,21 +14,44 @@ from swarmwright.cli.import_ import FIELD_HELP
     "score",
     cls=Command,
     example="swarmwright score emergency_exit_stadium.zre\n"
-    "swarmwright score old/result.zre --field stadium.json --json",
+    "swarmwright score old/result.zre --field stadium.json --json\n"
+    "swarmwright score old/result.zre --save best.json",
 )
 @click.argument("file", type=ExistingPath(), metavar="FILE.zre")
 @click.option("--field", type=ExistingPath(), metavar="FIELD", help=FIELD_HELP)
+@click.option(
+    "--save",
+    "target",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE.json",
+    help="Write a candidate's controller there, which `simulate --controller`, `start_from` in an experiment "
+    "and `draw` take.",
+)
+@click.option(
+    "--candidate",
+    type=WholeNumber(min=0),
+    metavar="N",
+    help="The candidate to save. Default: the one with the highest fitness here.",
+)
 @json_option
-def command(file: Path, field: Path | None, as_json: bool) -> None:
+def command(
+    file: Path, field: Path | None, target: Path | None, candidate: int | None, as_json: bool
+) -> None:
     """Evaluate every candidate of a FREVO result again, and show both fitness values.
 
     The candidates of FILE.zre are run in this process, on the problem that the file names. The method that
     evolved them, and the ranking, do not matter.
     """
-    from swarmwright import frevo
+    if candidate is not None and target is None:
+        raise click.UsageError("--candidate says which one --save writes; give both.")
+    from swarmwright import Controller, frevo
 
     output = Output(as_json=as_json)
     scores = frevo.score(file, field=field)
+    if candidate is not None and candidate >= len(scores):
+        raise click.UsageError(
+            f"--candidate {candidate}: the file has the candidates 0 to {len(scores) - 1}."
+        )
     for note in scores.notes:
         complain(f"not as in FREVO: {note}")
     output.text(f"{'candidate':>9} {'fitness':>22} {'FREVO':>22} {'difference':>10}")
@@ -37,4 +60,8 @@ def command(file: Path, field: Path | None, as_json: bool) -> None:
     largest = scores.max_difference
     output.text(f"{len(scores)} candidates, largest difference {largest:.3g}")
     candidates = [{"index": one.index, "fitness": one.fitness, "frevo": one.frevo} for one in scores]
+    if target is not None:
+        saved = scores.best if candidate is None else scores.candidates[candidate]
+        Controller(saved.specification).save(target)
+        output.text(f"{target}: the controller of candidate {saved.index}")
     output.json({"candidates": candidates, "max_difference": largest})

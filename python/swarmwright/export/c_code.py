@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from swarmwright.core import modules
 from swarmwright.core.evostick import STEEP, as_layered
 from swarmwright.core.hebbian import as_meshed
+from swarmwright.core.neat import EXP
+from swarmwright.core.neat import rows as neat_rows
 from swarmwright.export._base import not_exported
 from swarmwright.export.c_modules import catalogue_of, own_code
 from swarmwright.export.subject import Subject
@@ -162,10 +164,55 @@ def _hebbian(subject: Subject, language: dict[str, str]) -> Code:
     network = _network(replace(subject, specification=meshed), language)
     return Code(
         (replace(table, length=length + 1, text=f"{rate}\n{table.text}", evolved=subject.weights),),
-        f"{network.rstrip()}\n\n{render('c_hebbian.txt', language)}",
+        f"{network.rstrip()}\n\n{_double('what a network learns is computed', language)}\n"
+        + render("c_hebbian.txt", language),
         step,
         f"    float outputs[{nodes}];\n    float next[{computed}];\n    float links[{length}];",
         "the outputs of all nodes, and what the weights have become, are kept from step to step",
+    )
+
+
+def _neat(subject: Subject, language: dict[str, str]) -> Code:
+    specification = subject.specification
+    sensors, sources = int(specification["sensors"]), specification["sources"]
+    hidden = len(sources) - int(specification["actuators"])
+    bits = 16 if sensors + len(sources) < 1 << 16 and max(map(len, sources)) < 1 << 16 else 32
+    kind = _TYPES[bits]
+    step = render(
+        "c_step_neat.txt",
+        {
+            **language,
+            "words": f"{hidden} hidden nodes",
+            "computed": str(len(sources)),
+            "hidden": str(hidden),
+            "iterations": str(specification["iterations"]),
+            "type": kind,
+            "bits": str(bits),
+        },
+    )
+    texts, lines, seen_by = literals(subject.weights), [], []
+    at = 0
+    for node, (seen, numbers, is_output) in enumerate(neat_rows(specification, subject.weights)):
+        name = f"node {sensors + node}: bias, weights{', slope' if is_output else ''}"
+        lines.append(f"    /* {name} */\n{wrapped(texts[at : at + len(numbers)])}")
+        at += len(numbers)
+        if seen:
+            seen_by.append(f"    /* node {sensors + node} */\n{wrapped([str(one) for one in seen])}")
+    links = sum(map(len, sources))
+    tables = (
+        Table("weights", "float", len(texts), "\n".join(lines), subject.weights),
+        Table("counts", kind, len(sources), wrapped([str(len(seen)) for seen in sources])),
+        Table("sources", kind, max(links, 1), "\n".join(seen_by) if links else "    0,"),
+    )
+    constants = {name: repr(number) for name, number in EXP.items()}
+    actuator = _actuator_function(0, 1, language).rstrip()
+    kernel = render("c_neat.txt", {**language, **constants, "actuator": actuator})
+    return Code(
+        tables,
+        f"{_double('a network of NEAT is computed', language)}\n{kernel}",
+        step,
+        f"    double outputs[{len(sources)}];",
+        "the outputs of all nodes are kept from step to step",
     )
 
 
@@ -181,18 +228,25 @@ def _weights(weights: NDArray[np.float32], rows: list[tuple[str, int]]) -> Table
 
 def _network(subject: Subject, language: dict[str, str]) -> str:
     activation = subject.specification["activation"]
-    low, high = subject.specification["output_range"]
-    words, actuator = _actuator(float(low), float(high), language)
     functions = [f"c_activation_{activation}.txt"]
     if activation in {"tanh", "sigmoid", STEEP}:
         functions.insert(0, "c_tanh.txt")
     values = {
         **language,
         "activation": "\n".join(render(name, language) for name in functions).rstrip(),
-        "output_range": words,
-        "actuator": actuator,
     }
-    return render("c_network.txt", values)
+    low, high = subject.specification["output_range"]
+    return f"{render('c_network.txt', values)}\n{_actuator_function(float(low), float(high), language)}"
+
+
+def _actuator_function(low: float, high: float, language: dict[str, str]) -> str:
+    words, lines = _actuator(low, high, language)
+    return render("c_actuator.txt", {**language, "output_range": words, "actuator": lines})
+
+
+def _double(what: str, language: dict[str, str]) -> str:
+    """Return what refuses compilers whose double has not 64 bits; what: is computed with it."""
+    return render("c_double.txt", {**language, "what": what})
 
 
 def _actuator(low: float, high: float, language: dict[str, str]) -> tuple[str, str]:
@@ -332,6 +386,7 @@ _KINDS: dict[str, Callable[[Subject, dict[str, str]], Code]] = {
     "hebbian": _hebbian,
     "layered": _layered,
     "mealy_fsm": _mealy_fsm,
+    "neat": _neat,
     modules.KIND: _modules,
     modules.PYTHON_KIND: _modules,
 }

@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 from swarmwright.core import modules
 from swarmwright.core.evostick import STEEP, STEEPNESS, as_layered
 from swarmwright.core.hebbian import as_meshed
+from swarmwright.core.neat import EXP
+from swarmwright.core.neat import rows as neat_rows
 from swarmwright.export._base import not_exported
 from swarmwright.export.c_code import machine_tables, machine_weights
 from swarmwright.export.c_modules import catalogue_of
@@ -26,7 +28,7 @@ from swarmwright.export.text import decimals, render, wrapped
 _IN_A_LINE = 5
 """Numbers."""
 
-Values = NDArray[np.float32] | NDArray[np.uint16] | NDArray[np.uint32]
+Values = NDArray[np.float32] | NDArray[np.float64] | NDArray[np.uint16] | NDArray[np.uint32]
 Numbers = Callable[[Values], str]
 """An expression that is an array of these numbers."""
 
@@ -138,6 +140,54 @@ def _hebbian(subject: Subject, numbers: Numbers) -> PythonCode:
     )
 
 
+def _neat(subject: Subject, numbers: Numbers) -> PythonCode:
+    specification = subject.specification
+    sensors, sources = int(specification["sensors"]), specification["sources"]
+    hidden = len(sources) - int(specification["actuators"])
+    names = [f"_{name.upper()}" for name in EXP]
+    lines = [
+        "if 1.0 + 2.0**-52 == 1.0:",
+        '    raise RuntimeError("a network of NEAT is computed with floats of 64 bits")',
+        "",
+        "# Of e to a power.",
+        f"({', '.join(names)}) = {numbers(np.array(list(EXP.values())))}",
+        "",
+        "# Nodes: which nodes each hears, sensors first; a bias and weights, and for an actuator the slope.",
+        "_NODES = (",
+    ]
+    for seen, row, _ in neat_rows(specification, subject.weights):
+        lines += ["    (", f"        {tuple(seen)},", indent(f"{numbers(row)},", " " * 8), "    ),"]
+    lines.append(")")
+    step = [
+        "outputs = self._outputs",
+        f"for _ in range({int(specification['iterations'])}):",
+        "    for node, (sources, row) in enumerate(_NODES):",
+        "        total = 0.0",
+        "        for place, source in enumerate(sources):",
+        f"            heard = values[source] if source < {sensors} else outputs[source - {sensors}]",
+        "            total = total + heard * row[1 + place]",
+        "        total = total + row[0]",
+        f"        if node < {hidden}:",
+        "            outputs[node] = _hidden(total)",
+        "        else:",
+        "            outputs[node] = _output(row[1 + len(sources)], total)",
+        "actuators = []",
+        f"for output in outputs[{hidden}:]:",
+        "    cell[0] = output",
+        "    actuators.append(_actuator(cell[0], cell))",
+        "return actuators",
+    ]
+    return PythonCode(
+        "\n".join(lines),
+        "\n\n".join([render("python_neat.txt", {}), _actuator_function(0, 1)]).rstrip("\n"),
+        "",
+        _indented([f"self._outputs = [0.0] * {len(sources)}"]),
+        _indented(step),
+        "the outputs of all nodes are kept from step to step",
+        "from math import ldexp",
+    )
+
+
 _ACTUATORS = ["return [_actuator(value, cell) for value in values]"]
 
 
@@ -164,7 +214,14 @@ def _tanh_constants(numbers: Numbers) -> list[str]:
 
 def _network(subject: Subject, numbers: Numbers) -> str:  # noqa: ARG001 - as the others
     activation = subject.specification["activation"]
-    low, high = np.array(subject.specification["output_range"], np.float32)
+    parts = [render("python_tanh.txt", {})] if activation in {"tanh", "sigmoid", STEEP} else []
+    parts.append(f"def _activation(a, cell):\n{_ACTIVATIONS[activation]}\n")
+    parts += [render("python_network.txt", {}), _actuator_function(*subject.specification["output_range"])]
+    return "\n\n".join(parts).rstrip("\n")
+
+
+def _actuator_function(*output_range: float) -> str:
+    low, high = np.array(output_range, np.float32)
     words, lines = f"{low:g}..{high:g} becomes -1..1", []
     if (low, high) == (-1, 1):
         words = "as it is"
@@ -178,11 +235,8 @@ def _network(subject: Subject, numbers: Numbers) -> str:  # noqa: ARG001 - as th
             "cell[0] = cell[0] - 1.0",
             "a = cell[0]",
         ]
-    parts = [render("python_tanh.txt", {})] if activation in {"tanh", "sigmoid", STEEP} else []
-    parts.append(f"def _activation(a, cell):\n{_ACTIVATIONS[activation]}\n")
     actuator = "\n".join(f"    {line}" for line in lines)
-    parts.append(render("python_network.txt", {"output_range": words, "actuator": actuator}))
-    return "\n\n".join(parts).rstrip("\n")
+    return render("python_actuator.txt", {"output_range": words, "actuator": actuator})
 
 
 _ACTIVATIONS = {
@@ -327,6 +381,7 @@ _KINDS: dict[str, Callable[[Subject, Numbers], PythonCode]] = {
     "hebbian": _hebbian,
     "layered": _layered,
     "mealy_fsm": _mealy_fsm,
+    "neat": _neat,
     modules.KIND: _modules,
     modules.PYTHON_KIND: _modules,
 }
@@ -336,7 +391,8 @@ def as_decimals(values: Values) -> str:
     """Return an array of shortest decimals, which Python reads as the nearest binary64 and then rounds."""
     code = _CODES[values.dtype.kind + str(values.itemsize)]
     whole = values.dtype.kind == "u"
-    texts = [str(one) for one in values.tolist()] if whole else decimals(values.astype(np.float32))
+    exact = whole or values.dtype == np.float64
+    texts = [str(one) for one in values.tolist()] if exact else decimals(values.astype(np.float32))
     if len(texts) <= _IN_A_LINE:
         return f'array("{code}", [{", ".join(texts)}])'
     return f'array(\n    "{code}",\n    [\n{wrapped(texts, " " * 8)}\n    ],\n)'
@@ -352,7 +408,7 @@ def as_bytes(values: Values) -> str:
     return f'array(\n    "{code}",\n    unpack(\n        "<{len(values)}{code}",\n{text},\n    ),\n)'
 
 
-_CODES = {"f4": "f", "u2": "H", "u4": "L"}
+_CODES = {"f4": "f", "f8": "d", "u2": "H", "u4": "L"}
 """Of arrays and of `struct`, by kind and bytes."""
 
 

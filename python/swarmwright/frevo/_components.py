@@ -13,13 +13,14 @@ THREE_LAYERS = "threeLayerNetwork.ThreeLayerNetwork"
 LAYERS = "multiLayerNetwork.MultiLayerNetwork"
 MACHINE = "fsm.MealyFSM"
 HEBBIAN = "hebbNet.HebbNet"
+NEAT = "neat.NEAT"
 NNGA, CEA2D, PSO = "nnga.NNGA", "CEA2D.CEA2D", "pso.PSO"
 RANDOM_SEARCH = "frevo.method.randomsearch.RandomSearch"
 
 KNOWN = {
     "problem": (EMERGENCY_EXIT,),
     "method": (NNGA, CEA2D, PSO, RANDOM_SEARCH),
-    "representation": (MESHED, COMPLETE, THREE_LAYERS, LAYERS, MACHINE, HEBBIAN),
+    "representation": (MESHED, COMPLETE, THREE_LAYERS, LAYERS, MACHINE, HEBBIAN, NEAT),
     "ranking": ("AbsoluteRanking.AbsoluteRanking",),
 }
 """Classes of each section that have a counterpart here."""

@@ -46,7 +46,7 @@ def map_session(session: Session, field_file: Path | None, instead: Instead, sen
         lambda: _map_config(session.config, mapped),
         lambda: _map_simulation(session, field_file, instead.simulation, mapped),
         lambda: _map_method(session, instead.method, mapped),
-        lambda: _map_controller(session.representation, sensors, instead.controller, mapped),
+        lambda: _map_controller(session, sensors, instead.controller, mapped),
         lambda: _map_ranking(session.ranking, instead.ranking, mapped),
     ]
     all_of(*steps)
@@ -110,10 +110,11 @@ def _map_method(session: Session, instead: str | None, mapped: Mapped) -> None:
     mapped.notes.append(f"method.class = {one_line(method.class_name)}: {instead} is taken in its place")
 
 
-def _map_controller(section: Section, sensors: int | None, instead: str | None, mapped: Mapped) -> None:
+def _map_controller(session: Session, sensors: int | None, instead: str | None, mapped: Mapped) -> None:
+    section = session.representation
     if instead is None:
         check(section, replaceable=True)
-        map_representation(section, sensors, mapped)
+        map_representation(session, sensors, mapped)
         return
     mapped.controller_kind = instead
     leave_mutation_out(mapped)

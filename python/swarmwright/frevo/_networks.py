@@ -7,8 +7,17 @@ from typing import Any
 import numpy as np
 
 from swarmwright.core.xml import Element
-from swarmwright.frevo._components import COMPLETE, HEBBIAN, LAYERS, MACHINE, MESHED, THREE_LAYERS
-from swarmwright.frevo._document import Section, Session, java_number
+from swarmwright.frevo._components import COMPLETE, HEBBIAN, LAYERS, MACHINE, MESHED, NEAT, THREE_LAYERS
+from swarmwright.frevo._document import (
+    Section,
+    Session,
+    attribute_count,
+    attribute_number,
+    is_single,
+    java_number,
+    members,
+)
+from swarmwright.frevo._neat import TAG, neat_network
 from swarmwright.frevo._representations import check_deterministic, take_activation, take_passes
 from swarmwright.representations._base import shortest
 
@@ -18,9 +27,9 @@ _TAGS = {
     THREE_LAYERS: "ThreeLayerNetwork",
     LAYERS: "ThreeLayerNetwork",
     HEBBIAN: "hebbnet",
+    NEAT: TAG,
 }
 """What FREVO calls the networks of each representation in a file."""
-_MOST_NODES = 10_000
 
 
 @dataclass(frozen=True)
@@ -56,7 +65,7 @@ def networks(session: Session) -> list[Network]:
     read = _reader(representation)
     tag = _TAGS[representation.class_name]
     result = []
-    for element in _members(root):
+    for element in members(root):
         if element.tag != tag:
             raise element.error(f"cannot be scored; what can be is <{tag}>, of {representation.class_name}")
         fitness = java_number(element.attribute("fitness"))
@@ -68,21 +77,14 @@ def networks(session: Session) -> list[Network]:
     return result
 
 
-def _members(root: Element) -> Iterator[Element]:
-    for element in root.children:
-        if element.tag == "population":
-            yield from element.children
-        elif element.tag == "populations":
-            for population in element.all("population"):
-                yield from population.children
-
-
 def _reader(section: Section) -> Callable[[Element], dict[str, Any]]:
     """Return what makes a specification of a network of this representation."""
     if section.class_name == THREE_LAYERS:
         return _three_layers
     if section.class_name == LAYERS:
         return _layers
+    if section.class_name == NEAT:
+        return neat_network
     if section.class_name == HEBBIAN:
         passes = take_passes(section)
         return lambda element: _hebbian(element, passes)
@@ -120,12 +122,7 @@ def _meshed(element: Element, iterations: int, activation: str) -> dict[str, Any
 def _hebbian(element: Element, iterations: int) -> dict[str, Any]:
     """Read a network that learns; the plasticity of its weights, which FREVO does not use, is left out."""
     sensors, actuators, nodes = _sizes(element)
-    rate = java_number(element.attribute("learningrate"))
-    if rate is None or not np.isfinite(_single(rate)):
-        raise element.error(
-            f"learningrate {element.attribute('learningrate')!r} found, expected a finite number"
-        )
-    numbers = [rate]
+    numbers = [attribute_number(element, "learningrate")]
     for node in _nodes(element, range(sensors, nodes), nodes):
         numbers += _genes(node, nodes, range(nodes))
     return {
@@ -158,7 +155,7 @@ def _three_layers(element: Element) -> dict[str, Any]:
 
 def _layers(element: Element) -> dict[str, Any]:
     sensors, actuators, nodes = _sizes(element)
-    layers, size = (_count(element, key) for key in ("hidden_layers", "nodes_per_layer"))
+    layers, size = (attribute_count(element, key) for key in ("hidden_layers", "nodes_per_layer"))
     if layers < 1 or size < 1 or nodes != sensors + layers * size + actuators:
         raise element.error(
             f"nodes {nodes} found, expected input_nodes + hidden_layers x nodes_per_layer + output_nodes, "
@@ -194,7 +191,9 @@ def _layered(sensors: int, hidden: list[int], actuators: int, numbers: list[floa
 
 def _sizes(element: Element) -> tuple[int, int, int]:
     """Return inputs, outputs and all nodes."""
-    sensors, actuators, nodes = (_count(element, key) for key in ("input_nodes", "output_nodes", "nodes"))
+    sensors, actuators, nodes = (
+        attribute_count(element, key) for key in ("input_nodes", "output_nodes", "nodes")
+    )
     if sensors < 1 or actuators < 1 or nodes < sensors + actuators:
         raise element.error(
             f"input_nodes {sensors} and output_nodes {actuators} found among {nodes} nodes; expected at "
@@ -231,13 +230,6 @@ def _genes(node: Element, count: int, wanted: range) -> list[float]:
     return [_number(node.one("bias")), *(_number(by_source[str(source)]) for source in wanted)]
 
 
-def _count(element: Element, name: str) -> int:
-    text = element.attribute(name)
-    if not text.isascii() or not text.isdigit() or int(text[:9]) > _MOST_NODES:
-        raise element.error(f"{name} {text[:40]!r} found, expected a whole number of at most {_MOST_NODES}")
-    return int(text)
-
-
 def _by(parent: Element, tag: str, name: str) -> dict[str, Element]:
     """Return the elements of this name by one of their attributes."""
     result: dict[str, Element] = {}
@@ -251,11 +243,6 @@ def _by(parent: Element, tag: str, name: str) -> dict[str, Element]:
 
 def _number(element: Element) -> float:
     value = java_number(element.text)
-    if value is None or not np.isfinite(_single(value)):
+    if value is None or not is_single(value):
         raise element.error(f"{element.text.strip()[:40]!r} found, expected a finite number")
     return value
-
-
-def _single(value: float) -> np.float32:
-    with np.errstate(over="ignore"):
-        return np.float32(value)

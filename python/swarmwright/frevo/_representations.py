@@ -1,9 +1,10 @@
 """FREVO's representations: their entries as options of Swarmwright's controllers."""
 
-from swarmwright.frevo._components import COMPLETE, HEBBIAN, LAYERS, MACHINE, MESHED, THREE_LAYERS
-from swarmwright.frevo._document import Section
+from swarmwright.frevo._components import COMPLETE, HEBBIAN, LAYERS, MACHINE, MESHED, NEAT, THREE_LAYERS
+from swarmwright.frevo._document import Section, Session
 from swarmwright.frevo._machine import take_machine
-from swarmwright.frevo._mapped import Line, Mapped
+from swarmwright.frevo._mapped import Line, Mapped, one_line
+from swarmwright.frevo._neat import ITERATIONS, best_sources
 
 ACTIVATIONS = {"LINEAR": "clamp", "SIGMOID": "sigmoid", "RELU": "relu"}
 """FREVO's activation functions -> Swarmwright's."""
@@ -15,18 +16,33 @@ LEARNING_RATE = (
     "representation: the learning rate of a HebbNet is mutated and crossed over; in FREVO, which rounds the "
     "range of its change to 0, it keeps what it was drawn as"
 )
+_TOPOLOGY = (
+    "neither connections nor nodes are added. Weights, biases and slopes evolve; FREVO crosses them over, "
+    "and its mutations of them have no effect"
+)
+_NEAT = (
+    "disjoint_coeff", "excess_coeff", "weight_coeff", "recursive", "feature_selection", "max_perturbation",
+    "max_bias_perturbation", "add_node_prob", "add_link_prob", "mutate_node_weight_replaced_prob",
+    "mutate_link_toggle_prob", "mutate_node_sf_prob", "mutate_feature_prob", "mutate_node_bias_prob",
+    "mutate_link_weight_prob",
+)  # fmt: skip
+"""Entries of FREVO's NEAT."""
 SIGMOID = "computed to 1e-7 here, so that single steps may differ"
 
 
-def map_representation(section: Section, sensors: int | None, mapped: Mapped) -> None:
+def map_representation(session: Session, sensors: int | None, mapped: Mapped) -> None:
     """Map every entry.
 
     sensors: what an agent senses, where that is known.
 
     Raises InputError for an entry that cannot be read or has no counterpart.
     """
+    section = session.representation
     if section.class_name == MACHINE:
         _map_machine(section, sensors, mapped)
+        return
+    if section.class_name == NEAT:
+        _map_neat(session, mapped)
         return
     if section.class_name in (MESHED, COMPLETE):
         _map_meshed(section, mapped)
@@ -108,6 +124,23 @@ def _map_hebbian(section: Section, mapped: Mapped) -> None:
     ]
     mapped.not_controller.append("plasticity of weights: FREVO evolves it, and does not use it")
     mapped.notes.append(LEARNING_RATE)
+
+
+def _map_neat(session: Session, mapped: Mapped) -> None:
+    section = session.representation
+    mapped.controller_kind = "neat"
+    sources = best_sources(session.root)
+    if sources is not None:
+        mapped.controller.append(Line("sources", sources, "connections of the best network in the file"))
+    mapped.controller.append(Line("iterations", ITERATIONS, "NEAT has no other"))
+    if mapped.mutation is not None:
+        _map_mutation(section, mapped.mutation, mapped)
+    for key in _NEAT:
+        if key in section.entries:
+            reason = "connections, nodes and species do not evolve"
+            mapped.not_controller.append(f"{key} = {one_line(section.shown(key))}: {reason}")
+    which = "those of the file's best network" if sources else "from every sensor to every actuator"
+    mapped.notes.append(f"representation: NEAT's connections are {which}, and stay: {_TOPOLOGY}")
 
 
 def _map_machine(section: Section, sensors: int | None, mapped: Mapped) -> None:

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -10,20 +10,29 @@ import numpy as np
 
 from swarmwright import _engine
 from swarmwright.core.errors import InputError, engine_errors
-from swarmwright.frevo._components import LAYERS, THREE_LAYERS, all_of, check
+from swarmwright.frevo._components import LAYERS, NEAT, THREE_LAYERS, all_of, check
 from swarmwright.frevo._document import Section, open_session
 from swarmwright.frevo._networks import Network, networks
 from swarmwright.frevo._problem import problem_parameters
 from swarmwright.frevo._representations import RELU, SIGMOID
 
+_NEAT = (
+    "NEAT: children share their genes with their parents in FREVO, whose mutations change both: a network in "
+    "the file may be another one than that which got the fitness. Weights are rounded to 32 bits"
+)
+
 
 @dataclass(frozen=True)
 class Score:
-    """A candidate: its place in the file, its fitness here, and the one that FREVO gave it."""
+    """A candidate: its place in the file, its fitness here, and the one that FREVO gave it.
+
+    specification: its network, as `swarmwright.Controller` takes it.
+    """
 
     index: int
     fitness: float
     frevo: float
+    specification: dict[str, Any] = field(repr=False)
 
     @property
     def difference(self) -> float:
@@ -43,6 +52,11 @@ class Scores:
 
     def __len__(self) -> int:
         return len(self.candidates)
+
+    @property
+    def best(self) -> Score:
+        """The candidate with the highest fitness here, the first of them."""
+        return max(self.candidates, key=lambda one: one.fitness)
 
     @property
     def max_difference(self) -> float:
@@ -91,7 +105,10 @@ def score(path: str | Path, *, field: str | Path | None = None) -> Scores:
     # One after another, as FREVO adds them; sum() would round otherwise.
     totals = np.add.accumulate(results, axis=1)[:, -1] + 0.0
     pairs = zip(totals.tolist(), found, strict=True)
-    scores = tuple(Score(index, total, network.fitness) for index, (total, network) in enumerate(pairs))
+    scores = tuple(
+        Score(index, total, network.fitness, network.specification)
+        for index, (total, network) in enumerate(pairs)
+    )
     return Scores(scores, tuple(notes))
 
 
@@ -99,6 +116,8 @@ def _notes(representation: Section) -> list[str]:
     """Return why networks may behave in another way than in FREVO."""
     if representation.class_name in (THREE_LAYERS, LAYERS):
         return [f"{representation.class_name}: its sigmoid is {SIGMOID}"]
+    if representation.class_name == NEAT:
+        return [_NEAT]
     activation = representation.take_text("activationFunction", "LINEAR")
     return {
         "SIGMOID": [f"activationFunction = SIGMOID: {SIGMOID}"],

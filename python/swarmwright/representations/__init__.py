@@ -18,6 +18,7 @@ REPRESENTATIONS: Registry[Representation] = Registry(
         "layered": "swarmwright.representations.layered:Layered",
         "mealy_fsm": "swarmwright.representations.mealy_fsm:MealyFsm",
         "modules": "swarmwright.representations.modules:Modules",
+        "neat": "swarmwright.representations.neat:Neat",
         "parameter_set": "swarmwright.representations.parameter_set:ParameterSet",
         "team": "swarmwright.representations.team:Team",
     },

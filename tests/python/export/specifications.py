@@ -53,6 +53,16 @@ def hebbian(hidden: int, iterations: int, rate: float, seed: int = 0) -> Specifi
     return {**made, "weights": [float(text) for text in weights.astype(str)]}
 
 
+def neat(sources: list[list[int]], reach: float, iterations: int = 3, seed: int = 0) -> Specification:
+    """A network with these connections."""
+    made = {
+        "version": 1, "kind": "neat", "sensors": 3, "actuators": 2,
+        "sources": sources, "iterations": iterations,
+    }  # fmt: skip
+    weights = np.random.default_rng(seed).uniform(-reach, reach, _engine.genome_size(made)).astype(np.float32)
+    return {**made, "weights": [float(text) for text in weights.astype(str)]}
+
+
 def machine(thresholds: list[list[float]], states: int = 3, actuators: int = 2) -> Specification:
     """A state machine with next states and outputs beyond their limits, too."""
     made = {
@@ -101,6 +111,10 @@ ALL = {
     "hebbian": hebbian(3, 2, 0.1),
     "hebbian-bare": hebbian(0, 1, 0.3, seed=1),
     "hebbian-slow": hebbian(2, 3, 1e-7, seed=2),
+    "neat": neat([[0, 4, 7], [1, 3, 5], [5, 5, 2, 6, 3], [3, 4, 5, 0], [6, 5, 2, 7]], 3.0),
+    "neat-bare": neat([[0, 1, 2], [3, 4, 2]], 2.0, iterations=1, seed=1),
+    "neat-deaf": neat([[], []], 2.0, seed=2),
+    "neat-steep": neat([[0, 4], [2, 3, 1], [3, 5, 0], [0, 1, 2]], 60.0, seed=3),
     "modules": modules(4, 4, 1),
     "modules-other": modules(4, 4, 2),
     "modules-two": modules(2, 1, 3),

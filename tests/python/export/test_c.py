@@ -76,8 +76,10 @@ def test_every_kind_in_one_program(compiler: str, options: list[str], tmp_path: 
     """Many controllers side by side have the engine's bits, with warnings as errors and without."""
     if compiler not in COMPILERS:
         pytest.skip(f"{compiler} is not installed")
-    # What a network learns has 64 bits, which x87 does not compute with.
-    names = [name for name in ALL if "-mfpmath=387" not in options or not name.startswith("hebbian")]
+    # What a network learns, and all of NEAT's, has 64 bits, which x87 does not compute with.
+    names = [
+        name for name in ALL if "-mfpmath=387" not in options or not name.startswith(("hebbian", "neat"))
+    ]
     (tmp_path / "main.c").write_text(together(names, tmp_path))
     sources = ["main.c", *(f"c{index}.c" for index in range(len(names)))]
     run([compiler, *options, *sources, "-o", "all"], tmp_path, compiler)
@@ -106,6 +108,8 @@ def test_any_network(exporter: Exporter, specification: Specification, tmp_path:
         "modules-tree",
         "evostick",
         "hebbian",
+        "neat",
+        "neat-deaf",
     ],
 )
 def test_every_kind_in_cpp(name: str, tmp_path: Path) -> None:
@@ -246,6 +250,7 @@ def test_memory_errors_and_undefined_behaviour(tmp_path: Path) -> None:
         "layered-direct",
         "fully_meshed-sigmoid-3",
         "hebbian",
+        "neat",
         "mealy_fsm",
         "mealy_fsm-many",
     ]
@@ -263,8 +268,9 @@ def test_memory_errors_and_undefined_behaviour(tmp_path: Path) -> None:
         assert run(words, tmp_path, name) == b"ok\n"
 
 
-def test_a_network_that_learns_is_refused_where_doubles_are_others(tmp_path: Path) -> None:
-    write(C().files(subject(ALL["hebbian"]), "robot"), tmp_path)
+@pytest.mark.parametrize("name", ["hebbian", "neat"])
+def test_what_has_64_bits_is_refused_where_doubles_are_others(name: str, tmp_path: Path) -> None:
+    write(C().files(subject(ALL[name]), "robot"), tmp_path)
     command = ["gcc", "-std=c99", "-mfpmath=387", "-fsyntax-only", "robot.c"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode != 0

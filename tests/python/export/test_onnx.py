@@ -24,7 +24,9 @@ def found(specification: Specification, folder: Path) -> tuple[Sequences, Any]:
     return sequences, Onnx().run(folder, "robot", sequences)
 
 
-@pytest.mark.parametrize("name", [name for name in ALL if not name.startswith(("modules", "hebbian"))])
+@pytest.mark.parametrize(
+    "name", [name for name in ALL if not name.startswith(("modules", "hebbian", "neat"))]
+)
 def test_every_kind(name: str, tmp_path: Path) -> None:
     """Promised is a difference of 1e-5 in any runtime; in onnxruntime the bits are the same."""
     assert difference(*found(ALL[name], tmp_path)) == (0.0, 0)
@@ -32,6 +34,8 @@ def test_every_kind(name: str, tmp_path: Path) -> None:
 
 def test_modules_and_networks_that_learn_are_refused() -> None:
     """Random numbers of modules need operations on bits, which ONNX has from opset 18 on."""
+    with pytest.raises(InputError, match="the kind 'neat' cannot be exported to ONNX, only evostick, "):
+        Onnx().files(subject(ALL["neat"]), "robot")
     with pytest.raises(InputError, match="the kind 'hebbian' cannot be exported to ONNX, only evostick, "):
         Onnx().files(subject(ALL["hebbian"]), "robot")
     with pytest.raises(InputError, match="the kind 'modules' cannot be exported to ONNX, only evostick, "):

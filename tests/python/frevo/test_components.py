@@ -13,6 +13,7 @@ from swarmwright.representations.fully_meshed import FullyMeshedOptions
 from swarmwright.representations.hebbian import HebbianOptions
 from swarmwright.representations.layered import LayeredOptions
 from swarmwright.representations.mealy_fsm import MealyFsmOptions
+from swarmwright.representations.neat import NeatOptions
 
 Session = Callable[..., Path]
 Entries = dict[str, object]
@@ -68,6 +69,7 @@ def session(tmp_path: Path) -> Session:
 LAYERS = "threeLayerNetwork.ThreeLayerNetwork"
 MANY = "multiLayerNetwork.MultiLayerNetwork"
 HEBBIAN = "hebbNet.HebbNet"
+NEAT = "neat.NEAT"
 COMPLETE = "completeNetwork.CompleteNetwork"
 
 
@@ -103,7 +105,7 @@ def test_networks(session: Session, representation: str, given: Entries, expecte
 
 
 def test_imported_networks_evolve(session: Session, tmp_path: Path) -> None:
-    for index, representation in enumerate((LAYERS, MANY, COMPLETE, HEBBIAN)):
+    for index, representation in enumerate((LAYERS, MANY, COMPLETE, HEBBIAN, NEAT)):
         experiment = frevo.load(session(representation=representation)).experiment
         short = experiment.replace(method={"population": 8, "generations": 1}, servers="local")
         run = optimize(short, out=tmp_path / str(index))
@@ -121,6 +123,16 @@ def test_networks_that_learn(session: Session) -> None:
     assert "plasticity of weights: FREVO evolves it, and does not use it" in imported.yaml
     default = frevo.load(session(representation=HEBBIAN)).experiment.controller
     assert default == HebbianOptions()
+
+
+def test_a_session_with_neat_says_what_is_not_taken_over(session: Session) -> None:
+    given = {"recursive": "true", "add_node_prob": "0.01f", "weight_range": "2f"}
+    imported = frevo.load(session(representation=NEAT, given={"representation": given}))
+    assert imported.experiment.controller == NeatOptions()
+    assert any("from every sensor to every actuator, and stay" in note for note in imported.notes)
+    for entry in ("recursive = true", "add_node_prob = 0.01f"):
+        assert f"{entry}: connections, nodes and species do not evolve" in imported.yaml
+    assert any("weight_range = 2f: FREVO 1.5 has no such entry" in note for note in imported.notes)
 
 
 def test_mutation_of_layers_in_proportion_is_said_to_differ(session: Session) -> None:
@@ -209,7 +221,7 @@ def test_everything_without_a_counterpart_is_named_at_once(session: Session, pro
     path = session(
         problem="cam.Cam",
         method="gaspecies.GASpecies",
-        representation="neat.NEAT",
+        representation="bulk.Bulk",
         ranking="swissSystem.SwissSystem",
     )
     shown = program("import", path)
@@ -218,7 +230,7 @@ def test_everything_without_a_counterpart_is_named_at_once(session: Session, pro
     assert [line.strip().split(" has no counterpart here")[0] for line in lines] == [
         f"{path}:2: <problem>: the class 'cam.Cam'",
         f"{path}:4: <method>: the class 'gaspecies.GASpecies'",
-        f"{path}:6: <representation>: the class 'neat.NEAT'",
+        f"{path}:6: <representation>: the class 'bulk.Bulk'",
         f"{path}:8: <ranking>: the class 'swissSystem.SwissSystem'",
     ]
     for line, option in zip(lines, ("simulation", "method", "controller", "ranking"), strict=True):
@@ -271,7 +283,7 @@ def test_other_components_are_taken_in_the_place_of_frevos(session: Session) -> 
     path = session(
         problem="cam.Cam",
         method="gaspecies.GASpecies",
-        representation="neat.NEAT",
+        representation="bulk.Bulk",
         ranking="swissSystem.SwissSystem",
         given={"method": {"populationsize": 12, "generations": 3, "survival_threshold": "0.4"}},
     )
@@ -282,7 +294,7 @@ def test_other_components_are_taken_in_the_place_of_frevos(session: Session) -> 
     assert (experiment.simulation, experiment.controller.kind) == ("minisim", "fully_meshed")
     assert (experiment.method.kind, experiment.method.generations) == ("cea2d", 3)  # type: ignore[attr-defined]
     assert "# not taken over: survival_threshold = 0.4: an entry of gaspecies.GASpecies" in imported.yaml
-    for part in ("cam.Cam", "gaspecies.GASpecies", "neat.NEAT", "swissSystem.SwissSystem"):
+    for part in ("cam.Cam", "gaspecies.GASpecies", "bulk.Bulk", "swissSystem.SwissSystem"):
         assert any(f"class = {part}" in note and "in its place" in note for note in imported.notes), part
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from swarmwright import InputError, frevo
+from swarmwright import Controller, InputError, frevo
 
 Edited = Callable[..., Path]
 
@@ -56,13 +56,13 @@ def test_problem_and_representation_matter(edited: Edited) -> None:
     path = edited(
         "emergency_exit_random.zre",
         ('class="emergencyexit.EmergencyExit"', 'class="cam.Cam"'),
-        ('class="fullyMeshedNet.FullyMeshedNet"', 'class="neat.NEAT"'),
+        ('class="fullyMeshedNet.FullyMeshedNet"', 'class="bulk.Bulk"'),
     )
     with pytest.raises(InputError) as caught:
         frevo.score(path)
     first, second = str(caught.value).splitlines()
     assert "<problem>: the class 'cam.Cam' has no counterpart here" in first
-    assert "<representation>: the class 'neat.NEAT' has no counterpart here" in second
+    assert "<representation>: the class 'bulk.Bulk' has no counterpart here" in second
     assert "--" not in first + second  # nothing can stand in their place
 
 
@@ -159,3 +159,25 @@ def test_networks_of_another_size_are_refused(edited: Edited, data: Path) -> Non
 def test_a_session_has_nothing_to_score(data: Path) -> None:
     with pytest.raises(InputError, match=r"no <population> inside: a session, no result; give the \.zre"):
         frevo.score(data / "emergency_exit_stadium.zse")
+
+
+def test_a_candidate_is_saved_as_a_controller(data: Path, program: Any, tmp_path: Path) -> None:
+    file, scores = data / "hebbian.zre", frevo.score(data / "hebbian.zre")
+    for options, index in (((), scores.best.index), (("--candidate", "7"), 7)):
+        target = tmp_path / f"{index}.json"
+        shown = program("score", file, "--save", target, *options)
+        assert shown.stdout.splitlines()[-1] == f"{target}: the controller of candidate {index}"
+        assert (
+            Controller.load(target).specification
+            == Controller(scores.candidates[index].specification).specification
+        )
+    assert scores.best.index != 7
+    refusals: tuple[tuple[list[str | Path], str], ...] = (
+        (["--save", tmp_path / "x.json", "--candidate", "10"], "the file has the candidates 0 to 9"),
+        (["--candidate", "1"], "--candidate says which one --save writes; give both"),
+        (["--save", tmp_path / "none" / "x.json"], "none"),
+    )
+    for wrong, answer in refusals:
+        refused = program("score", file, *wrong)
+        assert refused.returncode == 2
+        assert answer in refused.stderr

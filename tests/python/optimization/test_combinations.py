@@ -14,6 +14,7 @@ SMALL: dict[str, dict[str, Any]] = {
     "layered": {"hidden": [3]},
     "fully_meshed": {"hidden": 1},
     "hebbian": {"hidden": 1},
+    "neat": {},
     "mealy_fsm": {},
     "parameter_set": {
         "parameters": {

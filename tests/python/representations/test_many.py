@@ -19,6 +19,7 @@ REPRESENTED: dict[str, tuple[str, dict[str, Any]]] = {
     "fully meshed": ("fully_meshed", {"hidden": 2, "mutation": "proportional"}),
     "evostick": ("evostick", {}),
     "hebbian": ("hebbian", {"mutation": "proportional"}),
+    "neat": ("neat", {"mutation": "proportional"}),
     "machine": ("mealy_fsm", {"states": 3}),
     "continuous machine": ("mealy_fsm", {"output_levels": 0}),
     "one row": ("mealy_fsm", {"states": 1, "levels": 1}),

@@ -5,8 +5,11 @@
 //! the source is what runs. Comparisons are written so that a NaN passes through. Error against the true value:
 //! at most 2e-7 absolute. Decision 002 repeats the sequences and the coefficients for other languages.
 
+mod exp;
 /// The same sequences for lanes.
 pub mod lanes;
+
+pub use exp::exp;
 
 /// From here on tanh is 1 in binary32.
 const TANH_LIMIT: f32 = 9.15;

@@ -10,6 +10,7 @@ mod hebbian;
 mod layered;
 mod mealy_fsm;
 mod modules;
+mod neat;
 mod parameter_set;
 mod team;
 
@@ -19,6 +20,7 @@ pub use hebbian::Hebbian;
 pub use layered::Layered;
 pub use mealy_fsm::MealyFsm;
 pub use modules::{BEHAVIOUR_NAMES, CONDITION_NAMES, Form, Modules};
+pub use neat::Neat;
 pub use parameter_set::{Parameter, ParameterKind, ParameterSet};
 pub use team::{Team, TeamGroup};
 
@@ -225,6 +227,8 @@ kinds! { ($)
     "evostick" => Evostick,
     /// FREVO's recurrent network that learns.
     "hebbian" => Hebbian,
+    /// FREVO's network with given connections.
+    "neat" => Neat,
     /// A probabilistic finite-state machine, or a behaviour tree, of modules.
     "modules" => Modules,
     /// Parameters of a simulation that steers its agents itself.

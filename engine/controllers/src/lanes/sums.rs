@@ -38,6 +38,21 @@ pub(crate) fn is_one<L: Lanes>(bits: L::Int, bit: u32) -> L::Mask {
     bits.and(L::Int::splat(1 << bit)).eq(L::Int::splat(0))
 }
 
+/// Sensors as numbers: those that are, and then those that are bits.
+#[inline(always)]
+pub(crate) fn write_numbers<L: Lanes, const S: usize, const B: usize>(
+    sensors: &mut [L],
+    numbers: [L; S],
+    (bits, order): (L::Int, [u32; B]),
+) {
+    for (sensor, number) in sensors.iter_mut().zip(numbers) {
+        *sensor = number;
+    }
+    for (sensor, bit) in sensors.iter_mut().skip(S).zip(order) {
+        *sensor = L::splat(1.0).select(L::splat(0.0), is_one::<L>(bits, bit));
+    }
+}
+
 /// The products of one row of weights with the inputs, added to `start` in their order.
 #[inline(always)]
 pub(crate) fn add_row<L: Lanes>(start: L, weights: &[L], inputs: Inputs<'_, L>) -> L {

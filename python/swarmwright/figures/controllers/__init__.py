@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from swarmwright.core import hebbian
+from swarmwright.core import hebbian, neat
 from swarmwright.core.errors import InputError
 from swarmwright.core.evostick import as_layered
 from swarmwright.core.modules import is_modules
@@ -40,7 +40,9 @@ def figure(
     if kind == hebbian.KIND:
         rate = f"learning rate {specification['weights'][0]:.2g}"
         specification = {**hebbian.as_meshed(specification), "kind": kind, "activation": rate}
-    if kind in {"layered", "fully_meshed", "evostick", hebbian.KIND}:
+    if kind == neat.KIND:
+        specification = {**specification, **neat.sizes(specification)}
+    if kind in {"layered", "fully_meshed", "evostick", hebbian.KIND, neat.KIND}:
         from swarmwright.figures.controllers.network import draw as draw_network
 
         return draw_network(specification, Names.of(specification, simulation), title)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from swarmwright.figures.controllers.names import Names
-from swarmwright.figures.controllers.weights import Layer, colormap, columns, largest, layers
+from swarmwright.figures.controllers.weights import Layer, colormap, columns, largest, matrices
 from swarmwright.figures.style import INK, SOFT, new_figure
 
 if TYPE_CHECKING:
@@ -18,8 +18,8 @@ _NAMED = 40
 
 
 def draw(specification: Mapping[str, Any], names: Names, title: str) -> "Figure":
-    """Return the figure of a `layered`, `fully_meshed` or `hebbian` network, a matrix for each layer."""
-    sizes, found = columns(specification), layers(specification)
+    """Return the figure of a `layered`, `fully_meshed`, `hebbian` or `neat` network, as matrices."""
+    sizes, found = columns(specification), matrices(specification)
     unit = largest(np.concatenate([np.column_stack([one.bias, one.weights]).ravel() for one in found]))
     figure = new_figure(10, 2.2 + sum(_height(one) for one in found))
     grid = figure.subplots(len(found), 1, height_ratios=[_height(one) for one in found], squeeze=False)

@@ -30,7 +30,7 @@ _APART = 0.56  # nodes
 
 
 def draw(specification: Mapping[str, Any], names: Names, title: str) -> "Figure":
-    """Return the figure of a `layered`, `fully_meshed` or `hebbian` network."""
+    """Return the figure of a `layered`, `fully_meshed`, `hebbian` or `neat` network."""
     sizes, found = columns(specification), layers(specification)
     if max(sizes) > _MOST_NODES or sum(layer.weights.size for layer in found) > _MOST_LINES:
         from swarmwright.figures.controllers.matrix import draw as draw_matrix
@@ -80,7 +80,7 @@ def _lines(axes: "Axes", found: list[Layer], places: list[list[tuple[float, floa
     straight = []
     for layer in found:
         for node, row in enumerate(layer.weights):
-            target = places[layer.column][node]
+            target = places[layer.column][layer.first + node]
             for (column, index), weight in zip(layer.sources, row, strict=True):
                 source = places[column][index]
                 look = _look(weight / unit)
@@ -92,7 +92,7 @@ def _lines(axes: "Axes", found: list[Layer], places: list[list[tuple[float, floa
                     "arrowstyle": "-|>", "mutation_scale": 7 + 2 * line, "color": color, "linewidth": line,
                     "alpha": alpha, "zorder": 1.5 + abs(weight) / unit,
                 }  # fmt: skip
-                if (column, index) == (layer.column, node):
+                if (column, index) == (layer.column, layer.first + node):
                     patch = FancyArrowPatch(path=_loop(source), **arrow)
                 else:
                     bend = 0.42 if column == layer.column else 0.3
@@ -135,7 +135,7 @@ def _nodes(axes: "Axes", found: list[Layer], places: list[list[tuple[float, floa
         axes.add_patch(Circle(place, _RADIUS * 0.6, facecolor=PAPER, edgecolor=INK, linewidth=1.2, zorder=5))
     for layer in found:
         for node, bias in enumerate(layer.bias):
-            place = places[layer.column][node]
+            place = places[layer.column][layer.first + node]
             share = bias / unit
             axes.add_patch(
                 Circle(

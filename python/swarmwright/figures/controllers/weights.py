@@ -1,11 +1,13 @@
 """A network's weights as arrays, and their colours."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from swarmwright.core import neat
 
 if TYPE_CHECKING:
     from matplotlib.colors import LinearSegmentedColormap
@@ -38,13 +40,15 @@ def columns(specification: Mapping[str, Any]) -> list[int]:
 
 
 def is_recurrent(specification: Mapping[str, Any]) -> bool:
-    """Return whether every node sees every node."""
-    return specification["kind"] in {"fully_meshed", "hebbian"}
+    """Return whether nodes may see any node."""
+    return specification["kind"] in {"fully_meshed", "hebbian", "neat"}
 
 
 def layers(specification: Mapping[str, Any]) -> list[Layer]:
-    """Return the layers of a `layered`, a `fully_meshed` or a `hebbian` network."""
+    """Return the layers of a `layered`, a `fully_meshed`, a `hebbian` or a `neat` network."""
     sizes = columns(specification)
+    if specification["kind"] == neat.KIND:
+        return list(_connected(specification, sizes))
     weights = np.array(specification["weights"], dtype=np.float64)
     if is_recurrent(specification):
         return _meshed(sizes, weights)
@@ -68,6 +72,35 @@ def _meshed(sizes: list[int], weights: NDArray[np.float64]) -> list[Layer]:
         found.append(Layer(everything, column, 0, block[:, 0], block[:, 1:]))
         start += size
     return found
+
+
+def _connected(specification: Mapping[str, Any], sizes: list[int]) -> Iterator[Layer]:
+    """Yield each node of a `neat` network; the slopes of actuators are left out."""
+    places = [(column, index) for column, size in enumerate(sizes) for index in range(size)]
+    rows = neat.rows(specification, np.array(specification["weights"], dtype=np.float32))
+    for (column, index), (seen, numbers, _) in zip(places[sizes[0] :], rows, strict=True):
+        weights = numbers[np.newaxis, 1 : 1 + len(seen)].astype(np.float64)
+        yield Layer(
+            tuple(places[one] for one in seen), column, index, numbers[:1].astype(np.float64), weights
+        )
+
+
+def matrices(specification: Mapping[str, Any]) -> list[Layer]:
+    """Return the layers with a matrix for each column: in a `neat` network 0 without a connection."""
+    found = layers(specification)
+    if specification["kind"] != neat.KIND:
+        return found
+    sizes = columns(specification)
+    everything = tuple((column, index) for column, size in enumerate(sizes) for index in range(size))
+    places = {place: index for index, place in enumerate(everything)}
+    result = []
+    for column, size in enumerate(sizes[1:], 1):
+        weights = np.zeros((size, len(everything)))
+        nodes = [layer for layer in found if layer.column == column]
+        for row, layer in zip(weights, nodes, strict=True):
+            np.add.at(row, [places[source] for source in layer.sources], layer.weights[0])
+        result.append(Layer(everything, column, 0, np.concatenate([layer.bias for layer in nodes]), weights))
+    return result
 
 
 def colormap() -> "LinearSegmentedColormap":

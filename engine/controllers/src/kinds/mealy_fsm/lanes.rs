@@ -4,7 +4,7 @@ use swarmwright_lanes::{Int, Lanes, MOST_LANES};
 
 use super::MealyFsm;
 use crate::kinds::LaneKind;
-use crate::lanes::sums::is_one;
+use crate::lanes::sums::write_numbers;
 
 impl LaneKind for MealyFsm {
     /// Each lane looks its row up in its own table.
@@ -31,15 +31,10 @@ impl LaneKind for MealyFsm {
         state: &mut [L],
         scratch: &mut [L],
         numbers: [L; S],
-        (bits, order): (L::Int, [u32; B]),
+        bits: (L::Int, [u32; B]),
         actuators: &mut [L],
     ) {
-        for (sensor, number) in scratch.iter_mut().zip(numbers) {
-            *sensor = number;
-        }
-        for (sensor, bit) in scratch[S..].iter_mut().zip(order) {
-            *sensor = L::splat(1.0).select(L::splat(0.0), is_one::<L>(bits, bit));
-        }
+        write_numbers(scratch, numbers, bits);
         self.look_up(genomes, &mut state[0], scratch, actuators);
     }
 

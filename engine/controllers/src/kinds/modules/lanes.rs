@@ -10,7 +10,7 @@ use super::{
     TRANSITION_LIMITS,
 };
 use crate::kinds::{Kind, LaneKind};
-use crate::lanes::sums::is_one;
+use crate::lanes::sums::write_numbers;
 
 impl LaneKind for Modules {
     #[inline(always)]
@@ -57,15 +57,10 @@ impl LaneKind for Modules {
         state: &mut [L],
         scratch: &mut [L],
         numbers: [L; S],
-        (bits, order): (L::Int, [u32; B]),
+        bits: (L::Int, [u32; B]),
         actuators: &mut [L],
     ) {
-        for (sensor, number) in scratch.iter_mut().zip(numbers) {
-            *sensor = number;
-        }
-        for (sensor, bit) in scratch.iter_mut().skip(S).zip(order) {
-            *sensor = L::splat(1.0).select(L::splat(0.0), is_one::<L>(bits, bit));
-        }
+        write_numbers(scratch, numbers, bits);
         self.step_with(weights, state, scratch, actuators);
     }
 

@@ -21,6 +21,7 @@ public abstract strictfp class Architecture {
     KINDS.put("mealy_fsm", MealyFsm::read);
     KINDS.put("evostick", Evostick::read);
     KINDS.put("hebbian", Hebbian::read);
+    KINDS.put("neat", Neat::read);
     KINDS.put("modules", Modules::read);
     KINDS.put("parameter_set", ParameterSet::read);
   }
@@ -94,7 +95,9 @@ public abstract strictfp class Architecture {
   abstract int stateLength();
 
   /** Length of the working memory of a step. */
-  abstract int scratchLength();
+  int scratchLength() {
+    return 0;
+  }
 
   /** One step: sensors in, actuators out. {@code first} is the index of the first weight. */
   abstract void step(

@@ -35,11 +35,6 @@ final strictfp class Evostick extends Architecture {
   }
 
   @Override
-  int scratchLength() {
-    return 0;
-  }
-
-  @Override
   void step(
       float[] weights,
       int first,

@@ -47,11 +47,6 @@ final strictfp class MealyFsm extends Architecture {
   }
 
   @Override
-  int scratchLength() {
-    return 0;
-  }
-
-  @Override
   void step(
       float[] weights,
       int first,

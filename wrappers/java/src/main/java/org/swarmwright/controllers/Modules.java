@@ -81,11 +81,6 @@ final strictfp class Modules extends Architecture {
   }
 
   @Override
-  int scratchLength() {
-    return 0;
-  }
-
-  @Override
   void step(
       float[] weights,
       int first,

@@ -74,11 +74,6 @@ public final class ParameterSet extends Architecture {
   }
 
   @Override
-  int scratchLength() {
-    return 0;
-  }
-
-  @Override
   void step(
       float[] weights,
       int first,

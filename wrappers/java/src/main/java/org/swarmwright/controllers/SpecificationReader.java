@@ -135,6 +135,28 @@ final class SpecificationReader {
     return thresholds;
   }
 
+  /** Lists of whole numbers from 0 to the number of lists and {@code more}, less 1. */
+  int[][] lists(String field, int more) {
+    String expected = "a list of lists of whole numbers";
+    JsonArray lists = array(field, take(field, expected), expected);
+    int highest = (int) Math.min(Integer.MAX_VALUE, (long) lists.size() + more - 1);
+    int[][] numbers = new int[lists.size()][];
+    for (int i = 0; i < numbers.length; i++) {
+      JsonArray list = array(field, lists.get(i), expected);
+      numbers[i] = new int[list.size()];
+      for (int j = 0; j < numbers[i].length; j++) {
+        numbers[i][j] =
+            whole(
+                field + "[" + i + "][" + j + "]",
+                list.get(j),
+                0,
+                highest,
+                "a whole number from 0 to " + highest);
+      }
+    }
+    return numbers;
+  }
+
   /** At least one parameter: a unique name, a type, and choices if it is categorical. */
   List<ParameterSet.Parameter> parameters(int max) {
     String expected = "a list of parameters such as {\"name\": \"range\", \"type\": \"real\"}";

@@ -1,0 +1,111 @@
+//! Networks with given connections in lanes: these have no binary64, and are computed one after the other.
+
+use swarmwright_lanes::{Lanes, MOST_LANES};
+
+use super::{KEPT, Neat, activation, kept, output};
+use crate::OutputRange;
+use crate::kinds::{Kind, LaneKind};
+use crate::lanes::nodes::stretched;
+use crate::lanes::sums::write_numbers;
+
+impl LaneKind for Neat {
+    /// Each lane takes the weights from its genome.
+    #[inline(always)]
+    fn lane_weights(&self) -> usize {
+        0
+    }
+
+    #[inline(always)]
+    fn lane_state_length(&self) -> usize {
+        self.state_length()
+    }
+
+    /// The sensors.
+    #[inline(always)]
+    fn lane_scratch_length(&self) -> usize {
+        self.sensors
+    }
+
+    #[inline(always)]
+    fn step_in_lanes<L: Lanes, const S: usize, const B: usize>(
+        &self,
+        (_, genomes): (&[L], &[&[f32]]),
+        state: &mut [L],
+        scratch: &mut [L],
+        numbers: [L; S],
+        bits: (L::Int, [u32; B]),
+        actuators: &mut [L],
+    ) {
+        write_numbers(scratch, numbers, bits);
+        self.each(genomes, state, scratch, actuators);
+    }
+
+    #[inline(always)]
+    fn step_slice_in_lanes<L: Lanes>(
+        &self,
+        (_, genomes): (&[L], &[&[f32]]),
+        state: &mut [L],
+        _scratch: &mut [L],
+        sensors: &[L],
+        actuators: &mut [L],
+    ) {
+        self.each(genomes, state, sensors, actuators);
+    }
+}
+
+impl Neat {
+    /// As [`Kind::step`], each operation for one lane after the other.
+    #[inline(always)]
+    fn each<L: Lanes>(
+        &self,
+        genomes: &[&[f32]],
+        state: &mut [L],
+        sensors: &[L],
+        actuators: &mut [L],
+    ) {
+        let (mut high, mut low) = ([0.0; MOST_LANES], [0.0; MOST_LANES]);
+        let mut sums = [0.0; MOST_LANES];
+        for _ in 0..self.iterations {
+            let mut at = 0;
+            for (node, row) in self.sources.iter().enumerate() {
+                let bias = at;
+                sums[..L::WIDTH].fill(0.0);
+                for source in row {
+                    at += 1;
+                    if let Some(place) = source.checked_sub(self.sensors) {
+                        state[KEPT * place].store(&mut high);
+                        state[KEPT * place + 1].store(&mut low);
+                        for lane in 0..L::WIDTH {
+                            let heard = output([high[lane], low[lane]]);
+                            sums[lane] += heard * f64::from(genomes[lane][at]);
+                        }
+                    } else {
+                        sensors[*source].store(&mut high);
+                        for lane in 0..L::WIDTH {
+                            sums[lane] += f64::from(high[lane]) * f64::from(genomes[lane][at]);
+                        }
+                    }
+                }
+                at += 1;
+                let slope = (node >= self.hidden()).then_some(at);
+                at += usize::from(slope.is_some());
+                for lane in 0..L::WIDTH {
+                    let genome = genomes[lane];
+                    let sum = sums[lane] + f64::from(genome[bias]);
+                    [high[lane], low[lane]] = kept(activation(slope.map(|at| genome[at]), sum));
+                }
+                state[KEPT * node] = L::load(&high);
+                state[KEPT * node + 1] = L::load(&low);
+            }
+        }
+        let outputs = state[KEPT * self.hidden()..].chunks_exact(KEPT);
+        for (actuator, kept) in actuators.iter_mut().zip(outputs) {
+            kept[0].store(&mut high);
+            kept[1].store(&mut low);
+            for lane in 0..L::WIDTH {
+                high[lane] = output([high[lane], low[lane]]) as f32;
+            }
+            *actuator = stretched(OutputRange::UNIT, L::load(&high));
+        }
+    }
+}
