@@ -77,8 +77,7 @@ final strictfp class Neat extends Architecture {
         double bias = weights[weight++];
         double sum = 0;
         for (int source : sources[node]) {
-          double heard =
-              source < sensors() ? sensors[source] : output(state, source - sensors());
+          double heard = source < sensors() ? sensors[source] : output(state, source - sensors());
           sum = sum + heard * weights[weight++];
         }
         sum = sum + bias;
@@ -125,8 +124,7 @@ final strictfp class Neat extends Architecture {
     int whole = (int) x;
     int step = (int) (x * 1024) - 1024 * whole;
     double rest = (x - whole) - step * (1.0 / 1024);
-    double series =
-        1 + rest * (1 + rest * (1.0 / 2 + rest * (1.0 / 6 + rest * (1.0 / 24))));
+    double series = 1 + rest * (1 + rest * (1.0 / 2 + rest * (1.0 / 6 + rest * (1.0 / 24))));
     double fraction = StrictMath.exp(step / 1024.0) * series;
     return whole < -705
         ? StrictMath.exp(54 * LN_2 + whole) * fraction * SMALLER

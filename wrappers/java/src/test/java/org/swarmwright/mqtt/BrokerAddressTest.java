@@ -38,8 +38,7 @@ class BrokerAddressTest {
             .entrySet()) {
       String said =
           assertThrows(
-                  IllegalArgumentException.class,
-                  () -> BrokerAddress.of(wrong.getKey(), Map.of()))
+                  IllegalArgumentException.class, () -> BrokerAddress.of(wrong.getKey(), Map.of()))
               .getMessage();
       assertTrue(said.contains(wrong.getValue()), said);
       assertTrue(!said.contains("secret"), said);
