@@ -25,6 +25,7 @@ pub use parameter_set::{Parameter, ParameterKind, ParameterSet};
 pub use team::{Team, TeamGroup};
 
 use crate::SpecificationError;
+use crate::lanes::sums::write_numbers;
 use crate::reader::Reader;
 use serde::Serialize;
 use serde_json::{Map, Value};
@@ -99,6 +100,7 @@ pub(crate) trait LaneKind: Kind {
     ///
     /// All are arguments rather than fields of a struct, so that the compiler knows that they do not overlap and keeps
     /// sensors in registers; with a struct, layered networks lost up to a quarter of their speed.
+    #[inline(always)]
     fn step_in_lanes<L: Lanes, const S: usize, const B: usize>(
         &self,
         weights: (&[L], &[&[f32]]),
@@ -107,7 +109,11 @@ pub(crate) trait LaneKind: Kind {
         numbers: [L; S],
         bits: (L::Int, [u32; B]),
         actuators: &mut [L],
-    );
+    ) {
+        // Kinds to whom bits are numbers like others need the scratch for the sensors alone.
+        write_numbers(scratch, numbers, bits);
+        self.step_slice_in_lanes(weights, state, &mut [], scratch, actuators);
+    }
 
     /// The same for a number of sensors that is known only at run time.
     fn step_slice_in_lanes<L: Lanes>(
@@ -138,18 +144,6 @@ macro_rules! without_lanes {
             #[inline(always)]
             fn lane_scratch_length(&self) -> usize {
                 0
-            }
-
-            #[inline(always)]
-            fn step_in_lanes<L: Lanes, const S: usize, const B: usize>(
-                &self,
-                _: (&[L], &[&[f32]]),
-                _: &mut [L],
-                _: &mut [L],
-                _: [L; S],
-                _: (L::Int, [u32; B]),
-                _: &mut [L],
-            ) {
             }
 
             #[inline(always)]

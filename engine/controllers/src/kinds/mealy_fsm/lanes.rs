@@ -4,7 +4,6 @@ use swarmwright_lanes::{Int, Lanes, MOST_LANES};
 
 use super::MealyFsm;
 use crate::kinds::LaneKind;
-use crate::lanes::sums::write_numbers;
 
 impl LaneKind for MealyFsm {
     /// Each lane looks its row up in its own table.
@@ -25,20 +24,6 @@ impl LaneKind for MealyFsm {
     }
 
     #[inline(always)]
-    fn step_in_lanes<L: Lanes, const S: usize, const B: usize>(
-        &self,
-        (_, genomes): (&[L], &[&[f32]]),
-        state: &mut [L],
-        scratch: &mut [L],
-        numbers: [L; S],
-        bits: (L::Int, [u32; B]),
-        actuators: &mut [L],
-    ) {
-        write_numbers(scratch, numbers, bits);
-        self.look_up(genomes, &mut state[0], scratch, actuators);
-    }
-
-    #[inline(always)]
     fn step_slice_in_lanes<L: Lanes>(
         &self,
         (_, genomes): (&[L], &[&[f32]]),
@@ -47,19 +32,7 @@ impl LaneKind for MealyFsm {
         sensors: &[L],
         actuators: &mut [L],
     ) {
-        self.look_up(genomes, &mut state[0], sensors, actuators);
-    }
-}
-
-impl MealyFsm {
-    #[inline(always)]
-    fn look_up<L: Lanes>(
-        &self,
-        genomes: &[&[f32]],
-        state: &mut L,
-        sensors: &[L],
-        actuators: &mut [L],
-    ) {
+        let state = &mut state[0];
         let (zero, one) = (L::Int::splat(0), L::Int::splat(1));
         let mut row = state.floor();
         for (sensor, thresholds) in sensors.iter().zip(&self.thresholds) {

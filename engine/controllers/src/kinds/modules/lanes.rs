@@ -10,7 +10,6 @@ use super::{
     TRANSITION_LIMITS,
 };
 use crate::kinds::{Kind, LaneKind};
-use crate::lanes::sums::write_numbers;
 
 impl LaneKind for Modules {
     #[inline(always)]
@@ -51,20 +50,6 @@ impl LaneKind for Modules {
     }
 
     #[inline(always)]
-    fn step_in_lanes<L: Lanes, const S: usize, const B: usize>(
-        &self,
-        (weights, _): (&[L], &[&[f32]]),
-        state: &mut [L],
-        scratch: &mut [L],
-        numbers: [L; S],
-        bits: (L::Int, [u32; B]),
-        actuators: &mut [L],
-    ) {
-        write_numbers(scratch, numbers, bits);
-        self.step_with(weights, state, scratch, actuators);
-    }
-
-    #[inline(always)]
     fn step_slice_in_lanes<L: Lanes>(
         &self,
         (weights, _): (&[L], &[&[f32]]),
@@ -73,7 +58,26 @@ impl LaneKind for Modules {
         sensors: &[L],
         actuators: &mut [L],
     ) {
-        self.step_with(weights, state, sensors, actuators);
+        let sensors = &sensors[..SENSORS];
+        let current = state[0].floor();
+        let none = L::Mask::from_bits(0);
+        let mut row = Row {
+            weights: &weights[1..],
+            length: self.row_length(),
+            states: self.states,
+            is: [none; MOST_STATES],
+        };
+        for index in 1..self.states {
+            row.is[index] = current.eq(L::Int::splat(index as i32));
+        }
+        let random = LaneRandom::new(sensors[SENSORS - 1]);
+        if self.form == Form::Tree {
+            self.tick_lanes(weights, state, sensors, random, actuators);
+            return;
+        }
+        let [left, right] = act_in_lanes(&row, &mut state[2], sensors, random);
+        (actuators[0], actuators[1]) = (left, right);
+        self.change(&row, state, sensors, random);
     }
 }
 
@@ -119,36 +123,6 @@ fn one_where<L: Lanes>(condition: L::Mask) -> L::Int {
 }
 
 impl Modules {
-    #[inline(always)]
-    fn step_with<L: Lanes>(
-        &self,
-        weights: &[L],
-        state: &mut [L],
-        sensors: &[L],
-        actuators: &mut [L],
-    ) {
-        let sensors = &sensors[..SENSORS];
-        let current = state[0].floor();
-        let none = L::Mask::from_bits(0);
-        let mut row = Row {
-            weights: &weights[1..],
-            length: self.row_length(),
-            states: self.states,
-            is: [none; MOST_STATES],
-        };
-        for index in 1..self.states {
-            row.is[index] = current.eq(L::Int::splat(index as i32));
-        }
-        let random = LaneRandom::new(sensors[SENSORS - 1]);
-        if self.form == Form::Tree {
-            self.tick_lanes(weights, state, sensors, random, actuators);
-            return;
-        }
-        let [left, right] = act_in_lanes(&row, &mut state[2], sensors, random);
-        (actuators[0], actuators[1]) = (left, right);
-        self.change(&row, state, sensors, random);
-    }
-
     /// A step of trees: each lane goes on from its subtree to the first whose condition does not hold, which acts.
     #[inline(always)]
     fn tick_lanes<L: Lanes>(

@@ -6,7 +6,6 @@ use super::{KEPT, Neat, activation, kept, output};
 use crate::OutputRange;
 use crate::kinds::{Kind, LaneKind};
 use crate::lanes::nodes::stretched;
-use crate::lanes::sums::write_numbers;
 
 impl LaneKind for Neat {
     /// Each lane takes the weights from its genome.
@@ -26,40 +25,13 @@ impl LaneKind for Neat {
         self.sensors
     }
 
-    #[inline(always)]
-    fn step_in_lanes<L: Lanes, const S: usize, const B: usize>(
-        &self,
-        (_, genomes): (&[L], &[&[f32]]),
-        state: &mut [L],
-        scratch: &mut [L],
-        numbers: [L; S],
-        bits: (L::Int, [u32; B]),
-        actuators: &mut [L],
-    ) {
-        write_numbers(scratch, numbers, bits);
-        self.each(genomes, state, scratch, actuators);
-    }
-
+    /// As [`Kind::step`], each operation for one lane after the other.
     #[inline(always)]
     fn step_slice_in_lanes<L: Lanes>(
         &self,
         (_, genomes): (&[L], &[&[f32]]),
         state: &mut [L],
         _scratch: &mut [L],
-        sensors: &[L],
-        actuators: &mut [L],
-    ) {
-        self.each(genomes, state, sensors, actuators);
-    }
-}
-
-impl Neat {
-    /// As [`Kind::step`], each operation for one lane after the other.
-    #[inline(always)]
-    fn each<L: Lanes>(
-        &self,
-        genomes: &[&[f32]],
-        state: &mut [L],
         sensors: &[L],
         actuators: &mut [L],
     ) {
