@@ -7,7 +7,8 @@ import pytest
 from swarmwright.conformance._check_server import check_server
 from swarmwright.conformance._results import Report
 from swarmwright.conformance._rules import Profile
-from tests.conformance.broken.servers import SERVERS, Broken
+from tests.conformance.broken.base import Broken
+from tests.conformance.broken.servers import SERVERS
 from tests.conformance.sound import SoundServer
 
 

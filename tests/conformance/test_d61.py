@@ -11,10 +11,10 @@ from swarmwright.conformance._rules import Rules
 from swarmwright.conformance.optimizer import RULES as OPTIMIZER
 from swarmwright.conformance.server import RULES as SERVER
 from swarmwright.core.errors import InputError
+from tests.conformance.broken.base import Broken
 from tests.conformance.broken.servers import (
     AnyHash,
     AnyServer,
-    Broken,
     ConvertsText,
     CountsAnybody,
     IgnoresTheEnd,

@@ -2,11 +2,12 @@
 
 import asyncio
 import threading
+from abc import ABC, abstractmethod
 from types import TracebackType
 from typing import Self
 
 
-class Proxy:
+class Proxy(ABC):
     """Accepts connections for 127.0.0.1:`port`, until leaving the context; `url` is where it listens."""
 
     def __init__(self, port: int) -> None:
@@ -37,6 +38,6 @@ class Proxy:
             task.cancel()
         await asyncio.gather(*others, return_exceptions=True)
 
+    @abstractmethod
     async def _accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """A client has connected."""
-        raise NotImplementedError

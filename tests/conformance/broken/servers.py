@@ -7,32 +7,15 @@ count.
 import json
 import math
 import random
-from collections.abc import Sequence
 from typing import Any, ClassVar
 
-import msgpack
 import numpy as np
 from paho.mqtt.client import MQTTMessage
 
-from swarmwright import _engine
 from tests.conformance import sound
-from tests.conformance.sound import Json, Refused, SoundRobots, SoundServer, World, real
-from tests.protocol.controllers import Controller
-
-STEPWISE = "S1,S2,S3,S4,S5,S6,S7,S8,-S6.5,-S6.9"
-"""What is tried on those that break what every server must do, but for what takes seconds."""
-OFFLOADED = "S1,S2,S3,S9"
-CONNECTION = "S1,S2,S11,-S11.2"
-SCENES = "S1,S2,S14"
-OWN_TOPIC = "S1,S2,S15"
-
-
-class Broken(SoundServer):
-    """breaks: ids. rules: what is tried. died: whether it is gone afterwards."""
-
-    breaks: ClassVar[set[str]]
-    rules: ClassVar[str] = STEPWISE
-    died: ClassVar[bool] = False
+from tests.conformance.broken.base import CONNECTION, OWN_TOPIC, SCENES, Broken
+from tests.conformance.broken.offloaded import BrokenRobots
+from tests.conformance.sound import Json, Refused, World, real
 
 
 class WrongEcho(Broken):
@@ -447,193 +430,6 @@ class LosesAMetric(Broken):
 
     def measure(self, world: World) -> dict[str, float]:
         return {"arrived": world.metrics()["arrived"]}
-
-
-class RoundsOffloaded(Broken):
-    """Gives other fitness offloaded than stepwise."""
-
-    breaks: ClassVar = {"S9.3", "S9.4", "S9.5", "S9.15", "S9.18", "S9.19"}
-    rules: ClassVar = OFFLOADED
-
-    def compute(self, request: Json) -> tuple[list[float], dict[str, list[float]]]:
-        fitness, metrics = super().compute(request)
-        return [round(value, 6) for value in fitness], metrics
-
-
-class OneControllerForAll(Broken):
-    """Agents share a controller, and its state."""
-
-    breaks: ClassVar = {"S9.4", "S9.5", "S9.18", "S9.19"}
-    rules: ClassVar = OFFLOADED
-
-    def rollout(self, specification: str, parameters: Json) -> World:
-        world = self.make(parameters)
-        controller = _engine.Controller(specification)
-        while acting := world.acting():
-            world.step({a: controller.step(np.array(world.sense(a), np.float32)).tolist() for a in acting})
-        return world
-
-
-class FlushesSubnormals(Broken):
-    """Computes its controllers as fast as it can: numbers below the normal ones are 0."""
-
-    breaks: ClassVar = {"S9.14"}
-    rules: ClassVar = OFFLOADED
-
-    def rollout(self, specification: str, parameters: Json) -> World:
-        wanted = json.loads(specification)
-        if wanted["kind"] != "layered":
-            return super().rollout(specification, parameters)
-        controller = Flushing(wanted)
-        world = self.make(parameters)
-        while acting := world.acting():
-            seen = {agent: [np.float32(value) for value in world.sense(agent)] for agent in acting}
-            with np.errstate(over="ignore", invalid="ignore"):
-                world.step({agent: list(map(float, controller.step(row))) for agent, row in seen.items()})
-        return world
-
-
-class Flushing(Controller):
-    """A layered network of another make than the engine's, without subnormals."""
-
-    def _node(self, row: Sequence[np.float32], inputs: Sequence[np.float32]) -> np.float32:
-        found = super()._node(row, inputs)
-        return np.float32(0) if abs(found) < np.finfo(np.float32).smallest_normal else found
-
-
-class LessSteep(Broken):
-    """Takes EvoStick's output for the logistic function of the sum itself."""
-
-    breaks: ClassVar = {"S9.15"}
-    rules: ClassVar = OFFLOADED
-
-    def rollout(self, specification: str, parameters: Json) -> World:
-        wanted = json.loads(specification)
-        if wanted["kind"] == "evostick":
-            weights = np.array(wanted["weights"], np.float32) / np.float32(4.924273)
-            wanted["weights"] = [float(str(weight)) for weight in weights]
-        return super().rollout(json.dumps(wanted), parameters)
-
-
-class NeverLearns(Broken):
-    """Takes a network that learns for one whose weights stay as they are."""
-
-    breaks: ClassVar = {"S9.18"}
-    rules: ClassVar = OFFLOADED
-
-    def rollout(self, specification: str, parameters: Json) -> World:
-        wanted = json.loads(specification)
-        if wanted["kind"] == "hebbian":
-            wanted["weights"][0] = 0.0
-        return super().rollout(json.dumps(wanted), parameters)
-
-
-class ForgetsNodes(Broken):
-    """Begins every step of NEAT's networks with nodes that are 0."""
-
-    breaks: ClassVar = {"S9.19"}
-    rules: ClassVar = OFFLOADED
-
-    def rollout(self, specification: str, parameters: Json) -> World:
-        if json.loads(specification)["kind"] != "neat":
-            return super().rollout(specification, parameters)
-        world = self.make(parameters)
-        controller = _engine.Controller(specification)
-        while acting := world.acting():
-            actuators = {}
-            for agent in acting:
-                controller.reset()
-                actuators[agent] = controller.step(np.array(world.sense(agent), np.float32)).tolist()
-            world.step(actuators)
-        return world
-
-
-class BrokenRobots(Broken, SoundRobots):
-    """Computes machines and trees of modules in another way."""
-
-    breaks: ClassVar = {"S9.16", "S9.17"}
-    rules: ClassVar = "S1.1,S2.3,S3.2,S9.1,S9.3,S9.15,S9.16,S9.17"
-
-    def rollout(self, specification: str, parameters: Json) -> World:
-        world = self.make(parameters)
-        kind = json.loads(specification)
-        self.controllers_of: dict[int, _engine.Controller] = {}
-        while acting := world.acting():
-            done = {}
-            for agent in acting:
-                controller = self.controllers_of.setdefault(agent, _engine.Controller(specification))
-                done[agent] = self.stepped(kind, controller, np.array(world.sense(agent), np.float32))
-            world.step(done)
-        return world
-
-    def stepped(self, specification: Json, controller: _engine.Controller, seen: Any) -> list[float]:
-        """Draw a random number instead of taking the one that is sensed."""
-        if specification["kind"] == "modules":
-            seen[8] = random.random()
-        found: list[float] = controller.step(seen).tolist()
-        return found
-
-
-class RandomlyGoesOn(BrokenRobots):
-    """Takes the same random number in every step of a machine."""
-
-    breaks: ClassVar = {"S9.16"}
-
-    def stepped(self, specification: Json, controller: _engine.Controller, seen: Any) -> list[float]:
-        if specification["kind"] == "modules" and "form" not in specification:
-            seen[8] = 0.5
-        found: list[float] = controller.step(seen).tolist()
-        return found
-
-
-class ForgetsTheSubtree(BrokenRobots):
-    """Begins a tree with the first subtree in every step."""
-
-    breaks: ClassVar = {"S9.17"}
-
-    def stepped(self, specification: Json, controller: _engine.Controller, seen: Any) -> list[float]:
-        if specification.get("form") == "tree":
-            controller.reset()
-        found: list[float] = controller.step(seen).tolist()
-        return found
-
-
-class ColumnsFirst(Broken):
-    """Writes episodes before candidates."""
-
-    breaks: ClassVar = {"S9.3", "S9.4", "S9.5", "S9.15", "S9.18", "S9.19"}
-    rules: ClassVar = OFFLOADED
-
-    def compute(self, request: Json) -> tuple[list[float], dict[str, list[float]]]:
-        fitness, metrics = super().compute(request)
-        return np.array(fitness).reshape(-1, len(request["seeds"]) // 8).T.ravel().tolist(), metrics
-
-
-class SpeaksAnywhere(Broken):
-    """Answers on whatever topic a request names."""
-
-    breaks: ClassVar = {"S9.12"}
-    rules: ClassVar = OFFLOADED
-
-    def requested(self, payload: bytes) -> None:
-        try:
-            request = msgpack.unpackb(payload)
-        except Exception as error:
-            raise Refused("junk") from error
-        if isinstance(request, dict) and str(request.get("reply", "")).startswith("conformance/"):
-            self.reply(request, error={"kind": "invalid", "reason": "reply"})
-        super().requested(payload)
-
-
-class IgnoresLeases(Broken):
-    """Computes what nobody waits for."""
-
-    breaks: ClassVar = {"S9.13"}
-    rules: ClassVar = OFFLOADED
-
-    def check(self, request: Json) -> None:
-        super().check(request)
-        request["lease"] = 0.0
 
 
 class HasNoLastWill(Broken):
