@@ -55,7 +55,7 @@ def contents(path: Path) -> bytes:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from error
 
 
-def first_sign(path: Path) -> str:
+def first_character(path: Path) -> str:
     """Return the first character of a text that is not white space, none of an empty one.
 
     Always "<" for UTF-16, which XML can be in. Raises InputError as `contents` does.

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from swarmwright.core.errors import InputError
-from swarmwright.core.files import first_sign
+from swarmwright.core.files import first_character
 from swarmwright.core.suggestions import did_you_mean
 from swarmwright.core.xml import Element, read, root_of
 
@@ -184,7 +184,7 @@ def members(root: Element) -> Iterator[Element]:
 
 def is_session(path: Path) -> bool:
     """Whether a file is a FREVO session or result. Raises InputError when it cannot be read."""
-    return first_sign(path) == "<" and root_of(path).tag == _ROOT
+    return first_character(path) == "<" and root_of(path).tag == _ROOT
 
 
 def open_session(path: Path) -> Session:

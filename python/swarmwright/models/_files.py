@@ -6,7 +6,7 @@ from typing import Any
 
 from swarmwright.core import json_source, xml
 from swarmwright.core.errors import InputError
-from swarmwright.core.files import first_sign
+from swarmwright.core.files import first_character
 from swarmwright.core.suggestions import did_you_mean
 from swarmwright.models import (
     abstractions,
@@ -33,14 +33,14 @@ def load(path: Path) -> Part:
 
     Raises InputError when it is of no known kind, or with everything that is wrong in it, file and line each.
     """
-    sign = first_sign(path)
-    if sign == "<":
+    first = first_character(path)
+    if first == "<":
         return _load_xml(path)
-    if sign in {"{", "["}:
+    if first in {"{", "["}:
         return _load_json(path)
-    if sign and sysml.recognises(read_text(path)):
+    if first and sysml.recognises(read_text(path)):
         return sysml.load(path)
-    raise InputError(f"{path}: {'is empty' if not sign else 'is of no kind that is known'}; {_expected()}")
+    raise InputError(f"{path}: {'is empty' if not first else 'is of no kind that is known'}; {_expected()}")
 
 
 def files_of(paths: Iterable[Path]) -> list[Path]:

@@ -23,10 +23,10 @@ class NeatOptions(Options):
         ]
         | None
     ) = None
-    """For each node that is no sensor, hidden ones first and those of the actuators last, the nodes that it
-    sees: [[0, 3], [0, 1, 2]] is a hidden node and an actuator's. Sensors have the numbers 0, 1, ..., hidden
-    nodes the following ones, actuators the last. Default: no hidden nodes, every actuator sees every
-    sensor."""
+    """For each node that is not a sensor, hidden ones first and those of the actuators last, the nodes from
+    which it has connections: [[0, 3], [0, 1, 2]] is a hidden node and an actuator's. Sensors have the
+    numbers 0, 1, ..., hidden nodes the following ones, actuators the last. Default: no hidden nodes, every
+    actuator is connected with every sensor."""
     iterations: int = Field(default=3, ge=1, le=1000)
     """How often all nodes are computed in each step, one after the other."""
     weight_range: float = Field(default=1.0, gt=0, le=1e6)
