@@ -1,12 +1,14 @@
-"""`python -m benchmarks FILE.json`: measure, print a table, write the figures."""
+"""`python -m benchmarks FILE.json`: measure suite after suite, print their tables, write the figures."""
 
 import argparse
 import dataclasses
 import os
+import sys
+import traceback
 from pathlib import Path
 
-from benchmarks.measurement import show, write
-from benchmarks.suite import QUICK, SUITES, Scale, run
+from benchmarks.measurement import Samples, show, write
+from benchmarks.suite import QUICK, SUITES, NotBuiltError, Scale, run
 
 
 def main() -> None:
@@ -24,12 +26,33 @@ def main() -> None:
     if arguments.repetitions < 1:
         parser.error("--repetitions must be at least 1")
     scale = QUICK if arguments.quick else dataclasses.replace(Scale(), repetitions=arguments.repetitions)
-    load = os.getloadavg()[0]
-    samples = list(run(scale, arguments.only))
     count = "once" if scale.repetitions == 1 else f"median of {scale.repetitions}"
-    show(samples, f"Measured on {os.cpu_count()} cores, {count}, load before {load:.1f}")
-    write(arguments.file, samples)
-    print(f"\nThe figures are in {arguments.file}")
+    samples: list[Samples] = []
+    skipped, failed = [], []
+    for name, measure in run(scale, arguments.only):
+        load = os.getloadavg()[0]
+        print(f"{name}: measuring", file=sys.stderr, flush=True)
+        try:
+            measured = measure()
+        except NotBuiltError as error:
+            skipped.append(f"{name}: {error}")
+            continue
+        except (Exception, SystemExit) as error:  # noqa: BLE001 - the figures of other suites are kept
+            if isinstance(error, SystemExit):
+                print(f"{name}: {error}", file=sys.stderr)
+            else:
+                traceback.print_exc()
+            failed.append(name)
+            continue
+        show(measured, f"{name}: {os.cpu_count()} cores, {count}, load before {load:.1f}")
+        samples += measured
+        write(arguments.file, samples)
+    if samples:
+        print(f"\nThe figures are in {arguments.file}")
+    for line in skipped:
+        print(f"not measured: {line}")
+    if failed or not samples:
+        raise SystemExit(f"failed: {', '.join(failed)}" if failed else "nothing was measured")
 
 
 if __name__ == "__main__":

@@ -14,6 +14,7 @@ from typing import Any
 
 from benchmarks.measurement import Samples
 from benchmarks.processes import ROOT, embedded
+from benchmarks.suite import NotBuiltError
 from benchmarks.wrappers import Server, Subject, evaluate, pool_for
 
 PROJECT = ROOT / "wrappers" / "gazebo"
@@ -34,7 +35,7 @@ def command(program: str) -> list[str]:
     """How a program in the Debian with Gazebo is started."""
     built = PROJECT / "build" / program
     if not built.exists() or not (GAZEBO_ROOT / ".complete").exists():
-        raise SystemExit(f"{program} is missing; `make gazebo` builds it")
+        raise NotBuiltError(f"{program} is missing; `make gazebo` builds it")
     return [str(PROJECT / "in-root"), str(GAZEBO_ROOT), str(built)]
 
 

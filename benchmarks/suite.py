@@ -4,6 +4,7 @@ import contextlib
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import Protocol
 
 from benchmarks.measurement import Samples
@@ -26,6 +27,10 @@ class Scale:
 
 
 QUICK = Scale(repetitions=1, seconds=0.02, round_trips=100, flood=2000, smaller=100, extras=False)
+
+
+class NotBuiltError(Exception):
+    """What a suite measures is not built on this machine; the message names it, and the command that does."""
 
 
 class Suite(Protocol):
@@ -181,15 +186,22 @@ QUICK_SUITES = ("mqtt", "rollouts", "arena", "bound", "tasks", "methods", "store
 """Those that take seconds and need no library for Python of their own."""
 
 
-def run(scale: Scale, only: str = "") -> Iterator[Samples]:
-    """Measure everything whose suite's name matches the pattern `only`."""
+def run(scale: Scale, only: str = "") -> Iterator[tuple[str, Callable[[], list[Samples]]]]:
+    """Yield the suites whose names match the pattern `only`: the name, and what measures.
+
+    Raises SystemExit where there is none. What measures raises NotBuiltError, or whatever goes wrong.
+    """
     names = [name for name in SUITES if re.search(only, name)]
     if not names:
         raise SystemExit(f"--only {only}: no suite's name matches; there are: {', '.join(SUITES)}")
     for name in names:
         if scale == QUICK and name not in QUICK_SUITES:
             continue
-        with contextlib.closing(SUITES[name](scale)) as suite:
-            for _ in range(scale.repetitions):
-                suite.repeat()
-            yield from suite.samples()
+        yield name, partial(_measure, SUITES[name], scale)
+
+
+def _measure(make: Callable[[Scale], Suite], scale: Scale) -> list[Samples]:
+    with contextlib.closing(make(scale)) as suite:
+        for _ in range(scale.repetitions):
+            suite.repeat()
+        return suite.samples()

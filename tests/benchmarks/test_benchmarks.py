@@ -9,6 +9,10 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks import suite
+from benchmarks.__main__ import main
+from benchmarks.measurement import Samples
+from benchmarks.suite import NotBuiltError, Scale
 from tests.cpp import build
 from tests.java import jar
 
@@ -99,3 +103,49 @@ def test_an_unknown_suite_is_refused_with_those_that_there_are() -> None:
         next(run(QUICK, "rolouts"))
     for name in SUITES:
         assert name in str(refused.value)
+
+
+class _Sound:
+    def repeat(self) -> None:
+        pass
+
+    def samples(self) -> list[Samples]:
+        return [Samples("speed", "m/s", values=[2.0])]
+
+    def close(self) -> None:
+        pass
+
+
+def _absent(_scale: Scale) -> _Sound:
+    raise NotBuiltError("the simulator is missing; `make simulator` builds it")
+
+
+def _ends(_scale: Scale) -> _Sound:
+    raise SystemExit("the other program ended")
+
+
+def _fails(_scale: Scale) -> _Sound:
+    raise ValueError("no figure")
+
+
+def test_what_was_measured_is_kept_when_another_suite_cannot_be(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "bench.json"
+    monkeypatch.setattr(sys, "argv", ["benchmarks", str(file)])
+    suites = {"absent": _absent, "sound": lambda _scale: _Sound()}
+    monkeypatch.setattr(suite, "SUITES", suites)
+    main()
+    assert [one["value"] for one in json.loads(file.read_text())] == [2.0]
+    assert "not measured: absent: the simulator is missing; `make simulator`" in capsys.readouterr().out
+    file.unlink()
+    monkeypatch.setattr(suite, "SUITES", {"ends": _ends, "fails": _fails, **suites})
+    with pytest.raises(SystemExit, match="failed: ends, fails"):
+        main()
+    assert [one["value"] for one in json.loads(file.read_text())] == [2.0]
+    said = capsys.readouterr().err
+    assert "ends: the other program ended" in said
+    assert "ValueError: no figure" in said
+    monkeypatch.setattr(suite, "SUITES", {"absent": _absent})
+    with pytest.raises(SystemExit, match="nothing was measured"):
+        main()

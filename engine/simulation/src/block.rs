@@ -341,8 +341,8 @@ pub fn evaluate<W: LaneWorld>(
     one_by_one(block, means, create)
 }
 
-/// Evaluates a block in this thread with lanes of one's own, as measurements have them; none where the simulation does
-/// not compute these episodes in lanes.
+/// Evaluates a block in this thread with lanes of one's own, as measurements have them, a vector at a time; none where the
+/// simulation does not compute these episodes in lanes.
 ///
 /// # Errors
 /// As [`evaluate`].
@@ -353,7 +353,7 @@ pub fn evaluate_in<L: Lanes, W: LaneWorld>(
         return Ok(None);
     };
     let mut results = vec![0.0; block.len() * block.numbers()];
-    if !world.part::<L>(block, 0, &mut results)
+    if !groups::<L, W>(&world, block, 0, &mut results)
         && let Some(error) = block.not_finite()
     {
         return Err(error);
