@@ -315,10 +315,10 @@ class Streams:
     def units(self, count: int) -> NDArray[np.float64]:
         """(streams, count): `count` multiples of 2**-53 of each stream, uniform in [0, 1)."""
     def normals(self, count: int) -> NDArray[np.float64]:
-        """(streams, count): `count` numbers of the standard normal distribution of each stream, |z| <= 8.3.
+        """(streams, count): `count` numbers of the standard normal distribution of each stream, |z| <= 6.7, as precise as binary32.
 
-        The inverse of the distribution function at uniform numbers: algorithm AS 241, PPND16 (Wichura, Applied Statistics 37,
-        1988; relative error about 1e-16), in single operations of +, -, *, / and square roots.
+        Pairs of Box and Muller (Annals of Mathematical Statistics 29, 1958), one of each word of 64 random bits; of an odd count
+        the last pair gives one number. Their arithmetic is fixed (docs/decisions/002-arithmetic.md).
         """
     def integers(self, below: int | Sequence[int] | NDArray[np.int64], count: int) -> NDArray[np.int64]:
         """(streams, count): `count` integers of each stream, uniform in 0 .. below - 1, without bias.

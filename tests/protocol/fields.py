@@ -26,7 +26,7 @@ ANNOUNCED: Json = {
     "version": 1,
     "modes": ["stepwise", "offloaded"],
     "controllers": ["layered"],
-    "distributions": ["gaussian"],
+    "distributions": ["normal"],
     "sensors": 4,
     "actuators": 1,
     "metrics": ["steps"],
@@ -55,7 +55,7 @@ SEEDS = struct.pack("<2Q", 1, 2)
 FAILURE: Json = {"candidate": 0, "episode": 1, "reason": "the wheel came off", "stack": "wheel.py:3"}
 ROW = struct.pack("<2d", 0.5, 1)
 SAMPLE: Json = {
-    "distribution": "gaussian",
+    "distribution": "normal",
     "seed": 1,
     "purpose": "openai_es.direction",
     "generation": 3,

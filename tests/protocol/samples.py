@@ -2,7 +2,7 @@
 
     python -m tests.protocol.samples > protocol/vectors/samples.json
 
-Every operation is one of binary64 in the order that the page gives; Philox is NumPy's.
+Every operation is one of binary32 or binary64 in the order that the page gives; Philox is NumPy's.
 """
 
 import base64
@@ -18,69 +18,44 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.protocol import fields
+from tests.protocol.controllers import Single, cos_pi, sin_pi
 
 Json = dict[str, Any]
 
 ROWS = ("center", "deviation", "middle", "reach", "lower", "upper")
-_CENTER = (
-    (2509.0809287301227, 33430.57558358813, 67265.7709270087, 45921.95393154987, 13731.69376550946,
-     1971.5909503065513, 133.14166789178438, 3.3871328727963665),
-    (5226.495278852854, 28729.085735721943, 39307.89580009271, 21213.794301586597, 5394.196021424751,
-     687.1870074920579, 42.31333070160091, 1.0),
+_LN = (
+    1.0, -0.49999988, 0.33333325, -0.25001585, 0.20002072, -0.16609126, 0.1418008, -0.13240843, 0.1291417, -0.07638592,
 )  # fmt: skip
-_TAIL = (
-    (0.0007745450142783414, 0.022723844989269184, 0.2417807251774506, 1.2704582524523684,
-     3.6478483247632045, 5.769497221460691, 4.630337846156546, 1.4234371107496835),
-    (1.0507500716444169e-09, 0.0005475938084995345, 0.015198666563616457, 0.14810397642748008,
-     0.6897673349851, 1.6763848301838038, 2.053191626637759, 1.0),
-)  # fmt: skip
-_FAR = (
-    (2.0103343992922881e-07, 2.7115555687434876e-05, 0.0012426609473880784, 0.026532189526576124,
-     0.29656057182850487, 1.7848265399172913, 5.463784911164114, 6.657904643501103),
-    (2.0442631033899397e-15, 1.421511758316446e-07, 1.8463183175100548e-05, 0.0007868691311456133,
-     0.014875361290850615, 0.1369298809227358, 0.599832206555888, 1.0),
-)  # fmt: skip
+_UNIT = Single(2.0**-31)
 
 
-def _polynomial(coefficients: tuple[float, ...], at: float) -> float:
-    value = coefficients[0]
-    for coefficient in coefficients[1:]:
-        value = value * at + coefficient
-    return value
+def ln(x: Single) -> Single:
+    """The natural logarithm."""
+    above = int(x.view(np.uint32)) - 0x3F3504F3
+    whole, mantissa = above >> 23, (above & 0x7FFFFF) + 0x3F3504F3
+    f = np.uint32(mantissa).view(Single) - Single(1)
+    value = Single(_LN[-1])
+    for coefficient in _LN[-2::-1]:
+        value = value * f + Single(coefficient)
+    return f * value + Single(whole) * Single(0.6931472)
 
 
-def _ratio(ratio: tuple[tuple[float, ...], tuple[float, ...]], at: float) -> float:
-    return _polynomial(ratio[0], at) / _polynomial(ratio[1], at)
+def normal(word: int) -> tuple[Single, Single]:
+    """The two normal numbers of a random word."""
+    length, turn = (word & 0xFFFFFFFF) >> 1, word >> 32
+    turn -= (turn >> 31) << 32
+    squared = Single(-2) * ln((Single(length) + Single(0.5)) * _UNIT)
+    radius = np.sqrt(max(squared, Single(0)))
+    return radius * cos_pi(Single(turn) * _UNIT), radius * sin_pi(Single(turn) * _UNIT)
 
 
-def _logarithm(number: float) -> float:
-    mantissa, exponent = math.frexp(number)
-    if mantissa < math.sqrt(0.5):
-        mantissa, exponent = mantissa * 2, exponent - 1
-    ratio = (mantissa - 1) / (mantissa + 1)
-    series = _polynomial(tuple(1 / odd for odd in range(23, 0, -2)), ratio * ratio)
-    return exponent * math.log(2) + 2 * ratio * series
-
-
-def normal(word: int) -> float:
-    """The normal number of a random word: AS 241 of the share that lies below it."""
-    share = (word >> 11) * 2.0**-53 + 2.0**-54
-    centered = share - 0.5
-    if abs(centered) <= 0.425:
-        return centered * _ratio(_CENTER, 0.180625 - centered * centered)
-    rare = share if centered < 0 else 1 - share
-    depth = math.sqrt(-_logarithm(max(rare, 2.0**-54)))
-    size = _ratio(_TAIL, depth - 1.6) if depth <= 5 else _ratio(_FAR, depth - 5)
-    return -size if centered < 0 else size
-
-
-def directions(sample: Json, row: int, genes: int) -> list[float]:
+def directions(sample: Json, row: int, genes: int) -> list[Single]:
     """The direction of a number."""
     purpose = int.from_bytes(hashlib.sha256(sample["purpose"].encode()).digest()[:8], "little")
     # NumPy counts up before it draws, so that its first block is block 1.
     counter = np.array([0, row, sample["generation"], 0], dtype=np.uint64)
     philox = np.random.Philox(counter=counter, key=np.array([sample["seed"], purpose], dtype=np.uint64))
-    return [normal(int(word)) for word in philox.random_raw(genes)]
+    return [number for word in philox.random_raw((genes + 1) // 2) for number in normal(int(word))][:genes]
 
 
 def genomes(sample: Json) -> NDArray[np.float32]:
@@ -89,7 +64,7 @@ def genomes(sample: Json) -> NDArray[np.float32]:
     made = []
     for candidate in range(sample["first"], sample["first"] + sample["count"]):
         row = candidate // 2 if sample["mirrored"] else candidate
-        away = deviation * np.array(directions(sample, row, len(center)))
+        away = deviation * np.array(directions(sample, row, len(center)), dtype=np.float64)
         point = center - away if sample["mirrored"] and candidate % 2 else center + away
         made.append(np.clip(middle + reach * point, lower, upper).astype(np.float32))
     return np.array(made, dtype=np.float32).reshape(len(made), len(center))
@@ -101,7 +76,7 @@ def row(*numbers: float) -> bytes:
 
 
 SAMPLE: Json = {
-    "distribution": "gaussian",
+    "distribution": "normal",
     "seed": 1,
     "purpose": "openai_es.direction",
     "generation": 3,

@@ -2,7 +2,7 @@
 //!
 //! Polynomials are Chebyshev fits; the error is at most 2e-7 of the true value (absolute; of the exponential relative).
 
-use swarmwright_controllers::functions::lanes::{cos_pi, sin_pi};
+use swarmwright_controllers::functions::lanes;
 use swarmwright_lanes::{Int, Lanes, Number, number};
 
 /// atan(a) / (pi a) over a^2 in 0..=1.
@@ -26,20 +26,6 @@ const EXP: [f32; 7] = [
     0.008_375_129,
     0.001_394_858_1,
 ];
-/// ln(1 + f) / f over f in sqrt(1/2)-1..=sqrt(2)-1.
-const LN: [f32; 10] = [
-    1.0,
-    -0.499_999_88,
-    0.333_333_25,
-    -0.250_015_85,
-    0.200_020_72,
-    -0.166_091_26,
-    0.141_800_8,
-    -0.132_408_43,
-    0.129_141_7,
-    -0.076_385_92,
-];
-
 /// Horner's rule, the highest coefficient last.
 #[inline(always)]
 fn polynomial<L: Lanes>(coefficients: &[f32], x: Number<L>) -> Number<L> {
@@ -86,23 +72,12 @@ pub(super) fn exp<L: Lanes>(x: Number<L>) -> Number<L> {
 /// The natural logarithm of a normal number above 0.
 #[inline(always)]
 pub(super) fn ln<L: Lanes>(x: Number<L>) -> Number<L> {
-    // The pattern of sqrt(1/2): what is left of the exponent counts doublings from there.
-    let bits = x.0.pattern().sub(L::Int::splat(0x3F35_04F3));
-    let doublings = bits.shr_signed(L::Int::splat(23));
-    let mantissa = bits
-        .and(L::Int::splat(0x007F_FFFF))
-        .add(L::Int::splat(0x3F35_04F3));
-    let f = Number(L::from_pattern(mantissa)) - number(1.0);
-    f * polynomial(&LN, f) + Number(L::from_int(doublings)) * std::f32::consts::LN_2
+    Number(lanes::ln(x.0))
 }
 
-/// Two independent numbers of the standard normal distribution from two in 0..1, the first above 0 (Box and Muller 1958).
+/// Two independent numbers of the standard normal distribution from two in 0..1, the first above 0.
 #[inline(always)]
 pub(super) fn normal<L: Lanes>(length: Number<L>, angle: Number<L>) -> [Number<L>; 2] {
-    let radius = (ln(length) * -2.0).at_least(number(0.0)).sqrt();
     let half_turns = angle + angle - number(1.0);
-    [
-        radius * Number(cos_pi(half_turns.0)),
-        radius * Number(sin_pi(half_turns.0)),
-    ]
+    lanes::normal_pair(length.0, half_turns.0).map(Number)
 }

@@ -45,11 +45,10 @@ pub use exact::{Aggregate, Figures, Outcome, exact_sum};
 pub use libm::{exp, log};
 pub use matrix::{exponential, product};
 pub use network::{Mutation, NodeNetwork};
-pub use normal::normal_at;
 pub use philox::philox;
 pub use ranking::{Ranks, survivors, triangular};
 pub use sample::GaussianSample;
-pub use sampling::{Scale, add_weighted, add_weighted_products, samples};
+pub use sampling::{Scale, add_weighted, add_weighted_products, add_weighted_squares, samples};
 pub use search::{
     Bounded, Challenger, CmaSearch, CmaSettings, Evostick, EvostickSettings, Gaussian, Genetic,
     GeneticSettings, Learning, Members, Nes, NesSettings, NoStart, Operators, Restart, Restarts,

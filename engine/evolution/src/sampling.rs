@@ -27,8 +27,8 @@ pub struct Scale<'a> {
 /// # Panics
 ///
 /// When lengths do not fit together.
-pub fn samples(
-    directions: &[f64],
+pub fn samples<T: Copy + Into<f64> + Sync>(
+    directions: &[T],
     center: &[f64],
     deviation: &[f64],
     scale: Scale<'_>,
@@ -51,7 +51,7 @@ pub fn samples(
     if genes == 0 {
         return;
     }
-    let part = |directions: &[f64], genomes: &mut [f32]| {
+    let part = |directions: &[T], genomes: &mut [f32]| {
         Level::best().run(Samples {
             directions,
             center,
@@ -72,8 +72,8 @@ pub fn samples(
 }
 
 /// Some rows of [`samples`], in vectors.
-struct Samples<'a> {
-    directions: &'a [f64],
+struct Samples<'a, T> {
+    directions: &'a [T],
     center: &'a [f64],
     deviation: &'a [f64],
     scale: Scale<'a>,
@@ -81,7 +81,7 @@ struct Samples<'a> {
     genomes: &'a mut [f32],
 }
 
-impl Kernel for Samples<'_> {
+impl<T: Copy + Into<f64>> Kernel for Samples<'_, T> {
     type Output = ();
 
     #[inline(always)]
@@ -91,22 +91,22 @@ impl Kernel for Samples<'_> {
         let (center, deviation, scale) = (self.center, self.deviation, self.scale);
         if !self.mirrored {
             for (direction, genome) in directions.zip(self.genomes.chunks_exact_mut(genes)) {
-                sample::<false>(direction, center, deviation, scale, genome);
+                sample::<false, T>(direction, center, deviation, scale, genome);
             }
             return;
         }
         for (direction, pair) in directions.zip(self.genomes.chunks_exact_mut(2 * genes)) {
             let (plus, minus) = pair.split_at_mut(genes);
-            sample::<false>(direction, center, deviation, scale, plus);
-            sample::<true>(direction, center, deviation, scale, minus);
+            sample::<false, T>(direction, center, deviation, scale, plus);
+            sample::<true, T>(direction, center, deviation, scale, minus);
         }
     }
 }
 
 #[expect(clippy::cast_possible_truncation, reason = "genomes are binary32")]
 #[inline(always)]
-fn sample<const OPPOSITE: bool>(
-    direction: &[f64],
+fn sample<const OPPOSITE: bool, T: Copy + Into<f64>>(
+    direction: &[T],
     center: &[f64],
     deviation: &[f64],
     scale: Scale<'_>,
@@ -114,11 +114,12 @@ fn sample<const OPPOSITE: bool>(
 ) {
     // Slices of one length need no checks, so that the loop is one over vectors.
     let genes = genome.len();
-    let [direction, center, deviation] = [direction, center, deviation].map(|row| &row[..genes]);
+    let direction = &direction[..genes];
+    let [center, deviation] = [center, deviation].map(|row| &row[..genes]);
     let [middle, reach] = [scale.middle, scale.reach].map(|row| &row[..genes]);
     let [lower, upper] = [scale.lower, scale.upper].map(|row| &row[..genes]);
     for gene in 0..genes {
-        let away = deviation[gene] * direction[gene];
+        let away = deviation[gene] * direction[gene].into();
         let point = center[gene] + if OPPOSITE { -away } else { away };
         let value = middle[gene] + reach[gene] * point;
         let value = if value >= lower[gene] {
@@ -139,15 +140,77 @@ fn sample<const OPPOSITE: bool>(
 /// # Panics
 ///
 /// When `rows` is not `weights.len()` rows of `sum.len()` numbers.
-pub fn add_weighted(rows: &[f64], weights: &[f64], sum: &mut [f64]) {
+pub fn add_weighted(rows: &[f32], weights: &[f64], sum: &mut [f64]) {
+    add(rows, weights, sum, |value| value);
+}
+
+/// As [`add_weighted`], the squares of the rows.
+///
+/// # Panics
+///
+/// As of [`add_weighted`].
+pub fn add_weighted_squares(rows: &[f32], weights: &[f64], sum: &mut [f64]) {
+    add(rows, weights, sum, |value| value * value);
+}
+
+fn add(rows: &[f32], weights: &[f64], sum: &mut [f64], of: impl Fn(f64) -> f64) {
     assert_eq!(rows.len(), weights.len() * sum.len());
     if sum.is_empty() {
         return;
     }
+    Level::best().run(Sum {
+        rows,
+        weights,
+        sum,
+        of,
+    });
+}
+
+/// A sum of rows, in vectors.
+struct Sum<'a, F> {
+    rows: &'a [f32],
+    weights: &'a [f64],
+    sum: &'a mut [f64],
+    of: F,
+}
+
+impl<F: Fn(f64) -> f64> Kernel for Sum<'_, F> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self) {
+        let Self { sum, of, .. } = self;
+        let size = sum.len();
+        let mut fours = self.weights.chunks_exact(4);
+        let mut rows = self.rows.chunks_exact(4 * size);
+        for (weights, rows) in (&mut fours).zip(&mut rows) {
+            if weights.contains(&0.0) {
+                add_each(rows, weights, sum, &of);
+                continue;
+            }
+            // Each sum is loaded and stored once for four rows, and the order stays.
+            let (first, rest) = rows.split_at(size);
+            let (second, rest) = rest.split_at(size);
+            let (third, fourth) = rest.split_at(size);
+            for index in 0..size {
+                let mut total = sum[index];
+                total += weights[0] * of(f64::from(first[index]));
+                total += weights[1] * of(f64::from(second[index]));
+                total += weights[2] * of(f64::from(third[index]));
+                total += weights[3] * of(f64::from(fourth[index]));
+                sum[index] = total;
+            }
+        }
+        add_each(rows.remainder(), fours.remainder(), sum, &of);
+    }
+}
+
+#[inline(always)]
+fn add_each(rows: &[f32], weights: &[f64], sum: &mut [f64], of: &impl Fn(f64) -> f64) {
     for (row, weight) in rows.chunks_exact(sum.len()).zip(weights) {
         if *weight != 0.0 {
             for (total, value) in sum.iter_mut().zip(row) {
-                *total += weight * value;
+                *total += weight * of(f64::from(*value));
             }
         }
     }
@@ -160,17 +223,21 @@ pub fn add_weighted(rows: &[f64], weights: &[f64], sum: &mut [f64]) {
 /// # Panics
 ///
 /// When `rows` is not `weights.len()` rows of as many numbers as `sum` has rows.
-pub fn add_weighted_products(rows: &[f64], weights: &[f64], sum: &mut [f64]) {
+pub fn add_weighted_products(rows: &[f32], weights: &[f64], sum: &mut [f64]) {
     let size = sum.len().isqrt();
     assert_eq!(sum.len(), size * size);
     assert_eq!(rows.len(), weights.len() * size);
     if size == 0 {
         return;
     }
+    let mut wide = vec![0.0; size];
     for (row, weight) in rows.chunks_exact(size).zip(weights) {
         if *weight != 0.0 {
-            for (line, left) in sum.chunks_exact_mut(size).zip(row) {
-                for (total, right) in line.iter_mut().zip(row) {
+            for (place, value) in wide.iter_mut().zip(row) {
+                *place = f64::from(*value);
+            }
+            for (line, left) in sum.chunks_exact_mut(size).zip(&wide) {
+                for (total, right) in line.iter_mut().zip(&wide) {
                     *total += weight * (left * right);
                 }
             }

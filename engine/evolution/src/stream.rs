@@ -6,15 +6,15 @@ use rayon::prelude::*;
 use sha2::{Digest, Sha256};
 use swarmwright_lanes::{Kernel, Lanes, Level};
 
-use crate::normal::{of_unit, of_units};
+use crate::normal::{normals, of_words};
 pub(crate) use crate::philox::SIDE;
 use crate::philox::{are_wide, blocks, side_by_side, words};
 
 const WORDS: usize = 4;
 /// Numbers that are made in little more time than another thread takes to begin.
 const FEW: usize = 1 << 14;
-/// Numbers of rows that are computed together: they fit into the nearest cache.
-const TOGETHER: usize = 2048;
+/// Words of rows that are drawn together: they and their numbers fit into the nearest cache.
+const TOGETHER: usize = 1024;
 /// 2^-53, the distance of two neighbouring units.
 const UNIT: f64 = 1.0 / 9_007_199_254_740_992.0;
 
@@ -150,16 +150,16 @@ impl Stream {
         uniform(self.word(), border)
     }
 
-    /// The next number of the standard normal distribution, |z| <= 8.3; see [`normal_at`](crate::normal_at).
-    #[inline]
-    pub fn normal(&mut self) -> f64 {
-        of_unit(self.unit())
-    }
-
-    /// As many normal numbers as there are places; as [`normal`](Self::normal), and faster for many.
-    pub fn normals(&mut self, numbers: &mut [f64]) {
-        self.units(numbers);
-        of_units(numbers);
+    /// As many numbers of the standard normal distribution as there are places, |z| <= 6.7: two for each word, of which the last one
+    /// is lost where they are odd; see [`of_words`](crate::normal::of_words).
+    pub fn normals<T: From<f32>>(&mut self, numbers: &mut [T]) {
+        let mut words = vec![0; numbers.len().div_ceil(2)];
+        self.fill(&mut words);
+        let mut pairs = vec![0.0; 2 * words.len()];
+        normals(&words, &mut pairs);
+        for (place, number) in numbers.iter_mut().zip(pairs) {
+            *place = T::from(number);
+        }
     }
 
     /// As many units as there are places.
@@ -256,28 +256,24 @@ pub fn normal_rows(
     generation: u64,
     first: u64,
     length: usize,
-    numbers: &mut [f64],
+    numbers: &mut [f32],
 ) {
-    let length = length.max(1);
-    let together = rows_of(TOGETHER, length) * length;
-    let mut candidate = first;
-    for part in numbers.chunks_mut(together) {
-        let rows = Rows {
-            key: [seed, purpose],
-            generation,
-            first: candidate,
-            length,
-            numbers: &mut *part,
-        };
-        Level::best().run(rows);
-        candidate = candidate.wrapping_add((together / length) as u64);
-        of_units(part);
-    }
+    let streams = Streams {
+        seed,
+        purpose,
+        generation,
+        first,
+    };
+    Level::best().run(NormalRows {
+        streams,
+        length,
+        numbers,
+    });
 }
 
-/// A row of `length` units from each stream; as [`Stream::units`] for each, and faster where streams begin with these and belong to
-/// candidates that follow each other.
-pub(crate) fn unit_rows(streams: &mut [Stream], length: usize, numbers: &mut [f64]) {
+/// A row of `length` normal numbers from each stream; as [`Stream::normals`] for each, and faster where streams begin with these and
+/// belong to candidates that follow each other.
+pub(crate) fn normals_of_each(streams: &mut [Stream], length: usize, numbers: &mut [f64]) {
     let Some(first) = streams.first().cloned() else {
         return;
     };
@@ -288,19 +284,23 @@ pub(crate) fn unit_rows(streams: &mut [Stream], length: usize, numbers: &mut [f6
     };
     if streams.len() < SIDE || !(0..).zip(&*streams).all(is_next) {
         for (stream, row) in streams.iter_mut().zip(numbers.chunks_exact_mut(length)) {
-            stream.units(row);
+            stream.normals(row);
         }
         return;
     }
-    Level::best().run(Rows {
-        key: first.key,
-        generation: first.generation,
-        first: first.candidate,
+    let [seed, purpose] = first.key;
+    Level::best().run(NormalRows {
+        streams: Streams {
+            seed,
+            purpose,
+            generation: first.generation,
+            first: first.candidate,
+        },
         length,
         numbers: &mut numbers[..streams.len() * length],
     });
     for stream in streams {
-        stream.skip(length);
+        stream.skip(length.div_ceil(2));
     }
 }
 
@@ -313,42 +313,40 @@ pub(crate) fn rows_of(numbers: usize, length: usize) -> usize {
     rows.next_multiple_of(SIDE)
 }
 
-/// Rows of units, each from the stream of its own candidate.
-struct Rows<'a> {
-    key: [u64; 2],
-    generation: u64,
-    first: u64,
+/// Rows of normal numbers, each from the stream of its own candidate.
+struct NormalRows<'a, T> {
+    streams: Streams,
     length: usize,
-    numbers: &'a mut [f64],
+    numbers: &'a mut [T],
 }
 
-impl Kernel for Rows<'_> {
+impl<T: From<f32>> Kernel for NormalRows<'_, T> {
     type Output = ();
 
     #[inline(always)]
     fn run<L: Lanes>(self) {
         let Self {
-            key: [seed, purpose],
-            generation,
-            first,
+            streams,
             length,
             numbers,
         } = self;
-        if !are_wide::<L>() {
-            for (candidate, row) in numbers.chunks_mut(length).enumerate() {
-                let candidate = first.wrapping_add(candidate as u64);
-                Stream::new(seed, purpose, generation, candidate).units(row);
+        let length = length.max(1);
+        let width = length.div_ceil(2);
+        let rows = rows_of(TOGETHER, width);
+        let most = (rows * width).min(numbers.len().div_ceil(length) * width);
+        let (mut words, mut pairs) = (vec![0; most], vec![0.0; 2 * most]);
+        for (part, numbers) in numbers.chunks_mut(rows * length).enumerate() {
+            let drawn = numbers.len().div_ceil(length) * width;
+            let (words, pairs) = (&mut words[..drawn], &mut pairs[..2 * drawn]);
+            streams.fill_all::<L>(part * rows, width, words);
+            of_words::<L>(words, pairs);
+            let rows = numbers.chunks_mut(length);
+            for (row, pairs) in rows.zip(pairs.chunks_exact(2 * width)) {
+                for (place, number) in row.iter_mut().zip(pairs) {
+                    *place = T::from(*number);
+                }
             }
-            return;
         }
-        let mut candidate = first;
-        let mut whole = numbers.chunks_exact_mut(SIDE * length);
-        for rows in &mut whole {
-            rows_side_by_side::<L>([seed, purpose], generation, candidate, length, rows);
-            candidate = candidate.wrapping_add(SIDE as u64);
-        }
-        let rest = whole.into_remainder();
-        blocks_side_by_side([seed, purpose], generation, candidate, length, rest);
     }
 }
 
@@ -370,7 +368,23 @@ impl Streams {
         Stream::new(self.seed, self.purpose, self.generation, candidate)
     }
 
-    /// Draws the first words of as many streams as there are rows of `length` words, at most [`SIDE`], from `candidate` on.
+    /// Draws the first words of as many streams as there are rows of `length` words, from `candidate` on.
+    #[inline(always)]
+    fn fill_all<L: Lanes>(&self, candidate: usize, length: usize, words: &mut [u64]) {
+        let whole = words.len() / (SIDE * length) * SIDE;
+        let (rows, rest) = words.split_at_mut(whole * length);
+        for (part, rows) in rows.chunks_exact_mut(SIDE * length).enumerate() {
+            self.fill_rows::<L>(candidate + part * SIDE, length, rows);
+        }
+        if are_wide::<L>() {
+            let first = self.first.wrapping_add((candidate + whole) as u64);
+            blocks_side_by_side(Self { first, ..*self }, length, rest);
+        } else {
+            self.fill_rows::<L>(candidate + whole, length, rest);
+        }
+    }
+
+    /// As [`fill_all`](Self::fill_all), at most [`SIDE`] rows.
     #[inline(always)]
     pub(crate) fn fill_rows<L: Lanes>(&self, candidate: usize, length: usize, words: &mut [u64]) {
         if !are_wide::<L>() || words.len() < SIDE * length {
@@ -398,47 +412,16 @@ impl Streams {
     }
 }
 
-/// As many rows as there are blocks side by side, one block of each at a time.
-#[inline(always)]
-fn rows_side_by_side<L: Lanes>(
-    key: [u64; 2],
-    generation: u64,
-    first: u64,
-    length: usize,
-    rows: &mut [f64],
-) {
-    let candidates = std::array::from_fn(|row| first.wrapping_add(row as u64));
-    for start in (0..length).step_by(WORDS) {
-        let counter = [1 + (start / WORDS) as u64; SIDE];
-        let words = side_by_side(counter, [candidates, [generation; SIDE], [0; SIDE]], key);
-        if start + WORDS <= length {
-            L::units_of_rows(&words, &mut rows[start..], length);
-            continue;
-        }
-        for (row, numbers) in rows.chunks_exact_mut(length).enumerate() {
-            for (place, words) in numbers[start..].iter_mut().zip(&words) {
-                *place = unit(words[row]);
-            }
-        }
-    }
-}
-
 /// Blocks of several rows side by side: what is left of a row fills no vector.
 #[inline(always)]
-fn blocks_side_by_side(
-    key: [u64; 2],
-    generation: u64,
-    first: u64,
-    length: usize,
-    numbers: &mut [f64],
-) {
-    let (mut candidate, mut row, mut block) = (first, 0, 0);
-    while row < numbers.len() {
+fn blocks_side_by_side(streams: Streams, length: usize, words: &mut [u64]) {
+    let (mut candidate, mut row, mut block) = (streams.first, 0, 0);
+    while row < words.len() {
         let (mut counters, mut candidates) = ([0; SIDE], [0; SIDE]);
         let mut places = [(0, 0); SIDE];
         for lane in 0..SIDE {
             let start = row + WORDS * block;
-            let end = (start + WORDS).min(row + length).min(numbers.len());
+            let end = (start + WORDS).min(row + length).min(words.len());
             (counters[lane], candidates[lane]) = (1 + block as u64, candidate);
             places[lane] = (start.min(end), end);
             block += 1;
@@ -447,21 +430,11 @@ fn blocks_side_by_side(
                 candidate = candidate.wrapping_add(1);
             }
         }
-        let rest = [candidates, [generation; SIDE], [0; SIDE]];
-        let words = side_by_side(counters, rest, key);
-        let mut units = [[0.0; WORDS]; SIDE];
-        for (place, words) in words.iter().enumerate() {
-            for lane in 0..SIDE {
-                units[lane][place] = unit(words[lane]);
-            }
-        }
-        for (units, (start, end)) in units.iter().zip(places) {
-            match numbers
-                .get_mut(start..start + WORDS)
-                .filter(|_| end - start == WORDS)
-            {
-                Some(whole) => whole.copy_from_slice(units),
-                None => numbers[start..end].copy_from_slice(&units[..end - start]),
+        let rest = [candidates, [streams.generation; SIDE], [0; SIDE]];
+        let drawn = side_by_side(counters, rest, [streams.seed, streams.purpose]);
+        for (lane, (start, end)) in places.into_iter().enumerate() {
+            for (place, drawn) in words[start..end].iter_mut().zip(&drawn) {
+                *place = drawn[lane];
             }
         }
     }
@@ -567,29 +540,29 @@ mod tests {
             }
             let mut others = streams.clone();
             let mut found = vec![0.0; streams.len() * length];
-            unit_rows(&mut streams, length, &mut found);
+            normals_of_each(&mut streams, length, &mut found);
             for ((stream, other), row) in streams.iter_mut().zip(&mut others).zip(found.chunks_exact(length)) {
                 let mut expected = vec![0.0; length];
-                other.units(&mut expected);
+                other.normals(&mut expected);
                 prop_assert_eq!(row, expected);
                 prop_assert_eq!(stream.word(), other.word());
             }
         }
 
         #[test]
-        fn rows_are_the_units_of_their_streams_with_every_instruction_set(
+        fn rows_are_the_numbers_of_their_streams_with_every_instruction_set(
             seed in any::<u64>(), purpose in any::<u64>(), generation in any::<u64>(), first in any::<u64>(),
             length in 1usize..70, rows in 0usize..50, cut in 0usize..70,
         ) {
             let mut expected = vec![0.0; (rows * length).saturating_sub(cut)];
             for (candidate, row) in expected.chunks_mut(length).enumerate() {
                 let candidate = first.wrapping_add(candidate as u64);
-                Stream::new(seed, purpose, generation, candidate).units(row);
+                Stream::new(seed, purpose, generation, candidate).normals(row);
             }
+            let streams = Streams { seed, purpose, generation, first };
             for level in Level::available() {
-                let mut numbers = vec![f64::NAN; expected.len()];
-                let key = [seed, purpose];
-                level.run(Rows { key, generation, first, length, numbers: &mut numbers });
+                let mut numbers = vec![f32::NAN; expected.len()];
+                level.run(NormalRows { streams, length, numbers: &mut numbers });
                 prop_assert_eq!(&numbers, &expected, "{}", level.name());
             }
         }

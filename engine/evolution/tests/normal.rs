@@ -1,66 +1,82 @@
-//! Normal numbers against tables of the distribution, and their bits.
+//! Normal numbers against the distribution, and their bits.
 
-use proptest::prelude::*;
-use swarmwright_evolution::{Stream, normal_at, purpose_key};
-
-#[test]
-fn quantiles_are_those_of_tables() {
-    // Made with mpmath 1.3, 30 digits.
-    let table = [
-        (0.5, 0.0),
-        (0.6, 0.253_347_103_135_799_8),
-        (0.975, 1.959_963_984_540_054),
-        (0.001, -3.090_232_306_167_813_5),
-        (1e-10, -6.361_340_902_404_056),
-        (1e-15, -7.941_345_326_170_997),
-    ];
-    for (share, expected) in table {
-        let found = normal_at(share);
-        assert!(
-            (found - expected).abs() <= 1e-14 * f64::abs(expected),
-            "{share}: {found}"
-        );
-    }
-}
+use swarmwright_evolution::{Stream, purpose_key};
 
 #[test]
 fn bits_are_the_same_everywhere() {
-    let mut stream = Stream::new(7, purpose_key("golden"), 0, 0);
-    let found: Vec<u64> = (0..4).map(|_| stream.normal().to_bits()).collect();
+    let mut numbers = [0.0_f32; 5];
+    Stream::new(7, purpose_key("golden"), 0, 0).normals(&mut numbers);
     assert_eq!(
-        found,
+        numbers.map(f32::to_bits),
         [
-            0xBFDD_5FFC_7A2B_4345,
-            0xBFDC_4224_067A_3ED1,
-            0x3FF9_5F69_DF40_3427,
-            0xC000_BD91_0648_7ADB,
+            0xBEFA_2566,
+            0x3F7C_CBDA,
+            0xBF6F_7A5F,
+            0x3FDB_B90F,
+            0x3FE5_84EE,
         ]
     );
 }
 
 #[test]
-fn many_numbers_are_the_same_as_one_after_another() {
-    for count in [0, 1, 7, 64, 65, 100_000] {
-        let (mut one, mut other) = (Stream::new(3, 5, 0, 0), Stream::new(3, 5, 0, 0));
-        let mut numbers = vec![0.0; count];
-        one.normals(&mut numbers);
-        for number in numbers {
-            assert_eq!(number.to_bits(), other.normal().to_bits());
+fn numbers_do_not_depend_on_how_many_are_drawn() {
+    for count in [0, 1, 2, 7, 64, 65, 100_000] {
+        let mut numbers = vec![0.0_f32; count];
+        let mut stream = Stream::new(3, 5, 0, 0);
+        stream.normals(&mut numbers);
+        let mut one_by_one = Stream::new(3, 5, 0, 0);
+        for pair in numbers.chunks(2) {
+            let mut expected = [0.0; 2];
+            one_by_one.normals(&mut expected);
+            assert_eq!(pair, &expected[..pair.len()]);
         }
-        assert_eq!(one.word(), other.word());
+        assert_eq!(stream.word(), one_by_one.word());
     }
 }
 
+/// Moments, correlation within pairs, and the shares beyond 1, 2, 3, 4 and 5, each within five of its standard errors.
 #[test]
-fn the_ends_are_finite() {
-    assert!((normal_at(f64::EPSILON / 4.0) + 8.2924).abs() < 1e-3);
-    assert!((normal_at(1.0) - 8.2924).abs() < 1e-3);
-}
-
-proptest! {
-    #[test]
-    fn larger_shares_have_larger_numbers(share in 1e-15..1.0 - 1e-9, more in 1e-9..1e-1) {
-        prop_assume!(share + more < 1.0);
-        prop_assert!(normal_at(share) < normal_at(share + more));
+fn ten_million_numbers_are_distributed_normally() {
+    let count = 10_000_000_u32;
+    let mut numbers = vec![0.0_f32; count as usize];
+    Stream::new(11, purpose_key("normal"), 0, 0).normals(&mut numbers);
+    let all = f64::from(count);
+    let mean_of = |of: &dyn Fn(f64) -> f64| {
+        numbers
+            .iter()
+            .map(|number| of(f64::from(*number)))
+            .sum::<f64>()
+            / all
+    };
+    // Expected value and variance of z, z^2, z^3, z^4.
+    let moments = [(1, 0.0, 1.0), (2, 1.0, 2.0), (3, 0.0, 15.0), (4, 3.0, 96.0)];
+    for (power, expected, variance) in moments {
+        let found = mean_of(&|z| z.powi(power));
+        let error = (variance / all).sqrt();
+        assert!(
+            (found - expected).abs() < 5.0 * error,
+            "moment {power}: {found}"
+        );
+    }
+    let products: f64 = numbers
+        .chunks_exact(2)
+        .map(|pair| f64::from(pair[0]) * f64::from(pair[1]))
+        .sum();
+    assert!((products / (all / 2.0)).abs() < 5.0 / (all / 2.0).sqrt());
+    // 2 (1 - Phi(k)), made with mpmath 1.3.
+    let tails = [
+        (1.0, 0.317_310_507_862_914_1),
+        (2.0, 0.045_500_263_896_358_4),
+        (3.0, 0.002_699_796_063_260_19),
+        (4.0, 6.334_248_366_623_99e-5),
+        (5.0, 5.733_031_437_583_88e-7),
+    ];
+    for (border, share) in tails {
+        let found = mean_of(&|z| if z.abs() > border { 1.0 } else { 0.0 });
+        let error = (share / all).sqrt();
+        assert!(
+            (found - share).abs() < 5.0 * error,
+            "beyond {border}: {found}"
+        );
     }
 }

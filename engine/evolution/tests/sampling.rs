@@ -2,8 +2,8 @@
 
 use proptest::prelude::*;
 use swarmwright_evolution::{
-    GaussianSample, Scale, Stream, add_weighted, add_weighted_products, normal_rows, purpose_key,
-    samples,
+    GaussianSample, Scale, Stream, add_weighted, add_weighted_products, add_weighted_squares,
+    normal_rows, purpose_key, samples,
 };
 
 const SCALE: Scale<'static> = Scale {
@@ -16,7 +16,7 @@ const SCALE: Scale<'static> = Scale {
 #[test]
 fn two_samples_lie_on_opposite_sides_of_the_center_within_the_limits() {
     let mut genomes = [0.0; 8];
-    samples(
+    samples::<f32>(
         &[1.0, 0.5, -3.0, 0.0],
         &[0.5, 0.0],
         &[0.25, 0.25],
@@ -25,7 +25,7 @@ fn two_samples_lie_on_opposite_sides_of_the_center_within_the_limits() {
         &mut genomes,
     );
     assert_eq!(genomes, [2.5, 1.25, 1.5, -1.25, 0.5, 0.0, 3.5, 0.0]);
-    samples(
+    samples::<f32>(
         &[100.0, 1.0, 0.0, 2.0],
         &[0.0, 0.0],
         &[1.0, 1.0],
@@ -40,20 +40,25 @@ fn two_samples_lie_on_opposite_sides_of_the_center_within_the_limits() {
 fn rows_are_added_in_order_and_those_of_weight_0_left_out() {
     let mut sum = [0.0; 2];
     add_weighted(
-        &[1e300, 1.0, -1e300, f64::NAN, f64::NAN, 4.0],
+        &[1e38, 1.0, -1e38, f32::NAN, f32::NAN, 4.0],
         &[1.0, 0.0, 0.0],
         &mut sum,
     );
-    assert_eq!(sum, [1e300, 1.0]);
-    let mut sum = [0.0; 1];
-    add_weighted(&[1e16, 1.0, -1e16], &[1.0; 3], &mut sum);
-    assert_eq!(sum, [0.0], "rounded after each row");
+    assert_eq!(sum, [f64::from(1e38_f32), 1.0]);
+    let large = 2.0_f32.powi(54);
+    for weights in [[1.0; 6], [1.0, 0.0, 1.0, 1.0, 1.0, 1.0]] {
+        let mut sum = [0.0; 1];
+        add_weighted(&[large, 0.0, 1.0, -large, 4.0, 0.5], &weights, &mut sum);
+        assert_eq!(sum, [4.5], "rounded after each row");
+        add_weighted_squares(&[2.0, 0.0, 1.0, -3.0, 4.0, 0.5], &weights, &mut sum);
+        assert_eq!(sum, [4.5 + 30.25]);
+    }
 }
 
 #[test]
 fn each_gene_has_a_deviation_of_its_own() {
     let mut genomes = [0.0; 4];
-    samples(
+    samples::<f32>(
         &[1.0, 0.5, -3.0, 0.0],
         &[0.5, 0.0],
         &[0.25, 0.5],
@@ -68,7 +73,7 @@ fn each_gene_has_a_deviation_of_its_own() {
 fn products_of_rows_make_a_symmetric_matrix() {
     let mut sum = [0.0; 4];
     add_weighted_products(
-        &[1.0, 2.0, f64::NAN, 1.0, -1.0, 3.0],
+        &[1.0, 2.0, f32::NAN, 1.0, -1.0, 3.0],
         &[0.5, 0.0, 2.0],
         &mut sum,
     );

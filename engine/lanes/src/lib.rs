@@ -23,7 +23,6 @@
 //! assert_eq!(numbers, [9.0; 16]);
 //! ```
 
-mod doubles;
 mod level;
 mod number;
 mod pair;
@@ -110,29 +109,16 @@ pub trait Lanes: Copy {
             *column = Self::load(&lanes);
         }
     }
-    /// The upper 53 bits of random words as multiples of 2^-53: those of four columns of sixteen words into rows that begin
-    /// `stride` apart, `columns[i][row]` into `rows[row * stride + i]`. Panics when the last place lies outside.
-    #[inline(always)]
-    fn units_of_rows(columns: &[[u64; 16]; 4], rows: &mut [f64], stride: usize) {
-        doubles::units_of_rows(columns, rows, stride);
-    }
-    /// As [`units_of_rows`](Self::units_of_rows), the words as they are.
+    /// Four columns of sixteen words into rows that begin `stride` apart, `columns[i][row]` into `rows[row * stride + i]`. Panics when
+    /// the last place lies outside.
     #[inline(always)]
     fn words_of_rows(columns: &[[u64; 16]; 4], rows: &mut [u64], stride: usize) {
-        doubles::words_of_rows(columns, rows, stride);
-    }
-    /// Which numbers of binary64 are farther than `border` from `center`, in order: their places and themselves are the first
-    /// in `places` and `found`, and what is behind them there does not count; returns how many they are. No number is NaN.
-    /// Panics when they are not a multiple of eight, or when there is no room for eight more of either than there are numbers.
-    #[inline(always)]
-    fn outside(
-        numbers: &[f64],
-        center: f64,
-        border: f64,
-        places: &mut [u32],
-        found: &mut [f64],
-    ) -> usize {
-        doubles::outside(numbers, center, border, places, found)
+        for row in 0..16 {
+            let to = &mut rows[row * stride..][..4];
+            for (place, column) in to.iter_mut().zip(columns) {
+                *place = column[row];
+            }
+        }
     }
 }
 

@@ -12,7 +12,7 @@ use serde_json::{Map, Value, json};
 use swarmwright_controllers::Architecture;
 use swarmwright_evolution::{GaussianSample, Scale};
 use swarmwright_pool::{Faults, Mode, Work, WorkError};
-use swarmwright_protocol::{F64s, GAUSSIAN, Sample, ToServer};
+use swarmwright_protocol::{F64s, NORMAL, Sample, ToServer};
 
 const CANDIDATES: usize = 200;
 const WEIGHTS: usize = 3;
@@ -20,7 +20,7 @@ const WEIGHTS: usize = 3;
 fn sample(seed: u64, mirrored: bool) -> Sample {
     let row = |value: f64| F64s(vec![value; WEIGHTS]);
     Sample {
-        distribution: GAUSSIAN.to_owned(),
+        distribution: NORMAL.to_owned(),
         seed,
         purpose: "test.direction".to_owned(),
         generation: 7,

@@ -14,8 +14,8 @@ mod values;
 
 pub use extension::{
     BatchActuators, BatchSensors, BatchStart, Bodies, EXTENSION_VERSION, Envelope, Evaluate,
-    Evaluated, F32s, F64s, Failed, Failure, GAUSSIAN, MAX_BLOCK, MEDIA_TYPE, MOST_REASON,
-    MOST_STACK, NO_AGENT, Rays, Refusal, RefusalKind, Sample, SceneLight, SceneMessage, ScenePatch,
+    Evaluated, F32s, F64s, Failed, Failure, MAX_BLOCK, MEDIA_TYPE, MOST_REASON, MOST_STACK,
+    NO_AGENT, NORMAL, Rays, Refusal, RefusalKind, Sample, SceneLight, SceneMessage, ScenePatch,
     SceneScale, SceneStyle, SceneWall, ToServer, ToTool, U32s, U64s, shortened,
 };
 pub use hash::EpisodeHasher;

@@ -16,7 +16,7 @@ use swarmwright_evolution::{
     Search, Space, Starts, SwarmSettings, Swarming, Variation,
 };
 
-use swarmwright_protocol::{F64s, GAUSSIAN, Sample};
+use swarmwright_protocol::{F64s, NORMAL, Sample};
 
 use crate::errors::{engine, input};
 use crate::local::lock;
@@ -126,7 +126,7 @@ impl Conversation {
         let drawn = self.search.drawn().filter(|_| count > 0)?;
         let row = |row: &[f64]| F64s(row.to_vec());
         let sample = Sample {
-            distribution: GAUSSIAN.to_owned(),
+            distribution: NORMAL.to_owned(),
             seed: drawn.seed,
             purpose: drawn.purpose.to_owned(),
             generation: drawn.generation,

@@ -4,7 +4,7 @@ use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 use serde::{Deserialize, Serialize};
-use swarmwright_protocol::{F64s, GAUSSIAN, Sample};
+use swarmwright_protocol::{F64s, NORMAL, Sample};
 use swarmwright_wrapper::gaussian;
 
 use crate::errors::input;
@@ -72,9 +72,9 @@ impl PySample {
     #[staticmethod]
     fn read(address: &str, numbers: &[u8]) -> PyResult<Self> {
         let found: Address = serde_json::from_str(address).map_err(input)?;
-        if found.distribution != GAUSSIAN {
+        if found.distribution != NORMAL {
             return Err(input(format!(
-                "distribution: {:?} is unknown here, only {GAUSSIAN}",
+                "distribution: {:?} is unknown here, only {NORMAL}",
                 found.distribution
             )));
         }

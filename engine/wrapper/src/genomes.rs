@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use swarmwright_evolution::{GaussianSample, Scale};
-use swarmwright_protocol::{GAUSSIAN, Sample};
+use swarmwright_protocol::{NORMAL, Sample};
 
 /// The genomes of a request.
 #[derive(Debug)]
@@ -30,8 +30,8 @@ impl Genomes {
             None => Err(format!(
                 "genomes: {numbers} numbers are not a whole number of candidates; the controller has {weights} weights"
             )),
-            Some(sample) if sample.distribution != GAUSSIAN => Err(format!(
-                "sample.distribution: {:?} is unknown here, only {GAUSSIAN}",
+            Some(sample) if sample.distribution != NORMAL => Err(format!(
+                "sample.distribution: {:?} is unknown here, only {NORMAL}",
                 sample.distribution
             )),
             Some(sample) if sample.center.0.len() != weights => Err(format!(

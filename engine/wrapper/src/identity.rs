@@ -1,7 +1,7 @@
 //! Who a server is: its id, and what tells it from another one with the same id.
 
 use swarmwright_controllers::{KINDS, TEAM};
-use swarmwright_protocol::{Announcement, Capabilities, GAUSSIAN};
+use swarmwright_protocol::{Announcement, Capabilities, NORMAL};
 use swarmwright_worlds::Description;
 
 /// A server's id and the process behind it.
@@ -49,7 +49,7 @@ impl Identity {
                 controllers: texts(&[KINDS, &[TEAM]].concat()),
                 batch: Some(batch),
                 lanes: Some(lanes).filter(|lanes| *lanes > 1),
-                distributions: texts(&[GAUSSIAN]),
+                distributions: texts(&[NORMAL]),
                 // What depends on parameters is not known before them.
                 sensors: Some(simulation.sensors).filter(|_| !varies),
                 actuators: Some(simulation.actuators).filter(|_| !varies),

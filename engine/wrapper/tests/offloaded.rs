@@ -11,7 +11,7 @@ use serde_json::{Value, json};
 use swarmwright_controllers::Controller;
 use swarmwright_evolution::{GaussianSample, Scale};
 use swarmwright_protocol::{
-    Evaluate, F32s, F64s, GAUSSIAN, Message, RefusalKind, Sample, State, ToServer, ToTool, Topic,
+    Evaluate, F32s, F64s, Message, NORMAL, RefusalKind, Sample, State, ToServer, ToTool, Topic,
     Topics, U64s,
 };
 use swarmwright_worlds::{Minisim, rollout};
@@ -462,7 +462,7 @@ fn presence_waits_for_the_connection_to_come_back() {
 fn sample() -> Sample {
     let row = |value: f64| F64s(vec![value; 3]);
     Sample {
-        distribution: GAUSSIAN.to_owned(),
+        distribution: NORMAL.to_owned(),
         seed: u64::MAX,
         purpose: "test.direction".to_owned(),
         generation: 3,
@@ -529,7 +529,7 @@ fn a_sample_that_cannot_be_made_is_refused() {
     let changes: [(Change, &str); 8] = [
         (
             |sample| sample.distribution = "cauchy".to_owned(),
-            "sample.distribution: \"cauchy\" is unknown here, only gaussian",
+            "sample.distribution: \"cauchy\" is unknown here, only normal",
         ),
         (
             |sample| {

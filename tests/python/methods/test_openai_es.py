@@ -18,20 +18,23 @@ def strategy(**options: Any) -> OpenaiEs:
     return method
 
 
-@pytest.mark.parametrize("seed", range(1, 11))
-def test_it_solves_minisim_with_its_defaults(seed: int) -> None:
+def _solves_minisim(seed: int, generations: int) -> bool:
     experiment = Experiment.from_mapping(
         {"simulation": "minisim", "method": {"kind": "openai_es"}, "seed": seed}
     )
     method = experiment.new_method(experiment.representation())
-    best = -np.inf
-    for _ in range(20):
+    for _ in range(generations):
         fitness = evaluate(experiment, method.ask(), servers="local")
-        best = max(best, fitness.max())
-        if best > -0.1:
-            break
+        if fitness.max() > -0.1:
+            return True
         method.tell(fitness)
-    assert best > -0.1
+    return False
+
+
+def test_it_solves_minisim_with_its_defaults() -> None:
+    """In nine of ten runs within 20 generations, in all within 100."""
+    assert sum(_solves_minisim(seed, 20) for seed in range(1, 101)) >= 90
+    assert all(_solves_minisim(seed, 100) for seed in range(1, 101))
 
 
 def test_candidates_are_pairs_around_the_center() -> None:

@@ -59,9 +59,9 @@ def test_a_fully_meshed_network_learns_xor(kind: str, generations: int, seed: in
 
 @pytest.mark.parametrize(("kind", "evaluations"), [("cma_es", 5_000), ("sep_cma_es", 10_000)])
 def test_new_starts_find_what_one_start_misses(kind: str, evaluations: int) -> None:
-    """Most starts end on a plateau; with nine of the seeds 1 to 10 one of the later ones does not."""
+    """Most starts end on a plateau; in nine of ten runs one of the later ones does not."""
     solved = 0
-    for seed in range(1, 11):
+    for seed in range(1, 41):
         method = new(kind, seed=seed, subject=meshed(), evaluations=evaluations, target=-0.04)
         solved += last_best(method, evaluations)[0] >= -0.04
-    assert solved >= 9
+    assert solved >= 36

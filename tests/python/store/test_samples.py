@@ -225,8 +225,8 @@ def test_a_sample_says_what_is_wrong_with_it(sampled: Run) -> None:
             _engine.InputError, match=rf"candidates: {count} from {first} on, but there are 40"
         ):
             sample.genomes(first, count)
-    with pytest.raises(_engine.InputError, match="unknown here, only gaussian"):
-        _engine.Sample.read(address.replace("gaussian", "cauchy"), numbers)
+    with pytest.raises(_engine.InputError, match="unknown here, only normal"):
+        _engine.Sample.read(address.replace("normal", "cauchy"), numbers)
     with pytest.raises(_engine.InputError, match="bytes are not 6 rows"):
         _engine.Sample.read(address, numbers[:-8])
     with pytest.raises(_engine.InputError, match=r"sample\.center"):

@@ -220,6 +220,17 @@ def test_a_store_of_another_version_is_left_alone(copy: Path, version: int, word
     assert (copy / FILE).read_bytes() == before
 
 
+def test_samples_with_the_random_numbers_of_format_4_are_not_made(copy: Path) -> None:
+    with sqlite3.connect(copy / FILE) as store:
+        store.execute("PRAGMA user_version = 4")
+        assert Run.open(copy).generations == 4  # it has genomes
+        store.execute("INSERT INTO sample VALUES (0, '{}', x'00')")
+    store.close()
+    for attempt in (Run.open, resume):
+        with pytest.raises(InputError, match=r"has format 4, .*: swarmwright optimize .*experiment\.yaml --out NEW"):
+            attempt(copy)
+
+
 def test_a_store_changed_by_hand_does_not_go_on(copy: Path) -> None:
     change_numbers(copy, "fitness", slice(0, 1), 1.0, generation=1)
     seal(copy)

@@ -1,7 +1,7 @@
-//! tanh, sigmoid, sine and cosine in lanes: the sequences of the module above, operation by operation.
+//! tanh, sigmoid, sine and cosine in lanes, the sequences of the module above, operation by operation; logarithm and normal numbers.
 
-use super::{SIN, TANH_LIMIT, TANH_P, TANH_Q};
-use swarmwright_lanes::Lanes;
+use super::{LN, SIN, TANH_LIMIT, TANH_P, TANH_Q};
+use swarmwright_lanes::{Int, Lanes};
 
 /// Horner's rule, the highest coefficient last in `coefficients`.
 #[inline(always)]
@@ -55,4 +55,31 @@ pub fn cos_pi<L: Lanes>(a: L) -> L {
 #[inline(always)]
 fn sin_pi_half<L: Lanes>(r: L) -> L {
     within_one(r.mul(polynomial(&SIN, r.mul(r))))
+}
+
+/// The natural logarithm of a normal number above 0; the error is at most 2e-7, absolute and relative to the result.
+#[inline(always)]
+pub fn ln<L: Lanes>(x: L) -> L {
+    /// The pattern of sqrt(1/2): what is left of the exponent counts doublings from there.
+    const ROOT: i32 = 0x3F35_04F3;
+    let bits = x.pattern().sub(L::Int::splat(ROOT));
+    let doublings = bits.shr_signed(L::Int::splat(23));
+    let mantissa = bits
+        .and(L::Int::splat(0x007F_FFFF))
+        .add(L::Int::splat(ROOT));
+    let f = L::from_pattern(mantissa).sub(L::splat(1.0));
+    let whole = L::from_int(doublings).mul(L::splat(std::f32::consts::LN_2));
+    f.mul(polynomial(&LN, f)).add(whole)
+}
+
+/// Two independent numbers of the standard normal distribution (Box and Muller 1958) from two that are uniform, the first in 0..=1
+/// without 0, the second in -1..=1.
+#[inline(always)]
+pub fn normal_pair<L: Lanes>(length: L, half_turns: L) -> [L; 2] {
+    let squared = ln(length).mul(L::splat(-2.0)).at_least(L::splat(0.0));
+    let radius = squared.sqrt();
+    [
+        radius.mul(cos_pi(half_turns)),
+        radius.mul(sin_pi(half_turns)),
+    ]
 }

@@ -19,6 +19,20 @@ const TANH_Q: [f32; 4] = [1.0, 0.11480684, 0.0013933508, 2.7218455e-6];
 #[allow(clippy::approx_constant)]
 const SIN: [f32; 5] = [3.1415927, -5.167707, 2.5500288, -0.59804523, 0.077220164];
 
+/// ln(1 + f) / f over f in sqrt(1/2)-1..=sqrt(2)-1.
+const LN: [f32; 10] = [
+    1.0,
+    -0.499_999_88,
+    0.333_333_25,
+    -0.250_015_85,
+    0.200_020_72,
+    -0.166_091_26,
+    0.141_800_8,
+    -0.132_408_43,
+    0.129_141_7,
+    -0.076_385_92,
+];
+
 /// Hyperbolic tangent, in -1..=1, odd to the bit.
 ///
 /// With t = tanh(x/2) as a quotient of polynomials (relative minimax fit on 0..9.15), tanh(x) = 2t / (1 + t*t):

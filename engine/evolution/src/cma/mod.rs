@@ -17,9 +17,8 @@ use self::full::Full;
 use self::stop::Monitor;
 pub use self::stop::Stop;
 use crate::linear::{add_rows, dot};
-use crate::normal::of_units;
 use crate::ranking::key;
-use crate::stream::{Stream, unit_rows};
+use crate::stream::{Stream, normals_of_each};
 
 /// Standard deviations are at most this share of the distance of two bounds.
 const WIDEST: f64 = 1.0 / 3.0;
@@ -159,8 +158,7 @@ impl Cma {
         genomes: &mut [f32],
     ) {
         let genes = self.mean.len().max(1);
-        unit_rows(streams, genes, steps);
-        of_units(steps);
+        normals_of_each(streams, genes, steps);
         if let Some(full) = &self.full {
             for (step, length) in steps.chunks_exact(genes).zip(lengths) {
                 *length = dot(step, step);

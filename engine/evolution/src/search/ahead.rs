@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use crate::stream::{normal_rows, rows_of};
 
 /// Numbers, 64 MiB: larger samples are not drawn ahead.
-const MOST: usize = 1 << 23;
+const MOST: usize = 1 << 24;
 
 /// Numbers that are made in little more time than another thread takes to begin.
 const FEW: usize = 1 << 14;
@@ -41,7 +41,7 @@ struct Batch {
     /// The next generation that no thread has begun with.
     free: Arc<AtomicU64>,
     end: u64,
-    drawn: Mutex<Receiver<(u64, Vec<f64>)>>,
+    drawn: Mutex<Receiver<(u64, Vec<f32>)>>,
 }
 
 impl Ahead {
@@ -53,7 +53,7 @@ impl Ahead {
     }
 
     /// Rows of numbers of a generation.
-    pub(super) fn draw(&mut self, generation: u64) -> Vec<f64> {
+    pub(super) fn draw(&mut self, generation: u64) -> Vec<f32> {
         let found = self.batch.as_mut().and_then(|batch| batch.take(generation));
         let drawn = found.unwrap_or_else(|| self.address.drawn(generation));
         let next = generation.wrapping_add(1);
@@ -84,7 +84,7 @@ impl Batch {
     }
 
     /// The numbers of a generation of these, as soon as the other thread has drawn them; None where it has not begun.
-    fn take(&mut self, generation: u64) -> Option<Vec<f64>> {
+    fn take(&mut self, generation: u64) -> Option<Vec<f32>> {
         let next = generation + 1;
         if generation >= self.end
             || self
@@ -102,7 +102,7 @@ impl Batch {
 }
 
 /// Draws generations until `end`, or until nobody wants them.
-fn draw_free(address: Address, free: &AtomicU64, end: u64, drawn: &Sender<(u64, Vec<f64>)>) {
+fn draw_free(address: Address, free: &AtomicU64, end: u64, drawn: &Sender<(u64, Vec<f32>)>) {
     loop {
         let generation = free.fetch_add(1, Ordering::Relaxed);
         if generation >= end || drawn.send((generation, address.drawn(generation))).is_err() {
@@ -111,12 +111,12 @@ fn draw_free(address: Address, free: &AtomicU64, end: u64, drawn: &Sender<(u64, 
     }
 }
 impl Address {
-    fn drawn(self, generation: u64) -> Vec<f64> {
+    fn drawn(self, generation: u64) -> Vec<f32> {
         let length = self.length.max(1);
         let count = usize::try_from(self.rows).unwrap_or(0);
         let mut drawn = vec![0.0; count * self.length];
         let rows = rows_of(FEW, length);
-        let draw = |(part, numbers): (usize, &mut [f64])| {
+        let draw = |(part, numbers): (usize, &mut [f32])| {
             let first = (part * rows) as u64;
             normal_rows(self.seed, self.purpose, generation, first, length, numbers);
         };

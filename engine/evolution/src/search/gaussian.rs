@@ -4,7 +4,7 @@ use super::adam::Adam;
 use super::ahead::{Address, Ahead};
 use super::{NoStart, Search};
 use crate::sample::GaussianSample;
-use crate::sampling::{Scale, add_weighted, samples};
+use crate::sampling::{Scale, add_weighted, add_weighted_squares, samples};
 use crate::shaping::centered_ranks;
 use crate::stream::purpose_key;
 
@@ -65,7 +65,7 @@ impl Space {
 pub(super) struct Sample {
     pub(super) space: Space,
     pub(super) center: Vec<f64>,
-    pub(super) directions: Vec<f64>,
+    pub(super) directions: Vec<f32>,
     /// Genomes of each generation.
     pub(super) population: usize,
     /// Whether they are pairs on opposite sides of the center: genomes 2 i and 2 i + 1.
@@ -138,7 +138,11 @@ impl Sample {
     }
 
     /// Genomes at the center plus (and minus) `deviation` times each direction.
-    pub(super) fn genomes(&self, directions: &[f64], deviation: &[f64]) -> Vec<f32> {
+    pub(super) fn genomes<T: Copy + Into<f64> + Sync>(
+        &self,
+        directions: &[T],
+        deviation: &[f64],
+    ) -> Vec<f32> {
         let mut genomes = vec![0.0; self.population * self.space.genes()];
         let scale = self.space.scale();
         samples(
@@ -174,9 +178,8 @@ impl Sample {
 
     /// The same of the squares of the directions.
     pub(super) fn weighted_squares(&self, weights: &[f64]) -> Vec<f64> {
-        let squares: Vec<f64> = self.directions.iter().map(|value| value * value).collect();
         let mut sum = vec![0.0; self.space.genes()];
-        add_weighted(&squares, weights, &mut sum);
+        add_weighted_squares(&self.directions, weights, &mut sum);
         sum
     }
 
@@ -195,7 +198,7 @@ impl Sample {
     pub(super) fn state(&self, name: &str) -> Option<Vec<f64>> {
         match name {
             "center" => Some(self.space.values(&self.center)),
-            "directions" => Some(self.directions.clone()),
+            "directions" => Some(self.directions.iter().copied().map(f64::from).collect()),
             #[expect(clippy::cast_precision_loss, reason = "populations are small")]
             "population" => Some(vec![self.population as f64]),
             _ => None,

@@ -170,7 +170,8 @@ impl Search for Nes {
             Shape::Separable(deviation) => self.sample.genomes(directions, deviation),
             Shape::Full(step, matrix) => {
                 let genes = self.sample.space.genes();
-                let turned = product(directions, &transposed(matrix, genes), genes);
+                let directions: Vec<f64> = directions.iter().copied().map(f64::from).collect();
+                let turned = product(&directions, &transposed(matrix, genes), genes);
                 self.sample.genomes(&turned, &vec![*step; genes])
             }
         })

@@ -2,7 +2,6 @@
 
 use std::arch::x86_64::*;
 
-use crate::doubles::{UNIT, check_room};
 use crate::{Int, Lanes, Mask};
 
 const WIDTH: usize = 16;
@@ -137,40 +136,8 @@ impl Lanes for F32s {
         }
     }
     #[inline(always)]
-    fn units_of_rows(columns: &[[u64; 16]; 4], rows: &mut [f64], stride: usize) {
-        in_rows::<true, f64>(columns, rows, stride);
-    }
-    #[inline(always)]
     fn words_of_rows(columns: &[[u64; 16]; 4], rows: &mut [u64], stride: usize) {
-        in_rows::<false, u64>(columns, rows, stride);
-    }
-    #[inline(always)]
-    fn outside(
-        numbers: &[f64],
-        center: f64,
-        border: f64,
-        places: &mut [u32],
-        found: &mut [f64],
-    ) -> usize {
-        check_room(numbers, places, found);
-        let (center, border) = (simd!(_mm512_set1_pd(center)), simd!(_mm512_set1_pd(border)));
-        let mut at = simd!(_mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7));
-        let mut count = 0;
-        for part in numbers.as_chunks::<8>().0 {
-            // SAFETY: eight numbers are there. No more are found than were looked at, and there is room for eight more.
-            unsafe {
-                let number = _mm512_loadu_pd(part.as_ptr());
-                let distance = _mm512_abs_pd(_mm512_sub_pd(number, center));
-                let outside = _mm512_cmp_pd_mask::<_CMP_GT_OQ>(distance, border);
-                let place = _mm256_maskz_compress_epi32(outside, at);
-                _mm256_storeu_si256(places.as_mut_ptr().add(count).cast(), place);
-                let number = _mm512_maskz_compress_pd(outside, number);
-                _mm512_storeu_pd(found.as_mut_ptr().add(count), number);
-                count += outside.count_ones() as usize;
-                at = _mm256_add_epi32(at, _mm256_set1_epi32(8));
-            }
-        }
-        count
+        words_of_rows(columns, rows, stride);
     }
 }
 
@@ -397,33 +364,26 @@ impl Int for I32s {
     }
 }
 
-/// Four columns of sixteen words, or units of them, in rows that begin `stride` apart.
+/// Four columns of sixteen words in rows that begin `stride` apart.
 #[inline(always)]
-fn in_rows<const UNITS: bool, T>(columns: &[[u64; 16]; 4], rows: &mut [T], stride: usize) {
-    const { assert!(size_of::<T>() == size_of::<f64>()) };
+fn words_of_rows(columns: &[[u64; 16]; 4], rows: &mut [u64], stride: usize) {
     assert!(rows.len() >= 4 && (rows.len() - 4) / 15 >= stride);
     for half in 0..2 {
-        let mut numbers = [simd!(_mm512_setzero_pd()); 4];
-        for (number, column) in numbers.iter_mut().zip(columns) {
+        let mut words = [simd!(_mm512_setzero_si512()); 4];
+        for (words, column) in words.iter_mut().zip(columns) {
             // SAFETY: both halves of sixteen words are there.
-            let words = unsafe { _mm512_loadu_si512(column.as_ptr().add(8 * half).cast()) };
-            *number = if UNITS {
-                let integers = simd!(_mm512_cvtepi64_pd(_mm512_srli_epi64::<11>(words)));
-                simd!(_mm512_mul_pd(integers, _mm512_set1_pd(UNIT)))
-            } else {
-                simd!(_mm512_castsi512_pd(words))
-            };
+            *words = unsafe { _mm512_loadu_si512(column.as_ptr().add(8 * half).cast()) };
         }
-        let [a, b, c, d] = numbers;
-        // Rows 0, 2, 4, 6, and those between them, two numbers of each.
+        let [a, b, c, d] = words;
+        // Rows 0, 2, 4, 6, and those between them, two words of each.
         let (low, high) = (
             [
-                simd!(_mm512_unpacklo_pd(a, b)),
-                simd!(_mm512_unpacklo_pd(c, d)),
+                simd!(_mm512_unpacklo_epi64(a, b)),
+                simd!(_mm512_unpacklo_epi64(c, d)),
             ],
             [
-                simd!(_mm512_unpackhi_pd(a, b)),
-                simd!(_mm512_unpackhi_pd(c, d)),
+                simd!(_mm512_unpackhi_epi64(a, b)),
+                simd!(_mm512_unpackhi_epi64(c, d)),
             ],
         );
         let (first, second) = (
@@ -432,15 +392,14 @@ fn in_rows<const UNITS: bool, T>(columns: &[[u64; 16]; 4], rows: &mut [T], strid
         );
         for (odd, [ones, others]) in [low, high].into_iter().enumerate() {
             for (part, order) in [first, second].into_iter().enumerate() {
-                let both = simd!(_mm512_permutex2var_pd(ones, order, others));
+                let both = simd!(_mm512_permutex2var_epi64(ones, order, others));
                 let row = 8 * half + 4 * part + odd;
-                // SAFETY: four numbers of row 15 are there, as asserted, so those of the rows before are; they are as long as
-                // binary64, as asserted.
+                // SAFETY: four words of row 15 are there, as asserted, so those of the rows before are.
                 unsafe {
                     let to = rows.as_mut_ptr().add(row * stride).cast();
-                    _mm256_storeu_pd(to, _mm512_castpd512_pd256(both));
+                    _mm256_storeu_si256(to, _mm512_castsi512_si256(both));
                     let to = rows.as_mut_ptr().add((row + 2) * stride).cast();
-                    _mm256_storeu_pd(to, _mm512_extractf64x4_pd::<1>(both));
+                    _mm256_storeu_si256(to, _mm512_extracti64x4_epi64::<1>(both));
                 }
             }
         }

@@ -65,14 +65,14 @@ pub struct Evaluate {
 }
 
 /// The distribution that every server with [`Sample`] makes genomes from.
-pub const GAUSSIAN: &str = "gaussian";
+pub const NORMAL: &str = "normal";
 
 /// Candidates of a generation by their numbers (protocol/schemas/sample.schema.json).
 ///
 /// Of numbers for each gene there are as many as a controller has weights.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Sample {
-    /// [`GAUSSIAN`].
+    /// [`NORMAL`].
     pub distribution: String,
     /// Of the run.
     pub seed: u64,

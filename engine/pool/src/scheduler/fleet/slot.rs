@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use swarmwright_protocol::{Capabilities, GAUSSIAN};
+use swarmwright_protocol::{Capabilities, NORMAL};
 
 use crate::mode::Way;
 use crate::scheduler::fleet::lag::Answers;
@@ -53,7 +53,7 @@ impl Slot {
     /// Whether it makes samples of normal distributions itself.
     pub fn makes_samples(&self) -> bool {
         let announced = self.capabilities.swarmwright.as_ref();
-        announced.is_some_and(|announced| announced.distributions.iter().any(|one| one == GAUSSIAN))
+        announced.is_some_and(|announced| announced.distributions.iter().any(|one| one == NORMAL))
     }
 
     /// Learns from `episodes` that took `seconds`.
