@@ -14,7 +14,8 @@ FILE = "run.sqlite"
 NEW = f"{FILE}.new"
 """What it is called while it is made."""
 FORMAT = 5
-"""Version of the run folder: 1 had text files only, 2 a row for each evaluation, 3 no samples, 4 samples with other random numbers."""
+"""Version of the run folder: 1 had text files only, 2 a row for each evaluation, 3 no samples, 4 samples with
+other random numbers."""
 SAMPLES = 5
 """From this version on there are samples that are known."""
 _UNKNOWN_SAMPLES = 4

@@ -227,7 +227,9 @@ def test_samples_with_the_random_numbers_of_format_4_are_not_made(copy: Path) ->
         store.execute("INSERT INTO sample VALUES (0, '{}', x'00')")
     store.close()
     for attempt in (Run.open, resume):
-        with pytest.raises(InputError, match=r"has format 4, .*: swarmwright optimize .*experiment\.yaml --out NEW"):
+        with pytest.raises(
+            InputError, match=r"has format 4, .*: swarmwright optimize .*experiment\.yaml --out NEW"
+        ):
             attempt(copy)
 
 
