@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from swarmwright.core.errors import InputError, explained
 from swarmwright.simulations.base import Simulation
+from swarmwright.simulations.groups import Group
 
 _ARRAY = "rgb_array"
 """The render mode that gives pictures as arrays."""
@@ -126,14 +127,23 @@ class Environment(Simulation):
         """Be ready for an episode with these parameters. Raises InputError where they do not fit."""
         if not self._renew(parameters):
             return
+        groups = self.groups
         sizes = self._sizes()
-        if sizes != (self.sensors, self.actuators):
-            name, found = ", ".join(parameters), f"{sizes[0]} sensors and {sizes[1]} actuators"
-            self._given = None
-            raise InputError(
-                f"{name}: with it agents have {found} instead of {self.sensors} and {self.actuators}; put it "
-                f"into the simulation's name, as {self.environment}?{next(iter(parameters))}=.."
-            )
+        if (sizes, self.groups) == ((self.sensors, self.actuators), groups):
+            return
+        found, before = f"{sizes[0]} sensors and {sizes[1]} actuators", f"{self.sensors} and {self.actuators}"
+        if sizes == (self.sensors, self.actuators):
+            found, before = _listed(self.groups), _listed(groups)
+        self._given, self.groups = None, groups
+        raise InputError(
+            f"{', '.join(parameters)}: with it agents have {found} instead of {before}; put it into the "
+            f"simulation's name, as {self.environment}?{'&'.join(f'{name}=..' for name in parameters)}"
+        )
+
+
+def _listed(groups: Mapping[str, Group]) -> str:
+    """Return groups with their numbers of agents."""
+    return "the groups " + (", ".join(f"{name} ({one.agents})" for name, one in groups.items()) or "(none)")
 
 
 def _render_modes(env: Any) -> list[str]:  # noqa: ANN401 - types of libraries

@@ -3,7 +3,9 @@
 Source: https://pettingzoo.farama.org/api/parallel/
 """
 
+import re
 from importlib import import_module
+from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -12,6 +14,7 @@ from numpy.typing import NDArray
 from swarmwright.adapters._environment import Environment, environment_seed, total
 from swarmwright.adapters._spaces import actuators, sensors
 from swarmwright.core.errors import InputError, SimulationError
+from swarmwright.simulations.groups import Group
 
 
 class PettingZoo(Environment):
@@ -20,10 +23,15 @@ class PettingZoo(Environment):
         class Spread(PettingZoo):
             environment = "mpe2.simple_spread_v3"
 
-    `environment` is the module that has `parallel_env`. All agents are steered by the same controller. Where
-    they differ, each has as many sensors and actuators as the one with the most: sensors that one lacks are
-    0, and actuators that it lacks do nothing. An agent that the environment drops acts no more.
+    `environment` is the module that has `parallel_env`. Agents whose names differ in more than a number at
+    the end, as adversary_0, adversary_1 and agent_0, are groups, `adversary` and `agent`, if those of a group
+    follow each other and have the same spaces; `controller: {kind: team}` gives each a controller, and the
+    metrics `reward_adversary`, .. are their mean sums of rewards. With any other controller all are steered
+    by the same one, and each has as many sensors and actuators as the one with the most: sensors that one
+    lacks are 0, and actuators that it lacks do nothing. An agent that the environment drops acts no more.
     """
+
+    padded = True
 
     metrics = {  # noqa: RUF012 - as in the base class
         "steps": "Steps of the episode.",
@@ -75,7 +83,12 @@ class PettingZoo(Environment):
 
     def measure(self) -> dict[str, float]:
         """Return the metrics."""
-        return {"steps": self._steps, "worst": self._rewards.min(), "best": self._rewards.max()}
+        found = {"steps": self._steps, "worst": self._rewards.min(), "best": self._rewards.max()}
+        names = list(self._agents)
+        for group in self.groups:
+            own = [reward for name, reward in zip(names, self._rewards, strict=True) if _kind(name) == group]
+            found[_metric(group)] = total(np.array(own))
+        return found
 
     def _rows(self, seen: dict[str, Any]) -> NDArray[np.float64]:
         """Return what agents sense, (agents, sensors), 0 for those that are gone."""
@@ -106,5 +119,32 @@ class PettingZoo(Environment):
             for name in names
         }
         self.max_agents = len(names)
+        self.groups = self._kinds()
+        if type(self).metrics is PettingZoo.metrics:
+            self.metrics = PettingZoo.metrics | {
+                _metric(group): f"Sum of rewards of an agent of the group {group}, mean."
+                for group in self.groups
+            }
         both = self._spaces.values()
         return max(seen.width for seen, _ in both), max(act.width for _, act in both)
+
+    def _kinds(self) -> dict[str, Group]:
+        """Return the groups of agents, in their order; none where all are of one kind, or kinds mix."""
+        made: dict[str, Group] = {}
+        for kind, names in groupby(self._agents, _kind):
+            spaces = [self._spaces[name] for name in names]
+            widths = {(seen.width, act.width) for seen, act in spaces}
+            if not kind or kind in made or len(widths) != 1:
+                return {}
+            ((sensors_, actuators_),) = widths
+            made[kind] = Group(agents=len(spaces), sensors=sensors_, actuators=actuators_)
+        return made if len(made) > 1 else {}
+
+
+def _kind(agent: str) -> str:
+    """Return the name of an agent without the number at its end."""
+    return re.sub(r"_?\d+$", "", str(agent))
+
+
+def _metric(group: str) -> str:
+    return "reward_" + re.sub(r"\W", "_", group)

@@ -13,13 +13,14 @@ class Parallel:
     """A parallel environment of two agents that fails as it is told to.
 
     trouble: raise, more (a third agent appears), shape (the observation grows), assert (in the constructor,
-    without a word), none.
+    without a word), none. extra: more agents like b.
     """
 
     possible_agents = ["a", "b"]  # noqa: RUF012
 
-    def __init__(self, trouble: str = "none", size: int = 2, agents: bool = True) -> None:
+    def __init__(self, trouble: str = "none", size: int = 2, agents: bool = True, extra: int = 0) -> None:
         assert trouble != "assert"
+        self.possible_agents = [*self.possible_agents, *(f"b_{number}" for number in range(extra))]
         self.trouble, self.size = trouble, size
         if not agents:
             self.possible_agents = []

@@ -104,6 +104,56 @@ def test_agents_drop_out_and_differ() -> None:
     assert simulate(experiment("pettingzoo:broken", fitness="best - worst"), servers="in-process") == 1
 
 
+TAG = "pettingzoo:mpe2.simple_tag_v3"
+TEAM = {
+    "kind": "team",
+    "groups": {"adversary": {"hidden": [3]}, "agent": {"kind": "fully_meshed", "hidden": 1}},
+}
+
+
+def test_agents_of_several_kinds_have_controllers_of_their_own(tmp_path: Path) -> None:
+    one = experiment(
+        TAG, parameters={"max_cycles": 8}, controller=TEAM, fitness="reward_adversary - reward_agent"
+    )
+    here = optimize(one, servers="in-process", out=tmp_path / "here")
+    assert here.history[0].best > 0
+    for mode, servers in (("stepwise", 1), ("batched", 2), ("offloaded", 2)):
+        run = optimize(one.replace(mode=mode), servers=servers, out=tmp_path / mode)
+        same_record(run, here)
+    team = here.best.controller
+    assert {name: (found.sensors, found.actuators) for name, found in team.groups.items()} == {
+        "adversary": (16, 5),
+        "agent": (14, 5),
+    }
+
+
+def test_rewards_of_groups_are_those_of_the_environment() -> None:
+    controller = {"kind": "team", "groups": {"adversary": {"hidden": []}, "agent": {"hidden": []}}}
+    rewards = [
+        simulate(experiment(TAG, controller=controller, fitness=fitness), servers="in-process")
+        for fitness in ("fitness", "(3 * reward_adversary + reward_agent) / 4")
+    ]
+    assert rewards[0] == pytest.approx(rewards[1])
+
+
+def test_groups_that_the_environment_does_not_have() -> None:
+    with pytest.raises(InputError, match="adversary, agent"):
+        experiment(TAG, controller={"kind": "team", "groups": {"hunters": {}, "prey": {}}})
+    with pytest.raises(InputError, match=r"adversary\.agents: is missing"):
+        experiment(SPREAD, controller=TEAM)
+
+
+def test_a_parameter_that_changes_the_number_of_agents_of_a_group() -> None:
+    # The agents' spaces stay as they are.
+    assert simulate(experiment("pettingzoo:broken?extra=1"), servers="in-process") > 0
+    one = experiment("pettingzoo:broken", parameters={"extra": 1})
+    words = (
+        r"extra: with it agents have the groups a \(1\), b \(2\) instead of the groups a \(1\), b \(1\); put"
+    )
+    with pytest.raises(InputError, match=words):
+        simulate(one, servers="in-process")
+
+
 def test_an_endless_episode_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Gymnasium, "most_steps", 50)
     assert simulate(experiment("gymnasium:broken:Failing-v0?endless=true"), servers="in-process") == 50
