@@ -132,6 +132,10 @@ struct Simulation<'a> {
     agenda: BTreeMap<(Time, u64), Event>,
     serial: u64,
     tool: Scheduler,
+    /// When the tool was to have its next tick, as it said when it was asked.
+    tool_tick: Time,
+    /// When it is to be asked again.
+    tool_query: Time,
     tool_armed: Option<Time>,
     seats: Vec<Seat>,
     sums: Sums,
@@ -156,6 +160,8 @@ pub fn simulate(scale: &Scale, held: &dyn Fn() -> isize) -> Result<Figures, Work
         agenda: BTreeMap::new(),
         serial: 0,
         tool,
+        tool_tick: 0,
+        tool_query: 0,
         tool_armed: None,
         seats: (0..scale.servers).map(|_| Seat::default()).collect(),
         sums: Sums::default(),
@@ -294,7 +300,12 @@ impl Simulation<'_> {
             Event::ToolTimer => {
                 if self.tool_armed == Some(self.now) {
                     self.tool_armed = None;
-                    self.with_tool(Scheduler::tick);
+                    if self.tool_tick <= self.now {
+                        self.tool_query = self.now;
+                        self.with_tool(Scheduler::tick);
+                    } else {
+                        self.with_tool(|_, _| {});
+                    }
                 }
             }
             Event::ToServer(index, life, topic, payload) => {
@@ -442,7 +453,8 @@ impl Simulation<'_> {
         let (before, began) = ((self.held)(), Instant::now());
         call(&mut self.tool, now);
         let actions: Vec<Action> = self.tool.actions().collect();
-        let next = self.tool.next_tick();
+        // As seldom as the pool's shell asks.
+        let asked = (self.tool_query <= self.now).then(|| self.tool.next_tick());
         self.sums.cpu += began.elapsed();
         let leaving = actions.capacity() * size_of::<Action>()
             + actions.iter().map(payload_bytes).sum::<usize>();
@@ -451,7 +463,13 @@ impl Simulation<'_> {
         for action in actions {
             self.act(action);
         }
-        let at = self.time(next);
+        let at = if let Some(next) = asked {
+            self.tool_query = self.time(now + self.tool.tick_query_interval());
+            self.tool_tick = self.time(next);
+            self.tool_tick
+        } else {
+            self.tool_tick.min(self.tool_query)
+        };
         if self.tool_armed != Some(at) {
             self.tool_armed = Some(at);
             self.plan(at, Event::ToolTimer);

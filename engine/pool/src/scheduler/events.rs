@@ -1,11 +1,14 @@
 //! What comes in: messages, time, the state of the connection.
 
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use swarmwright_protocol::{Message, SensorReading, ToTool, Topic};
 
 use crate::scheduler::Scheduler;
 use crate::scheduler::queue::blame::Blame;
+
+/// How long it is not asked again for the next tick, for each server.
+const TICK_QUERY_INTERVAL: Duration = Duration::from_micros(5);
 
 impl Scheduler {
     /// A message came in. Retained messages are leftovers of earlier runs, except presence.
@@ -88,6 +91,13 @@ impl Scheduler {
         .into_iter()
         .flatten()
         .fold(self.discovery.next(), Instant::min)
+    }
+
+    /// How long [`next_tick`](Self::next_tick) need not be asked again: it looks at all servers, and a tick may be as late.
+    #[must_use]
+    pub fn tick_query_interval(&self) -> Duration {
+        let servers = u32::try_from(self.fleet.len()).unwrap_or(u32::MAX);
+        TICK_QUERY_INTERVAL * servers
     }
 
     /// Time has passed.

@@ -8,9 +8,6 @@ use super::Pool;
 use crate::scheduler::Action;
 use crate::shell::report::Report;
 
-/// How often the scheduler is asked when it needs a tick, for each of its servers: it looks at all of them.
-const TICK_QUERY_INTERVAL: Duration = Duration::from_micros(5);
-
 /// After such a time without a look, what came meanwhile is read before any server is taken to be late.
 const SUSPENDED: Duration = Duration::from_millis(300);
 
@@ -63,8 +60,7 @@ impl Pool {
 
     fn ask_tick(&mut self, now: Instant) {
         self.tick_at = self.scheduler.next_tick();
-        let servers = u32::try_from(self.scheduler.holdings().servers).unwrap_or(u32::MAX);
-        self.ask_at = now + TICK_QUERY_INTERVAL * servers;
+        self.ask_at = now + self.scheduler.tick_query_interval();
     }
 
     /// Handles what comes until `until`, or a part of it. Whether anything came.
