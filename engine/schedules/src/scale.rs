@@ -23,6 +23,8 @@ const START: Time = 5 * SECOND;
 const GRACE: Time = 3 * SECOND;
 /// From the end of a server to its next start.
 const DOWN: Time = 10 * SECOND;
+/// How many times as long as the mean the slowest server takes; see [`pace`].
+const SLOWEST: u64 = 2;
 /// Steps of an episode, on average; see [`Server::time`].
 const STEPS: u64 = 3;
 /// More events are an endless loop.
@@ -151,7 +153,7 @@ struct Simulation<'a> {
 pub fn simulate(scale: &Scale, held: &dyn Fn() -> isize) -> Result<Figures, WorkError> {
     let base = Instant::now();
     let before = held();
-    let tool = Scheduler::new(config(), base);
+    let tool = Scheduler::new(config(scale), base);
     let mut simulation = Simulation {
         scale,
         held,
@@ -172,7 +174,10 @@ pub fn simulate(scale: &Scale, held: &dyn Fn() -> isize) -> Result<Figures, Work
     simulation.run()
 }
 
-fn config() -> Config {
+/// As users set it: the slowest server is given twice the time that it needs for an episode.
+fn config(scale: &Scale) -> Config {
+    let timeouts = Timeouts::default();
+    let slowest = Duration::from_micros(SLOWEST * scale.episode);
     Config {
         demand: Demand {
             simulation: trail::TITLE.to_owned(),
@@ -191,7 +196,10 @@ fn config() -> Config {
         tool: "tool".to_owned(),
         topics: Topics::default(),
         visual: false,
-        timeouts: Timeouts::default(),
+        timeouts: Timeouts {
+            step: timeouts.step.max(2 * slowest),
+            ..timeouts
+        },
         faults: Faults::default(),
         largest: usize::MAX,
         probation: Duration::from_millis(30),
