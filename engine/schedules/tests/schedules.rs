@@ -49,6 +49,29 @@ fn no_server_hears_control_messages_for_another_one() {
     }
 }
 
+/// They end, although they are longer than what servers are given for a step by default.
+#[test]
+fn episodes_of_minutes_are_waited_for() {
+    let figures = simulate(
+        &Scale {
+            seed: 1,
+            servers: 10,
+            episode: 600_000_000,
+            preempted_after: None,
+            share: 4,
+            generations: 1,
+        },
+        &|| 0,
+    )
+    .unwrap();
+    assert_eq!(figures.evaluations, 40);
+    assert!(
+        figures.lost == 0.0 && figures.utilisation > 0.5,
+        "{figures:?}"
+    );
+    assert!(!figures.counts.contains_key("time_outs"), "{figures:?}");
+}
+
 /// Schedules that once broke a property, as small as they could be made; the file's name says what was wrong.
 #[test]
 fn regressions_stay_fixed() {
