@@ -119,7 +119,7 @@ class PettingZoo(Environment):
             for name in names
         }
         self.max_agents = len(names)
-        self.groups = self._kinds()
+        self.groups = type(self).groups or self._kinds()  # a class may say what it means
         if type(self).metrics is PettingZoo.metrics:
             self.metrics = PettingZoo.metrics | {
                 _metric(group): f"Sum of rewards of an agent of the group {group}, mean."
