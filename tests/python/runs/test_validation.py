@@ -177,7 +177,14 @@ def test_it_is_told_whether_fitness_depends_on_the_seed(
 def test_the_fitness_of_the_first_seeds_alone_does_not_mean_that_it_is_always_so(tmp_path: Path) -> None:
     """All of the best arrive wherever they start; others do not."""
     easy = {"placement": "random", "numAgents": 1, "numDefenders": 0, "maxSteps": 60}
-    run = run_of(tmp_path, parameters=easy, validate={"episodes": 20, "candidates": 1})
+    run = run_of(
+        tmp_path,
+        parameters=easy,
+        method={"kind": "cma_es", "population": 20, "generations": 40},
+        ranking={"episodes": 20, "seeds": "new"},
+        validate={"episodes": 20, "candidates": 1},
+        seed=5,
+    )
     assert run.validation is not None
     assert set(run.validation.best.episodes.tolist()) == {0.0}
     assert run.validation.depends_on_seed
