@@ -20,15 +20,13 @@ pub(crate) fn of_words<L: Lanes>(words: &[u64], numbers: &mut [f32]) {
     assert_eq!(numbers.len(), 2 * words.len());
     let (whole, rest) = words.as_chunks::<VECTOR>();
     let (places, others) = numbers.as_chunks_mut::<{ 2 * VECTOR }>();
-    for (words, numbers) in whole.iter().zip(&mut *places) {
+    for (words, numbers) in whole.iter().zip(places) {
         of_vector::<L>(words, numbers);
     }
     if !rest.is_empty() {
         let (mut words, mut numbers) = ([0; VECTOR], [0.0; 2 * VECTOR]);
         words[..rest.len()].copy_from_slice(rest);
         of_vector::<L>(&words, &mut numbers);
-        // All numbers left are these.
-        let others: &mut [f32] = others;
         others.copy_from_slice(&numbers[..2 * rest.len()]);
     }
 }
@@ -61,9 +59,9 @@ fn of_vector<L: Lanes>(words: &[u64; VECTOR], numbers: &mut [f32; 2 * VECTOR]) {
 }
 
 /// [`of_words`] with the best instruction set.
-pub(crate) struct Normals<'a> {
-    pub(crate) words: &'a [u64],
-    pub(crate) numbers: &'a mut [f32],
+struct Normals<'a> {
+    words: &'a [u64],
+    numbers: &'a mut [f32],
 }
 
 impl Kernel for Normals<'_> {

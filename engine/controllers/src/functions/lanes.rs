@@ -57,7 +57,7 @@ fn sin_pi_half<L: Lanes>(r: L) -> L {
     within_one(r.mul(polynomial(&SIN, r.mul(r))))
 }
 
-/// The natural logarithm of a normal number above 0; the error is at most 2e-7, absolute and relative to the result.
+/// The natural logarithm of a normal number above 0 (Chebyshev fit).
 #[inline(always)]
 pub fn ln<L: Lanes>(x: L) -> L {
     /// The pattern of sqrt(1/2): what is left of the exponent counts doublings from there.
