@@ -125,7 +125,7 @@ def run(file: Path, out: Path, *arguments: str, episode_s: float) -> int:
 
 @dataclass
 class Preemption(threading.Thread):
-    """Sends SIGTERM to each server of a launcher that is old enough, and SIGKILL to those that stay."""
+    """Sends SIGTERM to each server of a launcher that is old enough, and SIGKILL to one that stays."""
 
     folder: Path
     count: int = 0
@@ -152,27 +152,44 @@ class Preemption(threading.Thread):
         self.join()
 
     def _look(self, now: float, found: set[int]) -> None:
-        for server in sorted(found - self._seen.keys()):
+        servers = {process for process in found if self._is_server(process)}
+        for server in sorted(servers - self._seen.keys()):
             # Those that start together do not end together.
             self._seen[server] = now - LIFE_S / 2 * random.random()
-        for server in found:
+        for server in servers:
             if server in self._asked:
                 if now - self._asked[server] > KILLED_AFTER_S:
                     self._signal(server, signal.SIGKILL)
                     self.killed += 1
                     self._asked[server] = now
             elif now - self._seen[server] >= LIFE_S:
-                self._signal(server, signal.SIGTERM)
+                # As when a node is taken away: those that started it get the signal, too, after it.
+                for process in (server, *self._starters(server, found)):
+                    self._signal(process, signal.SIGTERM)
                 self._asked[server] = now
-                self.count += self._is_server(server)
+                self.count += 1
 
     @staticmethod
     def _is_server(process: int) -> bool:
-        """Whether it is not one of those that started a server, which get the signal, too."""
+        """Whether it is not one of those that started a server."""
         try:
             return b"server_process" in Path(f"/proc/{process}/cmdline").read_bytes()
         except OSError:
             return False
+
+    @staticmethod
+    def _starters(process: int, found: set[int]) -> list[int]:
+        """Return those found that started a process, the nearest first."""
+        starters: list[int] = []
+        while True:
+            try:
+                # The name, in parentheses, may have spaces.
+                process = int(Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[1])
+            except OSError:
+                return starters
+            if process not in found:
+                return starters
+            starters.append(process)
 
     @staticmethod
     def _signal(server: int, number: signal.Signals) -> None:
