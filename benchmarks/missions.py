@@ -2,17 +2,16 @@
 
 `python -m benchmarks.missions FOLDER [--seeds N] [--missions A,B] [--simulators A,B]` designs three kinds of
 controllers in the arena for each mission, evaluates them in every simulator with held-out seeds, prints the
-tables of docs/explanation/designs.md, draws FOLDER/missions.png and writes FOLDER/missions.json, of which
+tables of docs/explanation/one-mission.md, draws FOLDER/missions.png and writes FOLDER/missions.json, of which
 benchmarks/data/missions.json is a copy. FOLDER keeps the designs and what was measured: what is done is not
 repeated.
 `--draw FILE` prints and draws from such a file alone.
 
 `SWARMWRIGHT_ARGOS` and `SWARMWRIGHT_STAGE` name the folders where these are installed, `make gazebo` builds
-the server of Gazebo. What is missing is skipped, and said.
+the server of Gazebo, in which 30 seeds take half an hour. What is missing is skipped, and said.
 """
 
 import argparse
-import contextlib
 import json
 import math
 import sys
@@ -25,16 +24,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from benchmarks.designs import DESIGNS
-from benchmarks.gazebo import GAZEBO_ROOT, PROJECT
-from benchmarks.gazebo import command as gazebo_command
-from benchmarks.processes import Broker, embedded, processor_seconds
-from benchmarks.wrappers import Server
+from benchmarks.places import PLACES, PREFIX, Place, running
+from benchmarks.processes import Broker, embedded
 from swarmwright import Experiment, Run, optimize, post_evaluate, resume
-from swarmwright.core.errors import InputError
 from swarmwright.core.statistics import Estimate, estimate
 from swarmwright.figures.style import COLORS, INK, dress, new_figure
-from swarmwright.simulations import catalogue
-from tests.attached import ARGOS, STAGE, Simulator, build
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -47,57 +41,6 @@ BUDGET = 20_000
 SEEDS = 30
 FIRST_SEED = 1_000_000_000
 """Of the held-out seeds."""
-PREFIX = "bench/missions"
-
-
-@dataclass(frozen=True)
-class Place:
-    """A simulator: its name in experiments; why it cannot be used here, if so; what starts a server of it.
-
-    command: None where the simulation is in this process. share: of the seeds that are evaluated in it.
-    """
-
-    name: str
-    simulation: str
-    missing: Callable[[], str | None]
-    command: Callable[[], list[str]] | None = None
-    share: float = 1.0
-
-
-def _in_process(simulation: str) -> Callable[[], str | None]:
-    def missing() -> str | None:
-        try:
-            catalogue.description(simulation, {"mission": "aggregation"})
-        except (InputError, ModuleNotFoundError) as error:
-            return " ".join(str(error).split())
-        return None
-
-    return missing
-
-
-def _attached(simulator: Simulator) -> tuple[Callable[[], str | None], Callable[[], list[str]]]:
-    def missing() -> str | None:
-        if simulator.prefix is not None:
-            return None
-        return f"not installed; {simulator.variable} names the folder where it is"
-
-    return missing, lambda: [str(build(simulator) / f"swarmwright-{simulator.name.lower()}")]
-
-
-def _no_gazebo() -> str | None:
-    built = (PROJECT / "build" / "swarmwright-gazebo").exists() and (GAZEBO_ROOT / ".complete").exists()
-    return None if built else "its server is not built; `make gazebo` builds it"
-
-
-ENKI, MUJOCO = "swarmwright.adapters.enki:Missions", "swarmwright.adapters.mujoco:Missions"
-PLACES = (
-    Place("arena", "arena", lambda: None),
-    Place("Enki", ENKI, _in_process(ENKI)),
-    Place("MuJoCo", MUJOCO, _in_process(MUJOCO)),
-    Place("Stage", "arena-stage", *_attached(STAGE)),
-    Place("ARGoS", "arena-argos", *_attached(ARGOS)),
-    Place("Gazebo", "arena-gazebo", _no_gazebo, lambda: gazebo_command("swarmwright-gazebo"), share=1 / 10),
-)
 
 
 @dataclass(frozen=True)
@@ -142,16 +85,6 @@ def design(folder: Path, mission: str, kind: str, budget: int) -> Run:
     return run if run.state == "done" else resume(run)
 
 
-@contextlib.contextmanager
-def running(place: Place, broker: Broker) -> Iterator[Callable[[], float]]:
-    """Start a server where a simulator needs one; yield what tells the processor time so far, seconds."""
-    if place.command is None:
-        yield time.process_time
-        return
-    with contextlib.closing(Server(place.command(), broker, PREFIX)) as server:
-        yield lambda: processor_seconds(server.pid)
-
-
 def there(run: Run, place: Place) -> Experiment:
     """The run's experiment in a simulator."""
     if place.command is None:
@@ -179,11 +112,10 @@ def measured(
     """Yield all cells, one simulator after the other; those of before that have as many seeds as they are."""
     with embedded() as broker:
         for place in places:
-            count = max(2, round(seeds * place.share))
             kept = {
                 (cell.mission, cell.controller): cell
                 for cell in before
-                if cell.simulator == place.name and len(cell.fitness) == count
+                if cell.simulator == place.name and len(cell.fitness) == seeds
             }
             if runs.keys() <= kept.keys():
                 yield from (kept[key] for key in runs)
@@ -194,7 +126,7 @@ def measured(
                 continue
             with running(place, broker) as clock:
                 for key, run in runs.items():
-                    yield kept.get(key) or measure(run, place, count, broker, clock)
+                    yield kept.get(key) or measure(run, place, seeds, broker, clock)
 
 
 def speeds(cells: Sequence[Cell]) -> Iterator[str]:

@@ -18,14 +18,12 @@ from benchmarks.missions import (
     CONTROLLERS,
     FIRST_SEED,
     MISSIONS,
-    PLACES,
     TICKS_PER_SECOND,
-    Place,
     chosen,
     design,
-    running,
     there,
 )
+from benchmarks.places import PLACES, Place, running
 from benchmarks.processes import Broker, embedded
 from swarmwright import Run
 from swarmwright.display import Bodies, Recording, Scene

@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from benchmarks.missions import CONTROLLERS, FIRST_SEED, PLACES, read, speeds, table
+from benchmarks.missions import CONTROLLERS, FIRST_SEED, read, speeds, table
+from benchmarks.places import PLACES
 from swarmwright import Run, post_evaluate
 
 SIMULATORS = "arena,Enki,MuJoCo,Stage,ARGoS"
