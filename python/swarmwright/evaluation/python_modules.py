@@ -1,24 +1,20 @@
-"""Evaluation of machines with modules in Python: the engine steps episodes, Python the machines."""
+"""Evaluation of machines with modules in Python in this process."""
 
 import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import numpy as np
-
 from swarmwright import _engine
-from swarmwright.core.errors import RunError, engine_errors
+from swarmwright.core.errors import RunError
 from swarmwright.core.modules import PYTHON_KIND
 from swarmwright.core.simulation_names import is_python
 from swarmwright.evaluation.base import Controllers, Progress, Results
 from swarmwright.evaluation.in_process import InProcessBackend, PythonBackend
+from swarmwright.evaluation.machines import TOGETHER, MachineEvaluations
 from swarmwright.experiment.experiment import Experiment
-from swarmwright.modules._stepping import Robots
 from swarmwright.simulations import catalogue
 from swarmwright.store import Journal, WarningEntry
 
-_TOGETHER = 256
-"""Episodes that are stepped side by side; of a simulation in Python one."""
 _REPORT_S = 0.1
 
 
@@ -32,7 +28,7 @@ class ModulesBackend(InProcessBackend):
         super().__init__(experiment, metrics)
         python = is_python(experiment.simulation)
         self._others = (PythonBackend if python else InProcessBackend)(experiment, metrics)
-        self._together = 1 if python else _TOGETHER
+        self._together = 1 if python else TOGETHER
         self.description = "in this process, machines in Python"
 
     def evaluator(self, architecture: dict[str, Any]) -> _engine.Evaluator | None:
@@ -55,40 +51,30 @@ class ModulesBackend(InProcessBackend):
             return self._others.compute(controllers, seeds, on_progress, meanwhile)
         if meanwhile is not None:
             meanwhile()
-        count, total = len(controllers.weights), len(controllers.weights) * len(seeds)
-        fitness = np.full(total, np.nan)
-        metrics = np.full((total, len(self.metrics)), np.nan)
+        work = MachineEvaluations(
+            catalogue.playable(self._simulation),
+            self.parameters,
+            controllers.architecture,
+            controllers.weights,
+            seeds,
+            self.metrics,
+            together=self._together,
+        )
         warnings: list[WarningEntry] = []
-        report = _Report(on_progress, total)
-        simulation = catalogue.playable(self._simulation)
-        # All candidates with the first seed, then all with the next one: episodes beside each other are as
-        # different as can be, and the last part is not made of one candidate.
-        work = np.array([(c, e) for e in range(len(seeds)) for c in range(count)], dtype=np.int64)
-        for first in range(0, total, self._together):
-            part = work[first : first + self._together]
-            places = part[:, 0] * len(seeds) + part[:, 1]
-            episodes = _engine.Episodes(simulation, self.parameters, [seeds[e] for e in part[:, 1].tolist()])
-            robots = Robots(episodes, controllers.architecture, controllers.weights, part[:, 0])
+        report = _Report(on_progress, work.total)
+        more = True
+        while more:
             try:
-                with engine_errors():
-                    while not episodes.done:
-                        robots.step()
-                        report(first)
-                    fitness[places] = episodes.fitness()
-                    metrics[places] = episodes.metrics(list(self.metrics))
+                more = work.step()
             except RunError as error:
-                if self._together > 1 or error.__cause__ is None or not _is_engines(error.__cause__):
+                if self._together > 1 or not isinstance(error.__cause__, _engine.EngineError):
                     raise
-                candidate, episode = part[0].tolist()
+                candidate, episode = work.part[0].tolist()
                 reason = str(error)
                 warnings.append(WarningEntry(f"episode {episode} failed: {reason}", candidate, reason))
-        report(total, last=True)
-        shape = (count, len(seeds))
-        return Results(fitness.reshape(shape), metrics.reshape(*shape, -1), Journal(warnings=warnings))
-
-
-def _is_engines(error: BaseException) -> bool:
-    return isinstance(error, _engine.EngineError)
+            report(work.done)
+        report(work.total, last=True)
+        return Results(work.fitness(), work.metrics(), Journal(warnings=warnings))
 
 
 class _Report:
