@@ -26,6 +26,7 @@ ANNOUNCED: Json = {
     "version": 1,
     "modes": ["stepwise", "offloaded"],
     "controllers": ["layered"],
+    "modules": [{"role": "behaviour", "name": "Spiral", "file": "spiral.py", "sha256": "5f"}],
     "distributions": ["normal"],
     "sensors": 4,
     "actuators": 1,

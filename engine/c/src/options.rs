@@ -88,6 +88,7 @@ pub(crate) unsafe fn read(pointer: *const RawOptions) -> Result<(Options, Listen
     };
     let options = Options {
         progress: None,
+        modules: Vec::new(),
         id: raw.id,
         settings: Settings::from_environment(&broker)
             .map_err(|error| Trouble::Invalid(error.to_string()))?,

@@ -1,6 +1,6 @@
 //! What controllers of one experiment have in common: everything but the weights.
 
-use crate::kinds::{self, KINDS, Kind, TEAM, Team, of_kind};
+use crate::kinds::{self, KINDS, Kind, PythonModules, TEAM, Team, of_kind};
 use crate::reader::{Reader, wrong};
 use crate::{Architecture, MAX_WEIGHTS, SpecificationError, VERSION};
 
@@ -60,6 +60,14 @@ impl Architecture {
     pub fn team(&self) -> Option<&Team> {
         match self {
             Self::Team(team) => Some(team),
+            _ => None,
+        }
+    }
+
+    /// The machine, if it has modules in Python: then this crate does not compute it.
+    pub fn in_python(&self) -> Option<&PythonModules> {
+        match self {
+            Self::PythonModules(machine) => Some(machine),
             _ => None,
         }
     }

@@ -19,6 +19,12 @@ pub enum ControllerError {
     /// A team was asked to steer instead of one of its controllers.
     #[error("a team has a controller for each agent; take that of one agent")]
     NoAgent,
+    /// A machine with modules in Python was asked to steer.
+    #[error(
+        "a machine with modules in Python is computed by Python alone: evaluate it in the process of the tool, or on a \
+         server that has these modules"
+    )]
+    InPython,
     /// An agent that belongs to no group of a team.
     #[error(
         "agent {agent} belongs to no group: the groups of the controller have {agents} agents, from 0 to {}",
@@ -204,13 +210,16 @@ impl Controller {
     /// the agent that has most: sensors at the end do not count then, and actuators at the end are 0.
     ///
     /// # Errors
-    /// Slices of the wrong length, a sensor that is NaN or infinite, a parameter set.
+    /// Slices of the wrong length, a sensor that is NaN or infinite, a parameter set, a machine with modules in Python.
     pub fn step(&mut self, sensors: &[f32], actuators: &mut [f32]) -> Result<(), ControllerError> {
         if !self.steers() {
             return Err(ControllerError::SteersNoAgents);
         }
         if self.architecture.team().is_some() {
             return Err(ControllerError::NoAgent);
+        }
+        if self.architecture.in_python().is_some() {
+            return Err(ControllerError::InPython);
         }
         let (own_sensors, own_actuators) = (self.sensors(), self.actuators());
         let row = (self.row.0 as usize, self.row.1 as usize);

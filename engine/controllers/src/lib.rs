@@ -19,8 +19,8 @@ pub use activation::Activation;
 pub use controller::{Controller, ControllerError};
 pub use kinds::{
     Architecture, BEHAVIOUR_NAMES, CONDITION_NAMES, Evostick, Form, FullyMeshed, Hebbian, KINDS,
-    Layered, MealyFsm, Modules, Neat, Parameter, ParameterKind, ParameterSet, TEAM, Team,
-    TeamGroup,
+    Layered, MealyFsm, Module, Modules, Neat, Needed, PYTHON_MODULES, Parameter, ParameterKind,
+    ParameterSet, PythonModules, TEAM, Team, TeamGroup,
 };
 pub use lanes::LaneController;
 pub use output_range::OutputRange;

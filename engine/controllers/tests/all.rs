@@ -6,6 +6,7 @@ mod kinds;
 mod lanes;
 mod modules;
 mod parameter_set;
+mod python_modules;
 mod specification;
 mod team;
 mod vectors;

@@ -1,6 +1,7 @@
 //! What the experiment needs of a server, and why one does not fit.
 
-use swarmwright_protocol::{Capabilities, Requirements};
+use swarmwright_controllers::Architecture;
+use swarmwright_protocol::{Capabilities, ModuleCode, Requirements, missing_module};
 
 use crate::metrics::unannounced;
 use crate::mode::{Mode, Way};
@@ -20,6 +21,8 @@ pub struct Demand {
     pub mode: Mode,
     /// Kind of the controllers, once it is known.
     pub kind: Option<String>,
+    /// The behaviours and conditions in Python of these controllers.
+    pub modules: Vec<ModuleCode>,
     /// Names of the metrics that are needed of every episode.
     pub metrics: Vec<String>,
 }
@@ -69,8 +72,32 @@ impl Demand {
             .or_else(|| self.way(capabilities).err())
     }
 
+    /// These controllers are to be evaluated.
+    pub fn set_controllers(&mut self, kind: Option<&str>, architecture: &Architecture) {
+        self.kind = kind.map(str::to_owned);
+        let needed = architecture.in_python().into_iter();
+        self.modules = needed
+            .flat_map(|machine| machine.needed())
+            .map(|one| ModuleCode {
+                role: one.role.to_owned(),
+                name: one.name.to_owned(),
+                file: one.file.map(str::to_owned),
+                sha256: one.sha256.map(str::to_owned),
+            })
+            .collect();
+    }
+
     pub(crate) fn way(&self, capabilities: &Capabilities) -> Result<Way, String> {
-        Way::of(self.mode, self.kind.as_deref(), capabilities)
+        if self.modules.is_empty() {
+            return Way::of(self.mode, self.kind.as_deref(), capabilities);
+        }
+        // They are computed where their code is: there is no way but one.
+        let announced = capabilities.swarmwright.as_ref();
+        let modules = announced.map_or(&[][..], |announced| &announced.modules);
+        match missing_module(modules, &self.modules) {
+            Some(reason) => Err(reason),
+            None => Way::of(Mode::Offloaded, self.kind.as_deref(), capabilities),
+        }
     }
 
     /// The demand in words.

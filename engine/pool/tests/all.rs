@@ -11,6 +11,7 @@ mod lag;
 mod layers;
 mod narrow;
 mod parameter_sets;
+mod python_modules;
 mod retries;
 mod samples;
 mod shares;

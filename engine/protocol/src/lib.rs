@@ -20,8 +20,8 @@ pub use extension::{
 };
 pub use hash::EpisodeHasher;
 pub use messages::{
-    Announcement, Capabilities, Control, Discovery, Message, ParametersMessage, Requirements,
-    SCENE_PARTS, ServerMessage,
+    Announcement, Capabilities, Control, Discovery, Message, ModuleCode, ParametersMessage,
+    Requirements, SCENE_PARTS, ServerMessage, missing_module,
 };
 pub use presence::{Presence, State};
 pub use readings::{Actuator, Fitness, ReadingWriter, Sensor, SensorReading};

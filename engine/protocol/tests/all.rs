@@ -2,4 +2,5 @@
 
 mod extension;
 mod fields;
+mod modules;
 mod vectors;

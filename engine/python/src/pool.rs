@@ -100,6 +100,7 @@ impl PyPool {
                 actuators,
                 mode: mode.parse().map_err(input)?,
                 kind: None,
+                modules: Vec::new(),
                 metrics: needed,
             },
             parameters: object("parameters", parameters)?,

@@ -189,6 +189,7 @@ fn config(scale: &Scale) -> Config {
             actuators: Some(1),
             mode: Mode::Auto,
             kind: None,
+            modules: Vec::new(),
             metrics: Vec::new(),
         },
         parameters: trail::parameters(),

@@ -65,6 +65,7 @@ impl Server {
             instance: instance.clone(),
             host: host.clone(),
             pid: incarnation,
+            modules: Vec::new(),
         };
         let title = match plan.twin {
             Some(twin) if twin.foreign => "another",

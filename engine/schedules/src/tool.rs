@@ -119,6 +119,7 @@ impl Tool {
                 actuators: Some(1),
                 mode: Mode::from_str(&self.plan.mode).unwrap_or_default(),
                 kind: None,
+                modules: Vec::new(),
                 metrics: Vec::new(),
             },
             parameters: trail::parameters(),

@@ -387,8 +387,8 @@ pub fn evaluate_fitting<D: Borrow<Description>>(
         architecture.sensors(),
         architecture.actuators(),
     )?;
-    if architecture.team().is_some() {
-        // Lanes have one controller for all agents.
+    if architecture.team().is_some() || architecture.in_python().is_some() {
+        // Lanes have one controller for all agents, which they compute.
         return one_by_one(block, means, create);
     }
     evaluate(block, means, create)

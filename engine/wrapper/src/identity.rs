@@ -1,7 +1,7 @@
 //! Who a server is: its id, and what tells it from another one with the same id.
 
-use swarmwright_controllers::{KINDS, TEAM};
-use swarmwright_protocol::{Announcement, Capabilities, NORMAL};
+use swarmwright_controllers::{KINDS, PYTHON_MODULES, TEAM};
+use swarmwright_protocol::{Announcement, Capabilities, ModuleCode, NORMAL};
 use swarmwright_worlds::Description;
 
 /// A server's id and the process behind it.
@@ -15,6 +15,8 @@ pub struct Identity {
     pub host: String,
     /// Process id there.
     pub pid: u64,
+    /// Behaviours and conditions in Python that it has.
+    pub modules: Vec<ModuleCode>,
 }
 
 impl Identity {
@@ -26,6 +28,7 @@ impl Identity {
             instance: format!("{:016x}", fastrand::u64(..)),
             host: host(),
             pid: u64::from(std::process::id()),
+            modules: Vec::new(),
         }
     }
 
@@ -40,13 +43,18 @@ impl Identity {
         lanes: usize,
         scenes: bool,
     ) -> Capabilities {
+        let mut controllers = texts(&[KINDS, &[TEAM]].concat());
+        if !self.modules.is_empty() {
+            controllers.push(PYTHON_MODULES.to_owned());
+        }
         Capabilities {
             dimensions: f64::from(simulation.dimensions),
             max_agents: simulation.max_agents.map(f64::from),
             swarmwright: Some(Announcement {
                 version: 1,
                 modes: texts(&["stepwise", "batched", "offloaded"]),
-                controllers: texts(&[KINDS, &[TEAM]].concat()),
+                controllers,
+                modules: self.modules.clone(),
                 batch: Some(batch),
                 lanes: Some(lanes).filter(|lanes| *lanes > 1),
                 distributions: texts(&[NORMAL]),

@@ -246,7 +246,17 @@ fn evaluate_part(
                 return Ok(());
             }
             for (index, results) in results.chunks_exact(numbers).enumerate() {
-                evaluation.push(part, index, all_finite(results, part.names));
+                let results = all_finite(results, part.names);
+                if results.is_err() && part.block.architecture.in_python().is_some() {
+                    // What fails among others says why when it is alone.
+                    let episodes = part.block.seeds.len();
+                    let architecture = Arc::new(part.block.architecture.clone());
+                    let controller = part.controller(&architecture, index / episodes)?;
+                    let alone = (&controller, &part.block.parameters_of(index % episodes));
+                    evaluate_alone(simulation, part, index, alone, abort, evaluation)?;
+                } else {
+                    evaluation.push(part, index, results);
+                }
             }
             if let Some(progress) = part.progress {
                 progress.ended(part.block.len());
@@ -265,51 +275,77 @@ fn one_by_one(
     abort: &AtomicBool,
     evaluation: &mut Evaluation,
 ) -> Result<(), Refusal> {
-    let Part {
-        block,
-        first,
-        request,
-        progress,
-        ..
-    } = part;
-    let mut results = vec![0.0; block.numbers()];
+    let block = part.block;
     let episodes = block.seeds.len();
     let parameters: Vec<Parameters> = (0..episodes)
         .map(|episode| block.parameters_of(episode))
         .collect();
     let architecture = Arc::new(block.architecture.clone());
     for candidate in 0..block.candidates() {
-        let controller = Controller::with_weights(&architecture, block.genome(candidate).into())
-            .map_err(|error| {
-                invalid(format!("genomes: candidate {}: {error}", first + candidate))
-            })?;
+        let controller = part.controller(&architecture, candidate)?;
         for (episode, parameters) in parameters.iter().enumerate() {
             if abort.load(Ordering::Relaxed) {
                 return Ok(());
             }
-            if let Some(progress) = progress {
-                progress.at(*request, first + candidate, 1, Some(episode));
-            }
-            let run = || {
-                results[0] = rollout_until(&mut *simulation, parameters, &controller, Some(abort))?;
-                measure(&*simulation, block.metrics, &mut results[1..]);
-                Ok(())
-            };
-            let result = match guarded(run) {
-                Ok(Ok(())) => all_finite(&results, part.names),
-                Ok(Err(error)) if is_refusal(&error) => {
-                    return Err(invalid(error.to_string()));
-                }
-                Ok(Err(error)) => Err(error.to_string().into()),
-                Err(cause) => Err(cause),
-            };
-            evaluation.push(part, candidate * episodes + episode, result);
-            if let Some(progress) = progress {
+            let index = candidate * episodes + episode;
+            let alone = (&controller, parameters);
+            evaluate_alone(simulation, part, index, alone, abort, evaluation)?;
+            if let Some(progress) = part.progress {
                 progress.ended(1);
             }
         }
     }
     Ok(())
+}
+
+/// One evaluation of a part, its controller and its parameters.
+fn evaluate_alone(
+    simulation: &mut dyn Simulation,
+    part: &Part<'_>,
+    index: usize,
+    (controller, parameters): (&Controller, &Parameters),
+    abort: &AtomicBool,
+    evaluation: &mut Evaluation,
+) -> Result<(), Refusal> {
+    let block = part.block;
+    let episodes = block.seeds.len();
+    let (candidate, episode) = (index / episodes, index % episodes);
+    if let Some(progress) = part.progress {
+        progress.at(part.request, part.first + candidate, 1, Some(episode));
+    }
+    let mut results = vec![0.0; block.numbers()];
+    let run = || {
+        results[0] = rollout_until(&mut *simulation, parameters, controller, Some(abort))?;
+        measure(&*simulation, block.metrics, &mut results[1..]);
+        Ok(())
+    };
+    let result = match guarded(run) {
+        Ok(Ok(())) => all_finite(&results, part.names),
+        Ok(Err(error)) if is_refusal(&error) => {
+            return Err(invalid(error.to_string()));
+        }
+        Ok(Err(error)) => Err(error.to_string().into()),
+        Err(cause) => Err(cause),
+    };
+    evaluation.push(part, index, result);
+    Ok(())
+}
+
+impl Part<'_> {
+    /// The controller of a candidate.
+    fn controller(
+        &self,
+        architecture: &Arc<Architecture>,
+        candidate: usize,
+    ) -> Result<Controller, Refusal> {
+        let genome = self.block.genome(candidate).into();
+        Controller::with_weights(architecture, genome).map_err(|error| {
+            invalid(format!(
+                "genomes: candidate {}: {error}",
+                self.first + candidate
+            ))
+        })
+    }
 }
 
 impl Evaluation {

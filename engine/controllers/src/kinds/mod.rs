@@ -12,6 +12,7 @@ mod mealy_fsm;
 mod modules;
 mod neat;
 mod parameter_set;
+mod python_modules;
 mod team;
 
 pub use evostick::Evostick;
@@ -22,6 +23,7 @@ pub use mealy_fsm::MealyFsm;
 pub use modules::{BEHAVIOUR_NAMES, CONDITION_NAMES, Form, Modules};
 pub use neat::Neat;
 pub use parameter_set::{Parameter, ParameterKind, ParameterSet};
+pub use python_modules::{Module, Needed, PythonModules};
 pub use team::{Team, TeamGroup};
 
 use crate::SpecificationError;
@@ -126,8 +128,8 @@ pub(crate) trait LaneKind: Kind {
     );
 }
 
-/// Makes kinds of which no simulation has lanes, since their agents or parameters differ from lane to lane. None of these functions
-/// is called.
+/// Makes kinds of which no simulation has lanes, since their agents or parameters differ from lane to lane, or since they are not
+/// computed here. None of these functions is called.
 macro_rules! without_lanes {
     ($($Kind:ident),+) => {
         $(impl LaneKind for $Kind {
@@ -160,10 +162,13 @@ macro_rules! without_lanes {
     };
 }
 
-without_lanes!(ParameterSet, Team);
+without_lanes!(ParameterSet, PythonModules, Team);
 
 /// The name of several controllers in one specification. It is in no list of kinds: what an agent has is one of its parts.
 pub const TEAM: &str = "team";
+
+/// The name of machines with modules in Python. It is in no list of kinds: only servers that have such modules compute them.
+pub const PYTHON_MODULES: &str = "python_modules";
 
 /// Makes everything that follows from the list of kinds. `$d` is `$`, for the macro that it makes.
 macro_rules! kinds {
@@ -179,6 +184,9 @@ macro_rules! kinds {
             /// Several kinds of agents with a controller each.
             #[serde(rename = "team")]
             Team(Team),
+            /// A machine or a tree with modules in Python.
+            #[serde(rename = "python_modules")]
+            PythonModules(PythonModules),
         }
 
         /// Reads the fields of the kind with this name; none for an unknown name.
@@ -186,6 +194,7 @@ macro_rules! kinds {
             match name {
                 $($name => Some($Kind::read(reader).map(Architecture::$Kind)),)+
                 TEAM => Some(Team::read(reader).map(Architecture::Team)),
+                PYTHON_MODULES => Some(PythonModules::read(reader).map(Architecture::PythonModules)),
                 _ => None,
             }
         }
@@ -195,6 +204,7 @@ macro_rules! kinds {
             match architecture {
                 $(Architecture::$Kind(_) => $Kind::SIZE,)+
                 Architecture::Team(_) => Team::SIZE,
+                Architecture::PythonModules(_) => PythonModules::SIZE,
             }
         }
 
@@ -204,6 +214,7 @@ macro_rules! kinds {
                 match $d architecture {
                     $(crate::Architecture::$Kind($d kind) => $d expression,)+
                     crate::Architecture::Team($d kind) => $d expression,
+                    crate::Architecture::PythonModules($d kind) => $d expression,
                 }
             };
         }

@@ -142,7 +142,9 @@ impl Scheduler {
     pub fn submit(&mut self, work: Work, now: Instant) {
         self.cancel();
         self.messages.begin(&self.config, work.seeds());
-        self.config.demand.kind = work.kind().map(str::to_owned);
+        self.config
+            .demand
+            .set_controllers(work.kind(), work.architecture());
         for (server, reason) in self.fleet.assign(&self.config.demand) {
             self.outbox
                 .warn(format!("server {server} is not used: it {reason}"));

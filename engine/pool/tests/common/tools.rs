@@ -67,6 +67,7 @@ fn config(metrics: &[&str], mode: Mode, name: &str, first_instance: u64) -> Conf
             actuators: Some(1),
             mode,
             kind: None,
+            modules: Vec::new(),
             metrics: metrics.iter().map(ToString::to_string).collect(),
         },
         parameters,

@@ -207,6 +207,7 @@ impl Announcement {
             controllers: keys.lenient("controllers").unwrap_or_default(),
             batch: keys.lenient("batch").filter(|most| *most > 0),
             lanes: keys.lenient("lanes").filter(|lanes| *lanes > 0),
+            modules: keys.lenient("modules").unwrap_or_default(),
             distributions: keys.lenient("distributions").unwrap_or_default(),
             sensors: keys.lenient("sensors"),
             actuators: keys.lenient("actuators"),
@@ -229,6 +230,8 @@ impl Announcement {
         insert(&mut object, "controllers", controllers);
         insert(&mut object, "batch", self.batch);
         insert(&mut object, "lanes", self.lanes);
+        let modules = (!self.modules.is_empty()).then(|| json!(self.modules));
+        insert(&mut object, "modules", modules);
         let distributions = Some(self.distributions.clone()).filter(|names| !names.is_empty());
         insert(&mut object, "distributions", distributions);
         insert(&mut object, "sensors", self.sensors);

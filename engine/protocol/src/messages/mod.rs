@@ -3,10 +3,13 @@
 //! They are rare, so they are read by way of a JSON tree, in which the last of repeated keys wins.
 
 mod codec;
+mod modules;
 
 use serde_json::{Map, Value};
 
 use crate::{Actuator, Fitness, Presence, Sensor, Status, ToServer, ToTool};
+
+pub use modules::{ModuleCode, missing_module};
 
 /// Any message, by topic.
 #[derive(Debug, Clone, PartialEq)]
@@ -71,6 +74,8 @@ pub struct Announcement {
     pub batch: Option<usize>,
     /// Episodes that are computed in about the time of one, when offloaded; none if it does not say.
     pub lanes: Option<usize>,
+    /// Behaviours and conditions in Python that the server has, for controllers of kind `python_modules`.
+    pub modules: Vec<ModuleCode>,
     /// Distributions from which the server makes genomes itself, when offloaded; none if it does not say.
     pub distributions: Vec<String>,
     /// Numbers in a sensor message.

@@ -214,6 +214,11 @@ impl Machine {
         let text = controller.to_string();
         let architecture =
             Architecture::from_json(&text).map_err(|error| invalid(error.to_string()))?;
+        if architecture.in_python().is_some() && self.identity.modules.is_empty() {
+            return Err(invalid(
+                "controller.kind: this server has no behaviours and conditions in Python; start it with --modules".to_owned(),
+            ));
+        }
         let description = &self.offers[index]
             .described(&message.parameters)
             .map_err(|error| invalid(error.to_string()))?;

@@ -11,7 +11,7 @@ use swarmwright_mqtt::{
     ConnectError, Connection, Event, PublishOptions, QoS, Settings, SettingsError, Subscription,
     TooLarge, Will,
 };
-use swarmwright_protocol::{MEDIA_TYPE, Presence, State, Topic, TopicError, Topics};
+use swarmwright_protocol::{MEDIA_TYPE, ModuleCode, Presence, State, Topic, TopicError, Topics};
 use swarmwright_worlds::{Scene, Simulation};
 
 use crate::evaluator::{Evaluator, SHORT};
@@ -51,6 +51,8 @@ pub struct Options {
     pub on_frame: Option<FrameHandler>,
     /// Where progress is written, for a process that supervises this one.
     pub progress: Option<Arc<Progress>>,
+    /// Behaviours and conditions in Python of which the simulation computes machines.
+    pub modules: Vec<ModuleCode>,
 }
 
 impl Options {
@@ -68,6 +70,7 @@ impl Options {
             alone: false,
             on_frame: None,
             progress: None,
+            modules: Vec::new(),
         })
     }
 }
@@ -157,7 +160,10 @@ impl SimulationServer {
             return Err(ServeError::NoSimulation);
         }
         let topics = Topics::new(&options.prefix)?;
-        let identity = Identity::new(options.id);
+        let identity = Identity {
+            modules: options.modules,
+            ..Identity::new(options.id)
+        };
         let mut machine = Machine::new(
             identity.clone(),
             simulations,

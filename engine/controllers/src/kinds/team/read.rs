@@ -63,10 +63,11 @@ fn group(item: &RawValue, last: bool) -> Result<TeamGroup, SpecificationError> {
     reader.end()?;
     let controller =
         Architecture::from_json(raw.get()).map_err(|error| within("controller", error))?;
-    if matches!(controller, Architecture::Team(_)) || !controller.steers() {
+    let computed = controller.team().is_none() && controller.in_python().is_none();
+    if !computed || !controller.steers() {
         return Err(wrong(
             "controller.kind",
-            "a team consists of controllers that steer agents, not of a team or a parameter_set",
+            "a team consists of controllers that steer agents, not of a team, a parameter_set or python_modules",
         ));
     }
     Ok(TeamGroup {

@@ -160,6 +160,22 @@ final class Fields {
     return texts;
   }
 
+  List<Fields> optionalObjects(String key) {
+    String expected = "a list of objects";
+    JsonArray values = array(key, expected);
+    if (values == null) {
+      return null;
+    }
+    List<Fields> objects = new ArrayList<>(values.size());
+    for (JsonElement value : values) {
+      if (!value.isJsonObject()) {
+        throw wrong(key, expected);
+      }
+      objects.add(new Fields(value.getAsJsonObject()));
+    }
+    return objects;
+  }
+
   /** At least one. */
   List<String> texts(String key) {
     List<String> texts = required(key, optionalTexts(key));

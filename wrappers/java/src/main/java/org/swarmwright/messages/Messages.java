@@ -7,6 +7,8 @@ import com.google.gson.JsonObject;
 import com.google.gson.ToNumberPolicy;
 import com.google.gson.reflect.TypeToken;
 import java.nio.charset.StandardCharsets;
+import java.util.ArrayList;
+import java.util.List;
 import java.util.Map;
 import java.util.Set;
 import java.util.function.DoubleFunction;
@@ -178,12 +180,30 @@ public final class Messages {
             fields.has("swarmwright") ? fields.lenient(() -> announcement(fields)) : null);
   }
 
+  private static List<Module> modules(Fields fields) {
+    List<Fields> modules = fields.optionalObjects("modules");
+    if (modules == null) {
+      return null;
+    }
+    List<Module> found = new ArrayList<>(modules.size());
+    for (Fields module : modules) {
+      found.add(
+          new Module()
+              .withRole(module.text("role"))
+              .withName(module.text("name"))
+              .withFile(module.optionalText("file"))
+              .withSha256(module.optionalText("sha256")));
+    }
+    return found;
+  }
+
   private static Swarmwright announcement(Fields capabilities) {
     Fields fields = capabilities.object("swarmwright");
     return new Swarmwright()
         .withVersion((int) Math.min(fields.id("version"), Integer.MAX_VALUE))
         .withModes(fields.lenient(() -> fields.optionalTexts("modes")))
         .withControllers(fields.lenient(() -> fields.optionalTexts("controllers")))
+        .withModules(fields.lenient(() -> modules(fields)))
         .withBatch(count(fields, "batch"))
         .withLanes(count(fields, "lanes"))
         .withDistributions(fields.lenient(() -> fields.optionalTexts("distributions")))

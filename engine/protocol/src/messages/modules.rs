@@ -1,0 +1,67 @@
+//! Behaviours and conditions in Python, of which servers announce the code that they have.
+
+use serde::{Deserialize, Serialize};
+
+/// The code of a behaviour or a condition.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ModuleCode {
+    /// behaviour or condition.
+    pub role: String,
+    /// Name of the class, or that under which it is installed.
+    pub name: String,
+    /// The file of the class, without its folder; none of one that is installed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub file: Option<String>,
+    /// SHA-256 of the code, in hexadecimal; none if it is not known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sha256: Option<String>,
+}
+
+/// Characters of a SHA-256 that are shown.
+const SHOWN: usize = 16;
+
+impl ModuleCode {
+    /// What an experiment, or `--modules`, calls it.
+    fn label(&self) -> String {
+        match &self.file {
+            Some(file) => format!("{file}:{}", self.name),
+            None => self.name.clone(),
+        }
+    }
+
+    fn is_same(&self, other: &Self) -> bool {
+        let same = |own: &str| other.sha256.as_deref() == Some(own);
+        self.has_name_of(other) && self.sha256.as_deref().is_none_or(same)
+    }
+
+    fn has_name_of(&self, other: &Self) -> bool {
+        self.role == other.role && self.name == other.name
+    }
+
+    fn shown(&self) -> &str {
+        let sha256 = self.sha256.as_deref().unwrap_or("unknown");
+        sha256.get(..SHOWN).unwrap_or(sha256)
+    }
+}
+
+/// Why a server that has these modules cannot compute machines that need those; none if it can.
+#[must_use]
+pub fn missing_module(announced: &[ModuleCode], needed: &[ModuleCode]) -> Option<String> {
+    let one = needed
+        .iter()
+        .find(|one| !announced.iter().any(|other| one.is_same(other)))?;
+    let (role, label) = (&one.role, one.label());
+    Some(
+        match announced.iter().find(|other| one.has_name_of(other)) {
+            Some(other) => format!(
+                "has other code of {role} '{label}' (SHA-256 {}.., expected {}..); start it with the code that the controllers \
+             were designed with, and with that which it imports",
+                other.shown(),
+                one.shown()
+            ),
+            None => {
+                format!("has no {role} '{label}'; start it with --modules {label}")
+            }
+        },
+    )
+}
