@@ -21,6 +21,7 @@ from swarmwright.core.engine_types import (
     ServerEvent,
     Timeouts,
 )
+from swarmwright.evaluation.served_modules import ServedModules
 from swarmwright.simulations.hosts import AnyHost
 
 __all__ = [
@@ -949,6 +950,7 @@ def serve(
     alone: bool = False,
     on_event: Callable[[ServerEvent], None] | None = None,
     progress: str | None = None,
+    modules: ServedModules | None = None,
 ) -> None:
     """Offer a simulation, built in (its title) or in Python, on the broker until interrupted (KeyboardInterrupt) or the process ends.
 
@@ -956,7 +958,8 @@ def serve(
     in which six little-endian uint64 say what is computed of offloaded work: request, first candidate in it, candidates (0: none),
     episode in it (2**64 - 1: all), evaluations that have ended, signs of life (one a step at most each 20 ms).
 
-    step_timeout: seconds that a step may wait for actuators; None for the default. Raises NoBrokerError, EngineError: refused, id taken.
+    step_timeout: seconds that a step may wait for actuators; None for the default. modules: behaviours and conditions in Python, of
+    which the server evaluates machines. Raises NoBrokerError, EngineError: refused, id taken.
     """
 
 def servers(broker: str, *, prefix: str = "", wait: float = 1.0) -> list[Presence]:
@@ -1026,6 +1029,7 @@ class Pool:
         faults: Faults | None = None,
         largest: int | None = None,
         alone: bool = False,
+        controller: dict[str, Any] | None = None,
     ) -> Pool:
         """Connects and discovers. Raises NoBrokerError, EngineError (refused) or InputError.
 
@@ -1033,7 +1037,8 @@ class Pool:
         evaluations in one request, None for no limit. metrics: names of what is needed beside the fitness; a server that
         does not announce one of them is not used. visual: servers show their runs, which are stepwise then. alone: all servers on
         the broker are this process's own; without, a moment is waited in case two of them have one id. timeouts, faults: what
-        they lack has the default of `TIMEOUTS`, `FAULTS`.
+        they lack has the default of `TIMEOUTS`, `FAULTS`. controller: specification of the controllers, if it is known before they
+        come: servers that cannot evaluate them are not used.
         """
     def wait_for_server(self, *, sizes: bool = True) -> tuple[int, int]:
         """Block until a fitting server is there; (sensors, actuators). Raises EngineError naming what was required and what was found."""

@@ -13,6 +13,7 @@ mod lanes;
 mod local;
 mod log;
 mod methods;
+mod modules;
 mod operators;
 mod physics;
 mod pool;

@@ -3,12 +3,13 @@
 use numpy::{PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use serde_json::Value;
 use swarmwright_mqtt::Settings;
 use swarmwright_pool::{About, Attempt, Demand, Options, Pool, PoolError, Report, Timeouts};
 use swarmwright_protocol::Requirements;
 
 use crate::errors::{engine, input, unconnected};
-use crate::genomes::work;
+use crate::genomes::{architecture, work};
 use crate::results::{Fitness, Metrics, arrays};
 use crate::sample::PySample;
 use crate::supervision::PySupervision;
@@ -58,7 +59,7 @@ pub fn error(error: &PoolError) -> PyErr {
 impl PyPool {
     #[new]
     #[pyo3(signature = (broker, *, simulation, parameters, requirements, sensors=None, actuators=None, prefix="", tool="",
-        mode="auto", metrics=None, visual=false, timeouts=None, faults=None, largest=None, alone=false))]
+        mode="auto", metrics=None, visual=false, timeouts=None, faults=None, largest=None, alone=false, controller=None))]
     #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
     fn new(
         py: Python<'_>,
@@ -77,6 +78,7 @@ impl PyPool {
         faults: Option<&Bound<'_, PyDict>>,
         largest: Option<usize>,
         alone: bool,
+        controller: Option<&Bound<'_, PyDict>>,
     ) -> PyResult<Self> {
         let requirements = Requirements::from_object(object("requirements", requirements)?)
             .map_err(|error| input(format!("requirements: {error}")))?;
@@ -89,20 +91,26 @@ impl PyPool {
         let faults = faults.map(|given| section("faults", given)).transpose()?;
         let mut settings = Settings::from_environment(broker).map_err(input)?;
         settings.keep_alive = timeouts.keep_alive.unwrap_or(settings.keep_alive);
+        let mut demand = Demand {
+            simulation,
+            requirements,
+            sensors,
+            actuators,
+            mode: mode.parse().map_err(input)?,
+            kind: None,
+            modules: Vec::new(),
+            metrics: needed,
+        };
+        if let Some(controller) = controller {
+            let (architecture, given) = architecture(controller)?;
+            let kind = given.get("kind").and_then(Value::as_str);
+            demand.set_controllers(kind, &architecture);
+        }
         let options = Options {
             settings,
             prefix: prefix.to_owned(),
             tool: tool.to_owned(),
-            demand: Demand {
-                simulation,
-                requirements,
-                sensors,
-                actuators,
-                mode: mode.parse().map_err(input)?,
-                kind: None,
-                modules: Vec::new(),
-                metrics: needed,
-            },
+            demand,
             parameters: object("parameters", parameters)?,
             visual,
             timeouts,

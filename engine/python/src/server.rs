@@ -11,12 +11,13 @@ use swarmwright_worlds::{TextStyle, render};
 use swarmwright_wrapper::{Notice, Options, Progress, Scene, ServeError, SimulationServer};
 
 use crate::errors::{engine, input, unconnected};
+use crate::modules::{WithModules, announced};
 use crate::simulation::watched;
 use crate::values::to_python;
 
 /// Offers a simulation until interrupted.
 #[pyfunction]
-#[pyo3(signature = (simulation, broker, *, id, prefix="", step_timeout=None, display=true, alone=false, on_event=None, progress=None))]
+#[pyo3(signature = (simulation, broker, *, id, prefix="", step_timeout=None, display=true, alone=false, on_event=None, progress=None, modules=None))]
 #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
 pub fn serve(
     py: Python<'_>,
@@ -29,11 +30,16 @@ pub fn serve(
     alone: bool,
     on_event: Option<Py<PyAny>>,
     progress: Option<PathBuf>,
+    modules: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<()> {
     let progress = progress.map(|path| Progress::open(&path)).transpose()?;
     let progress = progress.map(Arc::new);
-    let simulation = watched(simulation, progress.clone())?;
+    let mut simulation = watched(simulation, progress.clone())?;
     let mut options = Options::new(id, broker).map_err(input)?;
+    if let Some(modules) = modules {
+        simulation = Box::new(WithModules::new(simulation, modules, progress.clone())?);
+        options.modules = announced(modules)?;
+    }
     // Python has told, for all servers together.
     options.settings.clear_text_is_known = true;
     prefix.clone_into(&mut options.prefix);

@@ -40,7 +40,8 @@ LARGEST_ID = 2**31 - 1
 @click.command(
     "serve",
     cls=Command,
-    example="swarmwright serve minisim --count 4\nswarmwright serve gather.py:Gather --broker mqtt://localhost:1883",
+    example="swarmwright serve minisim --count 4\nswarmwright serve gather.py:Gather --broker mqtt://localhost:1883\n"
+    "swarmwright serve arena --modules spiral_modules.py:Spiral,spiral_modules.py:Elapsed",
 )
 @click.argument("simulation", metavar="SIMULATION")
 @broker_option(default=DEFAULT_BROKER, text="Address of the broker.")
@@ -86,6 +87,14 @@ LARGEST_ID = 2**31 - 1
     help="On SIGTERM, how long a server may go on with the request that it computes; a second signal ends it "
     "at once.",
 )
+@click.option(
+    "--modules",
+    multiple=True,
+    metavar="MODULE,..",
+    help="Behaviours and conditions in Python that the servers have, as path/to/file.py:Class or by the "
+    "names under which packages install them; can be repeated. Without them no machines of such modules are "
+    "evaluated.",
+)
 @observe_options
 @trust_option
 @json_option
@@ -100,6 +109,7 @@ def command(
     wait: float | None,
     broker_timeout: float | None,
     grace: float,
+    modules: tuple[str, ...],
     log: Path | None,
     log_level: str,
     log_size: int | None,
@@ -117,12 +127,15 @@ def command(
     """
     simulation = _named(simulation)
     title = _title(simulation)
+    names = [name.strip() for text in modules for name in text.split(",")]
+    title += _with(names)
     if first is None:
         first = 1 + secrets.randbelow(LARGEST_ID - count + 1)
     elif first + count - 1 > LARGEST_ID:
         raise click.UsageError(f"--id {first} with --count {count} passes the largest id, {LARGEST_ID}.")
     shared = {
         "simulation": simulation,
+        "modules": names,
         "broker": broker,
         "prefix": prefix,
         "step_timeout": step_timeout,
@@ -215,6 +228,15 @@ def _title(simulation: str) -> str:
             f"{unknown('simulation', simulation, known)}; a class in Python is named like file.py:Class"
         )
     return simulation
+
+
+def _with(modules: Sequence[str]) -> str:
+    """Which modules are offered, in words; errors are reported before any server is started."""
+    if not modules:
+        return ""
+    from swarmwright.evaluation.module_code import offered
+
+    return f" with {', '.join(dict.fromkeys(name for _, name in offered(modules)))}"
 
 
 class Reporter:

@@ -110,7 +110,7 @@ class Catalogue:
         """Return the modules of a controller; of one of the kind `modules` all of the engine's."""
         if specification.get("kind") != PYTHON_KIND:
             return cls(tuple(map(built_in, BEHAVIOURS)), tuple(map(built_in, CONDITIONS)))
-        return cls(*(tuple(map(_module, specification[key])) for key in ("behaviours", "conditions")))
+        return cls(*(tuple(map(module_of, specification[key])) for key in ("behaviours", "conditions")))
 
     @property
     def in_python(self) -> bool:
@@ -146,7 +146,8 @@ class Catalogue:
         return next(one for one in self.conditions if one.name == name)
 
 
-def _module(entry: Mapping[str, Any]) -> Module:
+def module_of(entry: Mapping[str, Any]) -> Module:
+    """Return a module as specifications hold it."""
     ranges = {name: (low, high, bool(whole)) for name, (low, high, whole) in entry["parameters"].items()}
     return Module(str(entry["name"]), ranges, str(entry.get("file", "")), str(entry.get("sha256", "")))
 

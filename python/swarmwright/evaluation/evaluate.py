@@ -125,13 +125,12 @@ def episode(
     seed = experiment.first_seed if seed is None else seed
     if not 0 <= seed < 2**63:
         raise InputError(f"seed: must be from 0 to 2**63 - 1, not {seed}")
+    specification = None if controller is None else controller.specification
     if servers is None and broker is None and experiment.broker is None and experiment.servers not in HERE:
-        servers = 1
-    in_python = controller is not None and controller.in_python
-    if experiment.in_python or in_python:
-        servers = None if servers == 1 else servers
+        in_python = experiment.in_python or (controller is not None and controller.in_python)
+        servers = "in-process" if in_python else 1
     with open_backend(
-        experiment, broker=broker, servers=servers, visual=visual, most=1, in_python=in_python
+        experiment, broker=broker, servers=servers, visual=visual, most=1, controller=specification
     ) as backend:
         if controller is None:
             representation = experiment.representation(backend.sensors, backend.actuators)

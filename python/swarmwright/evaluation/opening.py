@@ -3,10 +3,10 @@
 import logging
 import secrets
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from types import MappingProxyType
-from typing import cast
+from typing import Any, cast
 
 from swarmwright import _engine
 from swarmwright.broker.address import broker_problem
@@ -14,6 +14,7 @@ from swarmwright.broker.credentials import prepare
 from swarmwright.broker.waiting import patiently
 from swarmwright.core.engine_types import Faults, Requirements, Timeouts
 from swarmwright.core.errors import InputError, RunError, engine_errors
+from swarmwright.core.modules import ACTUATORS, SENSORS
 from swarmwright.core.notebook import in_notebook
 from swarmwright.core.server_use import ServerUses
 from swarmwright.core.simulation_names import LIBRARIES, is_command, is_python
@@ -28,6 +29,7 @@ from swarmwright.evaluation.base import (
     metrics_of,
 )
 from swarmwright.evaluation.launched import LaunchedServers, start
+from swarmwright.evaluation.module_code import is_in_python, names_of, with_digests
 from swarmwright.evaluation.through_broker import BrokerBackend
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.launchers._entries import Entries
@@ -52,7 +54,7 @@ def open_backend(
     wait: float | None = None,
     most: int | None = None,
     metrics: Sequence[str] = (),
-    in_python: bool = False,
+    controller: Mapping[str, Any] | None = None,
     earlier: ServerUses = MappingProxyType({}),
 ) -> Iterator[Backend]:
     """Start what an experiment needs and yield the backend; end all of it afterwards.
@@ -66,7 +68,7 @@ def open_backend(
         wait: seconds to wait for a broker that does not answer, instead of the experiment's.
         most: evaluations that there are, if that is known: no more worker processes are started for `local`.
         metrics: asked for beside those that the fitness needs.
-        in_python: controllers are machines with modules in Python, although the experiment's are not.
+        controller: specification of the controllers, where they are not the experiment's.
         earlier: use of launchers' servers in earlier sessions of the run, which counts for their budgets.
 
     Raises:
@@ -77,10 +79,13 @@ def open_backend(
     wanted = chosen(experiment, servers)
     if broker is None and servers not in HERE and wanted not in HERE:
         broker = experiment.broker
-    if experiment.in_python or in_python:
-        _require_alone(experiment, broker, wanted, visual=visual)
-        yield _in_process(experiment, metrics, in_python=True)
-        return
+    machines = _machines(experiment, controller)
+    if machines is not None:
+        _require_offloaded(experiment, visual=visual)
+        if broker is None and wanted in ("auto", *HERE):
+            require_here(experiment)
+            yield _in_process(experiment, metrics, in_python=True)
+            return
     if broker is None and wanted == "auto" and not visual and in_process_is_better(experiment):
         wanted = "local"
     if broker is None and wanted in HERE and not visual:
@@ -93,12 +98,19 @@ def open_backend(
         environment: Callable[[], AbstractContextManager[None]]
         if isinstance(wanted, tuple):
             local = launched = open_launched(
-                stack, experiment, broker, wanted, visual=visual, earlier=earlier
+                stack, experiment, broker, wanted, visual=visual, earlier=earlier, machines=machines
             )
             address, environment = launched.access.address, launched.access.environment
         else:
             address, local = open_servers(
-                stack, experiment, broker, wanted, started=servers, visual=visual, most=most
+                stack,
+                experiment,
+                broker,
+                wanted,
+                started=servers,
+                visual=visual,
+                most=most,
+                modules=[] if machines is None else names_of([machines]),
             )
             environment = nullcontext
         patience = experiment.timeouts.connect if wait is None else wait
@@ -111,6 +123,7 @@ def open_backend(
                     visual=visual and not is_command(experiment.simulation),
                     alone=broker is None,
                     metrics=metrics_of(experiment.fitness_expression, metrics),
+                    machines=machines,
                 ),
                 patience,
                 logging.getLogger("swarmwright").warning,
@@ -152,9 +165,9 @@ def is_here(experiment: Experiment, broker: str | None, servers: Servers | None)
     wanted = chosen(experiment, servers)
     if broker is not None or wanted in HERE:
         return broker is None
-    if experiment.in_python:
-        return experiment.broker is None
-    return wanted == "auto" and experiment.broker is None and in_process_is_better(experiment)
+    if wanted != "auto" or experiment.broker is not None:
+        return False
+    return experiment.in_python or in_process_is_better(experiment)
 
 
 def has_workers(simulation: str) -> bool:
@@ -181,6 +194,7 @@ def open_servers(
     started: Servers | None,
     visual: bool = False,
     most: int | None = None,
+    modules: Sequence[str] = (),
 ) -> tuple[str, LocalServers | None]:
     """Start the embedded broker and servers as far as they are needed; they end with the stack.
 
@@ -192,6 +206,7 @@ def open_servers(
         started: what the caller asked for, instead of the experiment.
         visual: let the servers draw.
         most: as in `open_backend`.
+        modules: names of the behaviours and conditions in Python that the servers have.
 
     Returns:
         The broker's address, and the servers; None when none were started.
@@ -219,6 +234,7 @@ def open_servers(
         {
             "simulation": experiment.simulation,
             "files": files,
+            "modules": list(modules),
             "broker": address,
             "id": first + index,
             "prefix": experiment.prefix,
@@ -246,6 +262,7 @@ def open_launched(
     *,
     visual: bool = False,
     earlier: ServerUses = MappingProxyType({}),
+    machines: Mapping[str, Any] | None = None,
 ) -> LaunchedServers:
     """Start the servers of launchers, and the embedded broker if there is no other; they end with the stack.
 
@@ -256,11 +273,17 @@ def open_launched(
         raise InputError("visual: servers of launchers draw nowhere; leave it out, or take servers: 1")
     if experiment.simulation.startswith("__main__:"):
         raise InputError(_SESSION.format(experiment.label))
-    return start(stack, experiment, entries, broker, earlier)
+    return start(stack, experiment, entries, broker, earlier, machines)
 
 
 def _pool(
-    experiment: Experiment, address: str, *, visual: bool, alone: bool, metrics: tuple[str, ...]
+    experiment: Experiment,
+    address: str,
+    *,
+    visual: bool,
+    alone: bool,
+    metrics: tuple[str, ...],
+    machines: Mapping[str, Any] | None,
 ) -> _engine.Pool:
     return _engine.Pool(
         address,
@@ -277,6 +300,7 @@ def _pool(
         timeouts=cast("Timeouts", experiment.timeouts.model_dump()),
         faults=cast("Faults", experiment.faults.model_dump()),
         alone=alone,
+        controller=None if machines is None else with_digests(machines),
     )
 
 
@@ -311,20 +335,31 @@ def require_here(experiment: Experiment) -> None:
         )
 
 
-def _require_alone(experiment: Experiment, broker: str | None, wanted: Chosen, *, visual: bool) -> None:
-    """Raise InputError where machines with modules in Python would have to be evaluated elsewhere."""
+def _machines(experiment: Experiment, controller: Mapping[str, Any] | None) -> Mapping[str, Any] | None:
+    """Return the specification of machines with modules in Python; None for other controllers."""
+    if controller is not None and is_in_python(controller):
+        return controller
+    return experiment.representation(SENSORS, ACTUATORS).architecture() if experiment.in_python else None
+
+
+def modules_of(experiments: Iterable[Experiment]) -> list[str]:
+    """Return the names of all behaviours and conditions in Python that servers need for experiments."""
+    machines = (_machines(one, None) for one in experiments)
+    return names_of(one for one in machines if one is not None)
+
+
+def _require_offloaded(experiment: Experiment, *, visual: bool) -> None:
+    """Raise InputError where machines with modules in Python would have to be stepped through the broker."""
     reason = (
-        "behaviours and conditions in Python are evaluated in this process alone; leave it out, or take "
-        "modules of the engine"
+        "behaviours and conditions in Python are evaluated where their code is, in this process or on a "
+        "server that has it"
     )
-    if broker is not None:
-        raise InputError(f"broker: {broker}: {reason}")
-    if isinstance(wanted, int | tuple):
-        asked = wanted if isinstance(wanted, int) else wanted[0].launcher
-        raise InputError(f"servers: {asked}: {reason}")
     if visual:
-        raise InputError(f"visual: {reason}")
-    require_here(experiment)
+        raise InputError(f"visual: {reason}, and not shown there; `swarmwright replay` shows a run's")
+    if experiment.mode not in {"auto", "offloaded"}:
+        raise InputError(
+            f"{experiment.place('mode')}{experiment.mode}: {reason}: leave it out, or take offloaded"
+        )
 
 
 def _in_process(experiment: Experiment, metrics: Sequence[str], *, in_python: bool = False) -> Backend:

@@ -3,9 +3,10 @@
 Arguments: a file descriptor, to which events go as JSON lines, then the arguments of `_engine.serve` as a
 JSON object, where a simulation in Python is named by its class, `wait`, seconds for a broker that does not
 answer, `files`, path -> SHA-256, which the source of the class must have: all servers of a run compute the
-same, `visual`, whether a command is to show its episodes, `progress`, the descriptor of a file in which it
-says what it computes, `grace`, seconds for which it may go on with a request when SIGTERM arrives, and
-`marked`, whether what it prints is to say for which candidate.
+same, `modules`, names of the behaviours and conditions in Python that it has, `visual`, whether a command is
+to show its episodes, `progress`, the descriptor of a file in which it says what it computes, `grace`, seconds
+for which it may go on with a request when SIGTERM arrives, and `marked`, whether what it prints is to say for
+which candidate.
 
 Events are what `_engine.serve` reports, {"event": "waiting", "server", "message"} while no broker answers,
 {"event": "failure", "server", "message", "traceback"} when the code of a simulation in Python fails, and
@@ -102,6 +103,15 @@ def _simulation(name: str, files: dict[str, str], failed: Callable[[str, str], N
     return hosted(kind, failed)
 
 
+def _modules(names: list[str], simulation: Any, failed: Callable[[str, str], None]) -> Any:  # noqa: ANN401 - as the engine takes it
+    """Return the behaviours and conditions in Python that this server has."""
+    from swarmwright.evaluation.served_modules import ServedModules  # noqa: PLC0415 - NumPy, only for such servers
+    from swarmwright.simulations import loading  # noqa: PLC0415 - as above
+
+    loading.serving = True
+    return ServedModules(names, simulation, failed)
+
+
 def _prepare(settings: dict[str, Any]) -> None:
     """Have crashes and hangs leave a stack, and what is printed marks."""
     faulthandler.enable(2)
@@ -152,6 +162,9 @@ def _serve(events: int, settings: dict[str, Any]) -> int:
         with engine_errors():
             name, files = settings.pop("simulation"), settings.pop("files", {})
             simulation = _simulation(name, files, failed, visual=settings.pop("visual", False))
+            names = settings.pop("modules", [])
+            if names:
+                settings["modules"] = _modules(names, simulation, failed)
             wait = settings.pop("wait", 0.0)
             patiently(lambda: _engine.serve(simulation, **settings, on_event=report), wait, waiting)
     except SwarmwrightError as error:

@@ -23,6 +23,7 @@ from swarmwright.evaluation.base import (
     apply_expression,
     metrics_of,
 )
+from swarmwright.evaluation.module_code import is_in_python, with_digests
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.simulations import catalogue
 from swarmwright.store import Journal
@@ -73,9 +74,9 @@ class BrokerBackend:
     def evaluator(self, architecture: dict[str, Any]) -> None:
         """Return None: servers evaluate."""
 
-    def ahead(self, architecture: dict[str, Any]) -> _engine.Pool | None:  # noqa: ARG002 - any
-        """Return the pool; None where the experiment has its own fitness."""
-        return self._pool if self._expression is None else None
+    def ahead(self, architecture: dict[str, Any]) -> _engine.Pool | None:
+        """Return the pool; None where the experiment has its own fitness, or modules in Python."""
+        return None if self._expression is not None or is_in_python(architecture) else self._pool
 
     def count_failed(self, results: Results) -> None:
         """Do nothing: the pool counts."""
@@ -149,7 +150,7 @@ class BrokerBackend:
 
         with engine_errors():
             fitness, metrics, attempts, warnings = self._pool.evaluate(
-                controllers.architecture,
+                with_digests(controllers.architecture),
                 controllers.weights,
                 list(seeds),
                 progress,
@@ -181,7 +182,8 @@ class BrokerBackend:
             on_progress(done, total, waiting_for)
 
         with engine_errors():
-            self._pool.stream(controllers.architecture, controllers.weights, list(seeds), take, progress)
+            architecture = with_digests(controllers.architecture)
+            self._pool.stream(architecture, controllers.weights, list(seeds), take, progress)
 
     def check(self) -> None:
         """Log servers that have been given up; raise RunError when none is left."""

@@ -1,6 +1,6 @@
 """What a launcher starts: the program, its arguments, its environment and its files."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import PurePosixPath
 
@@ -25,6 +25,8 @@ class Specification:
         password: of their account. Never put it into arguments of programs, which all users can list.
         authority: PEM text of the authority that signed the broker's certificate; None: the system's.
         code: of a custom simulation; None for one that is installed where the servers are.
+        modules: names of the behaviours and conditions in Python that the servers have, as
+            `swarmwright serve` takes them; of classes in files as `simulation`.
         sources: files on this machine, path -> SHA-256, which a server that runs here must find unchanged.
         environment: further variables.
         label: what jobs are called, such as `swarmwright-minisim`.
@@ -39,6 +41,7 @@ class Specification:
     password: str | None = field(default=None, repr=False)
     authority: str | None = field(default=None, repr=False)
     code: Code | None = field(default=None, repr=False)
+    modules: Sequence[str] = ()
     sources: Mapping[str, str] = field(default_factory=dict)
     environment: Mapping[str, str] = field(default_factory=dict)
     label: str = "swarmwright"
@@ -58,6 +61,7 @@ class Specification:
             *("--wait", f"{BROKER_TIMEOUT:g}"),
             *("--broker-timeout", f"{BROKER_TIMEOUT:g}"),
             *prefix,
+            *(word for name in self.modules for word in ("--modules", name)),
         ]
 
     def variables(self, folder: str, code: str | None = None) -> dict[str, str]:

@@ -109,6 +109,7 @@ class Process(Launcher):
         return {
             "simulation": specification.simulation,
             "files": dict(specification.sources),
+            "modules": list(specification.modules),
             "broker": specification.broker,
             "id": server,
             "prefix": specification.prefix,

@@ -59,8 +59,8 @@ REGISTRIES: Mapping[str, Registry[Behaviour] | Registry[Condition]] = {
 
 
 Kind = type[Behaviour] | type[Condition]
-_in_files: dict[tuple[str, str, str], tuple[Kind, modules.Module]] = {}
-"""What, class, SHA-256 -> what was imported from files."""
+_in_files: dict[tuple[str, str, str], tuple[Kind, modules.Module, Path]] = {}
+"""What, class, SHA-256 -> what was imported from files, and from which."""
 
 
 def module(what: str, name: str) -> modules.Module:
@@ -89,14 +89,7 @@ def implementation(what: str, known: modules.Module) -> Kind:
     Raises InputError where it is not installed, its file was not imported, or it has other parameters.
     """
     if known.file:
-        found = _in_files.get((what, known.name, known.sha256))
-        if found is None:
-            raise InputError(
-                f"{what} {known.name!r}: its code, {known.file} (SHA-256 {known.sha256[:16]}..), is not "
-                "known here; load the controller from its run folder, or from a file beside that code "
-                "(Controller.load)"
-            )
-        kind, there = found
+        kind, there, _ = _found(what, known)
     else:
         there, kind = _by_name(what, known.name), REGISTRIES[what].get(known.name)
     if there != known:
@@ -105,6 +98,26 @@ def implementation(what: str, known: modules.Module) -> Kind:
             "controller was designed; use the version of that time"
         )
     return kind
+
+
+def _found(what: str, known: modules.Module) -> tuple[Kind, modules.Module, Path]:
+    """Return what was imported of a module in a file. Raises InputError where it was not."""
+    found = _in_files.get((what, known.name, known.sha256))
+    if found is None:
+        raise InputError(
+            f"{what} {known.name!r}: its code, {known.file} (SHA-256 {known.sha256[:16]}..), is not "
+            "known here; load the controller from its run folder, or from a file beside that code "
+            "(Controller.load)"
+        )
+    return found
+
+
+def name_of(what: str, known: modules.Module) -> str:
+    """Return the name by which a module of a specification is imported: that of `module`.
+
+    Raises InputError where its file was not imported.
+    """
+    return f"{_found(what, known)[2]}:{known.name}" if known.file else known.name
 
 
 def find(specification: Mapping[str, Any], folder: Path) -> None:
@@ -150,7 +163,7 @@ def _from_file(what: str, name: str) -> modules.Module:
         )
     label = parsed.member
     made = modules.Module(label, _ranges(what, label, found), parsed.file.name, sha256)
-    _in_files[what, label, sha256] = (found, made)
+    _in_files[what, label, sha256] = (found, made, parsed.file.absolute())
     return made
 
 

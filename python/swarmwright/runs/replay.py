@@ -91,7 +91,8 @@ class Replay:
         played = Controller.load(controller) if controller is not None else Controller(chosen.specification)  # type: ignore[union-attr] # one of the two is there
         if broker is not None and played.in_python:
             raise InputError(
-                f"broker: {broker}: behaviours and conditions in Python are evaluated in this process alone"
+                f"broker: {broker}: behaviours and conditions in Python are shown in this process alone; "
+                "leave it out"
             )
         played_seed = seeds[number] if number is not None else seed or 0
         return cls(run, played, chosen, controller, number, played_seed, experiment, broker)

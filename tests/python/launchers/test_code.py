@@ -31,19 +31,45 @@ def test_imported_modules_and_named_files_travel(tmp_path: Path) -> None:
     (tmp_path / "unused.py").write_text("")
     (tmp_path / "gather.py").write_text("import walls\nclass Gather: pass\n")
     simulation = f"{tmp_path}/gather.py:Gather"
-    name, code = packed(simulation, ProcessOptions(files=["maps/*.json"]))
+    name, _, code = packed(simulation, [], ProcessOptions(files=["maps/*.json"]))
     assert name == "gather.py:Gather"
     assert code is not None
     code.unpack(tmp_path / "new")
     found = {str(path.relative_to(tmp_path / "new")) for path in (tmp_path / "new").rglob("*.*")}
     assert found == {"gather.py", "walls.py", "maps/hall.json"}
-    assert packed(simulation, ProcessOptions(code="/opt/gather")) == ("gather.py:Gather", None)
+    assert packed(simulation, [], ProcessOptions(code="/opt/gather")) == ("gather.py:Gather", [], None)
     for pattern, message in (("map/*.json", "there is no file"), ("../x", "must lie in")):
         with pytest.raises(InputError, match=f"servers: files: .*{message}"):
-            packed(simulation, ProcessOptions(files=[pattern]))
+            packed(simulation, [], ProcessOptions(files=[pattern]))
 
 
 def test_built_in_simulations_have_no_code() -> None:
-    assert packed("minisim", ProcessOptions()) == ("minisim", None)
+    assert packed("minisim", [], ProcessOptions()) == ("minisim", [], None)
     with pytest.raises(InputError, match="servers: code: the simulation is installed"):
-        packed("minisim", ProcessOptions(code="/opt"))
+        packed("minisim", [], ProcessOptions(code="/opt"))
+
+
+def test_each_module_travels_with_what_it_imports(tmp_path: Path) -> None:
+    for folder, speed in (("one", "1"), ("other", "2")):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "parts.py").write_text(
+            "import speeds\nclass Spiral: pass\nclass Elapsed: pass\n"
+        )
+        (tmp_path / folder / "speeds.py").write_text(f"SPEED = {speed}\n")
+    names = [f"{tmp_path}/one/parts.py:{name}" for name in ("Spiral", "Elapsed")]
+    name, modules, code = packed(
+        "arena", [*names, f"{tmp_path}/other/parts.py:Spiral", "installed"], ProcessOptions()
+    )
+    assert (name, modules[-1]) == ("arena", "installed")
+    assert code is not None
+    code.unpack(tmp_path / "new")
+    places = [tmp_path / "new" / one.rpartition(":")[0] for one in modules[:-1]]
+    assert places[0] == places[1] != places[2]
+    assert [(place.parent / "speeds.py").read_text() for place in places] == [
+        "SPEED = 1\n",
+        "SPEED = 1\n",
+        "SPEED = 2\n",
+    ]
+    assert [one.rpartition(":")[2] for one in modules[:-1]] == ["Spiral", "Elapsed", "Spiral"]
+    at = packed("arena", names, ProcessOptions(code="/opt"))
+    assert at == ("arena", ["parts.py:Spiral", "parts.py:Elapsed"], None)

@@ -111,22 +111,3 @@ def test_a_design_knows_the_ranges_that_it_was_made_with(install: Install) -> No
     install(CODE.replace("Parameter(1, 20", "Parameter(1, 30"))
     with pytest.raises(InputError, match="behaviour 'wander': has other parameters, or other ranges"):
         Controller(specification)
-
-
-@pytest.mark.parametrize(
-    ("servers", "broker", "message"),
-    [
-        (2, None, "servers: 2: behaviours and conditions in Python are evaluated in this process"),
-        (None, "mqtt://127.0.0.1:1", "broker: mqtt://127.0.0.1:1: behaviours and conditions in Python"),
-    ],
-)
-def test_servers_do_not_evaluate_them(
-    own: Path,  # noqa: ARG001 - installs the modules
-    servers: int | None,
-    broker: str | None,
-    message: str,
-) -> None:
-    experiment = Experiment.from_mapping(EXPERIMENT)
-    with pytest.raises(InputError) as caught:
-        evaluate(experiment, np.zeros((1, experiment.genome_size)), servers=servers, broker=broker)
-    assert message in str(caught.value)

@@ -142,8 +142,10 @@ class Executor:
         # Servers are started for the first simulation on the broker, then on the same one for the others.
         started: Servers | None = self._servers
         for experiment in experiments.values():
+            same = (one.experiment for one in self._sweep.variants)
+            modules = opening.modules_of([one for one in same if one.simulation == experiment.simulation])
             address, local = opening.open_servers(
-                self._stack, experiment, self._broker, wanted, started=started
+                self._stack, experiment, self._broker, wanted, started=started, modules=modules
             )
             if local is None:
                 self._broker = address

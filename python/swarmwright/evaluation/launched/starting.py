@@ -2,9 +2,11 @@
 
 import os
 import shlex
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 from swarmwright.broker.address import for_other_machines
 from swarmwright.broker.credentials import prepare
@@ -14,6 +16,7 @@ from swarmwright.core.simulation_names import is_python
 from swarmwright.evaluation.launched.access import Access, Credentials, embedded, own_address
 from swarmwright.evaluation.launched.packing import packed
 from swarmwright.evaluation.launched.servers import Entry, LaunchedServers
+from swarmwright.evaluation.module_code import names_of
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.launchers import LAUNCHERS, LauncherOptions, Specification
 from swarmwright.launchers._entries import Entries
@@ -29,6 +32,7 @@ def start(
     entries: Entries,
     broker: str | None,
     earlier: ServerUses = MappingProxyType({}),
+    machines: Mapping[str, Any] | None = None,
 ) -> LaunchedServers:
     """Start the servers of all entries; they end with the stack.
 
@@ -38,12 +42,14 @@ def start(
         entries: what is started where.
         broker: an external one; None: the embedded one is started.
         earlier: use of servers in earlier sessions of the run, which counts for budgets.
+        machines: specification of machines with modules in Python, whose code the servers need.
 
     Raises:
         InputError: the code cannot be packed, credentials cannot be read, or there are too many servers.
         RunError: a launcher cannot be used, or no server starts; with the launcher's own words.
     """
     names = _names(entries)
+    modules = [] if machines is None else names_of([machines])
     hosts = {name: _host(one) for name, one in zip(names, entries, strict=True)}
     if broker is None:
         most = sum(one.most for one in entries)
@@ -66,6 +72,7 @@ def start(
             name,
             None if broker is not None else hosts[name],
             here=component.is_here,
+            modules=modules,
         )
         launchers[name] = Entry(
             name, component(options, specification), options, earlier=earlier.get(name, ServerUse())
@@ -105,8 +112,11 @@ def _specification(
     host: str | None,
     *,
     here: bool,
+    modules: Sequence[str],
 ) -> Specification:
-    simulation, code = (experiment.simulation, None) if here else packed(experiment.simulation, options)
+    simulation, code = experiment.simulation, None
+    if not here:
+        simulation, modules, code = packed(simulation, modules, options)
     own = _credentials(options) if host is None else None
     credentials = own or access.servers.get(name, Credentials())
     address = access.address_for(host)
@@ -126,6 +136,7 @@ def _specification(
         password=credentials.password,
         authority=credentials.authority,
         code=code,
+        modules=modules,
         sources=files_of(simulation) if here and is_python(simulation) else {},
         environment={**experiment.timeouts.variables(), **options.environment},
         label=f"swarmwright-{experiment.label}",

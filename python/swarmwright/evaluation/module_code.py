@@ -1,0 +1,113 @@
+"""The code of behaviours and conditions in Python, by which servers that have it are found."""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import cache
+from typing import Any
+
+from swarmwright.core import modules
+from swarmwright.core.errors import InputError
+from swarmwright.core.modules import PYTHON_KIND, Catalogue, Module
+from swarmwright.core.simulation_names import SimulationName
+from swarmwright.modules import Condition
+from swarmwright.modules._registered import REGISTRIES, module, name_of
+from swarmwright.simulations.loading import code_in
+from swarmwright.user_code import trust
+from swarmwright.user_code.parts import of_plug_in, part_of
+
+ROLES = {"behaviour": "behaviours", "condition": "conditions"}
+"""What a module is -> the key of specifications that lists such modules."""
+
+
+def is_in_python(architecture: Mapping[str, Any]) -> bool:
+    """Whether controllers are machines with modules in Python."""
+    return architecture.get("kind") == PYTHON_KIND
+
+
+def sha256_of(role: str, known: Module) -> str | None:
+    """Return the SHA-256 of a module's code; None where an installed one has no source to look at."""
+    return known.sha256 if known.file else _sha256_of_installed(role, known.name)
+
+
+@cache
+def _sha256_of_installed(role: str, name: str) -> str | None:
+    part = of_plug_in(part_of(role, name), name)
+    return None if part is None else trust.digest_of(part.digests)
+
+
+def with_digests(architecture: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a specification with the SHA-256 of the code of installed modules as well.
+
+    Controllers know it of modules in files only; servers must have the code that is here. Raises InputError
+    for modules that are not installed.
+    """
+    if not is_in_python(architecture):
+        return dict(architecture)
+    found = dict(architecture)
+    for role, key in ROLES.items():
+        entries = []
+        for entry in architecture[key]:
+            known = modules.module_of(entry)
+            sha256 = None if known.built_in else sha256_of(role, known)
+            entries.append(dict(entry) if sha256 is None else {**entry, "sha256": sha256})
+        found[key] = entries
+    return found
+
+
+def in_python(architecture: Mapping[str, Any]) -> Iterator[tuple[str, Module]]:
+    """Yield the modules in Python of a specification: behaviour or condition, and module."""
+    catalogue = Catalogue.of(architecture)
+    for role, parts in (("behaviour", catalogue.behaviours), ("condition", catalogue.conditions)):
+        yield from ((role, one) for one in parts if not one.built_in)
+
+
+def names_of(architectures: Iterable[Mapping[str, Any]]) -> list[str]:
+    """Return how servers are told which modules machines need: file:Class, or the name of an installed one.
+
+    Raises InputError for modules that are not here.
+    """
+    found = [name_of(*one) for architecture in architectures for one in in_python(architecture)]
+    return list(dict.fromkeys(found))
+
+
+def offered(names: Sequence[str]) -> dict[tuple[str, str], list[Module]]:
+    """Import modules by their names.
+
+    names: file:Class, or that of an installed module, or of both a behaviour and a condition.
+
+    Returns:
+        What there is by role and name; of a name in two files two.
+
+    Raises InputError for names of nothing, and for modules that are not right.
+    """
+    found: dict[tuple[str, str], list[Module]] = {}
+    for name in names:
+        if modules.is_in_file(name):
+            roles = [_role_in_file(name)]
+        else:
+            roles = [role for role in ROLES if name in REGISTRIES[role].names()]
+            if not roles:
+                known = sorted(
+                    {one for role in ROLES for one in REGISTRIES[role].names() if not _is_built_in(one)}
+                )
+                there = f"installed are {', '.join(known)}" if known else "none is installed"
+                raise InputError(
+                    f"modules: {name!r} is unknown; {there}; one in a file is named like file.py:Class"
+                )
+        for role in roles:
+            one = module(role, name)
+            if one.built_in:
+                raise InputError(f"modules: {name!r} is one of the engine's, which every server has")
+            found.setdefault((role, one.name), []).append(one)
+    return found
+
+
+def _is_built_in(name: str) -> bool:
+    return name in modules.BEHAVIOURS or name in modules.CONDITIONS
+
+
+def _role_in_file(name: str) -> str:
+    """Return what the class in a file is; behaviour for what is neither, for the message of that."""
+    parsed = SimulationName.parse(name)
+    assert parsed.file is not None
+    kind = getattr(code_in(parsed.file)[0], parsed.member, None)
+    return "condition" if isinstance(kind, type) and issubclass(kind, Condition) else "behaviour"
