@@ -81,13 +81,13 @@ def command(
     output.json({"picture": str(target), "kind": specification["kind"]})
 
 
-def _described(simulation: str | None) -> dict[str, Any] | None:
-    """Return the description of a simulation; None if it is not available here."""
+def _described(simulation: str | None, parameters: dict[str, Any] | None = None) -> dict[str, Any] | None:
+    """Return the description of a simulation with parameters; None if it is not available here."""
     from swarmwright.simulations import catalogue
 
     if simulation is None or not catalogue.is_described(simulation):
         return None
-    return catalogue.description(simulation)
+    return catalogue.description(simulation, parameters)
 
 
 def _described_by_run(run: "Run", generation: int) -> dict[str, Any] | None:
@@ -97,7 +97,8 @@ def _described_by_run(run: "Run", generation: int) -> dict[str, Any] | None:
     from swarmwright.user_code import notices
 
     try:
-        return _described(used_for(run, generation).simulation)
+        experiment = used_for(run, generation)
+        return _described(experiment.simulation, experiment.parameters)
     except InputError as error:
         notices.say(f"sensors and actuators are numbered, since the simulation has no names here: {error}")
         return None

@@ -228,7 +228,7 @@ def _described(run: "Run", part: Member | None) -> Mapping[str, Any]:
     is_ros = SimulationName.parse(simulation).prefix == SimulationName.ROS
     if not (is_ros or catalogue.built_in(simulation)):
         return {}
-    return _of_part(run, catalogue.description(simulation), part)
+    return _of_part(run, catalogue.description(simulation, run.experiment.parameters), part)
 
 
 def _of_part(run: "Run", description: Mapping[str, Any], part: Member | None) -> Mapping[str, Any]:
@@ -259,7 +259,8 @@ def _recorded(
         parts += agents
         if done > _STEPS:
             break
-    description = _of_part(run, catalogue.description(replay.experiment.simulation), part)
+    played = replay.experiment
+    description = _of_part(run, catalogue.description(played.simulation, played.parameters), part)
     of = chosen.specification if part is None else part.specification
     width = (int(of["sensors"]), int(of["actuators"]))
     first = np.zeros(done, np.bool_)

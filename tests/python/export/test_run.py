@@ -53,6 +53,20 @@ def test_episodes_are_recorded_agent_by_agent(minisim: Run) -> None:
     assert [channel.name for channel in subject.sensors] == ["goal x", "goal y", "defender x", "defender y"]
 
 
+def test_names_are_those_with_the_parameters_of_the_run(tmp_path: Path) -> None:
+    values = {
+        "simulation": "arena",
+        "parameters": {"robot": "kilobot", "robots": 3, "duration": 1},
+        "method": {"kind": "random_search", "population": 2, "generations": 1},
+    }
+    run = swarmwright.optimize(swarmwright.Experiment.from_mapping(values), servers="local", out=tmp_path)
+    assert [channel.name for channel in subject_of(run).actuators] == [
+        "left wheel",
+        "right wheel",
+        "message 0",
+    ]
+
+
 def test_golden_vectors_are_whole_episodes(minisim: Run) -> None:
     subject = subject_of(minisim)
     golden, episodes = subject.golden, subject.episodes
