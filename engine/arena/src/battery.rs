@@ -28,25 +28,24 @@ pub(super) fn mute<L: Lanes>(charges: &[Number<L>], mute: &mut Vec<L::Mask>) {
     }
 }
 
-/// A tick: robots discharge by time and by the mean of what their drives are told, or charge on the patch for that. The
-/// first `drive` numbers of each robot's row are for the drive.
+/// A tick: robots discharge by time and by the mean of what their drives are told, or charge on the patch for that.
 #[inline(always)]
 pub(super) fn update<L: Lanes>(
     team: &Team,
     place: &Place,
     bodies: &Bodies<L>,
     told: &[L],
-    (row, drive): (usize, usize),
     charges: &mut [Number<L>],
 ) {
-    for (robot, row) in told.chunks_exact(row).enumerate() {
+    for (robot, row) in told.chunks_exact(team.actuators()).enumerate() {
         let Some(battery) = &team.robot(robot).battery else {
             continue;
         };
         let standing = TICK / battery.standing;
-        let more = (TICK / battery.driving - standing) / drive as f32;
+        let drive = &row[team.drive(robot)];
+        let more = (TICK / battery.driving - standing) / drive.len() as f32;
         let mut effort = number::<L>(0.0);
-        for told in &row[..drive] {
+        for told in drive {
             effort += absolute(Number(*told)).at_most(number(1.0));
         }
         let charge = charges[robot];

@@ -11,6 +11,7 @@ use swarmwright_simulation::parameters::wrong;
 
 use super::settings::{LONGEST, MOST_ROBOTS};
 use super::swarm::Bodies;
+use super::team::Team;
 
 /// The stream of random numbers that choose robots.
 const STREAM: u64 = 0x0066_6169_6c75_7265;
@@ -212,16 +213,9 @@ impl<L: Lanes> Failing<L> {
         }
     }
 
-    /// Writes what robots are told in a tick, if some do not hear what their controllers say: the first `drive` numbers of
-    /// each robot's row are for the drive.
+    /// Writes what robots are told in a tick, if some do not hear what their controllers say.
     #[inline(always)]
-    pub(super) fn tell(
-        &self,
-        tick: u32,
-        actuators: &[L],
-        (row, drive): (usize, usize),
-        told: &mut Vec<L>,
-    ) -> bool {
+    pub(super) fn tell(&self, tick: u32, actuators: &[L], team: &Team, told: &mut Vec<L>) -> bool {
         let slowed = |failure: &Failure| match failure {
             Failure::Stop { .. } if failure.active(tick) => Some(0.0),
             Failure::Slow { factor, .. } if failure.active(tick) => Some(*factor),
@@ -240,8 +234,9 @@ impl<L: Lanes> Failing<L> {
             let Some(factor) = slowed(failure) else {
                 continue;
             };
-            for (row, mask) in told.chunks_exact_mut(row).zip(masks) {
-                for told in &mut row[..drive] {
+            let rows = told.chunks_exact_mut(team.actuators()).zip(masks);
+            for (index, (row, mask)) in rows.enumerate() {
+                for told in &mut row[team.drive(index)] {
                     *told = (Number(*told) * factor).select(Number(*told), *mask).0;
                 }
             }

@@ -11,8 +11,8 @@ use super::senses::Others;
 use super::swarm::Bodies;
 use super::team::Team;
 
-/// Writes the mean of the messages that a robot hears in a tick, number by number; 0 where it hears none. Those arrive that
-/// count as heard.
+/// Writes the mean of the messages that a robot hears in a tick, number by number, of those that have it; 0 where none has.
+/// Those arrive that count as heard. `lacking`: room to count those without a number, empty where all have as many.
 #[expect(clippy::too_many_arguments, reason = "what a tick consists of")]
 #[inline(always)]
 pub(super) fn hear<L: Lanes>(
@@ -23,9 +23,10 @@ pub(super) fn hear<L: Lanes>(
     (sent, others, indices): (&[Number<L>], &Others<L>, &[u32]),
     window: &LinkWindow<L>,
     (keys, tick): (Keys<L>, u32),
-    means: &mut [L],
+    (means, lacking): (&mut [L], &mut [Number<L>]),
 ) {
     means.fill(L::splat(0.0));
+    lacking.fill(number(0.0));
     let Some(links) = &robot.links else {
         return;
     };
@@ -65,13 +66,20 @@ pub(super) fn hear<L: Lanes>(
                 .and_not(bodies.objects.hide(position, way));
         }
         heard = heard.add_where(number(1.0), arrives);
-        for part in 0..means.len() {
+        for part in 0..of.message.min(means.len()) {
             let number = sent[sender * means.len() + part];
             means[part] = Number(means[part]).add_where(number, arrives).0;
         }
+        for part in of.message..lacking.len() {
+            lacking[part] = lacking[part].add_where(number(1.0), arrives);
+        }
     }
     let share = number::<L>(1.0) / heard.at_least(number(1.0));
-    for mean in means {
-        *mean = (Number(*mean) * share).0;
+    for part in 0..means.len() {
+        let share = match lacking.get(part) {
+            None => share,
+            Some(lacking) => number::<L>(1.0) / (heard - *lacking).at_least(number(1.0)),
+        };
+        means[part] = (Number(means[part]) * share).0;
     }
 }

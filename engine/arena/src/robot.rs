@@ -50,6 +50,8 @@ pub(super) struct Robot {
     pub gripper: Option<f32>,
     /// Numbers of a message, actuators of their own.
     pub message: usize,
+    /// Numbers that it hears of messages, as many as the longest one of the swarm has.
+    pub heard: usize,
     /// Uniform noise of the encoders.
     pub encoder_noise: f32,
     /// Uniform noise of the compass, half turns.
@@ -61,16 +63,23 @@ pub(super) struct Robot {
 pub(super) const TICK: f32 = 0.1;
 
 impl Robot {
-    /// A model as a name or an object; `place` is what it is called in complaints.
+    /// A model as a name or an object; `place` is what it is called in complaints, `others_send` whether other kinds of robots
+    /// send messages that it hears.
     ///
     /// # Errors
     /// What is wrong with it.
-    pub(super) fn read(value: &Value, place: &str) -> Result<Self, ParameterError> {
+    pub(super) fn read(
+        value: &Value,
+        place: &str,
+        others_send: bool,
+    ) -> Result<Self, ParameterError> {
         let expected = || format!("the name of a robot ({}) or an object", presets::names());
         match value {
             Value::String(name) => Self::preset(name)
                 .ok_or_else(|| wrong(place, format!("{name:?} found, expected {}", expected()))),
-            Value::Object(_) => model::read(value).map_err(|error| with_place(place, error)),
+            Value::Object(_) => {
+                model::read(value, others_send).map_err(|error| with_place(place, error))
+            }
             other => Err(wrong(
                 place,
                 format!("{other} found, expected {}", expected()),

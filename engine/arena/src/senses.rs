@@ -81,6 +81,8 @@ pub(super) struct Senses<L: Lanes> {
     seen: Seen<L>,
     /// By robot: the numbers of its message; as many ticks one after the other as messages take, and one more.
     pub sent: Vec<Number<L>>,
+    /// By number of a message: how many that a robot hears lack it; empty where all messages have as many.
+    lacking: Vec<Number<L>>,
     /// By robot: what the drive aimed at, for encoders.
     pub turned: Vec<Number<L>>,
     /// By robot: the code of the colour that it shows; empty where robots have neither LEDs nor cameras.
@@ -118,6 +120,11 @@ impl<L: Lanes> Senses<L> {
             angles,
             seen: Seen::new(),
             sent: vec![number(0.0); robots * team.message() * (team.delay() as usize + 1)],
+            lacking: if team.any(|robot| robot.message < robot.heard) {
+                vec![number(0.0); team.message()]
+            } else {
+                Vec::new()
+            },
             turned: vec![number(0.0); robots * team.encoders()],
             shown: if team.any(|robot| !robot.leds.is_empty() || robot.camera.is_some()) {
                 vec![number(0.0); robots]
@@ -300,7 +307,7 @@ impl<L: Lanes> Senses<L> {
                             others,
                             &self.links,
                             (keys, tick),
-                            numbers,
+                            (numbers, &mut self.lacking),
                         );
                     }
                     Output::Encoders => {

@@ -183,15 +183,14 @@ impl<L: Lanes> Swarm<L> {
     pub(super) fn command(&mut self, team: &Team, actuators: &[L]) {
         self.tick += 1;
         let mut told = std::mem::take(&mut self.told);
-        let rows = (team.actuators(), team.drive());
-        let mut other = self.failing.tell(self.tick, actuators, rows, &mut told);
+        let mut other = self.failing.tell(self.tick, actuators, team, &mut told);
         if !self.senses.charges.is_empty() {
             if !other {
                 told.clear();
                 told.extend_from_slice(actuators);
                 other = true;
             }
-            battery::stop(&self.senses.charges, rows.0, &mut told);
+            battery::stop(&self.senses.charges, team.actuators(), &mut told);
         }
         let actuators = if other { &told } else { actuators };
         self.drive(team, actuators);
@@ -221,8 +220,7 @@ impl<L: Lanes> Swarm<L> {
     pub(super) fn look(&mut self, team: &Team, place: &Place) {
         let charges = &mut self.senses.charges;
         if !charges.is_empty() {
-            let rows = (team.actuators(), team.drive());
-            battery::update(team, place, &self.bodies, &self.told, rows, charges);
+            battery::update(team, place, &self.bodies, &self.told, charges);
         }
         let bodies = &mut self.bodies;
         for index in 0..bodies.len() {
@@ -237,6 +235,7 @@ impl<L: Lanes> Swarm<L> {
     fn drive(&mut self, team: &Team, actuators: &[L]) {
         let bodies = &mut self.bodies;
         let encoders = team.encoders();
+        let (message, message_at) = (team.message(), team.message_at());
         let mut words = [L::Int::splat(0); 4];
         for (index, row) in actuators.chunks_exact(team.actuators()).enumerate() {
             let robot = team.robot(index);
@@ -251,31 +250,32 @@ impl<L: Lanes> Swarm<L> {
                 noise[1] * robot.wheel_noise + 1.0,
             ];
             let (cos, sin) = (bodies.cos[index], bodies.sin[index]);
+            let told = &row[team.drive(index)];
             let (aim, spin) = match robot.drive {
                 Drive::Differential { wheel_base } => {
-                    let left = Number(row[0]) * robot.top_speed * noise[0];
-                    let right = Number(row[1]) * robot.top_speed * noise[1];
+                    let left = Number(told[0]) * robot.top_speed * noise[0];
+                    let right = Number(told[1]) * robot.top_speed * noise[1];
                     let ahead = (left + right) * 0.5;
                     let spin = (right - left) * (1.0 / wheel_base);
                     ([ahead * cos, ahead * sin], spin)
                 }
                 Drive::Holonomic { turn } => {
-                    let (x, y) = (Number(row[0]) * noise[0], Number(row[1]) * noise[1]);
+                    let (x, y) = (Number(told[0]) * noise[0], Number(told[1]) * noise[1]);
                     // Not faster across than along.
                     let length = (x * x + y * y).sqrt().at_least(number(1.0));
                     let speed = number::<L>(robot.top_speed) / length;
                     let (x, y) = (x * speed, y * speed);
                     (
                         [x * cos - y * sin, x * sin + y * cos],
-                        Number(row[2]) * turn,
+                        Number(told[2]) * turn,
                     )
                 }
                 Drive::Car {
                     wheel_base,
                     steering,
                 } => {
-                    let speed = Number(row[0]) * robot.top_speed * noise[0];
-                    let angle = (Number(row[1]) * steering * noise[1]).within(-0.48, 0.48);
+                    let speed = Number(told[0]) * robot.top_speed * noise[0];
+                    let angle = (Number(told[1]) * steering * noise[1]).within(-0.48, 0.48);
                     let tangent = Number(sin_pi(angle.0)) / Number(cos_pi(angle.0));
                     let spin = speed * tangent * (1.0 / wheel_base);
                     ([speed * cos, speed * sin], spin)
@@ -285,16 +285,16 @@ impl<L: Lanes> Swarm<L> {
                 let width = robot.width(Output::Encoders).min(encoders);
                 let factors = [noise[0], noise[1], number(1.0)];
                 for (part, factor) in factors.into_iter().enumerate().take(width) {
-                    self.senses.turned[index * encoders + part] = Number(row[part]) * factor;
+                    self.senses.turned[index * encoders + part] = Number(told[part]) * factor;
                 }
             }
             if !robot.leds.is_empty() {
                 let given = &row[team.leds(index)..];
                 self.senses.shown[index] = camera::shown(&robot.leds, given);
             }
-            let sent = &row[row.len() - robot.message..];
+            let sent = &row[message_at..][..robot.message];
             let now = team.sent_at(self.tick, 0);
-            for (kept, number) in self.senses.sent[now + index * robot.message..]
+            for (kept, number) in self.senses.sent[now + index * message..]
                 .iter_mut()
                 .zip(sent)
             {

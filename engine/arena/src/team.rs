@@ -1,4 +1,4 @@
-//! The robots of a swarm: kinds one after another, each with so many robots. All have the same controller.
+//! The robots of a swarm: kinds one after another, each with so many robots. All have the same rows of numbers.
 
 use std::ops::Range;
 
@@ -152,7 +152,7 @@ impl Team {
         robot: Option<&Value>,
     ) -> Result<Self, ParameterError> {
         let model = Value::from("e-puck-rm1.1");
-        let one = || Robot::read(robot.unwrap_or(&model), "mission.robot");
+        let one = || Robot::read(robot.unwrap_or(&model), "mission.robot", false);
         match robots {
             None => Ok(Self::uniform(one()?, 20)),
             Some(Value::Array(items)) => {
@@ -183,7 +183,8 @@ impl Team {
             }
             return Self::read(items, "robots");
         }
-        let model = robot.map(|robot| Robot::read(robot, "robot")).transpose()?;
+        let model = robot.map(|robot| Robot::read(robot, "robot", false));
+        let model = model.transpose()?;
         let count = match robots {
             None => self.len() as u32,
             Some(count) => number(count, "robots")?,
@@ -207,7 +208,7 @@ impl Team {
     /// Reads a list of kinds; `place` is what it is called in complaints.
     ///
     /// # Errors
-    /// What is wrong with it; kinds with other numbers for drives or of messages than the first one.
+    /// What is wrong with it.
     pub(super) fn read(items: &[Value], place: &str) -> Result<Self, ParameterError> {
         if !(1..=MOST_KINDS).contains(&items.len()) {
             let reason = format!("{} kinds found, expected 1 to {MOST_KINDS}", items.len());
@@ -228,7 +229,7 @@ impl Team {
                 let reason = format!("{} found, expected 1 to {MOST_ROBOTS}", text.count);
                 return Err(wrong(&format!("{at}.count"), reason));
             }
-            let robot = Robot::read(&text.robot, &format!("{at}.robot"))?;
+            let robot = Robot::read(&text.robot, &format!("{at}.robot"), true)?;
             let name = text.name.unwrap_or_else(|| match &text.robot {
                 Value::String(name) => name.clone(),
                 _ => format!("robot {index}"),
@@ -248,26 +249,9 @@ impl Team {
             let reason = format!("{count} robots found, at most {MOST_ROBOTS} are possible");
             return Err(wrong(place, reason));
         }
-        let first = &groups[0];
-        for (index, other) in groups.iter().enumerate() {
-            for (what, of) in [
-                (
-                    "values for its drive",
-                    (|robot: &Robot| robot.drive.actuators().len()) as fn(&Robot) -> usize,
-                ),
-                ("numbers of a message", |robot: &Robot| robot.message),
-            ] {
-                let (one, two) = (of(&first.robot), of(&other.robot));
-                if one != two {
-                    return Err(wrong(
-                        &format!("{place}[{index}].robot"),
-                        format!(
-                            "{} has {two} {what}, {} has {one}; all kinds have the same controller and need as many: describe \
-                             robots with the same drive and messages",
-                            other.name, first.name
-                        ),
-                    ));
-                }
+        if groups.iter().all(|group| group.robot.message == 0) {
+            for (index, item) in items.iter().enumerate() {
+                Robot::read(&item["robot"], &format!("{place}[{index}].robot"), false)?;
             }
         }
         Ok(Self::new(groups))
@@ -408,9 +392,11 @@ impl Team {
         self.row.actuators.len()
     }
 
-    /// Those of them that are for the drive.
-    pub(super) fn drive(&self) -> usize {
-        self.groups[0].robot.drive.actuators().len()
+    /// Those of them that are for the drive of a robot.
+    #[inline(always)]
+    pub(super) fn drive(&self, index: usize) -> Range<usize> {
+        let first = self.row.drives[self.group(index)];
+        first..first + self.robot(index).drive.actuators().len()
     }
 
     /// Where the numbers for a robot's LEDs begin among those that controllers give.
@@ -451,9 +437,15 @@ impl Team {
         Ok(())
     }
 
-    /// Numbers of a message.
+    /// Numbers of the longest message.
+    #[inline(always)]
     pub(super) fn message(&self) -> usize {
-        self.groups[0].robot.message
+        self.row.message.len()
+    }
+
+    /// Where the numbers of messages begin among those that controllers give.
+    pub(super) fn message_at(&self) -> usize {
+        self.row.message.start
     }
 
     /// Largest number of encoders.

@@ -1,6 +1,9 @@
 //! What one controller gets from robots of several kinds, and gives them.
 
-use super::robot::{LedColor, Output, Robot};
+use std::mem::discriminant;
+use std::ops::Range;
+
+use super::robot::{Output, Robot};
 use super::team::Group;
 
 /// The numbers of a controller for all kinds.
@@ -10,10 +13,14 @@ pub(super) struct Row {
     pub sensors: Vec<String>,
     /// Names of what it gives.
     pub actuators: Vec<String>,
+    /// By kind: where the numbers for its drive begin.
+    pub drives: Vec<usize>,
     /// By kind: where the numbers for its LEDs begin.
     pub leds: Vec<usize>,
     /// Where the number for grippers is, where a kind has one.
     pub gripper: Option<usize>,
+    /// The numbers of the longest message; those of shorter ones are its first ones.
+    pub message: Range<usize>,
 }
 
 /// Numbers that some kinds have.
@@ -27,7 +34,12 @@ struct Column<T> {
 
 /// Puts the numbers of kinds beside each other. Kinds that have as many share them, number by number; else what is of the
 /// same kind, with the same names and directions, is shared, and the other kinds get what is there where there is nothing.
+/// Drives of the same kind share their numbers, other drives have their own. All hear as many numbers as the longest message has.
 pub(super) fn arrange(groups: &mut [Group]) -> Row {
+    let longest = longest(groups);
+    for group in groups.iter_mut() {
+        group.robot.heard = longest.len();
+    }
     let same = |count: fn(&Robot) -> usize| {
         let first = count(&groups[0].robot);
         groups.iter().all(|group| count(&group.robot) == first)
@@ -47,11 +59,18 @@ pub(super) fn arrange(groups: &mut [Group]) -> Row {
         }
         named(&columns, groups)
     };
-    let drive = groups[0].robot.drive.actuators().len();
-    let mut actuators = beside(groups, |robot| {
-        let drive = robot.drive.actuators().iter();
-        drive.map(|name| (*name).to_owned()).collect()
+    let drives = columns(groups, |robot| {
+        let names = robot.drive.actuators().iter();
+        let names = names.map(|name| (*name).to_owned()).collect();
+        vec![(discriminant(&robot.drive), names, Vec::new())]
     });
+    let mut actuators = Vec::new();
+    for column in &drives {
+        let names = column.names.iter();
+        actuators.extend(names.map(|name| of_kinds(name, &column.owners, groups)));
+    }
+    let drive = actuators.len();
+    let drives = places(&drives, 0, groups.len());
     let leds = if same_leds {
         actuators.extend(beside(groups, Robot::led_names));
         vec![drive; groups.len()]
@@ -66,13 +85,26 @@ pub(super) fn arrange(groups: &mut [Group]) -> Row {
     let grips = groups.iter().any(|group| group.robot.gripper.is_some());
     let gripper = grips.then_some(actuators.len());
     actuators.extend(grips.then(|| "gripper".to_owned()));
-    actuators.extend(beside(groups, Robot::message_names));
+    let message = actuators.len()..actuators.len() + longest.len();
+    for (number, name) in longest.iter().enumerate() {
+        let sends = |kind: &usize| groups[*kind].robot.message > number;
+        let senders: Vec<usize> = (0..groups.len()).filter(sends).collect();
+        actuators.push(of_kinds(name, &senders, groups));
+    }
     Row {
         sensors,
         actuators,
+        drives,
         leds,
         gripper,
+        message,
     }
+}
+
+/// The names of the numbers of the longest message.
+fn longest(groups: &[Group]) -> Vec<String> {
+    let messages = groups.iter().map(|group| group.robot.message_names());
+    messages.max_by_key(Vec::len).unwrap_or_default()
 }
 
 /// What a kind has in a column.
@@ -85,17 +117,17 @@ fn output(column: &Column<Output>, kind: usize) -> Output {
     }
 }
 
-/// Where the numbers of each kind begin, after those of the drive.
-fn places(columns: &[Column<Vec<LedColor>>], drive: usize, kinds: usize) -> Vec<usize> {
-    let mut leds = vec![drive; kinds];
-    let mut at = drive;
+/// Where the numbers of each kind begin, of columns that are put at a place.
+fn places<T>(columns: &[Column<T>], first: usize, kinds: usize) -> Vec<usize> {
+    let mut places = vec![first; kinds];
+    let mut at = first;
     for column in columns {
         for owner in &column.owners {
-            leds[*owner] = at;
+            places[*owner] = at;
         }
         at += column.names.len();
     }
-    leds
+    places
 }
 
 /// The columns of all kinds, in the order in which they have them.
@@ -130,11 +162,9 @@ fn named<T>(columns: &[Column<T>], groups: &[Group]) -> Vec<String> {
         let twice = columns.iter().enumerate().any(|(other, known)| {
             other != index && known.names.iter().any(|name| column.names.contains(name))
         });
-        let kinds = column.owners.iter().map(|owner| &groups[*owner].name[..]);
-        let kinds = kinds.collect::<Vec<_>>().join(" and ");
         let names_of = column.names.iter().map(|name| {
             if twice {
-                format!("{kinds} {name}")
+                with_kinds(name, &column.owners, groups)
             } else {
                 name.clone()
             }
@@ -142,6 +172,22 @@ fn named<T>(columns: &[Column<T>], groups: &[Group]) -> Vec<String> {
         names.extend(names_of);
     }
     names
+}
+
+/// A name that begins with those of the kinds that have it.
+fn with_kinds(name: &str, owners: &[usize], groups: &[Group]) -> String {
+    let kinds = owners.iter().map(|owner| &groups[*owner].name[..]);
+    let kinds = kinds.collect::<Vec<_>>().join(" and ");
+    format!("{kinds} {name}")
+}
+
+/// The name of a number that some kinds have: it begins with theirs unless all have it.
+fn of_kinds(name: &str, owners: &[usize], groups: &[Group]) -> String {
+    if owners.len() == groups.len() {
+        name.to_owned()
+    } else {
+        with_kinds(name, owners, groups)
+    }
 }
 
 /// The names of as many numbers of each kind, number by number; where kinds differ, all their names.

@@ -3,6 +3,7 @@
 mod arena;
 mod arena_batteries;
 mod arena_cameras;
+mod arena_drives;
 mod arena_failures;
 mod arena_grippers;
 mod arena_kinds;

@@ -46,13 +46,6 @@ fn drive_east(arena: &mut Arena, speeds: &[f32], ticks: usize) {
 fn kinds_have_their_own_bodies_and_looks() {
     let kinds = json!([
         {"robot": robot(0.1, 2.0, 0.3, &nearest()), "count": 3, "name": "large"},
-        {"robot": "kilobot", "count": 1},
-    ]);
-    assert!(refusal(&json!({"robots": kinds})).contains(
-        "robots[1].robot: kilobot has 2 values for its drive, large has 3; all kinds have the same controller"
-    ));
-    let kinds = json!([
-        {"robot": robot(0.1, 2.0, 0.3, &nearest()), "count": 3, "name": "large"},
         {"robot": robot(0.03, 0.2, 0.1, &nearest()), "count": 5},
     ]);
     let start = json!({"rectangle": {"x": [-1, 1], "y": [-1, 1]}});
@@ -198,10 +191,6 @@ fn mistakes_name_the_kind() {
         (
             json!({"robots": [{"robot": "e-puck-rm1.1"}]}),
             "robots[0]: missing field `count`",
-        ),
-        (
-            json!({"robots": [e_puck(3), {"robot": "kilobot", "count": 2}]}),
-            "robots[1].robot: kilobot has 1 numbers of a message, e-puck-rm1.1 has 0",
         ),
         (
             json!({"robots": [e_puck(3)], "robot": "foot-bot"}),

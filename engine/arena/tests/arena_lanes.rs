@@ -8,7 +8,7 @@ use swarmwright_lanes::Level;
 use swarmwright_simulation::{Block, Means, Simulation};
 
 /// A network with as many inputs and outputs as the robots have.
-fn check(parameters: &Value) {
+pub(super) fn check(parameters: &Value) {
     let parameters = parameters.as_object().unwrap();
     let description = Arena::default().described(parameters).unwrap();
     let architecture = json!({"kind": "layered", "version": 1, "hidden": [3], "activation": "tanh", "output_range": [-1, 1],

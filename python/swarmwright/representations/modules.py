@@ -77,7 +77,8 @@ class Modules(Representation):
                 f"controller.kind: modules needs {modules.SENSORS} sensors (proximity x and y, light x and "
                 "y, ground, number of neighbours, attraction x and y, a random number) and "
                 f"{modules.ACTUATORS} actuators (left and right wheel), but the simulation has {sensors} and "
-                f"{actuators}; take a robot such as e-puck-rm1.2 of arena, or another kind of controller"
+                f"{actuators}; take a robot such as e-puck-rm1.2 of arena for all agents, or another kind of "
+                "controller"
             )
 
     @cached_property

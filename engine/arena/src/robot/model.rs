@@ -69,8 +69,8 @@ fn parsed<T: DeserializeOwned>(value: &Value) -> Result<T, ParameterError> {
     })
 }
 
-/// Reads a robot. Complaints name places within it.
-pub(super) fn read(value: &Value) -> Result<Robot, ParameterError> {
+/// Reads a robot. Complaints name places within it; `others_send`: whether it may hear messages without sending one.
+pub(super) fn read(value: &Value, others_send: bool) -> Result<Robot, ParameterError> {
     if value.get("preset").is_some() {
         return preset::read(value);
     }
@@ -84,9 +84,14 @@ pub(super) fn read(value: &Value) -> Result<Robot, ParameterError> {
         actuators::add(&mut robot, actuator, &format!("actuators[{index}]"))?;
     }
     for (index, sensor) in model.sensors.iter().enumerate() {
-        sensors::add(&mut robot, sensor, &format!("sensors[{index}]"))?;
+        sensors::add(
+            &mut robot,
+            sensor,
+            &format!("sensors[{index}]"),
+            others_send,
+        )?;
     }
-    if robot.sensors() == 0 {
+    if robot.outputs.is_empty() {
         return Err(wrong("sensors", "a robot needs at least one sensor"));
     }
     if robot.message > 0 && robot.links.is_none() {

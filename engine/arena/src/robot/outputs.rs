@@ -29,7 +29,7 @@ pub(in super::super) enum Output {
     Random,
     /// The reading of each ground sensor, 0 black to 1 white.
     GroundReadings,
-    /// The mean of the messages heard in this tick, number by number; 0 where none is heard.
+    /// The mean of the messages heard in this tick, number by number, of those that have it; 0 where none is heard.
     Message,
     /// Number of robots within the range of `around`.
     AroundCount,
@@ -93,7 +93,7 @@ impl Robot {
             Output::Proximity => self.proximity.as_ref().map_or(0, |p| p.rays.len()),
             Output::Light => self.light.as_ref().map_or(0, |l| l.angles.len()),
             Output::GroundReadings => self.ground.as_ref().map_or(0, |g| g.points.len()),
-            Output::Message => self.message,
+            Output::Message => self.heard,
             Output::Camera => self.camera.as_ref().map_or(0, |camera| {
                 let each: usize = camera.gives.iter().map(|sight| sight.width()).sum();
                 each * camera.colors.len()

@@ -71,6 +71,7 @@ impl Robot {
             battery_noise: 0.0,
             gripper: None,
             message: 0,
+            heard: 0,
             encoder_noise: 0.0,
             compass_noise: 0.0,
             outputs,
@@ -99,7 +100,7 @@ impl Robot {
             _ => {
                 let (_, text) = MODELS.iter().find(|(known, _)| *known == name)?;
                 let value = serde_saphyr::from_str::<Value>(text).ok()?;
-                model::read(&value).ok()
+                model::read(&value, false).ok()
             }
         }
     }

@@ -121,6 +121,7 @@ pub(super) fn body(
         battery_noise: 0.0,
         gripper: None,
         message: 0,
+        heard: 0,
         encoder_noise: 0.0,
         compass_noise: 0.0,
         outputs: Vec::new(),

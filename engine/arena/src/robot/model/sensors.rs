@@ -209,8 +209,13 @@ fn only<T>(at: &str, kind: &str, known: Option<&T>) -> Result<(), ParameterError
     ))
 }
 
-/// Gives a robot a sensor; `at` is what it is called in complaints.
-pub(super) fn add(robot: &mut Robot, sensor: &Sensor, at: &str) -> Result<(), ParameterError> {
+/// Gives a robot a sensor; `at` is what it is called in complaints, `others_send` whether other kinds of robots send messages.
+pub(super) fn add(
+    robot: &mut Robot,
+    sensor: &Sensor,
+    at: &str,
+    others_send: bool,
+) -> Result<(), ParameterError> {
     let noisy = |noise: f32| within(&format!("{at}.noise"), noise, NOISE);
     match sensor {
         Sensor::Proximity {
@@ -312,7 +317,7 @@ pub(super) fn add(robot: &mut Robot, sensor: &Sensor, at: &str) -> Result<(), Pa
             }
             robot.links = Some(links);
             for (index, heard) in gives.iter().enumerate() {
-                if *heard == Heard::Message && robot.message == 0 {
+                if *heard == Heard::Message && robot.message == 0 && !others_send {
                     return Err(wrong(
                         &format!("{at}.gives[{index}]"),
                         "no message is sent; add an actuator {kind: message, numbers: 1}",
