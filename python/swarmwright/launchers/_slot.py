@@ -120,6 +120,7 @@ class Slot:
     def _read(self) -> None:
         assert self._process is not None
         assert self._process.stdout is not None
-        for line in self._process.stdout:
-            self._lines.append(line.rstrip("\n"))
-            print(line, end="", flush=True)  # into the worker's log
+        with self._process.stdout as lines:
+            for line in lines:
+                self._lines.append(line.rstrip("\n"))
+                print(line, end="", flush=True)  # into the worker's log
