@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from swarmwright import Experiment, InputError, Run, RunError, _engine, evaluate, optimize, resume, simulate
+from swarmwright.evaluation.base import Controllers
 from swarmwright.evaluation.launched.packing import packed
 from swarmwright.evaluation.module_code import names_of, offered
 from swarmwright.evaluation.opening import open_backend
@@ -381,8 +382,6 @@ def test_pieces_are_large_enough_for_numpy(experiment: Experiment) -> None:
     one = experiment.replace(parameters={"duration": 2})
     with open_backend(one, servers=1) as backend:
         assert isinstance(backend, BrokerBackend)
-        from swarmwright.evaluation.base import Controllers
-
         controllers = Controllers.of(one.representation(9, 2), genomes(one, 600))
         results = backend.evaluate(controllers, [1], lambda *_: None)
         sizes = sorted(attempt.candidates for attempt in results.journal.attempts)
