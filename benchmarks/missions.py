@@ -191,7 +191,9 @@ def draw(cells: Sequence[Cell]) -> "Figure":
 
 
 def write(cells: Sequence[Cell], path: Path) -> None:
-    """Write cells as JSON."""
+    """Write cells as JSON, simulator by simulator."""
+    names = [place.name for place in PLACES]
+    cells = sorted(cells, key=lambda cell: names.index(cell.simulator))
     about = (
         f"Fitness of three controllers on missions of the arena in several simulators: {ROBOTS} e-pucks, "
         f"{SECONDS} s, held-out seeds from {FIRST_SEED} on. python -m benchmarks.missions FOLDER"
@@ -248,7 +250,6 @@ def main() -> None:
             write(cells + [one for one in before if one.key not in {cell.key for cell in cells}], file)
             mean = _entry(cell.mean, None)
             print(f"{cell.simulator}, {cell.mission}, {cell.controller}: {mean}", file=sys.stderr, flush=True)
-        write(cells, file)
     print(*speeds(cells), "", *table(cells), sep="\n")
     draw(cells).savefig(arguments.folder / "missions.png")
 
