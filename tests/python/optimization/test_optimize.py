@@ -129,10 +129,14 @@ SCRIPT = """
         "method": {"generations": 1_000_000},
         "ranking": {"episodes": 2},
     })
+
+    def tell(generation):
+        # One call, so that no signal comes between a number and the end of its line.
+        sys.stdout.write(f"{generation.generation}\\n")
+        sys.stdout.flush()
+
     if __name__ == "__main__":
-        run = swarmwright.optimize(
-            experiment, lambda g: print(g.generation, flush=True), servers=2, out=sys.argv[1]
-        )
+        run = swarmwright.optimize(experiment, tell, servers=2, out=sys.argv[1])
         print("kept", run.interrupted, run.generations, run.best.fitness, flush=True)
 """
 
