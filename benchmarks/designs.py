@@ -17,7 +17,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy import stats
 
-from swarmwright import Experiment, Run, optimize, resume, transfer
+from benchmarks.kept import finished
+from swarmwright import Experiment, Run, transfer
 from swarmwright.figures.style import COLORS, INK, dress, new_figure
 
 if TYPE_CHECKING:
@@ -94,14 +95,16 @@ def experiment(mission: str, kind: str, budget: int, repetition: int) -> Experim
     )
 
 
-def design(folder: Path, mission: str, kind: str, budget: int, repetition: int) -> Design:
+def designed(folder: Path, mission: str, kind: str, budget: int, repetition: int) -> Run:
     """Design, or open what was designed before."""
-    asked = experiment(mission, kind, budget, repetition)
     path = folder / f"{mission}-{kind.lower()}-{budget}-{repetition}"
+    return finished(experiment(mission, kind, budget, repetition), path)
+
+
+def design(folder: Path, mission: str, kind: str, budget: int, repetition: int) -> Design:
+    """Score what was designed."""
     started = time.monotonic()
-    run = Run.open(path) if path.exists() else optimize(asked, out=path)
-    if run.state != "done":
-        run = resume(run)
+    run = designed(folder, mission, kind, budget, repetition)
     seconds = time.monotonic() - started
     assert run.validation is not None
     best = run.validation.best

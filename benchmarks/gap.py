@@ -18,11 +18,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import stats
 
-from benchmarks.designs import DESIGNS, MISSIONS, experiment
+from benchmarks.designs import DESIGNS, MISSIONS, designed
 from benchmarks.missions import chosen
 from benchmarks.places import PLACES, PREFIX, Place, running
 from benchmarks.processes import Broker, embedded
-from swarmwright import Run, optimize, resume, transfer
+from swarmwright import Run, transfer
 from swarmwright.figures.style import COLORS, INK, dress, new_figure
 
 if TYPE_CHECKING:
@@ -52,17 +52,6 @@ class Loss:
     def lost(self) -> float:
         """What the design loses in the simulator; below 0: gains."""
         return self.arena - self.there
-
-
-def designed(folder: Path, mission: str, design: str, budget: int, repetition: int) -> Run:
-    """Design a controller, or open what was designed before."""
-    path = folder / f"{mission}-{design.lower()}-{budget}-{repetition}"
-    run = (
-        Run.open(path)
-        if path.exists()
-        else optimize(experiment(mission, design, budget, repetition), out=path)
-    )
-    return run if run.state == "done" else resume(run)
 
 
 def target(folder: Path, place: Place, broker: Broker, run: Run) -> Path:

@@ -24,9 +24,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from benchmarks.designs import DESIGNS
+from benchmarks.kept import finished
 from benchmarks.places import PLACES, PREFIX, Place, running
 from benchmarks.processes import Broker, embedded
-from swarmwright import Experiment, Run, optimize, post_evaluate, resume
+from swarmwright import Experiment, Run, post_evaluate
 from swarmwright.core.statistics import Estimate, estimate
 from swarmwright.figures.style import COLORS, INK, dress, new_figure
 
@@ -81,8 +82,7 @@ def design(folder: Path, mission: str, kind: str, budget: int) -> Run:
     values["method"]["evaluations"] = budget // values["ranking"]["episodes"]
     more = {"simulation": "arena", "seed": 1, "servers": "in-process", "validate": False}
     path = folder / f"{mission}-{kind.lower()}-{budget}"
-    run = Run.open(path) if path.exists() else optimize(Experiment.from_mapping(values | more), out=path)
-    return run if run.state == "done" else resume(run)
+    return finished(Experiment.from_mapping(values | more), path)
 
 
 def there(run: Run, place: Place) -> Experiment:

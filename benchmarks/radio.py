@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from swarmwright import Experiment, Run, optimize, post_evaluate
+from benchmarks.kept import finished
+from swarmwright import Experiment, post_evaluate
 from swarmwright.figures.style import COLORS, dress, new_figure
 
 if TYPE_CHECKING:
@@ -58,7 +59,7 @@ def experiment(loss: float, generations: int, repetition: int) -> Experiment:
 def scores(folder: Path, loss: float, generations: int, repetition: int) -> list[float]:
     """Evolve, or open what was evolved before, and return the mean fitness with each loss."""
     path = folder / f"loss-{loss}-{generations}-{repetition}"
-    run = Run.open(path) if path.exists() else optimize(experiment(loss, generations, repetition), out=path)
+    run = finished(experiment(loss, generations, repetition), path)
     others = [experiment(one, generations, repetition) for one in LOSSES]
     return [post_evaluate(run, episodes=EPISODES, seed=7, experiment=one).fitness.mean for one in others]
 
