@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 
 from swarmwright.modules import BEHAVIOURS, CONDITIONS, _registered
+from swarmwright.simulations import loading, names
+from swarmwright.user_code import notices
 
 CODE = '''"""Two modules."""
 
@@ -44,6 +46,35 @@ wander = own_modules:Wander
 [swarmwright.conditions]
 timer = own_modules:Timer
 """
+
+SPEED = "SPEED = -0.5\n"
+
+
+def forget() -> None:
+    """Forget what was imported, as another process would."""
+    for known in (names.files, loading._stamps, loading._digests, _registered._in_files, notices._told):
+        known.clear()
+    sys.modules.pop("wheel_speeds", None)
+
+
+def written(folder: Path, code: str = CODE, speed: str = SPEED) -> Path:
+    """Write two modules, and what they import, into a folder; return it."""
+    folder.mkdir(parents=True, exist_ok=True)
+    code = code.replace("import numpy", "from wheel_speeds import SPEED\nimport numpy")
+    (folder / "own.py").write_text(code.replace("-0.5", "SPEED"))
+    (folder / "wheel_speeds.py").write_text(speed)
+    return folder
+
+
+@pytest.fixture
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Work in an empty folder, with nothing imported from files."""
+    forget()
+    monkeypatch.chdir(tmp_path)
+    path = list(sys.path)
+    yield
+    sys.path[:] = path
+    forget()
 
 
 def _forget() -> None:

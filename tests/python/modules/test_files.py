@@ -2,8 +2,6 @@
 
 import json
 import shutil
-import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -13,16 +11,13 @@ from swarmwright import Controller, Experiment, InputError, Run, optimize, resum
 from swarmwright.cli._commands import program
 from swarmwright.core.modules import states_of
 from swarmwright.export.exporting import export_controller
-from swarmwright.modules import _registered
 from swarmwright.runs.code import used_for
 from swarmwright.runs.repeat import repeat
 from swarmwright.runs.replay import Replay
-from swarmwright.simulations import loading, names
 from swarmwright.testing import check_behaviour, check_condition
-from swarmwright.user_code import notices, trust
-from tests.python.modules.conftest import CODE
+from swarmwright.user_code import trust
+from tests.python.modules.conftest import SPEED, forget, written
 
-SPEED = "SPEED = -0.5\n"
 TEXT = """simulation: arena
 parameters: {mission: aac, robot: e-puck-rm1.2, robots: 4, duration: 6}
 controller:
@@ -34,34 +29,19 @@ method: {kind: nnga, population: 6, generations: 2}
 seed: 4
 """
 
-
-def forget() -> None:
-    """Forget what was imported, as another process would."""
-    for known in (names.files, loading._stamps, loading._digests, _registered._in_files, notices._told):
-        known.clear()
-    sys.modules.pop("wheel_speeds", None)
+pytestmark = pytest.mark.usefixtures("place")
 
 
 @pytest.fixture(autouse=True)
-def other_user(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    forget()
+def other_user(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     monkeypatch.setattr(trust, "_granted", set())
-    monkeypatch.chdir(tmp_path)
-    path = list(sys.path)
-    yield
-    sys.path[:] = path
-    forget()
 
 
 @pytest.fixture
 def file(tmp_path: Path) -> Path:
     """Return an experiment, with two modules and what they import in the folder parts."""
-    parts = tmp_path / "parts"
-    parts.mkdir()
-    code = CODE.replace("import numpy", "from wheel_speeds import SPEED\nimport numpy")
-    (parts / "own.py").write_text(code.replace("-0.5", "SPEED"))
-    (parts / "wheel_speeds.py").write_text(SPEED)
+    written(tmp_path / "parts")
     experiment = tmp_path / "wander.yaml"
     experiment.write_text(TEXT)
     return experiment

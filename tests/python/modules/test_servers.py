@@ -3,9 +3,7 @@
 import os
 import shutil
 import signal
-import sys
 import threading
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +22,7 @@ from swarmwright.launchers.process import ProcessOptions
 from swarmwright.runs.repeat import repeat
 from tests.python.cli.processes import gone
 from tests.python.cli.test_services import events
-from tests.python.modules.conftest import CODE
-from tests.python.modules.test_files import SPEED, forget
+from tests.python.modules.conftest import CODE, forget, written
 from tests.python.records import same_record
 
 MODULES = "parts/own.py:Wander,parts/own.py:Timer"
@@ -42,24 +39,7 @@ validate: false
 seed: 4
 """
 
-
-@pytest.fixture(autouse=True)
-def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    forget()
-    monkeypatch.chdir(tmp_path)
-    path = list(sys.path)
-    yield
-    sys.path[:] = path
-    forget()
-
-
-def written(folder: Path, code: str = CODE, speed: str = SPEED) -> Path:
-    """Write two modules, and what they import, into a folder; return it."""
-    folder.mkdir(parents=True, exist_ok=True)
-    code = code.replace("import numpy", "from wheel_speeds import SPEED\nimport numpy")
-    (folder / "own.py").write_text(code.replace("-0.5", "SPEED"))
-    (folder / "wheel_speeds.py").write_text(speed)
-    return folder
+pytestmark = pytest.mark.usefixtures("place")
 
 
 @pytest.fixture
