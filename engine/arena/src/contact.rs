@@ -4,7 +4,6 @@ use swarmwright_lanes::{Lanes, Mask, Number, number};
 
 use super::place::Face;
 use super::swarm::SUBSTEP;
-use super::team::Pair;
 
 /// Length of a part, seconds.
 pub(super) const PART: f32 = 2.0 * SUBSTEP;
@@ -105,16 +104,6 @@ impl<L: Lanes> Contact<L> {
     pub(super) fn touches(&self) -> L::Mask {
         number(0.0).lt(self.pressed)
     }
-}
-
-/// Two robots.
-#[derive(Clone, Copy)]
-pub(super) struct PairContact<L: Lanes> {
-    pub robots: [u32; 2],
-    /// In which lanes they are near each other.
-    pub lanes: L::Mask,
-    pub pair: Pair,
-    pub contact: Contact<L>,
 }
 
 /// A robot and, in each lane, a face of a wall.

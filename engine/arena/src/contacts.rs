@@ -8,8 +8,9 @@
 
 use swarmwright_lanes::{Lanes, Mask, Number, number};
 
-use super::contact::{Contact, PART, PairContact, WallContact, square, to_face};
+use super::contact::{PART, WallContact, square, to_face};
 use super::objects::Objects;
+use super::pairs::Pairs;
 use super::place::Place;
 use super::robot::Robot;
 use super::senses::Close;
@@ -29,7 +30,7 @@ pub(super) struct Moved<L> {
     pub at: [Number<L>; 2],
     pub velocity: [Number<L>; 2],
     /// The velocity before this part, how far the drive alone gets in it, and what the drive gives.
-    before: [Number<L>; 2],
+    pub before: [Number<L>; 2],
     free: [Number<L>; 2],
     load: [Number<L>; 2],
 }
@@ -43,8 +44,8 @@ pub(super) struct Contacts<L: Lanes> {
     involved: Vec<u32>,
     /// In which lanes something touches a robot in this part.
     touched: Vec<L::Mask>,
+    pairs: Pairs,
     /// Ascending by robots, and those of the tick before.
-    pairs: [Vec<PairContact<L>>; 2],
     walls: [Vec<WallContact<L>>; 2],
     moved: Vec<Moved<L>>,
 }
@@ -71,7 +72,7 @@ impl<L: Lanes> Contacts<L> {
             near: vec![L::Mask::from_bits(0); robots],
             involved: Vec::new(),
             touched: vec![L::Mask::from_bits(0); robots],
-            pairs: [Vec::new(), Vec::new()],
+            pairs: Pairs::new(robots),
             walls: [Vec::new(), Vec::new()],
             moved: vec![moved; robots],
         }
@@ -80,7 +81,7 @@ impl<L: Lanes> Contacts<L> {
     /// Goes to the start of an episode.
     #[inline(always)]
     pub(super) fn forget(&mut self) {
-        self.pairs[0].clear();
+        self.pairs.forget();
         self.walls[0].clear();
     }
 
@@ -94,7 +95,7 @@ impl<L: Lanes> Contacts<L> {
         place: &Place,
     ) {
         self.near.fill(L::Mask::from_bits(0));
-        self.find_pairs(bodies, &close.robots, team);
+        self.pairs.find(bodies, &close.robots, team, &mut self.near);
         self.find_walls(bodies, &close.faces, team, place);
         let mut objects = std::mem::take(&mut bodies.objects);
         objects.find(bodies, team, place, &mut self.near);
@@ -123,37 +124,6 @@ impl<L: Lanes> Contacts<L> {
             bodies.y[index] = moved.at[1].select(bodies.y[index], near);
             bodies.vx[index] = moved.velocity[0].select(bodies.vx[index], near);
             bodies.vy[index] = moved.velocity[1].select(bodies.vy[index], near);
-        }
-    }
-
-    /// Finds which robots may touch each other in this tick.
-    #[inline(always)]
-    fn find_pairs(&mut self, bodies: &Bodies<L>, pairs: &[[u32; 2]], team: &Team) {
-        let [now, old] = &mut self.pairs;
-        std::mem::swap(now, old);
-        now.clear();
-        let mut at = 0;
-        for pair in pairs {
-            let (i, j) = (pair[0] as usize, pair[1] as usize);
-            let both = team.pair(i, j);
-            let close = square(bodies.between(i, j)).lt(number(both.reach * both.reach));
-            self.near[i] = self.near[i].or(close);
-            self.near[j] = self.near[j].or(close);
-            let mut contact = Contact::none();
-            while at < old.len() && old[at].robots < *pair {
-                at += 1;
-            }
-            if at < old.len() && old[at].robots == *pair {
-                let before = &old[at].contact;
-                contact.pressed = before.pressed.only_where(close);
-                contact.rubbed = before.rubbed.only_where(close);
-            }
-            now.push(PairContact {
-                robots: *pair,
-                lanes: close,
-                pair: both,
-                contact,
-            });
         }
     }
 
@@ -233,7 +203,7 @@ impl<L: Lanes> Contacts<L> {
             aim,
             involved,
             touched,
-            pairs: [pairs, _],
+            pairs,
             walls: [walls, _],
             moved,
             ..
@@ -245,28 +215,7 @@ impl<L: Lanes> Contacts<L> {
             moved[index].before = moved[index].velocity;
             touched[index] = L::Mask::from_bits(0);
         }
-        for pair_contact in pairs.iter_mut() {
-            let contact = &mut pair_contact.contact;
-            let (i, j) = (
-                pair_contact.robots[0] as usize,
-                pair_contact.robots[1] as usize,
-            );
-            let (a, b) = (&moved[i], &moved[j]);
-            let way = [b.at[0] - a.at[0], b.at[1] - a.at[1]];
-            let speed = [b.before[0] - a.before[0], b.before[1] - a.before[1]];
-            let impulse = contact.begin(
-                way,
-                speed,
-                (pair_contact.pair.limit, fastest),
-                pair_contact.lanes,
-            );
-            if contact.active {
-                part_from(moved, (i, j), impulse, team);
-                let touches = contact.touches();
-                touched[i] = touched[i].or(touches);
-                touched[j] = touched[j].or(touches);
-            }
-        }
+        pairs.begin(moved, touched, team);
         for wall_contact in walls.iter_mut() {
             let i = wall_contact.robot as usize;
             let way = wall_contact.way(moved[i].at);
@@ -306,34 +255,7 @@ impl<L: Lanes> Contacts<L> {
                 }
                 objects.rest(true);
             }
-            for pair_contact in pairs.iter_mut() {
-                let contact = &mut pair_contact.contact;
-                if !contact.active {
-                    continue;
-                }
-                let (i, j) = (
-                    pair_contact.robots[0] as usize,
-                    pair_contact.robots[1] as usize,
-                );
-                let [nx, ny] = contact.normal;
-                let (u, v) = (moved[i].velocity, moved[j].velocity);
-                let relative = [v[0] - u[0], v[1] - u[1]];
-                let approach = relative[0] * nx + relative[1] * ny;
-                let pair = &pair_contact.pair;
-                let rims = match pair.same {
-                    Some(radius) => (bodies.spin[i] + bodies.spin[j]) * radius,
-                    None => {
-                        bodies.spin[i] * team.robot(i).radius
-                            + bodies.spin[j] * team.robot(j).radius
-                    }
-                };
-                let slip = relative[1] * nx - relative[0] * ny - rims;
-                let impulse = contact.solve(approach, slip, pair.share, pair.friction);
-                part_from(moved, (i, j), impulse, team);
-                let touches = contact.touches();
-                touched[i] = touched[i].or(touches);
-                touched[j] = touched[j].or(touches);
-            }
+            pairs.solve(moved, touched, team);
             for wall_contact in walls.iter_mut() {
                 let (i, contact) = (wall_contact.robot as usize, &mut wall_contact.contact);
                 if !contact.active {
@@ -364,24 +286,6 @@ impl<L: Lanes> Contacts<L> {
 fn push<L: Lanes>(moved: &mut Moved<L>, [x, y]: [Number<L>; 2]) {
     moved.velocity[0] += x;
     moved.velocity[1] += y;
-}
-
-/// An impulse of the second robot of a pair on itself, and on the first one the other way.
-#[inline(always)]
-fn part_from<L: Lanes>(
-    moved: &mut [Moved<L>],
-    (i, j): (usize, usize),
-    [x, y]: [Number<L>; 2],
-    team: &Team,
-) {
-    if team.equal() {
-        pull(&mut moved[i], [x, y]);
-        push(&mut moved[j], [x, y]);
-        return;
-    }
-    let (one, two) = (team.lightness(i), team.lightness(j));
-    pull(&mut moved[i], [x * one, y * one]);
-    push(&mut moved[j], [x * two, y * two]);
 }
 
 #[inline(always)]

@@ -22,6 +22,7 @@ mod metrics;
 mod mission;
 mod neighbours;
 mod objects;
+mod pairs;
 mod physics;
 mod place;
 mod polygon;

@@ -8,6 +8,8 @@ use swarmwright_lanes::{Lanes, number};
 mod contact;
 #[path = "../src/contacts.rs"]
 mod contacts;
+#[path = "../src/pairs.rs"]
+mod pairs;
 
 /// As in the library.
 mod place {

@@ -23,6 +23,7 @@
 //! assert_eq!(numbers, [9.0; 16]);
 //! ```
 
+mod in_order;
 mod level;
 mod number;
 mod pair;
@@ -59,6 +60,10 @@ pub trait Lanes: Copy {
     fn load(from: &[f32]) -> Self;
     /// Into the first `WIDTH` places of a slice. Panics when there are fewer.
     fn store(self, to: &mut [f32]);
+    /// The numbers of all lanes, where they are: for work on single lanes.
+    fn numbers(&self) -> &[f32];
+    /// The same, to change them.
+    fn numbers_mut(&mut self) -> &mut [f32];
     /// self + other
     fn add(self, other: Self) -> Self;
     /// self + other where the condition holds, else self: self + other * (1 or 0) without the product.

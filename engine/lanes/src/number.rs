@@ -95,6 +95,19 @@ impl<L: Lanes> Number<L> {
     pub fn store(self, to: &mut [f32]) {
         self.0.store(to);
     }
+
+    /// The number of a lane. Panics where there is no such lane.
+    #[inline(always)]
+    #[must_use]
+    pub fn lane(&self, lane: usize) -> f32 {
+        self.0.numbers()[lane]
+    }
+
+    /// Changes the number of a lane. Panics where there is no such lane.
+    #[inline(always)]
+    pub fn set_lane(&mut self, lane: usize, number: f32) {
+        self.0.numbers_mut()[lane] = number;
+    }
 }
 
 macro_rules! operators {

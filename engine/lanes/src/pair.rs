@@ -1,12 +1,14 @@
 //! Twice the lanes: two vectors side by side, so that a processor that waits for one works on the other.
 
-use crate::{Int, Lanes, Mask};
+use crate::{Int, Lanes, Mask, in_order};
 
 /// Two vectors as one of twice the width.
 ///
 /// A rollout is one long chain in which each operation waits for the one before; two chains that do not wait for each
 /// other keep the processor busy. Use it where there are enough episodes, and registers are not short.
 #[derive(Debug, Clone, Copy)]
+// One vector after the other, see `in_order`.
+#[repr(C)]
 pub struct Pair<L>(L, L);
 
 /// Conditions of a [`Pair`].
@@ -54,6 +56,14 @@ impl<L: Lanes> Lanes for Pair<L> {
         let (low, high) = to.split_at_mut(L::WIDTH);
         self.0.store(low);
         self.1.store(high);
+    }
+    #[inline(always)]
+    fn numbers(&self) -> &[f32] {
+        in_order::numbers(self)
+    }
+    #[inline(always)]
+    fn numbers_mut(&mut self) -> &mut [f32] {
+        in_order::numbers_mut(self)
     }
     both! {
         add(other);

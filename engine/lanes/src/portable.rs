@@ -48,6 +48,12 @@ impl Lanes for F32s {
     fn store(self, to: &mut [f32]) {
         to[..WIDTH].copy_from_slice(&self.0);
     }
+    fn numbers(&self) -> &[f32] {
+        &self.0
+    }
+    fn numbers_mut(&mut self) -> &mut [f32] {
+        &mut self.0
+    }
     #[inline(always)]
     fn add(self, other: Self) -> Self {
         Self(each(self.0, other.0, |a, b| a + b))

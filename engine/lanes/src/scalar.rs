@@ -20,6 +20,14 @@ impl Lanes for f32 {
         to[0] = self;
     }
     #[inline(always)]
+    fn numbers(&self) -> &[f32] {
+        std::slice::from_ref(self)
+    }
+    #[inline(always)]
+    fn numbers_mut(&mut self) -> &mut [f32] {
+        std::slice::from_mut(self)
+    }
+    #[inline(always)]
     fn add(self, other: Self) -> Self {
         self + other
     }

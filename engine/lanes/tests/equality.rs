@@ -31,6 +31,19 @@ impl Kernel for All<'_> {
     }
 }
 
+/// The sum, with every second lane by itself.
+#[inline(always)]
+fn by_lanes<L: Lanes>(a: L, b: L) -> L {
+    let (mut sum, mut lane) = (a, 0);
+    while lane < L::WIDTH {
+        if lane % 2 == 1 {
+            sum.numbers_mut()[lane] = a.numbers()[lane] + b.numbers()[lane];
+        }
+        lane += 1;
+    }
+    sum.add_where(b, L::Mask::from_bits(0x5555_5555))
+}
+
 impl All<'_> {
     #[inline(always)]
     fn collect<L: Lanes>(self) -> Vec<u32> {
@@ -66,6 +79,7 @@ impl All<'_> {
                     <L::Mask as Mask>::from_bits(u64::from(CONDITIONS >> start)),
                 ),
                 a.add_where(b, i.lt(j)),
+                by_lanes(a, b),
             ];
             let ints = [
                 i.add(j),
@@ -143,7 +157,7 @@ fn number_in_table(row: usize, column: usize) -> f32 {
 
 /// The same with one number at a time.
 fn scalar(a: &[f32], b: &[f32], i: &[i32], j: &[i32]) -> Vec<u32> {
-    let mut columns: Vec<Vec<u32>> = vec![Vec::new(); 36 + COLUMNS];
+    let mut columns: Vec<Vec<u32>> = vec![Vec::new(); 37 + COLUMNS];
     for lane in 0..32 {
         let (a, b, i, j) = (a[lane], b[lane], i[lane], j[lane]);
         let choose = |condition: bool| if condition { a } else { b };
@@ -169,6 +183,7 @@ fn scalar(a: &[f32], b: &[f32], i: &[i32], j: &[i32]) -> Vec<u32> {
             choose(a < b && i >= j),
             choose(CONDITIONS >> lane & 1 == 1),
             if i < j { a + b } else { a },
+            a + b,
         ];
         let ints = [
             i.wrapping_add(j),

@@ -72,6 +72,14 @@ impl Lanes for Numbers {
         Vector Conditions lt le;
     }
 
+    fn numbers(&self) -> &[f32] {
+        &self.0
+    }
+
+    fn numbers_mut(&mut self) -> &mut [f32] {
+        &mut self.0
+    }
+
     fn splat(value: f32) -> Self {
         Self([value; WIDTH])
     }

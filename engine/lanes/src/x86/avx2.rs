@@ -2,7 +2,7 @@
 
 use std::arch::x86_64::*;
 
-use crate::{Int, Lanes, Mask};
+use crate::{Int, Lanes, Mask, in_order};
 
 const WIDTH: usize = 8;
 
@@ -42,6 +42,14 @@ impl Lanes for F32s {
     fn store(self, to: &mut [f32]) {
         let to = &mut to[..WIDTH];
         simd!(_mm256_storeu_ps(to.as_mut_ptr(), self.0));
+    }
+    #[inline(always)]
+    fn numbers(&self) -> &[f32] {
+        in_order::numbers(self)
+    }
+    #[inline(always)]
+    fn numbers_mut(&mut self) -> &mut [f32] {
+        in_order::numbers_mut(self)
     }
     #[inline(always)]
     fn add(self, other: Self) -> Self {
