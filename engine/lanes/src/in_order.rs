@@ -1,4 +1,4 @@
-//! Vectors that lie in memory as their numbers do, lane after lane.
+//! Vectors that lie in memory as their numbers do, lane after lane: those of instruction sets, and pairs of vectors.
 #![allow(unsafe_code)]
 
 use crate::Lanes;
@@ -7,7 +7,8 @@ use crate::Lanes;
 #[inline(always)]
 pub fn numbers<L: Lanes>(vector: &L) -> &[f32] {
     const { assert!(size_of::<L>() == L::WIDTH * size_of::<f32>()) };
-    // SAFETY: as large as its numbers, so that there is nothing between them, and borrowed as long as the slice.
+    // SAFETY: the vector is its numbers and, as it is as large as they are, nothing else: no byte of it is undefined. It is
+    // borrowed as long as the slice.
     unsafe { std::slice::from_raw_parts(std::ptr::from_ref(vector).cast(), L::WIDTH) }
 }
 
