@@ -57,7 +57,25 @@ class Traced:
             time.sleep(0.02)
         return found
 
+    def describe(self) -> str:
+        """What these processes do, for a failure that shows itself rarely."""
+        lines = []
+        for entry in self._entries():
+            lines.append(f"process {entry.name}")
+            for name in ("cmdline", "status", "wchan", "syscall", "stack"):
+                with suppress(OSError):
+                    text = (entry / name).read_bytes().replace(b"\0", b" ").decode("utf-8", "replace")
+                    lines.append(f"{name}: {text.strip()}")
+        return "\n".join(lines)
+
     def _found(self) -> list[str]:
+        found = []
+        for entry in self._entries():
+            with suppress(OSError):
+                found.append((entry / "cmdline").read_bytes().replace(b"\0", b" ").decode())
+        return found
+
+    def _entries(self) -> list[Path]:
         found = []
         for entry in Path("/proc").glob("[0-9]*"):
             try:
@@ -66,7 +84,7 @@ class Traced:
             except OSError:
                 continue
             if marked and not ended and int(entry.name) != os.getpid():
-                found.append((entry / "cmdline").read_bytes().replace(b"\0", b" ").decode())
+                found.append(entry)
         return found
 
 

@@ -223,7 +223,7 @@ def _wait_for(traced: Traced, count: int) -> None:
     until = time.monotonic() + 30
     while len(traced.left()) < count and time.monotonic() < until:
         time.sleep(0.05)
-    assert len(traced.left()) >= count
+    assert len(traced.left()) >= count, traced.describe()
 
 
 def test_the_keeper_is_killed(traced: Traced) -> None:
