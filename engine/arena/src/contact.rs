@@ -1,4 +1,4 @@
-//! Contacts of robots with each other and with walls, and what they do in a part of a tick.
+//! A contact of a robot with another one or with a wall, and what it does in a part of a tick.
 
 use swarmwright_lanes::{Lanes, Mask, Number, number};
 
@@ -18,8 +18,8 @@ pub(super) struct Contact<L: Lanes> {
     /// Impulse of a part along the normal and along the tangent.
     pub pressed: Number<L>,
     pub rubbed: Number<L>,
-    /// Whether anything can happen in this part, in any lane.
-    pub active: bool,
+    /// In which lanes anything can happen in this part, as bits.
+    pub active: u64,
 }
 
 impl<L: Lanes> Contact<L> {
@@ -30,29 +30,25 @@ impl<L: Lanes> Contact<L> {
             slack: number(0.0),
             pressed: number(0.0),
             rubbed: number(0.0),
-            active: false,
+            active: 0,
         }
     }
 
     /// At the beginning of a part: `way` between points that touch at a distance of `limit` and move with `speed` along it
-    /// and across. `fastest`: no two bodies approach each other faster, m/s. `lanes`: where they may touch in this tick. Returns the impulse that the part begins with.
+    /// and across. `fastest`: no two bodies approach each other faster, m/s. Returns the impulse that the part begins with.
     #[inline(always)]
     pub(super) fn begin(
         &mut self,
         way: [Number<L>; 2],
         speed: [Number<L>; 2],
-        (limit, fastest): (f32, f32),
-        lanes: L::Mask,
+        (limit, fastest): (Number<L>, f32),
     ) -> [Number<L>; 2] {
         let square = square(way);
         let far = limit + fastest * PART;
         // Middles that lie on each other press in no direction.
-        let possible = square
-            .lt(number(far * far))
-            .and(number(0.0).lt(square))
-            .and(lanes);
-        self.active = possible.any();
-        if !self.active {
+        let possible = square.lt(far * far).and(number(0.0).lt(square));
+        self.active = possible.bits();
+        if self.active == 0 {
             self.pressed = number(0.0);
             self.rubbed = number(0.0);
             return [number(0.0); 2];
@@ -60,7 +56,7 @@ impl<L: Lanes> Contact<L> {
         let length = square.sqrt();
         let inverse = (number::<L>(1.0) / length).only_where(possible);
         self.normal = [way[0] * inverse, way[1] * inverse];
-        let gap = length - number(limit);
+        let gap = length - limit;
         let closing = -(speed[0] * self.normal[0] + speed[1] * self.normal[1]);
         // Who overlaps after the first of two substeps approaches in that one alone; who does not, at least so fast that it
         // just touches.
@@ -94,6 +90,26 @@ impl<L: Lanes> Contact<L> {
         change
     }
 
+    /// The contact of a lane, alone.
+    #[inline(always)]
+    pub(super) fn lane(&self, lane: usize) -> Contact<f32> {
+        let [nx, ny] = &self.normal;
+        Contact {
+            normal: [Number(nx.lane(lane)), Number(ny.lane(lane))],
+            slack: Number(self.slack.lane(lane)),
+            pressed: Number(self.pressed.lane(lane)),
+            rubbed: Number(self.rubbed.lane(lane)),
+            active: 1,
+        }
+    }
+
+    /// Impulses of a lane.
+    #[inline(always)]
+    pub(super) fn set_lane(&mut self, lane: usize, [pressed, rubbed]: [f32; 2]) {
+        self.pressed.set_lane(lane, pressed);
+        self.rubbed.set_lane(lane, rubbed);
+    }
+
     #[inline(always)]
     fn along(&self, pressed: Number<L>, rubbed: Number<L>) -> [Number<L>; 2] {
         let [nx, ny] = self.normal;
@@ -103,62 +119,6 @@ impl<L: Lanes> Contact<L> {
     #[inline(always)]
     pub(super) fn touches(&self) -> L::Mask {
         number(0.0).lt(self.pressed)
-    }
-}
-
-/// A robot and, in each lane, a face of a wall.
-#[derive(Clone, Copy)]
-pub(super) struct WallContact<L: Lanes> {
-    pub robot: u32,
-    /// Index of the face; negative in lanes without one.
-    pub face: Number<L>,
-    middle: [Number<L>; 2],
-    along: [Number<L>; 2],
-    half: Number<L>,
-    pub contact: Contact<L>,
-}
-
-impl<L: Lanes> WallContact<L> {
-    #[inline(always)]
-    pub(super) fn none(robot: u32) -> Self {
-        Self {
-            robot,
-            face: number(-1.0),
-            // Far away.
-            middle: [number(1e6); 2],
-            along: [number(1.0), number(0.0)],
-            half: number(0.0),
-            contact: Contact::none(),
-        }
-    }
-
-    /// Takes a face in these lanes.
-    #[inline(always)]
-    pub(super) fn take(&mut self, index: u32, face: &Face, lanes: L::Mask) {
-        self.face = number::<L>(index as f32).select(self.face, lanes);
-        for axis in 0..2 {
-            self.middle[axis] = number::<L>(face.middle[axis]).select(self.middle[axis], lanes);
-            self.along[axis] = number::<L>(face.along[axis]).select(self.along[axis], lanes);
-        }
-        self.half = number::<L>(face.half).select(self.half, lanes);
-    }
-
-    /// Takes over the impulses of the tick before, where the face is the same.
-    #[inline(always)]
-    pub(super) fn inherit(&mut self, before: &Self) {
-        let same = self.face.le(before.face).and(before.face.le(self.face));
-        let (contact, before) = (&mut self.contact, &before.contact);
-        contact.pressed = before.pressed.select(contact.pressed, same);
-        contact.rubbed = before.rubbed.select(contact.rubbed, same);
-    }
-
-    /// From a point to the nearest one of the face.
-    #[inline(always)]
-    pub(super) fn way(&self, [x, y]: [Number<L>; 2]) -> [Number<L>; 2] {
-        let (dx, dy) = (x - self.middle[0], y - self.middle[1]);
-        let s = dx * self.along[0] + dy * self.along[1];
-        let s = s.at_most(self.half).at_least(-self.half);
-        [s * self.along[0] - dx, s * self.along[1] - dy]
     }
 }
 

@@ -8,14 +8,15 @@
 
 use swarmwright_lanes::{Lanes, Mask, Number, number};
 
-use super::contact::{PART, WallContact, square, to_face};
+use super::contact::{PART, square};
+use super::near::{Moved, Near};
 use super::objects::Objects;
 use super::pairs::Pairs;
 use super::place::Place;
-use super::robot::Robot;
 use super::senses::Close;
 use super::swarm::{Bodies, SUBSTEP, SUBSTEPS};
 use super::team::Team;
+use super::walls::Walls;
 
 /// Parts of a tick, each of two substeps of free motion.
 const PARTS: usize = 5;
@@ -24,57 +25,22 @@ const PASSES: usize = 2;
 /// The same where there are objects, which are heavier.
 const PASSES_WITH_OBJECTS: usize = 4;
 
-/// A robot that something may touch in the tick.
-#[derive(Clone, Copy)]
-pub(super) struct Moved<L> {
-    pub at: [Number<L>; 2],
-    pub velocity: [Number<L>; 2],
-    /// The velocity before this part, how far the drive alone gets in it, and what the drive gives.
-    pub before: [Number<L>; 2],
-    free: [Number<L>; 2],
-    load: [Number<L>; 2],
-}
-
 /// The work of a tick.
 pub(super) struct Contacts<L: Lanes> {
     /// The velocity that each drive aims at.
     pub aim: Vec<[Number<L>; 2]>,
-    /// In which lanes something can touch a robot.
-    near: Vec<L::Mask>,
-    involved: Vec<u32>,
-    /// In which lanes something touches a robot in this part.
-    touched: Vec<L::Mask>,
-    pairs: Pairs,
-    /// Ascending by robots, and those of the tick before.
-    walls: [Vec<WallContact<L>>; 2],
-    moved: Vec<Moved<L>>,
-}
-
-/// Lines of walls that are further away at the beginning of a tick matter neither to contacts nor to rays, metres. `gap`: how
-/// far robots come in a tick towards each other.
-pub(super) fn reach_of_walls(robot: &Robot, gap: f32) -> f32 {
-    let rays = robot.proximity.as_ref().map_or(0.0, |p| p.start + p.range);
-    rays.max(robot.radius + gap / 2.0)
+    near: Near<L>,
+    pairs: Pairs<L>,
+    walls: Walls<L>,
 }
 
 impl<L: Lanes> Contacts<L> {
     pub(super) fn new(robots: usize) -> Self {
-        let zero = [number(0.0); 2];
-        let moved = Moved {
-            at: zero,
-            velocity: zero,
-            before: zero,
-            free: zero,
-            load: zero,
-        };
         Self {
-            aim: vec![zero; robots],
-            near: vec![L::Mask::from_bits(0); robots],
-            involved: Vec::new(),
-            touched: vec![L::Mask::from_bits(0); robots],
-            pairs: Pairs::new(robots),
-            walls: [Vec::new(), Vec::new()],
-            moved: vec![moved; robots],
+            aim: vec![[number(0.0); 2]; robots],
+            near: Near::new(robots),
+            pairs: Pairs::new(),
+            walls: Walls::new(robots),
         }
     }
 
@@ -82,7 +48,7 @@ impl<L: Lanes> Contacts<L> {
     #[inline(always)]
     pub(super) fn forget(&mut self) {
         self.pairs.forget();
-        self.walls[0].clear();
+        self.walls.forget();
     }
 
     /// Moves all robots by a tick.
@@ -94,83 +60,35 @@ impl<L: Lanes> Contacts<L> {
         team: &Team,
         place: &Place,
     ) {
-        self.near.fill(L::Mask::from_bits(0));
-        self.pairs.find(bodies, &close.robots, team, &mut self.near);
-        self.find_walls(bodies, &close.faces, team, place);
+        let Self {
+            aim,
+            near,
+            pairs,
+            walls,
+            ..
+        } = self;
+        near.lanes.fill(0);
+        pairs.find(bodies, &close.robots, team, &mut near.lanes);
+        walls.find(bodies, &close.faces, (team, place), &mut near.lanes);
         let mut objects = std::mem::take(&mut bodies.objects);
-        objects.find(bodies, team, place, &mut self.near);
-        self.involved.clear();
-        for index in 0..bodies.len() {
-            if self.near[index].any() {
-                self.involved.push(index as u32);
-                let moved = &mut self.moved[index];
-                moved.at = [bodies.x[index], bodies.y[index]];
-                moved.velocity = [bodies.vx[index], bodies.vy[index]];
-            }
+        objects.find(bodies, team, place, &mut near.lanes);
+        if L::WIDTH == 1 || objects.any() {
+            // Contacts with objects are those of the same lane.
+            near.spread(bodies, aim);
+        } else {
+            near.pack(bodies, aim, team);
         }
+        pairs.place(near);
+        walls.collect(near, place);
         self.move_freely(bodies, team);
-        if self.involved.is_empty() && !objects.awake() {
-            bodies.objects = objects;
-            return;
-        }
-        for _ in 0..PARTS {
-            self.part(bodies, &mut objects, team, place);
+        if !self.near.used.is_empty() || objects.awake() {
+            for _ in 0..PARTS {
+                self.part(bodies, &mut objects, team, place);
+            }
+            self.walls.keep();
+            self.near.unpack(bodies);
         }
         bodies.objects = objects;
-        for index in &self.involved {
-            let index = *index as usize;
-            let (near, moved) = (self.near[index], self.moved[index]);
-            bodies.x[index] = moved.at[0].select(bodies.x[index], near);
-            bodies.y[index] = moved.at[1].select(bodies.y[index], near);
-            bodies.vx[index] = moved.velocity[0].select(bodies.vx[index], near);
-            bodies.vy[index] = moved.velocity[1].select(bodies.vy[index], near);
-        }
-    }
-
-    /// Finds which walls a robot may touch in this tick.
-    #[inline(always)]
-    fn find_walls(&mut self, bodies: &Bodies<L>, pairs: &[[u32; 2]], team: &Team, place: &Place) {
-        let [now, old] = &mut self.walls;
-        std::mem::swap(now, old);
-        now.clear();
-        let (mut first, mut at) = (0, 0);
-        // Slow robots may be pushed by faster ones.
-        let gap = team.gap();
-        for (number_of_pair, [index, face_index]) in pairs.iter().enumerate() {
-            let robot = *index as usize;
-            let reach = team.robot(robot).radius + gap / 2.0;
-            let face = &place.faces[*face_index as usize];
-            let way = to_face(face, bodies.x[robot], bodies.y[robot]);
-            let close = square(way).lt(number(reach * reach));
-            if close.any() {
-                self.near[robot] = self.near[robot].or(close);
-                let mut lanes = close;
-                for wall_contact in &mut now[first..] {
-                    let taken = lanes.and(wall_contact.face.lt(number(0.0)));
-                    if taken.any() {
-                        wall_contact.take(*face_index, face, taken);
-                        lanes = lanes.and_not(taken);
-                    }
-                }
-                if lanes.any() {
-                    let mut wall_contact = WallContact::none(*index);
-                    wall_contact.take(*face_index, face, lanes);
-                    now.push(wall_contact);
-                }
-            }
-            if number_of_pair + 1 < pairs.len() && pairs[number_of_pair + 1][0] == *index {
-                continue;
-            }
-            while at < old.len() && old[at].robot <= *index {
-                if old[at].robot == *index {
-                    for wall_contact in &mut now[first..] {
-                        wall_contact.inherit(&old[at]);
-                    }
-                }
-                at += 1;
-            }
-            first = now.len();
-        }
     }
 
     /// A tick of robots that touch nothing, at once.
@@ -200,43 +118,20 @@ impl<L: Lanes> Contacts<L> {
     #[inline(always)]
     fn part(&mut self, bodies: &Bodies<L>, objects: &mut Objects<L>, team: &Team, place: &Place) {
         let Self {
-            aim,
-            involved,
-            touched,
-            pairs,
-            walls: [walls, _],
-            moved,
-            ..
+            near, pairs, walls, ..
         } = self;
-        let fastest = team.fastest();
-        let all = L::Mask::from_bits(u64::MAX);
-        for index in involved.iter() {
-            let index = *index as usize;
-            moved[index].before = moved[index].velocity;
-            touched[index] = L::Mask::from_bits(0);
+        let Near { moved, used, .. } = near;
+        for vector in used.iter() {
+            let moved = &mut moved[*vector as usize];
+            moved.before = moved.velocity;
+            moved.touched = 0;
         }
-        pairs.begin(moved, touched, team);
-        for wall_contact in walls.iter_mut() {
-            let i = wall_contact.robot as usize;
-            let way = wall_contact.way(moved[i].at);
-            let speed = [-moved[i].before[0], -moved[i].before[1]];
-            let impulse =
-                wall_contact
-                    .contact
-                    .begin(way, speed, (team.robot(i).radius, fastest), all);
-            if wall_contact.contact.active {
-                pull(&mut moved[i], impulse);
-                touched[i] = touched[i].or(wall_contact.contact.touches());
-            }
-        }
-        objects.begin(moved, touched, (team, place));
-        for index in involved.iter() {
-            let index = *index as usize;
-            drive(
-                &mut moved[index],
-                aim[index],
-                team.robot(index).acceleration,
-            );
+        pairs.begin(moved, team);
+        walls.begin(moved, team);
+        objects.begin(moved, (team, place));
+        for vector in used.iter() {
+            let moved = &mut moved[*vector as usize];
+            drive(moved, team.robot(moved.robot as usize).acceleration);
         }
         objects.rest(false);
         let passes = if objects.any() {
@@ -246,34 +141,22 @@ impl<L: Lanes> Contacts<L> {
         };
         for pass in 0..passes {
             if pass > 0 {
-                for index in involved.iter() {
-                    let index = *index as usize;
-                    if touched[index].any() {
-                        let limit = team.robot(index).acceleration * PART;
-                        drive_on(&mut moved[index], aim[index], limit, touched[index]);
+                for vector in used.iter() {
+                    let moved = &mut moved[*vector as usize];
+                    if moved.touched != 0 {
+                        drive_on(moved, team.robot(moved.robot as usize).acceleration);
                     }
                 }
                 objects.rest(true);
             }
-            pairs.solve(moved, touched, team);
-            for wall_contact in walls.iter_mut() {
-                let (i, contact) = (wall_contact.robot as usize, &mut wall_contact.contact);
-                if !contact.active {
-                    continue;
-                }
-                let [nx, ny] = contact.normal;
-                let (robot, u) = (team.robot(i), moved[i].velocity);
-                let approach = -(u[0] * nx + u[1] * ny);
-                let slip = u[0] * ny - u[1] * nx - bodies.spin[i] * robot.radius;
-                let impulse = contact.solve(approach, slip, 1.0, robot.friction[1]);
-                pull(&mut moved[i], impulse);
-                touched[i] = touched[i].or(contact.touches());
-            }
-            objects.solve(moved, touched, &bodies.spin, team);
+            pairs.solve(moved, team);
+            walls.solve(moved, team);
+            objects.solve(moved, &bodies.spin, team);
         }
         objects.advance();
-        for index in involved.iter() {
-            let (moved, touched) = (&mut moved[*index as usize], touched[*index as usize]);
+        for vector in used.iter() {
+            let moved = &mut moved[*vector as usize];
+            let touched = L::Mask::from_bits(moved.touched);
             for axis in 0..2 {
                 let way = (moved.velocity[axis] * PART).select(moved.free[axis], touched);
                 moved.at[axis] += way;
@@ -288,16 +171,10 @@ fn push<L: Lanes>(moved: &mut Moved<L>, [x, y]: [Number<L>; 2]) {
     moved.velocity[1] += y;
 }
 
-#[inline(always)]
-fn pull<L: Lanes>(moved: &mut Moved<L>, [x, y]: [Number<L>; 2]) {
-    moved.velocity[0] -= x;
-    moved.velocity[1] -= y;
-}
-
 /// The drive pulls the velocity to its aim. `velocity` has the impulses of the contacts already: it works against them.
 #[inline(always)]
-fn drive<L: Lanes>(moved: &mut Moved<L>, aim: [Number<L>; 2], acceleration: f32) {
-    let [x, y] = moved.velocity;
+fn drive<L: Lanes>(moved: &mut Moved<L>, acceleration: f32) {
+    let (aim, [x, y]) = (moved.aim, moved.velocity);
     let wanted = [aim[0] - x, aim[1] - y];
     let inverse = number::<L>(1.0) / square(wanted).sqrt();
     let whole = (inverse * (acceleration * PART)).at_most(number(1.0));
@@ -314,10 +191,11 @@ fn drive<L: Lanes>(moved: &mut Moved<L>, aim: [Number<L>; 2], acceleration: f32)
 
 /// The drive once more, after contacts, in the lanes that have some: it gives no more than it can in all.
 #[inline(always)]
-fn drive_on<L: Lanes>(moved: &mut Moved<L>, aim: [Number<L>; 2], limit: f32, lanes: L::Mask) {
-    let (load, [x, y]) = (moved.load, moved.velocity);
+fn drive_on<L: Lanes>(moved: &mut Moved<L>, acceleration: f32) {
+    let lanes = L::Mask::from_bits(moved.touched);
+    let (aim, load, [x, y]) = (moved.aim, moved.load, moved.velocity);
     let wanted = [load[0] + (aim[0] - x), load[1] + (aim[1] - y)];
-    let part = (number::<L>(limit) / square(wanted).sqrt()).at_most(number(1.0));
+    let part = (number::<L>(acceleration * PART) / square(wanted).sqrt()).at_most(number(1.0));
     moved.load = [
         (wanted[0] * part).select(load[0], lanes),
         (wanted[1] * part).select(load[1], lanes),

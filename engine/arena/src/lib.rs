@@ -20,6 +20,7 @@ mod links;
 mod messages;
 mod metrics;
 mod mission;
+mod near;
 mod neighbours;
 mod objects;
 mod pairs;
@@ -38,6 +39,7 @@ mod start;
 mod swarm;
 mod team;
 mod together;
+mod walls;
 
 use std::sync::Arc;
 

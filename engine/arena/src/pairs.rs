@@ -1,43 +1,85 @@
 //! Contacts of two robots, each in one lane alone.
 //!
-//! Robots touch others in other lanes: of 32 lanes one or two have a contact of the same two robots. Vectors would be all but
-//! empty, so that contacts are solved by numbers; those of other lanes do not wait for each other.
+//! Robots touch others in other lanes: of 32 lanes one or two have a contact of the same two robots. Vectors by lane would be
+//! all but empty. What does not depend on other contacts is computed for as many of them side by side as a vector has lanes;
+//! they are solved one by one, in order.
 
 use swarmwright_lanes::{Lanes, Mask, Number, number};
 
 use super::contact::{Contact, square};
-use super::contacts::Moved;
+use super::near::{Moved, Near, Spot};
 use super::swarm::Bodies;
 use super::team::{Pair, Team};
 
 /// Two robots in a lane.
 #[derive(Clone, Copy)]
-struct PairContact {
+struct Touch {
     robots: [u32; 2],
     lane: u32,
+    /// Where they are among the robots that move.
+    spots: [Spot; 2],
     pair: Pair,
     /// How fast the rims of both move along each other when nothing else does, m/s.
     rims: f32,
     /// What the impulses are worth for each of the robots, where they differ.
     lightness: [f32; 2],
-    contact: Contact<f32>,
 }
 
 /// All pairs of robots that may touch in a tick.
-pub(super) struct Pairs {
-    /// Ascending by robots, then by lanes, and those of the tick before.
-    now: Vec<PairContact>,
-    old: Vec<PairContact>,
-    /// By robot: in which lanes another one touches it in this part.
-    touched: Vec<u64>,
+struct Touches<L: Lanes> {
+    /// Ascending by robots, then by lanes.
+    all: Vec<Touch>,
+    /// Their contacts, one after the other, and the distances of middles at which they touch.
+    contacts: Vec<(Contact<L>, Number<L>)>,
 }
 
-impl Pairs {
-    pub(super) fn new(robots: usize) -> Self {
+/// The contacts of a tick, and those of the tick before.
+pub(super) struct Pairs<L: Lanes> {
+    now: Touches<L>,
+    old: Touches<L>,
+}
+
+impl<L: Lanes> Touches<L> {
+    fn new() -> Self {
         Self {
-            now: Vec::new(),
-            old: Vec::new(),
-            touched: vec![0; robots],
+            all: Vec::new(),
+            contacts: Vec::new(),
+        }
+    }
+
+    #[inline(always)]
+    fn clear(&mut self) {
+        self.all.clear();
+        self.contacts.clear();
+    }
+
+    /// Adds two robots that touched before with these impulses.
+    #[inline(always)]
+    fn push(&mut self, touch: Touch, impulses: [f32; 2]) {
+        let lane = self.all.len() % L::WIDTH;
+        if lane == 0 {
+            self.contacts.push((Contact::none(), number(0.0)));
+        }
+        let (contact, limit) = &mut self.contacts[self.all.len() / L::WIDTH];
+        contact.set_lane(lane, impulses);
+        limit.set_lane(lane, touch.pair.limit);
+        self.all.push(touch);
+    }
+
+    /// The impulses of two robots.
+    #[inline(always)]
+    fn impulses(&self, index: usize) -> [f32; 2] {
+        let (contact, _) = &self.contacts[index / L::WIDTH];
+        let lane = index % L::WIDTH;
+        [contact.pressed.lane(lane), contact.rubbed.lane(lane)]
+    }
+}
+
+impl<L: Lanes> Pairs<L> {
+    pub(super) fn new() -> Self {
+        Self {
+            now: Touches::new(),
+            old: Touches::new(),
         }
     }
 
@@ -49,15 +91,16 @@ impl Pairs {
 
     /// Finds which robots may touch each other in this tick; `pairs` are those that may in any lane.
     #[inline(always)]
-    pub(super) fn find<L: Lanes>(
+    pub(super) fn find(
         &mut self,
         bodies: &Bodies<L>,
         pairs: &[[u32; 2]],
         team: &Team,
-        near: &mut [L::Mask],
+        near: &mut [u64],
     ) {
         std::mem::swap(&mut self.now, &mut self.old);
         self.now.clear();
+        let old = &self.old.all;
         let mut at = 0;
         for robots in pairs {
             let (i, j) = (robots[0] as usize, robots[1] as usize);
@@ -67,144 +110,150 @@ impl Pairs {
             if lanes == 0 {
                 continue;
             }
-            near[i] = near[i].or(close);
-            near[j] = near[j].or(close);
+            near[i] |= lanes;
+            near[j] |= lanes;
             let rims = match pair.same {
                 Some(radius) => (bodies.spin[i] + bodies.spin[j]) * radius,
                 None => {
                     bodies.spin[i] * team.robot(i).radius + bodies.spin[j] * team.robot(j).radius
                 }
             };
-            while at < self.old.len() && self.old[at].robots < *robots {
+            while at < old.len() && old[at].robots < *robots {
                 at += 1;
             }
             while lanes != 0 {
                 let lane = lanes.trailing_zeros();
                 lanes &= lanes - 1;
                 let key = (*robots, lane);
-                while at < self.old.len() && (self.old[at].robots, self.old[at].lane) < key {
+                while at < old.len() && (old[at].robots, old[at].lane) < key {
                     at += 1;
                 }
-                let mut contact = Contact::none();
-                if at < self.old.len() && (self.old[at].robots, self.old[at].lane) == key {
-                    contact.pressed = self.old[at].contact.pressed;
-                    contact.rubbed = self.old[at].contact.rubbed;
+                let mut impulses = [0.0; 2];
+                if at < old.len() && (old[at].robots, old[at].lane) == key {
+                    impulses = self.old.impulses(at);
                 }
-                self.now.push(PairContact {
+                let touch = Touch {
                     robots: *robots,
                     lane,
+                    spots: [Spot::default(); 2],
                     pair,
                     rims: rims.lane(lane as usize),
                     lightness: [team.lightness(i), team.lightness(j)],
-                    contact,
-                });
+                };
+                self.now.push(touch, impulses);
             }
+        }
+    }
+
+    /// Notes where the robots are among those that move.
+    #[inline(always)]
+    pub(super) fn place(&mut self, near: &Near<L>) {
+        for touch in &mut self.now.all {
+            let (i, j) = (touch.robots[0] as usize, touch.robots[1] as usize);
+            let lane = touch.lane as usize;
+            touch.spots = [near.spot(i, lane), near.spot(j, lane)];
         }
     }
 
     /// Begins a part of the tick with the impulses of the one before.
     #[inline(always)]
-    pub(super) fn begin<L: Lanes>(
-        &mut self,
-        moved: &mut [Moved<L>],
-        touched: &mut [L::Mask],
-        team: &Team,
-    ) {
+    pub(super) fn begin(&mut self, moved: &mut [Moved<L>], team: &Team) {
         let (fastest, equal) = (team.fastest(), team.equal());
-        self.touched.fill(0);
-        for one in &mut self.now {
-            let (i, j) = (one.robots[0] as usize, one.robots[1] as usize);
-            let lane = one.lane as usize;
-            let (a, b) = (&moved[i], &moved[j]);
-            let way = between(&a.at, &b.at, lane);
-            let speed = between(&a.before, &b.before, lane);
-            let impulse = one
-                .contact
-                .begin(way, speed, (one.pair.limit, fastest), true);
-            if one.contact.active {
-                part_from(moved, one, impulse, equal);
-                self.touched[i] |= u64::from(one.contact.touches()) << lane;
-                self.touched[j] |= u64::from(one.contact.touches()) << lane;
+        let Touches { all, contacts } = &mut self.now;
+        for (index, (contact, limit)) in contacts.iter_mut().enumerate() {
+            let first = index * L::WIDTH;
+            let touches = &all[first..all.len().min(first + L::WIDTH)];
+            // Where there are none: on each other, which is no contact.
+            let (mut way, mut speed) = ([number(0.0); 2], [number(0.0); 2]);
+            for (lane, touch) in touches.iter().enumerate() {
+                let [a, b] = touch.spots;
+                let (one, other) = (&moved[a.vector as usize], &moved[b.vector as usize]);
+                let between_middles = between((&one.at, a), (&other.at, b));
+                let relative = between((&one.before, a), (&other.before, b));
+                for axis in 0..2 {
+                    way[axis].set_lane(lane, between_middles[axis].0);
+                    speed[axis].set_lane(lane, relative[axis].0);
+                }
+            }
+            let impulse = contact.begin(way, speed, (*limit, fastest));
+            let touching = contact.touches().bits();
+            let mut lanes = contact.active;
+            while lanes != 0 {
+                let lane = lanes.trailing_zeros() as usize;
+                lanes &= lanes - 1;
+                let impulse = [impulse[0].lane(lane), impulse[1].lane(lane)];
+                part_from(moved, &touches[lane], impulse, equal);
+                note(moved, &touches[lane], touching >> lane & 1);
             }
         }
-        self.tell(touched);
     }
 
     /// Solves each contact once, in order.
     #[inline(always)]
-    pub(super) fn solve<L: Lanes>(
-        &mut self,
-        moved: &mut [Moved<L>],
-        touched: &mut [L::Mask],
-        team: &Team,
-    ) {
+    pub(super) fn solve(&mut self, moved: &mut [Moved<L>], team: &Team) {
         let equal = team.equal();
-        for one in &mut self.now {
-            if !one.contact.active {
-                continue;
-            }
-            let (i, j) = (one.robots[0] as usize, one.robots[1] as usize);
-            let lane = one.lane as usize;
-            let [nx, ny] = one.contact.normal;
-            let relative = between(&moved[i].velocity, &moved[j].velocity, lane);
-            let approach = relative[0] * nx + relative[1] * ny;
-            let slip = relative[1] * nx - relative[0] * ny - number(one.rims);
-            let pair = &one.pair;
-            let impulse = one.contact.solve(approach, slip, pair.share, pair.friction);
-            part_from(moved, one, impulse, equal);
-            self.touched[i] |= u64::from(one.contact.touches()) << lane;
-            self.touched[j] |= u64::from(one.contact.touches()) << lane;
-        }
-        self.tell(touched);
-    }
-
-    /// Adds the robots that another one touches.
-    #[inline(always)]
-    fn tell<M: Mask>(&self, touched: &mut [M]) {
-        for (touched, lanes) in touched.iter_mut().zip(&self.touched) {
-            if *lanes != 0 {
-                *touched = touched.or(M::from_bits(*lanes));
+        let Touches { all, contacts } = &mut self.now;
+        for (index, (contacts, _)) in contacts.iter_mut().enumerate() {
+            let mut lanes = contacts.active;
+            while lanes != 0 {
+                let lane = lanes.trailing_zeros() as usize;
+                lanes &= lanes - 1;
+                let touch = &all[index * L::WIDTH + lane];
+                let [a, b] = touch.spots;
+                let (one, other) = (&moved[a.vector as usize], &moved[b.vector as usize]);
+                let mut contact = contacts.lane(lane);
+                let [nx, ny] = contact.normal;
+                let relative = between((&one.velocity, a), (&other.velocity, b));
+                let approach = relative[0] * nx + relative[1] * ny;
+                let slip = relative[1] * nx - relative[0] * ny - number(touch.rims);
+                let pair = &touch.pair;
+                let impulse = contact.solve(approach, slip, pair.share, pair.friction);
+                contacts.set_lane(lane, [contact.pressed.0, contact.rubbed.0]);
+                part_from(moved, touch, [impulse[0].0, impulse[1].0], equal);
+                note(moved, touch, u64::from(contact.touches()));
             }
         }
     }
 }
 
-/// From one to the other in a lane.
+/// From a lane of one to a lane of the other.
 #[inline(always)]
 fn between<L: Lanes>(
-    one: &[Number<L>; 2],
-    other: &[Number<L>; 2],
-    lane: usize,
+    (one, a): (&[Number<L>; 2], Spot),
+    (other, b): (&[Number<L>; 2], Spot),
 ) -> [Number<f32>; 2] {
+    let (a, b) = (a.lane as usize, b.lane as usize);
     [
-        Number(other[0].lane(lane) - one[0].lane(lane)),
-        Number(other[1].lane(lane) - one[1].lane(lane)),
+        Number(other[0].lane(b) - one[0].lane(a)),
+        Number(other[1].lane(b) - one[1].lane(a)),
     ]
 }
 
 /// An impulse of the second robot of a pair on itself, and on the first one the other way.
 #[inline(always)]
-fn part_from<L: Lanes>(
-    moved: &mut [Moved<L>],
-    contact: &PairContact,
-    impulse: [Number<f32>; 2],
-    equal: bool,
-) {
-    let (i, j) = (contact.robots[0] as usize, contact.robots[1] as usize);
-    let lane = contact.lane as usize;
-    let [x, y] = impulse;
+fn part_from<L: Lanes>(moved: &mut [Moved<L>], touch: &Touch, [x, y]: [f32; 2], equal: bool) {
     let [one, two] = if equal {
         [[x, y], [x, y]]
     } else {
-        let [one, two] = contact.lightness;
+        let [one, two] = touch.lightness;
         [[x * one, y * one], [x * two, y * two]]
     };
-    push(&mut moved[i].velocity, lane, [-one[0], -one[1]]);
-    push(&mut moved[j].velocity, lane, two);
+    push(moved, touch.spots[0], [-one[0], -one[1]]);
+    push(moved, touch.spots[1], two);
 }
 
 #[inline(always)]
-fn push<L: Lanes>(velocity: &mut [Number<L>; 2], lane: usize, [x, y]: [Number<f32>; 2]) {
-    velocity[0].set_lane(lane, velocity[0].lane(lane) + x.0);
-    velocity[1].set_lane(lane, velocity[1].lane(lane) + y.0);
+fn push<L: Lanes>(moved: &mut [Moved<L>], spot: Spot, [x, y]: [f32; 2]) {
+    let velocity = &mut moved[spot.vector as usize].velocity;
+    let lane = spot.lane as usize;
+    velocity[0].set_lane(lane, velocity[0].lane(lane) + x);
+    velocity[1].set_lane(lane, velocity[1].lane(lane) + y);
+}
+
+/// Notes of both robots whether something touches them.
+#[inline(always)]
+fn note<L: Lanes>(moved: &mut [Moved<L>], touch: &Touch, touching: u64) {
+    for spot in touch.spots {
+        moved[spot.vector as usize].touched |= touching << spot.lane;
+    }
 }

@@ -12,7 +12,7 @@ use super::random::{Keys, Purpose, halves, noise, uniform};
 use super::robot::{Links, Output};
 use super::swarm::Bodies;
 use super::team::{Group, Team};
-use super::{around, camera, contacts, grey, light, messages, proximity};
+use super::{around, camera, grey, light, messages, proximity, walls};
 
 /// The way to another robot, along the axes of the arena.
 #[derive(Clone, Copy)]
@@ -174,7 +174,7 @@ impl<L: Lanes> Senses<L> {
         for index in 0..bodies.len() {
             let (group, robot) = (team.group(index), team.robot(index));
             let range = robot.range(largest);
-            let beside = number(contacts::reach_of_walls(robot, gap));
+            let beside = number(walls::reach_of_walls(robot, gap));
             self.look_around(bodies, (neighbours, team), [range.max(reach), reach], index);
             let first = self.close.faces.len();
             let (x, y) = (bodies.x[index], bodies.y[index]);

@@ -8,8 +8,12 @@ use swarmwright_lanes::{Lanes, number};
 mod contact;
 #[path = "../src/contacts.rs"]
 mod contacts;
+#[path = "../src/near.rs"]
+mod near;
 #[path = "../src/pairs.rs"]
 mod pairs;
+#[path = "../src/walls.rs"]
+mod walls;
 
 /// As in the library.
 mod place {
@@ -34,7 +38,7 @@ mod place {
 mod objects {
     use swarmwright_lanes::{Lanes, Number};
 
-    use super::contacts::Moved;
+    use super::near::Moved;
     use super::place::Place;
     use super::swarm::Bodies;
     use super::team::Team;
@@ -49,7 +53,7 @@ mod objects {
     }
 
     impl<L: Lanes> Objects<L> {
-        pub fn find(&mut self, _: &Bodies<L>, _: &Team, _: &Place, _: &mut [L::Mask]) {}
+        pub fn find(&mut self, _: &Bodies<L>, _: &Team, _: &Place, _: &mut [u64]) {}
 
         pub fn any(&self) -> bool {
             false
@@ -59,11 +63,11 @@ mod objects {
             false
         }
 
-        pub fn begin(&mut self, _: &mut [Moved<L>], _: &mut [L::Mask], _: (&Team, &Place)) {}
+        pub fn begin(&mut self, _: &mut [Moved<L>], _: (&Team, &Place)) {}
 
         pub fn rest(&mut self, _: bool) {}
 
-        pub fn solve(&mut self, _: &mut [Moved<L>], _: &mut [L::Mask], _: &[Number<L>], _: &Team) {}
+        pub fn solve(&mut self, _: &mut [Moved<L>], _: &[Number<L>], _: &Team) {}
 
         pub fn advance(&mut self) {}
     }
@@ -122,6 +126,10 @@ mod team {
                 friction: self.0.friction[0],
                 same: Some(self.0.radius),
             }
+        }
+
+        pub fn group(&self, _: usize) -> usize {
+            0
         }
 
         pub fn equal(&self) -> bool {

@@ -6,8 +6,8 @@
 use swarmwright_lanes::{Lanes, Mask, Number, number};
 
 use super::super::contact::{PART, square, to_face};
-use super::super::contacts::Moved;
 use super::super::functions::absolute;
+use super::super::near::Moved;
 use super::super::place::{Face, Place};
 use super::super::swarm::Bodies;
 use super::super::team::Team;
@@ -88,7 +88,7 @@ impl<L: Lanes> Objects<L> {
         bodies: &Bodies<L>,
         team: &Team,
         place: &Place,
-        near: &mut [L::Mask],
+        near: &mut [u64],
     ) {
         let Self {
             touches: [now, old],
@@ -114,7 +114,7 @@ impl<L: Lanes> Objects<L> {
                 let way = [bodies.x[other] - moving.x, bodies.y[other] - moving.y];
                 let close = square(way).lt(number(reach * reach));
                 if close.any() {
-                    near[other] = near[other].or(close);
+                    near[other] |= close.bits();
                     let (surface, point) = (Surface::Object(index), Point::Robot(other));
                     list.add(surface, point, (0, other, 0), close);
                     if !held.is_empty() {
@@ -179,16 +179,11 @@ impl<L: Lanes> Objects<L> {
 
     /// At the beginning of a part: where all are, and the impulses of the part before.
     #[inline(always)]
-    pub(in super::super) fn begin(
-        &mut self,
-        moved: &mut [Moved<L>],
-        touched: &mut [L::Mask],
-        at: (&Team, &Place),
-    ) {
+    pub(in super::super) fn begin(&mut self, moved: &mut [Moved<L>], at: (&Team, &Place)) {
         if self.held.is_empty() {
-            self.begin_with::<false>(moved, touched, at);
+            self.begin_with::<false>(moved, at);
         } else {
-            self.begin_with::<true>(moved, touched, at);
+            self.begin_with::<true>(moved, at);
         }
     }
 
@@ -197,7 +192,6 @@ impl<L: Lanes> Objects<L> {
     fn begin_with<const GRIPS: bool>(
         &mut self,
         moved: &mut [Moved<L>],
-        touched: &mut [L::Mask],
         (team, place): (&Team, &Place),
     ) {
         let Self {
@@ -252,9 +246,9 @@ impl<L: Lanes> Objects<L> {
             let impulse = touch.along(touch.pressed, touch.rubbed);
             touch.push(things, moving, moved, team, impulse);
             if let Point::Robot(index) = touch.point {
-                touched[index] = touched[index].or(number(0.0).lt(touch.pressed));
+                moved[index].touched |= number(0.0).lt(touch.pressed).bits();
                 if GRIPS {
-                    touched[index] = touched[index].or(touch.held);
+                    moved[index].touched |= touch.held.bits();
                 }
             }
         }
@@ -265,14 +259,13 @@ impl<L: Lanes> Objects<L> {
     pub(in super::super) fn solve(
         &mut self,
         moved: &mut [Moved<L>],
-        touched: &mut [L::Mask],
         spins: &[Number<L>],
         team: &Team,
     ) {
         if self.held.is_empty() {
-            self.solve_with::<false>(moved, touched, spins, team);
+            self.solve_with::<false>(moved, spins, team);
         } else {
-            self.solve_with::<true>(moved, touched, spins, team);
+            self.solve_with::<true>(moved, spins, team);
         }
     }
 
@@ -281,7 +274,6 @@ impl<L: Lanes> Objects<L> {
     fn solve_with<const GRIPS: bool>(
         &mut self,
         moved: &mut [Moved<L>],
-        touched: &mut [L::Mask],
         spins: &[Number<L>],
         team: &Team,
     ) {
@@ -338,7 +330,7 @@ impl<L: Lanes> Objects<L> {
             touch.rubbed = rubbed;
             touch.push(things, moving, moved, team, impulse);
             if let Point::Robot(index) = touch.point {
-                touched[index] = touched[index].or(number(0.0).lt(pressed));
+                moved[index].touched |= number(0.0).lt(pressed).bits();
             }
         }
     }
