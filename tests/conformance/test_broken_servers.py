@@ -12,6 +12,18 @@ from tests.conformance.broken.servers import SERVERS
 from tests.conformance.sound import SoundServer
 
 
+class LateTwice(SoundServer):
+    """Answers each discovery, and once more after the next one, as over a connection that repeats."""
+
+    last: str | None = None
+
+    def answer(self, hash_: str) -> None:
+        if self.last is not None:
+            super().answer(self.last)
+        self.last = hash_
+        super().answer(hash_)
+
+
 def report_of(kind: type[SoundServer], rules: str, profile: Profile = "all") -> Report:
     with ExitStack() as stack:
 
@@ -26,3 +38,8 @@ def test_a_broken_server_is_caught_by_the_right_rule(kind: type[Broken]) -> None
     report = report_of(kind, kind.rules)
     assert set(report.of("failed", "died")) == kind.breaks, str(report)
     assert bool(report.of("died")) == kind.died
+
+
+def test_late_answers_to_earlier_discoveries_are_no_mistake() -> None:
+    report = report_of(LateTwice, "S1.1,S1.2,S1.3")
+    assert report.ok, str(report)

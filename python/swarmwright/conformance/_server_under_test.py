@@ -70,6 +70,8 @@ class Server:
         self.repeats: bool | None = None
         self.seen_metrics: set[str] = set()
         self.episodes: list[Episode] = []
+        self.asked: set[str] = set()
+        """Hashes of all discoveries: answers to earlier ones may be late."""
         self.tools: set[str] = set()
 
     # What it announces.
@@ -154,11 +156,14 @@ class Server:
 
     def discovery(self, **changes: Any) -> Json:  # noqa: ANN401 - JSON
         """A discovery that the server should answer, with a new hash."""
-        return {
+        question = {
             "simulation": self.settings.title,
             "simulation_hash": new_hash(),
             "requirements": {"dimensions": self.settings.dimensions},
         } | changes
+        if isinstance(question["simulation_hash"], str):
+            self.asked.add(question["simulation_hash"])
+        return question
 
     def discover(self, *, within: float | None = None, **changes: Any) -> Json | None:  # noqa: ANN401 - JSON
         """Ask once; the answer, None when none comes in time."""

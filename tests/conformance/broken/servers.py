@@ -27,6 +27,17 @@ class WrongEcho(Broken):
         super().answer(hash_[::-1])
 
 
+class EchoOfTheLast(Broken):
+    """Answers a discovery with the hash of the one before it."""
+
+    breaks: ClassVar = {"S1.2"}
+    last = "0" * 64
+
+    def answer(self, hash_: str) -> None:
+        super().answer(self.last)
+        self.last = hash_
+
+
 class OffersEverything(Broken):
     """Does not look at the title."""
 
