@@ -3,7 +3,8 @@
 `python -m benchmarks.designs FOLDER [--budget N] [--repetitions N] [--missions A,B] [--designs A,B]` designs
 with both, or others, several times for each mission, scores the designs on held-out seeds, with the robots of
 the design and with sampled ones whose noise is another, prints a table and draws box plots. FOLDER keeps the
-runs: those that are done are not repeated.
+runs, and their scores in FOLDER/designs-BUDGET.json: what is done is not repeated. A design with 200,000
+episodes takes several minutes. `--draw FILE` prints and draws from such a file alone.
 """
 
 import argparse
@@ -17,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy import stats
 
-from benchmarks.kept import finished
+from benchmarks.kept import finished, read, write
 from swarmwright import Experiment, Run, transfer
 from swarmwright.figures.style import COLORS, INK, dress, new_figure
 
@@ -70,6 +71,12 @@ class Design:
     transferred: float
     """The same with robots whose noise is sampled around the reference model's, anew in each episode."""
     seconds: float
+    """Of the design process, with its record and the held-out episodes."""
+
+    @property
+    def key(self) -> tuple[str, str, int]:
+        """What it is of."""
+        return self.mission, self.kind, self.repetition
 
     @property
     def loss(self) -> float:
@@ -109,8 +116,9 @@ def design(folder: Path, mission: str, kind: str, budget: int, repetition: int) 
     assert run.validation is not None
     best = run.validation.best
     (found,) = transfer([run], pseudo_reality=True, candidates=1, seeds=EPISODES).runs
-    transferred = found.target_fitness[0].mean
-    return Design(mission, kind, repetition, best.recorded, best.fitness.mean, transferred, seconds)
+    scores = (best.recorded, best.fitness.mean, found.target_fitness[0].mean)
+    recorded, fitness, transferred = (float(f"{one:.6g}") for one in scores)
+    return Design(mission, kind, repetition, recorded, fitness, transferred, round(seconds, 1))
 
 
 def kinds(found: Sequence[Design]) -> list[str]:
@@ -172,6 +180,34 @@ def draw(found: Sequence[Design]) -> "Figure":
     return figure
 
 
+def made(
+    folder: Path, missions: Sequence[str], compared: Sequence[str], budget: int, repetitions: int
+) -> list[Design]:
+    """Design and score what has no scores in the folder yet; return all that were asked for."""
+    file = folder / f"designs-{budget}.json"
+    about = (
+        f"Designs with {budget} episodes in the arena: 20 e-pucks, 120 s; means of {EPISODES} held-out "
+        "episodes, and of as many in the pseudo-reality. "
+        f"python -m benchmarks.designs FOLDER --budget {budget}"
+    )
+    found = {one.key: one for one in (read(file, Design) if file.exists() else ())}
+    for repetition in range(1, repetitions + 1):
+        for mission in missions:
+            for kind in compared:
+                if (mission, kind, repetition) in found:
+                    continue
+                one = design(folder, mission, kind, budget, repetition)
+                found[one.key] = one
+                write(found.values(), file, about)
+                print(one, flush=True)
+    return [
+        found[mission, kind, repetition]
+        for repetition in range(1, repetitions + 1)
+        for mission in missions
+        for kind in compared
+    ]
+
+
 def main() -> None:
     """Design what the command line asks for."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.designs", description=__doc__)
@@ -187,18 +223,20 @@ def main() -> None:
         metavar="A,B",
         help=f"of {', '.join(DESIGNS)}; default: %(default)s",
     )
+    parser.add_argument("--draw", type=Path, metavar="FILE", help="design nothing, show what is in a file")
     arguments = parser.parse_args()
     compared = arguments.designs.split(",")
     if len(compared) < 2 or not set(compared) <= set(DESIGNS):
         parser.error(f"--designs: expected two or more of {', '.join(DESIGNS)}")
-    found = []
-    for repetition in range(1, arguments.repetitions + 1):
-        for mission in arguments.missions.split(","):
-            for kind in compared:
-                found.append(design(arguments.folder, mission, kind, arguments.budget, repetition))
-                print(found[-1], flush=True)
-    print("", *table(found), sep="\n")
-    draw(found).savefig(arguments.folder / f"designs-{arguments.budget}.png")
+    arguments.folder.mkdir(parents=True, exist_ok=True)
+    if arguments.draw is not None:
+        found, name = list(read(arguments.draw, Design)), arguments.draw.stem
+    else:
+        missions = arguments.missions.split(",")
+        found = made(arguments.folder, missions, compared, arguments.budget, arguments.repetitions)
+        name = f"designs-{arguments.budget}"
+    print(*table(found), sep="\n")
+    draw(found).savefig(arguments.folder / f"{name}.png")
 
 
 if __name__ == "__main__":

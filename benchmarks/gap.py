@@ -11,7 +11,7 @@ file alone.
 import argparse
 import json
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,6 +19,7 @@ import numpy as np
 from scipy import stats
 
 from benchmarks.designs import DESIGNS, MISSIONS, designed
+from benchmarks.kept import read, write
 from benchmarks.missions import chosen
 from benchmarks.places import PLACES, PREFIX, Place, running
 from benchmarks.processes import Broker, embedded
@@ -28,6 +29,10 @@ from swarmwright.figures.style import COLORS, INK, dress, new_figure
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+ABOUT = (
+    "Mean fitness of designs in the arena and in other simulators, in the same episodes: 20 e-pucks, 120 s, "
+    "held-out seeds. python -m benchmarks.gap FOLDER"
+)
 ELSEWHERE = tuple(place for place in PLACES if place.simulation != "arena")
 
 
@@ -148,27 +153,12 @@ def draw(found: Sequence[Loss]) -> "Figure":
     return figure
 
 
-def write(found: Sequence[Loss], path: Path) -> None:
-    """Write what was measured as JSON."""
-    about = (
-        "Mean fitness of designs in the arena and in other simulators, in the same episodes: 20 e-pucks, "
-        "120 s, held-out seeds. python -m benchmarks.gap FOLDER"
-    )
-    lines = ",\n".join(f"  {json.dumps(asdict(one))}" for one in found)
-    path.write_text(f'{{"about": {json.dumps(about)}, "losses": [\n{lines}\n]}}\n', encoding="utf-8")
-
-
-def read(path: Path) -> list[Loss]:
-    """Return what a file holds."""
-    return [Loss(**one) for one in json.loads(path.read_text(encoding="utf-8"))["losses"]]
-
-
 def measured(
     folder: Path, missions: Sequence[str], places: Sequence[Place], arguments: argparse.Namespace
 ) -> list[Loss]:
     """Measure what is not in the file yet; return all that it holds, ordered by simulator and design."""
     file = folder / "gap.json"
-    found = {one.key: one for one in (read(file) if file.exists() else [])}
+    found = {one.key: one for one in (read(file, Loss) if file.exists() else ())}
     runs = {
         (mission, design, repetition): designed(folder, mission, design, arguments.budget, repetition)
         for mission in missions
@@ -189,7 +179,7 @@ def measured(
                     goal = target(folder, place, broker, run)
                     arena, there = measure(run, goal, place, arguments.seeds)
                     found[key] = Loss(*key, arguments.seeds, float(f"{arena:.6g}"), float(f"{there:.6g}"))
-                    write(list(found.values()), file)
+                    write(found.values(), file, ABOUT)
                     print(found[key], flush=True)
     order = [place.name for place in ELSEWHERE]
     kinds = list(DESIGNS)
@@ -202,7 +192,7 @@ def measured(
             one.repetition,
         ),
     )
-    write(every, file)
+    write(every, file, ABOUT)
     return every
 
 
@@ -223,7 +213,7 @@ def main() -> None:
     arguments = parser.parse_args()
     arguments.folder.mkdir(parents=True, exist_ok=True)
     if arguments.draw is not None:
-        found = read(arguments.draw)
+        found = list(read(arguments.draw, Loss))
     else:
         missions = chosen(arguments.missions, MISSIONS, "mission")
         wanted = chosen(arguments.simulators, names, "simulator")

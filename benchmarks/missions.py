@@ -17,14 +17,14 @@ import math
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from benchmarks.designs import DESIGNS
-from benchmarks.kept import finished
+from benchmarks.kept import finished, read, write
 from benchmarks.places import PLACES, PREFIX, Place, running
 from benchmarks.processes import Broker, embedded
 from swarmwright import Experiment, Run, post_evaluate
@@ -42,6 +42,10 @@ BUDGET = 20_000
 SEEDS = 30
 FIRST_SEED = 1_000_000_000
 """Of the held-out seeds."""
+ABOUT = (
+    f"Fitness of three controllers on missions of the arena in several simulators: {ROBOTS} e-pucks, "
+    f"{SECONDS} s, held-out seeds from {FIRST_SEED} on. python -m benchmarks.missions FOLDER"
+)
 
 
 @dataclass(frozen=True)
@@ -190,22 +194,11 @@ def draw(cells: Sequence[Cell]) -> "Figure":
     return figure
 
 
-def write(cells: Sequence[Cell], path: Path) -> None:
-    """Write cells as JSON, simulator by simulator."""
+def keep(cells: Sequence[Cell], path: Path) -> None:
+    """Write cells, simulator by simulator."""
     names = [place.name for place in PLACES]
-    cells = sorted(cells, key=lambda cell: names.index(cell.simulator))
-    about = (
-        f"Fitness of three controllers on missions of the arena in several simulators: {ROBOTS} e-pucks, "
-        f"{SECONDS} s, held-out seeds from {FIRST_SEED} on. python -m benchmarks.missions FOLDER"
-    )
-    lines = ",\n".join(f"  {json.dumps(asdict(cell))}" for cell in cells)
-    path.write_text(f'{{"about": {json.dumps(about)}, "cells": [\n{lines}\n]}}\n', encoding="utf-8")
-
-
-def read(path: Path) -> list[Cell]:
-    """Return the cells of a file."""
-    values: list[dict[str, Any]] = json.loads(path.read_text(encoding="utf-8"))["cells"]
-    return [Cell(**one | {"fitness": tuple(one["fitness"])}) for one in values]
+    in_order = sorted(cells, key=lambda cell: names.index(cell.simulator))
+    write(in_order, path, ABOUT)
 
 
 def chosen(text: str, known: Sequence[str], what: str) -> list[str]:
@@ -232,7 +225,7 @@ def main() -> None:
     arguments = parser.parse_args()
     arguments.folder.mkdir(parents=True, exist_ok=True)
     if arguments.draw is not None:
-        cells = read(arguments.draw)
+        cells = list(read(arguments.draw, Cell))
     else:
         missions = chosen(arguments.missions, MISSIONS, "mission")
         wanted = chosen(arguments.simulators, names, "simulator")
@@ -243,11 +236,11 @@ def main() -> None:
             for kind in CONTROLLERS
         }
         file = arguments.folder / "missions.json"
-        before = read(file) if file.exists() else []
+        before = list(read(file, Cell)) if file.exists() else []
         cells = []
         for cell in measured(runs, places, arguments.seeds, before):
             cells.append(cell)
-            write(cells + [one for one in before if one.key not in {cell.key for cell in cells}], file)
+            keep(cells + [one for one in before if one.key not in {cell.key for cell in cells}], file)
             mean = _entry(cell.mean, None)
             print(f"{cell.simulator}, {cell.mission}, {cell.controller}: {mean}", file=sys.stderr, flush=True)
     print(*speeds(cells), "", *table(cells), sep="\n")

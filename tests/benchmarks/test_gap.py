@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from benchmarks.designs import DESIGNS
-from benchmarks.gap import ELSEWHERE, Loss, read, table
+from benchmarks.gap import ELSEWHERE, Loss, table
+from benchmarks.kept import read
 from swarmwright import Run, post_evaluate
 
 
@@ -25,7 +26,7 @@ def test_designs_are_made_once_and_evaluated_in_the_arena_and_elsewhere(root: Pa
         pytest.skip(f"Enki: {why}")
     asked = ["--budget", "1000", "--repetitions", "1", "--missions", "lcn", "--simulators", "Enki"]
     first = run(root, tmp_path, *asked, "--seeds", "2")
-    losses = read(tmp_path / "gap.json")
+    losses = list(read(tmp_path / "gap.json", Loss))
     assert [(one.mission, one.design, one.repetition, one.simulator, one.seeds) for one in losses] == [
         ("lcn", design, 1, "Enki", 2) for design in DESIGNS
     ]
@@ -58,7 +59,7 @@ def test_the_table_has_medians_of_fitness_and_of_what_is_lost() -> None:
 
 
 def test_the_page_has_what_was_measured(root: Path) -> None:
-    losses = read(root / "benchmarks" / "data" / "gap.json")
+    losses = list(read(root / "benchmarks" / "data" / "gap.json", Loss))
     page = (root / "docs" / "explanation" / "designs.md").read_text("utf-8")
     assert {one.design for one in losses} == set(DESIGNS)
     for line in table(losses):

@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from benchmarks.missions import CONTROLLERS, FIRST_SEED, read, speeds, table
+from benchmarks.kept import read
+from benchmarks.missions import CONTROLLERS, FIRST_SEED, Cell, speeds, table
 from benchmarks.places import PLACES
 from swarmwright import Run, post_evaluate
 
@@ -27,7 +28,7 @@ def test_controllers_are_designed_once_and_evaluated_in_all_simulators(root: Pat
         root, "missions", tmp_path, "--budget", "1000", "--seeds", "3", "--missions", "homing",
         "--simulators", SIMULATORS,
     )  # fmt: skip
-    cells = read(tmp_path / "missions.json")
+    cells = list(read(tmp_path / "missions.json", Cell))
     here = [place.name for place in PLACES if place.name in SIMULATORS.split(",") and place.missing() is None]
     assert [(cell.simulator, cell.controller) for cell in cells] == [
         (name, controller) for name in here for controller in CONTROLLERS
@@ -70,7 +71,7 @@ def test_unknown_names_are_refused(root: Path, tmp_path: Path) -> None:
 
 
 def test_the_page_has_what_was_measured(root: Path) -> None:
-    cells = read(root / "benchmarks" / "data" / "missions.json")
+    cells = list(read(root / "benchmarks" / "data" / "missions.json", Cell))
     page = (root / "docs" / "explanation" / "one-mission.md").read_text("utf-8")
     assert {cell.simulator for cell in cells} == {place.name for place in PLACES}
     for line in (*speeds(cells), *table(cells)):

@@ -54,7 +54,9 @@ def test_a_run_with_two_servers_has_the_record_of_one_over_tcp(
         launch("broker", "--socket", file.name, "--json").until_event("listening")
     servers.until_event("ready", 2)
     # The run over TCP may not have read its own file yet.
-    run = launch("optimize", experiment(f"{path.read_text()}broker: {url}\n", "socket.yaml"), "--out", "socket")
+    run = launch(
+        "optimize", experiment(f"{path.read_text()}broker: {url}\n", "socket.yaml"), "--out", "socket"
+    )
     assert run.wait() == 0, run.stderr
     assert over_tcp.wait() == 0, over_tcp.stderr
     assert record(tmp_path / "socket") == record(tmp_path / "tcp")
