@@ -14,6 +14,10 @@ use swarmwright_simulation::ParameterError;
 use swarmwright_simulation::block::{Block, LaneWorld, side_by_side};
 use swarmwright_simulation::rollout::stopped;
 
+/// With more robots lanes without an episode of their own cost more than they bring where there are fewer than `FEW`.
+const MANY: usize = 256;
+const FEW: usize = 3;
+
 /// The episodes of a block. They differ in the seed alone.
 pub(crate) struct ArenaLanes {
     settings: Settings,
@@ -39,7 +43,9 @@ impl LaneWorld for ArenaLanes {
 
     fn new(block: &Block<'_>) -> Result<Option<Self>, ParameterError> {
         let mut settings = Settings::read(block.parameters)?;
-        if settings.team.len() > MOST_IN_LANES {
+        let robots = settings.team.len();
+        let few = robots > MANY && block.len() < FEW;
+        if few || robots > MOST_IN_LANES {
             return Ok(None);
         }
         let mut starts = Vec::with_capacity(block.seeds.len());

@@ -1,34 +1,49 @@
 //! Who can be near whom: for each robot the others that are looked at, ascending.
 
-use swarmwright_lanes::{Lanes, Number};
+use swarmwright_lanes::{Lanes, Mask, Number, number};
 
 use super::swarm::Bodies;
 
-/// With more robots one episode at a time is faster, as it looks at the cells around a robot.
-pub(super) const MOST_IN_LANES: usize = 1024;
-/// Up to so many robots it is faster to look at all others.
-const FEW: usize = 48;
+/// With more robots the memory of all lanes would matter: one episode at a time.
+pub(super) const MOST_IN_LANES: usize = 16_384;
+/// Up to so many robots it is faster to look at all others, one episode at a time and in lanes.
+const FEW: [usize; 2] = [48, 96];
+/// For so many ticks at least lists are those of the tick in which they were made.
+const TICKS: f32 = 6.0;
 
-/// For each robot a list of others. With few robots, and in lanes, all are in it, with many those within reach, so that work
-/// for a robot does not grow with their number. What is not in it is too far to matter, so that the lists decide nothing.
-#[derive(Debug, Clone, Default)]
-pub(super) struct Neighbours {
+/// For each robot a list of others. With few robots all are in it, with many those within reach, in any lane, so that work for
+/// a robot does not grow with their number. What is not in it is too far to matter, so that the lists decide nothing.
+///
+/// Lists have those that are a little further away, too, and are made anew when a robot has moved by half of that
+/// (Verlet 1967).
+pub(super) struct Neighbours<L: Lanes> {
     /// Where each robot's list begins, and where the last one ends.
     starts: Vec<u32>,
     others: Vec<u32>,
-    /// How near others must be, metres; none where all are looked at.
-    reach: Option<f32>,
-    cells: Cells,
+    /// How near others must be, and how much further away those in the lists may be, metres; none where all are looked at.
+    reach: Option<[f32; 2]>,
+    /// Where robots were when the lists were made.
+    x: Vec<Number<L>>,
+    y: Vec<Number<L>>,
+    /// By lane.
+    cells: Vec<Cells>,
+    /// Robots of a list, as bits.
+    marks: Vec<u64>,
 }
 
-impl Neighbours {
-    /// Lists for robots of which others within `reach` metres matter.
-    pub(super) fn new<L: Lanes>(robots: usize, reach: f32) -> Self {
-        let alone = L::WIDTH == 1 && robots > FEW;
+impl<L: Lanes> Neighbours<L> {
+    /// Lists for robots of which others within `reach` metres matter; `gap`: how far robots come towards each other in a tick
+    /// at most, metres.
+    pub(super) fn new(robots: usize, reach: f32, gap: f32) -> Self {
+        let many = robots > FEW[usize::from(L::WIDTH > 1)];
         Self {
-            reach: alone.then_some(reach),
+            starts: Vec::new(),
             others: (0..robots as u32).collect(),
-            ..Self::default()
+            reach: many.then_some([reach, gap * TICKS]),
+            x: Vec::new(),
+            y: Vec::new(),
+            cells: Vec::new(),
+            marks: Vec::new(),
         }
     }
 
@@ -43,32 +58,66 @@ impl Neighbours {
 
     /// After robots have moved.
     #[inline(always)]
-    pub(super) fn update<L: Lanes>(&mut self, bodies: &Bodies<L>) {
-        if let Some(reach) = self.reach {
-            let number = |number: &Number<L>| {
-                let mut lanes = [0.0; swarmwright_lanes::MOST_LANES];
-                number.store(&mut lanes[..L::WIDTH]);
-                lanes[0]
-            };
-            let points = bodies.x.iter().zip(&bodies.y);
-            self.cells.points.clear();
-            self.cells
-                .points
-                .extend(points.map(|(x, y)| [number(x), number(y)]));
-            self.list(reach);
+    pub(super) fn update(&mut self, bodies: &Bodies<L>) {
+        let Some([reach, more]) = self.reach else {
+            return;
+        };
+        if self.x.len() == bodies.len() {
+            let mut most = number::<L>(0.0);
+            for robot in 0..bodies.len() {
+                let (x, y) = (
+                    bodies.x[robot] - self.x[robot],
+                    bodies.y[robot] - self.y[robot],
+                );
+                most = most.at_least(x * x + y * y);
+            }
+            // A little less than half, so that rounding does not matter.
+            let far = more * 0.499;
+            if !number(far * far).lt(most).any() {
+                return;
+            }
         }
+        self.x.clear();
+        self.x.extend_from_slice(&bodies.x);
+        self.y.clear();
+        self.y.extend_from_slice(&bodies.y);
+        self.list(reach + more);
     }
 
     /// Makes the lists of all robots.
     fn list(&mut self, reach: f32) {
-        self.cells.sort(reach);
+        self.cells.resize_with(L::WIDTH, Cells::default);
+        for (lane, cells) in self.cells.iter_mut().enumerate() {
+            cells.points.clear();
+            let points = self.x.iter().zip(&self.y);
+            cells
+                .points
+                .extend(points.map(|(x, y)| [x.lane(lane), y.lane(lane)]));
+            cells.sort(reach);
+        }
         self.starts.clear();
         self.others.clear();
-        for robot in 0..self.cells.points.len() as u32 {
+        self.marks.resize(self.x.len().div_ceil(64), 0);
+        for robot in 0..self.x.len() as u32 {
             let first = self.others.len();
             self.starts.push(first as u32);
-            self.cells.around(robot, reach, &mut self.others);
-            self.others[first..].sort_unstable();
+            for cells in &self.cells {
+                cells.around(robot, reach, &mut self.others);
+            }
+            if L::WIDTH == 1 {
+                self.others[first..].sort_unstable();
+                continue;
+            }
+            // Those of all lanes, once.
+            for other in self.others.drain(first..) {
+                self.marks[other as usize / 64] |= 1 << (other % 64);
+            }
+            for (word, marks) in self.marks.iter_mut().enumerate() {
+                while *marks != 0 {
+                    self.others.push(word as u32 * 64 + marks.trailing_zeros());
+                    *marks &= *marks - 1;
+                }
+            }
         }
         self.starts.push(self.others.len() as u32);
     }

@@ -160,7 +160,7 @@ impl<L: Lanes> Senses<L> {
     pub(super) fn update(
         &mut self,
         bodies: &Bodies<L>,
-        neighbours: &Neighbours,
+        neighbours: &Neighbours<L>,
         team: &Team,
         (place, colors): (&Place, &[Number<L>]),
         keys: Keys<L>,
@@ -375,7 +375,7 @@ impl<L: Lanes> Senses<L> {
     fn look_around(
         &mut self,
         bodies: &Bodies<L>,
-        (neighbours, team): (&Neighbours, &Team),
+        (neighbours, team): (&Neighbours<L>, &Team),
         [range, reach]: [f32; 2],
         index: usize,
     ) {

@@ -91,7 +91,7 @@ impl<L: Lanes> Bodies<L> {
 /// The robots and all that they carry.
 pub(super) struct Swarm<L: Lanes> {
     pub bodies: Bodies<L>,
-    pub neighbours: Neighbours,
+    pub neighbours: Neighbours<L>,
     pub senses: Senses<L>,
     contacts: Contacts<L>,
     keys: Keys<L>,
@@ -111,7 +111,7 @@ impl<L: Lanes> Swarm<L> {
         let robots = team.len();
         Self {
             bodies: Bodies::new(team, objects),
-            neighbours: Neighbours::new::<L>(robots, team.reach().max(team.range())),
+            neighbours: Neighbours::new(robots, team.reach().max(team.range()), team.gap()),
             senses: Senses::new(team),
             contacts: Contacts::new(robots),
             keys: Keys::new(|_| key(0)),

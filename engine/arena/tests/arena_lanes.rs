@@ -184,6 +184,21 @@ fn objects_that_robots_push() {
     }
 }
 
+/// One at a time more than 48 robots look at lists of others, in lanes more than 96: lists decide nothing.
+#[test]
+fn many_robots() {
+    let mission = json!({
+        "walls": {"rectangle": [5, 6]}, "start": {"rectangle": {"x": [-2.4, 2.4], "y": [-2.9, 2.9]}},
+        "metrics": {"order": {"kind": "order"}}, "fitness": "order",
+    });
+    for (slow, fast) in [(60, 30), (90, 40)] {
+        let robots = json!([{"robot": "e-puck-rm1.2", "count": slow}, {"robot": "turtlebot3", "count": fast}]);
+        check(
+            &json!({"mission": mission, "robots": robots, "duration": 4, "failures": failures()}),
+        );
+    }
+}
+
 #[test]
 fn robots_of_several_kinds() {
     let sensors = json!([
