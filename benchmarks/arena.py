@@ -27,6 +27,8 @@ AIMS = {
     ("modules", "avx512"): ">= 92 (8,000,000/s)",
     ("EvoStick", "scalar"): ">= 23 (2,000,000/s)",
 }
+MOST_IN_LANES = 16_384
+"""More robots are computed one episode at a time."""
 NUMBERS = (20, 100, 1_000, 10_000, 100_000)
 
 Controllers = tuple[dict[str, Any], NDArray[np.float32]]
@@ -102,9 +104,10 @@ class ArenaSuite:
             parameters: dict[str, Any] = {"mission": "aac", "robot": robot}
             samples.add(robot_steps(parameters, make(candidates), ROBOTS * TICKS, level))
         for (level, robots), samples in self._costs.items():
-            # As many robot-steps for each number of robots, in episodes of up to 20 s.
-            steps = (1_600_000 if level == "scalar" or robots > 1000 else 12_800_000) // self._scale
-            ticks = min(200, max(10, steps // robots))
+            # As many robot-steps for each number of robots, in episodes of up to 20 s, one for each lane.
+            lanes = 32 if level == "auto" and robots <= MOST_IN_LANES else 1
+            steps = (1_600_000 if lanes == 1 else 12_800_000) // self._scale
+            ticks = min(200, max(10, steps // (robots * lanes)))
             candidates = max(1, steps // (robots * ticks))
             parameters = {**square(robots), "duration": ticks / 10}
             rate = robot_steps(parameters, evostick(candidates), robots * ticks, level)
