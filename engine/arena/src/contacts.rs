@@ -65,7 +65,6 @@ impl<L: Lanes> Contacts<L> {
             near,
             pairs,
             walls,
-            ..
         } = self;
         near.lanes.fill(0);
         pairs.find(bodies, &close.robots, team, &mut near.lanes);
@@ -73,7 +72,7 @@ impl<L: Lanes> Contacts<L> {
         let mut objects = std::mem::take(&mut bodies.objects);
         objects.find(bodies, team, place, &mut near.lanes);
         if L::WIDTH == 1 || objects.any() {
-            // Contacts with objects are those of the same lane.
+            // A single lane is always full; contacts with objects need robots in the lanes of their episodes.
             near.spread(bodies, aim);
         } else {
             near.pack(bodies, aim, team);
@@ -83,7 +82,7 @@ impl<L: Lanes> Contacts<L> {
         self.move_freely(bodies, team);
         if !self.near.used.is_empty() || objects.awake() {
             for _ in 0..PARTS {
-                self.part(bodies, &mut objects, team, place);
+                self.part(&mut objects, team, place);
             }
             self.walls.keep();
             self.near.unpack(bodies);
@@ -116,7 +115,7 @@ impl<L: Lanes> Contacts<L> {
     }
 
     #[inline(always)]
-    fn part(&mut self, bodies: &Bodies<L>, objects: &mut Objects<L>, team: &Team, place: &Place) {
+    fn part(&mut self, objects: &mut Objects<L>, team: &Team, place: &Place) {
         let Self {
             near, pairs, walls, ..
         } = self;
@@ -151,7 +150,7 @@ impl<L: Lanes> Contacts<L> {
             }
             pairs.solve(moved, team);
             walls.solve(moved, team);
-            objects.solve(moved, &bodies.spin, team);
+            objects.solve(moved, team);
         }
         objects.advance();
         for vector in used.iter() {

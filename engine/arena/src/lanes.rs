@@ -14,9 +14,10 @@ use swarmwright_simulation::ParameterError;
 use swarmwright_simulation::block::{Block, LaneWorld, side_by_side};
 use swarmwright_simulation::rollout::stopped;
 
-/// With more robots lanes without an episode of their own cost more than they bring where there are fewer than `FEW`.
-const MANY: usize = 256;
-const FEW: usize = 3;
+/// With more robots than this,
+const MANY_ROBOTS: usize = 256;
+/// fewer episodes than this are faster one at a time, as all lanes cost the same, also those without an episode of their own.
+const FEW_EPISODES: usize = 3;
 
 /// The episodes of a block. They differ in the seed alone.
 pub(crate) struct ArenaLanes {
@@ -44,7 +45,7 @@ impl LaneWorld for ArenaLanes {
     fn new(block: &Block<'_>) -> Result<Option<Self>, ParameterError> {
         let mut settings = Settings::read(block.parameters)?;
         let robots = settings.team.len();
-        let few = robots > MANY && block.len() < FEW;
+        let few = robots > MANY_ROBOTS && block.len() < FEW_EPISODES;
         if few || robots > MOST_IN_LANES {
             return Ok(None);
         }

@@ -6,22 +6,26 @@ use super::swarm::Bodies;
 
 /// With more robots the memory of all lanes would matter: one episode at a time.
 pub(super) const MOST_IN_LANES: usize = 16_384;
-/// Up to so many robots it is faster to look at all others, one episode at a time and in lanes.
-const FEW: [usize; 2] = [48, 96];
-/// For so many ticks at least lists are those of the tick in which they were made.
-const TICKS: f32 = 6.0;
+/// Up to so many robots it is faster to look at all others, one episode at a time.
+const FEW: usize = 48;
+/// The same in lanes.
+const FEW_IN_LANES: usize = 96;
+/// Ticks in which the fastest robots cross the skin: lists serve at least as long.
+const SKIN_TICKS: f32 = 6.0;
 
 /// For each robot a list of others. With few robots all are in it, with many those within reach, in any lane, so that work for
 /// a robot does not grow with their number. What is not in it is too far to matter, so that the lists decide nothing.
 ///
-/// Lists have those that are a little further away, too, and are made anew when a robot has moved by half of that
-/// (Verlet 1967).
+/// As lists of Verlet (1967), they have those in a skin beyond the reach, too, and are made anew when a robot has moved by half
+/// of its thickness.
 pub(super) struct Neighbours<L: Lanes> {
     /// Where each robot's list begins, and where the last one ends.
     starts: Vec<u32>,
     others: Vec<u32>,
-    /// How near others must be, and how much further away those in the lists may be, metres; none where all are looked at.
-    reach: Option<[f32; 2]>,
+    /// Within this distance others matter, metres; none where all are looked at.
+    reach: Option<f32>,
+    /// Thickness of the skin, metres.
+    skin: f32,
     /// Where robots were when the lists were made.
     x: Vec<Number<L>>,
     y: Vec<Number<L>>,
@@ -35,11 +39,12 @@ impl<L: Lanes> Neighbours<L> {
     /// Lists for robots of which others within `reach` metres matter; `gap`: how far robots come towards each other in a tick
     /// at most, metres.
     pub(super) fn new(robots: usize, reach: f32, gap: f32) -> Self {
-        let many = robots > FEW[usize::from(L::WIDTH > 1)];
+        let few = if L::WIDTH == 1 { FEW } else { FEW_IN_LANES };
         Self {
             starts: Vec::new(),
             others: (0..robots as u32).collect(),
-            reach: many.then_some([reach, gap * TICKS]),
+            reach: (robots > few).then_some(reach),
+            skin: gap * SKIN_TICKS,
             x: Vec::new(),
             y: Vec::new(),
             cells: Vec::new(),
@@ -59,7 +64,7 @@ impl<L: Lanes> Neighbours<L> {
     /// After robots have moved.
     #[inline(always)]
     pub(super) fn update(&mut self, bodies: &Bodies<L>) {
-        let Some([reach, more]) = self.reach else {
+        let Some(reach) = self.reach else {
             return;
         };
         if self.x.len() == bodies.len() {
@@ -72,7 +77,7 @@ impl<L: Lanes> Neighbours<L> {
                 most = most.at_least(x * x + y * y);
             }
             // A little less than half, so that rounding does not matter.
-            let far = more * 0.499;
+            let far = self.skin * 0.499;
             if !number(far * far).lt(most).any() {
                 return;
             }
@@ -81,10 +86,10 @@ impl<L: Lanes> Neighbours<L> {
         self.x.extend_from_slice(&bodies.x);
         self.y.clear();
         self.y.extend_from_slice(&bodies.y);
-        self.list(reach + more);
+        self.list(reach + self.skin);
     }
 
-    /// Makes the lists of all robots.
+    /// Makes the lists of all robots, of others within `reach`.
     fn list(&mut self, reach: f32) {
         self.cells.resize_with(L::WIDTH, Cells::default);
         for (lane, cells) in self.cells.iter_mut().enumerate() {

@@ -36,7 +36,7 @@ mod place {
     }
 }
 mod objects {
-    use swarmwright_lanes::{Lanes, Number};
+    use swarmwright_lanes::Lanes;
 
     use super::near::Moved;
     use super::place::Place;
@@ -67,7 +67,7 @@ mod objects {
 
         pub fn rest(&mut self, _: bool) {}
 
-        pub fn solve(&mut self, _: &mut [Moved<L>], _: &[Number<L>], _: &Team) {}
+        pub fn solve(&mut self, _: &mut [Moved<L>], _: &Team) {}
 
         pub fn advance(&mut self) {}
     }

@@ -256,27 +256,17 @@ impl<L: Lanes> Objects<L> {
 
     /// Solves all contacts once, in their order.
     #[inline(always)]
-    pub(in super::super) fn solve(
-        &mut self,
-        moved: &mut [Moved<L>],
-        spins: &[Number<L>],
-        team: &Team,
-    ) {
+    pub(in super::super) fn solve(&mut self, moved: &mut [Moved<L>], team: &Team) {
         if self.held.is_empty() {
-            self.solve_with::<false>(moved, spins, team);
+            self.solve_with::<false>(moved, team);
         } else {
-            self.solve_with::<true>(moved, spins, team);
+            self.solve_with::<true>(moved, team);
         }
     }
 
     /// The same; whether robots have grippers.
     #[inline(always)]
-    fn solve_with<const GRIPS: bool>(
-        &mut self,
-        moved: &mut [Moved<L>],
-        spins: &[Number<L>],
-        team: &Team,
-    ) {
+    fn solve_with<const GRIPS: bool>(&mut self, moved: &mut [Moved<L>], team: &Team) {
         let Self {
             things,
             moving,
@@ -294,7 +284,7 @@ impl<L: Lanes> Objects<L> {
                 Point::Robot(index) => {
                     relative = moved[index].velocity;
                     let robot = team.robot(index);
-                    rim = spins[index] * robot.radius;
+                    rim = moved[index].spin * robot.radius;
                     if GRIPS {
                         // The gripper is on a ring that turns freely.
                         rim = number(0.0).select(rim, touch.held);
