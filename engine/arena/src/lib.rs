@@ -52,8 +52,8 @@ pub use physics::{
 };
 use settings::{MOST_ROBOTS, Settings};
 use swarm::Swarm;
-use swarmwright_lanes::Lanes;
-use swarmwright_simulation::block::{self, Create};
+use swarmwright_lanes::{Lanes, Level};
+use swarmwright_simulation::block::{self, Create, LaneWorld};
 use swarmwright_simulation::simulation::Describer;
 use swarmwright_simulation::{
     Block, Description, Determinism, Group, Means, MetricInfo, ParameterError, ParameterInfo,
@@ -292,6 +292,14 @@ impl Simulation for Arena {
         Self::new(self.settings.clone())
             .ok()
             .map(|arena| Box::new(arena) as Box<dyn Simulation>)
+    }
+
+    fn lanes(&self) -> usize {
+        match Level::best() {
+            // One at a time there.
+            Level::Portable => 1,
+            level => level.width() * ArenaLanes::VECTORS,
+        }
     }
 
     fn has_scenes(&self) -> bool {

@@ -308,3 +308,13 @@ fn radios() {
         );
     }
 }
+
+/// Servers announce it, so that requests fill their lanes.
+#[test]
+fn as_many_episodes_at_once_as_there_are_lanes() {
+    let lanes = Arena::default().lanes();
+    match Level::best() {
+        Level::Portable => assert_eq!(lanes, 1),
+        level => assert_eq!(lanes % level.width(), 0),
+    }
+}
