@@ -41,7 +41,7 @@ def watch_options(command: Any) -> Any:  # noqa: ANN401 - click's decorators
         "--tensorboard",
         type=click.Path(path_type=Path, file_okay=False),
         metavar="DIR",
-        help="Write the figures of each generation for TensorBoard, into this folder.",
+        help="Write the statistics of each generation for TensorBoard, into this folder.",
     )
     mlflow = click.option(
         "--mlflow",

@@ -135,9 +135,10 @@ servers_option: Decorator = click.option(
     "--servers",
     type=ServerCount(),
     metavar="K",
-    help="Servers to start. 'local': none; a simulation in Python runs in worker processes, one a processor, "
-    "a built-in one in this process. 'in-process': everything in this process. LAUNCHER:K, such as "
-    "slurm:200 or slurm:100,process:2: servers elsewhere, with the options that FILE has for that launcher.",
+    help="Servers to start: a number, or 'auto': one per processor, 2 to 8. 'local': none; a simulation in "
+    "Python runs in worker processes, one a processor, a built-in one in this process. 'in-process': "
+    "everything in this process. LAUNCHER:K, such as slurm:200 or slurm:100,process:2: servers elsewhere, "
+    "with the options that the experiment has for that launcher.",
 )
 
 simulation_option: Decorator = click.option(

@@ -40,7 +40,12 @@ def command() -> None:
 def _shared(function: Any) -> Any:  # noqa: ANN401 - click's decorators
     """What both sides have."""
     options = [
-        click.option("--exec", "start", metavar="COMMAND", help="Command that starts the peer; see below."),
+        click.option(
+            "--exec",
+            "start",
+            metavar="COMMAND",
+            help="Command that starts the peer; see above for its placeholders.",
+        ),
         broker_option(
             default=None,
             text=f"Address of a broker. Default: {BROKER_VARIABLE}'s for a peer that runs already, else an "
@@ -250,8 +255,8 @@ def optimizer_command(
 
     In COMMAND {broker} and {prefix} are replaced by the broker's address and the prefix, {experiment} by an
     experiment file that the kit writes, {folder} by an empty folder. The tool is started anew for each
-    scene: servers that behave, that send junk, fall silent, are taken by others. Without --exec start it
-    once, with the address that is printed; what needs another run is skipped.
+    scenario: servers that behave correctly, send invalid messages, fall silent, or are reserved by other
+    tools. Without --exec start it once, with the address that is printed; what needs another run is skipped.
 
     The exit status is 0 when no rule that was tried is broken, 1 when one is, 2 when the input is wrong.
     """

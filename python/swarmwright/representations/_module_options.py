@@ -37,7 +37,7 @@ class ModulesOptions(Options):
     """Those that machines are made of, in the order of their genes: exploration, stop, phototaxis,
     anti_phototaxis, attraction and repulsion, by default all of them; those of installed packages; and
     classes in Python, path/to/file.py:Class (relative to this file). With one of these, or such a condition,
-    machines are evaluated in Python, in this process."""
+    machines are evaluated in Python, in this process or on servers that have the code."""
     conditions: list[str] | None = Field(default=None, min_length=1)
     """Those of transitions: black_floor, grey_floor, white_floor, neighbours, few_neighbours and
     fixed_probability, by default all of them; those of installed packages; and path/to/file.py:Class."""
