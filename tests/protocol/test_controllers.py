@@ -4,9 +4,11 @@ import json
 from collections import Counter
 from typing import Any
 
+import jsonschema
 import numpy as np
 import pytest
 
+import swarmwright
 from tests.protocol.conftest import PROTOCOL, vectors
 from tests.protocol.controllers import FUNCTIONS, Controller, merged
 
@@ -59,5 +61,22 @@ def test_every_kind_of_the_schema_has_vectors() -> None:
     cases = [*VECTORS["controllers"], *VECTORS["parameter_sets"]]
     counts = Counter(case["specification"]["kind"] for case in cases)
     schema = json.loads((PROTOCOL / "schemas" / "controller.schema.json").read_text(encoding="utf-8"))
-    assert counts.keys() == {kind["$ref"].rpartition("/")[2] for kind in schema["oneOf"]}
+    kinds = {kind["$ref"].rpartition("/")[2] for kind in schema["oneOf"]}
+    assert counts.keys() == kinds - {"team"}  # whose agents have controllers of the other kinds
     assert min(counts.values()) >= 5, counts
+
+
+def test_teams_are_as_the_schema_says() -> None:
+    schema = json.loads((PROTOCOL / "schemas" / "controller.schema.json").read_text(encoding="utf-8"))
+    network = {"version": 1, "kind": "evostick", "sensors": 3, "actuators": 2}
+    groups = [
+        {"name": "leaders", "agents": 2, "controller": network},
+        {"name": "others", "agents": None, "controller": network},
+    ]
+    team = swarmwright.Controller({"version": 1, "kind": "team", "groups": groups, "weights": [0.5] * 16})
+    written = json.loads(team.json)
+    assert [group["name"] for group in written["groups"]] == ["leaders", "others"]
+    jsonschema.validate(written, schema)
+    for wrong in ({**written, "groups": []}, {**written, "groups": [{**groups[0], "controller": written}]}):
+        with pytest.raises(jsonschema.ValidationError):
+            jsonschema.validate(wrong, schema)

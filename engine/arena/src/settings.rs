@@ -146,7 +146,7 @@ pub(super) fn parameters() -> Vec<ParameterInfo> {
             "duration",
             "number",
             Value::Null,
-            "Length of an episode in seconds, in ticks of 0.1 s; left out: what the mission says.",
+            "Length of an episode in seconds, 0.1 to 26214.3, in ticks of 0.1 s; left out: what the mission says.",
         ),
         (
             "robot",
@@ -160,7 +160,7 @@ pub(super) fn parameters() -> Vec<ParameterInfo> {
             "failures",
             "objects",
             Value::Null,
-            "Robots that fail: a list of {kind: stop, slow, blind or mute, share, at, until}, slow with a factor, and {kind: \
+            "Robots that fail: a list of at most 16 {kind: stop, slow, blind or mute, share, robots, at, until}, slow with a factor, and {kind: \
              loss, loss, at, until}; left out: what the mission says.",
         ),
         (
@@ -173,7 +173,7 @@ pub(super) fn parameters() -> Vec<ParameterInfo> {
             "stepSize",
             "integer",
             json!(100),
-            "Milliseconds between two frames when shown.",
+            "Milliseconds between two frames when shown, 0 to 3600000.",
         ),
     ]
     .into_iter()

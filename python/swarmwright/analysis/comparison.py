@@ -137,7 +137,8 @@ def compare(runs: Iterable[Run | str | os.PathLike[str]], *, at: int | None = No
             earlier count with what they had.
 
     Raises:
-        InputError: no run is given, a folder is not a run, or a run holds no finished generation.
+        InputError: no run is given, a folder is not a run, a run holds no finished generation, or one had
+            none yet after `at` evaluations.
     """
     opened = [run if isinstance(run, Run) else Run.open(Path(run)) for run in runs]
     if not opened:

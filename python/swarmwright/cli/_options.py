@@ -221,7 +221,8 @@ wait_option: Decorator = click.option(
     "--wait",
     type=click.FloatRange(0, 31 * 86400.0),
     metavar="SECONDS",
-    help="How long to wait for a broker that does not answer yet. Default: not at all.",
+    help="How long to wait for a broker that does not answer yet. Default: timeouts.connect of the "
+    "experiment, if there is one, else not at all.",
 )
 
 

@@ -7,16 +7,18 @@ from swarmwright.cli._commands import program
 INTRODUCTION = """\
 # Command line
 
-Made of the help texts; do not edit (`make docs`). Exit status of every command: 0 done, 1 the run failed, 2
-the input is wrong, 130 interrupted with results kept. With `--json` a command prints one JSON object per line
-and nothing else; numbers that JSON does not know (NaN, infinities) are null. `NO_COLOR` turns colours off.
-SWARMWRIGHT_DEBUG=1 shows Python's traceback of an internal error. With SWARMWRIGHT_PLOT=0 runs end without
-their plot, which saves about a second of processor time each, as on a cluster. SWARMWRIGHT_INSTRUCTIONS
-(portable, avx2, avx512) limits the instruction set that is used, to see that results do not depend on it.
+Generated from the help texts by `make docs`; edit those. Exit status of every command: 0 done, 1 it failed,
+or what it checked or compared is not as it should be, 2 the input is wrong, 130 interrupted with results
+kept. With `--json` a command prints one JSON object per line and nothing else; numbers that JSON does not
+know (NaN, infinities) are null. `NO_COLOR` turns colours off. SWARMWRIGHT_DEBUG=1 shows Python's traceback of
+an internal error. With SWARMWRIGHT_PLOT=0 runs end without their plot, which saves about a second of
+processor time each, as on a cluster. SWARMWRIGHT_INSTRUCTIONS (portable, avx2, avx512) limits the instruction
+set that is used, to see that results do not depend on it.
 
 Credentials are never given on the command line. They come from the environment: SWARMWRIGHT_USERNAME,
 SWARMWRIGHT_PASSWORD or a file named by SWARMWRIGHT_PASSWORD_FILE, and for TLS SWARMWRIGHT_CA_FILE, the
-certificate authority of the broker. SWARMWRIGHT_BROKER is the address of the broker where none is given.
+certificate authority of the broker. SWARMWRIGHT_BROKER is the address of the broker where none is given,
+SWARMWRIGHT_KEEP_ALIVE the keep-alive interval of connections to it, 1 to 3600 whole seconds (30).
 """
 
 

@@ -88,7 +88,7 @@ def command(
     it is evaluated in other episodes: the best of a run was chosen by its fitness, so its recorded fitness is
     biased upwards wherever fitness depends on the seed.
 
-    Where the code of the simulation was edited since, the copy in RUN is used, with a message.
+    Where the code of the simulation was edited after the run, the copy in RUN is used, with a message.
     """
     from swarmwright import Run
     from swarmwright.experiment.experiment import ELSEWHERE

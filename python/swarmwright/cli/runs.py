@@ -155,8 +155,7 @@ def verify(runs: tuple[Path, ...], as_json: bool) -> int:
     """Verify each RUN: whether its content is what was written, by its SHA-256.
 
     Where something is damaged, it is named with its generation and table, and which generations are good; the
-    exit status is then 1. Runs of versions before there were digests are checked as far as possible without
-    them. Files beside runs, which a pattern such as results/* names as well, are left out.
+    exit status is then 1. Files beside runs, which a pattern such as results/* names as well, are left out.
     """
     from swarmwright.cli._comparison import run_folders
     from swarmwright.cli._runs import verified_line

@@ -179,8 +179,8 @@ class CommandOptions(Definition):
     disk: float = Field(default=1000.0, gt=0)
     """Megabytes that an episode may have in its work folder, and in any one file. Beyond, it has failed."""
     children: Literal["fail", "end"] = "fail"
-    """What a process means that still runs 0.3 s after the command has ended: that the episode has
-    failed, or nothing. It is ended in any case."""
+    """Whether the episode fails (fail) or not (end) when one of its processes still runs 0.3 s after
+    the command has ended. The process is ended in either case."""
     keep: Literal["failed", "all", "none"] = "failed"
     """Which work folders are kept: that of the last failed episode of each instance, all, or none."""
     work: str | None = Field(default=None, min_length=1)

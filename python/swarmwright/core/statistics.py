@@ -11,7 +11,7 @@ from swarmwright.typing import Fitness
 
 @dataclass(frozen=True, kw_only=True)
 class Summary:
-    """What a generation's population looks like: a line of generations.csv."""
+    """Statistics of the population after a generation."""
 
     generation: int
     evaluations: int

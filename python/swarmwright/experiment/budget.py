@@ -47,10 +47,14 @@ class Budget:
             expected = [fitting] if self.generations is None else [*expected, fitting]
         return max(min(expected), generations, 1)
 
-    def words(self, ended: Ended) -> str:
-        """Return why a run ended."""
+    def words(self, ended: Ended, generations: int) -> str:
+        """Return why a run ended, which had so many generations."""
+        done = f"all {self.generations} generations are done"
+        if self.generations is not None and generations < self.generations:
+            # Restarts with larger populations use up the evaluations.
+            done = f"it has used the evaluations of {self.generations} generations of the first population"
         return {
-            "generations": f"all {self.generations} generations are done",
+            "generations": done,
             "evaluations": f"the next generation would not fit into {self.evaluations} evaluations",
             "seconds": f"its {self.seconds:g} seconds are over" if self.seconds is not None else "",
             "target": "the target is reached",

@@ -183,8 +183,8 @@ class Validate(Options):
     ] = "auto"
     """Episodes of each candidate, all with the same seeds; 0: no validation. auto: 100, or four times
     `ranking.episodes`, but at most a twentieth of the run's episodes for all candidates together, and none if
-    these are fewer than 10. Where the first 10 (auto: 5) show that fitness does not depend on the seed, there
-    are no others."""
+    these are fewer than 10. If fitness does not depend on the seed in the first 10 (with auto: 5), the
+    validation ends with these."""
     candidates: int = Field(default=5, ge=1, le=100)
     """How many: the best candidate of the run, and the next best with other controllers. With `episodes:
     auto` as many as that twentieth suffices for, but at least the best one."""
@@ -244,8 +244,9 @@ class Document(Options):
     which a server offers it; `arena-NAME` are the arena's missions in the simulator NAME, with the arena's
     parameters and sensors. Or a class in Python, path/to/file.py:Class (relative to this file) or
     package.module:Class, or an environment of Gymnasium or PettingZoo, gymnasium:CartPole-v1; servers of it
-    are started here, too. Or a mapping: {command: ..}, any program that is run for each episode, or
-    {ros: ..}, robots of a running ROS system."""
+    are started here, too. Or a mapping: {command: ..}, any program that is run for each episode,
+    {fmu: ..}, an FMU or SSP (the path of a .fmu or .ssp file is short for it), or {ros: ..}, robots of a
+    running ROS system."""
     requirements: Requirements | None = None
     """What a simulation server must be able to do. Default: the dimensions that the built-in simulation or
     the class announces; 2 dimensions for any other."""
@@ -301,7 +302,7 @@ class Document(Options):
     timeouts: Timeouts = Field(default_factory=Timeouts)
     """How long to wait."""
     faults: Faults = Field(default_factory=Faults)
-    """How failing, slow and wrong servers and evaluations are treated."""
+    """What happens when evaluations fail and when servers are lost, slow or wrong."""
     seed: int = Field(default=1, ge=0, lt=2**63)
     """Seed of all random numbers of the method. The simulation's own is parameters.seed."""
 

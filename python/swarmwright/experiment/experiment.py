@@ -309,9 +309,14 @@ class Experiment:
         return Budget.of(self.method)
 
     def representation(self, sensors: int | None = None, actuators: int | None = None) -> Representation:
-        """Return the representation for these numbers of sensors and actuators (default.
+        """Return the representation of genomes.
 
-        The experiment's).
+        Args:
+            sensors: sensor values of an agent, at least 1; default: the experiment's.
+            actuators: actuator values of an agent, at least 1; default: the experiment's.
+
+        Raises:
+            InputError: they are not known, or a genome would have more than 1,000,000 genes.
         """
         sensors = self.sensors if sensors is None else sensors
         actuators = self.actuators if actuators is None else actuators

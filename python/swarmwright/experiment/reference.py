@@ -95,7 +95,9 @@ def _simulation(title: str) -> Iterator[str]:
     described = catalogue.description(title)
     yield f"## parameters of {title}"
     yield ""
-    yield ", ".join(f"{name}: {described[name]}" for name in ("dimensions", "sensors", "actuators")) + "."
+    yield ", ".join(f"{name}: {described[name]}" for name in ("dimensions", "sensors", "actuators")) + (
+        ", with the default parameters."
+    )
     yield ""
     yield "| parameter | type | default | meaning |"
     yield "|---|---|---|---|"
@@ -105,7 +107,8 @@ def _simulation(title: str) -> Iterator[str]:
     yield ""
     yield f"## metrics of {title}"
     yield ""
-    yield "What `fitness` may be made of, beside `fitness`, the simulation's own."
+    metrics = "What `fitness` may be made of, beside `fitness`, the simulation's own"
+    yield f"{metrics}; with the default parameters."
     yield ""
     yield "| metric | unit | meaning |"
     yield "|---|---|---|"
@@ -150,7 +153,8 @@ def _type(key: dict[str, Any], schema: dict[str, Any]) -> str:
 def _limits(key: dict[str, Any]) -> str:
     below, above = key.get("minimum"), key.get("maximum")
     if below is not None and above is not None:
-        return f" {below:.12g} to {above:.12g}"
+        ends = (str(end) if isinstance(end, int) else f"{end:.12g}" for end in (below, above))
+        return " " + " to ".join(ends)
     parts = []
     for name, sign in (
         ("minimum", "≥"),

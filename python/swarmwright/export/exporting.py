@@ -47,8 +47,8 @@ def export_controller(
 
     Args:
         run: a run, or its folder.
-        to: "c", "cpp", "fmu", "fmu3", "machine", "micropython", "onnx", "python", "ros1", "ros2", or what
-            an installed package adds.
+        to: "c", "cpp", "fmu", "fmu3", "machine", "micropython", "onnx", "python", "ros1", "ros2", "scxml",
+            or what an installed package adds.
         output: folder that is written to; by default one named like `prefix`, here.
         generation: of the candidate, from 0; as in `Run.evaluation`.
         candidate: as in `Run.evaluation`; default: the best one.

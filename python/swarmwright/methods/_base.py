@@ -25,9 +25,9 @@ class MethodOptions(Options):
     """Options of every method."""
 
     generations: int = Field(default=200, ge=1, le=NO_LIMIT)
-    """How often candidates are asked for and evaluated. In steady state: how many times `population`
-    evaluations. Of generations, evaluations and seconds the first that is used up ends the run. Default: 200,
-    or no limit where evaluations or seconds are given."""
+    """Number of generations; in steady state, and with restarts that enlarge the population, that many times
+    `population` evaluations. The first of the limits generations, evaluations and seconds ends the run.
+    Default: 200, or no limit where evaluations or seconds are given."""
     evaluations: int | None = Field(default=None, ge=1, le=10**15)
     """Candidates that are evaluated at most: the run ends before the first generation with which there would
     be more. The first generation is evaluated in any case, as a whole. Default: no limit."""
@@ -42,9 +42,9 @@ class MethodOptions(Options):
     servers do not wait for the slowest candidate of a generation; methods that do not support it reject
     it."""
     in_flight: int = Field(default=16, ge=1, le=1_000_000)
-    """Steady state only: candidates that may be evaluated at the same time. Part of what a run is: candidate
-    n is made when the results of candidates 0 to n - in_flight are known, and no later one, however many
-    servers there are and however fast they answer."""
+    """Steady state only: candidates that may be evaluated at the same time. The results of a run depend on
+    it, and not on the number or speed of servers: candidate n is created from the results of candidates 0
+    to n - in_flight alone."""
 
     @model_validator(mode="before")
     @classmethod

@@ -23,7 +23,7 @@ class CmaOptions(MethodOptions):
     step: float = Field(default=0.3, gt=0, le=1000)
     """Initial standard deviation, as a share of half the initial range of a gene."""
     restart: Literal["none", "ipop", "bipop"] = "ipop"
-    """What happens when going on makes no sense, see the page on methods. none: samples of the same
+    """What happens when a stopping criterion of the page on methods is met. none: samples of the same
     distribution until the budget is used. ipop: a new start from a random genome with twice the population.
     bipop: such starts, and between them starts with small populations and steps, which get as many
     evaluations."""

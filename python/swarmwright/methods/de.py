@@ -13,7 +13,7 @@ class DeOptions(BoxOptions):
 
     kind: Literal["de"] = "de"
     population: int = Field(default=40, ge=5, le=1_000_000)
-    """Members, each of which meets one challenger in each generation."""
+    """Members, each of which competes with one trial vector in each generation."""
     base: Literal["best", "rand", "target-to-best"] = "best"
     """What a difference is added to: the best member, a random one, or the member itself moved towards the
     best."""

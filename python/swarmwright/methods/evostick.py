@@ -19,7 +19,7 @@ class EvostickOptions(MethodOptions):
     population: int = Field(default=100, ge=2, le=1_000_000)
     """Genomes in each generation, those that stay included."""
     elites: int = Field(default=20, ge=1, le=1_000_000)
-    """How many of the best stay, and have mutants. More than the population count as all of it."""
+    """How many of the best stay, and have mutants. A larger number than the population means all of it."""
     step: float = Field(default=0.2, gt=0, le=10)
     """How far a mutation moves a gene at most, as a share of half of its initial range: 1 for -5 to 5."""
 

@@ -69,8 +69,9 @@ def optimize(
         on_progress: called about ten times a second with (episodes done, episodes of this generation, what is
             waited for).
         broker: URL of a broker, instead of the experiment's.
-        servers: instead of the experiment's: a number, "auto" or "local". A number given together with a
-            broker is started on that broker.
+        servers: instead of the experiment's: a number (1 to 1024), "auto", "local", "in-process", launchers
+            with numbers such as "slurm:4", or a mapping as in the file. Servers given together with a broker
+            are started on that broker.
         seed: instead of the experiment's.
         out: folder for the results, new or empty; default runs/<name>-<seed>, with a number behind it if that
             exists.

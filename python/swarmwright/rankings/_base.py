@@ -27,7 +27,8 @@ class RankingOptions(Options):
     """Whether members that stay are evaluated again in every generation. Their fitness is then made of all
     their episodes since they came, so that one lucky evaluation does not dominate permanently, and the best
     candidate of the run is that of the last generation. For noisy simulations and `seeds: new`; costs the
-    evaluations of the members that stay. Only for methods that keep members: nnga, cea2d, .."""
+    evaluations of the members that stay. Only for the methods nnga, cea2d, de and pso, and not with the
+    rankings race, multi_fidelity and transferability."""
     failed: Literal["last", "stop"] = "last"
     """What a failed evaluation leads to. last: the candidate ranks below all others, and the run goes on;
     a generation of which all candidates failed ends it. stop: the run ends, its results are kept, and

@@ -55,7 +55,7 @@ def repeat(
         servers: as in `optimize`.
         simulation: a class, or `FILE:Class`, instead of the code with which it was evaluated.
 
-    Edits since then, of the simulation's code or experiment.yaml, are reported as a warning.
+    Edits made after the run, of the simulation's code or experiment.yaml, are reported as a warning.
 
     Raises:
         InputError: there is no such evaluation, or the code is gone.

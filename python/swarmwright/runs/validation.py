@@ -67,7 +67,8 @@ class Validation:
     depends_on_seed: bool
     """Whether fitness depends on the seed, as far as it was tried; if not, the trial was all."""
     by_instance: bool = False
-    """Whether recorded fitness is the mean of a candidate's generations so far, one instance in each."""
+    """True for the method racing: recorded fitness is the mean over all instances (one in each generation) on
+    which the candidate had been evaluated."""
     slow: str | None = None
     """Name of the slow simulation of the ranking, where the candidates were evaluated in that one."""
 

@@ -34,9 +34,9 @@ class BatchSimulation(Described):
                 return -np.abs(self.x).mean(axis=(1, 2))
 
     All episodes have the same parameters and as many agents; each has a seed and controllers.
-    Wherever a `Simulation` can be used, this can be, too. A controller that travels to the server is
+    Wherever a `Simulation` can be used, this can be, too. Offloaded controllers are
     evaluated with up to `lanes` others at once, and a batch has up to `lanes` or 256 episodes; in the mode
-    stepwise, and for parameter sets that travel, there is one episode in the arrays. For the same result in
+    stepwise, and for offloaded parameter sets, there is one episode in the arrays. For the same result in
     every mode, no episode may depend on how many there are: `swarmwright.testing.check_batch_simulation`
     tries that. When a method raises, episodes are repeated one by one, so that only those fail that do alone.
     """
@@ -95,5 +95,5 @@ class BatchSimulation(Described):
         return None
 
     def scene(self) -> Any:  # noqa: ANN401 - a swarmwright.Scene
-        """Return what the first episode looks like now, a `swarmwright.Scene`; None for nothing."""
+        """Return what the first episode looks like now, a `swarmwright.display.Scene`; None for nothing."""
         return None

@@ -203,7 +203,8 @@ class Physics(ABC):
 
         Args:
             motions: (robots, 3): speed ahead and to the left in m/s, rotation in rad/s, noise of the drive
-                included. Wheels of a differential drive have the speeds ahead -+ rotation * wheel_base / 2.
+                included. Wheels of a differential drive: the left one has the speed ahead - rotation *
+                wheel_base / 2, the right one ahead + rotation * wheel_base / 2.
         """
 
     @abstractmethod

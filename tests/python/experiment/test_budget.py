@@ -5,8 +5,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from click.testing import CliRunner
 
 from swarmwright import Experiment, Generation, InputError, Run, optimize, resume
+from swarmwright.cli._commands import program
 from swarmwright.experiment.budget import Budget
 
 QUICK: dict[str, Any] = {
@@ -98,6 +100,16 @@ def test_what_is_left_of_the_time_is_what_earlier_sessions_did_not_use(tmp_path:
     assert seen[-1].share > 0.9
     # The last generation but one began within the time.
     assert first + seen[-2].seconds < 0.8
+
+
+def test_larger_populations_use_up_the_budget_in_fewer_generations(tmp_path: Path) -> None:
+    method = {"kind": "snes", "population": 4, "generations": 80, "restart": "ipop"}
+    run = optimize(Experiment.from_mapping({**QUICK, "method": method}), out=tmp_path / "run")
+    assert run.generations < 80
+    assert run.evaluations >= 80 * 4
+    assert run.ended == "generations"
+    shown = CliRunner().invoke(program, ["runs", "show", str(run.path)]).output
+    assert "ended since it has used the evaluations of 80 generations of the first population" in shown
 
 
 def test_the_nearest_limit_is_shown(tmp_path: Path) -> None:

@@ -30,7 +30,7 @@ fn wrong_in(place: impl std::fmt::Display, reason: impl Into<String>) -> Paramet
     wrong(&format!("mission.{place}"), reason)
 }
 
-/// Checks that numbers are finite coordinates; .inf is for the ends of rectangles.
+/// Checks that numbers are coordinates, not too far away.
 fn coordinates(place: &str, numbers: &[f32]) -> Result<(), ParameterError> {
     let far = |number: &&f32| number.is_nan() || number.abs() > FARTHEST;
     match numbers.iter().find(far) {
@@ -288,7 +288,8 @@ fn check_circle(at: &str, circle: &Circle) -> Result<(), ParameterError> {
 /// Lower left and upper right corner.
 fn ends(at: &str, rectangle: &Rectangle) -> Result<([f32; 2], [f32; 2]), ParameterError> {
     for (axis, [low, high]) in [("x", rectangle.x), ("y", rectangle.y)] {
-        if low.is_nan() || high.is_nan() || low >= high {
+        coordinates(&format!("{at}.{axis}"), &[low, high])?;
+        if low >= high {
             return Err(wrong_in(
                 format_args!("{at}.{axis}"),
                 format!("[{low}, {high}] found, expected the lower number first"),

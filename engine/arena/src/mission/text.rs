@@ -165,7 +165,7 @@ pub(super) struct Circle {
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Rectangle {
-    /// Left and right end; .inf where there is none.
+    /// Left and right end.
     pub x: [f32; 2],
     /// Lower and upper end.
     pub y: [f32; 2],

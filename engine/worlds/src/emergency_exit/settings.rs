@@ -174,7 +174,7 @@ pub(super) fn parameters() -> Vec<ParameterInfo> {
             "steps",
             "integer",
             json!(50),
-            "Steps after which the episode ends, at least 1.",
+            "Steps after which the episode ends, 1 to 10000000.",
         ),
         (
             "width",
@@ -186,7 +186,7 @@ pub(super) fn parameters() -> Vec<ParameterInfo> {
             "height",
             "integer",
             json!(20),
-            "Rows of a random field, 1 to 2000. As in FREVO rows are drawn below width: take a square field.",
+            "Rows of a random field, 1 to 2000. As in FREVO, rows are drawn from 0 to width - 1, whatever the height: take a square field.",
         ),
         (
             "field",
@@ -205,19 +205,19 @@ pub(super) fn parameters() -> Vec<ParameterInfo> {
             "numExits",
             "integer",
             json!(5),
-            "Exits of a random field, at least 1.",
+            "Exits of a random field, 1 to 4000000.",
         ),
         (
             "numBlockades",
             "integer",
             json!(20),
-            "Blocked cells of a random field.",
+            "Blocked cells of a random field, 0 to 4000000; with exits and agents at most width * width.",
         ),
         (
             "seed",
             "integer",
             json!(0),
-            "Seed of a random field, any whole number of 64 bits.",
+            "Seed of a random field; in experiments 0 to 2^63 - 1.",
         ),
         (
             "update",

@@ -308,7 +308,7 @@ pub(super) fn parameters() -> Vec<ParameterInfo> {
             "maxSteps",
             "integer",
             json!(d.max_steps),
-            "Steps after which the episode ends, at least 1.",
+            "Steps after which the episode ends, 1 to 10000000.",
         ),
         info(
             "captureRadius",
@@ -344,7 +344,7 @@ pub(super) fn parameters() -> Vec<ParameterInfo> {
             "avoidance",
             "number",
             short(d.rule.avoidance),
-            "With the rule: how much a defender at distance 0 counts against the goal's 1, at least 0; less with distance, nothing from avoidanceRadius on.",
+            "With steering: rule, the weight of evading a defender at distance 0, where that of the goal is 1; at least 0. It falls with the distance to 0 at avoidanceRadius.",
         ),
         info(
             "avoidanceRadius",
@@ -362,7 +362,7 @@ pub(super) fn parameters() -> Vec<ParameterInfo> {
             "seed",
             "integer",
             json!(0),
-            "Seed of random placement, any whole number of 64 bits.",
+            "Seed of random placement; in experiments 0 to 2^63 - 1.",
         ),
     ]
 }

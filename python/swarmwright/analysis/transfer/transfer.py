@@ -52,9 +52,9 @@ def transfer(
             are: {"parameters.speedDefenders": (0.4, 0.8)}. Every episode has a model of its own.
         pseudo_reality: vary the noise of the arena's e-pucks as well, in ranges around the reference model's:
             drive 0 to 0.15, proximity and ground 0 to 0.1, light 0 to 0.9, loss of messages 0.8 to 0.95.
-        candidates: how many of the best ones with different controllers, of each run.
-        random: how many random controllers beside them.
-        seeds: how many episodes, with held-out seeds, the same for all candidates and runs.
+        candidates: how many of the best ones with different controllers, of each run. At least 1.
+        random: how many random controllers beside them. At least 0.
+        seeds: how many episodes, with held-out seeds, the same for all candidates and runs. At least 2.
         seed: simulation seed of the first episode, the next ones follow; default: seeds that no run used.
         broker: of the servers that offer simulations which are not here, and of all where the run had a
             broker; not for targets whose file names servers or a broker.

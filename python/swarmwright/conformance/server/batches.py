@@ -222,7 +222,7 @@ def invalid(server: Server) -> None:
 @rule(
     "S10.5",
     "While a batch is under way others get taken, and no discovery is answered.",
-    where="protocol.md, Who has the server",
+    where="protocol.md, Messages of numbers",
     fix="treat start like control with a tool: taken while the batch lasts, held for 5 s afterwards",
     needs=["S10.1"],
 )

@@ -330,7 +330,7 @@ def in_order(server: Server) -> None:
     "S9.9",
     "A server with which a tool works, or which is held for it, does not answer discovery and "
     "refuses others as taken.",
-    where="protocol.md, Who has the server",
+    where="protocol.md, Messages of numbers",
     fix="treat evaluate like control with a tool: taken while it works, held for 5 s afterwards",
     needs=["S9.1", "S2.9"],
 )
@@ -349,7 +349,7 @@ def has_it(server: Server) -> None:
 @rule(
     "S9.10",
     "While an episode runs for another tool, evaluate is refused as taken, and the episode goes on.",
-    where="protocol.md, Who has the server",
+    where="protocol.md, Messages of numbers",
     fix="answer error taken at once; do not touch the simulation",
     needs=["S9.1", "S2.9"],
 )
