@@ -35,6 +35,8 @@ pub(super) struct Start {
 
 /// Draws for a robot before it is said that it does not fit.
 const TRIES: u64 = 2_000;
+/// How often all begin anew where one of them does not fit: others may stand in such a way that there is no place left.
+const ROUNDS: u64 = 8;
 /// The stream of random numbers of the start.
 const STREAM: u64 = 0x0073_7461_7274;
 
@@ -48,13 +50,31 @@ pub(super) fn draw(
     (place, objects): (&Place, &[(Form, Pose)]),
     seed: u64,
 ) -> Result<Vec<Pose>, usize> {
+    let mut most = 0;
+    for round in 0..ROUNDS {
+        match round_of(start, team, (place, objects), seed, STREAM | round << 48) {
+            Err(found) => most = most.max(found),
+            poses => return poses,
+        }
+    }
+    Err(most)
+}
+
+/// The same, once, with numbers of a stream.
+fn round_of(
+    start: &Start,
+    team: &Team,
+    (place, objects): (&Place, &[(Form, Pose)]),
+    seed: u64,
+    stream: u64,
+) -> Result<Vec<Pose>, usize> {
     let mut poses: Vec<Pose> = Vec::with_capacity(team.len());
     let mut taken = Taken::new(start, team.len(), team.radius());
     for index in 0..team.len() as u64 {
         let pose = (0..TRIES)
             .map(|attempt| {
                 let number =
-                    |part: u64| uniform(seed, STREAM, (index * TRIES + attempt) * 4 + part);
+                    |part: u64| uniform(seed, stream, (index * TRIES + attempt) * 4 + part);
                 pose(start, [number(0), number(1), number(2)])
             })
             .find(|pose| {

@@ -185,14 +185,19 @@ impl Team {
         }
         let model = robot.map(|robot| Robot::read(robot, "robot", false));
         let model = model.transpose()?;
+        if robots.is_none() && model.is_none() {
+            return Ok(self.clone());
+        }
         let count = match robots {
             None => self.len() as u32,
             Some(count) => number(count, "robots")?,
         };
         match (model, &self.groups[..]) {
             (Some(model), _) => Ok(Self::uniform(model, count)),
-            (None, [one]) => Ok(Self::uniform(one.robot.clone(), count)),
-            (None, _) if robots.is_none() => Ok(self.clone()),
+            (None, [one]) => Ok(Self::new(vec![Group {
+                count: count as usize,
+                ..one.clone()
+            }])),
             (None, groups) => Err(wrong(
                 "robots",
                 format!(

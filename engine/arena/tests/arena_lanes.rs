@@ -278,6 +278,29 @@ fn grippers() {
     );
 }
 
+/// What a robot loses within a tick it does not hold again in the same tick, whether or not others touch something there.
+#[test]
+fn fast_grippers_lose_light_objects() {
+    let robot = json!({
+        "radius": 0.2, "mass": 0.4, "sensors": [{"kind": "proximity", "count": 8, "range": 0.3}, {"kind": "random"}],
+        "drive": {"kind": "differential", "wheel_base": 4.0 / 5.9, "max_speed": 4, "acceleration": 3.75, "noise": 0.05},
+        "actuators": [{"kind": "gripper", "reach": 0.02}],
+    });
+    let start = json!({"rectangle": {"x": [-1.3, 1.3], "y": [-0.8, 0.8]}});
+    let objects = json!([
+        {"name": "disc", "radius": 0.03, "mass": 0.01, "count": 6, "start": start},
+        {"name": "box", "size": [0.15, 0.05], "mass": 0.01, "count": 3, "start": start},
+    ]);
+    for count in [11, 14] {
+        let mission = json!({
+            "walls": {"rectangle": [3, 2]}, "robots": count, "robot": robot, "objects": objects,
+            "start": {"rectangle": {"x": [-1.4, 1.4], "y": [-0.9, 0.9]}},
+            "metrics": {"distance": {"kind": "distance_to_center"}}, "fitness": "distance",
+        });
+        check(&json!({"mission": mission, "duration": 20}));
+    }
+}
+
 #[test]
 fn radios() {
     let every = json!({"fading": 2, "exponent": 2.7, "slots": 15, "interval": 0.2, "delay": 0.3, "line_of_sight": false});

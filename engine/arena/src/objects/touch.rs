@@ -217,6 +217,10 @@ impl<L: Lanes> Objects<L> {
             touch.active = possible.any();
             touch.pressed = touch.pressed.only_where(possible);
             touch.rubbed = touch.rubbed.only_where(possible);
+            if GRIPS {
+                // Also where no lane has a contact: what a robot loses in a part it does not hold in the next one.
+                touch.held = touch.held.and(possible);
+            }
             if !touch.active {
                 continue;
             }
@@ -235,7 +239,6 @@ impl<L: Lanes> Objects<L> {
             let slack = before + overlap.at_most(number(0.0));
             touch.slack = slack.select(number(f32::MAX), possible);
             if GRIPS {
-                touch.held = touch.held.and(possible);
                 // What was held pulls no more.
                 let pressed = touch.pressed.at_least(number(0.0));
                 touch.pressed = touch.pressed.select(pressed, touch.held);
