@@ -6,6 +6,9 @@ use swarmwright_protocol::{Capabilities, ModuleCode, Requirements, missing_modul
 use crate::metrics::unannounced;
 use crate::mode::{Mode, Way};
 
+/// Sensors and actuators that a controller may have.
+const MOST_NUMBERS: usize = 1_000_000;
+
 /// What the experiment needs of a server.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Demand {
@@ -48,6 +51,16 @@ impl Demand {
             ));
         }
         let announced = capabilities.swarmwright.as_ref();
+        for (what, found) in [
+            ("sensors", announced.and_then(|a| a.sensors)),
+            ("actuators", announced.and_then(|a| a.actuators)),
+        ] {
+            if let Some(found) = found.filter(|found| !(1..=MOST_NUMBERS).contains(found)) {
+                return Some(format!(
+                    "announces {found} {what}, expected 1 to {MOST_NUMBERS}"
+                ));
+            }
+        }
         let differs =
             |what: &str, wanted: Option<usize>, found: Option<usize>| match (wanted, found) {
                 (Some(wanted), Some(found)) if wanted != found => Some(format!(

@@ -139,3 +139,23 @@ fn many_servers_are_released_where_each_hears_it_alone() {
     assert_eq!(said, told);
     assert!(controls(&tool, known).iter().all(|(_, run)| !run));
 }
+
+#[test]
+fn servers_with_sizes_that_no_controller_has_are_not_used() {
+    for found in [0_u64, 1_000_001, 1 << 62] {
+        for (what, other) in [("sensors", "actuators"), ("actuators", "sensors")] {
+            let mut tool = Alone::new(work(3, &SEEDS));
+            let mut announced = announced("a", false);
+            announced[what] = found.into();
+            announced[other] = 1.into();
+            tool.answer(1, Some(&announced));
+            assert!(!tool.machine.has_server());
+            let told = format!("server 1: announces {found} {what}, expected 1 to 1000000");
+            assert!(
+                tool.machine.describe().contains(&told),
+                "{}",
+                tool.machine.describe()
+            );
+        }
+    }
+}

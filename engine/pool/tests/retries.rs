@@ -7,8 +7,8 @@ use crate::common;
 use std::time::Duration;
 
 use common::{
-    CANDIDATES, Extended, Net, Party, SEEDS, batched, begin, begin_without_copies, offloaded,
-    party, refusal, undisturbed, work,
+    CANDIDATES, Extended, Net, Party, SEEDS, Wrong, batched, begin, begin_without_copies,
+    offloaded, party, refusal, undisturbed, work,
 };
 use swarmwright_pool::Mode;
 use swarmwright_protocol::RefusalKind;
@@ -109,6 +109,47 @@ fn a_server_that_another_tool_takes_is_not_a_failure() {
             .all(|attempt| attempt.attempt == 1)
     );
     assert!(net.warnings.is_empty(), "{:?}", net.warnings);
+}
+
+#[test]
+fn a_server_that_always_says_that_another_tool_has_it_is_named() {
+    let mut net = Net::new(5);
+    let taken = refusal(RefusalKind::Taken, "mine");
+    net.add(Party::Extended(Box::new(Extended {
+        refusal: taken,
+        ..offloaded(1)
+    })));
+    let index = begin(&mut net, Mode::Auto, work(CANDIDATES, &SEEDS));
+    for _ in 0..20_000 {
+        net.turn();
+        if !net.warnings.is_empty() {
+            break;
+        }
+    }
+    let told = "server 1 answers discovery, but has refused 5 requests in a row, as another tool has it: mine";
+    assert!(net.warnings[0].contains(told), "{:?}", net.warnings);
+    assert!(net.tool(index).counts().benched > 0);
+}
+
+#[test]
+fn an_answer_that_cannot_be_read_is_held_against_its_server_at_once() {
+    for make in [batched, offloaded] {
+        let mut net = Net::new(6);
+        net.add(Party::Extended(Box::new(Extended {
+            wrong: Some(Wrong::Always(f64::NAN)),
+            ..make(1)
+        })));
+        net.add(Party::Extended(Box::new(make(2))));
+        let index = begin(&mut net, Mode::Auto, work(CANDIDATES, &SEEDS));
+        assert_eq!(net.finish(index), undisturbed(CANDIDATES));
+        let told = |text: &&String| text.contains("server 1: its answer to request");
+        assert!(
+            net.warnings.iter().any(|text| told(&text)),
+            "{:?}",
+            net.warnings
+        );
+        assert_eq!(net.tool(index).counts().time_outs, 0);
+    }
 }
 
 #[test]

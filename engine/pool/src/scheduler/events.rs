@@ -43,9 +43,7 @@ impl Scheduler {
             }
             match ToTool::decode(payload) {
                 Ok(message) => self.answered(message, now),
-                Err(error) => self
-                    .outbox
-                    .warn_once(format!("refusing an answer to this tool: {error}")),
+                Err(error) => self.unreadable_answer(topic, payload, &error, now),
             }
             return;
         }

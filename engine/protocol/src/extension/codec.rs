@@ -202,6 +202,18 @@ impl ToTool {
         Ok(message)
     }
 
+    /// The server and the request that a payload names which cannot be read otherwise, if it does.
+    #[must_use]
+    pub fn answered(payload: &[u8]) -> Option<(u64, u64)> {
+        #[derive(Deserialize)]
+        struct Answered {
+            server: u64,
+            request: u64,
+        }
+        let Answered { server, request } = decode(payload).ok()?;
+        Some((server, request))
+    }
+
     /// The payload.
     #[must_use]
     pub fn encode(&self) -> Vec<u8> {

@@ -23,6 +23,8 @@ struct Past {
     failed: Vec<usize>,
     /// How often in a row it has failed what had succeeded before.
     broken: u32,
+    /// Requests that it has refused since it succeeded with anything, as if another tool had it.
+    taken: u32,
 }
 
 /// The past of all ids.
@@ -79,11 +81,20 @@ impl Health {
         self.failed(id, reason, now)
     }
 
+    /// A server that had answered discovery refused a request, as another tool had it. Returns how many it has refused so
+    /// since it succeeded with anything.
+    pub fn refused_as_taken(&mut self, id: u64) -> u32 {
+        let past = self.pasts.entry(id).or_default();
+        past.taken += 1;
+        past.taken
+    }
+
     /// A server succeeded with something.
     pub fn succeeded(&mut self, id: u64) {
         if let Some(past) = self.pasts.get_mut(&id) {
             past.failed.clear();
             past.broken = 0;
+            past.taken = 0;
         }
     }
 

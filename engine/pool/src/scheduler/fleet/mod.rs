@@ -197,6 +197,11 @@ impl Fleet {
         }
     }
 
+    /// A server refused a request, as another tool had it. Returns how many it has refused so since it succeeded with anything.
+    pub fn refused_as_taken(&mut self, id: u64) -> u32 {
+        self.health.refused_as_taken(id)
+    }
+
     /// What a server was benched for last was none of its fault.
     pub fn forgive(&mut self, id: u64) {
         self.health.forgive(id);

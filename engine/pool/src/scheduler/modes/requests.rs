@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use swarmwright_protocol::{Refusal, RefusalKind, ToServer, ToTool};
+use swarmwright_protocol::{DecodeError, Refusal, RefusalKind, ToServer, ToTool};
 
 use crate::journal::Attempt;
 use crate::scheduler::job::Job;
@@ -11,6 +11,9 @@ use crate::scheduler::modes::request::Request;
 use crate::scheduler::queue::blame::Blame;
 use crate::scheduler::queue::piece::Piece;
 use crate::scheduler::{Action, Scheduler};
+
+/// A server that refuses so many requests in a row is not just shared with other tools.
+const OFTEN: u32 = 5;
 
 impl Scheduler {
     pub(super) fn request(
@@ -58,6 +61,30 @@ impl Scheduler {
         }
     }
 
+    /// An answer that cannot be read. A server that says which request it is for has failed at that at once.
+    pub(crate) fn unreadable_answer(
+        &mut self,
+        topic: &str,
+        payload: &[u8],
+        error: &DecodeError,
+        now: Instant,
+    ) {
+        let asked = ToTool::answered(payload).filter(|(server, number)| {
+            let request = self.in_flight.request(*number);
+            request.is_some_and(|request| request.server == *server)
+        });
+        match asked {
+            Some((server, number)) => {
+                let reason = format!("its answer to request {number} cannot be used: {error}");
+                self.misbehaved(server, &reason, now);
+                self.dispatch(now);
+            }
+            None => self
+                .outbox
+                .warn_once(format!("refusing an answer on {topic}: {error}")),
+        }
+    }
+
     /// What is different where there is something to give away, or a server to give it to.
     fn changes(&self) -> (usize, usize, usize) {
         (self.journal.len(), self.ledger.queued(), self.fleet.woken())
@@ -102,6 +129,11 @@ impl Scheduler {
         };
         let is_batch = request.batch.is_some();
         if request.server != server {
+            let asked = request.server;
+            self.outbox.warn_once(format!(
+                "ignoring an answer to request {number}, for which server {asked} was asked: it says that it is of server \
+                 {server}"
+            ));
             return None;
         }
         self.fleet.answered_request(server, now);
@@ -138,7 +170,18 @@ impl Scheduler {
                 let blame = Blame::Silent { others: false };
                 return self.fail_server(server, &reason, blame, now);
             }
-            RefusalKind::Taken => self.fleet.remove(server),
+            RefusalKind::Taken => {
+                let times = self.fleet.refused_as_taken(server);
+                if times.is_multiple_of(OFTEN) {
+                    let reason = format!(
+                        "server {server} answers discovery, but has refused {times} requests in a row, as another tool has it: \
+                         {reason}"
+                    );
+                    self.outbox.warn(reason.clone());
+                    self.failed(server, &reason, now);
+                }
+                self.fleet.remove(server)
+            }
             RefusalKind::Invalid => {
                 self.outlook.refused(now);
                 self.outbox

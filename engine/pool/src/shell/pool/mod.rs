@@ -163,6 +163,7 @@ impl Pool {
         let start = Instant::now();
         // A server that was busy and has just become free still has to answer.
         let mut free_since = start;
+        let mut told = false;
         loop {
             self.poll(Instant::now() + PROGRESS_INTERVAL);
             if self.scheduler.has_server() {
@@ -180,8 +181,15 @@ impl Pool {
             }
             let waited = start.elapsed();
             let busy = self.scheduler.busy_elsewhere();
-            if busy.is_some() {
+            if let Some(reason) = &busy {
                 free_since = Instant::now();
+                if !told && waited >= self.timeouts.discovery {
+                    told = true;
+                    self.warn(format!(
+                        "waiting, as {reason}; if that server is gone, remove what the broker keeps of it on {}",
+                        self.topics.presence_filter()
+                    ));
+                }
             } else if free_since.elapsed() >= self.timeouts.discovery {
                 return Err(self.no_server(waited));
             }

@@ -47,12 +47,17 @@ impl Pool {
         }
     }
 
+    /// Tells what the user should know.
+    pub(super) fn warn(&mut self, text: String) {
+        self.reporter.tell(&Report::Warning { message: &text });
+        self.warnings.push(text);
+    }
+
     /// Tells of the warnings that were like those before.
     pub(super) fn count_alike(&mut self, now: Instant) {
         self.count_at = now + REPEATS_INTERVAL;
         for text in self.scheduler.take_repeated() {
-            self.reporter.tell(&Report::Warning { message: &text });
-            self.warnings.push(text);
+            self.warn(text);
         }
     }
 
@@ -83,8 +88,7 @@ impl Pool {
                  servers and tools do not see it; correct the broker's access rules",
                 self.status
             );
-            self.reporter.tell(&Report::Warning { message: &text });
-            self.warnings.push(text);
+            self.warn(text);
         }
     }
 }
