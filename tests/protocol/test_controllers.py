@@ -68,8 +68,8 @@ def test_every_kind_of_the_schema_has_vectors() -> None:
 
 def test_teams_are_as_the_schema_says() -> None:
     schema = json.loads((PROTOCOL / "schemas" / "controller.schema.json").read_text(encoding="utf-8"))
-    network = {"version": 1, "kind": "evostick", "sensors": 3, "actuators": 2}
-    groups = [
+    network: Json = {"version": 1, "kind": "evostick", "sensors": 3, "actuators": 2}
+    groups: list[Json] = [
         {"name": "leaders", "agents": 2, "controller": network},
         {"name": "others", "agents": None, "controller": network},
     ]

@@ -225,7 +225,8 @@ def _hint(output: Output, run: "Run") -> None:
         output.text(f"  {program()} replay {folder} --save best.gif")
     else:
         file = shlex.quote(str(run.path / "experiment.yaml"))
-        output.text(f"  {program()} simulate {file} --controller {folder} --visual")
+        broker = "" if run.experiment.broker is not None else " --broker URL"
+        output.text(f"  {program()} simulate {file} --controller {folder} --visual{broker}")
 
 
 def program() -> str:

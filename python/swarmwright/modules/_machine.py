@@ -2,18 +2,19 @@
 
 import traceback
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.core import modules
-from swarmwright.core.errors import RunError
+from swarmwright.core.errors import InputError, RunError
 from swarmwright.core.tracebacks import is_installed, shown
 from swarmwright.modules._base import Behaviour, Condition, Numbers, Parameters, RandomNumbers, Senses, pcg4d
 from swarmwright.modules._built_in import below
 from swarmwright.modules._registered import implementation, place_of
 
+Made = TypeVar("Made")
 _UNIT = np.float32(2.0**-24)
 Rows = NDArray[np.int64]
 
@@ -25,16 +26,17 @@ class Swarm:
         architecture: of the kind `python_modules`.
         weights: (machines, weights).
 
-    Raises InputError when a module is not here, or has other parameters than when it was designed with.
+    Raises InputError when a module is not here, has other parameters than when it was designed with, or
+    cannot be made without arguments.
     """
 
     def __init__(self, architecture: Mapping[str, Any], weights: Numbers) -> None:
         catalogue = modules.Catalogue.of(architecture)
         self._behaviours: list[Behaviour] = [
-            implementation("behaviour", one)() for one in catalogue.behaviours
+            _made(implementation("behaviour", one)) for one in catalogue.behaviours
         ]
         self._conditions: list[Condition] = [
-            implementation("condition", one)() for one in catalogue.conditions
+            _made(implementation("condition", one)) for one in catalogue.conditions
         ]
         self._behaviour_places = list(catalogue.behaviour_places.items())
         self._condition_places = list(catalogue.condition_places.items())
@@ -242,8 +244,10 @@ def called(
         # What comes out is checked.
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             returned = method(senses, parameters, state, random)
-    except Exception as error:
-        raise RunError(f"{_line(method, error)}: {what}: {type(error).__name__}: {error}") from error
+    # Also `sys.exit` is a mistake of the module's.
+    except (Exception, SystemExit) as error:
+        kind = type(method.__self__)  # type: ignore[attr-defined] # of an object
+        raise RunError(f"{_line(kind, error)}: {what}: {type(error).__name__}: {error}") from error
     try:
         found = np.asarray(returned, dtype=np.float32)
     except (TypeError, ValueError):
@@ -257,8 +261,17 @@ def called(
     raise RunError(f"{place_of(type(method.__self__))}: {what}: {problem}")  # type: ignore[attr-defined] # of an object
 
 
-def _line(method: Callable[..., Any], error: Exception) -> str:
+def _made(kind: type[Made]) -> Made:
+    try:
+        return kind()
+    except (Exception, SystemExit) as error:
+        words = f"{kind.__name__}: __init__: {type(error).__name__}: {error}"
+        raise InputError(f"{_line(kind, error)}: {words}; modules are made without arguments") from error
+
+
+def _line(kind: type[Any], error: BaseException) -> str:
+    """Return the last line of the user's that led to an error, or where the class is."""
     frames = [one for one in traceback.extract_tb(error.__traceback__) if not is_installed(one.filename)]
     if frames:
         return f"{shown(frames[-1].filename)}:{frames[-1].lineno}"
-    return place_of(type(method.__self__))  # type: ignore[attr-defined] # of an object
+    return place_of(kind)

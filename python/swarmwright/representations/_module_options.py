@@ -66,6 +66,10 @@ class ModulesOptions(Options):
                 raise ValueError(
                     f"{error}; expected a mapping, such a file, or AutoMoDe's --nstates .. or --nroot .."
                 ) from None
+            if source.problems:
+                raise ValueError("; ".join(f"{value}:{line}: {what}" for _, line, what in source.problems))
+            if not source.values:
+                raise ValueError(f"{value}: is empty; `swarmwright export --to machine` writes such files")
             value = source.values
         return json.loads(json.dumps(value)) if isinstance(value, dict) else value
 

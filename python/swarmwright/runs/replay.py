@@ -275,5 +275,5 @@ def _broker_of(run: "Run") -> str | None:
     raise InputError(
         f"{run.path}: the simulation '{title}' is not built in; name the broker of a server that offers it "
         f"and has scenes (--broker URL), or have a server draw it itself: swarmwright simulate "
-        f"{run.path / 'experiment.yaml'} --controller {run.path} --visual"
+        f"{run.path / 'experiment.yaml'} --controller {run.path} --visual --broker URL"
     )

@@ -182,7 +182,8 @@ def _explained(name: str) -> Iterator[None]:
         yield
     except InputError:  # what it needs is not there
         raise
-    except Exception as error:
+    # Also `sys.exit`, which would end the process without a word.
+    except (Exception, SystemExit) as error:
         raise InputError(_failure(name, error)) from error
 
 
@@ -268,7 +269,7 @@ def _look_in(folder: Path) -> None:
         sys.path.append(str(folder))
 
 
-def _failure(name: str, error: Exception) -> str:
+def _failure(name: str, error: BaseException) -> str:
     """Say what went wrong while a module was imported, and where."""
     if isinstance(error, SyntaxError):
         return f"{error.filename}:{error.lineno}: {error.msg}"

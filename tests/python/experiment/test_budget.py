@@ -103,13 +103,13 @@ def test_what_is_left_of_the_time_is_what_earlier_sessions_did_not_use(tmp_path:
 
 
 def test_larger_populations_use_up_the_budget_in_fewer_generations(tmp_path: Path) -> None:
-    method = {"kind": "snes", "population": 4, "generations": 80, "restart": "ipop"}
+    method = {"kind": "snes", "population": 20, "generations": 300, "restart": "ipop"}
     run = optimize(Experiment.from_mapping({**QUICK, "method": method}), out=tmp_path / "run")
-    assert run.generations < 80
-    assert run.evaluations >= 80 * 4
+    assert run.generations < 300
+    assert run.evaluations >= 300 * 20
     assert run.ended == "generations"
     shown = CliRunner().invoke(program, ["runs", "show", str(run.path)]).output
-    assert "ended since it has used the evaluations of 80 generations of the first population" in shown
+    assert "ended since it has used the evaluations of 300 generations of the first population" in shown
 
 
 def test_the_nearest_limit_is_shown(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from swarmwright import Controller, Experiment, InputError, Run, optimize, resume, simulate
+from swarmwright import Controller, Experiment, InputError, Run, RunError, optimize, resume, simulate
 from swarmwright.cli._commands import program
 from swarmwright.core.modules import states_of
 from swarmwright.export.exporting import export_controller
@@ -186,6 +186,38 @@ def test_a_file_that_cannot_be_imported(file: Path) -> None:
     own = file.parent / "parts/own.py"
     own.write_text(f"import nothing_like_it\n{own.read_text()}")
     with pytest.raises(InputError, match=r"own\.py:1: ModuleNotFoundError while it is imported"):
+        Experiment.load(file)
+
+
+@pytest.mark.parametrize(
+    ("code", "message"),
+    [
+        (
+            "    def __init__(self, gain):\n        pass\n",
+            r"own\.py.*: Wander: __init__: TypeError: .*'gain'",
+        ),
+        ("    def __init__(self):\n        1 / 0\n", r"own\.py:\d+: Wander: __init__: ZeroDivisionError"),
+    ],
+)
+def test_a_module_that_cannot_be_made(file: Path, tmp_path: Path, code: str, message: str) -> None:
+    own = file.parent / "parts/own.py"
+    text = own.read_text()
+    begin = text.index("    def act(")
+    own.write_text(text[:begin] + code + text[begin:])
+    with pytest.raises(InputError, match=message):
+        optimize(Experiment.load(file), out=tmp_path / "run")
+
+
+def test_a_module_that_exits(file: Path, tmp_path: Path) -> None:
+    own = file.parent / "parts/own.py"
+    text = own.read_text()
+    begin = text.index("    def act(")
+    end = text.index(":\n", begin) + 2
+    own.write_text(f"{text[:end]}        raise SystemExit(0)\n{text[end:]}")
+    with pytest.raises(RunError, match=r"own\.py:\d+: Wander: act: SystemExit: 0"):
+        optimize(Experiment.load(file), out=tmp_path / "run")
+    own.write_text(f"import sys\nsys.exit(3)\n{text}")
+    with pytest.raises(InputError, match=r"own\.py:2: SystemExit while it is imported: 3"):
         Experiment.load(file)
 
 

@@ -197,6 +197,25 @@ def test_what_is_wrong_with_a_machine_is_named(machine: dict[str, Any], words: s
     assert words in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "machine.yaml: is empty"),
+        (
+            "states:\n  - behaviour: stop\n    behaviour: attraction\n",
+            "machine.yaml:3: duplicate key",
+        ),
+        ("states: [\n", "machine.yaml:2: "),
+    ],
+)
+def test_what_is_wrong_with_the_file_of_a_machine_is_named(tmp_path: Path, text: str, words: str) -> None:
+    file = tmp_path / "machine.yaml"
+    file.write_text(text)
+    with pytest.raises(ValidationError) as caught:
+        ModulesOptions(machine=str(file))
+    assert words in str(caught.value)
+
+
 AUTOMODE = (
     "--nstates 4 --s0 2 --n0 3 --n0x0 0 --c0x0 0 --p0x0 0.5 --n0x1 1 --c0x1 2 --p0x1 0.4 --n0x2 2 --c0x2 5 "
     "--p0x2 0.02 --s1 1 --n1 2 --n1x0 0 --c1x0 4 --p1x0 2 --w1x0 3.5 --n1x1 2 --c1x1 1 --p1x1 0.6 --s2 0 "
