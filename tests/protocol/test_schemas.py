@@ -38,10 +38,10 @@ def test_schema_is_valid_and_written_canonically(path: Path) -> None:
 
 
 def properties(schema: Value) -> Iterator[tuple[str, Any]]:
-    """Every property that a schema defines, however deep."""
+    """Every property that a schema defines, however deep, but for those that it forbids."""
     for key, value in schema.items() if isinstance(schema, dict) else enumerate(schema):
         if key == "properties":
-            yield from value.items()
+            yield from ((name, one) for name, one in value.items() if one is not False)
         if isinstance(value, dict | list):
             yield from properties(value)
 

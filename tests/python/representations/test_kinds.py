@@ -13,10 +13,13 @@ from swarmwright.testing._common import representation
 PROTOCOL = Path(__file__).parents[3] / "protocol"
 SCHEMA = json.loads((PROTOCOL / "schemas" / "controller.schema.json").read_text(encoding="utf-8"))
 OF_SCHEMA = [kind["$ref"].rpartition("/")[2] for kind in SCHEMA["oneOf"]]
+TEAM = OF_SCHEMA.pop()
+"""Controllers of the other kinds, for groups of agents."""
 
 
 def test_the_schema_names_every_kind_where_it_describes_them() -> None:
-    for kind in OF_SCHEMA:
+    assert TEAM == "team"
+    for kind in [*OF_SCHEMA, TEAM]:
         assert SCHEMA["$defs"][kind]["properties"]["kind"]["const"] == kind
         assert kind in SCHEMA["properties"]["kind"]["description"]
 
