@@ -7,6 +7,14 @@ use super::swarm::SUBSTEP;
 
 /// Length of a part, seconds.
 pub(super) const PART: f32 = 2.0 * SUBSTEP;
+/// The part of the smaller radius by which bodies may overlap before they are pushed apart. ARGoS leaves overlaps, which are
+/// smaller there: its robots accelerate slowly and weigh the same.
+const TOLERANCE: f32 = 0.2;
+/// The share of a larger overlap that ends in a part.
+const SHARE: f32 = 0.2;
+
+/// Radii a second: nothing pushes a body faster, so that it does not go through a wall or another body in a part.
+pub(super) const FASTEST: f32 = 50.0;
 
 /// What a contact has for the solver. Impulses are divided by the mass of a robot, of the first kind where two robots touch.
 #[derive(Clone, Copy)]
@@ -35,13 +43,14 @@ impl<L: Lanes> Contact<L> {
     }
 
     /// At the beginning of a part: `way` between points that touch at a distance of `limit` and move with `speed` along it
-    /// and across. `fastest`: no two bodies approach each other faster, m/s. Returns the impulse that the part begins with.
+    /// and across. `fastest`: no two bodies approach each other faster, m/s; `smaller`: radius. Returns the impulse that the
+    /// part begins with.
     #[inline(always)]
     pub(super) fn begin(
         &mut self,
         way: [Number<L>; 2],
         speed: [Number<L>; 2],
-        (limit, fastest): (Number<L>, f32),
+        (limit, smaller, fastest): (Number<L>, Number<L>, f32),
     ) -> [Number<L>; 2] {
         let square = square(way);
         let far = limit + fastest * PART;
@@ -65,6 +74,8 @@ impl<L: Lanes> Contact<L> {
             .select(closing, first)
             .at_least(gap * (1.0 / PART));
         let slack = number::<L>(0.0).select(slack, gap.le(number(0.0)));
+        let deep = (gap + smaller * TOLERANCE).at_most(number(0.0));
+        let slack = slack + deep * (SHARE / PART);
         self.slack = slack.select(number(f32::MAX), possible);
         self.pressed = self.pressed.only_where(possible);
         self.rubbed = self.rubbed.only_where(possible);
@@ -128,6 +139,19 @@ pub(super) fn to_face<L: Lanes>(face: &Face, x: Number<L>, y: Number<L>) -> [Num
     let (dx, dy) = (x - face.middle[0], y - face.middle[1]);
     let s = (dx * face.along[0] + dy * face.along[1]).within(-face.half, face.half);
     [s * face.along[0] - dx, s * face.along[1] - dy]
+}
+
+/// Ends what is faster than `most`, m/s: bodies that slip out between heavier ones.
+#[inline(always)]
+pub(super) fn slow_down<L: Lanes>(velocity: &mut [Number<L>; 2], most: f32) {
+    let [x, y] = *velocity;
+    let square = square([x, y]);
+    let faster = square.gt(number(most * most));
+    if !faster.any() {
+        return;
+    }
+    let part = number::<L>(most) / square.sqrt();
+    *velocity = [(x * part).select(x, faster), (y * part).select(y, faster)];
 }
 
 #[inline(always)]

@@ -8,7 +8,7 @@
 
 use swarmwright_lanes::{Lanes, Mask, Number, number};
 
-use super::contact::{PART, square};
+use super::contact::{FASTEST, PART, slow_down, square};
 use super::near::{Moved, Near};
 use super::objects::Objects;
 use super::pairs::Pairs;
@@ -22,8 +22,11 @@ use super::walls::Walls;
 const PARTS: usize = 5;
 /// How often drives and contacts are solved in a part.
 const PASSES: usize = 2;
-/// The same where there are objects, which are heavier.
-const PASSES_WITH_OBJECTS: usize = 4;
+/// The same where there are objects, or kinds of robots of which one is much heavier than another.
+const MORE_PASSES: usize = 4;
+/// The most that a drive gives while something touches the robot, m/s^2: wheels slip. Without it robots whose drives have no
+/// limit would be pressed through each other.
+const TRACTION: f32 = 10.0;
 
 /// The work of a tick.
 pub(super) struct Contacts<L: Lanes> {
@@ -133,8 +136,8 @@ impl<L: Lanes> Contacts<L> {
             drive(moved, team.robot(moved.robot as usize).acceleration);
         }
         objects.rest(false);
-        let passes = if objects.any() {
-            PASSES_WITH_OBJECTS
+        let passes = if objects.any() || team.uneven() {
+            MORE_PASSES
         } else {
             PASSES
         };
@@ -152,9 +155,12 @@ impl<L: Lanes> Contacts<L> {
             walls.solve(moved, team);
             objects.solve(moved, team);
         }
-        objects.advance();
+        objects.advance(team);
+        let fastest = team.fastest();
         for vector in used.iter() {
             let moved = &mut moved[*vector as usize];
+            let radius = team.robot(moved.robot as usize).radius;
+            slow_down(&mut moved.velocity, (fastest / 2.0).min(radius * FASTEST));
             let touched = L::Mask::from_bits(moved.touched);
             for axis in 0..2 {
                 let way = (moved.velocity[axis] * PART).select(moved.free[axis], touched);
@@ -176,7 +182,11 @@ fn drive<L: Lanes>(moved: &mut Moved<L>, acceleration: f32) {
     let (aim, [x, y]) = (moved.aim, moved.velocity);
     let wanted = [aim[0] - x, aim[1] - y];
     let inverse = number::<L>(1.0) / square(wanted).sqrt();
-    let whole = (inverse * (acceleration * PART)).at_most(number(1.0));
+    let mut most = number::<L>(acceleration * PART);
+    if acceleration > TRACTION {
+        most = number(TRACTION * PART).select(most, L::Mask::from_bits(moved.touched));
+    }
+    let whole = (inverse * most).at_most(number(1.0));
     // Of two substeps the first one still has the velocity of before.
     let half = (inverse * (acceleration * SUBSTEP)).at_most(number(1.0));
     let [vx, vy] = moved.before;
@@ -194,7 +204,8 @@ fn drive_on<L: Lanes>(moved: &mut Moved<L>, acceleration: f32) {
     let lanes = L::Mask::from_bits(moved.touched);
     let (aim, load, [x, y]) = (moved.aim, moved.load, moved.velocity);
     let wanted = [load[0] + (aim[0] - x), load[1] + (aim[1] - y)];
-    let part = (number::<L>(acceleration * PART) / square(wanted).sqrt()).at_most(number(1.0));
+    let most = number::<L>(acceleration.min(TRACTION) * PART);
+    let part = (most / square(wanted).sqrt()).at_most(number(1.0));
     moved.load = [
         (wanted[0] * part).select(load[0], lanes),
         (wanted[1] * part).select(load[1], lanes),

@@ -21,16 +21,14 @@ struct Touch {
     pair: Pair,
     /// How fast the rims of both move along each other when nothing else does, m/s.
     rims: f32,
-    /// What the impulses are worth for each of the robots, where they differ.
-    lightness: [f32; 2],
 }
 
 /// All pairs of robots that may touch in a tick.
 struct Touches<L: Lanes> {
     /// Ascending by robots, then by lanes.
     all: Vec<Touch>,
-    /// Their contacts, one after the other, and the distances of middles at which they touch.
-    contacts: Vec<(Contact<L>, Number<L>)>,
+    /// Their contacts, one after the other, with the distances of middles at which they touch and the smaller radii.
+    contacts: Vec<(Contact<L>, [Number<L>; 2])>,
 }
 
 /// The contacts of a tick, and those of the tick before.
@@ -58,11 +56,12 @@ impl<L: Lanes> Touches<L> {
     fn push(&mut self, touch: Touch, impulses: [f32; 2]) {
         let lane = self.all.len() % L::WIDTH;
         if lane == 0 {
-            self.contacts.push((Contact::none(), number(0.0)));
+            self.contacts.push((Contact::none(), [number(0.0); 2]));
         }
-        let (contact, limit) = &mut self.contacts[self.all.len() / L::WIDTH];
+        let (contact, [limit, smaller]) = &mut self.contacts[self.all.len() / L::WIDTH];
         contact.set_lane(lane, impulses);
         limit.set_lane(lane, touch.pair.limit);
+        smaller.set_lane(lane, touch.pair.smaller);
         self.all.push(touch);
     }
 
@@ -138,7 +137,6 @@ impl<L: Lanes> Pairs<L> {
                     spots: [Spot::default(); 2],
                     pair,
                     rims: rims.lane(lane as usize),
-                    lightness: [team.lightness(i), team.lightness(j)],
                 };
                 self.now.push(touch, impulses);
             }
@@ -160,7 +158,7 @@ impl<L: Lanes> Pairs<L> {
     pub(super) fn begin(&mut self, moved: &mut [Moved<L>], team: &Team) {
         let (fastest, equal) = (team.fastest(), team.equal());
         let Touches { all, contacts } = &mut self.now;
-        for (index, (contact, limit)) in contacts.iter_mut().enumerate() {
+        for (index, (contact, [limit, smaller])) in contacts.iter_mut().enumerate() {
             let first = index * L::WIDTH;
             let touches = &all[first..all.len().min(first + L::WIDTH)];
             // Where there are none: on each other, which is no contact.
@@ -175,7 +173,7 @@ impl<L: Lanes> Pairs<L> {
                     speed[axis].set_lane(lane, relative[axis].0);
                 }
             }
-            let impulse = contact.begin(way, speed, (*limit, fastest));
+            let impulse = contact.begin(way, speed, (*limit, *smaller, fastest));
             let touching = contact.touches().bits();
             let mut lanes = contact.active;
             while lanes != 0 {
@@ -235,7 +233,7 @@ fn part_from<L: Lanes>(moved: &mut [Moved<L>], touch: &Touch, [x, y]: [f32; 2], 
     let [one, two] = if equal {
         [[x, y], [x, y]]
     } else {
-        let [one, two] = touch.lightness;
+        let [one, two] = touch.pair.lightness;
         [[x * one, y * one], [x * two, y * two]]
     };
     push(moved, touch.spots[0], [-one[0], -one[1]]);

@@ -14,6 +14,11 @@ use swarmwright_simulation::parameters::wrong;
 
 /// Most kinds of robots.
 const MOST_KINDS: usize = 16;
+/// Where bodies touch, the heavier one counts as at most so many times as heavy as the other: few passes of the solver are
+/// not enough for larger ratios, and the light one would be pressed through walls.
+pub(super) const MOST_RATIO: f32 = 20.0;
+/// Masses whose ratio is larger take more passes.
+const UNEVEN: f32 = 4.0;
 
 /// Robots of the same model.
 #[derive(Debug, Clone, PartialEq)]
@@ -29,10 +34,14 @@ pub(super) struct Group {
 pub(super) struct Pair {
     /// Distance of middles at which they touch, metres.
     pub limit: f32,
+    /// The radius of the smaller one, metres.
+    pub smaller: f32,
     /// Middles that are further apart at the beginning of a tick do not touch in it, metres.
     pub reach: f32,
     /// Impulse that ends an approach of 1 m/s, for robots with the mass of the first kind.
     pub share: f32,
+    /// The change of velocity of each by an impulse that changes that of a robot of the first kind by 1.
+    pub lightness: [f32; 2],
     /// Coefficient of friction.
     pub friction: f32,
     /// The radius of both, where it is the same.
@@ -47,8 +56,8 @@ pub(super) struct Team {
     of: Vec<u32>,
     /// By group and group.
     pairs: Vec<Pair>,
-    /// By group: the change of velocity by an impulse that changes that of a robot of the first kind by 1.
-    lightness: Vec<f32>,
+    /// Whether one of them is much heavier than another.
+    uneven: bool,
     /// Ticks that the slowest messages take.
     delay: u32,
     /// What the controller of all gets and gives.
@@ -116,10 +125,15 @@ impl Team {
         let pair = |one: usize, two: usize| {
             let (a, b) = (&groups[one].robot, &groups[two].robot);
             let limit = a.radius + b.radius;
+            let lightness = [lightness[one], lightness[two]];
+            let least = lightness[0].max(lightness[1]) / MOST_RATIO;
+            let lightness = lightness.map(|light| light.max(least));
             Pair {
                 limit,
+                smaller: a.radius.min(b.radius),
                 reach: limit + gap,
-                share: 1.0 / (lightness[one] + lightness[two]),
+                share: 1.0 / (lightness[0] + lightness[1]),
+                lightness,
                 friction: (a.friction[0] + b.friction[0]) / 2.0,
                 same: (a.radius <= b.radius && b.radius <= a.radius).then_some(a.radius),
             }
@@ -131,13 +145,18 @@ impl Team {
         let pairs = pairs.map(|(one, two)| pair(one, two)).collect();
         let mut groups = groups;
         let row = together::arrange(&mut groups);
+        let masses = groups.iter().map(|group| group.robot.mass);
+        let [least, most] = [
+            masses.clone().fold(f32::MAX, f32::min),
+            masses.fold(0.0, f32::max),
+        ];
         let links = groups.iter().flat_map(|group| &group.robot.links);
         let delay = links.map(Links::delay).max().unwrap_or(0);
         Self {
             groups,
             of,
             pairs,
-            lightness,
+            uneven: most > least * UNEVEN,
             delay,
             row,
         }
@@ -382,10 +401,10 @@ impl Team {
         self.groups.len() == 1
     }
 
-    /// The change of its velocity by an impulse that changes that of a robot of the first kind by 1.
+    /// Whether a kind is much heavier than another one.
     #[inline(always)]
-    pub(super) fn lightness(&self, index: usize) -> f32 {
-        self.lightness[self.group(index)]
+    pub(super) fn uneven(&self) -> bool {
+        self.uneven
     }
 
     /// Numbers that controllers get.

@@ -163,7 +163,7 @@ impl<L: Lanes> Walls<L> {
             let radius = team.robot(moved.robot as usize).radius;
             let way = wall.way(moved.at);
             let speed = [-moved.before[0], -moved.before[1]];
-            let limits = (number(radius), fastest);
+            let limits = (number(radius), number(radius), fastest);
             let impulse = wall.contact.begin(way, speed, limits);
             if wall.contact.active != 0 {
                 pull(moved, impulse);

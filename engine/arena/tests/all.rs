@@ -2,6 +2,7 @@
 
 mod arena;
 mod arena_batteries;
+mod arena_bodies;
 mod arena_cameras;
 mod arena_drives;
 mod arena_failures;

@@ -69,7 +69,7 @@ mod objects {
 
         pub fn solve(&mut self, _: &mut [Moved<L>], _: &Team) {}
 
-        pub fn advance(&mut self) {}
+        pub fn advance(&mut self, _: &Team) {}
     }
 }
 mod robot {
@@ -103,8 +103,10 @@ mod team {
     #[derive(Clone, Copy)]
     pub struct Pair {
         pub limit: f32,
+        pub smaller: f32,
         pub reach: f32,
         pub share: f32,
+        pub lightness: [f32; 2],
         pub friction: f32,
         pub same: Option<f32>,
     }
@@ -121,8 +123,10 @@ mod team {
             let limit = 2.0 * self.0.radius;
             Pair {
                 limit,
+                smaller: self.0.radius,
                 reach: limit + self.0.reach(),
                 share: 0.5,
+                lightness: [1.0; 2],
                 friction: self.0.friction[0],
                 same: Some(self.0.radius),
             }
@@ -136,8 +140,8 @@ mod team {
             true
         }
 
-        pub fn lightness(&self, _: usize) -> f32 {
-            1.0
+        pub fn uneven(&self) -> bool {
+            false
         }
 
         pub fn gap(&self) -> f32 {

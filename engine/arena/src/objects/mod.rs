@@ -8,9 +8,10 @@ mod touch;
 use swarmwright_controllers::functions::lanes::{cos_pi, sin_pi};
 use swarmwright_lanes::{Lanes, MOST_LANES, Mask, Number, number};
 
-use super::contact::PART;
-use super::robot::LedColor;
+use super::contact::{FASTEST, PART, slow_down};
+use super::robot::{LedColor, TICK};
 use super::start::{Pose, Start};
+use super::team::Team;
 pub(super) use place::{corners, distance, draw, free, overlap};
 use touch::Touch;
 
@@ -111,6 +112,8 @@ pub(super) struct Object {
     /// Radius of the circle around it, metres.
     pub radius: f32,
     pub color: Option<LedColor>,
+    /// Nothing pushes it faster, m/s, so that it does not go through a wall.
+    fastest: f32,
     /// 1 / kg, and 1 / (kg m^2).
     light: f32,
     nimble: f32,
@@ -129,6 +132,11 @@ impl Object {
             height: of.height,
             radius: of.form.radius(),
             color: of.color,
+            fastest: FASTEST
+                * match of.form {
+                    Form::Disc { radius } => radius,
+                    Form::Box { half: [x, y] } => x.min(y),
+                },
             light: 1.0 / of.mass,
             nimble: 1.0 / (of.mass * inertia),
             loose: [1.0 / (slower * slower), 1.0 / (turned * turned)],
@@ -299,14 +307,16 @@ impl<L: Lanes> Objects<L> {
 
     /// The motion of a part.
     #[inline(always)]
-    pub(super) fn advance(&mut self) {
+    pub(super) fn advance(&mut self, team: &Team) {
         if !self.awake {
             return;
         }
-        for moving in &mut self.moving {
+        let fastest = touch::way(team) / TICK;
+        for (moving, object) in self.moving.iter_mut().zip(&self.things) {
             if !moving.moves() {
                 continue;
             }
+            slow_down(&mut moving.velocity, fastest.min(object.fastest));
             let [vx, vy] = moving.velocity;
             moving.x += vx * PART;
             moving.y += vy * PART;

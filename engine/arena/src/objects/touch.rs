@@ -9,15 +9,16 @@ use super::super::contact::{PART, square, to_face};
 use super::super::functions::absolute;
 use super::super::near::Moved;
 use super::super::place::{Face, Place};
+use super::super::robot::TICK;
 use super::super::swarm::Bodies;
-use super::super::team::Team;
+use super::super::team::{MOST_RATIO, Team};
 use super::{Form, Moving, Object, Objects};
 
 /// Coefficients of friction between objects, and with walls.
 const FRICTION: [f32; 2] = [0.49, 0.07];
-/// How far objects may come in a tick, metres.
+/// How far objects may come in a tick, metres; further where robots are faster.
 const WAY: f32 = 0.05;
-/// What is further apart at the beginning of a part does not touch in it, metres.
+/// What is further apart at the beginning of a part does not touch in it, metres; the same where robots are faster.
 pub(super) const NEAR: f32 = 0.02;
 /// Corners of boxes that are further behind a face of an obstacle lie on its other side, metres.
 const BEHIND: f32 = 0.005;
@@ -80,6 +81,11 @@ struct Gap<L: Lanes> {
     valid: L::Mask,
 }
 
+/// How far objects may come in a tick, metres: as far as the fastest robot pushes them.
+pub(super) fn way(team: &Team) -> f32 {
+    (team.fastest() * (TICK / 2.0)).max(WAY)
+}
+
 impl<L: Lanes> Objects<L> {
     /// Finds what may touch in this tick. `near` gets the lanes in which robots may touch an object.
     #[inline(always)]
@@ -98,6 +104,7 @@ impl<L: Lanes> Objects<L> {
         std::mem::swap(now, old);
         now.clear();
         self.awake = false;
+        let way_of_objects = way(team);
         let mut at = 0;
         for index in 0..self.things.len() {
             let (object, moving) = (&self.things[index], &self.moving[index]);
@@ -110,7 +117,7 @@ impl<L: Lanes> Objects<L> {
             };
             for other in 0..bodies.len() {
                 let robot = team.robot(other);
-                let reach = object.radius + robot.radius + team.gap() + WAY;
+                let reach = object.radius + robot.radius + team.gap() + way_of_objects;
                 let way = [bodies.x[other] - moving.x, bodies.y[other] - moving.y];
                 let close = square(way).lt(number(reach * reach));
                 if close.any() {
@@ -122,7 +129,7 @@ impl<L: Lanes> Objects<L> {
                     }
                 }
             }
-            let reach = object.radius + WAY;
+            let reach = object.radius + way_of_objects;
             for face in 0..place.faces.len() {
                 let way = to_face(&place.faces[face], moving.x, moving.y);
                 let close = square(way).lt(number(reach * reach));
@@ -146,7 +153,7 @@ impl<L: Lanes> Objects<L> {
             for other in index + 1..self.things.len() {
                 let (thing, second) = (&self.things[other], &self.moving[other]);
                 let way = [second.x - moving.x, second.y - moving.y];
-                let reach = object.radius + thing.radius + 2.0 * WAY;
+                let reach = object.radius + thing.radius + 2.0 * way_of_objects;
                 let close = square(way).lt(number(reach * reach));
                 if !close.any() {
                     continue;
@@ -200,6 +207,7 @@ impl<L: Lanes> Objects<L> {
             touches: [touches, _],
             ..
         } = self;
+        let near = NEAR.max(team.fastest() * PART);
         for touch in touches.iter_mut() {
             let (point, radius, arm) = point(touch.point, things, moving, moved, (team, place));
             let gap = match touch.surface {
@@ -213,7 +221,7 @@ impl<L: Lanes> Objects<L> {
                     to_wall(&place.faces[index], point, radius, corner)
                 }
             };
-            let possible = gap.size.lt(number(NEAR)).and(gap.valid).and(touch.lanes);
+            let possible = gap.size.lt(number(near)).and(gap.valid).and(touch.lanes);
             touch.active = possible.any();
             touch.pressed = touch.pressed.only_where(possible);
             touch.rubbed = touch.rubbed.only_where(possible);
@@ -395,7 +403,7 @@ impl<L: Lanes> Touch<L> {
                 inverse += turn * turn * things[index].nimble + things[index].light;
             }
             match self.point {
-                Point::Robot(index) => inverse += number(1.0 / team.robot(index).mass),
+                Point::Robot(index) => inverse += number(self.lightness(index, things, team)),
                 Point::Center(index) | Point::Corner(index, _) => {
                     let turn = cross(self.arms[1], along);
                     inverse += turn * turn * things[index].nimble + things[index].light;
@@ -403,6 +411,16 @@ impl<L: Lanes> Touch<L> {
                 Point::End(_) => {}
             }
             self.masses[axis] = number::<L>(1.0) / inverse;
+        }
+    }
+
+    /// The change of a robot's velocity by 1 N s.
+    #[inline(always)]
+    fn lightness(&self, robot: usize, things: &[Object], team: &Team) -> f32 {
+        let light = 1.0 / team.robot(robot).mass;
+        match self.surface {
+            Surface::Object(index) => light.max(things[index].light / MOST_RATIO),
+            Surface::Face(_) => light,
         }
     }
 
@@ -428,7 +446,7 @@ impl<L: Lanes> Touch<L> {
         match self.point {
             Point::Robot(index) => {
                 let velocity = &mut moved[index].velocity;
-                let light = 1.0 / team.robot(index).mass;
+                let light = self.lightness(index, things, team);
                 velocity[0] += x * light;
                 velocity[1] += y * light;
             }
@@ -577,9 +595,20 @@ fn to_wall<L: Lanes>(face: &Face, [x, y]: [Number<L>; 2], radius: f32, corner: b
         let length = square(way).sqrt();
         let valid = zero.lt(length);
         let inverse = (number::<L>(-1.0) / length).only_where(valid);
+        let mut normal = [way[0] * inverse, way[1] * inverse];
+        let mut size = length - number(radius);
+        let ahead = face.ahead(x, y);
+        if face.outer && ahead.lt(zero).any() {
+            // Whatever was pressed out of the arena comes back.
+            let [ax, ay] = face.along;
+            let outside = ahead.lt(zero);
+            normal[0] = number::<L>(-ay).select(normal[0], outside);
+            normal[1] = number::<L>(ax).select(normal[1], outside);
+            size = (ahead - number(radius)).select(size, outside);
+        }
         return Gap {
-            normal: [way[0] * inverse, way[1] * inverse],
-            size: length - number(radius),
+            normal,
+            size,
             arm,
             valid,
         };
