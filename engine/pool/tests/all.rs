@@ -12,6 +12,7 @@ mod layers;
 mod narrow;
 mod parameter_sets;
 mod python_modules;
+mod reconnections;
 mod retries;
 mod samples;
 mod shares;

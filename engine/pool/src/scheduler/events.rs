@@ -133,6 +133,10 @@ impl Scheduler {
     /// The connection broke: the work under way on it is lost, and it is no fault of servers or evaluations.
     pub fn disconnected(&mut self, now: Instant) {
         self.counts.broker_losses += 1;
+        // Whether servers have heard that these were over is not known, either.
+        for (server, hash) in self.in_flight.take_unanswered() {
+            self.fleet.left_behind().add(server, Some(hash));
+        }
         self.fleet.clear();
         let jobs = self.in_flight.jobs();
         let reason = "the connection to the broker broke";

@@ -18,6 +18,9 @@ impl Scheduler {
                 .answered_other_discovery(message, &self.config.demand);
         };
         let id = message.server;
+        // A server that is at an episode answers no discovery.
+        self.fleet.left_behind().remove(id);
+        self.in_flight.forget_unanswered(id);
         let announced = message.capabilities.swarmwright.as_ref();
         if self
             .processes
@@ -92,6 +95,7 @@ impl Scheduler {
     }
 
     pub(super) fn discover(&mut self, now: Instant) {
+        self.end_left_behind(false, now);
         let hash = self.messages.new_hash();
         let message = self.messages.discovery(&self.config, hash.clone());
         self.publish(Topic::Discovery, message.encode());
@@ -104,11 +108,17 @@ impl Scheduler {
     /// The connection is back.
     pub fn connected(&mut self, now: Instant) {
         // Servers whose own connection held know nothing of it, and wait for the next step.
-        for (server, hash) in self.fleet.take_left_behind() {
+        self.end_left_behind(true, now);
+        self.discovery.restart(now);
+    }
+
+    /// Ends what servers may still be at for this tool since its connection broke; `all`: also where they were told so a
+    /// moment ago.
+    pub(super) fn end_left_behind(&mut self, all: bool, now: Instant) {
+        for (server, hash) in self.fleet.left_behind().due(all, now) {
             let hash = hash.unwrap_or_else(|| self.messages.new_hash());
             self.end_run(server, &hash);
         }
-        self.discovery.restart(now);
     }
 
     /// A server is there.

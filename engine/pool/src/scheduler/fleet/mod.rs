@@ -7,6 +7,7 @@ pub(crate) mod discovery;
 pub(crate) mod duplicates;
 pub(crate) mod health;
 pub(crate) mod lag;
+pub(crate) mod left_behind;
 pub(crate) mod offers;
 pub(crate) mod pace;
 pub(crate) mod processes;
@@ -19,6 +20,7 @@ use swarmwright_protocol::Presence;
 
 use crate::scheduler::fleet::health::Health;
 use crate::scheduler::fleet::lag::Lag;
+use crate::scheduler::fleet::left_behind::LeftBehind;
 use crate::scheduler::fleet::slot::Slot;
 use crate::scheduler::job::Job;
 
@@ -44,8 +46,8 @@ pub(crate) struct Fleet {
     health: Health,
     /// Metrics that servers announced for this simulation, by id, whether they fit or not.
     metrics: BTreeMap<u64, Vec<String>>,
-    /// Servers that may still wait for this tool since its connection broke, each with its last hash.
-    left_behind: BTreeMap<u64, Option<String>>,
+    /// Servers that may still wait for this tool since its connection broke.
+    left_behind: LeftBehind,
     /// Servers that said last that they hear control messages on their own topics; some may still wait for this tool
     /// when nothing else is known of them any more.
     on_own_topic: BTreeSet<u64>,
@@ -108,9 +110,9 @@ impl Fleet {
 
     /// The connection broke: forgets who is there, but for those that may still wait for this tool.
     pub fn clear(&mut self) {
-        let held = self.slots.iter().filter(|(_, slot)| slot.held);
-        let held = held.map(|(id, slot)| (*id, slot.last_hash.clone()));
-        self.left_behind.extend(held);
+        for (id, slot) in self.slots.iter().filter(|(_, slot)| slot.held) {
+            self.left_behind.add(*id, slot.last_hash.clone());
+        }
         *self = Self {
             health: std::mem::take(&mut self.health),
             left_behind: std::mem::take(&mut self.left_behind),
@@ -120,9 +122,9 @@ impl Fleet {
         };
     }
 
-    /// The servers that may still wait for this tool since its connection broke, each with its last hash.
-    pub fn take_left_behind(&mut self) -> BTreeMap<u64, Option<String>> {
-        std::mem::take(&mut self.left_behind)
+    /// The servers that may still wait for this tool since its connection broke.
+    pub fn left_behind(&mut self) -> &mut LeftBehind {
+        &mut self.left_behind
     }
 
     /// Ends the use of all servers. Returns those that are to be told: of many, those are not that are free in some

@@ -271,6 +271,9 @@ impl Fleet {
             seen.retain(|(instance, _)| instance != announced);
         }
         self.presences.insert(id, presence);
+        if state == State::Lost || elsewhere {
+            self.left_behind.remove(id);
+        }
         let Some(slot) = self
             .slots
             .get(&id)
@@ -316,6 +319,7 @@ impl Fleet {
     /// A server left in good order. Returns the jobs that it had.
     pub fn left(&mut self, id: u64) -> Vec<Job> {
         self.presences.remove(&id);
+        self.left_behind.remove(id);
         self.on_own_topic.remove(&id);
         self.unfit.remove(&id);
         self.unmatched.remove(&id);

@@ -20,6 +20,8 @@ struct Ended {
     server: u64,
     /// Whether its fitness came.
     answered: bool,
+    /// Whether its server may still be at it: nothing has shown that the server is not.
+    open: bool,
 }
 
 /// What was taken back of one server.
@@ -189,7 +191,11 @@ impl InFlight {
             hash: hash.to_owned(),
             server,
             answered,
+            open: !answered,
         });
+        if answered {
+            self.forget_unanswered(server);
+        }
         if self.ended.len() > REMEMBERED {
             self.ended.pop_front();
         }
@@ -200,6 +206,23 @@ impl InFlight {
         let mut ended = self.ended.iter();
         let found = ended.find(|ended| ended.hash == hash)?;
         Some((found.server, found.answered))
+    }
+
+    /// A server is at none of the episodes of it that are over.
+    pub fn forget_unanswered(&mut self, server: u64) {
+        let ended = self.ended.iter_mut().filter(|ended| ended.server == server);
+        ended.for_each(|ended| ended.open = false);
+    }
+
+    /// Episodes that are over for this tool, but not yet for their servers, as far as is known; each once.
+    pub fn take_unanswered(&mut self) -> Vec<(u64, String)> {
+        let ended = self.ended.iter_mut().filter(|ended| ended.open);
+        ended
+            .map(|ended| {
+                ended.open = false;
+                (ended.server, ended.hash.clone())
+            })
+            .collect()
     }
 
     /// The episode that is chosen by its hash.

@@ -1,0 +1,111 @@
+//! The tool's connection to the broker breaks and comes back.
+#![allow(clippy::unwrap_used, clippy::panic, reason = "a test")]
+
+use crate::common;
+
+use std::time::Duration;
+
+use common::{Alone, Line, Net, Party, SEEDS, server, tool, undisturbed, work};
+use serde_json::Value;
+
+/// The hashes of the messages that end an episode, those after `known`, in their order.
+fn ends(tool: &Alone, known: usize) -> Vec<Value> {
+    let said = tool.said.iter().skip(known);
+    let ends = said.filter(|(_, message)| message["run"] == false);
+    ends.map(|(_, message)| message["simulation_hash"].clone())
+        .collect()
+}
+
+/// A tool with an episode under way on server 1.
+fn in_an_episode() -> (Alone, Value) {
+    let mut tool = Alone::new(work(3, &SEEDS));
+    tool.answer(1, None);
+    tool.pass(40);
+    let hash = tool.last("parameters");
+    tool.sense(&hash);
+    (tool, hash)
+}
+
+#[test]
+fn an_episode_is_ended_again_until_its_server_answers() {
+    let (mut tool, hash) = in_an_episode();
+    tool.reconnect();
+    assert_eq!(ends(&tool, 0), std::slice::from_ref(&hash));
+    // The server, whose own connection is not back yet, has not heard it.
+    for _ in 0..100 {
+        tool.pass(100);
+    }
+    let told = ends(&tool, 0);
+    assert!((3..=10).contains(&told.len()), "{told:?}");
+    assert!(told.iter().all(|ended| *ended == hash));
+    tool.answer(1, None);
+    let known = tool.said.len();
+    for _ in 0..10 {
+        tool.pass(100);
+    }
+    assert!(ends(&tool, known).is_empty());
+    assert_ne!(tool.last("parameters"), hash);
+}
+
+#[test]
+fn a_server_that_never_answers_is_not_told_for_ever() {
+    let (mut tool, _) = in_an_episode();
+    tool.reconnect();
+    for _ in 0..1300 {
+        tool.pass(100);
+    }
+    let known = tool.said.len();
+    for _ in 0..600 {
+        tool.pass(100);
+    }
+    assert!(ends(&tool, known).is_empty());
+}
+
+#[test]
+fn an_episode_is_ended_when_the_connection_breaks_again_before_that_was_heard() {
+    let (mut tool, hash) = in_an_episode();
+    tool.reconnect();
+    tool.reconnect();
+    assert_eq!(ends(&tool, 0), [hash.clone(), hash]);
+}
+
+#[test]
+fn an_episode_is_ended_again_where_that_may_have_been_lost_with_the_connection() {
+    let (mut tool, hash) = in_an_episode();
+    // All work is given up, and other work begins: the server has heard nothing of it when the connection breaks.
+    tool.machine.cancel();
+    tool.collect();
+    let now = tool.now;
+    tool.machine.submit(work(2, &SEEDS), now);
+    tool.collect();
+    let next = tool.last("parameters");
+    assert_ne!(next, hash);
+    let known = tool.said.len();
+    tool.reconnect();
+    assert_eq!(ends(&tool, known), [hash, next]);
+}
+
+#[test]
+fn a_server_that_goes_on_with_the_episode_is_free_at_once() {
+    // A server keeps its episode; what the tool says on its return is lost, since the connection breaks again, or since
+    // the server's own one is not back yet.
+    for breaks in [1, 2] {
+        let mut net = Net::new(3);
+        let start = net.now;
+        net.add(Party::Server(Box::new(server(1, Line::new()))));
+        let index = net.add(Party::Tool(Box::new(tool("a", 0, start))));
+        net.submit(index, work(7, &SEEDS));
+        while !net.log.iter().any(|message| message.topic == "actuator") {
+            net.turn();
+        }
+        let now = net.now;
+        for _ in 0..breaks {
+            net.tool(index).disconnected(now);
+            net.tool(index).connected(now);
+            drop(net.tool(index).actions());
+        }
+        assert_eq!(net.finish(index), undisturbed(7));
+        let waited = net.now - start;
+        assert!(waited < Duration::from_secs(6), "{waited:?}");
+    }
+}
