@@ -10,6 +10,7 @@ mod failed;
 mod lag;
 mod layers;
 mod narrow;
+mod outages;
 mod parameter_sets;
 mod python_modules;
 mod reconnections;

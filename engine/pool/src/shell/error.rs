@@ -18,16 +18,29 @@ pub enum PoolError {
     #[error(transparent)]
     Topic(#[from] TopicError),
     /// No server fits, or all have gone.
-    #[error("no server fits on {url} after {seconds:.0} s; {description}")]
+    #[error("no server fits on {url} after {seconds:.0} s{outages}; {description}")]
     NoServer {
         /// The broker.
         url: String,
         /// How long was waited.
         seconds: f64,
+        /// When the broker was not reachable meanwhile, in words; empty if it always was.
+        outages: String,
         /// What was required and what was found.
         description: String,
         /// Titles that servers offer.
         titles: Vec<String>,
+    },
+    /// The broker was lost, and did not come back in time: whether a server fits is not known.
+    #[error(
+        "the broker on {url} was not reachable {outages}, so no server could be found or used; check that it runs, and that \
+         this machine reaches it"
+    )]
+    BrokerLost {
+        /// The broker.
+        url: String,
+        /// From when to when it was not reachable, in words.
+        outages: String,
     },
     /// The servers do not say how many sensors and actuators there are.
     #[error(

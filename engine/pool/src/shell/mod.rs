@@ -2,6 +2,7 @@
 
 pub(crate) mod error;
 pub(crate) mod options;
+pub(crate) mod outages;
 pub(crate) mod pool;
 pub(crate) mod probe;
 pub(crate) mod report;

@@ -1,6 +1,6 @@
 //! Evaluates work, until all has ended or there is no way on.
 
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime};
 
 use super::{PROGRESS_INTERVAL, Pool};
 use crate::journal::Attempt;
@@ -10,13 +10,37 @@ use crate::shell::report::Report;
 use crate::work::Work;
 
 impl Pool {
-    pub(super) fn no_server(&self, waited: Duration) -> PoolError {
+    /// Whether it is time to give up, as there has been no server since then: time without broker does not count, unless it
+    /// is as long itself.
+    pub(super) fn is_hopeless(&self, since: Instant, patience: Duration, now: Instant) -> bool {
+        self.outages.reachable(since, now) >= patience || self.outages.down_for(now) >= patience
+    }
+
+    /// Why there was no server since then.
+    pub(super) fn no_server(&self, since: Instant, now: Instant) -> PoolError {
+        let url = self.connection.url();
+        let outages = self.outages.describe(since, now, SystemTime::now());
+        if let Some(outages) = outages.as_ref().filter(|_| self.outages.is_down()) {
+            let outages = outages.clone();
+            return PoolError::BrokerLost { url, outages };
+        }
+        let outages = outages.map(|told| format!(", while the broker was not reachable {told}"));
         PoolError::NoServer {
-            url: self.connection.url(),
-            seconds: waited.as_secs_f64(),
+            url,
+            seconds: now.saturating_duration_since(since).as_secs_f64(),
+            outages: outages.unwrap_or_default(),
             description: self.scheduler.describe(),
             titles: self.scheduler.titles(),
         }
+    }
+
+    /// What is waited for, in words, as long as the broker is not reachable.
+    pub(super) fn waiting_for_broker(&self, now: Instant) -> Option<String> {
+        self.outages.is_down().then(|| {
+            let seconds = self.outages.down_for(now).as_secs_f64();
+            let url = self.connection.url();
+            format!("the broker on {url} has not been reachable for {seconds:.1} s")
+        })
     }
 
     /// Evaluates every candidate in every episode. `meanwhile` is called once, when servers have got their
@@ -146,17 +170,15 @@ impl Pool {
                 if let Some(reason) = self.scheduler.rejected(now) {
                     break Err(PoolError::Rejected(reason));
                 }
-                let unserved = self.scheduler.unserved(now);
+                let unserved_since = now.checked_sub(self.scheduler.unserved(now)).unwrap_or(now);
                 if self.scheduler.busy_elsewhere().is_some() || self.supervision.are_starting() {
                     free_since = now;
-                } else if unserved.min(now.duration_since(free_since)) >= patience {
-                    break Err(self.no_server(unserved));
+                } else if self.is_hopeless(unserved_since.max(free_since), patience, now) {
+                    break Err(self.no_server(unserved_since, now));
                 }
-                if !on_progress(
-                    self,
-                    self.scheduler.done(),
-                    &self.scheduler.waiting_for(now),
-                ) {
+                let waiting = self.waiting_for_broker(now);
+                let waiting = waiting.unwrap_or_else(|| self.scheduler.waiting_for(now));
+                if !on_progress(self, self.scheduler.done(), &waiting) {
                     break Err(PoolError::Interrupted);
                 }
             }

@@ -1,6 +1,6 @@
 //! What goes out and what comes in: the scheduler's actions carried out, messages and time handed to it.
 
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime};
 
 use swarmwright_mqtt::{Event, PublishOptions, QoS, TooLarge};
 
@@ -95,12 +95,14 @@ impl Pool {
                 Event::Connected => {
                     self.warnings.push("the broker is back".to_owned());
                     self.reporter.tell(&Report::BrokerBack);
+                    self.outages.back(now, SystemTime::now());
                     self.scheduler
                         .set_largest_packet(self.connection.largest_packet());
                     self.scheduler.connected(now);
                 }
                 Event::Disconnected { reason, .. } => {
                     self.reporter.tell(&Report::BrokerLost { reason: &reason });
+                    self.outages.lost(&reason, now, SystemTime::now());
                     self.warnings
                         .push(format!("lost the broker ({reason}); trying again"));
                     self.scheduler.disconnected(now);

@@ -18,6 +18,7 @@ use crate::scheduler::fleet::discovery::PROBATION;
 use crate::sections::Timeouts;
 use crate::shell::error::PoolError;
 use crate::shell::options::{About, Options};
+use crate::shell::outages::Outages;
 use crate::shell::probe::Probe;
 use crate::shell::report::{Listener, Reporter};
 use crate::shell::supervision::Supervision;
@@ -56,6 +57,7 @@ pub struct Pool {
     events: Vec<Event>,
     warnings: Vec<String>,
     reporter: Reporter,
+    outages: Outages,
     supervision: Supervision,
     probe: Probe,
     wall: (Instant, f64),
@@ -145,6 +147,7 @@ impl Pool {
             events: Vec::new(),
             warnings: Vec::new(),
             reporter: Reporter::default(),
+            outages: Outages::default(),
             wall: (now, since_1970),
         })
     }
@@ -190,11 +193,12 @@ impl Pool {
                         self.topics.presence_filter()
                     ));
                 }
-            } else if free_since.elapsed() >= self.timeouts.discovery {
-                return Err(self.no_server(waited));
+            } else if self.is_hopeless(free_since, self.timeouts.discovery, Instant::now()) {
+                return Err(self.no_server(start, Instant::now()));
             }
+            let reason = busy.or_else(|| self.waiting_for_broker(Instant::now()));
             let reason =
-                busy.unwrap_or_else(|| format!("no server for {:.1} s", waited.as_secs_f64()));
+                reason.unwrap_or_else(|| format!("no server for {:.1} s", waited.as_secs_f64()));
             if !on_wait(&reason) {
                 return Err(PoolError::Interrupted);
             }
