@@ -159,3 +159,18 @@ fn servers_with_sizes_that_no_controller_has_are_not_used() {
         }
     }
 }
+
+#[test]
+fn a_message_that_is_refused_is_told_of_with_the_field() {
+    let mut tool = Alone::new(work(3, &SEEDS));
+    let hash = tool.last("discovery");
+    let answer = json!({"server": 1, "simulation_hash": hash, "simulations": ["line"],
+        "capabilities": {"dimensions": "two"}});
+    tool.hear("server", &answer);
+    let told = "message on server: \"capabilities.dimensions\": invalid type: string \"two\", expected f64";
+    assert!(
+        tool.warnings.len() == 1 && tool.warnings[0].contains(told),
+        "{:?}",
+        tool.warnings
+    );
+}

@@ -2,10 +2,13 @@
 //!
 //! The contract itself is in `protocol/` at the root of the repository; the tests here replay its golden vectors.
 
+use std::borrow::Cow;
+
 mod extension;
 mod hash;
 mod messages;
 mod numbers;
+mod place;
 mod presence;
 mod readings;
 mod status;
@@ -51,8 +54,8 @@ pub enum DecodeError {
     Json(String),
     /// A key that has to be there is not.
     #[error("the required key \"{0}\" is missing")]
-    Missing(&'static str),
-    /// A value that has the right type and yet cannot be.
+    Missing(Cow<'static, str>),
+    /// A value of the wrong type, or one that cannot be; where and what was expected.
     #[error("{0}")]
     Value(String),
 }
@@ -62,6 +65,16 @@ pub enum DecodeError {
 const MOST_WORDS: usize = 400;
 
 impl DecodeError {
+    /// A key that has to be there is not; its path.
+    pub(crate) fn missing(path: impl Into<Cow<'static, str>>) -> Self {
+        Self::Missing(path.into())
+    }
+
+    /// JSON of another shape; where and what was expected.
+    pub(crate) fn json(words: impl Into<String>) -> Self {
+        Self::Json(shortened(words.into(), MOST_WORDS))
+    }
+
     /// A value that cannot be; what is wrong with it.
     pub(crate) fn value(words: impl Into<String>) -> Self {
         Self::Value(shortened(words.into(), MOST_WORDS))
@@ -70,6 +83,6 @@ impl DecodeError {
 
 impl From<serde_json::Error> for DecodeError {
     fn from(error: serde_json::Error) -> Self {
-        Self::Json(shortened(error.to_string(), MOST_WORDS))
+        Self::json(error.to_string())
     }
 }

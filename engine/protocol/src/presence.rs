@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 use crate::numbers::Id;
+use crate::place;
 use crate::{Capabilities, DecodeError, MAX_PAYLOAD};
 
 /// What a server does.
@@ -61,7 +62,7 @@ impl Presence {
                 most: MAX_PAYLOAD,
             });
         }
-        let wire: Wire = serde_json::from_value(serde_json::from_slice::<Value>(payload)?)?;
+        let wire: Wire = place::read(serde_json::from_slice::<Value>(payload)?, "")?;
         if wire.version != Id(1) {
             return Err(DecodeError::value(format!(
                 "\"version\" is {}, expected 1",

@@ -8,6 +8,7 @@ use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::Value;
 
 use crate::numbers::Id;
+use crate::place;
 use crate::{DecodeError, MAX_PAYLOAD};
 
 /// Most entries of each list: a status of many servers stays far below [`MAX_PAYLOAD`].
@@ -213,23 +214,32 @@ impl Status {
             });
         }
         // By way of a tree, in which the last of repeated keys wins.
-        let status: Self = serde_json::from_value(serde_json::from_slice::<Value>(payload)?)?;
-        let silent = status.waiting_for.iter().map(|waiting| waiting.silent);
-        let numbers = status
-            .servers
-            .iter()
-            .flat_map(|used| [used.speed, used.benched]);
-        let alone = status.no_server.as_ref().map(|alone| alone.seconds);
-        match silent
-            .chain(numbers.flatten())
-            .chain(alone)
-            .find(|number| *number < 0.0)
-        {
-            Some(number) => Err(DecodeError::value(format!(
-                "{number} is negative, where seconds or a speed are expected"
+        let status: Self = place::read(serde_json::from_slice::<Value>(payload)?, "")?;
+        match status.negative() {
+            Some((path, number)) => Err(DecodeError::value(format!(
+                "\"{path}\" is {number}, expected 0 or more"
             ))),
             None => Ok(status),
         }
+    }
+
+    /// The first number that must not be negative and is, with its path.
+    fn negative(&self) -> Option<(String, f64)> {
+        for (index, waiting) in self.waiting_for.iter().enumerate() {
+            if waiting.silent < 0.0 {
+                return Some((format!("waiting_for[{index}].silent"), waiting.silent));
+            }
+        }
+        for (index, used) in self.servers.iter().enumerate() {
+            for (key, number) in [("speed", used.speed), ("benched", used.benched)] {
+                if let Some(number) = number.filter(|number| *number < 0.0) {
+                    return Some((format!("servers[{index}].{key}"), number));
+                }
+            }
+        }
+        let alone = self.no_server.as_ref().map(|alone| alone.seconds);
+        let alone = alone.filter(|seconds| *seconds < 0.0)?;
+        Some(("no_server.seconds".to_owned(), alone))
     }
 
     /// The payload. Numbers that are NaN or infinite must not be in it.

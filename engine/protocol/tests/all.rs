@@ -3,4 +3,5 @@
 mod extension;
 mod fields;
 mod modules;
+mod reasons;
 mod vectors;

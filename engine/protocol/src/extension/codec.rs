@@ -1,20 +1,38 @@
 //! Reading and writing of these messages.
 
+use rmp_serde::decode::Error;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-use super::{EXTENSION_VERSION, Envelope, MAX_BLOCK, ToServer, ToTool};
+use super::{EXTENSION_VERSION, Envelope, MAX_BLOCK, ToServer, ToTool, shortened};
 use crate::DecodeError;
+use crate::place::at;
 
-fn decode<T: DeserializeOwned>(payload: &[u8]) -> Result<T, DecodeError> {
+/// Characters of a metric's name that are told, at most.
+const MOST_NAME: usize = 100;
+
+/// `schema`: which one of `protocol/schemas` the message has to fit, for the reason why it does not.
+fn decode<T: DeserializeOwned>(payload: &[u8], schema: &str) -> Result<T, DecodeError> {
     if payload.len() > MAX_BLOCK {
         return Err(DecodeError::value(format!(
             "{} bytes are more than the {MAX_BLOCK} that a block may have",
             payload.len()
         )));
     }
-    rmp_serde::from_slice(payload)
-        .map_err(|error| DecodeError::value(format!("no message of this extension: {error}")))
+    rmp_serde::from_slice(payload).map_err(|error| {
+        // It is read again to find out where the error is: to keep that in mind takes time in each message.
+        let mut deserializer = rmp_serde::Deserializer::from_read_ref(payload);
+        let again = serde_path_to_error::deserialize::<_, T>(&mut deserializer);
+        let path = again.err().map(|error| error.path().to_string());
+        let words = match &error {
+            Error::TypeMismatch(marker) => {
+                format!("a MessagePack {marker:?} came, expected the type of {schema}.schema.json")
+            }
+            error => error.to_string(),
+        };
+        let words = at(&path.unwrap_or_default(), &words);
+        DecodeError::value(format!("no message of this extension: {words}"))
+    })
 }
 
 /// The kind alone: the rest is then read once, straight into its place.
@@ -57,6 +75,11 @@ fn shape(what: &str, found: usize, expected: usize) -> Result<(), DecodeError> {
     }
 }
 
+/// The path of a metric's values.
+fn metric(name: &str) -> String {
+    format!("metrics.{}", shortened(name.to_owned(), MOST_NAME))
+}
+
 fn finite(what: &str, numbers: &[f32]) -> Result<(), DecodeError> {
     // A loop without a way out is one that the compiler can do in vectors.
     let all = |part: &[f32]| {
@@ -78,7 +101,7 @@ impl Envelope {
     /// Reads a payload; none if it does not even say this.
     #[must_use]
     pub fn decode(payload: &[u8]) -> Option<Self> {
-        decode(payload).ok()
+        decode(payload, "evaluate").ok()
     }
 }
 
@@ -88,21 +111,25 @@ impl ToServer {
     /// # Errors
     /// No MessagePack map of a known kind and version, numbers that are not finite, no seed, too large.
     pub fn decode(payload: &[u8]) -> Result<Self, DecodeError> {
-        let Kind { kind } = decode(payload)?;
+        let Kind { kind } = decode(payload, "evaluate")?;
         let message = match kind.as_str() {
-            "evaluate" => Self::Evaluate(decode(payload)?),
-            "start" => Self::Start(decode(payload)?),
-            "actuators" => Self::Actuators(decode(payload)?),
+            "evaluate" => Self::Evaluate(decode(payload, "evaluate")?),
+            "start" => Self::Start(decode(payload, "batch_start")?),
+            "actuators" => Self::Actuators(decode(payload, "batch_actuators")?),
             _ => return Err(unknown(&kind, "evaluate, start or actuators")),
         };
         match &message {
             Self::Evaluate(m) => {
                 check(m.version)?;
                 finite("genomes", &m.genomes.0)?;
-                if m.seeds.0.is_empty() || !m.lease.is_finite() {
-                    return Err(DecodeError::value(
-                        "\"seeds\" is empty or \"lease\" is no number".to_owned(),
-                    ));
+                if m.seeds.0.is_empty() {
+                    return Err(DecodeError::value("\"seeds\" is empty".to_owned()));
+                }
+                if !m.lease.is_finite() {
+                    return Err(DecodeError::value(format!(
+                        "\"lease\" is {}, expected a number of seconds",
+                        m.lease
+                    )));
                 }
                 if let Some(sample) = &m.sample {
                     if !m.genomes.0.is_empty() {
@@ -154,19 +181,19 @@ impl ToTool {
     /// No MessagePack map of a known kind and version, arrays that do not fit each other, a fitness that is not finite
     /// though nothing says that it failed, too large.
     pub fn decode(payload: &[u8]) -> Result<Self, DecodeError> {
-        let Kind { kind } = decode(payload)?;
+        let Kind { kind } = decode(payload, "evaluated")?;
         let message = match kind.as_str() {
-            "evaluated" => Self::Evaluated(decode(payload)?),
-            "sensors" => Self::Sensors(decode(payload)?),
-            "failed" => Self::Failed(decode(payload)?),
-            "scene" => Self::Scene(Box::new(decode(payload)?)),
+            "evaluated" => Self::Evaluated(decode(payload, "evaluated")?),
+            "sensors" => Self::Sensors(decode(payload, "batch_sensors")?),
+            "failed" => Self::Failed(decode(payload, "failed")?),
+            "scene" => Self::Scene(Box::new(decode(payload, "scene")?)),
             _ => return Err(unknown(&kind, "evaluated, sensors, failed or scene")),
         };
         match &message {
             Self::Evaluated(m) => {
                 check(m.version)?;
                 for (name, values) in &m.metrics {
-                    shape(name, values.0.len(), m.fitness.0.len())?;
+                    shape(&metric(name), values.0.len(), m.fitness.0.len())?;
                 }
                 let bad = m
                     .fitness
@@ -176,7 +203,7 @@ impl ToTool {
                     .count();
                 if bad != m.failed.len() {
                     return Err(DecodeError::value(format!(
-                        "{bad} fitness values are not finite, {} failed",
+                        "\"fitness\" has {bad} values that are NaN or infinite, but \"failed\" has {} episodes",
                         m.failed.len()
                     )));
                 }
@@ -186,11 +213,13 @@ impl ToTool {
                 shape("agents", m.agents.0.len(), m.episodes.0.len())?;
                 shape("fitness", m.fitness.0.len(), m.ended.0.len())?;
                 for (name, values) in &m.metrics {
-                    shape(name, values.0.len(), m.ended.0.len())?;
+                    shape(&metric(name), values.0.len(), m.ended.0.len())?;
                 }
                 finite("sensors", &m.sensors.0)?;
-                if m.fitness.0.iter().any(|fitness| !fitness.is_finite()) {
-                    return Err(DecodeError::value("\"fitness\" is not finite".to_owned()));
+                if let Some(index) = m.fitness.0.iter().position(|one| !one.is_finite()) {
+                    return Err(DecodeError::value(format!(
+                        "\"fitness\"[{index}] is NaN or infinite"
+                    )));
                 }
             }
             Self::Failed(m) => check(m.version)?,
@@ -210,7 +239,7 @@ impl ToTool {
             server: u64,
             request: u64,
         }
-        let Answered { server, request } = decode(payload).ok()?;
+        let Answered { server, request } = decode(payload, "evaluated").ok()?;
         Some((server, request))
     }
 

@@ -8,6 +8,7 @@ use super::{
     ServerMessage,
 };
 use crate::numbers::Id;
+use crate::place;
 use crate::{
     Actuator, DecodeError, Fitness, MAX_PAYLOAD, Presence, Sensor, Status, ToServer, ToTool, Topic,
 };
@@ -41,7 +42,11 @@ fn is_object(payload: &[u8]) -> bool {
 }
 
 /// An object whose keys are taken out one by one.
-struct Keys(Map<String, Value>);
+struct Keys {
+    object: Map<String, Value>,
+    /// The object's key in the message; empty for the message itself.
+    within: &'static str,
+}
 
 impl Keys {
     fn read(payload: &[u8]) -> Result<Self, DecodeError> {
@@ -51,23 +56,33 @@ impl Keys {
                 most: MAX_PAYLOAD,
             });
         }
-        Ok(Self(serde_json::from_slice(payload)?))
+        Ok(Self::of(serde_json::from_slice(payload)?, ""))
+    }
+
+    fn of(object: Map<String, Value>, within: &'static str) -> Self {
+        Self { object, within }
+    }
+
+    fn path(&self, key: &str) -> String {
+        match self.within {
+            "" => key.to_owned(),
+            within => format!("{within}.{key}"),
+        }
     }
 
     fn optional<T: DeserializeOwned>(
         &mut self,
         key: &'static str,
     ) -> Result<Option<T>, DecodeError> {
-        let Some(value) = self.0.remove(key) else {
+        let Some(value) = self.object.remove(key) else {
             return Ok(None);
         };
-        serde_json::from_value(value)
-            .map(Some)
-            .map_err(|error| DecodeError::value(format!("\"{key}\": {error}")))
+        place::read(value, &self.path(key)).map(Some)
     }
 
     fn required<T: DeserializeOwned>(&mut self, key: &'static str) -> Result<T, DecodeError> {
-        self.optional(key)?.ok_or(DecodeError::Missing(key))
+        let found = self.optional(key)?;
+        found.ok_or_else(|| DecodeError::missing(self.path(key)))
     }
 
     fn id(&mut self, key: &'static str) -> Result<u64, DecodeError> {
@@ -102,7 +117,10 @@ impl Requirements {
     /// # Errors
     /// `dimensions` is missing, or a value is not a number.
     pub fn from_object(object: Map<String, Value>) -> Result<Self, DecodeError> {
-        let mut keys = Keys(object);
+        Self::read(Keys::of(object, ""))
+    }
+
+    fn read(mut keys: Keys) -> Result<Self, DecodeError> {
         Ok(Self {
             dimensions: keys.required("dimensions")?,
             max_agents: keys.max_agents()?,
@@ -120,7 +138,7 @@ impl Requirements {
     /// # Errors
     /// Not a JSON object, `dimensions` missing, a value that is not a number.
     pub fn decode(payload: &[u8]) -> Result<Self, DecodeError> {
-        Self::from_object(Keys::read(payload)?.0)
+        Self::read(Keys::read(payload)?)
     }
 }
 
@@ -143,7 +161,10 @@ impl Discovery {
         Ok(Self {
             simulation: keys.required("simulation")?,
             simulation_hash: keys.required("simulation_hash")?,
-            requirements: Requirements::from_object(keys.required("requirements")?)?,
+            requirements: Requirements::read(Keys::of(
+                keys.required("requirements")?,
+                "requirements",
+            ))?,
             tool: keys.lenient("tool"),
         })
     }
@@ -174,7 +195,7 @@ impl Capabilities {
     }
 
     pub(crate) fn from_object(object: Map<String, Value>) -> Result<Self, DecodeError> {
-        let mut keys = Keys(object);
+        let mut keys = Keys::of(object, "capabilities");
         Ok(Self {
             dimensions: keys.required("dimensions")?,
             max_agents: keys.max_agents()?,
@@ -200,7 +221,7 @@ impl Capabilities {
 
 impl Announcement {
     fn from_object(object: Map<String, Value>) -> Option<Self> {
-        let mut keys = Keys(object);
+        let mut keys = Keys::of(object, "capabilities.swarmwright");
         Some(Self {
             version: keys.id("version").ok()?,
             modes: keys.lenient("modes").unwrap_or_default(),
@@ -282,7 +303,7 @@ impl ParametersMessage {
         Ok(Self {
             server: keys.id("server")?,
             simulation_hash: keys.required("simulation_hash")?,
-            parameters: keys.0,
+            parameters: keys.object,
         })
     }
 

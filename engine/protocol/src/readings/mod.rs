@@ -12,6 +12,7 @@ use serde::de::{Deserialize, Deserializer, Error, MapAccess, Visitor};
 use serde_json::value::RawValue;
 
 use crate::numbers::{Id, Real32, Real64};
+use crate::place::at;
 use crate::{DecodeError, MAX_PAYLOAD, MAX_SENSOR};
 
 /// Levels of a message, its own object included: as many as `serde_json` reads of a tree.
@@ -184,9 +185,21 @@ fn read(payload: &[u8], kind: Kind) -> Result<Fields<'_>, DecodeError> {
         return Err(DecodeError::TooLarge { bytes, most });
     }
     let mut deserializer = serde_json::Deserializer::from_slice(payload);
-    let fields = deserializer.deserialize_map(FieldsVisitor(kind))?;
-    deserializer.end()?;
-    Ok(fields)
+    match deserializer.deserialize_map(FieldsVisitor(kind)) {
+        Ok(fields) => {
+            deserializer.end()?;
+            Ok(fields)
+        }
+        Err(error) => {
+            // It is read again to find out where the error is: to keep that in mind takes time in each message.
+            let mut deserializer = serde_json::Deserializer::from_slice(payload);
+            let mut track = serde_path_to_error::Track::new();
+            let tracked = serde_path_to_error::Deserializer::new(&mut deserializer, &mut track);
+            let _ = tracked.deserialize_map(FieldsVisitor(kind));
+            let path = track.path().to_string();
+            Err(DecodeError::json(at(&path, &error.to_string())))
+        }
+    }
 }
 
 /// A value that is read later or not at all, in UTF-8 by now: refused where it is nested more deeply than a message may be.
@@ -224,7 +237,7 @@ fn metrics(value: Option<&RawValue>) -> BTreeMap<String, f64> {
 }
 
 fn filled(values: Option<Vec<f32>>, key: &'static str) -> Result<Vec<f32>, DecodeError> {
-    let values = values.ok_or(DecodeError::Missing(key))?;
+    let values = values.ok_or_else(|| DecodeError::missing(key))?;
     if values.is_empty() {
         Err(DecodeError::value(format!("\"{key}\" is empty")))
     } else {
@@ -318,8 +331,8 @@ impl<'a> SensorReading<'a> {
             simulation: fields.simulation,
             simulation_hash: fields
                 .simulation_hash
-                .ok_or(DecodeError::Missing("simulation_hash"))?,
-            agent: fields.agent.ok_or(DecodeError::Missing("agent"))?,
+                .ok_or_else(|| DecodeError::missing("simulation_hash"))?,
+            agent: fields.agent.ok_or_else(|| DecodeError::missing("agent"))?,
             sensor: filled(fields.sensor, "sensor")?,
         })
     }
@@ -336,9 +349,9 @@ impl Sensor {
             simulation: fields.simulation.map(Cow::into_owned),
             simulation_hash: fields
                 .simulation_hash
-                .ok_or(DecodeError::Missing("simulation_hash"))?
+                .ok_or_else(|| DecodeError::missing("simulation_hash"))?
                 .into_owned(),
-            agent: fields.agent.ok_or(DecodeError::Missing("agent"))?,
+            agent: fields.agent.ok_or_else(|| DecodeError::missing("agent"))?,
             sensor: filled(fields.sensor, "sensor")?,
         })
     }
@@ -361,9 +374,9 @@ impl Actuator {
             simulation: fields.simulation.map(Cow::into_owned),
             simulation_hash: fields
                 .simulation_hash
-                .ok_or(DecodeError::Missing("simulation_hash"))?
+                .ok_or_else(|| DecodeError::missing("simulation_hash"))?
                 .into_owned(),
-            agent: fields.agent.ok_or(DecodeError::Missing("agent"))?,
+            agent: fields.agent.ok_or_else(|| DecodeError::missing("agent"))?,
             actuator: filled(fields.actuator, "actuator")?,
         })
     }
@@ -386,9 +399,11 @@ impl Fitness {
             simulation: fields.simulation.map(Cow::into_owned),
             simulation_hash: fields
                 .simulation_hash
-                .ok_or(DecodeError::Missing("simulation_hash"))?
+                .ok_or_else(|| DecodeError::missing("simulation_hash"))?
                 .into_owned(),
-            fitness: fields.fitness.ok_or(DecodeError::Missing("fitness"))?,
+            fitness: fields
+                .fitness
+                .ok_or_else(|| DecodeError::missing("fitness"))?,
             metrics: metrics(fields.metrics),
         })
     }

@@ -1,0 +1,31 @@
+//! Where in a message something is wrong: the path of the field.
+
+use serde::de::DeserializeOwned;
+use serde_json::Value;
+
+use crate::{DecodeError, shortened};
+
+/// Characters of a path, at most: its keys are a peer's words.
+const MOST_PATH: usize = 120;
+
+/// What is wrong, after the path of the field; none of the message as a whole.
+pub(crate) fn at(path: &str, words: &str) -> String {
+    match path {
+        "" | "." => words.to_owned(),
+        path => format!("\"{}\": {words}", shortened(path.to_owned(), MOST_PATH)),
+    }
+}
+
+/// Reads a value, which lies at a path of its message.
+pub(crate) fn read<T: DeserializeOwned>(value: Value, path: &str) -> Result<T, DecodeError> {
+    serde_path_to_error::deserialize(value).map_err(|error| {
+        let inner = error.path().to_string();
+        let whole = match (path, &*inner) {
+            (path, ".") => path.to_owned(),
+            ("", inner) => inner.to_owned(),
+            (path, inner) if inner.starts_with('[') => format!("{path}{inner}"),
+            (path, inner) => format!("{path}.{inner}"),
+        };
+        DecodeError::value(at(&whole, &error.into_inner().to_string()))
+    })
+}
