@@ -286,3 +286,30 @@ fn an_evaluation_without_a_metric_that_is_needed_has_failed_and_it_is_said_why()
         }
     }
 }
+
+#[test]
+fn seconds_that_cannot_be_are_ignored_and_told_once() {
+    for (seconds, what) in [
+        (f64::NAN, "NaN or infinite"),
+        (f64::INFINITY, "NaN or infinite"),
+        (-3.0, "negative"),
+    ] {
+        let mut net = Net::new(1);
+        let one = Extended {
+            seconds: Some(seconds),
+            ..offloaded(1)
+        };
+        net.add(Party::Extended(Box::new(one)));
+        net.add(Party::Extended(Box::new(offloaded(2))));
+        let index = begin(&mut net, Mode::Offloaded, work(CANDIDATES, &SEEDS));
+        assert_eq!(net.finish(index), undisturbed(CANDIDATES));
+        let now = net.now;
+        let status = net.tool(index).status(now);
+        for used in status.servers {
+            assert!(used.speed.is_some_and(f64::is_finite), "{used:?}");
+        }
+        let told = format!("\"seconds\" in answers of server 1: it is {what}");
+        assert_eq!(net.warnings.len(), 1, "{:?}", net.warnings);
+        assert!(net.warnings[0].contains(&told), "{:?}", net.warnings);
+    }
+}

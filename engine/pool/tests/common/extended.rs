@@ -33,6 +33,8 @@ pub struct Extended {
     pub half: Option<(u64, f64)>,
     /// Says nothing any more of a block in which this number is a weight.
     pub dies_on: Option<f32>,
+    /// Says that each block took so many seconds.
+    pub seconds: Option<f64>,
     /// Gives wrong results.
     pub wrong: Option<Wrong>,
     /// Sends everything twice.
@@ -74,6 +76,7 @@ impl Extended {
             fails_on: None,
             half: Some((u64::MAX, 0.0)),
             dies_on: None,
+            seconds: None,
             wrong: None,
             twice: false,
             blocks: Vec::new(),
@@ -202,7 +205,8 @@ impl Extended {
             return;
         }
         let work = u32::try_from(count).unwrap();
-        answer.seconds = (self.pace * work).as_secs_f64();
+        let took = (self.pace * work).as_secs_f64();
+        answer.seconds = self.seconds.unwrap_or(took);
         let payload = ToTool::Evaluated(answer).encode();
         self.send(message.reply.clone(), payload, work, now);
     }

@@ -102,6 +102,18 @@ impl Scheduler {
         );
         // A server's own word for it, as far as it can be true.
         let told = message.seconds.is_finite() && message.seconds > 0.0;
+        if !message.seconds.is_finite() || message.seconds < 0.0 {
+            // Once for each server, whatever the number.
+            let what = if message.seconds.is_finite() {
+                "negative"
+            } else {
+                "NaN or infinite"
+            };
+            self.outbox.warn_once(format!(
+                "ignoring \"seconds\" in answers of server {}: it is {what}, expected the seconds of computation, 0 or more",
+                request.server
+            ));
+        }
         // Not since the reply before: where two are read at once, that is no time at all.
         let most = now.saturating_duration_since(request.started);
         let seconds = if told {
