@@ -17,5 +17,6 @@ mod reconnections;
 mod retries;
 mod samples;
 mod shares;
+mod sizes;
 mod turns;
 mod twins;

@@ -149,6 +149,7 @@ impl Scheduler {
             self.outbox
                 .warn(format!("server {server} is not used: it {reason}"));
         }
+        self.settle_sizes();
         self.outlook.begin();
         self.fleet.new_work();
         self.work_number += 1;
@@ -156,6 +157,15 @@ impl Scheduler {
         self.ledger = Ledger::new(work, self.config.demand.metrics.len());
         self.discovery.work_began(now);
         self.dispatch(now);
+    }
+
+    /// The run begins with the servers that are there: those that announce other numbers of sensors or actuators than most
+    /// of them are not used.
+    pub(crate) fn settle_sizes(&mut self) {
+        for (server, reason) in self.fleet.settle_sizes() {
+            self.outbox
+                .warn(format!("server {server} is not used: it {reason}"));
+        }
     }
 
     /// Adds candidates to the work that is under way; see [`Work::extend`].

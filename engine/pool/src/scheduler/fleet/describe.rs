@@ -23,8 +23,8 @@ impl Fleet {
             .values()
             .find(|presence| {
                 presence.state == State::Busy
-                    && demand
-                        .misfit(&presence.simulations, &presence.capabilities)
+                    && self
+                        .misfit(demand, &presence.simulations, &presence.capabilities)
                         .is_none()
             })
             .map(|presence| {
@@ -57,7 +57,7 @@ impl Fleet {
             lines.insert(*id, format!("server {id}: {answer}"));
         }
         for (id, presence) in &self.presences {
-            let misfit = demand.misfit(&presence.simulations, &presence.capabilities);
+            let misfit = self.misfit(demand, &presence.simulations, &presence.capabilities);
             let state = match (presence.state, &presence.tool) {
                 (State::Lost, _) => format!("lost since {}", presence.since),
                 (State::Busy, Some(tool)) => format!("fits, but is busy for {tool}"),

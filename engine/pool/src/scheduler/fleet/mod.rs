@@ -8,9 +8,11 @@ pub(crate) mod duplicates;
 pub(crate) mod health;
 pub(crate) mod lag;
 pub(crate) mod left_behind;
+pub(crate) mod misfits;
 pub(crate) mod offers;
 pub(crate) mod pace;
 pub(crate) mod processes;
+pub(crate) mod sizes;
 pub(crate) mod slot;
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -21,6 +23,7 @@ use swarmwright_protocol::Presence;
 use crate::scheduler::fleet::health::Health;
 use crate::scheduler::fleet::lag::Lag;
 use crate::scheduler::fleet::left_behind::LeftBehind;
+use crate::scheduler::fleet::sizes::Sizes;
 use crate::scheduler::fleet::slot::Slot;
 use crate::scheduler::job::Job;
 
@@ -54,6 +57,10 @@ pub(crate) struct Fleet {
     /// How often a server that had been silent spoke again.
     woken: usize,
     lag: Lag,
+    /// Numbers of sensors and actuators that all servers of the run have, once a server has announced them.
+    sizes: Option<Sizes>,
+    /// Whether the run has begun: the first numbers that a server announces are those of the run then.
+    settles_sizes: bool,
 }
 
 /// Servers that may be used.
@@ -118,6 +125,8 @@ impl Fleet {
             left_behind: std::mem::take(&mut self.left_behind),
             on_own_topic: std::mem::take(&mut self.on_own_topic),
             lag: std::mem::take(&mut self.lag),
+            sizes: self.sizes,
+            settles_sizes: self.settles_sizes,
             ..Self::default()
         };
     }

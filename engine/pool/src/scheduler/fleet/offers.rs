@@ -58,7 +58,7 @@ impl Fleet {
             self.metrics.insert(id, names.unwrap_or_default());
         }
         let distrusted = self.health.distrusted(id).map(str::to_owned);
-        let misfit = || demand.misfit(&message.simulations, &message.capabilities);
+        let misfit = || self.misfit(demand, &message.simulations, &message.capabilities);
         if let Some(reason) = distrusted.or_else(misfit) {
             let news = self.unfit.insert(id, reason.clone()).as_ref() != Some(&reason);
             return Answer::Unfit(news.then_some(reason));
@@ -106,6 +106,7 @@ impl Fleet {
         }
         self.unfit.remove(&id);
         self.refusals.remove(&id);
+        self.note_sizes(id, &message.capabilities);
         self.slots.insert(
             id,
             Slot {

@@ -177,6 +177,8 @@ impl Pool {
                 }
             }
             if self.scheduler.has_server() {
+                self.scheduler.settle_sizes();
+                self.act();
                 return match self.scheduler.sizes() {
                     None if needed => Err(PoolError::NoSizes),
                     sizes => Ok(sizes.unwrap_or_default()),
