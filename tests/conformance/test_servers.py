@@ -166,6 +166,19 @@ def test_the_model_with_robots_is_sound() -> None:
     assert set(report.of("skipped")) == {"S9.6"}
 
 
+@pytest.mark.parametrize(
+    ("left_out", "detail"),
+    [("", ""), ("-S2.3", "no undisturbed episode"), ("-S1,-S2", "no capabilities.swarmwright")],
+)
+def test_rules_alone_get_what_they_need_to_know_unless_that_is_left_out(left_out: str, detail: str) -> None:
+    report = check_server(
+        command=served("minisim"), parameters=MANY, step_timeout=PATIENCE, rules=["S10.1,S10.2", left_out]
+    )
+    assert [result.id for result in report.results] == ["S10.1", "S10.2"]
+    assert len(report.of("skipped" if left_out else "passed")) == 2, str(report)
+    assert all(detail in result.detail for result in report.results), str(report)
+
+
 def test_agents_that_steer_themselves() -> None:
     report = check_server(
         command=served("minisim"),

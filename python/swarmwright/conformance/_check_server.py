@@ -11,7 +11,7 @@ from swarmwright.conformance._broker import open_broker
 from swarmwright.conformance._client import PRESENCE, TO_TOOL, Client
 from swarmwright.conformance._process import Process
 from swarmwright.conformance._results import Report, Result
-from swarmwright.conformance._rules import Profile
+from swarmwright.conformance._rules import Profile, Rule
 from swarmwright.conformance._run import run
 from swarmwright.conformance._server_peer import ServerPeer, found
 from swarmwright.conformance._server_under_test import Json, Settings
@@ -20,6 +20,8 @@ from swarmwright.core.errors import InputError, RunError
 
 GUESSES = (2.0, 3.0, 1.0)
 """Dimensions that a server is asked for by default."""
+INFORMING = ("S1.1", "S2.3")
+"""Rules that find out what others need: what the server announces, and an undisturbed episode."""
 
 
 def check_server(
@@ -58,7 +60,9 @@ def check_server(
         step_timeout: seconds after which it gives up an episode, if known.
         timeout: seconds that one answer may take.
         wait: seconds in which it must be there.
-        rules: ids and groups that are wanted, `-S6` for those that are not; default: all.
+        rules: ids and groups that are wanted, `-S6` for those that are not; default: all. What they need
+            to know of the server is found out first by rules that are not in the report, unless these are
+            left out.
         profile: `d6.1` for those rules alone that D6.1 demands.
         tell: gets each result at once.
         say: gets a line for people where they have to act.
@@ -105,8 +109,19 @@ def check_server(
         known = _dimensions(peer, dimensions, wait)
         peer.settings.dimensions = known
         report = Report(f"server {server} ({peer.settings.title})")
+        # Their results are not in the report: nobody asked for them.
+        run(peer, _informing(chosen, rules), _nothing)
         report.results = run(peer, chosen, tell)
         return report
+
+
+def _informing(chosen: Sequence[Rule], wanted: Sequence[str]) -> list[Rule]:
+    """Rules that find out what the chosen ones need to know, and that are neither chosen nor left out."""
+    names = [name.strip() for text in wanted for name in text.split(",")]
+    left = {name.removeprefix("-") for name in names if name.startswith("-")}
+    needed = RULES.needed(chosen) - {rule.id for rule in chosen}
+    rules = [RULES[number] for number in INFORMING if number in needed]
+    return [rule for rule in rules if not {rule.id, rule.group} & left]
 
 
 def _nothing(_: object) -> None:

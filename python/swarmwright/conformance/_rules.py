@@ -124,6 +124,17 @@ class Rules:
         """The rule with an id."""
         return self._rules[number]
 
+    def needed(self, rules: Sequence[Rule]) -> set[str]:
+        """The ids of all rules without which some of these cannot be tried."""
+        found: set[str] = set()
+        left = [need for rule in rules for need in rule.needs]
+        while left:
+            need = left.pop()
+            if need not in found:
+                found.add(need)
+                left += self[need].needs
+        return found
+
     def chosen(self, wanted: Sequence[str] = (), profile: Profile = "all") -> list[Rule]:
         """Rules whose id is named, or whose group is; `-S7` leaves out. Default: all.
 
