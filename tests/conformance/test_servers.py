@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from swarmwright.conformance import check_server
+from tests.conformance.broken.samples import Sampling
 from tests.conformance.sound import SoundRobots, SoundServer
 from tests.conftest import ROOT
 from tests.cpp import build
@@ -164,6 +165,15 @@ def test_the_model_with_robots_is_sound() -> None:
         )
     assert report.ok, str(report)
     assert set(report.of("skipped")) == {"S9.6"}
+
+
+def test_the_model_that_makes_samples_is_sound() -> None:
+    with ExitStack() as stack:
+        report = check_server(
+            start=lambda url: stack.callback(Sampling(url).close), rules=["S1,S2.3,S3.2,S7,S9"], wait=10
+        )
+    assert report.ok, str(report)
+    assert set(report.of("skipped")) == {"S9.6", "S9.16", "S9.17"}
 
 
 @pytest.mark.parametrize(

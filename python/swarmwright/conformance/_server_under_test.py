@@ -82,6 +82,12 @@ class Server:
         found = self.capabilities.get("swarmwright")
         return found if isinstance(found, dict) else {}
 
+    @property
+    def instance(self) -> str:
+        """Which start of the server this is, empty where it does not announce it."""
+        found = self.announced.get("instance")
+        return found if isinstance(found, str) else ""
+
     def announces(self, *, mode: str | None = None) -> None:
         """Skip the rule unless extensions, or this mode, are announced."""
         if "version" not in self.announced:

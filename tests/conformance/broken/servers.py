@@ -13,6 +13,7 @@ import numpy as np
 from paho.mqtt.client import MQTTMessage
 
 from tests.conformance import sound
+from tests.conformance.broken import samples  # noqa: F401 - its servers are in SERVERS
 from tests.conformance.broken.base import CONNECTION, OWN_TOPIC, SCENES, Broken
 from tests.conformance.broken.offloaded import BrokenRobots
 from tests.conformance.sound import Json, Refused, World, real

@@ -221,19 +221,27 @@ def invalid(server: Server) -> None:
 
 @rule(
     "S10.5",
-    "While a batch is under way others get taken, and no discovery is answered.",
-    where="protocol.md, Messages of numbers",
-    fix="treat start like control with a tool: taken while the batch lasts, held for 5 s afterwards",
+    "While a batch is under way others get taken, and no discovery is answered; a free server answers so a "
+    "start for another instance than it announces.",
+    where="protocol.md, Messages of numbers; protocol.md, Two servers with one ID",
+    fix="treat start like control with a tool: taken while the batch lasts, held for 5 s afterwards; compare "
+    "instance, if it is there, with your own",
     needs=["S10.1"],
 )
 def taken(server: Server) -> None:
-    """Another's batch, discoveries; then the batch goes on."""
+    """Another's batch, discoveries; the batch goes on; batches for another instance, and for this one."""
     _steps(server)
     one = Batch(server, _seeds(server))
     must_be_refused(server, batch(server, [1], tool=OTHER), ["taken"], f"a batch of {TOOL} is under way")
     must_be_taken(server, f"a batch of {TOOL} is under way", "start")
     one.play(_zeros(server))
     must_be_taken(server, f"it is held for {TOOL}", "a whole batch")
+    free_again(server)
+    server.must_come_free("an answer to every tool", f'control with run: false and "tool": "{TOOL}"')
+    if instance := server.instance:
+        other = batch(server, [1], instance=f"not {instance}")
+        must_be_refused(server, other, ["taken"], "another instance of the server is meant")
+        Batch(server, [1], instance=instance).play(_zeros(server))
 
 
 @rule(

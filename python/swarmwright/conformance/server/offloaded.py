@@ -1,10 +1,13 @@
 """S9: offloaded evaluation."""
 
+import math
 import time
 
 import msgpack
 import numpy as np
+from numpy.typing import NDArray
 
+from swarmwright.conformance._client import shown
 from swarmwright.conformance._extensions import (
     OPTIONS,
     OTHER,
@@ -21,6 +24,7 @@ from swarmwright.conformance._extensions import (
     played,
 )
 from swarmwright.conformance._rules import Failure, Skip
+from swarmwright.conformance._samples import genomes_of, makes_samples, sample_of, wrong_samples
 from swarmwright.conformance._server_under_test import Json, Server
 from swarmwright.conformance._trajectory import Trajectory, same
 from swarmwright.conformance.server._rules import rule
@@ -60,15 +64,33 @@ def evaluated(server: Server, request: Json) -> Json:
 
 @rule(
     "S9.1",
-    "evaluate is answered with the fitness of every candidate in every episode, row by row.",
-    where=f"{OFFLOADED}; protocol/schemas/evaluated.schema.json",
+    "evaluate is answered with the fitness of every candidate in every episode, row by row; a sample, where "
+    "its distribution is announced, as the genomes that it stands for.",
+    where=f"{OFFLOADED}; protocol.md, Samples; protocol/schemas/evaluated.schema.json",
     fix="publish evaluated on the topic in reply: request, server, fitness (candidates, episodes) "
-    "as binary64, seconds",
+    "as binary64, seconds; replay protocol/vectors/samples.json if you announce distributions",
     needs=["S2.3"],
 )
 def is_answered(server: Server) -> None:
-    """Three candidates in two episodes."""
-    request = evaluation(server, some(server), SEEDS)
+    """Three candidates in two episodes; a sample of three, and its genomes."""
+    controllers = some(server)
+    _finite(server, evaluation(server, controllers, SEEDS))
+    if not makes_samples(server, controllers.architecture):
+        return
+    sample = sample_of(controllers.weights.shape[1], CANDIDATES)
+    same_controllers = ControllerSet(controllers.architecture, genomes_of(sample))
+    expected = _finite(server, evaluation(server, same_controllers, SEEDS))
+    found = _finite(server, evaluation(server, controllers, SEEDS, genomes=b"", sample=sample))
+    if server.deterministic is not False and found.tobytes() != expected.tobytes():
+        raise Failure(
+            f"fitness {found.tolist()} of a sample",
+            f"{expected.tolist()}, that of its genomes",
+            f"evaluate with the sample {shown(str(sample))}",
+        )
+
+
+def _finite(server: Server, request: Json) -> NDArray[np.float64]:
+    """The fitness of three candidates in two episodes, none of which fails."""
     answer = evaluated(server, request)
     fitness = numbers(answer, "fitness", "<f8")
     if len(fitness) != CANDIDATES * len(SEEDS):
@@ -80,8 +102,10 @@ def is_answered(server: Server) -> None:
         raise Failure(
             f'fitness {list(fitness)}, "failed": {answer.get("failed")}', "finite numbers, nothing failed"
         )
-    if not isinstance(answer.get("seconds"), float | int):
-        raise Failure(f'"seconds" is {answer.get("seconds")!r}', "a number")
+    seconds = answer.get("seconds")
+    if not isinstance(seconds, float | int) or not 0 <= seconds < math.inf:
+        raise Failure(f'"seconds" is {seconds!r}', "a number from 0")
+    return fitness
 
 
 @rule(
@@ -329,13 +353,17 @@ def in_order(server: Server) -> None:
 @rule(
     "S9.9",
     "A server with which a tool works, or which is held for it, does not answer discovery and "
-    "refuses others as taken.",
-    where="protocol.md, Messages of numbers",
-    fix="treat evaluate like control with a tool: taken while it works, held for 5 s afterwards",
+    "refuses others as taken; so does a free one a request for another instance than it announces.",
+    where="protocol.md, Messages of numbers; protocol.md, Two servers with one ID",
+    fix="treat evaluate like control with a tool: taken while it works, held for 5 s afterwards; compare "
+    "instance, if it is there, with your own",
     needs=["S9.1", "S2.9"],
 )
 def has_it(server: Server) -> None:
-    """After an evaluation: discoveries, a request of another tool, one of this tool, then run: false."""
+    """After an evaluation: discoveries, a request of another tool, one of this tool, then run: false.
+
+    Then requests for another instance, and for this one.
+    """
     controllers = some(server)
     evaluated(server, evaluation(server, controllers, [1]))
     must_be_taken(server, f"it is held for {TOOL}", "evaluate")
@@ -344,6 +372,10 @@ def has_it(server: Server) -> None:
     evaluated(server, evaluation(server, controllers, [1]))
     free_again(server)
     server.must_answer("an answer to every tool", f'control with run: false and "tool": "{TOOL}"')
+    if instance := server.instance:
+        other = evaluation(server, controllers, [1], instance=f"not {instance}")
+        must_be_refused(server, other, ["taken"], "another instance of the server is meant")
+        evaluated(server, evaluation(server, controllers, [1], instance=instance))
 
 
 @rule(
@@ -374,7 +406,7 @@ def not_while_running(server: Server) -> None:
     needs=["S9.1"],
 )
 def invalid(server: Server) -> None:
-    """Requests in which one field of evaluate is wrong."""
+    """Requests in which one field of evaluate, or of its sample, is wrong."""
     controllers = some(server)
     architecture = controllers.architecture
     wrong: list[tuple[str, Json]] = [
@@ -397,6 +429,13 @@ def invalid(server: Server) -> None:
         request = evaluation(server, controllers, [1])
         del request[field]
         must_be_refused(server, request, ["invalid"], f"{field} is missing")
+    if makes_samples(server, architecture):
+        weights = controllers.weights.shape[1]
+        for field, sample in wrong_samples(weights, CANDIDATES):
+            request = evaluation(server, controllers, [1], genomes=b"", sample=sample)
+            must_be_refused(server, request, ["invalid"], f"{field} is wrong")
+        request = evaluation(server, controllers, [1], sample=sample_of(weights, CANDIDATES))
+        must_be_refused(server, request, ["invalid"], "there are genomes and a sample")
     evaluated(server, evaluation(server, controllers, [1]))
 
 

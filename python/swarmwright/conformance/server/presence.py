@@ -51,20 +51,23 @@ def told(server: Server, wanted: str) -> Json:
     needs=["S1.3"],
 )
 def announcement(server: Server) -> str:
-    """Version, modes, controllers, batch, sensors, actuators, metrics, determinism, scenes, control."""
+    """Version, modes, controllers, numbers, names, determinism, scenes, control, where it runs."""
     server.announces()
     said = server.announced
     for key, least in (("version", 1), ("sensors", 1), ("actuators", 1), ("batch", 1), ("pid", 0)):
         value = said.get(key, least)
         if not isinstance(value, int) or isinstance(value, bool) or value < least:
             raise Failure(f'"{key}" is {value!r}', f"an integer from {least}")
-    for key in ("modes", "controllers", "metrics"):
+    for key in ("modes", "controllers", "metrics", "distributions"):
         value = said.get(key, ["stepwise"])
         if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
             raise Failure(f'"{key}" is {value!r}', "a list of names")
     for key in ("scenes", "control"):
         if not isinstance(said.get(key, False), bool):
             raise Failure(f'"{key}" is {said[key]!r}', "true or false")
+    for key in ("instance", "host"):
+        if not isinstance(said.get(key, "text"), str) or not said.get(key, "text"):
+            raise Failure(f'"{key}" is {said[key]!r}', "text, or no such key")
     if said.get("modes") == []:
         raise Failure('"modes" is empty', "one mode at least, or no such key")
     if "determinism" in said and said["determinism"] not in DETERMINISM:
@@ -93,6 +96,10 @@ def retained(server: Server) -> None:
         raise Failure(text, '"capabilities" is an object with the number "dimensions"')
     if not isinstance(found.get("since"), str) or not STAMP.fullmatch(found["since"]):
         raise Failure(text, '"since" is a time as RFC 3339 has it')
+    announced = capabilities.get("swarmwright")
+    instance = announced.get("instance") if isinstance(announced, dict) else None
+    if instance is not None and found.get("instance", instance) != instance:
+        raise Failure(text, f'"instance" is "{instance}", as capabilities.swarmwright announces it')
 
 
 @rule(
