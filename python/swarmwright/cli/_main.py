@@ -142,6 +142,11 @@ def _show_error(error: Exception) -> int:
     if isinstance(error, ModuleNotFoundError) and error.name in _LEFT_OUT:
         _complain(f"this needs the package {_LEFT_OUT[error.name]}: pip install {_LEFT_OUT[error.name]}")
         return click.UsageError.exit_code
+    core = sys.modules.get("swarmwright.core.plug_in_code")
+    found = None if core is None else core.failure(error)
+    if found is not None:
+        _complain(str(found))
+        return FAILED
     if isinstance(error, OSError) and error.errno is not None:
         where = f"{error.filename}: " if error.filename else ""
         hint = "; free some space and run again" if error.errno == errno.ENOSPC else ""

@@ -162,6 +162,7 @@ def _repeated(
             "recorded": found.recorded.tolist(),
             "repeated": found.repeated.tolist(),
             "same": found.same,
+            "left_out": found.left_out,
         }
     )
     output.text(f"Candidate {found.candidate} of generation {found.generation}, evaluation {found.number}.")
@@ -169,6 +170,12 @@ def _repeated(
         zip(found.recorded.tolist(), found.repeated.tolist(), strict=True)
     ):
         output.text(f"  episode {episode}: recorded {before!r}, now {now!r}")
+    if found.left_out:
+        ran = len(found.recorded)
+        output.text(
+            f"It was dropped from the race after {ran} of {ran + found.left_out} episodes, "
+            "which are compared."
+        )
     output.text("The fitness is the same, to the bit." if found.same else "The fitness is NOT the same.")
     return 0 if found.same else 1
 

@@ -32,6 +32,10 @@ class RunError(SwarmwrightError):
     exit_status: ClassVar[int] = 1
 
 
+class PlugInError(RunError):
+    """The code of a plug-in failed, or returned something else than it must. The message says where."""
+
+
 class SimulationError(RunError):
     """The code of a simulation failed. The message says in which method, what, and in which line.
 

@@ -1,5 +1,6 @@
 """Components by name: built in ones, and those that other packages announce as entry points."""
 
+import inspect
 from collections.abc import Mapping
 from functools import cached_property
 from importlib import import_module
@@ -7,6 +8,7 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import Generic, TypeVar
 
 from swarmwright.core.errors import InputError
+from swarmwright.core.options import Options
 from swarmwright.core.suggestions import unknown
 
 Component = TypeVar("Component")
@@ -68,6 +70,13 @@ class Registry(Generic[Component]):
             raise InputError(
                 f"{self.what} {kind!r} ({point.value}) is not a subclass of {self._base.replace(':', '.')}"
             )
+        missing = sorted(component.__abstractmethods__) if inspect.isabstract(component) else []
+        if not isinstance(getattr(component, "options_model", Options), type):
+            missing.append("options_model, a class of options")
+        elif _has_options(base) and not hasattr(component, "options_model"):
+            missing.append("options_model")
+        if missing:
+            raise InputError(f"{self.what} {kind!r} ({point.value}): lacks {', '.join(missing)}")
         return component
 
     def _point(self, kind: str) -> EntryPoint:
@@ -81,6 +90,11 @@ class Registry(Generic[Component]):
                 "uninstall one of the packages"
             )
         return points[0]
+
+
+def _has_options(base: type) -> bool:
+    """Whether components of a sort have typed options."""
+    return any("options_model" in vars(one).get("__annotations__", {}) for one in base.__mro__)
 
 
 def _resolve(address: str) -> type:

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright import _engine
-from swarmwright.core.errors import InputError
+from swarmwright.core.errors import InputError, PlugInError
+from swarmwright.core.plug_in_code import is_plug_in, numbers, place
 from swarmwright.core.server_use import ServerUses
 from swarmwright.core.yaml import dotted_path
 from swarmwright.experiment.experiment import Experiment
@@ -49,11 +50,32 @@ class Controllers:
         cls, representation: Representation, genomes: Genomes, sample: _engine.Sample | None = None
     ) -> Self:
         """Return the controllers that genomes stand for, which are those of the sample if there is one."""
-        architecture = dict(representation.architecture())
-        weights = representation.weights(genomes)
+        architecture, weights = architecture_of(representation), weights_of(representation, genomes)
         if weights is not genomes:  # computed from the genes
             sample = None
         return cls(architecture, np.ascontiguousarray(weights, dtype=np.float32), sample)
+
+
+def architecture_of(representation: Representation) -> dict[str, Any]:
+    """Return a representation's architecture. Raises PlugInError when a plug-in returns something else."""
+    found: Any = representation.architecture()
+    if not isinstance(found, Mapping):
+        raise PlugInError(
+            f"{place(representation, 'architecture')}: returned a {type(found).__name__}; expected a dict, a "
+            "specification of a controller without its weights"
+        )
+    return dict(found)
+
+
+def weights_of(representation: Representation, genomes: Genomes) -> NDArray[np.float32]:
+    """Return the weights of controllers. Raises PlugInError when a plug-in returns something else."""
+    weights = representation.weights(genomes)
+    if is_plug_in(type(representation)):
+        shape = len(genomes), None
+        return numbers(
+            representation, "weights", weights, shape, "weights, (candidates, weights)", some=False
+        )
+    return weights
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from pydantic import Field, model_validator
 from swarmwright import _engine
 from swarmwright.core.errors import InputError
 from swarmwright.core.options import Options
+from swarmwright.core.plug_in_code import is_plug_in, numbers
 from swarmwright.core.random_numbers import Stream, Streams
 from swarmwright.methods._steady import SteadyState
 from swarmwright.representations._base import Representation
@@ -210,6 +211,9 @@ class Method(SteadyState):
             )
         self._check_not_done()
         self._asked = self._ask()
+        if is_plug_in(type(self)):
+            shape = None, self.representation.genome_size
+            self._asked = numbers(self, "_ask", self._asked, shape, "genomes, (candidates, genome_size)")
         return self._asked if self._forgets_asked else self._asked.copy()
 
     @property

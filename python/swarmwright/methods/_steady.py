@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from swarmwright.core.errors import InputError
+from swarmwright.core.plug_in_code import is_plug_in, numbers
 from swarmwright.core.random_numbers import Streams
 from swarmwright.representations._base import Representation
 from swarmwright.typing import Genome, Genomes
@@ -133,5 +134,9 @@ class SteadyState(ABC):
     def _make(self, count: int) -> None:
         """Make candidates until there are `count`."""
         while self._made < count:
-            self._untold.append(self._next(self._made))
+            genome = self._next(self._made)
+            if is_plug_in(type(self)):
+                size = (self.representation.genome_size,)
+                genome = numbers(self, "_next", genome, size, "a genome, (genome_size,)")
+            self._untold.append(genome)
             self._made += 1

@@ -15,6 +15,7 @@ import numpy as np
 
 from swarmwright import _engine
 from swarmwright.core.errors import InputError, RunError
+from swarmwright.core.plug_in_code import is_plug_in, numbers
 from swarmwright.core.statistics import Summary, figures_of, summarize
 from swarmwright.core.untrusted import one_line
 from swarmwright.evaluation.base import Backend, Controllers, Progress, Results
@@ -23,6 +24,7 @@ from swarmwright.experiment.experiment import Experiment
 from swarmwright.methods import Method
 from swarmwright.methods._search import SearchMethod
 from swarmwright.optimization.ahead import Ahead, Produced, can_be_ahead
+from swarmwright.optimization.checks import check_plug_ins, check_seeds
 from swarmwright.optimization.memory import LARGE, candidates, progress
 from swarmwright.optimization.raced import race
 from swarmwright.optimization.two_simulations import TwoSimulations, descriptor_columns, evaluate_both
@@ -126,6 +128,7 @@ class Loop:
         self._descriptor = descriptor_columns(self._ranking, experiment)
         self._first_seed = experiment.first_seed
         self._representation = representation
+        check_plug_ins(self._method, self._ranking, representation)
         self._store = store
         self._name = store.folder.resolve().name
         self._asked = 0
@@ -134,7 +137,8 @@ class Loop:
         self._best_so_far = -np.inf
         self._best_seen = -np.inf
         self._waiting_for = ""
-        self._started = self._latest = time.monotonic()
+        self._started: float | None = None  # the clock of this session, from `run` on
+        self._latest = 0.0
         self._resumed_at = 0  # told to the method before this session
         self._stored = 0  # generations
         self._budget = experiment.budget
@@ -181,7 +185,11 @@ class Loop:
 
     def _time_is_over(self) -> bool:
         limit = self._budget.seconds
-        return limit is not None and self._before + time.monotonic() - self._started >= limit
+        return limit is not None and self._before + self._elapsed() >= limit
+
+    def _elapsed(self) -> float:
+        """Return the seconds of this session; 0 before `run`: starting servers is not what is limited."""
+        return 0.0 if self._started is None else time.monotonic() - self._started
 
     @property
     def libraries(self) -> tuple[str, ...]:
@@ -232,7 +240,6 @@ class Loop:
         """Note what earlier sessions have used."""
         self._resumed_at, self._stored = self._method.evaluations, len(reader.history())
         self._before = math.fsum(session.seconds or 0.0 for session in reader.sessions())
-        self._started = time.monotonic()
 
     def run(self, backend: Backend, on_generation: OnGeneration | None, on_progress: Progress | None) -> str:
         """Run until the budget is used, the target is reached, a callback returns False, or Ctrl-C.
@@ -250,7 +257,14 @@ class Loop:
             if not self._stored:
                 raise
             return "interrupted"
-        return "stopped" if stopped else "done"
+        return "stopped" if stopped and not self._is_complete() else "done"
+
+    def _is_complete(self) -> bool:
+        """Return whether nothing of the budget is left when a callback ends the run."""
+        if self._ahead is None:
+            return self.done
+        most = self._budget.evaluations  # the engine's thread, which knows the next generation, has ended
+        return self._method.done or (most is not None and self._evaluations >= most)
 
     def _continue(
         self, backend: Backend, on_generation: OnGeneration | None, on_progress: Progress | None
@@ -394,9 +408,16 @@ class Loop:
         self._asked = len(genomes)
         if self._ranking.options.reevaluate:
             genomes = np.concatenate([genomes, self._method.kept()])
+        if is_plug_in(type(self._representation)):  # an operator for many genomes may be wrong
+            size = None, self._representation.genome_size
+            what = "genomes, (candidates, genome_size), made by operators of the representation"
+            genomes = numbers(self._representation, "genome_size", genomes, size, what)
         if self._method.by_instance:
-            return genomes, self._ranking.seeds_of(self._first_seed, self._method.instance)
-        return genomes, self._ranking.seeds(self._first_seed, number)
+            return genomes, self._seeds_of(self._method.instance)
+        return genomes, check_seeds(self._ranking, self._ranking.seeds(self._first_seed, number))
+
+    def _seeds_of(self, instance: int) -> list[int]:
+        return check_seeds(self._ranking, self._ranking.seeds_of(self._first_seed, instance))
 
     def _announce(
         self, backend: Backend, generation: int | None, evaluations: tuple[int, int] | None = None
@@ -429,8 +450,16 @@ class Loop:
         self._method.tell(fitness[: self._asked], kept)
         if self._method.by_instance:
             fitness = self._method.told_means
-        population = self._method.population_fitness
-        return self._told(number, seeds, Produced.of(genomes, results, fitness, population))
+        return self._told(number, seeds, Produced.of(genomes, results, fitness, self._population_fitness()))
+
+    def _population_fitness(self) -> Fitness:
+        """Return the fitness of the method's population. Raises PlugInError when it is something else."""
+        found = self._method.population_fitness
+        if not is_plug_in(type(self._method)):
+            return found
+        what = "fitness, (members,)"
+        name = "population_fitness"
+        return numbers(self._method, name, found, (None,), what, finite=False, some=False, dtype=np.float64)
 
     def _told(self, number: int, seeds: list[int], found: Produced) -> Told:
         """Return a generation that the method has been told of."""
@@ -468,7 +497,7 @@ class Loop:
             self._leader = self._evaluations + found.leader
 
     def _report(self, summary: Summary, seconds: float, evaluated: int) -> Generation:
-        elapsed = time.monotonic() - self._started
+        elapsed = self._elapsed()
         budget, share = self._budget.nearest(
             summary.generation + 1, summary.evaluations, self._before + elapsed
         )

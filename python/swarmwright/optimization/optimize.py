@@ -10,7 +10,8 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from swarmwright.core.errors import InputError, RunError
+from swarmwright.core.errors import InputError, PlugInError, RunError
+from swarmwright.core.plug_in_code import reported
 from swarmwright.evaluation.base import Backend, Progress, Servers
 from swarmwright.experiment.experiment import ELSEWHERE, Experiment
 from swarmwright.methods import METHODS
@@ -94,7 +95,7 @@ def optimize(
     at_end.allow(experiment)
     folder: Path | None = None
     try:
-        with shown(progress, on_generation, on_progress) as (on_generation, on_progress):
+        with reported(), shown(progress, on_generation, on_progress) as (on_generation, on_progress):
             with open_simulations(experiment, broker=broker, servers=servers, wait=wait) as backend:
                 # They are 0 where they are not given and not needed.
                 resolved = dataclasses.replace(
@@ -105,7 +106,7 @@ def optimize(
                 folder = default_folder(experiment) if out is None else Path(out)
                 code = parts_of(experiment)
                 size = stored(resolved, representation)
-                with StoreWriter.create(folder, resolved, backend.metrics, code, size) as store:
+                with StoreWriter.create(folder, resolved, backend.metrics, code, size) as store, reported():
                     loop = _new_loop(resolved, representation, store)
                     libraries = (*loop.libraries, *distributions(code))
                     store.follow_use({}, backend.server_use)
@@ -210,6 +211,7 @@ def _continue(
     """Go on with a run; see `resume`, and `open_simulations` for `where`."""
     with ExitStack() as stack:
         store = stack.enter_context(StoreWriter.resume(run.path))
+        stack.enter_context(reported())  # within the store, which keeps the message
         reader = StoreReader(run.path)
         wanted = prolonged(run, run.experiment, settings, **budget)
         edited, notes = edits.taken_over(run, wanted)
@@ -293,7 +295,9 @@ def _how_to_go_on(error: RunError, folder: Path | None) -> str | None:
         done = len(StoreReader(folder).history())
     if done:
         kept = f"the results of {done} generation{'s' if done > 1 else ''} are kept, and"
-        return f"{kept} `swarmwright resume {folder}` continues from there"
+        # Corrected code of a plug-in is not the code that the run began with.
+        option = " --accept-changed-code" if isinstance(error, PlugInError) else ""
+        return f"{kept} `swarmwright resume {folder}{option}` continues from there"
     if isinstance(error.__cause__, sqlite3.Error | OSError):
         return f"no generation was finished: `swarmwright resume {folder}` begins again"
     return None
@@ -314,7 +318,7 @@ def _run(
         if store.outcome == "done":
             store.note_ended(loop.ended)
     except BaseException:
-        with suppress(RunError):  # the first error explains the later ones
+        with suppress(Exception):  # the first error explains the later ones
             store.save_best(representation)
         raise
     finally:

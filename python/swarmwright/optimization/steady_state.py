@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.core.errors import RunError
-from swarmwright.evaluation.base import Backend, Controllers, Progress, Results
+from swarmwright.evaluation.base import Backend, Controllers, Progress, Results, weights_of
 from swarmwright.experiment.budget import Ended
 from swarmwright.optimization.ahead import Produced
 from swarmwright.optimization.loop import Loop, OnGeneration, Told, strayed
@@ -87,7 +87,7 @@ class SteadyLoop(Loop):
         number = self._evaluations // self._method.generation_size
         genomes: Genomes = np.array(part.genomes, dtype=np.float32)
         fitness = np.array(part.fitness)
-        found = Produced.of(genomes, part.results(), fitness, self._method.population_fitness)
+        found = Produced.of(genomes, part.results(), fitness, self._population_fitness())
         return self._told(number, self._seeds, found)
 
     def _continue(
@@ -116,7 +116,7 @@ class SteadyLoop(Loop):
         self._announce(backend, None, (done, whole))  # several are under way
         controllers = Controllers.of(self._representation, np.array(self._flying, dtype=np.float32))
         backend.stream(controllers, self._seeds, feed, self._watched(on_progress))
-        return stopped and not self._over
+        return stopped and not self._over and not self._method.done
 
     def _used_up(self) -> Ended:
         """Return which budget a method that is done has used."""
@@ -141,4 +141,4 @@ class SteadyLoop(Loop):
 
     def _weights(self, genomes: list[Genome]) -> NDArray[np.float32]:
         rows = np.array(genomes, dtype=np.float32).reshape(-1, self._representation.genome_size)
-        return np.ascontiguousarray(self._representation.weights(rows), dtype=np.float32)
+        return np.ascontiguousarray(weights_of(self._representation, rows), dtype=np.float32)

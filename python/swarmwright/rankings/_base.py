@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from swarmwright.core.options import Options
+from swarmwright.core.plug_in_code import is_plug_in, numbers
 from swarmwright.typing import Fitness
 
 
@@ -83,6 +84,8 @@ class Ranking(ABC):
                     made = self._score(list(compress(rows, worked)))
                 else:
                     made = self._score_array(episodes if worked.all() else episodes[worked])
+            if is_plug_in(type(self)):
+                made = self._made(made, int(np.count_nonzero(worked)))
             # Adding 0.0 turns -0.0 into 0.0: equal fitness has one representation.
             scores[worked] = made + 0.0
         scores[~np.isfinite(scores)] = np.nan
@@ -113,7 +116,15 @@ class Ranking(ABC):
 
         By default that of `_score`; a ranking that works on arrays is faster with large populations.
         """
-        return np.asarray(self._score(episodes.tolist()), dtype=np.float64)
+        return np.asarray(self._made(self._score(episodes.tolist()), len(episodes)), dtype=np.float64)
+
+    def _made(self, scores: Fitness, candidates: int) -> Fitness:
+        """Return what the ranking made of results. Raises PlugInError when it is something else."""
+        by_array = type(self)._score_array is not Ranking._score_array
+        method = "_score_array" if by_array else "_score"
+        return numbers(
+            self, method, scores, (candidates,), "fitness, (candidates,)", finite=False, dtype=np.float64
+        )
 
     @abstractmethod
     def _score(self, episodes: Sequence[Sequence[float]]) -> Fitness:

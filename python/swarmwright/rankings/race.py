@@ -1,6 +1,7 @@
 """A race in each generation: candidates that are clearly worse go through no more episodes."""
 
 from collections.abc import Generator, Sequence
+from contextlib import suppress
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -59,6 +60,20 @@ class Race(Ranking):
     kind: ClassVar[str] = "race"
     options_model = RaceOptions
     options: RaceOptions
+
+    def ran(self, episodes: Episodes) -> NDArray[np.int64]:
+        """Return how many episodes each candidate of a generation went through, (candidates,).
+
+        episodes: the results of the whole generation, (candidates, episodes).
+        """
+        found = np.zeros(len(episodes), dtype=np.int64)
+        with suppress(StopIteration):
+            rounds = self.rounds(len(episodes))
+            who, which = next(rounds)
+            while True:
+                found[who] = which.stop
+                who, which = rounds.send(episodes[who, which])
+        return found
 
     def rounds(self, candidates: int) -> Rounds:
         """Race so many candidates, at least one; see `Rounds`. NaN or infinite: the episode has failed."""

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.core.options import Options
+from swarmwright.core.plug_in_code import is_plug_in, numbers
 from swarmwright.core.random_numbers import Stream, Streams
 from swarmwright.typing import Genome, Genomes, Limits
 
@@ -142,11 +143,16 @@ class Representation(ABC):
 
     def distances(self, one: Genome, others: Genomes) -> NDArray[np.float64]:
         """Return the distance of one genome to each row of others, (k, D) to (k,)."""
-        return np.array([self.distance(one, other) for other in others], dtype=np.float64)
+        found: Any = [self.distance(one, other) for other in others]
+        if is_plug_in(type(self)):
+            found = numbers(
+                self, "distance", found, (len(others),), "distances", some=False, dtype=np.float64
+            )
+        return np.array(found, dtype=np.float64)
 
     def initials(self, streams: Streams) -> Genomes:
         """Return a random genome for each stream, (n, genome_size)."""
-        return self._rows([self.initial(stream) for stream in streams])
+        return self._rows("initial", [self.initial(stream) for stream in streams])
 
     def mutations(
         self, parents: Genomes, streams: Streams, *, severity: float, probability: float
@@ -156,10 +162,11 @@ class Representation(ABC):
         Streams may have been drawn from before; each goes on where it is, and counts as used up afterwards.
         """
         return self._rows(
+            "mutate",
             [
                 self.mutate(parent, stream, severity=severity, probability=probability)
                 for parent, stream in zip(parents, streams, strict=True)
-            ]
+            ],
         )
 
     def perturbations(
@@ -186,10 +193,11 @@ class Representation(ABC):
             return around(parents, streams, spread[:, np.newaxis] * (high / 2 - low / 2), self.bounds)
         rows = zip(parents, streams, spread.tolist(), fresh.tolist(), strict=True)
         return self._rows(
+            "mutate",
             [
                 self.mutate(parent, stream, severity=severity, probability=probability)
                 for parent, stream, severity, probability in rows
-            ]
+            ],
         )
 
     def likeness(self, genomes: Genomes) -> NDArray[np.float64]:
@@ -207,7 +215,8 @@ class Representation(ABC):
     def crossovers(self, mothers: Genomes, fathers: Genomes, streams: Streams) -> Genomes:
         """Return a child of each of n pairs, made with the stream of the same index; see `mutations`."""
         pairs = zip(mothers, fathers, streams, strict=True)
-        return self._rows([self.crossover(mother, father, stream) for mother, father, stream in pairs])
+        children = [self.crossover(mother, father, stream) for mother, father, stream in pairs]
+        return self._rows("crossover", children)
 
     def matings(
         self, genomes: Genomes, mothers: NDArray[np.int64], partners: NDArray[np.int64], streams: Streams
@@ -242,7 +251,11 @@ class Representation(ABC):
         rows = [self.distances(genomes[one], genomes[row]) for one, row in zip(ones, others, strict=True)]
         return np.array(rows, dtype=np.float64).reshape(others.shape)
 
-    def _rows(self, genomes: list[Genome]) -> Genomes:
+    def _rows(self, operator: str, genomes: list[Genome]) -> Genomes:
+        """Return what an operator of one genome made, as rows."""
+        if is_plug_in(type(self)):
+            size = (self.genome_size,)
+            genomes = [numbers(self, operator, one, size, "a genome, (genome_size,)") for one in genomes]
         return np.array(genomes, dtype=np.float32).reshape(len(genomes), self.genome_size)
 
 

@@ -9,7 +9,9 @@ from numpy.typing import NDArray
 from swarmwright.evaluation.base import Controllers, Servers
 from swarmwright.evaluation.opening import open_backend
 from swarmwright.experiment.experiment import Experiment
+from swarmwright.rankings.race import Race
 from swarmwright.runs.code import used_for
+from swarmwright.store import Evaluation
 
 if TYPE_CHECKING:
     from swarmwright.runs.run import Run
@@ -24,9 +26,11 @@ class Repeated:
     generation: int
     candidate: int
     recorded: NDArray[np.float64]
-    """(episodes,) fitness as recorded"""
+    """(episodes,) fitness as recorded, of the episodes that were run"""
     repeated: NDArray[np.float64]
     """(episodes,) fitness now"""
+    left_out: int = 0
+    """Episodes of the generation that the candidate did not go through, since it was dropped from a race"""
 
     @property
     def same(self) -> bool:
@@ -62,11 +66,26 @@ def repeat(
         RunError: no broker or no fitting server.
     """
     recorded = run.evaluation(candidate, generation)
+    ran = _ran(run, recorded)
     experiment = experiment or used_for(run, recorded.generation, simulation)
-    with open_backend(experiment, broker=broker, servers=servers, most=len(recorded.seeds)) as backend:
+    with open_backend(experiment, broker=broker, servers=servers, most=ran) as backend:
         representation = experiment.representation(backend.sensors, backend.actuators)
         controllers = Controllers.of(representation, recorded.genome[np.newaxis])
-        results = backend.evaluate(controllers, recorded.seeds, lambda *_: None)
+        results = backend.evaluate(controllers, recorded.seeds[:ran], lambda *_: None)
     return Repeated(
-        recorded.number, recorded.generation, recorded.candidate, recorded.episodes, results.fitness[0]
+        recorded.number,
+        recorded.generation,
+        recorded.candidate,
+        recorded.episodes[:ran],
+        results.fitness[0],
+        len(recorded.seeds) - ran,
     )
+
+
+def _ran(run: "Run", recorded: Evaluation) -> int:
+    """Return how many episodes a candidate went through: all, but for one that was dropped from a race."""
+    ranking = run.experiment.new_ranking()
+    if not isinstance(ranking, Race):
+        return len(recorded.seeds)
+    evaluated = next(run.store.one_generation(recorded.generation))
+    return int(ranking.ran(evaluated.episodes)[recorded.candidate])

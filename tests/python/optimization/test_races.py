@@ -294,3 +294,24 @@ def test_failures_in_a_race_have_their_episode(tmp_path: Path) -> None:
 def test_what_does_not_go_together_is_refused(method: Any, ranking: Any, words: str) -> None:
     with pytest.raises(InputError, match=words):
         Experiment.from_mapping({"simulation": "minisim", "method": method, "ranking": ranking})
+
+
+def test_repeating_compares_the_episodes_that_were_run(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from swarmwright import repeat
+    from swarmwright.cli._main import run as swarmwright
+
+    run = optimize(Experiment.from_mapping(RACE), out=tmp_path / "run")
+    counts = [int(np.isfinite(run.evaluation(which, 0).episodes).sum()) for which in range(16)]
+    dropped = int(np.argmin(counts))
+    assert counts[dropped] < max(counts) == 12
+    found = repeat(run, dropped, 0)
+    assert found.same
+    assert (len(found.recorded), found.left_out) == (counts[dropped], 12 - counts[dropped])
+    assert repeat(run, int(np.argmax(counts)), 0).left_out == 0
+    capsys.readouterr()
+    which = ["--generation", "0", "--candidate", str(dropped)]
+    assert swarmwright(["evaluate", str(run.path), *which]) == 0
+    words = f"It was dropped from the race after {counts[dropped]} of 12 episodes, which are compared."
+    assert words in capsys.readouterr().out

@@ -168,3 +168,34 @@ def test_a_larger_budget_counts_only_when_there_is_somebody_to_work(
         resume(short, generations=12, broker=f"mqtt://127.0.0.1:{unused_port}")
     assert Run.open(short.path).experiment.generations == 2
     assert Experiment.load(short.path / "experiment.yaml").generations == 2
+
+
+@pytest.mark.parametrize("ahead", [True, False])
+def test_false_in_the_last_generation_changes_nothing(ahead: bool, tmp_path: Path) -> None:
+    method = {"kind": "cma_es"} if ahead else {}
+    experiment = EXPERIMENT.replace(method={**method, "population": 8, "generations": 3})
+    run = optimize(experiment, until(3), out=tmp_path / "run")
+    assert (run.generations, run.state, run.ended) == (3, "done", "generations")
+    limited = experiment.replace(method={"generations": 12, "evaluations": run.evaluations})
+    run = optimize(limited, until(3), out=tmp_path / "limited")
+    assert (run.generations, run.state, run.ended) == (3, "done", "evaluations")
+    assert optimize(experiment, until(2), out=tmp_path / "stopped").state == "stopped"
+
+
+def test_starting_is_not_counted_when_a_run_is_resumed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from swarmwright.optimization import optimize as module
+
+    limit = 20.0
+    experiment = EXPERIMENT.replace(method={"population": 4, "seconds": limit})
+    part = optimize(experiment, until(2), out=tmp_path / "run")
+    offset, clock, opened = [0.0], time.monotonic, module.open_simulations
+
+    def slow(*arguments: Any, **options: Any) -> Any:
+        offset[0] += 2 * limit  # as servers that take long to start
+        return opened(*arguments, **options)
+
+    monkeypatch.setattr(module, "open_simulations", slow)
+    monkeypatch.setattr(time, "monotonic", lambda: clock() + offset[0])
+    assert resume(part, until(5)).generations == 5
