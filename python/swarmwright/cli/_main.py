@@ -22,6 +22,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
 
     arguments: without the program's name; by default those of the process.
     """
+    _open_closed_streams()
     for stream in (sys.stdout, sys.stderr):
         # A terminal that cannot show a character shows a question mark rather than an error.
         if hasattr(stream, "reconfigure"):
@@ -36,6 +37,22 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         _reader_gone()
     return status
+
+
+def _open_closed_streams() -> None:
+    """Let output of a process that was started without (`>&-`) go nowhere, and input be empty.
+
+    No other file may get the number of one of them: what a library prints would be written into it.
+    """
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest free number
+    for name in ("stdin", "stdout", "stderr"):
+        if getattr(sys, name) is None:
+            mode = "r" if name == "stdin" else "w"
+            setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))  # noqa: SIM115, PTH123 - to the end
 
 
 def _status(arguments: Sequence[str] | None) -> int:

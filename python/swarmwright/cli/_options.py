@@ -1,5 +1,6 @@
 """Options and arguments that several commands share."""
 
+import math
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -26,6 +27,17 @@ class WholeNumber(click.IntRange):
         except ValueError:
             self.fail(f"'{value}' is not a valid integer: give a whole number.", param, ctx)
         return int(super().convert(value, param, ctx))
+
+
+class RealNumber(click.FloatRange):
+    """A number in a range; NaN, which no limit excludes, is none."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:  # noqa: ANN401 - click's signature
+        """The number."""
+        found = float(super().convert(value, param, ctx))
+        if math.isnan(found):
+            self.fail(f"'{value}' is not a number.", param, ctx)
+        return found
 
 
 class BrokerUrl(click.ParamType[str]):
@@ -219,7 +231,7 @@ prefix_option: Decorator = click.option(
 
 wait_option: Decorator = click.option(
     "--wait",
-    type=click.FloatRange(0, 31 * 86400.0),
+    type=RealNumber(0, 31 * 86400.0),
     metavar="SECONDS",
     help="How long to wait for a broker that does not answer yet. Default: timeouts.connect of the "
     "experiment, if there is one, else not at all.",

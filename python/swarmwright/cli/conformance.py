@@ -8,6 +8,7 @@ import click
 from swarmwright.cli._commands import Command, Group
 from swarmwright.cli._options import (
     BROKER_VARIABLE,
+    RealNumber,
     WholeNumber,
     broker_option,
     json_option,
@@ -74,7 +75,7 @@ def _shared(function: Any) -> Any:  # noqa: ANN401 - click's decorators
         click.option("--list", "listing", is_flag=True, help="List the rules without checking."),
         click.option(
             "--wait",
-            type=click.FloatRange(0.1, 86400.0),
+            type=RealNumber(0.1, 86400.0),
             default=30.0,
             show_default=True,
             metavar="SECONDS",
@@ -125,7 +126,7 @@ def _shared(function: Any) -> Any:  # noqa: ANN401 - click's decorators
 )
 @click.option(
     "--timeout",
-    type=click.FloatRange(0.05, 3600.0),
+    type=RealNumber(0.05, 3600.0),
     default=5.0,
     show_default=True,
     metavar="SECONDS",
@@ -133,7 +134,7 @@ def _shared(function: Any) -> Any:  # noqa: ANN401 - click's decorators
 )
 @click.option(
     "--step-timeout",
-    type=click.FloatRange(0.1, 86400.0),
+    type=RealNumber(0.1, 86400.0),
     metavar="SECONDS",
     help="After how long the server gives up an episode, as it was started.",
 )
@@ -228,7 +229,7 @@ def server_command(
 )
 @click.option(
     "--lasts",
-    type=click.FloatRange(0.5, 3600.0),
+    type=RealNumber(0.5, 3600.0),
     default=30.0,
     show_default=True,
     metavar="SECONDS",

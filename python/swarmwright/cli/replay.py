@@ -10,6 +10,7 @@ import click
 from swarmwright.cli._commands import Command
 from swarmwright.cli._options import (
     ExistingPath,
+    RealNumber,
     WholeNumber,
     broker_option,
     candidate_options,
@@ -48,7 +49,7 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--speed",
-    type=click.FloatRange(0.01, 1000.0),
+    type=RealNumber(0.01, 1000.0),
     default=1.0,
     show_default=True,
     metavar="FACTOR",

@@ -1,12 +1,13 @@
 """`swarmwright runs`: run folders."""
 
+import shlex
 from pathlib import Path
 
 import click
 
 from swarmwright.cli._commands import Command, Group
 from swarmwright.cli._options import ExistingPath, at_option, json_option
-from swarmwright.cli._output import Output, aside
+from swarmwright.cli._output import Output, aside, complain
 from swarmwright.cli._runs import describe, facts_of, list_table
 
 
@@ -155,19 +156,26 @@ def verify(runs: tuple[Path, ...], as_json: bool) -> int:
     """Verify each RUN: whether its content is what was written, by its SHA-256.
 
     Where something is damaged, it is named with its generation and table, and which generations are good; the
-    exit status is then 1. Files beside runs, which a pattern such as results/* names as well, are left out.
+    exit status is then 1. It is 2 when a folder is not a run, or cannot be read. Files beside runs, which a
+    pattern such as results/* names as well, are left out.
     """
+    from swarmwright import InputError
     from swarmwright.cli._comparison import run_folders
     from swarmwright.cli._runs import verified_line
     from swarmwright.store.verification import verify as verified
 
     output = Output(as_json=as_json)
-    damaged = False
+    status = 0
     for run in run_folders(runs):
-        found = verified(run)
-        damaged = damaged or bool(found.problems)
+        try:
+            found = verified(run)
+        except InputError as error:  # the others are verified nevertheless
+            complain(str(error))
+            status = error.exit_status
+            continue
+        status = status or (1 if found.problems else 0)
         verified_line(output, run, found)
-    return 1 if damaged else 0
+    return status
 
 
 @command.command("delete", cls=Command, example="swarmwright runs delete runs/minisim-1 --yes")
@@ -184,6 +192,12 @@ def delete(runs: tuple[Path, ...], yes: bool, as_json: bool) -> int:
     from swarmwright.runs.folders import remove_run
 
     output = Output(as_json=as_json)
+    for run in runs:
+        if run.is_symlink():
+            raise click.UsageError(
+                f"{run}: is a symbolic link to {run.readlink()}. Name that folder to delete the run, or "
+                f"delete the link alone: rm {shlex.quote(str(run))}. Nothing was deleted."
+            )
     opened = [Run.open(run) for run in {run.resolve(): run for run in runs}.values()]
     busy = [run.path for run in opened if run.state == "running"]
     if busy:

@@ -17,6 +17,7 @@ from swarmwright.cli._log import Log
 from swarmwright.cli._observing import Observing, observe_options, observed_servers
 from swarmwright.cli._options import (
     DEFAULT_BROKER,
+    RealNumber,
     WholeNumber,
     broker_option,
     json_option,
@@ -58,7 +59,7 @@ LARGEST_ID = 2**31 - 1
 @prefix_option
 @click.option(
     "--step-timeout",
-    type=click.FloatRange(0.1, 86400.0),
+    type=RealNumber(0.1, 86400.0),
     default=60.0,
     show_default=True,
     metavar="SECONDS",
@@ -73,14 +74,14 @@ LARGEST_ID = 2**31 - 1
 @wait_option
 @click.option(
     "--broker-timeout",
-    type=click.FloatRange(1.0, 31 * 86400.0),
+    type=RealNumber(1.0, 31 * 86400.0),
     metavar="SECONDS",
     help="End when the broker has not been reached for so long, for servers that another program started. "
     "Default: keep trying.",
 )
 @click.option(
     "--grace",
-    type=click.FloatRange(0.0, 86400.0),
+    type=RealNumber(0.0, 86400.0),
     default=3.0,
     show_default=True,
     metavar="SECONDS",

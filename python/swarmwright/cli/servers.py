@@ -7,7 +7,7 @@ import click
 
 from swarmwright.broker.credentials import prepare
 from swarmwright.cli._commands import Command
-from swarmwright.cli._options import DEFAULT_BROKER, broker_option, json_option, prefix_option
+from swarmwright.cli._options import DEFAULT_BROKER, RealNumber, broker_option, json_option, prefix_option
 from swarmwright.cli._output import Output
 
 HEADINGS = (
@@ -34,7 +34,7 @@ COLORS = {"ready": "green", "busy": "yellow", "lost": "red"}
 @prefix_option
 @click.option(
     "--wait",
-    type=click.FloatRange(0.0, 3600.0),
+    type=RealNumber(0.0, 3600.0),
     default=1.0,
     show_default=True,
     metavar="SECONDS",
@@ -48,7 +48,7 @@ COLORS = {"ready": "green", "busy": "yellow", "lost": "red"}
 )
 @click.option(
     "--every",
-    type=click.FloatRange(0.1, 3600.0),
+    type=RealNumber(0.1, 3600.0),
     default=1.0,
     show_default=True,
     metavar="SECONDS",

@@ -6,6 +6,8 @@ import io
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
+from swarmwright.core.plain_figures import plain
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
@@ -38,6 +40,7 @@ def picture(png: bytes, width: int, words: str) -> str:
     return f'<img width="{width}" alt="{html.escape(words)}" src="data:image/png;base64,{data}">'
 
 
+@plain()
 def png_of(figure: "Figure") -> bytes:
     """Return a figure as PNG."""
     buffer = io.BytesIO()

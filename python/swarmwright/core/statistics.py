@@ -59,8 +59,8 @@ def summarize(
 def _mean(values: Sequence[float]) -> float:
     try:
         return math.fsum(values) / len(values) if values else math.nan
-    except OverflowError:
-        return math.nan
+    except OverflowError:  # the sum is too large, the mean may not be
+        return math.fsum(value / len(values) for value in values)
 
 
 def quantile(ordered: Sequence[float], share: float) -> float:
@@ -103,8 +103,12 @@ def estimate(values: Sequence[float]) -> Estimate:
         return Estimate(mean, None, None, None, None)
     try:
         deviation = math.sqrt(math.fsum((value - mean) ** 2 for value in values) / (count - 1))
-    except OverflowError:
-        return Estimate(mean, None, None, None, None)
+    except OverflowError:  # the squares are too large, the deviation may not be
+        scale = max(map(abs, values))
+        apart = [value / scale - mean / scale for value in values]
+        deviation = scale * math.sqrt(math.fsum(one**2 for one in apart) / (count - 1))
+        if not math.isfinite(deviation):
+            return Estimate(mean, None, None, None, None)
     error = deviation / math.sqrt(count)
     reach = student_t(count - 1) * error
     return Estimate(mean, deviation, error, mean - reach, mean + reach)

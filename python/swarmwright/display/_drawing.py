@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from swarmwright.core.plain_figures import plain
 from swarmwright.display import _robots
 from swarmwright.display._bodies import Bodies
 from swarmwright.display._episode import Recording
@@ -56,6 +57,7 @@ class Picture:
     controllers.
     """
 
+    @plain()
     def __init__(
         self, recording: Recording, *, dpi: int, shown: Shown | None = None, state_names: "Sequence[str]" = ()
     ) -> None:
@@ -94,6 +96,7 @@ class Picture:
         self._key.draw(self.figure)
         self._ground: Any = None  # what never changes, drawn once
 
+    @plain()
     def image(self, scene: Scene, time: float) -> "Image":
         """The scene as an RGB image, trails fading behind. time: in steps."""
         from PIL import Image

@@ -4,12 +4,14 @@ import io
 from collections.abc import Sequence
 from pathlib import Path
 
+from swarmwright.core.plain_figures import plain
 from swarmwright.display._caption import Caption
 from swarmwright.display._drawing import Picture
 from swarmwright.display._episode import Recording
 from swarmwright.display._shown import Shown
 
 
+@plain()
 def write(
     recording: Recording,
     path: Path,

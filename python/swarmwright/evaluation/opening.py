@@ -1,6 +1,7 @@
 """Starting what an experiment is evaluated with: nothing, worker processes, or servers and a broker."""
 
 import logging
+import math
 import secrets
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -113,7 +114,7 @@ def open_backend(
                 modules=[] if machines is None else names_of([machines]),
             )
             environment = nullcontext
-        patience = experiment.timeouts.connect if wait is None else wait
+        patience = experiment.timeouts.connect if wait is None else _checked(wait)
         with environment(), engine_errors():
             pool = patiently(
                 # A command shows itself, in one piece: no step of it crosses the broker.
@@ -370,3 +371,11 @@ def _in_process(experiment: Experiment, metrics: Sequence[str], *, in_python: bo
 
         return ModulesBackend(experiment, metrics)
     return (PythonBackend if is_python(experiment.simulation) else InProcessBackend)(experiment, metrics)
+
+
+def _checked(wait: float) -> float:
+    """Return how long to wait for a broker. Raises InputError for what is not a number of seconds."""
+    real = isinstance(wait, int | float) and not isinstance(wait, bool)
+    if real and 0 <= wait < math.inf:  # NaN is not
+        return wait
+    raise InputError(f"wait: is {wait!r}, expected seconds: a finite number, at least 0")

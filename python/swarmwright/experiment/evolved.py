@@ -8,9 +8,11 @@ import numpy as np
 from swarmwright.core.suggestions import did_you_mean
 from swarmwright.core.yaml import Path_
 from swarmwright.representations._base import shortest
-from swarmwright.representations.parameter_set import CategoricalParameter, Parameter
+from swarmwright.representations.parameter_set import CategoricalParameter, Parameter, RealParameter
 from swarmwright.simulations import catalogue
 
+_BETWEEN = 0.4391
+"""Of a range; a share with which the limits of few ranges make an integer."""
 _AT: Path_ = ("controller", "parameters")
 
 
@@ -67,13 +69,19 @@ def _refusals(
         problem = catalogue.parameters_problem(simulation, values)
         if problem is not None:
             reason = problem.removeprefix(f"parameter {name}: ")
-            yield (*_AT, name), f"{catalogue.title(simulation)} refuses {value!r}: {reason}"
+            hint = ""
+            if isinstance(evolved[name], RealParameter) and value not in _limits(evolved[name]):
+                hint = "; for a parameter of integers write type: integer"
+            yield (*_AT, name), f"{catalogue.title(simulation)} refuses {value!r}: {reason}{hint}"
 
 
 def _corners(
     fixed: Mapping[str, Any], evolved: Mapping[str, Parameter]
 ) -> Iterator[tuple[str, Any, dict[str, Any]]]:
-    """Yield each parameter with each of its extreme values, and all parameters with it."""
+    """Yield each parameter with each of its extreme values, and all parameters with it.
+
+    Of a real number also with one between them, which is not an integer.
+    """
     extremes = {name: _extremes(one) for name, one in evolved.items()}
     firsts = {name: values[0] for name, values in extremes.items()}
     for name, values in extremes.items():
@@ -86,4 +94,10 @@ def _extremes(parameter: Parameter) -> list[Any]:
         return list(parameter.choices)
     if parameter.type == "integer":
         return list(parameter.range)
+    low, high = _limits(parameter)
+    return [low, high, *shortest(np.array([low + _BETWEEN * (high - low)], dtype=np.float32))]
+
+
+def _limits(parameter: Parameter) -> list[float]:
+    """Return the lowest and the highest value of a real number."""
     return list(shortest(np.array(parameter.range, dtype=np.float32)))

@@ -8,8 +8,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from swarmwright.core.formatting import p_value
+from swarmwright.core.plain_figures import plain
 from swarmwright.figures.curves import bands, together
-from swarmwright.figures.style import AXES, INK, PAPER, SOFT, dress, look, new_figure, thousands, zoom
+from swarmwright.figures.style import (
+    AXES,
+    INK,
+    PAPER,
+    SOFT,
+    drawable,
+    dress,
+    look,
+    new_figure,
+    thousands,
+    zoom,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -33,6 +45,7 @@ _CLEAR = 3
 """Groups up to which the worst and best runs are shaded as well; more would be illegible."""
 
 
+@plain()
 def draw(comparison: "Comparison", *, x: str = "evaluations") -> "Figure":
     """Return the figure. x: "evaluations" or "generations"."""
     groups = comparison.groups
@@ -115,7 +128,7 @@ def _curve(axes: "Axes", one: "Group", index: int, x: str, *, extremes: bool) ->
     """Draw a group's fitness curve; return x, and the least and the greatest that is drawn there."""
     color, dashes = look(index)
     places, values, shortest = together(one.runs, x)
-    low, lower, middle, upper, high = bands(values)
+    low, lower, middle, upper, high = map(drawable, bands(values))
     if len(one.runs) > 1:
         steps: dict[str, Any] = {"step": "post", "color": color, "linewidth": 0}
         if extremes:
@@ -136,7 +149,7 @@ def _curve(axes: "Axes", one: "Group", index: int, x: str, *, extremes: bool) ->
 
 def _final(axes: "Axes", one: "Group", index: int) -> None:
     color, _ = look(index)
-    values = one.final[~np.isnan(one.final)]
+    values = drawable(one.final[~np.isnan(one.final)])
     if not len(values):
         axes.text(index, 0.5, "all failed", transform=axes.get_xaxis_transform(), ha="center", rotation=90)
         return

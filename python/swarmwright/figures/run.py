@@ -4,8 +4,20 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from swarmwright.core.plain_figures import plain
 from swarmwright.core.untrusted import one_line
-from swarmwright.figures.style import AXES, COLORS, INK, PAPER, SOFT, dress, new_figure, thousands, zoom
+from swarmwright.figures.style import (
+    AXES,
+    COLORS,
+    INK,
+    PAPER,
+    SOFT,
+    drawable,
+    dress,
+    new_figure,
+    thousands,
+    zoom,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -17,6 +29,7 @@ if TYPE_CHECKING:
 _BEST, _MEAN, _SPREAD = COLORS[2], COLORS[1], COLORS[0]
 
 
+@plain()
 def draw(run: "Run", diversity: "NDArray[np.float64]", *, x: str = "evaluations") -> "Figure":
     """Return the figure.
 
@@ -45,6 +58,7 @@ def draw(run: "Run", diversity: "NDArray[np.float64]", *, x: str = "evaluations"
     return figure
 
 
+@plain()
 def fitness(run: "Run") -> "Figure":
     """Return the figure of fitness over generations alone. run: with a finished generation at least."""
     places = np.array([one.generation for one in run.history], dtype=float)
@@ -83,7 +97,7 @@ def _fitness(axes: "Axes", run: "Run", places: "NDArray[np.float64]") -> None:
 
     def column(name: str) -> "NDArray[np.float64]":
         values = np.array([getattr(one, name) for one in history], dtype=np.float64)
-        return np.where(np.isfinite(values), values, np.nan)
+        return drawable(np.where(np.isfinite(values), values, np.nan))
 
     quartiles = column("lower_quartile"), column("upper_quartile")
     axes.fill_between(
@@ -104,7 +118,8 @@ def _fitness(axes: "Axes", run: "Run", places: "NDArray[np.float64]") -> None:
     found = int(np.flatnonzero(best == np.nanmax(best))[0])
     axes.plot(places[found], best[found], "o", markersize=8, color=_BEST, markeredgecolor=PAPER, zorder=5)
     axes.annotate(
-        f"{best[found] + 0.0:.4g}", (places[found], best[found]), xytext=(0, 8), textcoords="offset points",
+        f"{history[found].best_so_far + 0.0:.4g}", (places[found], best[found]), xytext=(0, 8),
+        textcoords="offset points",
         ha="center" if found else "left", color=_BEST, fontsize=11.5, fontweight="bold",
     )  # fmt: skip
     axes.margins(x=0.02, y=0.14)

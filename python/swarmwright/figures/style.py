@@ -7,8 +7,11 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from swarmwright.core.errors import InputError
 from swarmwright.core.html import png_of
+from swarmwright.core.plain_figures import plain
 from swarmwright.figures.cut import Values, cut
 
 if TYPE_CHECKING:
@@ -21,6 +24,8 @@ COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#00
 DASHES = ("-", "--", ":", "-.")
 AXES = {"evaluations": "evaluations", "generations": "generation (from 0)"}
 """What an axis over these is called."""
+LARGEST = 1e300
+"""Greater values are drawn as this one."""
 ENDINGS = (".png", ".svg", ".pdf")
 
 
@@ -51,6 +56,11 @@ def _shown() -> "type[Figure]":
             return png_of(self)
 
     return ShownFigure
+
+
+def drawable(values: "Values") -> "Values":
+    """Return values as Matplotlib can draw them: it computes with their differences, which must be finite."""
+    return np.clip(values, -LARGEST, LARGEST)
 
 
 def dress(axes: "Axes", *, x: str = "", y: str = "") -> None:
@@ -95,6 +105,7 @@ def check(path: Path) -> None:
         raise InputError(f"{path}: there is no folder '{path.parent}'; create it first")
 
 
+@plain()
 def save(figure: "Figure", path: Path) -> Path:
     """Write a figure by the ending of its file; return the path.
 

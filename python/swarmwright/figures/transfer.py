@@ -3,6 +3,7 @@
 import textwrap
 from typing import TYPE_CHECKING
 
+from swarmwright.core.plain_figures import plain
 from swarmwright.figures.style import INK, SOFT, dress, look, new_figure
 
 if TYPE_CHECKING:
@@ -16,6 +17,7 @@ _LABEL = 34
 """Characters in a line of the legend."""
 
 
+@plain()
 def draw(transfer: "Transfer") -> "Figure":
     """Return the figure: a field for each target, a point for each candidate, with 95 % intervals."""
     count = len(transfer.targets)

@@ -52,10 +52,17 @@ class Verified:
 
 
 def verify(folder: Path) -> Verified:
-    """Compare everything in a run folder that has a digest. Raises InputError when there is no run."""
+    """Compare everything in a run folder that has a digest.
+
+    Raises InputError when there is no run, or its files cannot be read, which says nothing of their content.
+    """
     file = folder / FILE
     if not file.is_file():
         raise without_store(folder)
+    try:
+        file.open("rb").close()
+    except OSError as error:
+        raise InputError(f"{file}: cannot be read, so it was not verified: {error.strerror}") from error
     found = Verified()
     try:
         with reading(file) as connection:

@@ -20,3 +20,12 @@ def test_a_confidence_interval() -> None:
     assert (found.low, found.high) == pytest.approx((3 - reach, 3 + reach), rel=1e-11)
     assert estimate([2.0]).low is None
     assert estimate([0.52] * 9).low == pytest.approx(0.52)
+
+
+def test_huge_values_have_a_mean() -> None:
+    found = estimate([1.7e308, 1.5e308, 1.6e308])
+    assert found.mean == pytest.approx(1.6e308)
+    assert found.standard_deviation == pytest.approx(1e307)
+    assert found.low is not None
+    assert estimate([1.7e308, -1.7e308]).mean == 0.0
+    assert estimate([1e200] * 3).standard_deviation == 0.0

@@ -211,3 +211,22 @@ def test_a_server_that_is_silent_for_too_long_is_named(
         pytest.raises(RunError, match=r"server 77 has not sent the fitness of its episode for 0\.2 s"),
     ):
         optimize(patient, broker=embedded_broker, out=tmp_path / "run")
+
+
+def test_a_real_number_for_a_parameter_of_integers(tmp_path: Path) -> None:
+    file = tmp_path / "evolved.yaml"
+    file.write_text(
+        "simulation: minisim\n"
+        "parameters: {steering: rule}\n"
+        "controller:\n"
+        "  kind: parameter_set\n"
+        "  parameters:\n"
+        "    avoidance: {type: real, range: [0, 5]}\n"
+        "    maxSteps: {type: real, range: [10, 30]}\n"
+    )
+    with pytest.raises(InputError) as raised:
+        Experiment.load(file)
+    found = str(raised.value)
+    assert found.startswith(f"{file}:7: controller.parameters.maxSteps: minisim refuses 18.7"), found
+    assert found.endswith("; for a parameter of integers write type: integer"), found
+    assert "\n" not in found

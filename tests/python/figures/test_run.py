@@ -1,10 +1,12 @@
 import math
+import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 
+from swarmwright import Experiment, compare, optimize
 from swarmwright.figures.run import draw
 from swarmwright.figures.style import save
 from swarmwright.runs.diversity import diversity
@@ -44,3 +46,42 @@ def test_the_lines_are_those_of_the_run(tmp_path: Path) -> None:
     assert np.asarray(lines["mean"].get_ydata()).tolist() == [2, 1.5, 6]
     assert np.asarray(lines["mean"].get_xdata()).tolist() == [2, 4, 6]
     assert any(text.get_text() == "9" for text in upper.texts)
+
+
+BIG = """
+from swarmwright import Simulation
+
+
+class Big(Simulation):
+    title, sensors, actuators = "big", 2, 2
+
+    def reset(self, parameters, seed):
+        self.result = None
+        return [[0.1, 0.2]]
+
+    def step(self, actions):
+        self.result = 1.7e308 if actions[0][0] > 0 else -1.7e308 if actions[0][0] > -0.1 else 1.0
+        return [[0.1, 0.2]]
+
+    def done(self):
+        return self.result is not None
+
+    def fitness(self):
+        return self.result
+"""
+
+
+def test_huge_fitness_is_drawn(tmp_path: Path) -> None:
+    (tmp_path / "big.py").write_text(BIG)
+    values = {"simulation": f"{tmp_path}/big.py:Big", "controller": {"kind": "layered", "hidden": []}}
+    experiment = Experiment.from_mapping(
+        {**values, "servers": "in-process", "method": {"population": 8, "generations": 10}}
+    )
+    runs = [optimize(experiment, seed=seed, out=tmp_path / f"{seed}") for seed in (1, 2)]
+    other = experiment.replace(method={"kind": "random_search"})
+    runs.append(optimize(other, out=tmp_path / "other"))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        runs[0].plot(tmp_path / "one.png")
+        compare(runs).plot(tmp_path / "all.png")
+    assert (tmp_path / "one.png").stat().st_size > 5000

@@ -7,6 +7,7 @@ from swarmwright.core import hebbian, neat
 from swarmwright.core.errors import InputError
 from swarmwright.core.evostick import as_layered
 from swarmwright.core.modules import is_modules
+from swarmwright.core.plain_figures import plain
 from swarmwright.core.teams import is_team
 from swarmwright.figures.controllers.names import Names
 
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
 __all__ = ["Names", "figure"]
 
 
+@plain()
 def figure(
     specification: Mapping[str, Any],
     *,

@@ -1,0 +1,93 @@
+"""Mistakes at the command line, and unusual surroundings, end in a message."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from swarmwright import Experiment, InputError, Run, optimize
+from swarmwright.cli._main import run as swarmwright
+
+
+def program(*arguments: str, **variables: str) -> "subprocess.CompletedProcess[str]":
+    command = [sys.executable, "-m", "swarmwright", *arguments]
+    return subprocess.run(
+        command, capture_output=True, text=True, timeout=60, env={**os.environ, **variables}, check=False
+    )
+
+
+def test_closed_standard_output(finished: Run) -> None:
+    words = " ".join([sys.executable, "-m", "swarmwright", "runs", "show", str(finished.path)])
+    for closed in (">&-", "<&- >&-", "<&- >&- 2>&-"):
+        done = subprocess.run(
+            ["/bin/sh", "-c", f"{words} {closed}"], capture_output=True, text=True, timeout=60, check=False
+        )
+        assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+def test_settings_of_matplotlib_do_not_count(finished: Run, tmp_path: Path) -> None:
+    (tmp_path / "matplotlibrc").write_text("text.usetex: True\naxes.facecolor: red\nbackend: nothing\n")
+    (tmp_path / "empty").touch()
+    pictures = []
+    for number, variables in enumerate(
+        [
+            {"MATPLOTLIBRC": str(tmp_path / "empty")},
+            {"MATPLOTLIBRC": str(tmp_path / "matplotlibrc"), "MPLBACKEND": "bogus"},
+        ]
+    ):
+        file = tmp_path / f"{number}.png"
+        done = program("plot", str(finished.path), "--out", str(file), **variables)
+        assert (done.returncode, "Traceback" in done.stderr) == (0, False), done.stderr
+        still = tmp_path / f"still-{number}.png"
+        done = program("replay", str(finished.path), "--save", str(still), **variables)
+        assert (done.returncode, "Traceback" in done.stderr) == (0, False), done.stderr
+        pictures.append((file.read_bytes(), still.read_bytes()))
+    assert pictures[0] == pictures[1]
+
+
+@pytest.mark.parametrize("wait", ["nan", "inf", "-1"])
+def test_what_is_no_time_to_wait(
+    wait: str, finished: Run, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    assert swarmwright(["resume", str(finished.path), "--wait", wait]) == 2
+    assert "Invalid value for '--wait'" in capsys.readouterr().err
+    with pytest.raises(InputError, match=r"^wait: is .*, expected seconds: a finite number, at least 0"):
+        optimize(
+            Experiment.from_mapping({"simulation": "minisim", "servers": 1}),
+            wait=float(wait),
+            broker="mqtt://127.0.0.1:1",
+            out=tmp_path / "run",
+        )
+
+
+def test_deleting_a_link_deletes_nothing(
+    copy: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    link = tmp_path / "link"
+    link.symlink_to(copy)
+    before = sorted(copy.iterdir())
+    assert swarmwright(["runs", "delete", str(link), "--yes"]) == 2
+    assert f"link: is a symbolic link to {copy}. Name that folder" in capsys.readouterr().err
+    assert sorted(copy.iterdir()) == before
+    assert link.is_symlink()
+
+
+def test_a_run_that_may_not_be_read_is_not_called_damaged(
+    copy: Path, finished: Run, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    read = Path.open
+
+    def refuse(self: Path, *arguments: Any, **options: Any) -> Any:
+        if self.parent == copy:
+            raise PermissionError(13, "Permission denied", str(self))
+        return read(self, *arguments, **options)
+
+    monkeypatch.setattr(Path, "open", refuse)
+    assert swarmwright(["runs", "verify", str(copy), str(finished.path), "--json"]) == 2
+    found = capsys.readouterr()
+    assert f"{copy}/run.sqlite: cannot be read, so it was not verified: Permission denied" in found.err
+    assert [json.loads(line)["run"] for line in found.out.splitlines()] == [str(finished.path)]
