@@ -3,6 +3,7 @@
 Source: https://gymnasium.farama.org
 """
 
+from collections.abc import Mapping
 from typing import Any
 
 import gymnasium
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from swarmwright.adapters._environment import Environment, environment_seed
 from swarmwright.adapters._spaces import actuators, sensors
 from swarmwright.core.errors import InputError, SimulationError, explained
+from swarmwright.simulations.calls import short
 
 
 class Gymnasium(Environment):
@@ -49,8 +51,14 @@ class Gymnasium(Environment):
         """Go to the start of an episode."""
         self._start(parameters)
         self._reward, self._steps, self._terminated, self._over = 0.0, 0, False, False
-        seen, _ = self.env.reset(seed=environment_seed(seed))
-        return self._read(seen)[None]
+        begun = self.env.reset(seed=environment_seed(seed))
+        # An observation of two numbers would be unpacked as well.
+        if not (isinstance(begun, tuple) and len(begun) == 2 and isinstance(begun[1], Mapping)):
+            raise SimulationError(
+                f"{self.environment}: reset returned {short(begun)}, expected (observation, info), info a "
+                "dict; environments of Gym before 0.26 return the observation alone: return (observation, {})"
+            )
+        return self._read(begun[0])[None]
 
     def step(self, actions: NDArray[np.float32]) -> NDArray[np.float64]:
         """Go on by one step."""

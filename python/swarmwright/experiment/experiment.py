@@ -16,6 +16,7 @@ from swarmwright.core.yaml import Source, dump, read
 from swarmwright.experiment.budget import Budget
 from swarmwright.experiment.document import Faults, Requirements, Timeouts, Validate
 from swarmwright.experiment.fitness import FitnessExpression
+from swarmwright.experiment.fitting import check_fits
 from swarmwright.experiment.settings import ANNOUNCED, apply, parse_settings, restricted
 from swarmwright.experiment.start_from import genomes_of
 from swarmwright.launchers._entries import Entries, written
@@ -108,6 +109,8 @@ class Experiment:
         if not parsed:
             return self
         source = apply(Source("", values=self.to_mapping()), parsed)
+        if ask:
+            check_fits(self, source)
         changed = self._checked(source, None, ask=ask)
         object.__setattr__(changed, "path", self.path)
         return changed

@@ -26,7 +26,7 @@ from swarmwright.launchers._entries import entries_of, names_launchers
 from swarmwright.methods import METHODS, MethodOptions
 from swarmwright.plug_ins import REGISTRIES
 from swarmwright.rankings import RankingOptions
-from swarmwright.rankings._slow import SlowOptions
+from swarmwright.rankings._slow import METRIC, SlowOptions
 from swarmwright.rankings.race import RaceOptions
 from swarmwright.representations import Representation
 from swarmwright.representations.parameter_set import ParameterSetOptions
@@ -239,6 +239,7 @@ def _check_values(values: dict[str, Any], here: bool, report: Report, *, ask: bo
             checked[name] = _check_section(name, dict(section), registry, report, ask=ask)
     _check_reevaluation(checked, report)
     _check_validation(checked, report)
+    _check_metrics(checked, report)
     parameters = values.get("parameters", {})
     if isinstance(parameters, Mapping) and isinstance(values.get("simulation"), str):
         _check_parameters(values["simulation"] if here else None, dict(parameters), report)
@@ -338,6 +339,21 @@ def _check_slow(method: MethodOptions, kind: str, report: Report) -> None:
     else:
         return
     report(("ranking", "kind"), reason)
+
+
+def _check_metrics(checked: Checked, report: Report) -> None:
+    """Check that no metric of the fitness is called like the one that a ranking adds to the record."""
+    fitness, ranking = checked.get("fitness"), checked.get("ranking")
+    if (
+        isinstance(ranking, SlowOptions)
+        and fitness is not None
+        and METRIC in FitnessExpression(fitness).metrics
+    ):
+        report(
+            ("fitness",),
+            f"{METRIC} is what the ranking {ranking.kind} calls the fitness in the slow simulation; give the "  # type: ignore[attr-defined] # every kind's options have it
+            "simulation's metric another name",
+        )
 
 
 def _as_written(path: Path_, message: str, values: Any) -> Path_:  # noqa: ANN401 - any values of a file

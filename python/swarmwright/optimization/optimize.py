@@ -6,7 +6,7 @@ import sqlite3
 from collections.abc import Iterable
 from contextlib import ExitStack, suppress
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NoReturn, overload
 
 import numpy as np
 
@@ -94,6 +94,7 @@ def optimize(
     at_end.check(experiment, broker)
     at_end.allow(experiment)
     folder: Path | None = None
+    begun_in = Path.cwd()
     try:
         with reported(), shown(progress, on_generation, on_progress) as (on_generation, on_progress):
             with open_simulations(experiment, broker=broker, servers=servers, wait=wait) as backend:
@@ -106,21 +107,24 @@ def optimize(
                 folder = default_folder(experiment) if out is None else Path(out)
                 code = parts_of(experiment)
                 size = stored(resolved, representation)
-                with StoreWriter.create(folder, resolved, backend.metrics, code, size) as store, reported():
+                place = folder.absolute()  # a simulation may change the working folder
+                with StoreWriter.create(place, resolved, backend.metrics, code, size) as store, reported():
                     loop = _new_loop(resolved, representation, store)
                     libraries = (*loop.libraries, *distributions(code))
                     store.follow_use({}, backend.server_use)
                     store.begin(backend.description, libraries, 1 if code else None)
                     _run(resolved, store, loop, backend, on_generation, on_progress)
+            folder = _from_here(folder, begun_in)
             _transfer(experiment, folder, on_progress, broker=broker, servers=servers)
     except KeyboardInterrupt:
+        folder = _from_here(folder, begun_in)
         if folder is not None and folder.exists():
             if _holds_results(folder):
                 raise InterruptedWithResults(folder) from None
             remove_run(folder)
         raise
     except RunError as error:
-        _fail(error, folder)
+        _fail(error, _from_here(folder, begun_in))
     return _finished(folder)
 
 
@@ -176,6 +180,7 @@ def resume(
             candidates again.
     """
     folder = run.path if isinstance(run, Run) else Path(run)
+    begun_in = Path.cwd()
     run = Run.open(folder, trust=trust)
     try:
         with shown(progress, on_generation, on_progress) as (on_generation, on_progress):
@@ -189,11 +194,12 @@ def resume(
                 simulation=simulation,
                 where={"broker": broker, "servers": servers, "wait": wait},
             )
+            folder = _from_here(folder, begun_in)
             _transfer(None, folder, on_progress, broker=broker, servers=servers)
     except KeyboardInterrupt:
-        raise InterruptedWithResults(folder) from None
+        raise InterruptedWithResults(_from_here(folder, begun_in)) from None
     except RunError as error:
-        _fail(error, folder)
+        _fail(error, _from_here(folder, begun_in))
     return _finished(folder)
 
 
@@ -210,7 +216,7 @@ def _continue(
 ) -> None:
     """Go on with a run; see `resume`, and `open_simulations` for `where`."""
     with ExitStack() as stack:
-        store = stack.enter_context(StoreWriter.resume(run.path))
+        store = stack.enter_context(StoreWriter.resume(run.path.absolute()))
         stack.enter_context(reported())  # within the store, which keeps the message
         reader = StoreReader(run.path)
         wanted = prolonged(run, run.experiment, settings, **budget)
@@ -269,6 +275,21 @@ def _with_changed_modules(
     changed = _new_loop(now, representations[1], store)
     changed.replay(reader)
     return changed
+
+
+@overload
+def _from_here(folder: Path, begun_in: Path) -> Path: ...
+
+
+@overload
+def _from_here(folder: None, begun_in: Path) -> None: ...
+
+
+def _from_here(folder: Path | None, begun_in: Path) -> Path | None:
+    """Return the path of a folder, given from `begun_in`, as it is from the working folder now."""
+    if folder is None or (Path.cwd() == begun_in):
+        return folder
+    return begun_in / folder
 
 
 def _holds_results(folder: Path) -> bool:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from swarmwright import _engine
 from swarmwright.core.errors import InputError
 from swarmwright.store import Record, StoreReader
-from swarmwright.store.table import pyarrow
+from swarmwright.store.table import column_of, pyarrow
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -69,7 +69,7 @@ def csv_lines(store: StoreReader) -> Iterator[str]:
 def _header(part: Record, metrics: list[str]) -> str:
     episodes = range(part.episodes.shape[1])
     columns = ["generation", "candidate", "fitness", *(f"episode_{episode}" for episode in episodes)]
-    columns += [f"{metric}_{episode}" for metric in metrics for episode in episodes]
+    columns += [f"{column_of(metric)}_{episode}" for metric in metrics for episode in episodes]
     columns += [f"g{gene}" for gene in range(part.genomes.shape[1])]
     return ",".join(columns) + "\n"
 
@@ -106,7 +106,7 @@ def _arrow(part: Record, metrics: list[str]) -> "pa.Table":
         # A failed evaluation has an empty fitness, not NaN.
         "fitness": pa.array(part.fitness, from_pandas=True),
         "episodes": lists(part.episodes),
-        **{name: lists(part.metrics[:, :, index].copy()) for index, name in enumerate(metrics)},
+        **{column_of(name): lists(part.metrics[:, :, index].copy()) for index, name in enumerate(metrics)},
         "genome": lists(part.genomes),
     }
     return pa.table(columns)

@@ -284,7 +284,8 @@ class Run:
         """Write the record as a table, a line per evaluation, sorted by generation and candidate.
 
         `.csv`: generation, candidate, fitness, episode_0, .. (its episodes' fitness), then metrics if there
-        are any (name_0, ..), then g0, .. (its genome). `.parquet`: the same with lists in the columns
+        are any (name_0, ..), then g0, .. (its genome). A metric that is called like another column, such as
+        episode, is metric_episode. `.parquet`: the same with lists in the columns
         episodes and genome and in those of the metrics; this needs `pip install swarmwright[parquet]`.
         Raises InputError when the file cannot be written.
         """

@@ -38,6 +38,7 @@ from swarmwright.runs.post_evaluation import (
     unseen_seeds,
 )
 from swarmwright.store import Evaluation, StoreReader
+from swarmwright.store.table import column_of
 from swarmwright.typing import Genome
 
 if TYPE_CHECKING:
@@ -117,7 +118,7 @@ class Validation:
         if Path(path).suffix.lower() != ".csv":
             raise InputError(f"{path}: the table of a validation ends with .csv")
         names = list(self.best.metrics)
-        lines = [",".join(["generation", "candidate", "recorded", "seed", "fitness", *names])]
+        lines = [",".join(["generation", "candidate", "recorded", "seed", "fitness", *map(column_of, names)])]
         for one in self.candidates:
             columns = [one.seeds, one.episodes.tolist(), *(one.metrics[name].tolist() for name in names)]
             whose = (one.generation, one.candidate, one.recorded)

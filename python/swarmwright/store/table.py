@@ -21,6 +21,17 @@ def pyarrow(what: str) -> Any:  # noqa: ANN401 - a module
     return pa
 
 
+_OTHERS = frozenset(
+    {"generation", "candidate", "recorded", "seed", "fitness", "episode", "episodes", "genome"}
+)
+"""Names of the other columns in tables of a record or a validation."""
+
+
+def column_of(metric: str) -> str:
+    """Return what the column of a metric is called: its name, after metric_ where another one has it."""
+    return f"metric_{metric}" if metric in _OTHERS else metric
+
+
 class RecordTable(Record, dict[str, Column]):
     """Every evaluation of a run, sorted by generation and candidate: arrays, and columns by name.
 
@@ -42,7 +53,7 @@ class RecordTable(Record, dict[str, Column]):
         columns = {"generation": self.generation, "candidate": self.candidate, "fitness": self.fitness}
         columns |= {f"episode_{episode}": self.episodes[:, episode] for episode in episodes}
         metrics: tuple[str, ...] = self.__dict__["_metrics"]
-        for index, name in enumerate(metrics):
+        for index, name in enumerate(map(column_of, metrics)):
             columns |= {f"{name}_{episode}": self.metrics[:, episode, index] for episode in episodes}
         genes = np.ascontiguousarray(self.genomes.T)
         columns |= {f"g{gene}": column for gene, column in enumerate(genes)}

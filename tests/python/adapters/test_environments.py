@@ -229,3 +229,19 @@ def test_exceptions_in_an_environment_arrive_with_message_and_place(
 ) -> None:
     with pytest.raises(RunError, match=words):
         simulate(experiment(name, mode="offloaded"), servers=servers)
+
+
+def test_a_reset_that_returns_the_observation_alone() -> None:
+    class Old(Gymnasium):
+        environment = "old"
+
+        def make(self, options: dict[str, Any]) -> Any:  # noqa: ARG002
+            env = gymnasium.make("MountainCarContinuous-v0").unwrapped
+            begin = env.reset
+            env.reset = lambda **options: begin(**options)[0]
+            return env
+
+    with pytest.raises(
+        RunError, match=r"old: reset returned array\(.*expected \(observation, info\), info a"
+    ):
+        Old().reset({}, 1)

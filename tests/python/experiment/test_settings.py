@@ -144,3 +144,23 @@ def test_only_what_makes_sense_can_be_set_of_a_run() -> None:
         experiment.with_settings(
             ["parameters.maxSteps=3", "seed=3"], only=["parameters"], reason="only parameters count"
         )
+
+
+def test_controllers_that_do_not_fit_another_robot() -> None:
+    experiment = Experiment.from_mapping({"simulation": "arena", "servers": "local"})
+    with pytest.raises(InputError) as raised:
+        experiment.with_settings(["parameters.robot=foot-bot"])
+    found = str(raised.value)
+    assert found.startswith(
+        "controller: was evolved for 24 sensors and 2 actuators, but the robot foot-bot has "
+    )
+    assert "; robots that fit: e-puck-rm1.1" in found
+    assert "leave the key out" not in found
+    assert experiment.with_settings(["parameters.robot=e-puck-rm1.1"]).sensors == 24
+
+
+def test_a_metric_called_like_that_of_the_ranking() -> None:
+    values = {"simulation": "minisim", "fitness": "slow_fitness * 2"}
+    ranking = {"kind": "multi_fidelity", "slow": {"parameters": {"maxSteps": 50}}}
+    with pytest.raises(InputError, match="fitness: slow_fitness is what the ranking multi_fidelity calls"):
+        Experiment.from_mapping({**values, "ranking": ranking})

@@ -14,7 +14,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swarmwright import Experiment, Generation, InputError, Run, RunError, evaluate, optimize, simulate
+from swarmwright import (
+    Experiment,
+    Generation,
+    InputError,
+    Run,
+    RunError,
+    evaluate,
+    optimize,
+    resume,
+    simulate,
+)
 from swarmwright.runs import picture
 from tests.python.records import same_record
 
@@ -317,3 +327,61 @@ def test_local_and_a_broker_exclude_each_other() -> None:
         evaluate(small(), np.zeros((1, 49)), servers="local", broker="mqtt://localhost")
     with pytest.raises(InputError, match="broker: must begin with one of"):
         evaluate(small(), np.zeros((1, 49)), broker="localhost")
+
+
+WANDERER = """
+import os
+from swarmwright import Simulation
+
+
+class Wanderer(Simulation):
+    title, sensors, actuators = "wanderer", 2, 1
+    metrics = ("episode", "seed")
+
+    def reset(self, parameters, seed):
+        os.chdir("/")
+        self.result = None
+        return [[0.5, -0.5]]
+
+    def step(self, actuators):
+        self.result = float(actuators[0][0])
+        return [[0.5, -0.5]]
+
+    def done(self):
+        return self.result is not None
+
+    def fitness(self):
+        return self.result
+
+    def measure(self):
+        return {"episode": 1.0, "seed": 2.0}
+"""
+
+
+def test_a_simulation_that_changes_the_working_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "wanderer.py").write_text(WANDERER)
+    monkeypatch.chdir(tmp_path)
+    experiment = Experiment.from_mapping(
+        {
+            "simulation": "wanderer.py:Wanderer",
+            "controller": {"kind": "layered", "hidden": []},
+            "method": {"population": 4, "generations": 3},
+            "ranking": {"episodes": 2},
+            "fitness": "fitness + episode + seed",
+            "servers": "in-process",
+        }
+    )
+    part = optimize(experiment, lambda now: now.generation < 1, out="run")
+    assert (part.path, part.generations) == (tmp_path / "run", 2)
+    monkeypatch.chdir(tmp_path)
+    run = resume("run")
+    assert (run.path, run.generations, run.state) == (tmp_path / "run", 3, "done")
+    # Metrics with the names of other columns have others in tables.
+    metrics = ["metric_episode_0", "metric_episode_1", "metric_seed_0", "metric_seed_1"]
+    assert list(run.record)[3:9] == ["episode_0", "episode_1", *metrics]
+    run.export(tmp_path / "run.csv")
+    header = (tmp_path / "run.csv").read_text().splitlines()[0].split(",")
+    assert header == list(run.record)
+    assert len(set(header)) == len(header)
