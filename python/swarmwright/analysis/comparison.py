@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from swarmwright.analysis.groups import RunGroup, group
 from swarmwright.analysis.significance import Difference, Kruskal, difference, holm, kruskal_wallis
+from swarmwright.core.arguments import listed
 from swarmwright.core.errors import InputError
 from swarmwright.figures.curves import fitness_at
 from swarmwright.runs.run import Run
@@ -140,7 +141,8 @@ def compare(runs: Iterable[Run | str | os.PathLike[str]], *, at: int | None = No
         InputError: no run is given, a folder is not a run, a run holds no finished generation, or one had
             none yet after `at` evaluations.
     """
-    opened = [run if isinstance(run, Run) else Run.open(Path(run)) for run in runs]
+    listed("runs", runs, "run folders")
+    opened = [run if isinstance(run, Run) else Run.open(run) for run in runs]
     if not opened:
         raise InputError("there are no runs to compare; name run folders such as runs/minisim-1")
     for run in opened:

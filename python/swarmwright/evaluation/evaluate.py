@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from swarmwright.core.arguments import instance
 from swarmwright.core.errors import InputError, RunError
 from swarmwright.core.random_numbers import Stream
 from swarmwright.core.untrusted import one_line
@@ -44,6 +45,7 @@ def evaluate(
             is.
         RunError: no broker or no fitting server.
     """
+    instance("experiment", experiment, Experiment, "Experiment.load(file)")
     rows = _rows(genomes)
     if is_here(experiment, broker, servers):
         alone = prepared(experiment)
@@ -89,6 +91,7 @@ def simulate(
         InputError: the controller does not fit the simulation, or the experiment cannot be run as it is.
         RunError: no broker, no fitting server, or the episode failed.
     """
+    instance("experiment", experiment, Experiment, "Experiment.load(file)")
     return episode(
         experiment,
         controller,

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, Literal, Self
 
+from swarmwright.core.arguments import listed, path_of
 from swarmwright.core.errors import InputError
 from swarmwright.core.files import write_text
 from swarmwright.core.flatten import flat
@@ -82,8 +83,9 @@ class Experiment:
         Raises InputError with every problem of the file and of the settings, a line each: `file.yaml:12:
         method.populaton: unknown key; did you mean 'population'?`.
         """
-        source = apply(read(Path(path)), parse_settings(settings))
-        return cls._checked(source, Path(path))
+        file = path_of("path", path, "an experiment file")
+        listed("settings", settings, "settings such as method.generations=50")
+        return cls._checked(apply(read(file), parse_settings(settings)), file)
 
     def with_settings(
         self,

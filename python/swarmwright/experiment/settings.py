@@ -6,6 +6,7 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from swarmwright.core.arguments import listed
 from swarmwright.core.errors import InputError
 from swarmwright.core.problems import shown
 from swarmwright.core.yaml import Path_, Source, dotted_path, parse
@@ -39,6 +40,7 @@ def parse_settings(texts: Iterable[str]) -> list[Setting]:
 
     Raises InputError with all that cannot be read, a line each.
     """
+    listed("settings", texts, "settings such as method.generations=50")
     settings, problems = [], []
     for text in texts:
         try:

@@ -10,6 +10,7 @@ from typing import Any, NoReturn, overload
 
 import numpy as np
 
+from swarmwright.core.arguments import path_of
 from swarmwright.core.errors import InputError, PlugInError, RunError
 from swarmwright.core.plug_in_code import reported
 from swarmwright.evaluation.base import Backend, Progress, Servers
@@ -89,7 +90,7 @@ def optimize(
     if seed is not None:
         experiment = experiment.replace(seed=seed)
     if out is not None:
-        check_folder(Path(out))
+        check_folder(path_of("out", out, "a folder for the results"))
     _ = experiment.first_seed  # report errors before anything is started
     at_end.check(experiment, broker)
     at_end.allow(experiment)
@@ -179,7 +180,7 @@ def resume(
         RunError: as in `optimize`; or the method, with the versions installed here, does not come to the same
             candidates again.
     """
-    folder = run.path if isinstance(run, Run) else Path(run)
+    folder = run.path if isinstance(run, Run) else path_of("run", run, "a run folder")
     begun_in = Path.cwd()
     run = Run.open(folder, trust=trust)
     try:

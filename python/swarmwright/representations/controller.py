@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmwright import _engine
+from swarmwright.core.arguments import path_of
 from swarmwright.core.errors import InputError, engine_errors, explained
 from swarmwright.core.files import read_bytes, write_text
 from swarmwright.core.modules import ACTUATORS, PYTHON_KIND, SENSORS
@@ -71,7 +72,7 @@ class Controller:
 
         Raises InputError when there is none.
         """
-        file = Path(path)
+        file = path_of("path", path, "a controller or a run folder")
         if file.is_dir():
             file /= "best.json"
         try:

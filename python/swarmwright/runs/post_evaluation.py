@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmwright.core.arguments import instance, listed
 from swarmwright.core.errors import InputError, RunError
 from swarmwright.core.statistics import Estimate, estimate, quantile
 from swarmwright.core.suggestions import unknown
@@ -173,6 +174,9 @@ def post_evaluate(
         InputError: there is no such candidate or metric, or a number is out of range.
         RunError: no broker, no fitting server, or every episode failed.
     """
+    from swarmwright.runs.run import Run  # noqa: PLC0415 - it imports this module
+
+    instance("run", run, Run, "Run.open(folder)")
     if episodes < 1:
         raise InputError(f"episodes: must be at least 1, not {episodes}")
     evaluation = run.evaluation(candidate, generation)
@@ -203,6 +207,8 @@ def post_evaluate(
 
 def _asked(experiment: Experiment, metrics: Sequence[str]) -> list[str]:
     """Return the names of the metrics that are asked for. Raises InputError for one that is not there."""
+    if metrics != "all":
+        listed("metrics", metrics, "names of metrics")
     if not catalogue.is_described(experiment.simulation):
         if metrics == "all":
             raise InputError(

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmwright.core.arguments import instance
 from swarmwright.evaluation.base import Controllers, Servers
 from swarmwright.evaluation.opening import open_backend
 from swarmwright.experiment.experiment import Experiment
@@ -65,6 +66,9 @@ def repeat(
         InputError: there is no such evaluation, or the code is gone.
         RunError: no broker or no fitting server.
     """
+    from swarmwright.runs.run import Run  # noqa: PLC0415 - it imports this module
+
+    instance("run", run, Run, "Run.open(folder)")
     recorded = run.evaluation(candidate, generation)
     ran = _ran(run, recorded)
     experiment = experiment or used_for(run, recorded.generation, simulation)

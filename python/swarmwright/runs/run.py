@@ -1,6 +1,7 @@
 """Reading run folders, the results of optimizations."""
 
 import math
+import os
 from collections.abc import Iterator
 from contextlib import nullcontext
 from dataclasses import dataclass
@@ -8,6 +9,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Self, SupportsIndex, get_args
 
+from swarmwright.core.arguments import path_of
 from swarmwright.core.errors import InputError, RunError
 from swarmwright.core.html import facts, picture, png_of
 from swarmwright.core.statistics import Summary
@@ -64,13 +66,14 @@ class Run:
     _finished: int | None = None
     """Generations, where the history is read later."""
 
-    def __init__(self, path: str | Path, store: StoreReader | None = None) -> None:
-        self.path = Path(path) if store else find_store(Path(path))
+    def __init__(self, path: str | os.PathLike[str], store: StoreReader | None = None) -> None:
+        folder = path_of("path", path, "a run folder")
+        self.path = folder if store else find_store(folder)
         self.store = store or StoreReader(self.path)
         """What run.sqlite holds, table by table."""
 
     @classmethod
-    def open(cls, path: str | Path, *, trust: bool = False) -> Self:
+    def open(cls, path: str | os.PathLike[str], *, trust: bool = False) -> Self:
         """Open a run folder, which runs no code of it.
 
         Args:

@@ -11,6 +11,7 @@ from swarmwright.analysis.sweep.execution import Listener, conduct
 from swarmwright.analysis.sweep.file import Sweep
 from swarmwright.analysis.sweep.remaining import Status
 from swarmwright.analysis.sweep.run import Task, tasks
+from swarmwright.core.arguments import path_of
 from swarmwright.core.formatting import duration
 from swarmwright.core.html import facts, table
 from swarmwright.core.notebook import Text, in_notebook
@@ -141,7 +142,7 @@ def sweep(
     loaded = (
         Sweep.from_mapping(source, out=folder)
         if isinstance(source, Mapping)
-        else Sweep.load(source, out=folder)
+        else Sweep.load(path_of("source", source, "a file of a sweep"), out=folder)
     )
     todo = tasks(loaded)
     wanted = in_notebook() if progress is None else progress

@@ -3,10 +3,10 @@
 import math
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from pathlib import Path
 
 from swarmwright.analysis.groups import RunGroup, group
 from swarmwright.analysis.transfer.result import Transfer
+from swarmwright.core.arguments import listed
 from swarmwright.core.errors import InputError
 from swarmwright.evaluation.base import Progress, Servers
 from swarmwright.experiment.ranges import E_PUCKS, Range, ranges_of, require_e_pucks
@@ -66,7 +66,9 @@ def transfer(
             range.
         RunError: no broker, no fitting server, or every episode failed.
     """
-    opened = [run if isinstance(run, Run) else Run.open(Path(run)) for run in runs]
+    listed("runs", runs, "run folders")
+    listed("to", to, "simulations or files of them")
+    opened = [run if isinstance(run, Run) else Run.open(run) for run in runs]
     if not opened:
         raise InputError("there are no runs to transfer; name run folders such as runs/minisim-1")
     for name, number, least in (("candidates", candidates, 1), ("random", random, 0), ("seeds", seeds, 2)):
