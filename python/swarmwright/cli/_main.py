@@ -4,7 +4,7 @@ import errno
 import os
 import sys
 from collections.abc import Sequence
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 
 import click
 
@@ -121,8 +121,12 @@ def _invoke(arguments: list[str]) -> object:
     if "_SWARMWRIGHT_COMPLETE" in os.environ:  # a shell asks for completions
         return program.main(args=arguments, prog_name="swarmwright")
     # Not `program.main`, which returns 1 for a closed pipe.
+    to_read = "--json" in arguments and not {"--help", "--version"} & set(arguments)
     try:
-        with program.make_context("swarmwright", arguments) as context:
+        with (
+            _output.only_results() if to_read else nullcontext(),
+            program.make_context("swarmwright", arguments) as context,
+        ):
             return program.invoke(context)
     except click.exceptions.Exit as ending:
         return ending.exit_code

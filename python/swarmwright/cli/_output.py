@@ -10,13 +10,40 @@ import json
 import math
 import os
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import IO, TYPE_CHECKING
 
 from swarmwright.core import untrusted
 
 if TYPE_CHECKING:
     from rich.console import Console
+
+
+_results: IO[str] | None = None
+"""Standard output, while `print` of other code goes to standard error."""
+
+
+@contextmanager
+def only_results() -> Iterator[None]:
+    """Within the block, only what a command prints itself is on standard output.
+
+    A program reads it with `--json`; what the code of simulations and modules prints goes to standard error.
+    """
+    global _results
+    if _results is not None or sys.stdout is None:
+        yield
+        return
+    _results, sys.stdout = sys.stdout, sys.stderr
+    try:
+        yield
+    finally:
+        sys.stdout, _results = _results, None
+
+
+def results() -> IO[str]:
+    """Return standard output."""
+    return sys.stdout if _results is None else _results
 
 
 def finite(value: object) -> object:
@@ -62,15 +89,16 @@ def aside(line: str, below: Iterable[str] = ()) -> None:
 
 def document(text: str) -> None:
     """Print a document to standard output, as it is where a file or another program takes it."""
-    if sys.stdout.isatty():
+    stream = results()
+    if stream.isatty():
         text = "".join(f"{line}\n" for line in untrusted.lines(text))
-    sys.stdout.write(text)
-    sys.stdout.flush()
+    stream.write(text)
+    stream.flush()
 
 
 def _print(lines: Sequence[str], *, errors: bool = False) -> None:
     # Looked up each time: while a progress bar is shown, both are redirected above it.
-    stream: IO[str] = sys.stderr if errors else sys.stdout
+    stream: IO[str] = sys.stderr if errors else results()
     stream.write("".join(f"{line}\n" for line in lines))
     stream.flush()
 
@@ -83,7 +111,7 @@ class Output:
 
     def __init__(self, *, as_json: bool = False) -> None:
         self.as_json = as_json
-        self.terminal = not as_json and sys.stdout.isatty() and os.environ.get("TERM") != "dumb"
+        self.terminal = not as_json and results().isatty() and os.environ.get("TERM") != "dumb"
 
     @property
     def color(self) -> bool:
@@ -93,7 +121,7 @@ class Output:
     @property
     def unicode(self) -> bool:
         """Whether the output can show more than ASCII."""
-        return "utf" in (sys.stdout.encoding or "").lower()
+        return "utf" in (results().encoding or "").lower()
 
     def text(self, line: str = "") -> None:
         r"""Print a line for people, at once; a line break in it is shown as `\n`."""

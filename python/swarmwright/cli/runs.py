@@ -193,11 +193,11 @@ def delete(runs: tuple[Path, ...], yes: bool, as_json: bool) -> int:
     from swarmwright.runs.folders import remove_run
 
     output = Output(as_json=as_json)
-    for run in runs:
-        if run.is_symlink():
+    for link in runs:
+        if link.is_symlink():
             raise click.UsageError(
-                f"{run}: is a symbolic link to {run.readlink()}. Name that folder to delete the run, or "
-                f"delete the link alone: rm {shlex.quote(str(run))}. Nothing was deleted."
+                f"{link}: is a symbolic link to {link.readlink()}. Name that folder to delete the run, or "
+                f"delete the link alone: rm {shlex.quote(str(link))}. Nothing was deleted."
             )
     opened = [Run.open(run) for run in {run.resolve(): run for run in runs}.values()]
     busy = [run.path for run in opened if run.state == "running"]

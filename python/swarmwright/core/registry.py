@@ -70,7 +70,9 @@ class Registry(Generic[Component]):
             raise InputError(
                 f"{self.what} {kind!r} ({point.value}) is not a subclass of {self._base.replace(':', '.')}"
             )
-        missing = sorted(component.__abstractmethods__) if inspect.isabstract(component) else []
+        missing = (
+            sorted(getattr(component, "__abstractmethods__", ())) if inspect.isabstract(component) else []
+        )
         if not isinstance(getattr(component, "options_model", Options), type):
             missing.append("options_model, a class of options")
         elif _has_options(base) and not hasattr(component, "options_model"):

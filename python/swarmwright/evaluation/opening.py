@@ -375,7 +375,8 @@ def _in_process(experiment: Experiment, metrics: Sequence[str], *, in_python: bo
 
 def _checked(wait: float) -> float:
     """Return how long to wait for a broker. Raises InputError for what is not a number of seconds."""
-    real = isinstance(wait, int | float) and not isinstance(wait, bool)
-    if real and 0 <= wait < math.inf:  # NaN is not
+    given: Any = wait
+    real = isinstance(given, int | float) and not isinstance(given, bool)
+    if real and 0 <= given < math.inf:  # NaN is not
         return wait
     raise InputError(f"wait: is {wait!r}, expected seconds: a finite number, at least 0")

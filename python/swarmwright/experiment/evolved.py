@@ -69,8 +69,8 @@ def _refusals(
         problem = catalogue.parameters_problem(simulation, values)
         if problem is not None:
             reason = problem.removeprefix(f"parameter {name}: ")
-            hint = ""
-            if isinstance(evolved[name], RealParameter) and value not in _limits(evolved[name]):
+            hint, one = "", evolved[name]
+            if isinstance(one, RealParameter) and value not in _limits(one):
                 hint = "; for a parameter of integers write type: integer"
             yield (*_AT, name), f"{catalogue.title(simulation)} refuses {value!r}: {reason}{hint}"
 
@@ -98,6 +98,6 @@ def _extremes(parameter: Parameter) -> list[Any]:
     return [low, high, *shortest(np.array([low + _BETWEEN * (high - low)], dtype=np.float32))]
 
 
-def _limits(parameter: Parameter) -> list[float]:
+def _limits(parameter: RealParameter) -> list[float]:
     """Return the lowest and the highest value of a real number."""
     return list(shortest(np.array(parameter.range, dtype=np.float32)))

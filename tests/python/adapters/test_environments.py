@@ -236,7 +236,7 @@ def test_a_reset_that_returns_the_observation_alone() -> None:
         environment = "old"
 
         def make(self, options: dict[str, Any]) -> Any:  # noqa: ARG002
-            env = gymnasium.make("MountainCarContinuous-v0").unwrapped
+            env: Any = gymnasium.make("MountainCarContinuous-v0").unwrapped
             begin = env.reset
             env.reset = lambda **options: begin(**options)[0]
             return env

@@ -91,3 +91,52 @@ def test_a_run_that_may_not_be_read_is_not_called_damaged(
     found = capsys.readouterr()
     assert f"{copy}/run.sqlite: cannot be read, so it was not verified: Permission denied" in found.err
     assert [json.loads(line)["run"] for line in found.out.splitlines()] == [str(finished.path)]
+
+
+TALKATIVE = """
+from swarmwright import Simulation
+
+print("imported")
+
+
+class Talkative(Simulation):
+    title, sensors, actuators = "talkative", 2, 1
+
+    def reset(self, parameters, seed):
+        print("reset")
+        self.result = None
+        return [[0.5, -0.5]]
+
+    def step(self, actuators):
+        self.result = float(actuators[0][0])
+        return [[0.5, -0.5]]
+
+    def done(self):
+        return self.result is not None
+
+    def fitness(self):
+        return self.result
+"""
+
+
+def test_what_code_prints_is_not_among_json(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "talkative.py").write_text(TALKATIVE)
+    (tmp_path / "talkative.yaml").write_text(
+        "simulation: talkative.py:Talkative\ncontroller: {kind: layered, hidden: []}\n"
+        "method: {population: 4, generations: 1}\nservers: in-process\n"
+    )
+    monkeypatch.chdir(tmp_path)
+    assert swarmwright(["optimize", "talkative.yaml", "--out", "run", "--json"]) == 0
+    found = capsys.readouterr()
+    lines = [json.loads(line) for line in found.out.splitlines()]
+    assert lines[-1]["run"] == "run"
+    assert "reset\n" in found.err
+    assert swarmwright(["evaluate", "run", "--json"]) == 0
+    found = capsys.readouterr()
+    assert json.loads(found.out)["same"] is True
+    assert "reset\n" in found.err
+    # Without --json it is where it was.
+    assert swarmwright(["evaluate", "run"]) == 0
+    assert "reset\n" in capsys.readouterr().out

@@ -135,7 +135,9 @@ def test_a_method_that_raises_keeps_what_was_computed(install: Install, tmp_path
     kept = r"the results of 2 generations are kept, and `swarmwright resume \S+ --accept-changed-code` conti"
     with pytest.raises(RunError, match=wanted + kept):
         optimize(experiment(), out=tmp_path / "run")
-    assert Run.open(tmp_path / "run").sessions[-1].outcome.startswith("Draw._tell: ZeroDivisionError")
+    outcome = Run.open(tmp_path / "run").sessions[-1].outcome
+    assert outcome is not None
+    assert outcome.startswith("Draw._tell: ZeroDivisionError")
     install()
     assert resume(tmp_path / "run", accept_changed_code=True).generations == 4
 

@@ -186,15 +186,16 @@ def test_starting_is_not_counted_when_a_run_is_resumed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from swarmwright.optimization import optimize as module
+    from swarmwright.optimization.two_simulations import open_simulations
 
     limit = 20.0
     experiment = EXPERIMENT.replace(method={"population": 4, "seconds": limit})
     part = optimize(experiment, until(2), out=tmp_path / "run")
-    offset, clock, opened = [0.0], time.monotonic, module.open_simulations
+    offset, clock = [0.0], time.monotonic
 
     def slow(*arguments: Any, **options: Any) -> Any:
         offset[0] += 2 * limit  # as servers that take long to start
-        return opened(*arguments, **options)
+        return open_simulations(*arguments, **options)
 
     monkeypatch.setattr(module, "open_simulations", slow)
     monkeypatch.setattr(time, "monotonic", lambda: clock() + offset[0])
