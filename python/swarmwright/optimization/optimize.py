@@ -30,6 +30,7 @@ from swarmwright.runs.transfer import at_end
 from swarmwright.runs.validation import is_due, validate
 from swarmwright.store import StoreReader, StoreWriter
 from swarmwright.store.folder import check_folder
+from swarmwright.user_code.loaded import warn_of_edits
 from swarmwright.user_code.notices import say
 from swarmwright.user_code.parts import distributions
 
@@ -107,6 +108,7 @@ def optimize(
                 check_memory(experiment, representation)
                 folder = default_folder(experiment) if out is None else Path(out)
                 code = parts_of(experiment)
+                warn_of_edits(code)
                 size = stored(resolved, representation)
                 place = folder.absolute()  # a simulation may change the working folder
                 with StoreWriter.create(place, resolved, backend.metrics, code, size) as store, reported():
@@ -251,6 +253,7 @@ def _continue(
         experiment, notes = code.experiment, [*notes, *code.notes]
         earlier = reader.server_use()
         backend = stack.enter_context(open_simulations(experiment, earlier=earlier, **where))
+        warn_of_edits(code.used)
         store.follow_use(earlier, backend.server_use)
         copy = code.copy
         if copy is None and code.used:

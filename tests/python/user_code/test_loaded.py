@@ -1,0 +1,48 @@
+"""Code that was edited after this process imported it is warned of."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from swarmwright import Experiment, optimize
+from tests.python.user_code.conftest import edit
+
+VALUES = {
+    "controller": {"kind": "layered", "hidden": []},
+    "method": {"population": 6, "generations": 1},
+    "servers": "in-process",
+}
+WORDS = "was edited after this process imported it; it executes what it imported, servers and the copy"
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "told"),
+    [
+        ("gather.py", "self.left -= 1", "self.left -= 1 * 1 + 1", True),
+        ("gather.py", "return -self.position", "return -2 * self.position", True),
+        ("helper.py", "GAIN = 0.1", "GAIN = 0.25", True),
+        ("gather.py", "class Gather(", "# a comment\n\nclass Gather(", False),
+    ],
+)
+def test_an_edit_after_the_import(
+    file: str, old: str, new: str, told: bool, project: Path, monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:  # fmt: skip
+    monkeypatch.syspath_prepend(str(project))
+    experiment = Experiment.from_mapping({"simulation": "gather:Gather", **VALUES})
+    optimize(experiment, out=project / "before")
+    assert not caplog.messages
+    assert "gather" in sys.modules
+    edit(project / file, old, new)
+    optimize(experiment, out=project / "after")
+    assert [f"{file}: {WORDS}" in message for message in caplog.messages] == [True] * told
+
+
+def test_a_file_that_was_edited_is_imported_again(project: Path, caplog: pytest.LogCaptureFixture) -> None:
+    experiment = Experiment.from_mapping({"simulation": f"{project}/gather.py:Gather", **VALUES})
+    optimize(experiment, out=project / "before")
+    edit(project / "gather.py", "self.left -= 1", "self.left -= 1 * 1 + 1")
+    edit(project / "helper.py", "GAIN = 0.1", "GAIN = 0.25")
+    optimize(experiment, out=project / "after")
+    assert not [message for message in caplog.messages if WORDS in message]
