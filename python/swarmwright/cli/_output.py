@@ -12,7 +12,7 @@ import os
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import IO, TYPE_CHECKING
+from typing import TYPE_CHECKING, TextIO
 
 from swarmwright.core import untrusted
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 
-_results: IO[str] | None = None
+_results: TextIO | None = None
 """Standard output, while `print` of other code goes to standard error."""
 
 
@@ -41,7 +41,7 @@ def only_results() -> Iterator[None]:
         sys.stdout, _results = _results, None
 
 
-def results() -> IO[str]:
+def results() -> TextIO:
     """Return standard output."""
     return sys.stdout if _results is None else _results
 
@@ -98,7 +98,7 @@ def document(text: str) -> None:
 
 def _print(lines: Sequence[str], *, errors: bool = False) -> None:
     # Looked up each time: while a progress bar is shown, both are redirected above it.
-    stream: IO[str] = sys.stderr if errors else results()
+    stream: TextIO = sys.stderr if errors else results()
     stream.write("".join(f"{line}\n" for line in lines))
     stream.flush()
 
