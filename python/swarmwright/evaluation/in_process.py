@@ -8,6 +8,7 @@ import numpy as np
 
 from swarmwright import _engine
 from swarmwright.core.errors import engine_errors
+from swarmwright.core.processes import use_threads
 from swarmwright.core.server_use import ServerUses
 from swarmwright.evaluation.base import Controllers, Feed, Progress, Results, apply_expression, metrics_of
 from swarmwright.experiment.experiment import Experiment
@@ -78,6 +79,7 @@ class InProcessBackend:
         return self.evaluator(architecture)
 
     def _evaluator_of(self, architecture: dict[str, Any]) -> _engine.Evaluator:
+        use_threads()
         if self._evaluator is None or self._evaluator[0] != architecture:
             evaluator = _engine.Evaluator(
                 self._simulation, self.parameters, architecture, metrics=self.metrics

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from swarmwright import _engine
 from swarmwright.core.errors import RunError, engine_errors
+from swarmwright.core.processes import use_threads
 from swarmwright.modules._stepping import Robots
 
 TOGETHER = 256
@@ -88,6 +89,7 @@ class MachineEvaluations:
         """Begin with a part, go on with it, or end it."""
         if self._robots is None:
             seeds = [self._seeds[episode] for episode in self.part[:, 1].tolist()]
+            use_threads()
             self._episodes = _engine.Episodes(self._simulation, self._parameters, seeds)
             self._robots = Robots(self._episodes, self._architecture, self._weights, self.part[:, 0])
         assert self._episodes is not None

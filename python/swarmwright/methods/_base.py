@@ -145,6 +145,14 @@ class Method(SteadyState):
         return None
 
     @classmethod
+    def cut_short(cls, options: MethodOptions, sizes: Sequence[int]) -> bool:  # noqa: ARG003 - for those that cut
+        """Return whether the budget made the last generation smaller, so that a longer run would not have it.
+
+        sizes: candidates of each generation of a run with these options.
+        """
+        return False
+
+    @classmethod
     def problems(cls, options: MethodOptions, representation: Representation | None) -> dict[str, str]:
         """Return which options are invalid for this representation: option -> reason.
 

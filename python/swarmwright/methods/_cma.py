@@ -1,5 +1,6 @@
 """CMA-ES: what its two variants share."""
 
+from collections.abc import Sequence
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -58,6 +59,15 @@ class Cma(SearchMethod):
         if representation.genome_size < 2:
             return "there is a single gene, too few to learn how genes change; take de, pso or nnga"
         return None if representation.continuous else DISCRETE
+
+    @classmethod
+    def cut_short(cls, options: MethodOptions, sizes: Sequence[int]) -> bool:
+        """Return whether the last start had fewer candidates than twice those of the one before it."""
+        first, last = sizes[0], sizes[-1]
+        budget = first * options.generations
+        if last == first or sum(sizes) != min(budget, options.evaluations or budget):
+            return False
+        return last not in (sizes[-2], 2 * max(sizes[:-1]))
 
     @property
     def budget(self) -> int:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from swarmwright import _engine
 from swarmwright.core.errors import engine_errors
+from swarmwright.core.processes import use_threads
 from swarmwright.methods._base import Method
 from swarmwright.typing import Fitness, Genomes
 
@@ -30,6 +31,7 @@ class SearchMethod(Method):
     def search(self) -> _engine.Search:
         """The engine's search, in the state in which it is."""
         if self._begun is None:
+            use_threads()
             self._begun = self._begin()
         return self._begun
 

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from swarmwright import _engine
 from swarmwright.core.engine_types import SceneArrays, SceneFields
+from swarmwright.core.processes import use_threads
 from swarmwright.modules._stepping import Robots
 
 
@@ -29,6 +30,7 @@ class PlayedEpisode:
         seed: int,
         specification: dict[str, Any],
     ) -> None:
+        use_threads()
         self._episodes = _engine.Episodes(simulation, parameters, [seed])
         weights = np.array([specification["weights"]], dtype=np.float32)
         self._robots = Robots(self._episodes, specification, weights, np.zeros(1, dtype=np.int64))

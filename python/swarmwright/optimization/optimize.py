@@ -13,6 +13,7 @@ import numpy as np
 from swarmwright.core.arguments import path_of
 from swarmwright.core.errors import InputError, PlugInError, RunError
 from swarmwright.core.plug_in_code import reported
+from swarmwright.core.processes import use_threads
 from swarmwright.evaluation.base import Backend, Progress, Servers
 from swarmwright.experiment.experiment import ELSEWHERE, Experiment
 from swarmwright.methods import METHODS
@@ -336,6 +337,7 @@ def _run(
     on_generation: OnGeneration | None,
     on_progress: Progress | None,
 ) -> None:
+    use_threads()
     representation = experiment.representation(backend.sensors, backend.actuators)
     backend.log_to(store.folder)
     try:
@@ -411,6 +413,13 @@ def prolonged(
     if METHODS.get(old.kind).spreads_evaluations and limits["evaluations"] != experiment.budget.evaluations:  # type: ignore[attr-defined] # every kind's options have it
         raise InputError(
             "method.evaluations: cannot be changed, because the method has planned the whole run with them; "
+            f"begin a new run with more, from the best of this one: --set start_from={run.path}"
+        )
+    sizes = np.diff([0, *(one.evaluations for one in run.history)]).tolist()
+    if sizes and new.budget != experiment.budget and METHODS.get(old.kind).cut_short(old, sizes):
+        raise InputError(
+            f"method: the run cannot be prolonged, because its last restart had {sizes[-1]} candidates, "
+            "the rest of its budget, and would have had more with a larger one; "
             f"begin a new run with more, from the best of this one: --set start_from={run.path}"
         )
     used = {"generations": run.generations, "evaluations": run.evaluations, "seconds": 0}

@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from swarmwright import Experiment, Generation, InputError, Run, RunError, optimize, resume
@@ -68,6 +69,18 @@ def test_a_finished_run_can_be_prolonged(whole: Run, tmp_path: Path) -> None:
     same_record(longer, whole)
     assert longer.experiment == whole.experiment
     assert Experiment.load(longer.path / "experiment.yaml") == whole.experiment
+
+
+def test_a_restart_that_the_budget_cut_ends_what_can_be_prolonged(tmp_path: Path) -> None:
+    # Where all are equal, a start ends soon, and the next one has twice as many candidates.
+    flat = EXPERIMENT.replace(
+        fitness="0 * distance", method={"kind": "cma_es", "population": 10, "generations": 40}
+    )
+    run = optimize(flat, out=tmp_path / "flat")
+    sizes = np.diff([0, *(one.evaluations for one in run.history)]).tolist()
+    assert sizes[-1] < 2 * sizes[-2]
+    with pytest.raises(InputError, match=f"its last restart had {sizes[-1]} candidates.*start_from="):
+        resume(run, generations=80)
 
 
 def test_a_run_that_was_returned_stays_as_long_as_it_was(whole: Run, tmp_path: Path) -> None:
