@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from swarmwright import _engine
 from swarmwright.core.errors import InputError, engine_errors
+from swarmwright.core.processes import use_threads
 from swarmwright.evaluation.base import Progress
 from swarmwright.evaluation.opening import open_backend
 from swarmwright.experiment.experiment import Experiment
@@ -36,9 +37,10 @@ class Prepared(NamedTuple):
         """Return the fitness of genomes, (candidates, genome_size).
 
         Raises InputError for genomes of another shape or that are not finite, and for an experiment that
-        cannot be run.
+        cannot be run; RunError in a process that was forked from one that used the engine.
         """
         check_size(genomes, self.genome_size)
+        use_threads()
         try:
             with engine_errors():
                 return self.evaluator.scores(genomes, self.seeds, self.aggregate, self.level, on_progress)

@@ -410,13 +410,14 @@ def prolonged(
     old = experiment.method
     if new.method.model_dump(exclude=set(limits)) != old.model_dump(exclude=set(limits)):
         raise InputError("method: only its budget can be changed: generations, evaluations, seconds")
-    if METHODS.get(old.kind).spreads_evaluations and limits["evaluations"] != experiment.budget.evaluations:  # type: ignore[attr-defined] # every kind's options have it
+    method = METHODS.get(old.kind)  # type: ignore[attr-defined] # every kind's options have it
+    if method.spreads_evaluations and limits["evaluations"] != experiment.budget.evaluations:
         raise InputError(
             "method.evaluations: cannot be changed, because the method has planned the whole run with them; "
             f"begin a new run with more, from the best of this one: --set start_from={run.path}"
         )
     sizes = np.diff([0, *(one.evaluations for one in run.history)]).tolist()
-    if sizes and new.budget != experiment.budget and METHODS.get(old.kind).cut_short(old, sizes):
+    if sizes and new.budget != experiment.budget and method.cut_short(old, sizes):
         raise InputError(
             f"method: the run cannot be prolonged, because its last restart had {sizes[-1]} candidates, "
             "the rest of its budget, and would have had more with a larger one; "
