@@ -70,12 +70,14 @@ class Registry(Generic[Component]):
             raise InputError(
                 f"{self.what} {kind!r} ({point.value}) is not a subclass of {self._base.replace(':', '.')}"
             )
+        if not _has_options(base):  # modules, which are checked where they are used
+            return component
         missing = (
             sorted(getattr(component, "__abstractmethods__", ())) if inspect.isabstract(component) else []
         )
         if not isinstance(getattr(component, "options_model", Options), type):
             missing.append("options_model, a class of options")
-        elif _has_options(base) and not hasattr(component, "options_model"):
+        elif not hasattr(component, "options_model"):
             missing.append("options_model")
         if missing:
             raise InputError(f"{self.what} {kind!r} ({point.value}): lacks {', '.join(missing)}")
