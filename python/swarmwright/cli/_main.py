@@ -163,8 +163,8 @@ def _show_error(error: Exception) -> int:
     if isinstance(error, ModuleNotFoundError) and error.name in _LEFT_OUT:
         _complain(f"this needs the package {_LEFT_OUT[error.name]}: pip install {_LEFT_OUT[error.name]}")
         return click.UsageError.exit_code
-    core = sys.modules.get("swarmwright.core.plug_in_code")
-    found = None if core is None else core.failure(error)
+    plug_in_code = sys.modules.get("swarmwright.core.plug_in_code")  # not imported: then no plug-in has run
+    found = None if plug_in_code is None else plug_in_code.failure(error)
     if found is not None:
         _complain(str(found))
         return FAILED

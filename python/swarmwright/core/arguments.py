@@ -38,8 +38,6 @@ def instance(name: str, given: object, kind: type, instead: str) -> None:
 
 
 def _shown(given: object) -> str:
-    return (
-        shown(given)
-        if given is None or isinstance(given, str | int | float | list | dict)
-        else (f"an object of the class {type(given).__name__}")
-    )
+    if given is None or isinstance(given, str | int | float | list | dict):
+        return shown(given)
+    return f"an object of the class {type(given).__name__}"

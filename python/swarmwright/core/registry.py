@@ -1,6 +1,5 @@
 """Components by name: built in ones, and those that other packages announce as entry points."""
 
-import inspect
 from collections.abc import Mapping
 from functools import cached_property
 from importlib import import_module
@@ -72,9 +71,7 @@ class Registry(Generic[Component]):
             )
         if not _has_options(base):  # modules, which are checked where they are used
             return component
-        missing = (
-            sorted(getattr(component, "__abstractmethods__", ())) if inspect.isabstract(component) else []
-        )
+        missing = sorted(getattr(component, "__abstractmethods__", ()))
         if not isinstance(getattr(component, "options_model", Options), type):
             missing.append("options_model, a class of options")
         elif not hasattr(component, "options_model"):
