@@ -7,11 +7,10 @@ use super::swarm::SUBSTEP;
 
 /// Length of a part, seconds.
 pub(super) const PART: f32 = 2.0 * SUBSTEP;
-/// The part of the smaller radius by which bodies may overlap before they are pushed apart. ARGoS leaves overlaps, which are
-/// smaller there: its robots accelerate slowly and weigh the same.
+/// The part of the smaller radius by which robots may overlap before they are pushed apart; ARGoS leaves overlaps of that size.
 const TOLERANCE: f32 = 0.2;
-/// The share of a larger overlap that ends in a part.
-const SHARE: f32 = 0.2;
+/// The share of an overlap that is not left alone which ends in a part.
+pub(super) const SHARE: f32 = 0.2;
 
 /// Radii a second: nothing pushes a body faster, so that it does not go through a wall or another body in a part.
 pub(super) const FASTEST: f32 = 50.0;

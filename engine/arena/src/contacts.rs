@@ -1,7 +1,7 @@
 //! Motion and collisions in a tick, after the rigid discs of Chipmunk 6 as ARGoS uses them.
 //!
 //! A drive pulls the velocity towards its aim by at most `acceleration` x time, and Coulomb friction acts at the rims.
-//! Bodies are not pushed apart: what contacts end is the approach, after the substep in which two begin to overlap. Robots
+//! Contacts end the approach, after the substep in which two begin to overlap; only what overlaps deeply is pushed apart. Robots
 //! that nothing can touch in the tick move in closed form. For the others a tick has `PARTS` parts; in each of them all
 //! drives and all contacts are solved `PASSES` times, in order, beginning with the impulses of the part before. Chipmunk
 //! solves each of ten substeps ten times; beginning with its impulses fewer are enough (docs/decisions/019-arena.md).

@@ -56,7 +56,7 @@ pub(super) struct Team {
     of: Vec<u32>,
     /// By group and group.
     pairs: Vec<Pair>,
-    /// Whether one of them is much heavier than another.
+    /// Whether a kind is much heavier than another one.
     uneven: bool,
     /// Ticks that the slowest messages take.
     delay: u32,
@@ -142,21 +142,20 @@ impl Team {
         let pairs = all
             .clone()
             .flat_map(|one| all.clone().map(move |two| (one, two)));
-        let pairs = pairs.map(|(one, two)| pair(one, two)).collect();
+        let pairs: Vec<Pair> = pairs.map(|(one, two)| pair(one, two)).collect();
+        let uneven = pairs.iter().any(|pair| {
+            let [one, two] = pair.lightness;
+            one > two * UNEVEN
+        });
         let mut groups = groups;
         let row = together::arrange(&mut groups);
-        let masses = groups.iter().map(|group| group.robot.mass);
-        let [least, most] = [
-            masses.clone().fold(f32::MAX, f32::min),
-            masses.fold(0.0, f32::max),
-        ];
         let links = groups.iter().flat_map(|group| &group.robot.links);
         let delay = links.map(Links::delay).max().unwrap_or(0);
         Self {
             groups,
             of,
             pairs,
-            uneven: most > least * UNEVEN,
+            uneven,
             delay,
             row,
         }

@@ -43,6 +43,14 @@ impl Form {
         }
     }
 
+    /// Radius of the largest circle in it, metres.
+    fn inner_radius(self) -> f32 {
+        match self {
+            Self::Disc { radius } => radius,
+            Self::Box { half: [x, y] } => x.min(y),
+        }
+    }
+
     /// Moment of inertia of a kilogram, m^2.
     fn inertia(self) -> f32 {
         match self {
@@ -132,11 +140,7 @@ impl Object {
             height: of.height,
             radius: of.form.radius(),
             color: of.color,
-            fastest: FASTEST
-                * match of.form {
-                    Form::Disc { radius } => radius,
-                    Form::Box { half: [x, y] } => x.min(y),
-                },
+            fastest: FASTEST * of.form.inner_radius(),
             light: 1.0 / of.mass,
             nimble: 1.0 / (of.mass * inertia),
             loose: [1.0 / (slower * slower), 1.0 / (turned * turned)],

@@ -5,7 +5,7 @@
 
 use swarmwright_lanes::{Lanes, Mask, Number, number};
 
-use super::super::contact::{PART, square, to_face};
+use super::super::contact::{PART, SHARE, square, to_face};
 use super::super::functions::absolute;
 use super::super::near::Moved;
 use super::super::place::{Face, Place};
@@ -22,9 +22,8 @@ const WAY: f32 = 0.05;
 pub(super) const NEAR: f32 = 0.02;
 /// Corners of boxes that are further behind a face of an obstacle lie on its other side, metres.
 const BEHIND: f32 = 0.005;
-/// Overlap that is left alone, metres; the share of the rest that ends in a part, and the largest speed of that, m/s.
+/// Overlap that is left alone, metres, and the largest speed at which the rest ends, m/s.
 const SLOP: f32 = 0.0002;
-const SHARE: f32 = 0.2;
 const APART: f32 = 0.05;
 
 /// What has an extent in a contact, by its index.
@@ -598,10 +597,10 @@ fn to_wall<L: Lanes>(face: &Face, [x, y]: [Number<L>; 2], radius: f32, corner: b
         let mut normal = [way[0] * inverse, way[1] * inverse];
         let mut size = length - number(radius);
         let ahead = face.ahead(x, y);
-        if face.outer && ahead.lt(zero).any() {
+        let outside = ahead.lt(zero);
+        if face.outer && outside.any() {
             // Whatever was pressed out of the arena comes back.
             let [ax, ay] = face.along;
-            let outside = ahead.lt(zero);
             normal[0] = number::<L>(-ay).select(normal[0], outside);
             normal[1] = number::<L>(ax).select(normal[1], outside);
             size = (ahead - number(radius)).select(size, outside);
