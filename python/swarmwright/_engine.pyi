@@ -114,6 +114,9 @@ def describe(title: str, parameters: dict[str, Any] | None = None) -> Descriptio
 def missions() -> list[Mission]:
     """The built-in missions of the arena, sorted by name."""
 
+def robots() -> list[str]:
+    """The names of the built-in models of robots of the arena."""
+
 def check_parameters(title: str, parameters: dict[str, Any]) -> None:
     """Raise InputError (naming the parameter) unless `parameters` configure the built-in simulation `title`.
 

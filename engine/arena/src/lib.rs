@@ -50,6 +50,7 @@ pub use physics::{
     Motion, Physics, PhysicsKind, PhysicsSimulation, Pose, RobotModel, Start, World, WorldLight,
     WorldObject, WorldPatch, WorldWall,
 };
+pub use robot::robots;
 use settings::{MOST_ROBOTS, Settings};
 use swarm::Swarm;
 use swarmwright_lanes::{Lanes, Level};

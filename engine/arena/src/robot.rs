@@ -13,6 +13,7 @@ pub(super) use outputs::Output;
 pub(super) use parts::{
     Battery, Camera, Drive, GroundSensors, LedColor, LightSensors, Links, Proximity, Radio, Sight,
 };
+pub use presets::robots;
 use swarmwright_simulation::ParameterError;
 use swarmwright_simulation::parameters::wrong;
 

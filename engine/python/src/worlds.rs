@@ -72,6 +72,12 @@ pub fn missions(py: Python<'_>) -> PyResult<Bound<'_, PyAny>> {
     to_python(py, &missions)
 }
 
+/// The names of the built-in models of robots of the arena.
+#[pyfunction]
+pub fn robots() -> Vec<&'static str> {
+    worlds::robots()
+}
+
 /// Checks parameters against a built-in simulation.
 #[pyfunction]
 pub fn check_parameters(title: &str, parameters: &Bound<'_, PyDict>) -> PyResult<()> {

@@ -1,9 +1,9 @@
 """Whether the controllers of an experiment fit a simulation with other parameters."""
 
-import re
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from swarmwright import _engine
 from swarmwright.core.errors import InputError
 from swarmwright.core.yaml import Source
 from swarmwright.simulations import catalogue
@@ -60,9 +60,5 @@ def _words(sizes: Mapping[str, int]) -> str:
 
 
 def _robots(simulation: str) -> list[str]:
-    """Return the names of robots that a simulation knows, as its message about an unknown one has them."""
-    if _ROBOT not in catalogue.parameter_names(simulation):
-        return []
-    problem = catalogue.parameters_problem(simulation, {_ROBOT: "?"}) or ""
-    names = re.search(r"the name of a robot \(([^)]*)\)", problem)
-    return [] if names is None else names[1].split(", ")
+    """Return the names of robots that a simulation knows."""
+    return _engine.robots() if _ROBOT in catalogue.parameter_names(simulation) else []

@@ -109,9 +109,14 @@ impl Robot {
 /// Models that are not files.
 const CODED: [&str; 2] = ["e-puck-rm1.1", "e-puck-rm1.2"];
 
-/// The names of all built-in models, as complaints list them.
-pub(super) fn names() -> String {
+/// The names of all built-in models of robots.
+#[must_use]
+pub fn robots() -> Vec<&'static str> {
     let models = MODELS.iter().map(|(name, _)| *name);
-    let names: Vec<_> = CODED.into_iter().chain(models).collect();
-    names.join(", ")
+    CODED.into_iter().chain(models).collect()
+}
+
+/// The same, as complaints list them.
+pub(super) fn names() -> String {
+    robots().join(", ")
 }
