@@ -73,6 +73,7 @@ __all__ = [
     "log_to",
     "missions",
     "outcome",
+    "robots",
     "serve",
     "servers",
     "simulations",
