@@ -5,7 +5,6 @@ import sqlite3
 from collections.abc import Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,19 +17,19 @@ if TYPE_CHECKING:
     from swarmwright.experiment.experiment import Experiment
 
 
-def recorded(experiment: "Experiment", folder: Path, copy: Copy | None) -> dict[str, Any]:
-    """Return the experiment as it is written: with the run's copy of its class, relative to the folder."""
+def recorded(experiment: "Experiment", copy: Copy | None) -> dict[str, Any]:
+    """Return the experiment as it is written: its class in the run's copy, relative to the run folder."""
     values = experiment.to_mapping()
     if copy is not None:
 
         def file_of(part: str, _: str) -> str | None:
             kept = copy.parts.get(part)
-            return None if kept is None else copy.place(kept).relative_to(folder).as_posix()
+            return None if kept is None else copy.place_in_run(kept)
 
         values["controller"] = with_modules(values["controller"], file_of)
     kept = None if copy is None else copy.parts.get("simulation")
     if copy is not None and kept is not None and not is_environment(kept.component):
-        place = copy.place(kept).relative_to(folder).as_posix()
+        place = copy.place_in_run(kept)
         name = SimulationName.parse(SimulationName.parse(kept.component).in_file(place))
         if name.is_command:
             values["simulation"]["folder"] = name.definition["folder"]

@@ -137,7 +137,7 @@ class StoreWriter:
             remove_copies(folder)  # of a process that ended before there was a store
             copy = Copy.write(folder, 1, code) if code else None
             remember(code)
-            values = recorded(experiment, folder, copy)
+            values = recorded(experiment, copy)
             if copy is not None:
                 facts[f"{CODE}.1"] = copy.digest
             facts["experiment"] = json.dumps(values, allow_nan=False)
@@ -175,7 +175,7 @@ class StoreWriter:
 
         copy: of the code with which the run goes on; None when there is none.
         """
-        values = recorded(experiment, self.folder, copy)
+        values = recorded(experiment, copy)
         with self._writing():
             self._store.connection.execute(
                 "UPDATE fact SET value = ? WHERE name = 'experiment'", (json.dumps(values, allow_nan=False),)

@@ -124,6 +124,10 @@ class Copy:
         """Return the copy of a component's main file."""
         return self.folder / kept.name / kept.main
 
+    def place_in_run(self, kept: Kept) -> str:
+        """Return the path of the copy of a component's main file within the run folder."""
+        return self.place(kept).relative_to(self.run).as_posix()
+
     def read(self, kept: Kept, place: str) -> bytes:
         """Return the copy of a file. Raises InputError when it is not what was copied."""
         path = self.folder / kept.name / place

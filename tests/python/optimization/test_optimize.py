@@ -378,6 +378,10 @@ def test_a_simulation_that_changes_the_working_folder(
     monkeypatch.chdir(tmp_path)
     run = resume("run")
     assert (run.path, run.generations, run.state) == (tmp_path / "run", 3, "done")
+    monkeypatch.chdir(tmp_path)
+    run = resume("run", generations=5)  # whose experiment is written with the place of the class's copy
+    assert (run.generations, run.state) == (5, "done")
+    assert run.experiment.simulation == str(tmp_path / "run/code/1/simulation/wanderer.py:Wanderer")
     # Metrics with the names of other columns have others in tables.
     metrics = ["metric_episode_0", "metric_episode_1", "metric_seed_0", "metric_seed_1"]
     assert list(run.record)[3:9] == ["episode_0", "episode_1", *metrics]
