@@ -73,7 +73,10 @@ impl<L: Lanes> Contacts<L> {
         pairs.find(bodies, &close.robots, team, &mut near.lanes);
         walls.find(bodies, &close.faces, (team, place), &mut near.lanes);
         let mut objects = std::mem::take(&mut bodies.objects);
-        objects.find(bodies, team, place, &mut near.lanes);
+        L::apart(
+            #[inline(always)]
+            || objects.find(bodies, team, place, &mut near.lanes),
+        );
         if L::WIDTH == 1 || objects.any() {
             // A single lane is always full; contacts with objects need robots in the lanes of their episodes.
             near.spread(bodies, aim);
@@ -85,7 +88,10 @@ impl<L: Lanes> Contacts<L> {
         self.move_freely(bodies, team);
         if !self.near.used.is_empty() || objects.awake() {
             for _ in 0..PARTS {
-                self.part(&mut objects, team, place);
+                L::apart(
+                    #[inline(always)]
+                    || self.part(&mut objects, team, place),
+                );
             }
             self.walls.keep();
             self.near.unpack(bodies);
@@ -130,7 +136,12 @@ impl<L: Lanes> Contacts<L> {
         }
         pairs.begin(moved, team);
         walls.begin(moved, team);
-        objects.begin(moved, (team, place));
+        if objects.any() {
+            L::apart(
+                #[inline(always)]
+                || objects.begin(moved, (team, place)),
+            );
+        }
         for vector in used.iter() {
             let moved = &mut moved[*vector as usize];
             drive(moved, team.robot(moved.robot as usize).acceleration);
@@ -153,7 +164,12 @@ impl<L: Lanes> Contacts<L> {
             }
             pairs.solve(moved, team);
             walls.solve(moved, team);
-            objects.solve(moved, team);
+            if objects.any() {
+                L::apart(
+                    #[inline(always)]
+                    || objects.solve(moved, team),
+                );
+            }
         }
         objects.advance(team);
         let fastest = team.fastest();

@@ -65,8 +65,12 @@ impl LaneWorld for ArenaLanes {
 
     #[inline(always)]
     fn part<L: Lanes>(&self, block: &Block<'_>, first: usize, results: &mut [f64]) -> bool {
-        // In four portable lanes it is slower than one at a time.
-        L::WIDTH > 4 && side_by_side::<L, Self>(self, block, first, results)
+        // In four portable lanes it is slower than one at a time. A constant, so that nothing is compiled for them.
+        if const { L::WIDTH > 4 } {
+            side_by_side::<L, Self>(self, block, first, results)
+        } else {
+            false
+        }
     }
 
     fn room<L: Lanes>(&self, controllers: &LaneController<'_, L>) -> Room<L> {
@@ -95,13 +99,18 @@ impl LaneWorld for ArenaLanes {
         room.tallies
             .extend(mission.metrics.iter().map(|_| Tally::new()));
         let starts = |lane: usize| &self.starts[episodes[lane]];
-        room.swarm.start(
-            team,
-            place,
-            &self.settings.failures,
-            |lane| starts(lane).0,
-            |lane, index| starts(lane).1.robots[index],
-            |lane, index| starts(lane).1.objects[index],
+        L::apart(
+            #[inline(always)]
+            || {
+                room.swarm.start(
+                    team,
+                    place,
+                    &self.settings.failures,
+                    |lane| starts(lane).0,
+                    |lane, index| starts(lane).1.robots[index],
+                    |lane, index| starts(lane).1.objects[index],
+                );
+            },
         );
         loop {
             let last = room.swarm.tick >= self.settings.ticks;

@@ -189,15 +189,20 @@ impl<L: Lanes> Senses<L> {
                 let most = self.proximity.len();
                 let readings = &mut self.proximity[..sensors.rays.len()];
                 if self.measured.is_empty() {
-                    proximity::measure(
-                        sensors,
-                        team,
-                        place,
-                        bodies,
-                        index,
-                        (&self.others, faces),
-                        &mut self.seen,
-                        readings,
+                    L::apart(
+                        #[inline(always)]
+                        || {
+                            proximity::measure(
+                                sensors,
+                                team,
+                                place,
+                                bodies,
+                                index,
+                                (&self.others, faces),
+                                &mut self.seen,
+                                readings,
+                            );
+                        },
                     );
                 } else {
                     let measured = &self.measured[index * most..][..readings.len()];
@@ -211,14 +216,19 @@ impl<L: Lanes> Senses<L> {
             }
             if let Some(sensors) = &robot.light {
                 let readings = &mut self.light[..sensors.angles.len()];
-                light::read(
-                    sensors,
-                    (team, range),
-                    place,
-                    bodies,
-                    index,
-                    &self.others,
-                    readings,
+                L::apart(
+                    #[inline(always)]
+                    || {
+                        light::read(
+                            sensors,
+                            (team, range),
+                            place,
+                            bodies,
+                            index,
+                            &self.others,
+                            readings,
+                        );
+                    },
                 );
                 for (block, readings) in readings.chunks_mut(8).enumerate() {
                     let words = keys.draw(tick, index, Purpose::Light(block as u32));
@@ -239,15 +249,20 @@ impl<L: Lanes> Senses<L> {
                     .read(sensors, (place, colors), bodies, index, tick, units);
             }
             if let Some(links) = &robot.links {
-                self.links.hear(
-                    links,
-                    team,
-                    place,
-                    bodies,
-                    index,
-                    (&self.others, &self.indices),
-                    keys,
-                    tick,
+                L::apart(
+                    #[inline(always)]
+                    || {
+                        self.links.hear(
+                            links,
+                            team,
+                            place,
+                            bodies,
+                            index,
+                            (&self.others, &self.indices),
+                            keys,
+                            tick,
+                        );
+                    },
                 );
             }
             let outputs = &mut self.outputs[index * width..][..width];
@@ -299,15 +314,20 @@ impl<L: Lanes> Senses<L> {
                         let then = team.sent_at(tick, delay);
                         let sent = &self.sent[then..][..all];
                         let others = (sent, &self.others, &self.indices[..]);
-                        messages::hear(
-                            (robot, team),
-                            place,
-                            bodies,
-                            index,
-                            others,
-                            &self.links,
-                            (keys, tick),
-                            (numbers, &mut self.lacking),
+                        L::apart(
+                            #[inline(always)]
+                            || {
+                                messages::hear(
+                                    (robot, team),
+                                    place,
+                                    bodies,
+                                    index,
+                                    others,
+                                    &self.links,
+                                    (keys, tick),
+                                    (numbers, &mut self.lacking),
+                                );
+                            },
                         );
                     }
                     Output::Encoders => {
@@ -341,15 +361,20 @@ impl<L: Lanes> Senses<L> {
                     Output::Camera => {
                         if let Some(camera) = &robot.camera {
                             let others = (&self.shown[..], &self.others, &self.indices[..]);
-                            camera::see(
-                                camera,
-                                (robot, team),
-                                place,
-                                bodies,
-                                index,
-                                others,
-                                (keys, tick),
-                                numbers,
+                            L::apart(
+                                #[inline(always)]
+                                || {
+                                    camera::see(
+                                        camera,
+                                        (robot, team),
+                                        place,
+                                        bodies,
+                                        index,
+                                        others,
+                                        (keys, tick),
+                                        numbers,
+                                    );
+                                },
                             );
                         }
                     }

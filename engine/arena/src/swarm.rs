@@ -173,8 +173,13 @@ impl<L: Lanes> Swarm<L> {
     #[inline(always)]
     pub(super) fn step(&mut self, team: &Team, place: &Place, actuators: &[L]) {
         self.command(team, actuators);
-        self.contacts
-            .resolve(&mut self.bodies, &self.senses.close, team, place);
+        L::apart(
+            #[inline(always)]
+            || {
+                self.contacts
+                    .resolve(&mut self.bodies, &self.senses.close, team, place);
+            },
+        );
         self.look(team, place);
     }
 
@@ -193,9 +198,15 @@ impl<L: Lanes> Swarm<L> {
             battery::stop(&self.senses.charges, team.actuators(), &mut told);
         }
         let actuators = if other { &told } else { actuators };
-        self.drive(team, actuators);
+        L::apart(
+            #[inline(always)]
+            || self.drive(team, actuators),
+        );
         if let Some(place) = team.gripper() {
-            self.grip(team, place, actuators);
+            L::apart(
+                #[inline(always)]
+                || self.grip(team, place, actuators),
+            );
         }
         self.told = told;
     }
@@ -220,7 +231,10 @@ impl<L: Lanes> Swarm<L> {
     pub(super) fn look(&mut self, team: &Team, place: &Place) {
         let charges = &mut self.senses.charges;
         if !charges.is_empty() {
-            battery::update(team, place, &self.bodies, &self.told, charges);
+            L::apart(
+                #[inline(always)]
+                || battery::update(team, place, &self.bodies, &self.told, charges),
+            );
         }
         let bodies = &mut self.bodies;
         for index in 0..bodies.len() {
@@ -313,7 +327,10 @@ impl<L: Lanes> Swarm<L> {
 
     #[inline(always)]
     fn sense(&mut self, team: &Team, place: &Place) {
-        self.neighbours.update(&self.bodies);
+        L::apart(
+            #[inline(always)]
+            || self.neighbours.update(&self.bodies),
+        );
         let links = &mut self.senses.links;
         links.loss = self.failing.loss(self.tick);
         self.failing
@@ -321,13 +338,18 @@ impl<L: Lanes> Swarm<L> {
         if !self.senses.charges.is_empty() {
             battery::mute(&self.senses.charges, &mut self.senses.links.mute);
         }
-        self.senses.update(
-            &self.bodies,
-            &self.neighbours,
-            team,
-            (place, &self.colors),
-            self.keys,
-            self.tick,
+        L::apart(
+            #[inline(always)]
+            || {
+                self.senses.update(
+                    &self.bodies,
+                    &self.neighbours,
+                    team,
+                    (place, &self.colors),
+                    self.keys,
+                    self.tick,
+                );
+            },
         );
         self.failing
             .blind(self.tick, team.sensors(), &mut self.senses.outputs);

@@ -122,23 +122,37 @@ impl Level {
         match self {
             #[cfg(target_arch = "x86_64")]
             // SAFETY: the processor has the features that the function enables, as asserted above.
-            Self::Avx512 => unsafe { avx512(kernel) },
+            Self::Avx512 => unsafe {
+                avx512(
+                    #[inline(always)]
+                    || kernel.run::<crate::x86::avx512::F32s>(),
+                )
+            },
             #[cfg(target_arch = "x86_64")]
             // SAFETY: as above.
-            Self::Avx2 => unsafe { avx2(kernel) },
+            Self::Avx2 => unsafe {
+                avx2(
+                    #[inline(always)]
+                    || kernel.run::<crate::x86::avx2::F32s>(),
+                )
+            },
             _ => kernel.run::<crate::portable::F32s>(),
         }
     }
 }
 
+/// Does work, whose closure is always inlined, in a function of its own that is compiled for AVX-512.
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,popcnt")]
-fn avx512<K: Kernel>(kernel: K) -> K::Output {
-    kernel.run::<crate::x86::avx512::F32s>()
+#[inline(never)]
+pub fn avx512<T>(work: impl FnOnce() -> T) -> T {
+    work()
 }
 
+/// The same for AVX2.
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
-fn avx2<K: Kernel>(kernel: K) -> K::Output {
-    kernel.run::<crate::x86::avx2::F32s>()
+#[inline(never)]
+pub fn avx2<T>(work: impl FnOnce() -> T) -> T {
+    work()
 }

@@ -54,6 +54,14 @@ pub trait Lanes: Copy {
     /// One 32-bit integer per lane.
     type Int: Int<Mask = Self::Mask>;
 
+    /// Does a part of a kernel in a function of its own, compiled for the same instruction set. The compiler's time grows
+    /// faster than the length of a function, so large kernels are divided where a call costs nothing, beside what it
+    /// does. The closure is to be marked `#[inline(always)]`, as all that it calls.
+    #[inline(never)]
+    fn apart<T>(part: impl FnOnce() -> T) -> T {
+        part()
+    }
+
     /// The same number in every lane.
     fn splat(value: f32) -> Self;
     /// The first `WIDTH` numbers of a slice. Panics when there are fewer.

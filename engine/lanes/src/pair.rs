@@ -43,6 +43,10 @@ impl<L: Lanes> Lanes for Pair<L> {
     type Int = PairInt<L>;
 
     #[inline(always)]
+    fn apart<T>(part: impl FnOnce() -> T) -> T {
+        L::apart(part)
+    }
+    #[inline(always)]
     fn splat(value: f32) -> Self {
         Self(L::splat(value), L::splat(value))
     }

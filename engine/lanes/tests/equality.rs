@@ -16,6 +16,8 @@ struct All<'a> {
     /// Something to transpose: more columns than a vector has lanes.
     table: &'a [[f32; COLUMNS]],
     paired: bool,
+    /// Whether that is a function of its own.
+    apart: bool,
 }
 
 impl Kernel for All<'_> {
@@ -23,10 +25,17 @@ impl Kernel for All<'_> {
 
     #[inline(always)]
     fn run<L: Lanes>(self) -> Vec<u32> {
-        if self.paired {
-            self.collect::<Pair<L>>()
-        } else {
-            self.collect::<L>()
+        match (self.paired, self.apart) {
+            (false, false) => self.collect::<L>(),
+            (true, false) => self.collect::<Pair<L>>(),
+            (false, true) => L::apart(
+                #[inline(always)]
+                || self.collect::<L>(),
+            ),
+            (true, true) => Pair::<L>::apart(
+                #[inline(always)]
+                || self.collect::<Pair<L>>(),
+            ),
         }
     }
 }
@@ -260,12 +269,12 @@ proptest! {
         let table: Vec<[f32; COLUMNS]> =
             (0..32).map(|row| std::array::from_fn(|column| number_in_table(row, column))).collect();
         for level in Level::available() {
-            for paired in [false, true] {
-                let all = All { numbers: [&a, &b], integers: [&i, &j], table: &table, paired };
-                prop_assert_eq!(&level.run(all), &expected, "{} paired: {}", level.name(), paired);
+            for (paired, apart) in [(false, false), (false, true), (true, false), (true, true)] {
+                let all = All { numbers: [&a, &b], integers: [&i, &j], table: &table, paired, apart };
+                prop_assert_eq!(&level.run(all), &expected, "{} {:?}", level.name(), (paired, apart));
             }
         }
-        let all = All { numbers: [&a, &b], integers: [&i, &j], table: &table, paired: false };
+        let all = All { numbers: [&a, &b], integers: [&i, &j], table: &table, paired: false, apart: false };
         prop_assert_eq!(&all.collect::<f32>(), &expected, "one lane");
     }
 }

@@ -112,9 +112,16 @@ pub(crate) trait LaneKind: Kind {
         bits: (L::Int, [u32; B]),
         actuators: &mut [L],
     ) {
-        // Kinds to whom bits are numbers like others need the scratch for the sensors alone.
-        write_numbers(scratch, numbers, bits);
-        self.step_slice_in_lanes(weights, state, &mut [], scratch, actuators);
+        // Kinds to whom bits are numbers like others need the scratch for sensors and actuators alone. The actuators of
+        // the caller, which are not handed to another function, stay in registers for other kinds.
+        let (sensors, given) = scratch.split_at_mut(S + B);
+        write_numbers(sensors, numbers, bits);
+        given.copy_from_slice(actuators);
+        L::apart(
+            #[inline(always)]
+            || self.step_slice_in_lanes(weights, state, &mut [], sensors, given),
+        );
+        actuators.copy_from_slice(given);
     }
 
     /// The same for a number of sensors that is known only at run time.

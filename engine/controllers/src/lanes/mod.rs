@@ -68,10 +68,15 @@ impl<'a, L: Lanes> LaneController<'a, L> {
         debug_assert_eq!(sensors.len(), self.architecture.sensors());
         let (weights, scratch) = (self.weights.as_slice(), self.scratch.as_mut_slice());
         let weights = (weights, self.genomes.as_slice());
-        of_kind!(self.architecture, kind => kind.step_slice_in_lanes(weights, state, scratch, sensors, actuators));
-        for actuator in actuators {
-            *actuator = limited(*actuator);
-        }
+        L::apart(
+            #[inline(always)]
+            || {
+                of_kind!(self.architecture, kind => kind.step_slice_in_lanes(weights, state, scratch, sensors, actuators));
+                for actuator in actuators {
+                    *actuator = limited(*actuator);
+                }
+            },
+        );
     }
 
     /// As [`step`](Self::step), where the last sensors are 1 or 0: 1 where a bit of `bits` is not set; `order` says which bits, the

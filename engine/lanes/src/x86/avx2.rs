@@ -2,7 +2,7 @@
 
 use std::arch::x86_64::*;
 
-use crate::{Int, Lanes, Mask, in_order};
+use crate::{Int, Lanes, Mask, in_order, level};
 
 const WIDTH: usize = 8;
 
@@ -29,6 +29,10 @@ impl Lanes for F32s {
     type Mask = Conditions;
     type Int = I32s;
 
+    #[inline(always)]
+    fn apart<T>(part: impl FnOnce() -> T) -> T {
+        simd!(level::avx2(part))
+    }
     #[inline(always)]
     fn splat(value: f32) -> Self {
         Self(simd!(_mm256_set1_ps(value)))

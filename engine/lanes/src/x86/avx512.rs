@@ -2,7 +2,7 @@
 
 use std::arch::x86_64::*;
 
-use crate::{Int, Lanes, Mask, in_order};
+use crate::{Int, Lanes, Mask, in_order, level};
 
 const WIDTH: usize = 16;
 
@@ -28,6 +28,10 @@ impl Lanes for F32s {
     type Mask = Conditions;
     type Int = I32s;
 
+    #[inline(always)]
+    fn apart<T>(part: impl FnOnce() -> T) -> T {
+        simd!(level::avx512(part))
+    }
     #[inline(always)]
     fn splat(value: f32) -> Self {
         Self(simd!(_mm512_set1_ps(value)))

@@ -20,7 +20,7 @@ impl LaneKind for MealyFsm {
     /// The sensors.
     #[inline(always)]
     fn lane_scratch_length(&self) -> usize {
-        self.sensors
+        self.sensors + self.actuators
     }
 
     #[inline(always)]

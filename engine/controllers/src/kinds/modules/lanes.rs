@@ -6,8 +6,8 @@ use super::behaviours::act_in_lanes;
 use super::conditions::{ground_in_lanes, probability_in_lanes};
 use super::random::LaneRandom;
 use super::{
-    Form, MOST_STATES, MOST_TRANSITIONS, Modules, OF_STATE, OF_TRANSITION, SENSORS, STATE_LIMITS,
-    TRANSITION_LIMITS,
+    ACTUATORS, Form, MOST_STATES, MOST_TRANSITIONS, Modules, OF_STATE, OF_TRANSITION, SENSORS,
+    STATE_LIMITS, TRANSITION_LIMITS,
 };
 use crate::kinds::{Kind, LaneKind};
 
@@ -25,7 +25,7 @@ impl LaneKind for Modules {
     /// The sensors.
     #[inline(always)]
     fn lane_scratch_length(&self) -> usize {
-        SENSORS
+        SENSORS + ACTUATORS
     }
 
     /// Limits all weights once.

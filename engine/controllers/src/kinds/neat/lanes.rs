@@ -22,7 +22,7 @@ impl LaneKind for Neat {
     /// The sensors.
     #[inline(always)]
     fn lane_scratch_length(&self) -> usize {
-        self.sensors
+        self.sensors + self.actuators
     }
 
     /// As [`Kind::step`], each operation for one lane after the other.
