@@ -3,7 +3,8 @@
 use swarmwright_lanes::{Lanes, Mask, Number, number};
 
 use super::Objects;
-use super::touch::{NEAR, gap};
+use super::gap::gap;
+use super::touch::NEAR;
 
 impl<L: Lanes> Objects<L> {
     /// A robot holds what it held, as far as that is still near, or else the nearest object within reach, in the lanes in

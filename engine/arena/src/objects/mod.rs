@@ -1,5 +1,6 @@
 //! Objects that robots push: discs and boxes that stand on the floor, held by Coulomb friction.
 
+mod gap;
 mod grip;
 mod place;
 mod sight;

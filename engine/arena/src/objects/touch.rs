@@ -6,12 +6,12 @@
 use swarmwright_lanes::{Lanes, Mask, Number, number};
 
 use super::super::contact::{PART, SHARE, square, to_face};
-use super::super::functions::absolute;
 use super::super::near::Moved;
-use super::super::place::{Face, Place};
+use super::super::place::Place;
 use super::super::robot::TICK;
 use super::super::swarm::Bodies;
 use super::super::team::{MOST_RATIO, Team};
+use super::gap::{to_object, to_wall};
 use super::{Form, Moving, Object, Objects};
 
 /// Coefficients of friction between objects, and with walls.
@@ -20,8 +20,6 @@ const FRICTION: [f32; 2] = [0.49, 0.07];
 const WAY: f32 = 0.05;
 /// What is further apart at the beginning of a part does not touch in it, metres; the same where robots are faster.
 pub(super) const NEAR: f32 = 0.02;
-/// Corners of boxes that are further behind a face of an obstacle lie on its other side, metres.
-const BEHIND: f32 = 0.005;
 /// Overlap that is left alone, metres, and the largest speed at which the rest ends, m/s.
 const SLOP: f32 = 0.0002;
 const APART: f32 = 0.05;
@@ -69,15 +67,6 @@ pub(super) struct Touch<L: Lanes> {
     pressed: Number<L>,
     rubbed: Number<L>,
     active: bool,
-}
-
-/// Where a point is seen from a surface.
-struct Gap<L: Lanes> {
-    normal: [Number<L>; 2],
-    size: Number<L>,
-    /// From the middle of the surface to where the point touches it.
-    arm: [Number<L>; 2],
-    valid: L::Mask,
 }
 
 /// How far objects may come in a tick, metres: as far as the fastest robot pushes them.
@@ -517,115 +506,5 @@ fn point<L: Lanes>(
             let [[x, y], _] = place.faces[face].ends();
             ([number(x), number(y)], 0.0, none)
         }
-    }
-}
-
-/// How far the rim of a disc is from an object, metres; `at`: where the middle of the disc is.
-#[inline(always)]
-pub(super) fn gap<L: Lanes>(
-    object: &Object,
-    moving: &Moving<L>,
-    [x, y]: [Number<L>; 2],
-    radius: f32,
-) -> Number<L> {
-    let gap = to_object(object, moving, [x - moving.x, y - moving.y], radius);
-    gap.size.select(number(f32::MAX), gap.valid)
-}
-
-/// A disc of this radius beside an object; `way`: from the middle of the object to that of the disc.
-#[inline(always)]
-fn to_object<L: Lanes>(
-    object: &Object,
-    moving: &Moving<L>,
-    way: [Number<L>; 2],
-    radius: f32,
-) -> Gap<L> {
-    let (zero, one) = (number::<L>(0.0), number::<L>(1.0));
-    match object.form {
-        Form::Disc { radius: own } => {
-            let length = square(way).sqrt();
-            let valid = zero.lt(length);
-            let inverse = (one / length).only_where(valid);
-            let normal = [way[0] * inverse, way[1] * inverse];
-            Gap {
-                normal,
-                size: length - number(own + radius),
-                arm: [normal[0] * own, normal[1] * own],
-                valid,
-            }
-        }
-        Form::Box { half: [hx, hy] } => {
-            let [x, y] = moving.within(way);
-            // The nearest point of the box.
-            let (px, py) = (x.within(-hx, hx), y.within(-hy, hy));
-            let (dx, dy) = (x - px, y - py);
-            let length = square([dx, dy]).sqrt();
-            let outside = zero.lt(length);
-            // From inside of it the nearest side.
-            let (depth_x, depth_y) = (number(hx) - absolute(x), number(hy) - absolute(y));
-            let across = depth_x.lt(depth_y);
-            let (left, below) = (x.lt(zero), y.lt(zero));
-            let (sign_x, sign_y) = ((-one).select(one, left), (-one).select(one, below));
-            let inverse = (one / length).only_where(outside);
-            let nx = (dx * inverse).select(sign_x.only_where(across), outside);
-            let ny = (dy * inverse).select(zero.select(sign_y, across), outside);
-            let depth = depth_x.select(depth_y, across);
-            let size = length.select(-depth, outside) - number(radius);
-            let on_x = (sign_x * hx).select(px, across);
-            let on_y = py.select(sign_y * hy, across);
-            let arm = [px.select(on_x, outside), py.select(on_y, outside)];
-            Gap {
-                normal: moving.out([nx, ny]),
-                size,
-                arm: moving.out(arm),
-                valid: zero.le(zero),
-            }
-        }
-    }
-}
-
-/// A disc of this radius, or the corner of a box, in front of a face.
-#[inline(always)]
-fn to_wall<L: Lanes>(face: &Face, [x, y]: [Number<L>; 2], radius: f32, corner: bool) -> Gap<L> {
-    let zero = number::<L>(0.0);
-    let arm = [zero; 2];
-    if !corner {
-        let way = to_face(face, x, y);
-        let length = square(way).sqrt();
-        let valid = zero.lt(length);
-        let inverse = (number::<L>(-1.0) / length).only_where(valid);
-        let mut normal = [way[0] * inverse, way[1] * inverse];
-        let mut size = length - number(radius);
-        let ahead = face.ahead(x, y);
-        let outside = ahead.lt(zero);
-        if face.outer && outside.any() {
-            // Whatever was pressed out of the arena comes back.
-            let [ax, ay] = face.along;
-            normal[0] = number::<L>(-ay).select(normal[0], outside);
-            normal[1] = number::<L>(ax).select(normal[1], outside);
-            size = (ahead - number(radius)).select(size, outside);
-        }
-        return Gap {
-            normal,
-            size,
-            arm,
-            valid,
-        };
-    }
-    let ahead = face.ahead(x, y);
-    let [ax, ay] = face.along;
-    // Nothing is behind or beside the side of a convex arena.
-    let valid = if face.outer {
-        zero.le(zero)
-    } else {
-        let side = (x - face.middle[0]) * ax + (y - face.middle[1]) * ay;
-        let beside = absolute(side).le(number(face.half));
-        beside.and(number(-BEHIND).lt(ahead))
-    };
-    Gap {
-        normal: [number(-ay), number(ax)],
-        size: ahead,
-        arm,
-        valid,
     }
 }
