@@ -11,7 +11,7 @@ use super::settings::Settings;
 use super::start::Starts;
 use super::swarm::Swarm;
 use swarmwright_simulation::ParameterError;
-use swarmwright_simulation::block::{Block, LaneWorld, side_by_side};
+use swarmwright_simulation::block::{Block, LaneWorld};
 use swarmwright_simulation::rollout::stopped;
 
 /// With more robots than this,
@@ -39,6 +39,7 @@ pub(crate) struct Room<L: Lanes> {
 impl LaneWorld for ArenaLanes {
     // One vector waits for itself: each contact needs the velocities that the one before left.
     const VECTORS: usize = 2;
+    // In four portable lanes it is slower than one at a time.
     const PORTABLE: bool = false;
     type Room<L: Lanes> = Room<L>;
 
@@ -61,16 +62,6 @@ impl LaneWorld for ArenaLanes {
             settings,
             starts,
         }))
-    }
-
-    #[inline(always)]
-    fn part<L: Lanes>(&self, block: &Block<'_>, first: usize, results: &mut [f64]) -> bool {
-        // In four portable lanes it is slower than one at a time. A constant, so that nothing is compiled for them.
-        if const { L::WIDTH > 4 } {
-            side_by_side::<L, Self>(self, block, first, results)
-        } else {
-            false
-        }
     }
 
     fn room<L: Lanes>(&self, controllers: &LaneController<'_, L>) -> Room<L> {
@@ -115,16 +106,16 @@ impl LaneWorld for ArenaLanes {
         loop {
             let last = room.swarm.tick >= self.settings.ticks;
             let (bodies, colors) = (&room.swarm.bodies, &room.swarm.colors);
-            let counted = mission.metrics[..mission.counted].iter();
-            for ((_, metric), tally) in counted.zip(&mut room.tallies) {
-                tally.update(metric, bodies, place, colors, last);
-            }
-            if last {
-                for index in &self.wanted {
-                    let metric = &mission.metrics[*index].1;
-                    room.tallies[*index].update(metric, bodies, place, colors, true);
-                }
-            }
+            let wanted: &[usize] = if last { &self.wanted } else { &[] };
+            L::apart(
+                #[inline(always)]
+                || {
+                    for index in (0..mission.counted).chain(wanted.iter().copied()) {
+                        let metric = &mission.metrics[index].1;
+                        room.tallies[index].update(metric, bodies, place, colors, last);
+                    }
+                },
+            );
             if last || stopped(stop) {
                 break;
             }

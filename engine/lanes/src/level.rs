@@ -24,8 +24,8 @@ pub trait Kernel {
     /// What comes out.
     type Output;
     /// Does the work. Mark the implementation, and whatever it calls with `L`, `#[inline(always)]`, and use loops where
-    /// you would use closures over lanes: only what is inlined into [`Level::run`] is compiled for the instruction set,
-    /// and what is not is right but slow.
+    /// you would use closures over lanes: only what is inlined into [`Level::run`] or [`Lanes::apart`] is compiled for
+    /// the instruction set, and what is not is right but slow.
     fn run<L: Lanes>(self) -> Self::Output;
 }
 

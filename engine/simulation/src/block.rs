@@ -104,12 +104,6 @@ pub trait LaneWorld: Sync + Sized {
     /// Whether the portable instruction set is of use, too; else episodes are computed one at a time there.
     const PORTABLE: bool = true;
 
-    /// Evaluates episodes from `first` on, as many as `results` has room for. False as soon as a weight is not a finite number.
-    #[inline(always)]
-    fn part<L: Lanes>(&self, block: &Block<'_>, first: usize, results: &mut [f64]) -> bool {
-        side_by_side::<L, Self>(self, block, first, results)
-    }
-
     /// Room for the state of as many episodes as there are lanes.
     type Room<L: Lanes>;
 
@@ -150,14 +144,19 @@ impl<W: LaneWorld> Kernel for Part<'_, W> {
 
     #[inline(always)]
     fn run<L: Lanes>(self) -> bool {
-        self.world.part::<L>(self.block, self.first, self.results)
+        // A constant, so that nothing is compiled for lanes that are not used.
+        if const { W::PORTABLE || L::WIDTH > Level::Portable.width() } {
+            side_by_side::<L, W>(self.world, self.block, self.first, self.results)
+        } else {
+            unreachable!("episodes of this simulation are not computed in portable lanes")
+        }
     }
 }
 
 /// Evaluates episodes from `first` on, as many as `results` has room for: many vectors side by side while there are
 /// episodes for them. False as soon as a weight is not a finite number.
 #[inline(always)]
-pub fn side_by_side<L: Lanes, W: LaneWorld>(
+fn side_by_side<L: Lanes, W: LaneWorld>(
     world: &W,
     block: &Block<'_>,
     first: usize,

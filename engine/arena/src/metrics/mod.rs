@@ -98,21 +98,6 @@ impl<L: Lanes> Tally<L> {
         colors: &[Number<L>],
         last: bool,
     ) {
-        L::apart(
-            #[inline(always)]
-            || self.count(metric, bodies, place, colors, last),
-        );
-    }
-
-    #[inline(always)]
-    fn count(
-        &mut self,
-        metric: &Metric,
-        bodies: &Bodies<L>,
-        place: &Place,
-        colors: &[Number<L>],
-        last: bool,
-    ) {
         match metric {
             Metric::RobotsOn {
                 patch,

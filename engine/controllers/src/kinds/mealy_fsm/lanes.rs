@@ -17,7 +17,7 @@ impl LaneKind for MealyFsm {
         1
     }
 
-    /// The sensors.
+    /// Sensors and actuators.
     #[inline(always)]
     fn lane_scratch_length(&self) -> usize {
         self.sensors + self.actuators

@@ -22,7 +22,7 @@ impl LaneKind for Modules {
         3
     }
 
-    /// The sensors.
+    /// Sensors and actuators.
     #[inline(always)]
     fn lane_scratch_length(&self) -> usize {
         SENSORS + ACTUATORS

@@ -19,7 +19,7 @@ impl LaneKind for Neat {
         self.state_length()
     }
 
-    /// The sensors.
+    /// Sensors and actuators.
     #[inline(always)]
     fn lane_scratch_length(&self) -> usize {
         self.sensors + self.actuators
