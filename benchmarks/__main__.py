@@ -44,7 +44,7 @@ def main() -> None:
                 traceback.print_exc()
             failed.append(name)
             continue
-        show(measured, f"{name}: {os.cpu_count()} cores, {count}, load before {load:.1f}")
+        show(measured, f"{name}: {len(os.sched_getaffinity(0))} cores, {count}, load before {load:.1f}")
         samples += measured
         write(arguments.file, samples)
     if samples:

@@ -19,7 +19,7 @@ class JaxSuite:
     def __init__(self, candidates: tuple[int, ...] = CANDIDATES) -> None:
         self._processes = {}
         self._figures: dict[tuple[int, int], dict[str, Samples]] = {}
-        for cores in sorted({1, os.cpu_count() or 1}):
+        for cores in sorted({1, len(os.sched_getaffinity(0))}):
             self._processes[cores] = subprocess.Popen(
                 [sys.executable, "-m", "benchmarks.jax_process", str(cores)],
                 stdin=subprocess.PIPE,

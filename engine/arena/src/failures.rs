@@ -9,7 +9,7 @@ use swarmwright_simulation::ParameterError;
 use swarmwright_simulation::counter::uniform;
 use swarmwright_simulation::parameters::wrong;
 
-use super::settings::{LONGEST, MOST_ROBOTS};
+use super::settings::{LONGEST, MOST_ROBOTS, mismatch_at};
 use super::swarm::Bodies;
 use super::team::Team;
 
@@ -20,7 +20,7 @@ const MOST_FAILURES: usize = 16;
 
 /// What happens to some robots for a time.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
-#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub(super) enum Failure {
     /// They stand.
     Stop {
@@ -166,8 +166,8 @@ pub(super) fn read(value: &Value, place: &str) -> Result<Vec<Failure>, Parameter
     }
     let one = |(index, item): (usize, &Value)| {
         let at = format!("{place}[{index}]");
-        let failure: Failure = serde_path_to_error::deserialize(item)
-            .map_err(|error| wrong(&at, error.inner().to_string()))?;
+        let failure: Failure =
+            swarmwright_values::read_kind(item).map_err(|mismatch| mismatch_at(&at, mismatch))?;
         failure
             .check()
             .map_err(|(name, reason)| wrong(&format!("{at}.{name}"), reason))?;

@@ -8,6 +8,7 @@ use serde_json::Value;
 use super::failures::Failure;
 use super::metrics::Metric;
 use super::place::Place;
+use super::settings::mismatch_at;
 use super::start::Start;
 use super::team::Team;
 use swarmwright_simulation::ParameterError;
@@ -118,16 +119,8 @@ impl Mission {
             None => Self::named("aac"),
             Some(Value::String(name)) => Self::named(name),
             Some(object @ Value::Object(_)) => {
-                let text = serde_path_to_error::deserialize(object).map_err(|error| {
-                    let path = error.path().to_string();
-                    let name = if path == "." {
-                        "mission".to_owned()
-                    } else {
-                        format!("mission.{path}")
-                    };
-                    wrong(&name, error.inner().to_string())
-                })?;
-                checks::check(text)
+                let text = swarmwright_values::read(object);
+                checks::check(text.map_err(|mismatch| mismatch_at("mission", mismatch))?)
             }
             Some(other) => Err(wrong(
                 "mission",

@@ -10,6 +10,7 @@ use super::start::{self, Starts};
 use super::team::Team;
 use swarmwright_simulation::parameters::wrong;
 use swarmwright_simulation::{ParameterError, ParameterInfo, ParameterReader, Parameters};
+use swarmwright_values::Mismatch;
 
 /// Most robots.
 pub(super) const MOST_ROBOTS: u32 = 100_000;
@@ -88,6 +89,16 @@ pub(super) fn with_place(place: &str, error: ParameterError) -> ParameterError {
         inner => format!("{place}.{inner}"),
     };
     wrong(&name, error.reason)
+}
+
+/// The same of what does not fit its type.
+pub(super) fn mismatch_at(place: &str, mismatch: Mismatch) -> ParameterError {
+    let name = match (place, &*mismatch.path) {
+        (place, "") => place.to_owned(),
+        ("", path) => path.to_owned(),
+        (place, path) => format!("{place}.{path}"),
+    };
+    wrong(&name, mismatch.reason)
 }
 
 impl Settings {

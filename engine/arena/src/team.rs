@@ -7,7 +7,7 @@ use serde_json::Value;
 
 use super::place::Place;
 use super::robot::{Links, Output, Robot};
-use super::settings::{MOST_ROBOTS, with_place};
+use super::settings::{MOST_ROBOTS, mismatch_at};
 use super::together::{self, Row};
 use swarmwright_simulation::ParameterError;
 use swarmwright_simulation::parameters::wrong;
@@ -240,14 +240,8 @@ impl Team {
         let mut groups: Vec<Group> = Vec::new();
         for (index, item) in items.iter().enumerate() {
             let at = format!("{place}[{index}]");
-            let text: Text = serde_path_to_error::deserialize(item).map_err(|error| {
-                let path = error.path().to_string();
-                let inner = wrong(
-                    if path == "." { "" } else { &path },
-                    error.inner().to_string(),
-                );
-                with_place(&at, inner)
-            })?;
+            let text: Text =
+                swarmwright_values::read(item).map_err(|mismatch| mismatch_at(&at, mismatch))?;
             if !(1..=MOST_ROBOTS).contains(&text.count) {
                 let reason = format!("{} found, expected 1 to {MOST_ROBOTS}", text.count);
                 return Err(wrong(&format!("{at}.count"), reason));
@@ -257,6 +251,10 @@ impl Team {
                 Value::String(name) => name.clone(),
                 _ => format!("robot {index}"),
             });
+            if name.is_empty() {
+                let reason = "an empty name found; give the kind a name, or leave the field out";
+                return Err(wrong(&format!("{at}.name"), reason));
+            }
             if groups.iter().any(|group| group.name == name) {
                 let reason = format!("another kind is named {name:?}; give each a name of its own");
                 return Err(wrong(&format!("{at}.name"), reason));

@@ -252,7 +252,7 @@ fn mistakes_name_the_place() {
         ),
         (
             with("colors", json!(["red", "orange"])),
-            "unknown variant `orange`, expected one of `red`, `green`, `blue`, `cyan`, `magenta`, `yellow`",
+            "\"orange\" found, expected one of \"red\", \"green\", \"blue\", \"cyan\", \"magenta\", \"yellow\"",
         ),
         (
             with("gives", json!(["seen", "seen"])),
@@ -423,7 +423,7 @@ fn colours_of_walls_are_checked() {
         (
             json!([{"side": 1, "color": "pink"}]),
             2.0,
-            "walls.colors[0].color: unknown variant `pink`, expected one of `red`",
+            "walls.colors[0].color: \"pink\" found, expected one of \"red\"",
         ),
         (
             json!([{"side": 1, "color": "red"}]),

@@ -154,11 +154,15 @@ fn mistakes_name_the_place() {
         ),
         (
             of(json!([{"kind": "stops", "share": 1}])),
-            "failures[0]: unknown variant `stops`, expected one of `stop`",
+            "failures[0].kind: \"stops\" found, expected one of \"stop\"",
         ),
         (
             of(json!([{"kind": "stop"}])),
             "failures[0]: missing field `share`",
+        ),
+        (
+            of(json!([{"kind": "stop", "share": "half"}])),
+            "failures[0].share: \"half\" (a string) found, expected a number",
         ),
         (
             of(json!([{"kind": "mute", "share": 0}, {"kind": "stop", "share": 20}])),

@@ -189,6 +189,10 @@ fn mistakes_name_the_kind() {
             "robots[1].robot: \"r2d2\" found, expected the name of a robot",
         ),
         (
+            json!({"robots": [{"robot": "e-puck-rm1.1", "name": "", "count": 2}]}),
+            "robots[0].name: an empty name found",
+        ),
+        (
             json!({"robots": [{"robot": "e-puck-rm1.1"}]}),
             "robots[0]: missing field `count`",
         ),

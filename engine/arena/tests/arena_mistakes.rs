@@ -200,19 +200,43 @@ fn mistakes_name_the_place() {
         ),
         (
             metric(json!({"kind": "robots_on", "patch": "black"})),
-            "no patch of the floor is named \"black\"",
+            "mission.metrics.m.patch: no patch of the floor is named \"black\"",
+        ),
+        (
+            metric(json!({"kind": "most_robots_on", "patches": ["black"]})),
+            "mission.metrics.m.patches[0]: no patch of the floor is named \"black\"",
+        ),
+        (
+            metric(json!({"kind": "cell_age", "side": "long", "cells": 3})),
+            "mission.metrics.m.side: \"long\" (a string) found, expected a number",
+        ),
+        (
+            metric(json!({"kind": "order", "when": "always"})),
+            "mission.metrics.m.when: \"always\" found, expected one of \"each_tick\"",
+        ),
+        (
+            metric(json!({"kind": "chain_reach", "from": "a", "to": "b", "link": 1})),
+            "mission.metrics.m.from: no patch of the floor is named \"a\"; there is none",
+        ),
+        (
+            metric(json!({"patch": "a"})),
+            "mission.metrics.m: missing field `kind`",
+        ),
+        (
+            with(&["metrics"], json!({"and": {"kind": "order"}})),
+            "mission.metrics: and is a keyword",
         ),
         (
             metric(json!({"kind": "robot_on", "patch": "a"})),
-            "unknown variant `robot_on`, expected one of `robots_on`",
+            "mission.metrics.m.kind: \"robot_on\" found, expected one of \"robots_on\"",
         ),
         (
             metric(json!({"kind": "largest_group", "link": 0})),
-            "mission.metrics.m: link: 0 found",
+            "mission.metrics.m.link: 0 found",
         ),
         (
             metric(json!({"kind": "shape_deviation", "shape": {}})),
-            "mission.metrics.m: shape: expected circle",
+            "mission.metrics.m.shape: expected circle",
         ),
         (
             with(&["metrics"], json!({"a-b": {"kind": "order"}})),
@@ -252,7 +276,7 @@ fn metrics_of_objects_name_the_object() {
         "metrics": {"m": {"kind": "object_distance", "patch": "west", "object": "lod"}}, "fitness": "m"});
     let message = refusal(&json!({"mission": mission}));
     assert!(
-        message.contains("mission.metrics.m: no object is named \"lod\"; there is load"),
+        message.contains("mission.metrics.m.object: no object is named \"lod\"; there is load"),
         "{message}"
     );
     let mut without = mission;
@@ -329,7 +353,7 @@ fn a_time_until_has_one_share() {
             "floor": {"patches": [patch]}, "metrics": {"m": metric}, "fitness": "m"});
         let refused = refusal(&json!({"mission": mission}));
         assert!(
-            refused.contains("mission.metrics.m: ") && refused.contains(answer),
+            refused.contains("mission.metrics.m") && refused.contains(answer),
             "{refused}"
         );
     }

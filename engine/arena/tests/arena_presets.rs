@@ -205,7 +205,10 @@ fn mistakes_name_the_place() {
             refusal(&json!({"preset": "e-pukc"})),
             "robot.preset: \"e-pukc\" found, expected the name of a robot (e-puck-rm1.1, ",
         ),
-        (refusal(&json!({"preset": 1})), "robot.preset: invalid type"),
+        (
+            refusal(&json!({"preset": 1})),
+            "robot.preset: 1 found, expected a string",
+        ),
         (
             of("noise", json!(1)),
             "robot.noise: unknown field `noise`, expected one of `preset`, ",

@@ -313,7 +313,7 @@ fn mistakes_name_the_place() {
         ),
         (
             of(json!({"kind": "hover"}), some.clone()),
-            "robot.drive.kind: unknown variant `hover`, expected one of `differential`",
+            "robot.drive.kind: \"hover\" found, expected one of \"differential\"",
         ),
         (
             of(
@@ -345,7 +345,23 @@ fn mistakes_name_the_place() {
         ),
         (
             sensor(json!({"kind": "proximty"})),
-            "robot.sensors[0].kind: unknown variant `proximty`, expected one of `proximity`",
+            "robot.sensors[0].kind: \"proximty\" found, expected one of \"proximity\"",
+        ),
+        (
+            sensor(json!({"kind": "proximity", "range": "far", "count": 8})),
+            "robot.sensors[0].range: \"far\" (a string) found, expected a number",
+        ),
+        (
+            sensor(json!({"kind": "range_and_bearing", "range": 1, "gives": ["count", "count"]})),
+            "robot.sensors[0].gives[1]: it is there already",
+        ),
+        (
+            of(wheels(), json!([{"kind": "compass"}, {"kind": "compass"}])),
+            "robot.sensors[1]: there is a sensor compass already",
+        ),
+        (
+            of(wheels(), json!([{"kind": "random"}, {"kind": "random"}])),
+            "robot.sensors[1]: there is a sensor random already",
         ),
         (
             sensor(json!({"kind": "proximity", "range": 1})),

@@ -165,7 +165,7 @@ impl Aggregate {
         let number = match (self, results) {
             // Whatever the aggregate of one number, it is the number.
             (_, [one]) if !matches!(self, Self::WorstShare(_)) => *one,
-            (Self::Mean, _) => sum(results) / count(results.len()),
+            (Self::Mean, _) => mean(results),
             (Self::Sum, _) => sum(results),
             (Self::Median, _) => {
                 let ordered = ordered(results);
@@ -207,9 +207,28 @@ impl Aggregate {
     }
 }
 
+/// A power of two: sums of fewer numbers than its reciprocal, each times it, do not overflow.
+const SMALLER: f64 = 1.0 / (1_u128 << 64) as f64;
+
+/// The sum, infinite where it overflows.
 fn sum(numbers: &[f64]) -> f64 {
     let sum = sum_in_parts(numbers).or_else(|| exact_sum(numbers.iter().copied()));
-    sum.unwrap_or(f64::NAN)
+    sum.unwrap_or_else(|| smaller_sum(numbers) / SMALLER)
+}
+
+/// The sum times [`SMALLER`].
+fn smaller_sum(numbers: &[f64]) -> f64 {
+    exact_sum(numbers.iter().map(|number| number * SMALLER)).unwrap_or(f64::NAN)
+}
+
+/// The mean of some numbers, also where their sum overflows.
+fn mean(numbers: &[f64]) -> f64 {
+    let sum = sum(numbers);
+    if sum.is_finite() {
+        sum / count(numbers.len())
+    } else {
+        smaller_sum(numbers) / count(numbers.len()) / SMALLER
+    }
 }
 
 /// The mean of the worst share of ascending numbers; the last one counts in part.
@@ -239,7 +258,7 @@ fn quantile(ordered: &[f64], share: f64) -> f64 {
 pub struct Figures {
     /// The largest.
     pub best: f64,
-    /// NaN also where the sum overflows.
+    /// Also where the sum overflows.
     pub mean: f64,
     /// A quarter is not above it.
     pub lower_quartile: f64,
@@ -257,7 +276,7 @@ impl Figures {
         let mut ordered: Vec<f64> = finite.collect();
         let mean = match ordered.len() {
             0 => f64::NAN,
-            some => sum(&ordered) / count(some),
+            _ => mean(&ordered),
         };
         let best = ordered.iter().copied().max_by(f64::total_cmp);
         put_quartiles(&mut ordered);

@@ -79,7 +79,16 @@ fn what_failed_or_overflows_is_nan_and_zero_has_no_sign() {
         assert_eq!(aggregate.of(&[-0.0]).to_bits(), 0);
     }
     assert!(Aggregate::Sum.of(&[1e308, 1e308]).is_nan());
-    assert!(Aggregate::Mean.of(&[1e308, 1e308, 1e308]).is_nan());
+}
+
+#[test]
+fn means_and_sums_of_large_numbers_do_not_overflow_on_the_way() {
+    const LARGE: f64 = 1.7e308;
+    assert_eq!(Aggregate::Mean.of(&[LARGE, LARGE]), LARGE);
+    assert_eq!(Aggregate::Sum.of(&[LARGE, LARGE, 1.0, -LARGE]), LARGE);
+    assert_eq!(Figures::of(&[LARGE, LARGE, f64::NAN]).mean, LARGE);
+    assert_eq!(Figures::of(&[-LARGE; 64]).mean, -LARGE);
+    assert_eq!(Figures::of(&[LARGE, LARGE, -LARGE, -LARGE, 5.0]).mean, 1.0);
 }
 
 #[test]

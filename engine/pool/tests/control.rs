@@ -167,7 +167,7 @@ fn a_message_that_is_refused_is_told_of_with_the_field() {
     let answer = json!({"server": 1, "simulation_hash": hash, "simulations": ["line"],
         "capabilities": {"dimensions": "two"}});
     tool.hear("server", &answer);
-    let told = "message on server: \"capabilities.dimensions\": invalid type: string \"two\", expected f64";
+    let told = "message on server: \"capabilities.dimensions\": \"two\" (a string) found, expected a number";
     assert!(
         tool.warnings.len() == 1 && tool.warnings[0].contains(told),
         "{:?}",

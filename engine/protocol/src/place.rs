@@ -18,14 +18,13 @@ pub(crate) fn at(path: &str, words: &str) -> String {
 
 /// Reads a value, which lies at a path of its message.
 pub(crate) fn read<T: DeserializeOwned>(value: Value, path: &str) -> Result<T, DecodeError> {
-    serde_path_to_error::deserialize(value).map_err(|error| {
-        let inner = error.path().to_string();
-        let whole = match (path, &*inner) {
-            (path, ".") => path.to_owned(),
+    swarmwright_values::read(&value).map_err(|mismatch| {
+        let whole = match (path, &*mismatch.path) {
+            (path, "") => path.to_owned(),
             ("", inner) => inner.to_owned(),
             (path, inner) if inner.starts_with('[') => format!("{path}{inner}"),
             (path, inner) => format!("{path}.{inner}"),
         };
-        DecodeError::value(at(&whole, &error.into_inner().to_string()))
+        DecodeError::value(at(&whole, &mismatch.reason))
     })
 }

@@ -13,7 +13,7 @@ use crate::genomes::{architecture, work};
 use crate::results::{Fitness, Metrics, arrays};
 use crate::sample::PySample;
 use crate::supervision::PySupervision;
-use crate::values::{object, section, to_python};
+use crate::values::{object, read, to_python};
 
 /// An [`Attempt`], its fields in their order.
 pub type AttemptRow = (
@@ -84,11 +84,9 @@ impl PyPool {
             .map_err(|error| input(format!("requirements: {error}")))?;
         let needed = metrics.unwrap_or_default();
         let metrics = needed.len();
-        let timeouts = timeouts
-            .map(|given| section("timeouts", given))
-            .transpose()?;
+        let timeouts = timeouts.map(|given| read("timeouts", given)).transpose()?;
         let timeouts: Timeouts = timeouts.unwrap_or_default();
-        let faults = faults.map(|given| section("faults", given)).transpose()?;
+        let faults = faults.map(|given| read("faults", given)).transpose()?;
         let mut settings = Settings::from_environment(broker).map_err(input)?;
         settings.keep_alive = timeouts.keep_alive.unwrap_or(settings.keep_alive);
         let mut demand = Demand {

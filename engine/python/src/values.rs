@@ -7,6 +7,7 @@ use pyo3::types::{PyBool, PyDict, PyFloat, PyInt, PyList, PyString, PyTuple};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::{Map, Number, Value};
+use swarmwright_values::Mismatch;
 
 use crate::errors::{engine, input};
 
@@ -67,18 +68,16 @@ pub fn object(name: &str, dict: &Bound<'_, PyDict>) -> PyResult<Map<String, Valu
 pub fn read<T: DeserializeOwned>(name: &str, value: &Bound<'_, PyAny>) -> PyResult<T> {
     let value =
         any(value, 0).map_err(|wrong| input(format!("{name}{}: {}", wrong.place, wrong.reason)))?;
-    serde_json::from_value(value).map_err(|error| input(format!("{name}: {error}")))
+    swarmwright_values::read(&value).map_err(|mismatch| mismatched(name, &mismatch))
 }
 
-/// A structure from a dict that may leave out what has a default; messages name the key.
-pub fn section<T: DeserializeOwned>(name: &str, dict: &Bound<'_, PyDict>) -> PyResult<T> {
-    let fields = object(name, dict)?;
-    for (key, value) in &fields {
-        let alone = Map::from_iter([(key.clone(), value.clone())]);
-        serde_json::from_value::<T>(Value::Object(alone))
-            .map_err(|error| input(format!("{name}.{key}: {error}")))?;
-    }
-    serde_json::from_value(Value::Object(fields)).map_err(|error| input(format!("{name}: {error}")))
+/// What does not fit its type; `name` is what the whole is called.
+fn mismatched(name: &str, Mismatch { path, reason }: &Mismatch) -> PyErr {
+    input(match path.as_str() {
+        "" => format!("{name}: {reason}"),
+        path if path.starts_with('[') => format!("{name}{path}: {reason}"),
+        path => format!("{name}.{path}: {reason}"),
+    })
 }
 
 /// Why a value cannot be taken, and where it is in the whole.

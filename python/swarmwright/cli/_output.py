@@ -6,6 +6,8 @@ is one line, further lines of a message are indented. So text of others can neve
 margin.
 """
 
+import ctypes
+import io
 import json
 import math
 import os
@@ -20,25 +22,58 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 
+_STDOUT = 1
 _results: TextIO | None = None
-"""Standard output, while `print` of other code goes to standard error."""
+"""Standard output, while what other code prints goes to standard error."""
 
 
 @contextmanager
 def only_results() -> Iterator[None]:
     """Within the block, only what a command prints itself is on standard output.
 
-    A program reads it with `--json`; what the code of simulations and modules prints goes to standard error.
+    A program reads it with `--json`; what the code of simulations and modules prints, in Python or in C, goes
+    to standard error.
     """
     global _results
-    if _results is not None or sys.stdout is None:
+    before = sys.stdout
+    if _results is not None or before is None:
         yield
         return
-    _results, sys.stdout = sys.stdout, sys.stderr
+    with _own_descriptor(before) as stream:
+        _results, sys.stdout = stream, sys.stderr
+        try:
+            yield
+        finally:
+            sys.stdout, _results = before, None
+
+
+@contextmanager
+def _own_descriptor(stream: TextIO) -> Iterator[TextIO]:
+    """Yield a stream to where `stream` writes, while file descriptor 1, which C code writes to, is stderr."""
     try:
-        yield
-    finally:
-        sys.stdout, _results = _results, None
+        is_standard, error = stream.fileno() == _STDOUT, sys.stderr.fileno()
+    except (AttributeError, OSError, ValueError):  # replaced by another program
+        is_standard, error = False, -1
+    if not is_standard or not isinstance(stream, io.TextIOWrapper):
+        yield stream
+        return
+    stream.flush()
+    number = os.dup(_STDOUT)
+    os.dup2(error, _STDOUT)
+    raw = open(number, "wb", buffering=0 if stream.write_through else -1)  # noqa: SIM115 - closed with `own`
+    with io.TextIOWrapper(
+        raw,
+        stream.encoding,
+        stream.errors,
+        line_buffering=stream.line_buffering,
+        write_through=stream.write_through,
+    ) as own:
+        try:
+            yield own
+        finally:
+            # What C code has printed may still be in its buffer.
+            ctypes.CDLL(None).fflush(None)
+            os.dup2(number, _STDOUT)
 
 
 def results() -> TextIO:

@@ -56,7 +56,8 @@ def summarize(
     )
 
 
-def _mean(values: Sequence[float]) -> float:
+def mean(values: Sequence[float]) -> float:
+    """Return the mean of finite values, whose exact sum is rounded once; NaN of none."""
     try:
         return math.fsum(values) / len(values) if values else math.nan
     except OverflowError:  # the sum is too large, the mean may not be
@@ -98,20 +99,20 @@ class Estimate:
 
 def estimate(values: Sequence[float]) -> Estimate:
     """Return the mean of independent values with Student's 95 % confidence interval."""
-    count, mean = len(values), _mean(values)
-    if count < 2 or not math.isfinite(mean):
-        return Estimate(mean, None, None, None, None)
+    count, middle = len(values), mean(values)
+    if count < 2 or not math.isfinite(middle):
+        return Estimate(middle, None, None, None, None)
     try:
-        deviation = math.sqrt(math.fsum((value - mean) ** 2 for value in values) / (count - 1))
+        deviation = math.sqrt(math.fsum((value - middle) ** 2 for value in values) / (count - 1))
     except OverflowError:  # the squares are too large, the deviation may not be
         scale = max(map(abs, values))
-        apart = [value / scale - mean / scale for value in values]
+        apart = [value / scale - middle / scale for value in values]
         deviation = scale * math.sqrt(math.fsum(one**2 for one in apart) / (count - 1))
         if not math.isfinite(deviation):
-            return Estimate(mean, None, None, None, None)
+            return Estimate(middle, None, None, None, None)
     error = deviation / math.sqrt(count)
     reach = student_t(count - 1) * error
-    return Estimate(mean, deviation, error, mean - reach, mean + reach)
+    return Estimate(middle, deviation, error, middle - reach, middle + reach)
 
 
 _Z = 1.959963984540054

@@ -23,6 +23,7 @@ LARGEST_FILE = 1 << 26
 """Bytes."""
 _LARGEST = 1_000_000  # values in a file; aliases of aliases can make a short file endless
 _TAG = "tag:yaml.org,2002:"
+_PART = re.compile(r"[^.\[\]]+|\[\d+\]")
 _WORDS = re.compile(r"[A-Za-z_](?:[A-Za-z0-9_]|[ ./-](?=[A-Za-z0-9_]))*")
 _NO_TEXT = frozenset({"null", "true", "false", "yes", "no", "on", "off", "y", "n"})
 _CONTROL = re.compile(r"[^\t\n -~\xa0-\u2027\u202a-\ud7ff\ue000-\ufefe\uff00-\ufffd\U00010000-\U0010ffff]")
@@ -83,6 +84,11 @@ def dotted_path(path: Path_) -> str:
     for part in path:
         text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else part
     return text
+
+
+def path_of(dotted: str) -> Path_:
+    """Return "a.b[0]" as `("a", "b", 0)`."""
+    return tuple(int(part[1:-1]) if part[0] == "[" else part for part in _PART.findall(dotted))
 
 
 def read(path: Path) -> Source:

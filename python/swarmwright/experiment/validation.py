@@ -16,7 +16,7 @@ from swarmwright.core.options import Options
 from swarmwright.core.problems import MISSING, problems_of, shown
 from swarmwright.core.registry import Registry
 from swarmwright.core.simulation_names import is_command, is_python
-from swarmwright.core.yaml import Path_, Source
+from swarmwright.core.yaml import Path_, Source, path_of
 from swarmwright.experiment.document import AUTO, DEFAULT_KINDS, Document, Requirements
 from swarmwright.experiment.evolved import problems, unknown
 from swarmwright.experiment.fitness import FitnessExpression
@@ -38,7 +38,6 @@ from swarmwright.user_code import permission
 
 Report = Callable[[Path_, str], None]
 """Takes a problem: where, what."""
-_PART = re.compile(r"[^.\[\]]+|\[\d+\]")
 Checked = dict[str, Any]
 """Key -> checked value; the sections named in REGISTRIES as their own options."""
 
@@ -494,14 +493,9 @@ def _check_parameters(simulation: str | None, parameters: dict[str, Any], report
                 report((("parameters", name) if reason and name in known else ("parameters",)), wrong)
             return
         if first or _by_itself(simulation, name, given[name], wrong):
-            report(("parameters", *_path(place)), reason)
+            report(("parameters", *path_of(place)), reason)
         del given[name]
         first = False
-
-
-def _path(place: str) -> Path_:
-    """Return `a.b[0]` as ("a", "b", 0)."""
-    return tuple(int(part[1:-1]) if part[0] == "[" else part for part in _PART.findall(place))
 
 
 def _by_itself(simulation: str, name: str, value: Any, wrong: str) -> bool:  # noqa: ANN401 - any value of a file

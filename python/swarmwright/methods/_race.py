@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from swarmwright.core.race_tests import Test, ranks_of, survivors
+from swarmwright.core.statistics import mean
 from swarmwright.typing import Fitness, Genome
 
 
@@ -29,13 +30,7 @@ class Entrant:
     @property
     def mean(self) -> float:
         """Mean score over its instances; NaN before the first."""
-        values = list(self.scores.values())
-        if not values:
-            return math.nan
-        try:
-            return math.fsum(values) / len(values)
-        except OverflowError:
-            return math.fsum(value / len(values) for value in values)
+        return mean(list(self.scores.values()))
 
 
 @dataclass(frozen=True)

@@ -110,10 +110,10 @@ class SlowRanking(Ranking):
 
     def _score(self, episodes: Sequence[Sequence[float]]) -> Fitness:
         """Return the means, the fitness in one simulation alone."""
-        return np.array([mean(np.array([row]))[0] for row in episodes])
+        return np.array([row_means(np.array([row]))[0] for row in episodes])
 
 
-def mean(rows: Episodes) -> Fitness:
+def row_means(rows: Episodes) -> Fitness:
     """Return the mean of each row, added one after the other; NaN where a value is not finite."""
     if not rows.shape[0]:
         return np.empty(0)

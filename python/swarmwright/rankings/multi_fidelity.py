@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from swarmwright.core.statistics import mean
 from swarmwright.rankings._base import best_first
-from swarmwright.rankings._slow import Episodes, Ranked, Rounds, SlowOptions, SlowRanking, mean
+from swarmwright.rankings._slow import Episodes, Ranked, Rounds, SlowOptions, SlowRanking, row_means
 
 
 class MultiFidelityOptions(SlowOptions):
@@ -54,14 +55,14 @@ class MultiFidelity(SlowRanking):
 
     def rounds(self, fast: Episodes, metrics: NDArray[np.float64]) -> Rounds:  # noqa: ARG002 - of another ranking
         """Choose the best by their fast fitness; see `SlowRanking.rounds`."""
-        approximate = mean(fast)
+        approximate = row_means(fast)
         order = best_first(approximate)[: int(np.isfinite(approximate).sum())]
         slow = np.full(len(fast), np.nan)
         measured = np.zeros(len(fast), dtype=np.bool_)
         count = self.expected(len(fast))
         while len(order) and not np.isfinite(slow).any():
             who, order = np.sort(order[:count]), order[count:]
-            slow[who] = mean((yield who))
+            slow[who] = row_means((yield who))
             measured[who] = True
         both = np.isfinite(slow)
         differences = (slow - approximate)[both].tolist()
@@ -80,4 +81,4 @@ class MultiFidelity(SlowRanking):
         """Return the mean difference; now: those of this generation."""
         before = list(self._differences)[-(self.options.memory - 1) :] if self.options.memory > 1 else []
         values = [value for generation in (*before, now) for value in generation]
-        return math.fsum(values) / len(values) if values else 0.0
+        return mean(values) if values else 0.0

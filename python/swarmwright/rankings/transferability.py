@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from swarmwright.rankings._base import best_first
-from swarmwright.rankings._slow import Episodes, Ranked, Rounds, SlowOptions, SlowRanking, mean
+from swarmwright.rankings._slow import Episodes, Ranked, Rounds, SlowOptions, SlowRanking, row_means
 from swarmwright.typing import Fitness
 
 Values = NDArray[np.float64]
@@ -89,7 +89,7 @@ class Transferability(SlowRanking):
 
     def rounds(self, fast: Episodes, metrics: NDArray[np.float64]) -> Rounds:
         """Choose the best and those that are unlike the known ones; see `SlowRanking.rounds`."""
-        approximate = mean(fast)
+        approximate = row_means(fast)
         working = np.isfinite(approximate)
         places = _descriptors(approximate, metrics)
         known = self._begun(places[working])
@@ -99,7 +99,7 @@ class Transferability(SlowRanking):
         wanted = self.expected(len(fast)) if some else 0
         while wanted and (left := working & ~measured).any() and not np.isfinite(slow).any():
             who = np.sort(self._choice(known, approximate, places, left, wanted))
-            slow[who] = mean((yield who))
+            slow[who] = row_means((yield who))
             measured[who] = True
         for one in np.flatnonzero(np.isfinite(slow)).tolist():
             known = self._with(known, places[one], float(approximate[one]), float(slow[one]))
@@ -178,7 +178,7 @@ def _descriptors(fast: Fitness, metrics: NDArray[np.float64]) -> Values:
     """Return (candidates, metrics) means over episodes; the fitness where there are no metrics."""
     if not metrics.shape[2]:
         return np.nan_to_num(fast)[:, np.newaxis]
-    columns = [mean(metrics[:, :, index]) for index in range(metrics.shape[2])]
+    columns = [row_means(metrics[:, :, index]) for index in range(metrics.shape[2])]
     return np.nan_to_num(np.stack(columns, axis=1))
 
 

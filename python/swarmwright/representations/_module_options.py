@@ -3,18 +3,26 @@
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
-from pydantic import Field, ValidationInfo, field_validator, model_validator
+from pydantic import Field, ModelWrapValidatorHandler, ValidationInfo, field_validator, model_validator
 
 from swarmwright.core import modules
 from swarmwright.core.automode import machine_of, tree_of
 from swarmwright.core.errors import InputError
 from swarmwright.core.options import Options
-from swarmwright.core.yaml import read
+from swarmwright.core.yaml import path_of, read
 from swarmwright.modules._registered import module
 
 _BUILT_IN = frozenset({*modules.BEHAVIOURS, *modules.CONDITIONS})
+
+
+def _placed(machine: object, problem: str) -> str:
+    """Return what is wrong with a machine, with its line where it is in a file."""
+    if not isinstance(machine, str) or machine.lstrip().startswith("--"):
+        return problem
+    place, _, reason = problem.partition(": ")
+    return read(Path(machine)).place(path_of(place.removeprefix("machine."))) + reason
 
 
 class ModulesOptions(Options):
@@ -102,11 +110,25 @@ class ModulesOptions(Options):
                 f"conditions: {min(both)!r} is a parameter of a behaviour and of a condition, which stand "
                 "beside each other in a subtree; rename one of the two"
             )
-        try:
-            self.start()
-        except InputError as error:
-            raise ValueError(f"machine: {error}") from None
         return self
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _with_start(
+        cls,
+        values: Any,  # noqa: ANN401 - whatever the file says
+        handler: ModelWrapValidatorHandler[Self],
+        info: ValidationInfo,
+    ) -> Self:
+        options = handler(values)
+        if options.in_files and not (info.context or {}).get("ask", True):
+            return options
+        try:
+            options.start()
+        except InputError as error:
+            given = values.get("machine") if isinstance(values, Mapping) else None
+            raise ValueError(f"machine: {_placed(given, str(error))}") from None
+        return options
 
     @property
     def in_python(self) -> bool:

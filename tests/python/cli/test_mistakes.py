@@ -140,3 +140,18 @@ def test_what_code_prints_is_not_among_json(
     # Without --json it is where it was.
     assert swarmwright(["evaluate", "run"]) == 0
     assert "reset\n" in capsys.readouterr().out
+
+
+def test_what_c_code_prints_is_not_among_json(tmp_path: Path, program: Any) -> None:
+    prints = 'ctypes.CDLL(None).puts(b"from C")\n        os.write(1, b"written\\n")'
+    code = TALKATIVE.replace('print("reset")', prints).replace("class", "import ctypes, os\n\n\nclass", 1)
+    (tmp_path / "talkative.py").write_text(code)
+    (tmp_path / "talkative.yaml").write_text(
+        "simulation: talkative.py:Talkative\ncontroller: {kind: layered, hidden: []}\n"
+        "method: {population: 4, generations: 1}\nservers: in-process\n"
+    )
+    done = program("optimize", "talkative.yaml", "--out", "run", "--json")
+    assert [json.loads(line) for line in done.stdout.splitlines()][-1]["run"] == "run"
+    assert "from C\n" in done.stderr
+    assert "written\n" in done.stderr
+    assert "from C\n" in program("evaluate", "run").stdout

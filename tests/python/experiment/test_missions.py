@@ -97,7 +97,7 @@ def test_mistakes_of_new(arguments: list[str], answer: str) -> None:
         (
             "robots_on",
             "robot_on",
-            ":9: metrics.in_west.kind: unknown variant `robot_on`, expected one of `robots_on`",
+            ':9: metrics.in_west.kind: "robot_on" found, expected one of "robots_on"',
         ),
         (
             "patch: west",
@@ -196,15 +196,19 @@ def test_a_robot_in_a_file_says_how_many_sensors_there_are(tmp_path: Path) -> No
         (
             "proximity",
             "proximty",
-            ":4: sensors[0].kind: unknown variant `proximty`, expected one of `proximity`, `light`",
+            ':4: sensors[0].kind: "proximty" found, expected one of "proximity", "light"',
         ),
         ("count: 8", "count: 0", ":4: sensors[0].count: 0 found, expected 1 to 128"),
         (
             "differential",
             "tracks",
-            ":2: drive.kind: unknown variant `tracks`, expected one of `differential`",
+            ':2: drive.kind: "tracks" found, expected one of "differential"',
         ),
-        ("max_speed: 0.2", "max_speed: fast", ':2: drive: invalid type: string "fast", expected f32'),
+        (
+            "max_speed: 0.2",
+            "max_speed: fast",
+            ':2: drive.max_speed: "fast" (a string) found, expected a number',
+        ),
         ("radius: 0.05", "radius: -1", ":1: radius: -1 found, expected 0.001 to 10"),
     ],
 )

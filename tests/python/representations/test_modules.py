@@ -129,6 +129,19 @@ def test_a_machine_may_be_in_a_file(tmp_path: Path) -> None:
     assert "expected a mapping, such a file, or AutoMoDe's --nstates" in str(caught.value)
 
 
+def test_a_mistake_in_a_machine_is_named_with_its_line(tmp_path: Path) -> None:
+    file = tmp_path / "machine.yaml"
+    for text, problem in (
+        ("states:\n  - behaviour: exploration\n    rwm: 900\n", ":3: states[0].rwm: 900 found"),
+        ("states:\n  - {behaviour: stop}\nstart: 0\n", ":3: start: is not known here"),
+        ("--nstates 2 --s0 99\n", ":1: --s0: expected an integer from 0 to 5"),
+    ):
+        file.write_text(text)
+        with pytest.raises(ValidationError) as caught:
+            ModulesOptions(machine=str(file))
+        assert f"machine: {file}{problem}" in str(caught.value)
+
+
 def test_machines_can_be_read() -> None:
     states = modules.states_from(MACHINE, 4, 4)
     assert modules.as_text(states) == (

@@ -2,13 +2,12 @@
 
 use serde::Deserialize;
 
-use super::super::place::{Place, Shape};
 use super::super::polygon;
 use super::shapes::on_circle;
 
 /// A metric of a mission. "On" a patch is whose middle lies in it.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
-#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub(in super::super) enum Metric {
     /// Robots on a patch.
     RobotsOn {
@@ -181,13 +180,13 @@ pub(in super::super) enum When {
 #[serde(deny_unknown_fields)]
 pub(in super::super) struct Formation {
     /// Radius of a circle, metres ...
-    circle: Option<f32>,
+    pub(super) circle: Option<f32>,
     /// ... or corners of a polygon ...
-    polygon: Option<Vec<[f32; 2]>>,
+    pub(super) polygon: Option<Vec<[f32; 2]>>,
     /// ... or ends of a line ...
-    line: Option<[[f32; 2]; 2]>,
+    pub(super) line: Option<[[f32; 2]; 2]>,
     /// ... or a place for each robot.
-    points: Option<Vec<[f32; 2]>>,
+    pub(super) points: Option<Vec<[f32; 2]>>,
     /// Whether it stands where its coordinates say; else around the center of the robots.
     #[serde(default)]
     pub(super) fixed: bool,
@@ -197,184 +196,11 @@ pub(in super::super) struct Formation {
 }
 
 impl Metric {
-    /// The patches that it is about.
-    fn patches(&self) -> Vec<&str> {
-        match self {
-            Self::RobotsOn { patch, .. }
-            | Self::ObjectsOn { patch, .. }
-            | Self::ObjectDistance { patch, .. }
-            | Self::TimeUntil { patch, .. }
-            | Self::CrossingsSouth { patch }
-            | Self::RobotsInWrongHalf { patch }
-            | Self::StopErrors { patch }
-            | Self::MeanDistanceInside { patch, .. }
-            | Self::MeanDistanceRim { patch, .. } => vec![patch],
-            Self::MostRobotsOn { patches, .. }
-            | Self::MeanDistance {
-                outside: patches, ..
-            } => patches.iter().map(String::as_str).collect(),
-            Self::Returns { sources, nest } => {
-                let names = sources.iter().chain([nest]);
-                names.map(String::as_str).collect()
-            }
-            Self::ChainReach { from, to, .. } => vec![from, to],
-            Self::LargestGroupArea { .. }
-            | Self::ObjectsHeld { .. }
-            | Self::CellAge { .. }
-            | Self::Order { .. }
-            | Self::Speed { .. }
-            | Self::GroupSpeed { .. }
-            | Self::DistanceToCenter { .. }
-            | Self::NearestDistance { .. }
-            | Self::LargestGroup { .. }
-            | Self::Groups { .. }
-            | Self::CoveredShare { .. }
-            | Self::VisitedShare { .. }
-            | Self::ShapeDeviation { .. } => Vec::new(),
-        }
-    }
-
     /// The kind of robots that it is about, if it is one.
     pub(in super::super) fn robots(&self) -> Option<&str> {
         match self {
             Self::RobotsOn { robots, .. } => robots.as_deref(),
             _ => None,
-        }
-    }
-
-    /// What is wrong with it in this place.
-    pub(in super::super) fn check(&self, place: &Place) -> Result<(), String> {
-        for name in self.patches() {
-            if place.patch(name).is_none() {
-                let known: Vec<_> = place.patches.iter().map(|p| p.name.as_str()).collect();
-                return Err(format!(
-                    "no patch of the floor is named {name:?}; there is {}",
-                    if known.is_empty() {
-                        "none".to_owned()
-                    } else {
-                        known.join(", ")
-                    }
-                ));
-            }
-        }
-        if let Self::ObjectsOn { object, .. }
-        | Self::ObjectDistance { object, .. }
-        | Self::ObjectsHeld { object, .. } = self
-        {
-            let mut names = place.objects.iter().map(|kind| kind.name.as_str());
-            if place.objects.is_empty() {
-                return Err("the mission has no objects".to_owned());
-            }
-            if let Some(object) = object
-                .as_deref()
-                .filter(|object| !names.any(|n| n == *object))
-            {
-                let known: Vec<_> = place
-                    .objects
-                    .iter()
-                    .map(|kind| kind.name.as_str())
-                    .collect();
-                return Err(format!(
-                    "no object is named {object:?}; there is {}",
-                    known.join(", ")
-                ));
-            }
-        }
-        let shapes = |name: &str| place.patch(name).map(|patch| &patch.shape);
-        match self {
-            Self::CellAge { side, cells } => {
-                length("side", *side)?;
-                if !(1..=1000).contains(cells) {
-                    return Err(format!("cells: {cells} found, expected 1 to 1000"));
-                }
-                Ok(())
-            }
-            Self::LargestGroupArea { link, disc, within } => {
-                length("link", *link)?;
-                length("disc", *disc)?;
-                length("within", *within)?;
-                if *within > 50.0 {
-                    return Err(format!("within: {within} found, expected at most 50"));
-                }
-                Ok(())
-            }
-            Self::MeanDistance { radius, most, .. } => {
-                length("radius", *radius)?;
-                length("most", *most)
-            }
-            Self::MeanDistanceInside { patch, most } => {
-                if !matches!(shapes(patch), Some(Shape::Box { low, high }) if low.iter().chain(high).all(|n| n.is_finite()))
-                {
-                    return Err(format!(
-                        "the patch {patch} must be a rectangle with four ends"
-                    ));
-                }
-                length("most", *most)
-            }
-            Self::MeanDistanceRim { patch, near, most } => {
-                if !matches!(shapes(patch), Some(Shape::Circle { .. })) {
-                    return Err(format!("the patch {patch} must be a circle"));
-                }
-                length("near", *near)?;
-                length("most", *most)
-            }
-            Self::CrossingsSouth { patch } => match shapes(patch) {
-                Some(Shape::Box { low, high }) if low[1].is_finite() && high[1].is_finite() => {
-                    Ok(())
-                }
-                _ => Err(format!(
-                    "the patch {patch} must be a rectangle with a lower and an upper end"
-                )),
-            },
-            Self::LargestGroup { link, .. }
-            | Self::Groups { link, .. }
-            | Self::GroupSpeed {
-                link: Some(link), ..
-            } => length("link", *link),
-            Self::CoveredShare { radius, .. } => length("radius", *radius),
-            Self::VisitedShare { cell } => {
-                length("cell", *cell)?;
-                let [low, high] = polygon::extent(&place.outline);
-                if (0..2)
-                    .map(|axis| (high[axis] - low[axis]) / cell)
-                    .product::<f32>()
-                    > 1e6
-                {
-                    return Err(format!(
-                        "cell: {cell} makes more than a million cells; take a larger one"
-                    ));
-                }
-                Ok(())
-            }
-            Self::ShapeDeviation { shape, .. } => shape.check(),
-            Self::ObjectDistance { patch, .. } => has_middle(place, patch),
-            Self::TimeUntil {
-                at_least, at_most, ..
-            } => {
-                let (name, share) = match (at_least, at_most) {
-                    (Some(share), None) => ("at_least", *share),
-                    (None, Some(share)) => ("at_most", *share),
-                    _ => {
-                        return Err(
-                            "expected either at_least or at_most, a share of the robots".to_owned()
-                        );
-                    }
-                };
-                if !(0.0..=1.0).contains(&share) {
-                    return Err(format!("{name}: {share} found, expected 0 to 1"));
-                }
-                Ok(())
-            }
-            Self::ChainReach { from, to, link, .. } => {
-                length("link", *link)?;
-                has_middle(place, from)?;
-                has_middle(place, to)?;
-                if from == to {
-                    return Err("from and to are the same patch".to_owned());
-                }
-                Ok(())
-            }
-            _ => Ok(()),
         }
     }
 
@@ -396,55 +222,10 @@ impl Metric {
     }
 }
 
-fn has_middle(place: &Place, name: &str) -> Result<(), String> {
-    let middle = place.patch(name).map(|patch| patch.shape.middle());
-    if middle.is_some_and(|middle| middle.iter().any(|number| !number.is_finite())) {
-        return Err(format!(
-            "the patch {name} has no middle, since it does not end"
-        ));
-    }
-    Ok(())
-}
-
-/// Checks that a length is one.
-fn length(name: &str, number: f32) -> Result<(), String> {
-    if number > 0.0 && number <= 1000.0 {
-        return Ok(());
-    }
-    Err(format!(
-        "{name}: {number} found, expected a number above 0, at most 1000"
-    ))
-}
-
 /// Points that stand for a circle, a polygon or a line.
 const POINTS: u32 = 64;
 
 impl Formation {
-    fn check(&self) -> Result<(), String> {
-        let finite = |points: &[[f32; 2]]| {
-            let all = points
-                .as_flattened()
-                .iter()
-                .all(|number| number.abs() <= 1000.0);
-            all.then_some(())
-                .ok_or_else(|| "shape: expected numbers from -1000 to 1000".to_owned())
-        };
-        match (self.circle, &self.polygon, self.line, &self.points) {
-            (Some(radius), None, None, None) => length("shape.circle", radius),
-            (None, Some(corners), None, None) => {
-                finite(corners)?;
-                polygon::tidy(corners)
-                    .map(|_| ())
-                    .map_err(|reason| format!("shape.polygon: {reason}"))
-            }
-            (None, None, Some(ends), None) => finite(&ends),
-            (None, None, None, Some(points)) if (1..=1000).contains(&points.len()) => {
-                finite(points)
-            }
-            _ => Err("shape: expected circle, or polygon, or line, or 1 to 1000 points".to_owned()),
-        }
-    }
-
     /// Points that stand for it.
     pub(super) fn targets(&self) -> Vec<[f64; 2]> {
         if let Some(radius) = self.circle {

@@ -1,5 +1,6 @@
 //! What is measured in an episode.
 
+mod check;
 mod counts;
 mod kind;
 mod objects;
@@ -40,6 +41,14 @@ pub(super) fn general() -> Vec<(String, Metric)> {
         .to_vec()
 }
 
+/// Words of Python, whose syntax expressions of the fitness have.
+const KEYWORDS: [&str; 35] = [
+    "False", "None", "True", "and", "as", "assert", "async", "await", "break", "class", "continue",
+    "def", "del", "elif", "else", "except", "finally", "for", "from", "global", "if", "import",
+    "in", "is", "lambda", "nonlocal", "not", "or", "pass", "raise", "return", "try", "while",
+    "with", "yield",
+];
+
 /// Checks what a mission calls a metric.
 pub(super) fn check_name(name: &str) -> Result<(), String> {
     let mut letters = name.chars();
@@ -49,6 +58,11 @@ pub(super) fn check_name(name: &str) -> Result<(), String> {
     if !first || !letters.all(|c| c.is_ascii_alphanumeric() || c == '_') {
         return Err(format!(
             "{name:?} found, expected a letter or _, then letters, digits and _"
+        ));
+    }
+    if KEYWORDS.contains(&name) {
+        return Err(format!(
+            "{name} is a keyword in expressions of the fitness; give the metric another name"
         ));
     }
     if name == "fitness" {

@@ -8,7 +8,7 @@ use super::super::failures;
 use super::super::metrics::{self, Metric};
 use super::super::place::{Face, Light, Patch, Place, Shape, Spot};
 use super::super::polygon;
-use super::super::settings::LONGEST;
+use super::super::settings::{LONGEST, mismatch_at, with_place};
 use super::super::start::Start;
 use super::super::team::Team;
 use super::Mission;
@@ -71,13 +71,17 @@ pub(super) fn check(text: Text) -> Result<Mission, ParameterError> {
     };
     let place = place(&text)?;
     let start = start("start", &text.start, &place)?;
-    for (name, metric) in &text.metrics {
-        metrics::check_name(name).map_err(|reason| wrong_in("metrics", reason))?;
+    let mut metrics: Vec<(String, Metric)> = Vec::new();
+    for (name, value) in text.metrics {
+        metrics::check_name(&name).map_err(|reason| wrong_in("metrics", reason))?;
+        let at = format!("mission.metrics.{name}");
+        let metric: Metric =
+            swarmwright_values::read_kind(&value).map_err(|mismatch| mismatch_at(&at, mismatch))?;
         metric
             .check(&place)
-            .map_err(|reason| wrong_in(format_args!("metrics.{name}"), reason))?;
+            .map_err(|error| with_place(&at, error))?;
+        metrics.push((name, metric));
     }
-    let mut metrics: Vec<(String, Metric)> = text.metrics.into_iter().collect();
     let (offset, given) = match text.fitness {
         Fitness::Metric(name) => (0.0, BTreeMap::from([(name, 1.0)])),
         Fitness::Sum(Sum { offset, factors }) => (offset, factors),

@@ -5,7 +5,6 @@ use std::collections::BTreeMap;
 use serde::Deserialize;
 use serde_json::Value;
 
-use super::super::metrics::Metric;
 use super::super::robot::LedColor;
 
 /// A mission as it is written.
@@ -30,7 +29,7 @@ pub(super) struct Text {
     #[serde(default)]
     pub failures: Option<Value>,
     #[serde(default)]
-    pub metrics: BTreeMap<String, Metric>,
+    pub metrics: BTreeMap<String, Value>,
     pub fitness: Fitness,
 }
 

@@ -11,6 +11,7 @@ use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
+use super::super::settings::mismatch_at;
 use super::Robot;
 use actuators::Actuator;
 use battery::BatteryText;
@@ -41,15 +42,15 @@ struct Model {
     /// Kilograms.
     #[serde(default = "mass")]
     mass: f32,
-    drive: DriveText,
+    drive: Value,
     /// Coefficient of friction with other robots and with walls.
     #[serde(default = "friction")]
     friction: [f32; 2],
     battery: Option<BatteryText>,
     #[serde(default)]
-    sensors: Vec<Sensor>,
+    sensors: Vec<Value>,
     #[serde(default)]
-    actuators: Vec<Actuator>,
+    actuators: Vec<Value>,
 }
 
 fn mass() -> f32 {
@@ -62,11 +63,12 @@ fn friction() -> [f32; 2] {
 
 /// What is written, with complaints that name the place.
 fn parsed<T: DeserializeOwned>(value: &Value) -> Result<T, ParameterError> {
-    serde_path_to_error::deserialize(value).map_err(|error| {
-        let path = error.path().to_string();
-        let name = if path == "." { "" } else { &path };
-        wrong(name, error.inner().to_string())
-    })
+    swarmwright_values::read(value).map_err(|mismatch| mismatch_at("", mismatch))
+}
+
+/// The same of one of several kinds, at a place.
+fn parsed_kind<T: DeserializeOwned>(value: &Value, at: &str) -> Result<T, ParameterError> {
+    swarmwright_values::read_kind(value).map_err(|mismatch| mismatch_at(at, mismatch))
 }
 
 /// Reads a robot. Complaints name places within it; `others_send`: whether it may hear messages without sending one.
@@ -77,19 +79,19 @@ pub(super) fn read(value: &Value, others_send: bool) -> Result<Robot, ParameterE
     let model: Model = parsed(value)?;
     let height = model.height.unwrap_or(2.0 * model.radius);
     within("mass", model.mass, MASSES)?;
-    let mut robot = drive::body(model.radius, height, model.friction, &model.drive)?;
+    let drive: DriveText = parsed_kind(&model.drive, "drive")?;
+    let mut robot = drive::body(model.radius, height, model.friction, &drive)?;
     robot.mass = model.mass;
     robot.battery = model.battery.map(BatteryText::read).transpose()?;
     for (index, actuator) in model.actuators.iter().enumerate() {
-        actuators::add(&mut robot, actuator, &format!("actuators[{index}]"))?;
+        let at = format!("actuators[{index}]");
+        let actuator: Actuator = parsed_kind(actuator, &at)?;
+        actuators::add(&mut robot, &actuator, &at)?;
     }
     for (index, sensor) in model.sensors.iter().enumerate() {
-        sensors::add(
-            &mut robot,
-            sensor,
-            &format!("sensors[{index}]"),
-            others_send,
-        )?;
+        let at = format!("sensors[{index}]");
+        let sensor: Sensor = parsed_kind(sensor, &at)?;
+        sensors::add(&mut robot, &sensor, &at, others_send)?;
     }
     if robot.outputs.is_empty() {
         return Err(wrong("sensors", "a robot needs at least one sensor"));

@@ -187,11 +187,6 @@ impl Robot {
         names.collect()
     }
 
-    /// Whether it senses that its gripper holds something.
-    pub(in super::super) fn holds(&self) -> bool {
-        self.outputs.contains(&Output::Gripper)
-    }
-
     /// Names of the numbers of a message that is sent.
     pub(in super::super) fn message_names(&self) -> Vec<String> {
         numbered("message", self.message).collect()

@@ -5,6 +5,8 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use super::{EXTENSION_VERSION, Envelope, MAX_BLOCK, ToServer, ToTool, shortened};
+use swarmwright_values::plain;
+
 use crate::DecodeError;
 use crate::place::at;
 
@@ -28,7 +30,7 @@ fn decode<T: DeserializeOwned>(payload: &[u8], schema: &str) -> Result<T, Decode
             Error::TypeMismatch(marker) => {
                 format!("a MessagePack {marker:?} came, expected the type of {schema}.schema.json")
             }
-            error => error.to_string(),
+            error => plain(&error.to_string()),
         };
         let words = at(&path.unwrap_or_default(), &words);
         DecodeError::value(format!("no message of this extension: {words}"))

@@ -10,6 +10,7 @@ use std::fmt;
 use serde::Serialize;
 use serde::de::{Deserialize, Deserializer, Error, MapAccess, Visitor};
 use serde_json::value::RawValue;
+use swarmwright_values::plain;
 
 use crate::numbers::{Id, Real32, Real64};
 use crate::place::at;
@@ -197,7 +198,7 @@ fn read(payload: &[u8], kind: Kind) -> Result<Fields<'_>, DecodeError> {
             let tracked = serde_path_to_error::Deserializer::new(&mut deserializer, &mut track);
             let _ = tracked.deserialize_map(FieldsVisitor(kind));
             let path = track.path().to_string();
-            Err(DecodeError::json(at(&path, &error.to_string())))
+            Err(DecodeError::json(at(&path, &plain(&error.to_string()))))
         }
     }
 }

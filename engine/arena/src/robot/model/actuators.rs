@@ -11,7 +11,7 @@ use swarmwright_simulation::parameters::wrong;
 const MOST_NUMBERS: usize = 16;
 
 #[derive(Debug, Clone, Deserialize)]
-#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub(super) enum Actuator {
     /// Numbers that others hear.
     Message { numbers: usize },

@@ -13,7 +13,7 @@ const FASTEST_TURN: f32 = 12.0;
 
 /// What all drives have in common.
 #[derive(Debug, Deserialize)]
-#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub(super) enum DriveText {
     Differential {
         wheel_base: f32,

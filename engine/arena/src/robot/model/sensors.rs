@@ -66,7 +66,7 @@ pub(super) enum Seen {
 
 /// A sensor.
 #[derive(Debug, Deserialize)]
-#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub(super) enum Sensor {
     Proximity {
         count: Option<usize>,
@@ -126,7 +126,7 @@ pub(super) enum Sensor {
         #[serde(default)]
         noise: f32,
     },
-    Random,
+    Random {},
     Camera {
         /// Metres from middle to middle.
         range: f32,
@@ -142,7 +142,7 @@ pub(super) enum Sensor {
         noise: f32,
     },
     /// Whether the gripper holds something.
-    Gripper,
+    Gripper {},
 }
 
 fn sights() -> Vec<Sight> {
@@ -217,6 +217,12 @@ pub(super) fn add(
     others_send: bool,
 ) -> Result<(), ParameterError> {
     let noisy = |noise: f32| within(&format!("{at}.noise"), noise, NOISE);
+    let add_only = |robot: &mut Robot, output: Output, kind: &str| {
+        let known = robot.outputs.iter().find(|known| **known == output);
+        only(at, kind, known)?;
+        robot.outputs.push(output);
+        Ok(())
+    };
     match sensor {
         Sensor::Proximity {
             count,
@@ -315,6 +321,7 @@ pub(super) fn add(
             if let Some(radio) = radio {
                 radio.put(&mut links, &format!("{at}.radio"))?;
             }
+            each_once(&format!("{at}.gives"), gives)?;
             robot.links = Some(links);
             for (index, heard) in gives.iter().enumerate() {
                 if *heard == Heard::Message && robot.message == 0 && !others_send {
@@ -335,6 +342,7 @@ pub(super) fn add(
         Sensor::Neighbours { range, gives } => {
             only(at, "neighbours", robot.around.as_ref())?;
             within(&format!("{at}.range"), *range, RANGE)?;
+            each_once(&format!("{at}.gives"), gives)?;
             robot.around = Some(*range);
             robot.outputs.extend(gives.iter().map(|seen| match seen {
                 Seen::Count => Output::AroundCount,
@@ -346,14 +354,14 @@ pub(super) fn add(
         Sensor::Encoders { noise } => {
             noisy(*noise)?;
             robot.encoder_noise = *noise;
-            robot.outputs.push(Output::Encoders);
+            add_only(robot, Output::Encoders, "encoders")?;
         }
         Sensor::Compass { noise } => {
             within(&format!("{at}.noise"), *noise, TURNED)?;
             robot.compass_noise = *noise / 180.0;
-            robot.outputs.push(Output::Compass);
+            add_only(robot, Output::Compass, "compass")?;
         }
-        Sensor::Random => robot.outputs.push(Output::Random),
+        Sensor::Random {} => add_only(robot, Output::Random, "random")?,
         Sensor::Camera {
             range,
             noise,
@@ -373,15 +381,14 @@ pub(super) fn add(
             });
             robot.outputs.push(Output::Camera);
         }
-        Sensor::Gripper => {
-            only(at, "gripper", robot.holds().then_some(&()))?;
+        Sensor::Gripper {} => {
             if robot.gripper.is_none() {
                 return Err(wrong(
                     at,
                     "the robot has no gripper; add the actuator {kind: gripper}",
                 ));
             }
-            robot.outputs.push(Output::Gripper);
+            add_only(robot, Output::Gripper, "gripper")?;
         }
         Sensor::Battery { noise } => {
             if robot.battery.is_none() {
@@ -392,7 +399,7 @@ pub(super) fn add(
             }
             noisy(*noise)?;
             robot.battery_noise = *noise;
-            robot.outputs.push(Output::Battery);
+            add_only(robot, Output::Battery, "battery")?;
         }
     }
     Ok(())

@@ -1,0 +1,66 @@
+//! Values of JSON as types of Rust, with errors in the words of those who write JSON and YAML.
+
+mod words;
+
+use serde::de::DeserializeOwned;
+use serde_json::{Map, Value};
+
+pub use words::plain;
+
+/// What is wrong with a value, and where in it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Mismatch {
+    /// The path of the field, such as `walls.corners[2]`; empty for the value as a whole.
+    pub path: String,
+    /// What was found, and what is expected.
+    pub reason: String,
+}
+
+/// Reads a value.
+///
+/// # Errors
+/// What does not fit, and where it is.
+pub fn read<T: DeserializeOwned>(value: &Value) -> Result<T, Mismatch> {
+    serde_path_to_error::deserialize(value).map_err(|error| {
+        let path = error.path().to_string();
+        Mismatch {
+            path: if path == "." { String::new() } else { path },
+            reason: plain(&error.into_inner().to_string()),
+        }
+    })
+}
+
+/// Reads an object whose field `kind` says which variant of `T` the others are fields of. `T` is an enum as serde tags it by
+/// default, of variants with named fields: one that serde tags by `kind` itself would lose the paths of wrong fields.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_kind<T: DeserializeOwned>(value: &Value) -> Result<T, Mismatch> {
+    let wrong = |path: &str, reason: String| Mismatch {
+        path: path.to_owned(),
+        reason,
+    };
+    let Value::Object(fields) = value else {
+        let found = words::found(value);
+        return Err(wrong(
+            "",
+            format!("{found}, expected an object with a kind"),
+        ));
+    };
+    let mut fields = fields.clone();
+    let kind = match fields.remove("kind") {
+        Some(Value::String(kind)) => kind,
+        Some(other) => {
+            let found = words::found(&other);
+            return Err(wrong("kind", format!("{found}, expected a string")));
+        }
+        None => return Err(wrong("", "missing field `kind`".to_owned())),
+    };
+    let variant = Map::from_iter([(kind.clone(), Value::Object(fields))]);
+    read(&Value::Object(variant)).map_err(|Mismatch { path, reason }| {
+        let inner = path.strip_prefix(&kind).unwrap_or(&path);
+        let unknown = inner.is_empty() && reason.starts_with(&format!("{kind:?} found"));
+        let inner = if unknown { "kind" } else { inner };
+        wrong(inner.strip_prefix('.').unwrap_or(inner), reason)
+    })
+}

@@ -1,0 +1,123 @@
+//! The words of serde for what does not fit, without names of types of Rust.
+
+use serde_json::Value;
+
+/// Characters of a value that are told, at most.
+const MOST: usize = 40;
+
+/// What was found, cut to a length that fits a message.
+pub(crate) fn found(value: &Value) -> String {
+    let note = if value.is_string() { " (a string)" } else { "" };
+    match value {
+        Value::Object(_) => "an object found".to_owned(),
+        Value::Array(_) => "a list found".to_owned(),
+        value => format!("{}{note} found", cut(&value.to_string())),
+    }
+}
+
+fn cut(text: &str) -> String {
+    if text.chars().count() <= MOST {
+        return text.to_owned();
+    }
+    text.chars().take(MOST - 3).collect::<String>() + "..."
+}
+
+/// What serde says, for those who do not know Rust: what was found, and what is expected; other words as they are.
+#[must_use]
+pub fn plain(words: &str) -> String {
+    // Where it is read from a text.
+    if let Some((inner, place)) = words.rsplit_once(" at line ") {
+        let numbers = place.split_once(" column ");
+        let is_number = |text: &str| text.bytes().all(|byte| byte.is_ascii_digit());
+        if numbers.is_some_and(|(line, column)| is_number(line) && is_number(column)) {
+            return format!("{}, at line {place}", plain(inner));
+        }
+    }
+    let translated = || {
+        let (what, rest) = words.split_once(' ')?;
+        match what {
+            "invalid" => invalid(rest),
+            // unknown variant `a`, expected one of `b`, `c`
+            "unknown" => {
+                let (name, expected) =
+                    rest.strip_prefix("variant `")?.split_once("`, expected ")?;
+                let expected = expected.replace('`', "\"");
+                Some(format!("{name:?} found, expected {expected}"))
+            }
+            _ => None,
+        }
+    };
+    translated().unwrap_or_else(|| words.to_owned())
+}
+
+/// `type: string "a", expected f32` and the like.
+fn invalid(words: &str) -> Option<String> {
+    let (of, rest) = words.split_once(' ')?;
+    let (unexpected, expected) = rest.rsplit_once(", expected ")?;
+    let expected = expected_words(expected);
+    match of {
+        "type:" | "value:" => Some(format!(
+            "{} found, expected {expected}",
+            unexpected_words(unexpected)
+        )),
+        "length" => Some(format!("{unexpected} items found, expected {expected}")),
+        _ => None,
+    }
+}
+
+/// What serde calls what it found.
+fn unexpected_words(words: &str) -> String {
+    let quoted = |kind: &str| {
+        words
+            .strip_prefix(kind)?
+            .strip_prefix(" `")?
+            .strip_suffix('`')
+    };
+    let number = ["boolean", "integer", "floating point", "character"]
+        .into_iter()
+        .find_map(quoted);
+    match (number, words) {
+        (Some(number), _) => number.to_owned(),
+        (_, "map") => "an object".to_owned(),
+        (_, "sequence") => "a list".to_owned(),
+        (_, "unit" | "null" | "Option value") => "null".to_owned(),
+        (_, words) => match words.strip_prefix("string ") {
+            Some(text) => format!("{} (a string)", cut(text)),
+            None => words.to_owned(),
+        },
+    }
+}
+
+/// What serde calls what it expects.
+fn expected_words(words: &str) -> String {
+    let (kind, name) = words.split_once(' ').unwrap_or((words, ""));
+    let text = match kind {
+        "f32" | "f64" => "a number",
+        "u8" | "u16" | "u32" | "u64" | "usize" => "a whole number of at least 0",
+        "i8" | "i16" | "i32" | "i64" | "isize" => "a whole number",
+        "struct" | "map" => "an object",
+        "unit" => "null",
+        _ => match words {
+            "a boolean" => "true or false",
+            "a map" => "an object",
+            "a sequence" => "a list",
+            "string or map" | "variant identifier" => "a name",
+            _ => {
+                let size = words
+                    .strip_prefix("an array of length ")
+                    .or_else(|| words.strip_prefix("an array of size "))
+                    .or_else(|| {
+                        (kind == "tuple")
+                            .then(|| name.strip_prefix("of size "))
+                            .flatten()
+                    });
+                return match size {
+                    Some(size) => format!("a list of {size}"),
+                    None => words.to_owned(),
+                };
+            }
+        },
+    };
+    // "struct Walls with 3 elements" says nothing more to those who write objects.
+    text.to_owned()
+}
