@@ -102,7 +102,7 @@ def test_mistakes_of_new(arguments: list[str], answer: str) -> None:
         (
             "patch: west",
             "patch: wst",
-            ':9: metrics.in_west: no patch of the floor is named "wst"; there is west',
+            ':9: metrics.in_west.patch: no patch of the floor is named "wst"; there is west',
         ),
         (
             "fitness: in_west",
