@@ -60,6 +60,7 @@ fn invalid(words: &str) -> Option<String> {
             "{} found, expected {expected}",
             unexpected_words(unexpected)
         )),
+        "length" if expected == "an object" => Some(format!("a list found, expected {expected}")),
         "length" => Some(format!("{unexpected} items found, expected {expected}")),
         _ => None,
     }

@@ -114,6 +114,7 @@ fn structures() {
             "unknown field `colour`, expected one of `ends`, `count`, `color`",
         ),
         (json!({}), "", "missing field `ends`"),
+        (json!([]), "", "a list found, expected an object"),
         (
             json!("a wall"),
             "",

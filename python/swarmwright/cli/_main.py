@@ -71,7 +71,9 @@ def _status(arguments: Sequence[str] | None) -> int:
         return INTERRUPTED
     except BrokenPipeError:
         raise
-    except Exception as error:
+    except BaseException as error:
+        if not isinstance(error, Exception) and not _is_panic(error):
+            raise
         if _interrupted(error):
             _complain("interrupted")
             return INTERRUPTED
@@ -117,6 +119,11 @@ def _interrupted(error: BaseException) -> bool:
     return False
 
 
+def _is_panic(error: BaseException) -> bool:
+    """Whether an error is one of the engine that it did not expect."""
+    return type(error).__module__ == "pyo3_runtime"
+
+
 def _invoke(arguments: list[str]) -> object:
     if "_SWARMWRIGHT_COMPLETE" in os.environ:  # a shell asks for completions
         return program.main(args=arguments, prog_name="swarmwright")
@@ -147,7 +154,7 @@ _LEFT_OUT = {"matplotlib": "matplotlib", "PIL": "pillow", "scipy": "scipy"}
 """Packages by modules: what container images leave out, since only figures and statistics need them."""
 
 
-def _show_error(error: Exception) -> int:
+def _show_error(error: BaseException) -> int:
     """Say what went wrong; the exit status that goes with it."""
     status = getattr(error, "exit_status", None)
     if isinstance(status, int):
@@ -159,6 +166,13 @@ def _show_error(error: Exception) -> int:
         return click.UsageError.exit_code
     if engine is not None and isinstance(error, engine.EngineError):
         _complain(str(error))
+        return FAILED
+    # NumPy's arrays of the engine that could not be made.
+    if isinstance(error, MemoryError) or (_is_panic(error) and "pointer is null" in str(error)):
+        _complain(
+            "there is not enough memory: take a smaller population, or let the process have more (ulimit -v, "
+            "the limits of a container or of a cluster's job)"
+        )
         return FAILED
     if isinstance(error, ModuleNotFoundError) and error.name in _LEFT_OUT:
         _complain(f"this needs the package {_LEFT_OUT[error.name]}: pip install {_LEFT_OUT[error.name]}")

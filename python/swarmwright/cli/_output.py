@@ -60,7 +60,7 @@ def _own_descriptor(stream: TextIO) -> Iterator[TextIO]:
     stream.flush()
     number = os.dup(_STDOUT)
     os.dup2(error, _STDOUT)
-    raw = open(number, "wb", buffering=0 if stream.write_through else -1)  # noqa: SIM115 - closed with `own`
+    raw = os.fdopen(number, "wb", 0 if stream.write_through else -1)
     with io.TextIOWrapper(
         raw,
         stream.encoding,

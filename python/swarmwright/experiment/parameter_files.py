@@ -106,6 +106,8 @@ def _objects(simulation: str, *, ask: bool) -> Iterator[tuple[str, bool]]:
 
 
 def _kind(value: Any) -> str:  # noqa: ANN401 - any JSON value
+    if value is None:
+        return "nothing"
     return "a list" if isinstance(value, list) else "text" if isinstance(value, str) else "a single value"
 
 

@@ -2,7 +2,7 @@
 
 import ast
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Sequence
 from types import CodeType, ModuleType
 from typing import Any
 
@@ -11,11 +11,13 @@ from swarmwright.user_code.notices import say
 from swarmwright.user_code.parts import Part, Source
 
 
-def warn_of_edits(parts: Iterable[Part]) -> None:
+def warn_of_edits(parts: Sequence[Part]) -> None:
     """Warn of source that was edited after this process imported it.
 
     Of that the process executes what it imported, while a run keeps a copy of what the file holds.
     """
+    if not parts:
+        return  # modules of a process may be thousands
     modules = {
         file: module for module in list(sys.modules.values()) if (file := getattr(module, "__file__", None))
     }

@@ -155,3 +155,14 @@ def test_what_c_code_prints_is_not_among_json(tmp_path: Path, program: Any) -> N
     assert "from C\n" in done.stderr
     assert "written\n" in done.stderr
     assert "from C\n" in program("evaluate", "run").stdout
+
+
+def test_too_little_memory_is_no_bug(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fail(*_: object) -> object:
+        raise MemoryError
+
+    monkeypatch.setattr("swarmwright.cli._main._invoke", fail)
+    assert swarmwright(["runs", "list"]) == 1
+    assert "there is not enough memory: take a smaller population" in capsys.readouterr().err

@@ -1,4 +1,6 @@
 import logging
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -45,6 +47,13 @@ def test_it_is_said_how_much_is_needed(
     assert record.levelno == level
     assert said in record.getMessage()
     assert record.getMessage().startswith("200,000 candidates with 19 genes each: about ")
+
+
+def test_limits_of_the_process_count() -> None:
+    code = "from swarmwright.optimization.memory import available; print(available())"
+    command = f'ulimit -v 4000000; exec "{sys.executable}" -c "{code}"'
+    found = subprocess.run(["sh", "-c", command], capture_output=True, text=True, check=True, timeout=50)
+    assert 0 < int(found.stdout) < 4_000_000 * 1024
 
 
 def test_small_populations_and_steady_state_are_no_matter(caplog: pytest.LogCaptureFixture) -> None:
