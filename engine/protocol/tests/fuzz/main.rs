@@ -222,7 +222,7 @@ fn what_is_refused_is_not_quoted_at_length() {
     ] {
         let words = Message::decode(topic, &payload).unwrap_err().to_string();
         assert!(
-            words.chars().count() <= 420 && words.ends_with("..."),
+            words.chars().count() <= 420 && words.contains("..."),
             "{words}"
         );
     }
