@@ -80,11 +80,11 @@ def available() -> int | None:
             # The page cache is released when needed.
             held = int((group / used).read_text()) - _table(group / "memory.stat")[files]
             found.append(max(limit - held, 0))
-    most = resource.getrlimit(resource.RLIMIT_AS)[0]  # ulimit -v
-    if most != resource.RLIM_INFINITY:
+    largest = resource.getrlimit(resource.RLIMIT_AS)[0]  # ulimit -v
+    if largest != resource.RLIM_INFINITY:
         with suppress(OSError, ValueError, IndexError):
             pages = int(Path("/proc/self/statm").read_text().split()[0])
-            found.append(max(most - pages * resource.getpagesize(), 0))
+            found.append(max(largest - pages * resource.getpagesize(), 0))
     return min(found, default=None)
 
 
