@@ -84,7 +84,7 @@ def test_it_is_replayed(tmp_path: Path) -> None:
         ("none", "this simulation has nothing to show"),
         ("text", r"Seen.scene: 'a view' returned, expected a swarmwright.display.Scene or None"),
         ("nan", r"Seen.scene: .* returned: bodies\[0\].x: nan found, expected a finite number"),
-        ("step", r"seen: scene: invalid value: integer `-1`"),
+        ("step", r"seen: scene\.step: -1 found, expected a whole number"),
     ],
 )
 def test_a_scene_that_is_none(scene: str, words: str, tmp_path: Path) -> None:
