@@ -34,8 +34,10 @@ def test_a_server_draws_when_the_control_message_says_so(
     assert control["visual"] is True
     assert all(pause >= 0.9 * PACE for pause in steps_of(recorder))
     assert len(recorder.on("sensor")) == STEPS
-    frames = sum("Hello there" in line for line in servers.lines)
+    # Standard output of `serve --json` is for its events alone.
+    frames = sum("Hello there" in line for line in servers.errors)
     assert frames == STEPS + 1, "the beginning and each step"
+    assert not any("Hello there" in line for line in servers.lines)
     check_shapes(recorder.messages)
     Referee().follow(recorder.messages)
     (fitness,) = [content["fitness"] for content in recorder.on("fitness")]
@@ -46,7 +48,7 @@ def test_a_server_draws_when_the_control_message_says_so(
     recorder.settle()
     assert [content["visual"] for content in recorder.on("control") if content["run"]] == [False]
     assert sum(steps_of(recorder)) < PACE * STEPS / 2
-    assert sum("Hello there" in line for line in servers.lines) == frames
+    assert sum("Hello there" in line for line in servers.errors) == frames
     assert [content["fitness"] for content in recorder.on("fitness")] == [fitness], "watching changes nothing"
 
 
