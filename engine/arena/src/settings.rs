@@ -93,12 +93,7 @@ pub(super) fn with_place(place: &str, error: ParameterError) -> ParameterError {
 
 /// The same of what does not fit its type.
 pub(super) fn mismatch_at(place: &str, mismatch: Mismatch) -> ParameterError {
-    let name = match (place, &*mismatch.path) {
-        (place, "") => place.to_owned(),
-        ("", path) => path.to_owned(),
-        (place, path) => format!("{place}.{path}"),
-    };
-    wrong(&name, mismatch.reason)
+    wrong(&mismatch.path_in(place), mismatch.reason)
 }
 
 impl Settings {

@@ -18,13 +18,6 @@ pub(crate) fn at(path: &str, words: &str) -> String {
 
 /// Reads a value, which lies at a path of its message.
 pub(crate) fn read<T: DeserializeOwned>(value: Value, path: &str) -> Result<T, DecodeError> {
-    swarmwright_values::read(&value).map_err(|mismatch| {
-        let whole = match (path, &*mismatch.path) {
-            (path, "") => path.to_owned(),
-            ("", inner) => inner.to_owned(),
-            (path, inner) if inner.starts_with('[') => format!("{path}{inner}"),
-            (path, inner) => format!("{path}.{inner}"),
-        };
-        DecodeError::value(at(&whole, &mismatch.reason))
-    })
+    swarmwright_values::read(&value)
+        .map_err(|mismatch| DecodeError::value(at(&mismatch.path_in(path), &mismatch.reason)))
 }

@@ -7,7 +7,6 @@ use pyo3::types::{PyBool, PyDict, PyFloat, PyInt, PyList, PyString, PyTuple};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::{Map, Number, Value};
-use swarmwright_values::Mismatch;
 
 use crate::errors::{engine, input};
 
@@ -68,16 +67,8 @@ pub fn object(name: &str, dict: &Bound<'_, PyDict>) -> PyResult<Map<String, Valu
 pub fn read<T: DeserializeOwned>(name: &str, value: &Bound<'_, PyAny>) -> PyResult<T> {
     let value =
         any(value, 0).map_err(|wrong| input(format!("{name}{}: {}", wrong.place, wrong.reason)))?;
-    swarmwright_values::read(&value).map_err(|mismatch| mismatched(name, &mismatch))
-}
-
-/// What does not fit its type; `name` is what the whole is called.
-fn mismatched(name: &str, Mismatch { path, reason }: &Mismatch) -> PyErr {
-    input(match path.as_str() {
-        "" => format!("{name}: {reason}"),
-        path if path.starts_with('[') => format!("{name}{path}: {reason}"),
-        path => format!("{name}.{path}: {reason}"),
-    })
+    swarmwright_values::read(&value)
+        .map_err(|mismatch| input(format!("{}: {}", mismatch.path_in(name), mismatch.reason)))
 }
 
 /// Why a value cannot be taken, and where it is in the whole.

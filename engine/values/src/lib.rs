@@ -16,6 +16,19 @@ pub struct Mismatch {
     pub reason: String,
 }
 
+impl Mismatch {
+    /// The path of the field where the value as a whole is at a path.
+    #[must_use]
+    pub fn path_in(&self, place: &str) -> String {
+        match (place, self.path.as_str()) {
+            (place, "") => place.to_owned(),
+            ("", path) => path.to_owned(),
+            (place, path) if path.starts_with('[') => format!("{place}{path}"),
+            (place, path) => format!("{place}.{path}"),
+        }
+    }
+}
+
 /// Reads a value.
 ///
 /// # Errors

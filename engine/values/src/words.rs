@@ -30,9 +30,13 @@ pub fn plain(words: &str) -> String {
         let numbers = place.split_once(" column ");
         let is_number = |text: &str| text.bytes().all(|byte| byte.is_ascii_digit());
         if numbers.is_some_and(|(line, column)| is_number(line) && is_number(column)) {
-            return format!("{}, at line {place}", plain(inner));
+            return format!("{}, at line {place}", translated(inner));
         }
     }
+    translated(words)
+}
+
+fn translated(words: &str) -> String {
     let translated = || {
         let (what, rest) = words.split_once(' ')?;
         match what {
