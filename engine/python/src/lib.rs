@@ -4,6 +4,7 @@ mod arrays;
 mod broker;
 mod cma;
 mod controller;
+mod conversation;
 mod digests;
 mod episodes;
 mod errors;

@@ -4,8 +4,6 @@
     reason = "pyo3 hands arguments over by value"
 )]
 
-use std::sync::{Arc, Mutex};
-
 use numpy::{
     PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods,
 };
@@ -16,12 +14,11 @@ use swarmwright_evolution::{
     Search, Space, Starts, SwarmSettings, Swarming, Variation,
 };
 
-use swarmwright_protocol::{F64s, NORMAL, Sample};
-
-use crate::errors::{engine, input};
+use crate::conversation::{Conversation, Failure};
+use crate::errors::input;
 use crate::local::lock;
 use crate::operators::operators;
-use crate::sample::{self, PySample};
+use crate::sample::PySample;
 
 type Row<'py> = PyReadonlyArray1<'py, f64>;
 
@@ -32,166 +29,10 @@ pub struct PySearch {
     search: Option<Conversation>,
 }
 
-/// A method, and what it has asked for.
-pub struct Conversation {
-    search: Box<dyn Search>,
-    genes: usize,
-    asked: Option<Vec<f32>>,
-    /// Why there was no new start, or no genomes.
-    failed: Failure,
-}
-
-/// What is to be evaluated.
-pub enum Asked {
-    /// (candidates, genes), row-major.
-    Genomes(Vec<f32>),
-    /// What they are made from.
-    Sample(Box<Sample>),
-}
-
-impl Asked {
-    /// Number of candidates of so many genes.
-    pub fn candidates(&self, genes: usize) -> usize {
-        match self {
-            Self::Genomes(genomes) => genomes.len() / genes.max(1),
-            Self::Sample(sample) => usize::try_from(sample.count).unwrap_or(usize::MAX),
-        }
-    }
-}
-
-/// Where an error of Python's goes, in whose stead there is only a [`NoStart`].
-pub type Failure = Arc<Mutex<Option<PyErr>>>;
-
-impl Conversation {
-    /// The genomes to be evaluated: those asked for last, if their fitness is missing.
-    pub fn ask(&mut self) -> PyResult<&[f32]> {
-        if self.asked.is_none() {
-            let asked = self.search.ask().map_err(|error| self.reason(error))?;
-            self.asked = Some(asked);
-        }
-        Ok(self.asked.as_deref().unwrap_or_default())
-    }
-
-    /// Takes their fitness, and returns them.
-    pub fn tell(&mut self, fitness: &[f64]) -> PyResult<Vec<f32>> {
-        let asked = match self.asked.take() {
-            Some(asked) if asked.len() == fitness.len() * self.genes => asked,
-            other => {
-                self.asked = other;
-                return Err(input("expected the fitness of the genomes asked for last"));
-            }
-        };
-        let told = self.search.tell(&asked, fitness);
-        told.map_err(|error| self.reason(error))?;
-        Ok(asked)
-    }
-
-    /// As [`ask`](Self::ask), handed over until [`told`](Self::told).
-    pub fn take(&mut self) -> PyResult<Vec<f32>> {
-        self.ask()?;
-        Ok(self.asked.take().unwrap_or_default())
-    }
-
-    /// As [`tell`](Self::tell), for genomes that were taken.
-    pub fn told(&mut self, genomes: Vec<f32>, fitness: &[f64]) -> PyResult<Vec<f32>> {
-        self.asked = Some(genomes);
-        self.tell(fitness)
-    }
-
-    /// As [`take`](Self::take) without making genomes that a sample stands for, in the store and for servers.
-    pub fn draw(&mut self) -> PyResult<Asked> {
-        if self.asked.is_none()
-            && let Some(count) = self.search.draw().map_err(|error| self.reason(error))?
-        {
-            if let Some(sample) = self.short_sample(count) {
-                return Ok(Asked::Sample(Box::new(sample)));
-            }
-            let mut genomes = vec![0.0; count * self.genes];
-            if let Some(drawn) = self.search.drawn() {
-                drawn.genomes_parallel(0, &mut genomes);
-            }
-            return Ok(Asked::Genomes(genomes));
-        }
-        self.take().map(Asked::Genomes)
-    }
-
-    /// As [`told`](Self::told), for a sample.
-    pub fn told_sample(&mut self, fitness: &[f64]) -> PyResult<()> {
-        let told = self.search.tell(&[], fitness);
-        told.map_err(|error| self.reason(error))
-    }
-
-    /// What so many genomes asked for last were made from, where servers can make them from it, too.
-    pub fn sample(&self, count: usize) -> Option<Sample> {
-        let drawn = self.search.drawn().filter(|_| count > 0)?;
-        let row = |row: &[f64]| F64s(row.to_vec());
-        let sample = Sample {
-            distribution: NORMAL.to_owned(),
-            seed: drawn.seed,
-            purpose: drawn.purpose.to_owned(),
-            generation: drawn.generation,
-            first: 0,
-            count: count as u64,
-            mirrored: drawn.mirrored,
-            center: row(drawn.center),
-            deviation: row(drawn.deviation),
-            middle: row(drawn.scale.middle),
-            reach: row(drawn.scale.reach),
-            lower: row(drawn.scale.lower),
-            upper: row(drawn.scale.upper),
-        };
-        sample.problem().is_none().then_some(sample)
-    }
-
-    /// As [`sample`](Self::sample), where the store keeps it instead of the genomes.
-    pub fn short_sample(&self, count: usize) -> Option<Sample> {
-        self.sample(count).filter(sample::is_shorter)
-    }
-
-    /// Takes the fitness of the next genomes if they are those of this sample; returns whether they are.
-    fn retell_sample(&mut self, sample: &Sample, fitness: &[f64]) -> PyResult<bool> {
-        let drawn = match self.asked {
-            Some(_) => None,
-            None => self.search.draw().map_err(|error| self.reason(error))?,
-        };
-        let count = match drawn {
-            Some(count) => count,
-            None => self.ask()?.len() / self.genes.max(1),
-        };
-        let same = count == fitness.len() && self.sample(count).as_ref() == Some(sample);
-        if !same {
-            return Ok(false);
-        }
-        let genomes = self.asked.take().unwrap_or_default();
-        let told = self.search.tell(&genomes, fitness);
-        told.map_err(|error| self.reason(error)).map(|()| true)
-    }
-
-    /// Fitness of the members that stay; None where there are no such.
-    pub fn members(&self) -> Option<Vec<f64>> {
-        Some(self.search.members()?.fitness.to_vec())
-    }
-
-    /// Genes of a genome.
-    pub fn genes(&self) -> usize {
-        self.genes
-    }
-
-    fn reason(&self, NoStart: NoStart) -> PyErr {
-        let failed = lock(&self.failed).take();
-        failed.unwrap_or_else(|| engine("there is no place for a new start"))
-    }
-}
-
 impl PySearch {
     fn new(genes: usize, search: impl Search + 'static, failed: Failure) -> Self {
         Self {
-            search: Some(Conversation {
-                search: Box::new(search),
-                genes,
-                asked: None,
-                failed,
-            }),
+            search: Some(Conversation::new(genes, search, failed)),
         }
     }
 
@@ -210,20 +51,6 @@ impl PySearch {
 pub enum Kept<'py> {
     Sample(Bound<'py, PySample>),
     Genomes(PyReadonlyArray2<'py, f32>),
-}
-
-/// Whether numbers have the same bits.
-fn are_same(one: &[f32], other: &[f32]) -> bool {
-    // A loop without a way out is one that the compiler can do in vectors.
-    let differ = |(one, other): (&[f32], &[f32])| {
-        let pairs = one.iter().zip(other);
-        pairs.fold(0, |bits, (one, other)| {
-            bits | (one.to_bits() ^ other.to_bits())
-        })
-    };
-    one.chunks(1024)
-        .zip(other.chunks(1024))
-        .all(|parts| differ(parts) == 0)
 }
 
 fn elsewhere() -> PyErr {
@@ -485,7 +312,7 @@ impl PySearch {
 
     fn ask<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f32>>> {
         let here = self.here()?;
-        let genes = here.genes;
+        let genes = here.genes();
         let genomes = py.detach(|| here.ask())?;
         PyArray1::from_slice(py, genomes).reshape([genomes.len() / genes.max(1), genes])
     }
@@ -507,14 +334,7 @@ impl PySearch {
             }
             Kept::Genomes(genomes) => genomes.as_slice()?,
         };
-        py.detach(|| {
-            let asked = here.ask()?;
-            let same = asked.len() == genomes.len() && are_same(asked, genomes);
-            if same {
-                here.tell(fitness)?;
-            }
-            Ok(same)
-        })
+        py.detach(|| here.retell(genomes, fitness))
     }
 
     fn rescore(&mut self, fitness: Row<'_>) -> PyResult<()> {
@@ -527,7 +347,7 @@ impl PySearch {
     #[getter]
     fn members<'py>(&mut self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray2<f32>>>> {
         let here = self.here()?;
-        let genes = here.genes;
+        let genes = here.genes();
         let Some(members) = here.search.members() else {
             return Ok(None);
         };
@@ -550,8 +370,7 @@ impl PySearch {
     #[getter]
     fn sample(&mut self) -> PyResult<Option<PySample>> {
         let here = self.here()?;
-        let asked = here.asked.as_ref().map_or(0, Vec::len) / here.genes.max(1);
-        Ok(here.sample(asked).map(PySample))
+        Ok(here.sample(here.asked()).map(PySample))
     }
 
     fn state<'py>(&mut self, py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyArray1<f64>>> {

@@ -8,10 +8,10 @@ use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyTuple};
 use swarmwright_evolution::{NoStart, Operators, Stream, Variation};
 
+use crate::conversation::Failure;
 use crate::errors::input;
 use crate::evolution::PyNodeNetwork;
 use crate::local::lock;
-use crate::methods::Failure;
 use crate::streams::PyStreams;
 
 /// A `NodeNetwork` of the engine's, or a representation in Python, whose errors go to `failed`.

@@ -9,8 +9,8 @@ use swarmwright_controllers::Architecture;
 use swarmwright_pool::{About, Attempt, Pool, PoolError, Work};
 use swarmwright_protocol::Sample;
 
+use crate::conversation::Asked;
 use crate::errors::input;
-use crate::methods::Asked;
 use crate::pool::error;
 use crate::sample::genomes_of;
 
