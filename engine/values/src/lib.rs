@@ -1,5 +1,6 @@
 //! Values of JSON as types of Rust, with errors in the words of those who write JSON and YAML.
 
+mod strict;
 mod words;
 
 use serde::de::DeserializeOwned;
@@ -29,12 +30,12 @@ impl Mismatch {
     }
 }
 
-/// Reads a value.
+/// Reads a value. Fields are read from an object, never from a list in the order of the type's fields.
 ///
 /// # Errors
 /// What does not fit, and where it is.
 pub fn read<T: DeserializeOwned>(value: &Value) -> Result<T, Mismatch> {
-    serde_path_to_error::deserialize(value).map_err(|error| {
+    serde_path_to_error::deserialize(strict::Strict(value)).map_err(|error| {
         let path = error.path().to_string();
         Mismatch {
             path: if path == "." { String::new() } else { path },

@@ -116,6 +116,11 @@ fn structures() {
         (json!({}), "", "missing field `ends`"),
         (json!([]), "", "a list found, expected an object"),
         (
+            json!([[0, 1], 0, null]),
+            "",
+            "a list found, expected an object",
+        ),
+        (
             json!("a wall"),
             "",
             "\"a wall\" (a string) found, expected an object",
@@ -151,6 +156,11 @@ fn kinds() {
             json!({"kind": "camera", "range": 1, "walls": [{"ends": [0, {}]}]}),
             "walls[0].ends[1]",
             "an object found, expected a number",
+        ),
+        (
+            json!({"kind": "camera", "range": 1, "walls": [[[0, 1], 2]]}),
+            "walls[0]",
+            "a list found, expected an object",
         ),
         (json!({"kind": "camera"}), "", "missing field `range`"),
         (
