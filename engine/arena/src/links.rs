@@ -31,8 +31,8 @@ pub(super) struct LinkWindow<L: Lanes> {
     pub loss: Option<f32>,
 }
 
-/// Messages that were not lost: the way to their sender.
-type Sent<L> = Slots<L, 2, AT_A_TIME>;
+/// Messages that were not lost: the way to their sender, and the distance of middles at which its rim touches, centimetres.
+type Sent<L> = Slots<L, 3, AT_A_TIME>;
 
 /// Those that arrive: their number, and their sum.
 #[derive(Clone, Copy)]
@@ -47,7 +47,7 @@ impl<L: Lanes> LinkWindow<L> {
             sums: vec![[[number(0.0); 2]; WINDOW]; robots],
             heard: vec![number(0.0); robots],
             attraction: vec![[number(0.0); 2]; robots],
-            sent: Sent::new([0.0; 2]),
+            sent: Sent::new([0.0; 3]),
             mute: Vec::new(),
             loss: None,
         }
@@ -74,7 +74,7 @@ impl<L: Lanes> LinkWindow<L> {
     ) {
         let loss = self.loss.unwrap_or(links.loss);
         let (mut kind, mut left) = (0, 0);
-        let mut range = number::<L>(0.0);
+        let (mut range, mut rims) = (number::<L>(0.0), number(0.0));
         let mut arrived = Arrived {
             count: number(0.0),
             sum: [number(0.0); 2],
@@ -92,7 +92,9 @@ impl<L: Lanes> LinkWindow<L> {
         for k in 0..others.len() {
             let (other, sender) = (&others[k], indices[k] as usize);
             while left == 0 {
-                range = number(both(links, team.kind(kind)));
+                let of = team.kind(kind);
+                range = number(both(links, of));
+                rims = number(100.0 * (team.robot(index).radius + of.radius));
                 left = others.of(kind).len();
                 kind += 1;
             }
@@ -103,7 +105,7 @@ impl<L: Lanes> LinkWindow<L> {
                 sent = sent.and_not(self.mute[sender]);
             }
             if sent.any() {
-                let rest = slots.put([other.x, other.y], sent);
+                let rest = slots.put([other.x, other.y, rims], sent);
                 if rest.any() {
                     receive(
                         links,
@@ -115,7 +117,7 @@ impl<L: Lanes> LinkWindow<L> {
                         &mut arrived,
                     );
                     slots.clear();
-                    slots.put([other.x, other.y], rest);
+                    slots.put([other.x, other.y, rims], rest);
                 }
             }
         }
@@ -164,7 +166,8 @@ fn receive<L: Lanes>(
     arrived: &mut Arrived<L>,
 ) {
     for place_of in 0..slots.used() {
-        let (way, nothing) = slots.get(place_of);
+        let ([x, y, rims], nothing) = slots.get(place_of);
+        let way = [x, y];
         // As of all others, so that the sender itself does not stand between.
         let square = way[0] * way[0] + way[1] * way[1];
         let mut hidden = nothing;
@@ -175,7 +178,9 @@ fn receive<L: Lanes>(
                 .or(bodies.objects.hide(at, way));
         }
         let distance = square.sqrt();
-        let weight = number::<L>(1.0) / ((distance * 100.0 + (1.0 - links.offset)) * distance);
+        // From rim to rim, and 1: a sum of two that overlap would be huge, or point away.
+        let far = (distance * 100.0 + (number::<L>(1.0) - rims)).at_least(number(1.0));
+        let weight = number::<L>(1.0) / (far * distance);
         let weight = number::<L>(0.0).select(weight, hidden);
         arrived.count += number::<L>(0.0).select(number(1.0), hidden);
         arrived.sum[0] += way[0] * weight;

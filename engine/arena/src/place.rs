@@ -195,6 +195,13 @@ impl Place {
         [low, high]
     }
 
+    /// The distance in the plane of a point from the corner of the walls that is farthest from it.
+    pub(super) fn farthest(&self, [x, y, _]: [f32; 3]) -> f32 {
+        let corners = self.outline.iter();
+        let far = corners.map(|corner| (corner[0] - x).hypot(corner[1] - y));
+        far.fold(0.0, f32::max)
+    }
+
     /// Whether a point is inside of the walls and of no box.
     pub(super) fn is_free(&self, point: [f64; 2]) -> bool {
         let boxed = |corners: &[[f32; 2]; 4]| polygon::contains(corners, point);

@@ -112,6 +112,31 @@ pub(super) fn contains(corners: &[Point], [x, y]: [f64; 2]) -> bool {
     })
 }
 
+/// Whether a side of the one polygon goes through a side of the other one; touching it is not enough.
+pub(super) fn cross(one: &[Point], other: &[Point]) -> bool {
+    let through = |[a, b]: [Point; 2], [c, d]: [Point; 2]| {
+        left(a, b, c) * left(a, b, d) < 0.0 && left(c, d, a) * left(c, d, b) < 0.0
+    };
+    sides(one).any(|side| sides(other).any(|another| through(side, another)))
+}
+
+/// The distance of a point from the nearest side.
+pub(super) fn distance(corners: &[Point], point: Point) -> f64 {
+    let from = sides(corners).map(|[a, b]| {
+        let way =
+            |from: Point, to: Point| [0, 1].map(|axis| f64::from(to[axis]) - f64::from(from[axis]));
+        let ([x, y], [u, v]) = (way(a, point), way(a, b));
+        let along = ((x * u + y * v) / (u * u + v * v)).clamp(0.0, 1.0);
+        (x - along * u).hypot(y - along * v)
+    });
+    from.fold(f64::INFINITY, f64::min)
+}
+
+fn sides(corners: &[Point]) -> impl Iterator<Item = [Point; 2]> + '_ {
+    let next = corners.iter().cycle().skip(1);
+    corners.iter().zip(next).map(|(a, b)| [*a, *b])
+}
+
 /// Lower left and upper right corner of what holds all corners.
 pub(super) fn extent(corners: &[Point]) -> [Point; 2] {
     let start = [[f32::INFINITY; 2], [f32::NEG_INFINITY; 2]];

@@ -34,8 +34,8 @@ impl<L: Lanes> Seen<L> {
     }
 }
 
-/// Writes the distances from where a robot's rays begin, the sensor's range where they meet nothing. A ray that begins inside
-/// of a body does not see it.
+/// Writes the distances from where a robot's rays begin, the sensor's range where they meet nothing. Where a ray begins inside
+/// of a body that the robot is pressed to, the distance is negative, or the body is not seen at all ([`Proximity::least`]).
 #[expect(
     clippy::too_many_arguments,
     reason = "what rays meet, and where they look"
@@ -110,7 +110,7 @@ pub(super) fn respond<L: Lanes>(sensors: &Proximity, readings: &mut [Number<L>])
     let range = number(sensors.range);
     let [c0, c1, c2] = sensors.response;
     for reading in readings {
-        let distance = *reading;
+        let distance = reading.at_least(number(0.0));
         let value = ((distance * c2 + c1) * distance + c0).within(0.0, 1.0);
         *reading = value.only_where(distance.lt(range));
     }
@@ -166,7 +166,7 @@ fn to_robots<L: Lanes>(
             if L::WIDTH >= BRANCHLESS || meets.any() {
                 let entry = absolute(along) - depth.at_least(zero).sqrt();
                 let distance = entry - number(sensors.start);
-                let seen = meets.and(zero.le(distance));
+                let seen = meets.and(number(sensors.least()).le(distance));
                 let rays = (index, sensors.opposite(index));
                 shorten(readings, rays, distance, seen, zero.lt(along));
             }
@@ -194,7 +194,7 @@ fn to_walls<L: Lanes>(
             let distance = whole - number(sensors.start);
             let forward = zero.lt(towards);
             let place = side + whole.select(-whole, forward) * drift;
-            let seen = zero
+            let seen = number(sensors.least())
                 .le(distance)
                 .and(distance.lt(number(sensors.range)))
                 .and(absolute(place).le(half));

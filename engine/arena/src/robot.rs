@@ -123,6 +123,7 @@ impl Robot {
             .max(proximity)
             .max(self.around.unwrap_or(0.0))
             .max(self.camera.as_ref().map_or(0.0, |camera| camera.range))
+            .max(self.light.as_ref().map_or(0.0, |light| light.shadow))
     }
 
     /// Rims that are further apart than this at the beginning of a tick do not touch in it, metres.

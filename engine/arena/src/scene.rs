@@ -237,7 +237,7 @@ fn look(scene: &mut Scene, team: &Team, place: &Place, swarm: &Swarm<f32>) {
             for ray in &sensors.rays {
                 let [x, y] = ray.along;
                 let along = [x * cos - y * sin, x * sin + y * cos];
-                let from = ahead(at(index), along, sensors.start);
+                let from = at(index);
                 let robots = others.iter().filter_map(|(other, which)| {
                     to_disc(from, along, *other, team.robot(*which).radius)
                 });
@@ -245,8 +245,10 @@ fn look(scene: &mut Scene, team: &Team, place: &Place, swarm: &Swarm<f32>) {
                 let walls = walls.filter_map(|face| to_wall(from, along, face));
                 let pushed = objects(place, swarm)
                     .filter_map(|(pose, form, ..)| to_form(from, along, form, pose));
-                let free = robots.chain(walls).chain(pushed);
-                let free = free.fold(sensors.range, f32::min);
+                let seen = robots.chain(walls).chain(pushed);
+                let seen = seen.map(|far| far - sensors.start);
+                let seen = seen.filter(|far| *far >= sensors.least());
+                let free = seen.fold(sensors.range, f32::min).max(0.0);
                 let [c0, c1, c2] = sensors.response;
                 let reading = ((free * c2 + c1) * free + c0).clamp(0.0, 1.0);
                 scene.rays.push(Ray {

@@ -456,7 +456,33 @@ impl Team {
             };
             group.robot.settle(place, &robot)?;
         }
+        self.cast_shadows(place);
         Ok(())
+    }
+
+    /// Finds how far from a robot another one may hide a lamp from it.
+    fn cast_shadows(&mut self, place: &Place) {
+        let bodies = self.groups.iter();
+        let bodies: Vec<_> = bodies
+            .map(|Group { robot, .. }| (robot.height, robot.radius))
+            .collect();
+        for group in &mut self.groups {
+            let Some(sensors) = &mut group.robot.light else {
+                continue;
+            };
+            let lit = place.lights.iter().filter(|light| light.intensity > 0.0);
+            let shadows = lit.flat_map(|light| {
+                let far = place
+                    .farthest(light.at)
+                    .min(sensors.reach * light.intensity);
+                let shadow = move |(height, radius): &(f32, f32)| {
+                    far * (height / light.at[2]).min(1.0) + radius
+                };
+                bodies.iter().map(shadow)
+            });
+            // Robots may be pressed into walls a little.
+            sensors.shadow = 1.01 * shadows.fold(0.0, f32::max);
+        }
     }
 
     /// Numbers of the longest message.

@@ -118,6 +118,96 @@ fn rays_see_each_kind_in_its_size() {
 }
 
 #[test]
+fn messages_count_from_rim_to_rim() {
+    let sensors = json!([{"kind": "range_and_bearing", "range": 2, "gives": ["attraction"]}]);
+    let kinds = json!([
+        {"robot": robot(0.1, 1.0, 0.1, &sensors), "count": 1, "name": "large"},
+        {"robot": robot(0.03, 1.0, 0.1, &sensors), "count": 1, "name": "small"},
+    ]);
+    let start = json!({"rectangle": {"x": [-0.1, 0.1], "y": [-0.1, 0.1]}});
+    for seed in 0..20 {
+        let arena = arena(&json!({"mission": mission(&start), "robots": kinds, "seed": seed}));
+        let bodies = arena.scene().unwrap().bodies;
+        for (agent, other) in [(0, 1), (1, 0)] {
+            let [body, sender] = [agent, other].map(|index: usize| &bodies[index]);
+            let way = [sender.x - body.x, sender.y - body.y];
+            let far = way[0].hypot(way[1]);
+            let expected = 1.0 / (1.0 + 100.0 * (far - 0.13)) / far;
+            let (sin, cos) = body.heading.unwrap().sin_cos();
+            let ahead = (way[0] * cos + way[1] * sin) * expected;
+            let left = (way[1] * cos - way[0] * sin) * expected;
+            let mut heard = [0.0; 2];
+            arena.sense(agent as u32, &mut heard);
+            assert!((heard[0] - ahead).abs() < 1e-3, "{heard:?}, {ahead}");
+            assert!((heard[1] - left).abs() < 1e-3, "{heard:?}, {left}");
+        }
+    }
+}
+
+#[test]
+fn robots_hide_lamps_whatever_else_others_sense() {
+    let seen = |more: &Value, seed: u64| {
+        let mut sensors = vec![json!({"kind": "light", "count": 4, "reach": 10})];
+        sensors.extend(more.as_array().unwrap().iter().cloned());
+        let mut tall = robot(0.05, 1.0, 0.1, &json!(sensors));
+        tall["height"] = json!(0.2);
+        let start = json!({"rectangle": {"x": [-2.5, 0], "y": [-0.03, 0.03]}});
+        let mut mission = mission(&start);
+        mission["lights"] = json!([{"at": [2, 0, 0.3], "intensity": 3}]);
+        let arena = arena(&json!({"mission": mission, "robots": 2, "robot": tall, "seed": seed}));
+        [0, 1].map(|agent| {
+            let mut sensors = vec![0.0; arena.description().sensors];
+            arena.sense(agent, &mut sensors);
+            sensors[..4].to_vec()
+        })
+    };
+    let mut hidden = 0;
+    for seed in 0..40 {
+        let alone = seen(&json!([]), seed);
+        let all = seen(
+            &json!([{"kind": "neighbours", "range": 9, "gives": ["count"]}]),
+            seed,
+        );
+        assert_eq!(alone, all, "seed {seed}");
+        let dark = |sensors: &Vec<f32>| sensors.iter().all(|reading| *reading <= 0.0);
+        hidden += alone.iter().filter(|sensors| dark(sensors)).count();
+    }
+    assert!((20..=40).contains(&hidden), "{hidden}");
+}
+
+#[test]
+fn rays_see_what_a_robot_is_pressed_to() {
+    let sensors = json!([{"kind": "proximity", "count": 24, "range": 0.2}]);
+    let robot = robot(0.1, 1.0, 0.5, &sensors);
+    let start = json!({"rectangle": {"x": [2, 2.8], "y": [-1, 1]}});
+    for seed in 0..5 {
+        let mut arena =
+            arena(&json!({"mission": mission(&start), "robots": 1, "robot": robot, "seed": seed}));
+        drive_east(&mut arena, &[1.0], 60);
+        let scene = arena.scene().unwrap();
+        let ahead = 3.0 - (scene.bodies[0].x - scene.width / 2.0);
+        assert!(ahead < 0.1, "{ahead}");
+        let mut sensors = [0.0; 24];
+        arena.sense(0, &mut sensors);
+        for (ray, reading) in sensors.iter().enumerate() {
+            let to_wall = scene.bodies[0].heading.unwrap() + (ray as f32 * 15.0).to_radians();
+            let gap = ahead / to_wall.cos() - 0.1;
+            if (0.0..0.15).contains(&gap) {
+                let expected = 1.0 - gap / 0.2;
+                assert!(
+                    (reading - expected).abs() < 0.05,
+                    "{ray}: {reading}, {expected}"
+                );
+            }
+        }
+        let drawn: Vec<f32> = scene.rays.iter().filter_map(|ray| ray.reading).collect();
+        for (drawn, reading) in drawn.iter().zip(sensors) {
+            assert!((drawn - reading).abs() < 1e-4, "{drawn}, {reading}");
+        }
+    }
+}
+
+#[test]
 fn the_heavier_of_two_goes_on() {
     // Both push against each other; forces are mass times acceleration.
     let kinds = json!([

@@ -76,7 +76,17 @@ def shown(value: Any, limit: int = 60) -> str:  # noqa: ANN401 - any value of a 
 
 def problems_of(error: ValidationError, model: type[BaseModel], at: Path_ = ()) -> list[tuple[Path_, str]]:
     """Return (path, message) for everything pydantic found wrong with a section at `at`."""
-    return [((*at, *found["loc"]), _message(dict(found), model)) for found in error.errors(include_url=False)]
+    return [_problem(dict(found), model, at) for found in error.errors(include_url=False)]
+
+
+def _problem(found: dict[str, Any], model: type[BaseModel], at: Path_) -> tuple[Path_, str]:
+    """Return path and message. What is wrong with a section as a whole may begin with the key that is to be changed."""
+    path, message = (*at, *found["loc"]), _message(found, model)
+    key, colon, rest = message.partition(": ")
+    section = found.get("input")
+    if found["type"] == "value_error" and colon and isinstance(section, Mapping) and key in section:
+        return (*path, key), rest
+    return path, message
 
 
 def _message(found: dict[str, Any], model: type[BaseModel]) -> str:

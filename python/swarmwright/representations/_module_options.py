@@ -99,10 +99,13 @@ class ModulesOptions(Options):
                     raise ValueError(f"{name}: {one}: the engine has a module of this name; rename the class")
         if self.in_files and not (info.context or {}).get("ask", True):
             return self  # of a run, which is read without importing its code
-        try:
-            catalogue = self.catalogue
-        except InputError as error:
-            raise ValueError(str(error)) from None
+        for name, what in (("behaviours", "behaviour"), ("conditions", "condition")):
+            for one in getattr(self, name) or []:
+                try:
+                    module(what, one)
+                except InputError as error:
+                    raise ValueError(f"{name}: {error}") from None
+        catalogue = self.catalogue
         both = {name for one in catalogue.behaviours for name in one.parameters}
         both &= {name for one in catalogue.conditions for name in one.parameters}
         if both and self.form == "tree":

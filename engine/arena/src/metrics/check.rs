@@ -25,6 +25,18 @@ impl Metric {
                 return Err(wrong(&field, reason));
             }
         }
+        if let Self::MostRobotsOn { patches: none, .. } | Self::Returns { sources: none, .. } = self
+            && none.is_empty()
+        {
+            let field = match self {
+                Self::Returns { .. } => "sources",
+                _ => "patches",
+            };
+            return Err(wrong(
+                field,
+                "an empty list found, expected at least one patch",
+            ));
+        }
         self.check_object(place)?;
         let shape = |name: &str| place.patch(name).map(|patch| &patch.shape);
         match self {

@@ -1,6 +1,7 @@
 //! From what a mission says to what it means, with complaints that name the place.
 
 mod objects;
+mod overlap;
 
 use std::collections::BTreeMap;
 
@@ -18,12 +19,12 @@ use super::text::{
 use swarmwright_simulation::ParameterError;
 use swarmwright_simulation::parameters::wrong;
 
+use overlap::overlaps;
+
 /// Largest coordinate, metres.
 const FARTHEST: f32 = 1000.0;
 /// Coloured spots of a mission, at most: cameras look at each.
 const MOST_SPOTS: usize = 1000;
-/// Points in each direction at which it is looked whether shapes overlap.
-const SAMPLES: u32 = 41;
 
 /// A complaint about a part of a mission.
 fn wrong_in(place: impl std::fmt::Display, reason: impl Into<String>) -> ParameterError {
@@ -336,35 +337,6 @@ fn start(at: &str, text: &StartText, place: &Place) -> Result<Start, ParameterEr
         return Err(wrong_in(at, "it lies outside of the walls"));
     }
     Ok(start)
-}
-
-/// Whether a shape has points inside of a polygon, at the points of a grid over what both extend to.
-fn overlaps(outline: &[[f32; 2]], shape: &Shape) -> bool {
-    let [mut low, mut high] = polygon::extent(outline);
-    let [from, to] = match shape {
-        Shape::Circle { center, radius } => [
-            [center[0] - radius, center[1] - radius],
-            [center[0] + radius, center[1] + radius],
-        ],
-        Shape::Box { low, high } => [*low, *high],
-        Shape::Polygon { corners } => polygon::extent(corners),
-    };
-    for axis in 0..2 {
-        low[axis] = low[axis].max(from[axis]);
-        high[axis] = high[axis].min(to[axis]);
-    }
-    (0..SAMPLES * SAMPLES).any(|index| {
-        let at = |axis: usize, step: u32| {
-            let part = (step as f32 + 0.5) / SAMPLES as f32;
-            low[axis] + (high[axis] - low[axis]) * part
-        };
-        let point = [at(0, index % SAMPLES), at(1, index / SAMPLES)];
-        let [x, y] = point.map(swarmwright_lanes::Number);
-        low[0] <= high[0]
-            && low[1] <= high[1]
-            && shape.holds::<f32>(x, y)
-            && polygon::contains(outline, point.map(f64::from))
-    })
 }
 
 /// The corners of the walls around, counter-clockwise.

@@ -21,8 +21,7 @@ struct Crossing<L: Lanes> {
 }
 
 impl<L: Lanes> Objects<L> {
-    /// Shortens the rays of a robot that meet an object; a ray that begins inside of one does not see it. `readings`: the
-    /// distance from the start of each ray.
+    /// Shortens the rays of a robot that meet an object; `readings`: the distance from the start of each ray.
     #[inline(always)]
     pub(in super::super) fn shorten(
         &self,
@@ -46,7 +45,10 @@ impl<L: Lanes> Objects<L> {
                 let along = [cos * ax - sin * ay, sin * ax + cos * ay];
                 let line = cross(thing, moving, way, along);
                 let distance = line.from - number(sensors.start);
-                let seen = line.meets.and(number(0.0).le(distance)).and(near);
+                let seen = line
+                    .meets
+                    .and(number(sensors.least()).le(distance))
+                    .and(near);
                 let nearest = readings[ray];
                 readings[ray] = distance.select(nearest, seen).at_most(nearest);
             }

@@ -28,6 +28,8 @@ pub(in super::super) struct Proximity {
     pub opposed: bool,
     /// Where rays begin, metres from the middle.
     pub start: f32,
+    /// Whether a ray that begins inside of a body does not see it, as in ARGoS.
+    pub blind_inside: bool,
     /// How far they see from there, metres.
     pub range: f32,
     /// A reading is c0 + c1 d + c2 d^2 of the distance d, limited to 0..=1.
@@ -47,6 +49,12 @@ impl Proximity {
         }
     }
 
+    /// The least distance from where a ray begins at which it sees a body: down to the middle of the robot unless it is blind.
+    #[inline(always)]
+    pub(in super::super) fn least(&self) -> f32 {
+        if self.blind_inside { 0.0 } else { -self.start }
+    }
+
     /// The ray opposite to one of the first half.
     #[inline(always)]
     pub(in super::super) fn opposite(&self, ray: usize) -> Option<usize> {
@@ -61,6 +69,8 @@ pub(in super::super) struct LightSensors {
     pub angles: Vec<f32>,
     /// Distance divided by intensity up to which light is seen.
     pub reach: f32,
+    /// How far from a robot another one may stand that hides a lamp of the mission from it, metres from middle to middle.
+    pub shadow: f32,
     /// Uniform noise.
     pub noise: f32,
 }
@@ -81,8 +91,6 @@ pub(in super::super) struct Links {
     pub range: f32,
     /// Probability that a message is lost, drawn for each link and tick.
     pub loss: f32,
-    /// What is subtracted from the distance, centimetres.
-    pub offset: f32,
     /// What is imperfect besides; none where the range and the loss alone count.
     pub radio: Option<Radio>,
 }

@@ -45,6 +45,7 @@ impl Robot {
                 rays: rays.collect(),
                 opposed: true,
                 start: 0.036,
+                blind_inside: true,
                 range: 0.05,
                 response: [1.08212, -36.8961, 298.701],
                 noise: 0.05,
@@ -52,6 +53,7 @@ impl Robot {
             light: Some(LightSensors {
                 angles: E_PUCK_ANGLES.map(half_turns).to_vec(),
                 reach: 2.5,
+                shadow: 0.0,
                 noise: 0.05,
             }),
             ground: Some(GroundSensors {
@@ -61,7 +63,6 @@ impl Robot {
             links: Some(Links {
                 range: 0.7,
                 loss: 0.85,
-                offset: 7.0,
                 radio: None,
             }),
             around: None,

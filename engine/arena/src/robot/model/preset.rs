@@ -150,13 +150,10 @@ fn put_within(
 
 fn change_body(robot: &mut Robot, changes: &Changes) -> Result<(), ParameterError> {
     if let Some(radius) = changes.radius {
-        // Rays begin, and ranges of messages count, as far from the rim as before.
+        // Rays begin as far from the rim as before.
         let more = radius - robot.radius;
         if let Some(proximity) = &mut robot.proximity {
             proximity.start += more;
-        }
-        if let Some(links) = &mut robot.links {
-            links.offset += 200.0 * more;
         }
         robot.radius = radius;
     }

@@ -247,6 +247,7 @@ pub(super) fn add(
                 rays: directions.into_iter().map(ray).collect(),
                 opposed: count.is_some_and(|count| count % 2 == 0),
                 start: robot.radius,
+                blind_inside: false,
                 range: *range,
                 response: response.unwrap_or([1.0, -1.0 / range, 0.0]),
                 noise: *noise,
@@ -270,6 +271,7 @@ pub(super) fn add(
             robot.light = Some(LightSensors {
                 angles: directions.into_iter().map(half_turns).collect(),
                 reach: *reach,
+                shadow: 0.0,
                 noise: *noise,
             });
             robot.outputs.push(match gives {
@@ -314,8 +316,6 @@ pub(super) fn add(
             let mut links = Links {
                 range: *range,
                 loss: *loss,
-                // From rim to rim.
-                offset: 200.0 * robot.radius,
                 radio: None,
             };
             if let Some(radio) = radio {
