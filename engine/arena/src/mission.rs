@@ -156,9 +156,13 @@ impl Mission {
             .iter()
             .find(|known| known.name == name || known.also.contains(&name));
         let Some(BuiltIn { text, .. }) = found else {
+            let known = MISSIONS.iter().flat_map(|mission| {
+                std::iter::once(mission.name).chain(mission.also.iter().copied())
+            });
+            let hint = swarmwright_values::did_you_mean(name, known);
             return Err(wrong(
                 "mission",
-                format!("{name:?} found, expected {}", Self::expected()),
+                format!("{name:?} found, expected {}{hint}", Self::expected()),
             ));
         };
         let text =

@@ -76,8 +76,13 @@ impl Robot {
     ) -> Result<Self, ParameterError> {
         let expected = || format!("the name of a robot ({}) or an object", presets::names());
         match value {
-            Value::String(name) => Self::preset(name)
-                .ok_or_else(|| wrong(place, format!("{name:?} found, expected {}", expected()))),
+            Value::String(name) => Self::preset(name).ok_or_else(|| {
+                let hint = presets::suggestion(name);
+                wrong(
+                    place,
+                    format!("{name:?} found, expected {}{hint}", expected()),
+                )
+            }),
             Value::Object(_) => {
                 model::read(value, others_send).map_err(|error| with_place(place, error))
             }

@@ -81,7 +81,7 @@ fn mistakes_name_the_place() {
         ),
         (
             patch(json!({"name": "a", "color": "blue", "circle": {"radius": 1}})),
-            "mission.floor.patches[0].color: expected black, grey, white, random, or a number",
+            "mission.floor.patches[0].color: \"blue\" (a string) found, expected black, grey, white, random, or a number",
         ),
         (
             patch(json!({"name": "a", "color": 3, "circle": {"radius": 1}})),
@@ -252,7 +252,7 @@ fn mistakes_name_the_place() {
         ),
         (
             with(&["fitness"], json!([1])),
-            "mission.fitness: expected the name of a metric",
+            "mission.fitness: a list found, expected the name of a metric",
         ),
         (
             refusal(&json!({"mission": "agregation"})),
@@ -355,6 +355,53 @@ fn a_time_until_has_one_share() {
         assert!(
             refused.contains("mission.metrics.m") && refused.contains(answer),
             "{refused}"
+        );
+    }
+}
+
+#[test]
+fn patches_lie_within_the_walls_however_narrow_they_are() {
+    let read = |patch: Value| {
+        let mut patch = patch;
+        patch["name"] = json!("patch");
+        patch["color"] = json!("black");
+        let mission = json!({
+            "walls": {"rectangle": [2, 2]}, "floor": {"patches": [patch]},
+            "start": {"disc": {"radius": 0.5}}, "robots": 1, "fitness": "order",
+        });
+        let parameters = json!({ "mission": mission });
+        Arena::default().reset(parameters.as_object().unwrap())
+    };
+    let tape = |from: [f64; 2], to: [f64; 2]| {
+        let beside = |[x, y]: [f64; 2]| [x, y + 1e-4];
+        json!({"polygon": [from, to, beside(to), beside(from)]})
+    };
+    let rectangle = |x: [f64; 2], y: [f64; 2]| json!({"rectangle": {"x": x, "y": y}});
+    let circle = |x: f64, radius: f64| json!({"circle": {"center": [x, 0], "radius": radius}});
+    for patch in [
+        tape([-3.0, -2.13], [3.0, 2.71]),
+        tape([-0.3, -0.2], [0.3, 0.21]),
+        tape([0.8, 0.0], [1.7, 0.3]),
+        rectangle([-1.0, 1.0], [-1.0, 1.0]),
+        rectangle([-0.99, -0.9899], [-5.0, 5.0]),
+        circle(0.3, 1e-5),
+        circle(1.2, 0.201),
+        circle(9.0, 20.0),
+    ] {
+        let found = read(patch.clone());
+        assert!(found.is_ok(), "{patch}: {found:?}");
+    }
+    for patch in [
+        tape([-3.0, 0.0], [0.0, 3.0]),
+        tape([1.1, 0.0], [1.7, 0.3]),
+        rectangle([1.0, 2.0], [-1.0, 1.0]),
+        rectangle([-2.0, -1.0], [-1.0, 1.0]),
+        circle(1.2, 0.199),
+    ] {
+        let refused = read(patch.clone()).unwrap_err().to_string();
+        assert!(
+            refused.contains("outside of the walls"),
+            "{patch}: {refused}"
         );
     }
 }

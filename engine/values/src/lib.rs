@@ -1,11 +1,14 @@
 //! Values of JSON as types of Rust, with errors in the words of those who write JSON and YAML.
 
 mod strict;
+mod suggestions;
 mod words;
 
 use serde::de::DeserializeOwned;
 use serde_json::{Map, Value};
+use serde_path_to_error::{Path, Segment};
 
+pub use suggestions::did_you_mean;
 pub use words::plain;
 
 /// What is wrong with a value, and where in it.
@@ -37,10 +40,26 @@ impl Mismatch {
 pub fn read<T: DeserializeOwned>(value: &Value) -> Result<T, Mismatch> {
     serde_path_to_error::deserialize(strict::Strict(value)).map_err(|error| {
         let path = error.path().to_string();
+        // What was found is not in the words of types with a choice of forms, of which an object may be one.
+        let found = at(value, error.path()).filter(|found| !found.is_object());
+        let found = found.map(words::found);
+        let reason = plain(&error.into_inner().to_string());
         Mismatch {
             path: if path == "." { String::new() } else { path },
-            reason: plain(&error.into_inner().to_string()),
+            reason: match found {
+                Some(found) if reason.starts_with("expected ") => format!("{found}, {reason}"),
+                _ => reason,
+            },
         }
+    })
+}
+
+/// The value at a path.
+fn at<'a>(value: &'a Value, path: &Path) -> Option<&'a Value> {
+    path.iter().try_fold(value, |value, segment| match segment {
+        Segment::Seq { index } => value.get(index),
+        Segment::Map { key } | Segment::Enum { variant: key } => value.get(key),
+        Segment::Unknown => None,
     })
 }
 

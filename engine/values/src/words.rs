@@ -2,6 +2,8 @@
 
 use serde_json::Value;
 
+use crate::suggestions::did_you_mean;
+
 /// Characters of a value that are told, at most.
 const MOST: usize = 40;
 
@@ -43,10 +45,16 @@ fn translated(words: &str) -> String {
             "invalid" => invalid(rest),
             // unknown variant `a`, expected one of `b`, `c`
             "unknown" => {
-                let (name, expected) =
-                    rest.strip_prefix("variant `")?.split_once("`, expected ")?;
-                let expected = expected.replace('`', "\"");
-                Some(format!("{name:?} found, expected {expected}"))
+                let (kind, rest) = rest.split_once(" `")?;
+                let (name, expected) = rest.split_once("`, expected ")?;
+                let hint = did_you_mean(name, expected.split('`').skip(1).step_by(2));
+                match kind {
+                    "variant" => {
+                        let expected = expected.replace('`', "\"");
+                        Some(format!("{name:?} found, expected {expected}{hint}"))
+                    }
+                    _ => Some(format!("{words}{hint}")),
+                }
             }
             _ => None,
         }

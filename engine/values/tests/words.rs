@@ -111,7 +111,7 @@ fn structures() {
         (
             json!({"ends": [0, 1], "colour": "red"}),
             "colour",
-            "unknown field `colour`, expected one of `ends`, `count`, `color`",
+            "unknown field `colour`, expected one of `ends`, `count`, `color`; did you mean \"color\"?",
         ),
         (json!({}), "", "missing field `ends`"),
         (json!([]), "", "a list found, expected an object"),
@@ -166,12 +166,12 @@ fn kinds() {
         (
             json!({"kind": "camera", "rnage": 1}),
             "rnage",
-            "unknown field `rnage`, expected one of `range`, `walls`, `on`",
+            "unknown field `rnage`, expected one of `range`, `walls`, `on`; did you mean \"range\"?",
         ),
         (
             json!({"kind": "cam"}),
             "kind",
-            "\"cam\" found, expected \"camera\" or \"clock\"",
+            "\"cam\" found, expected \"camera\" or \"clock\"; did you mean \"camera\"?",
         ),
         (json!({"kind": 3}), "kind", "3 found, expected a string"),
         (json!({}), "", "missing field `kind`"),

@@ -295,7 +295,7 @@ def _check_reevaluation(checked: Checked, report: Report) -> None:
         return
     kind: str = method.kind  # type: ignore[attr-defined] # every kind's options have it
     if isinstance(ranking, RaceOptions):
-        _check_race(method, kind, report)
+        _check_race(ranking, method, kind, report)
     if isinstance(ranking, SlowOptions):
         _check_slow(method, kind, report)
     if method.operation == "steady_state":
@@ -315,8 +315,14 @@ def _check_reevaluation(checked: Checked, report: Report) -> None:
         )
 
 
-def _check_race(method: MethodOptions, kind: str, report: Report) -> None:
-    """Check that there are generations of candidates that can race."""
+def _check_race(ranking: RaceOptions, method: MethodOptions, kind: str, report: Report) -> None:
+    """Check that there are generations of candidates that can race, and episodes after which they are tested."""
+    if ranking.episodes <= ranking.first_test:
+        report(
+            ("ranking", "episodes"),
+            f"{ranking.episodes} leaves nothing to race for, since the first test is made after "
+            f"{ranking.first_test} episodes (first_test); take more episodes, or an earlier test",
+        )
     if method.operation == "steady_state":
         reason = "in steady state no generation can race; take operation: generational, or kind: absolute"
     elif METHODS.get(kind).by_instance:

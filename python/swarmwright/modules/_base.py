@@ -111,7 +111,7 @@ class Condition(ABC):
     def probability(
         self, senses: Senses, parameters: Parameters, state: Numbers, random: RandomNumbers
     ) -> NDArray[np.floating]:
-        """Return the probability with which the condition holds in this step, (n,), 0 to 1.
+        """Return the probability with which the condition holds in this step, (n,), 0 to 1; others are cut.
 
         state: (n, state), changed in place.
         """

@@ -22,7 +22,7 @@ class RaceOptions(RankingOptions):
 
     kind: Literal["race"] = "race"
     episodes: int = Field(default=10, ge=1, le=100_000)
-    """Simulation runs of a candidate that is not dropped; more than first_test."""
+    """Simulation runs of a candidate that is not dropped: more than first_test in an experiment."""
     first_test: int = Field(default=5, ge=2, le=100_000)
     """Episodes of all candidates, after which the first test is made."""
     each_test: int = Field(default=1, ge=1, le=100_000)
@@ -32,15 +32,6 @@ class RaceOptions(RankingOptions):
     paired t-tests with the best mean, without or with a correction for their number."""
     level: float = Field(default=0.05, gt=0, lt=1)
     """Of significance, for each test."""
-
-    @model_validator(mode="after")
-    def _races(self) -> "RaceOptions":
-        if self.episodes <= self.first_test:
-            raise ValueError(
-                f"episodes: {self.episodes} leaves nothing to race for, since the first test is made after "
-                f"{self.first_test} episodes (first_test); take more episodes, or an earlier test"
-            )
-        return self
 
     @model_validator(mode="after")
     def _members(self) -> "RaceOptions":

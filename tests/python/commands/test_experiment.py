@@ -52,7 +52,7 @@ def problem(folder: Path, old: str, new: str) -> str:
         ),
         ("out.csv", "[a.csv, b.csv]", "e.yaml:3: simulation.command: {log} needs one log, not several"),
         ("metrics", "metrcs", "e.yaml:5: simulation.metrcs: unknown key; did you mean 'metrics'?"),
-        ("mean", "avg", "e.yaml:5: simulation.metrics: distance: 'avg' found, expected one of last, first,"),
+        ("mean", "avg", "e.yaml:5: simulation.metrics.distance: 'avg' found, expected one of last, first,"),
         ("{distance", "{my-x: mean, distance", "write my_x: last(my-x)"),
         ('"-distance"', '"-distnace"', "e.yaml:6: fitness: 'distnace' is not a metric of cat@"),
         (

@@ -85,7 +85,11 @@ def test_mistakes_of_new(arguments: list[str], answer: str) -> None:
         ("walls:", "wals:", ":1: wals: unknown field `wals`"),
         ("center: [-1.2, 0.6]", "center: [-4, 0.6]", ':4: floor.patches[0]: the patch "west" lies outside'),
         ("radius: 0.25", "radius: 0.25, radius: 1", ":4: floor.patches[0].circle.radius: duplicate key"),
-        ("color: black", "color: blue", ":4: floor.patches[0].color: expected black, grey, white"),
+        (
+            "color: black",
+            "color: blue",
+            ':4: floor.patches[0].color: "blue" (a string) found, expected black',
+        ),
         (
             "start:",
             "lights: [{at: [0, 0, 1], power: 2}]\nstart:",

@@ -59,7 +59,7 @@ def test_the_number_on_the_command_line_keeps_other_options() -> None:
             r"servers[1]: must be a launcher, such as {launcher: slurm, count: 4}",
         ),
         (["process:1", "process:2"], "servers: process is there twice"),
-        ({"launcher": "process", "min": 3, "max": 2}, "servers: min: 3 is more than max: 2"),
+        ({"launcher": "process", "min": 3, "max": 2}, "servers.min: 3 is more than max: 2"),
         ({"launcher": "process", "min": 3}, "servers: min needs max"),
         ({"launcher": "process", "count": 3, "max": 9}, "servers: give either count, or min and max"),
         ({"launcher": "process", "budget": 9.0}, "servers: budget needs cost_per_hour"),

@@ -171,7 +171,7 @@ def test_other_ranges_are_another_run(file: Path, tmp_path: Path) -> None:
         ("own.py:Wander", "own.py:Timer", "own.py: Timer is not a subclass of swarmwright.modules.Behaviour"),
         ("own.py:Wander", "owns.py:Wander", "owns.py: there is no such file"),
         ("exploration]", "own.py:stop]", "the engine has a module of this name; rename the class"),
-        ("exploration]", "other.py:Wander]", "behaviours: 'Wander' is given twice"),
+        ("exploration]", "other.py:Wander]", "'Wander' is given twice"),
     ],
 )
 def test_mistakes_have_file_and_line(file: Path, old: str, new: str, message: str) -> None:
@@ -179,7 +179,7 @@ def test_mistakes_have_file_and_line(file: Path, old: str, new: str, message: st
     with pytest.raises(InputError) as caught:
         Experiment.load(file)
     assert message in str(caught.value)
-    assert "wander.yaml:3: controller: " in str(caught.value)
+    assert "wander.yaml:5: controller.behaviours: " in str(caught.value)
 
 
 def test_a_file_that_cannot_be_imported(file: Path) -> None:

@@ -144,7 +144,7 @@ def test_distances_are_those_of_genes_and_categories() -> None:
         ({"type": "real"}, r"x\.range: is missing"),
         (
             {"type": "real", "range": [0, 1], "scale": "log"},
-            r"x: scale: log needs a range above 0, not",
+            r"x\.scale: log needs a range above 0, not",
         ),
         ({"type": "real", "range": [0, 1], "scale": "root"}, r"x\.scale: must be one of linear, log"),
         ({"type": "real", "range": [0, 1], "rang": 1}, r"x\.rang: unknown key"),

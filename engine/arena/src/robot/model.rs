@@ -76,7 +76,13 @@ pub(super) fn read(value: &Value, others_send: bool) -> Result<Robot, ParameterE
     if value.get("preset").is_some() {
         return preset::read(value);
     }
-    let model: Model = parsed(value)?;
+    let model: Model = swarmwright_values::read(value).map_err(|mut mismatch| {
+        if mismatch.reason == "missing field `radius`" {
+            mismatch.reason +=
+                "; to change a built-in robot, name it, too, such as preset: e-puck-rm1.1";
+        }
+        mismatch_at("", mismatch)
+    })?;
     let height = model.height.unwrap_or(2.0 * model.radius);
     within("mass", model.mass, MASSES)?;
     let drive: DriveText = parsed_kind(&model.drive, "drive")?;

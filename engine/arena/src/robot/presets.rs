@@ -121,3 +121,8 @@ pub fn robots() -> Vec<&'static str> {
 pub(super) fn names() -> String {
     robots().join(", ")
 }
+
+/// A suggestion instead of a name that is none of them.
+pub(super) fn suggestion(name: &str) -> String {
+    swarmwright_values::did_you_mean(name, robots())
+}

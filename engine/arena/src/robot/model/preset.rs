@@ -92,7 +92,10 @@ pub(super) fn read(value: &Value) -> Result<Robot, ParameterError> {
         let (found, names) = (&changes.preset, presets::names());
         wrong(
             "preset",
-            format!("{found:?} found, expected the name of a robot ({names})"),
+            format!(
+                "{found:?} found, expected the name of a robot ({names}){}",
+                presets::suggestion(found)
+            ),
         )
     })?;
     change_body(&mut robot, &changes)?;
