@@ -37,8 +37,8 @@ SEEDS = (3, 1)
 CANDIDATES = 3
 LONG = 0.5
 """Seconds of a request during which any other must have come."""
-_MOST_TIMES = 512
-"""How much larger a request becomes that is to keep a server busy."""
+_MOST_TIMES = 1 << 16
+"""How many times the controllers of a request are evaluated at most to keep a server busy."""
 
 
 def some(server: Server, candidates: int = CANDIDATES) -> ControllerSet:
@@ -497,10 +497,11 @@ def lease(server: Server) -> None:
     three times: on a busy machine the second may come when the first is done.
     """
     small = some(server)
-    times, left = 1, 3
+    times, left = 16, 3
     while left:
-        large = ControllerSet(small.architecture, np.tile(small.weights, (min(times, 64) * 16, 1)))
-        first = evaluation(server, large, range(max(1, times // 8)))
+        copies = min(times, 1024)
+        large = ControllerSet(small.architecture, np.tile(small.weights, (copies, 1)))
+        first = evaluation(server, large, range(times // copies))
         second = evaluation(server, small, [1], lease=1e-6)
         server.request(first)
         sent = server.request(second)
@@ -513,6 +514,6 @@ def lease(server: Server) -> None:
         if seconds > LONG or times == _MOST_TIMES:
             left -= 1
         else:
-            times *= 8
+            times *= 4
     came = f'the error "{kind}" came' if kind else "it was computed"
     raise Failure(came, 'the error "failed": its lease was over when its turn came', sent)
