@@ -11,6 +11,7 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 import weakref
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -26,6 +27,8 @@ _ANSWER = 30.0
 """Seconds in which the keeper answers, when the machine is slow."""
 _MARK = "SWARMWRIGHT_COMMAND"
 """Variable of the environment by which processes are found whose keeper was killed."""
+_LOOKS = 3
+"""How often in a row nothing is to be found of what a killed keeper has left."""
 POLITE = 2.0
 """Seconds between asking a process to end and killing it."""
 
@@ -135,12 +138,22 @@ def _end(channel: socket.socket, keeper: "subprocess.Popen[bytes]", mark: str) -
 
 
 def _kill_marked(mark: str) -> None:
-    """Kill what a keeper has left that was itself killed."""
+    """Kill what a keeper has left that was itself killed.
+
+    A process that has just been started may be missed: it was not there yet when `/proc` was listed, or
+    it was loading its program and had no environment. So this is done until nothing is found three times.
+    """
     wanted = f"{_MARK}={mark}".encode()
-    for place in Path("/proc").glob("[0-9]*/environ"):
-        with contextlib.suppress(OSError):
-            if wanted in place.read_bytes().split(b"\0"):
-                os.kill(int(place.parent.name), signal.SIGKILL)
+    until, quiet = time.monotonic() + _ANSWER, 0
+    while quiet < _LOOKS and time.monotonic() < until:
+        found = False
+        for place in Path("/proc").glob("[0-9]*/environ"):
+            with contextlib.suppress(OSError):
+                if wanted in place.read_bytes().split(b"\0"):
+                    found = True
+                    os.kill(int(place.parent.name), signal.SIGKILL)
+        quiet = 0 if found else quiet + 1
+        time.sleep(0.01)
 
 
 def _refusal(program: str, number: int, text: str) -> str:

@@ -147,7 +147,7 @@ def test_a_gigabyte_of_output(traced: Traced) -> None:
     began = time.monotonic()
     reason = traced.fails("echo begins; exec head -c 1000000000 /dev/zero", output=1)
     assert "printed more than 1 MB (simulation.output), and was ended" in reason
-    assert time.monotonic() - began < 10
+    assert time.monotonic() - began < 100
 
 
 def test_one_failure_does_not_stop_the_others(traced: Traced) -> None:
@@ -176,10 +176,10 @@ def test_the_tool_ends(traced: Traced, servers: str, end: signal.Signals) -> Non
     arguments = [sys.executable, "-c", PROGRAM, str(traced.folder), traced.mark, servers]
     tool = subprocess.Popen(arguments, stderr=subprocess.DEVNULL)
     try:
-        _wait_for(traced, 3)
+        _wait_for_sleepers(traced, 2)
         tool.send_signal(end)
-        tool.wait(20)
-        assert traced.left(within=10) == []
+        tool.wait(100)
+        assert traced.left(within=60) == []
     finally:
         tool.kill()
         tool.wait()
@@ -207,23 +207,25 @@ def test_commands_are_asked_to_end(traced: Traced, servers: str, end: signal.Sig
     arguments = [sys.executable, "-c", POLITE, str(traced.folder), traced.mark, servers]
     tool = subprocess.Popen(arguments, stderr=subprocess.DEVNULL)
     try:
-        until = time.monotonic() + 30
-        while not (traced.folder / "begun").exists() and time.monotonic() < until:
+        until = time.monotonic() + 120
+        while not (traced.folder / "begun").exists():
+            assert time.monotonic() < until
             time.sleep(0.05)
         tool.send_signal(end)
-        tool.wait(20)
-        assert traced.left(within=10) == []
+        tool.wait(100)
+        assert traced.left(within=60) == []
         assert (traced.folder / "asked").exists()
     finally:
         tool.kill()
         tool.wait()
 
 
-def _wait_for(traced: Traced, count: int) -> None:
-    until = time.monotonic() + 30
-    while len(traced.left()) < count and time.monotonic() < until:
+def _wait_for_sleepers(traced: Traced, count: int) -> None:
+    """Wait until so many `sleep` run: what is between its start and its program counts as a shell, or not."""
+    until = time.monotonic() + 120
+    while sum(line.startswith("sleep") for line in traced.left()) < count:
+        assert time.monotonic() < until, traced.describe()
         time.sleep(0.05)
-    assert len(traced.left()) >= count, traced.describe()
 
 
 def test_the_keeper_is_killed(traced: Traced) -> None:
@@ -231,8 +233,8 @@ def test_the_keeper_is_killed(traced: Traced) -> None:
     processes = Processes()
     script = ["sh", "-c", "(setsid sleep 1000 &) ; sleep 1000"]
     processes.start(script, traced.folder, {"TRACED": traced.mark}, 1000, (0, 1, 2))
-    _wait_for(traced, 2)
+    _wait_for_sleepers(traced, 2)
     os.kill(processes._keeper.pid, signal.SIGKILL)
     with pytest.raises(CommandFailure, match="the process that starts commands has ended"):
         processes.report()
-    assert traced.left(within=5) == []
+    assert traced.left(within=60) == []
