@@ -3,9 +3,11 @@
 import json
 import signal
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from swarmwright import InputError
 from tests.system.brokers import BrokerProcess
 from tests.system.conftest import Experiment, Launch, Serve
 from tests.system.peer import TO_SERVER
@@ -33,18 +35,28 @@ def undisturbed(launch: Launch, path: Path) -> dict[str, bytes]:
 
 def in_mid_episode(recorder: Recorder, server: int, after: int = 30) -> None:
     """Wait until the server has begun an episode and sent `after` more sensor messages in it."""
-    deadline = time.monotonic() + 20
-    while time.monotonic() < deadline:
-        hashes = [
-            message["simulation_hash"] for message in recorder.on("parameters") if message["server"] == server
-        ]
-        over = {message["simulation_hash"] for message in recorder.on("fitness")}
-        if hashes and hashes[-1] not in over:
-            sensed = sum(message["simulation_hash"] == hashes[-1] for message in recorder.on("sensor"))
-            if sensed >= after:
-                return
+    deadline = time.monotonic() + 60
+    read, hash_, sensed = 0, None, 0
+    # Each message is read once: what is heard late would be over before it is looked at.
+    while hash_ is None or sensed < after:
+        assert time.monotonic() < deadline, f"server {server} does not begin"
+        new = recorder.messages[read:]
+        read += len(new)
+        for message in new:
+            content = message.json
+            if message.topic == "parameters" and content["server"] == server:
+                hash_, sensed = content["simulation_hash"], 0
+            elif content.get("simulation_hash") == hash_:
+                sensed += message.topic == "sensor"
+                hash_ = None if message.topic == "fitness" else hash_
         time.sleep(0.01)
-    raise AssertionError(f"server {server} does not begin")
+
+
+def failures(path: Path) -> list[dict[str, Any]]:
+    """The attempts of a run, also of one under way, that failed."""
+    with suppress(InputError):  # nothing is written before the first second is over
+        return [entry for entry in attempts(path.parent / "result") if entry["error"]]
+    return []
 
 
 def first_generation(run: Program) -> None:
@@ -54,10 +66,11 @@ def first_generation(run: Program) -> None:
 def test_one_of_two_servers_is_killed(
     broker: BrokerProcess, serve: Serve, launch: Launch, connect: Any, experiment: Experiment
 ) -> None:
-    path = experiment(LONG)
+    path = experiment(f"{LONG}faults: {{backup: false}}\n")
     expected = undisturbed(launch, path)
     recorder: Recorder = connect(Recorder, broker.url, "parameters", "sensor", "fitness")
-    servers = serve(broker.url, count=2)
+    serve(broker.url)
+    servers = serve(broker.url, "--no-restart", first=2)
     run = launch("optimize", path, "--broker", broker.url, "--out", "result", "--json")
     in_mid_episode(recorder, 2)
     servers.signal_server(2, signal.SIGKILL)
@@ -123,18 +136,16 @@ def test_a_server_that_stops_for_a_while(
     run = launch("optimize", path, "--broker", broker.url, "--out", "result", "--json")
     in_mid_episode(recorder, 2)
     servers.signal_server(2, signal.SIGSTOP)
-    time.sleep(1.5)
+    run.until(lambda _: any(entry["server"] == 2 for entry in failures(path)), "a step that is not answered")
     servers.signal_server(2, signal.SIGCONT)
-    assert run.wait(40) == 0, run.stderr
+    assert run.wait(100) == 0, run.stderr
     assert record(path.parent / "result") == expected
-    episodes = attempts(path.parent / "result")
     # The other server may have had a copy, and be faster than the time-out.
-    failures = [entry for entry in episodes if entry["error"] and entry["server"] == 2]
+    failed = [entry for entry in failures(path) if entry["server"] == 2]
     reasons = ("has not answered the actuators of agent 0 in step", "server 1 was faster")
-    assert any(reason in failures[0]["error"] for reason in reasons)
-    after = [
-        entry for entry in episodes if entry["server"] == 2 and entry["started"] > failures[0]["started"]
-    ]
+    assert any(reason in failed[0]["error"] for reason in reasons)
+    episodes = attempts(path.parent / "result")
+    after = [entry for entry in episodes if entry["server"] == 2 and entry["started"] > failed[0]["started"]]
     assert any(entry["error"] is None for entry in after), "it was used again"
 
 
@@ -150,7 +161,7 @@ def test_the_tool_is_killed_in_the_middle_of_a_step(
     run.signal(signal.SIGKILL)
     killed = time.monotonic()
     servers.until_event("warning")
-    assert time.monotonic() - killed < 5
+    assert time.monotonic() - killed < 30
     (warning,) = servers.warnings()
     assert "agent 0" in warning
     assert "1.0 s" in warning
@@ -171,7 +182,7 @@ def test_interrupted_runs_free_their_servers_at_once(
     first_generation(run)
     in_mid_episode(recorder, 1)
     run.signal(signal.SIGINT)
-    assert run.wait(10) == 130
+    assert run.wait(100) == 130
     tool: PlainTool = connect(PlainTool, broker.url)
     tool.ask("c" * 64)
     answers = {tool.hear(2)[1]["server"], tool.hear(2)[1]["server"]}
@@ -198,7 +209,6 @@ def test_the_broker_is_killed_and_comes_back(
     broker.kill()
     for server in (1, 2):
         servers.until_event("lost", server=server)
-    time.sleep(0.3)
     broker.start()
     assert run.wait() == 0, run.stderr
     assert record(path.parent / "result") == expected
