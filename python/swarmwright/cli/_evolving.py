@@ -46,7 +46,7 @@ def watch_options(command: Any) -> Any:  # noqa: ANN401 - click's decorators
     mlflow = click.option(
         "--mlflow",
         metavar="URI",
-        help="Make a run on this MLflow tracking server (http://..) or database (sqlite:///..).",
+        help="Log to a new run on this MLflow tracking server (http://..) or database (sqlite:///..).",
     )
     return tensorboard(mlflow(command))
 

@@ -156,7 +156,7 @@ servers_option: Decorator = click.option(
 simulation_option: Decorator = click.option(
     "--simulation",
     metavar="FILE:CLASS",
-    help="A class in Python instead of the run's: its code was edited, or is somewhere else now.",
+    help="Use this class in Python instead of the run's, whose code was edited or is in another place now.",
 )
 
 
@@ -172,8 +172,8 @@ trust_option: Decorator = click.option(
     is_flag=True,
     expose_value=False,
     callback=_trust,
-    help="Execute code that comes with a run folder although the run was not made here by you; "
-    "stored for this code.",
+    help="Execute the code in a run folder even if you did not make the run on this machine; remembered for "
+    "this code.",
 )
 
 

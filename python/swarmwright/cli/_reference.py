@@ -7,13 +7,14 @@ from swarmwright.cli._commands import program
 INTRODUCTION = """\
 # Command line
 
-Generated from the help texts by `make docs`; edit those. Exit status of every command: 0 done, 1 it failed,
-or what it checked or compared is not as it should be, 2 the input is wrong, 130 interrupted with results
-kept. With `--json` a command prints one JSON object per line and nothing else; numbers that JSON does not
-know (NaN, infinities) are null. `NO_COLOR` turns colours off. SWARMWRIGHT_DEBUG=1 shows Python's traceback of
-an internal error. With SWARMWRIGHT_PLOT=0 runs end without their plot, which saves about a second of
-processor time each, as on a cluster. SWARMWRIGHT_INSTRUCTIONS (portable, avx2, avx512) limits the instruction
-set that is used, to see that results do not depend on it.
+All commands and options of `swarmwright`, as `swarmwright COMMAND --help` prints them. (`make docs` generates
+this page from the help texts; edit those.) Exit status of every command: 0 if it is done; 1 if it failed, or
+what it checked or compared is not as it should be; 2 if the input is wrong; 130 if it was interrupted, with
+results kept. With `--json` a command prints one JSON object per line and nothing else; numbers that JSON does
+not know (NaN, infinities) are null. `NO_COLOR` turns colours off. SWARMWRIGHT_DEBUG=1 shows Python's
+traceback of an internal error. With SWARMWRIGHT_PLOT=0 runs end without their plot, which saves about a
+second of processor time each, for example on a cluster. SWARMWRIGHT_INSTRUCTIONS (portable, avx2, avx512)
+limits the instruction set that is used, to see that results do not depend on it.
 
 Credentials are never given on the command line. They come from the environment: SWARMWRIGHT_USERNAME,
 SWARMWRIGHT_PASSWORD or a file named by SWARMWRIGHT_PASSWORD_FILE, and for TLS SWARMWRIGHT_CA_FILE, the

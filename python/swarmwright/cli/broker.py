@@ -165,7 +165,7 @@ def command(
 
     Without a password file, every client that can reach the broker may use it. Therefore it listens on the
     loopback address only, and to other machines only with a password file and TLS; a Unix socket is for users
-    who may write to its file. SIGHUP has it read its files again.
+    who may write to its file. On SIGHUP it reads its files again.
     """
     output = Output(as_json=as_json)
     if folder is not None or add_user is not None:

@@ -36,7 +36,7 @@ from swarmwright.cli._output import Output, show_warnings
 def command(
     fmus: tuple[str, ...], connections: tuple[str, ...], output: Path, force: bool, as_json: bool
 ) -> None:
-    """Couple FMUs to one system, an SSP (System Structure and Parameterization 1.0).
+    """Couple FMUs into one system, an SSP (System Structure and Parameterization 1.0).
 
     Components are named like their files, or NAME=FILE.fmu. Names, causalities and units of connections are
     checked. The system is a simulation: `simulation: FILE.ssp`.
@@ -47,7 +47,7 @@ def command(
     said = Output(as_json=as_json)
     show_warnings()
     if output.suffix != ".ssp":
-        raise InputError(f"{output}: is no name of an SSP; let it end with .ssp")
+        raise InputError(f"{output}: is not the name of an SSP; let it end with .ssp")
     if output.is_dir():
         raise InputError(f"{output}: is a folder; name a file with --output")
     if output.exists() and not force:

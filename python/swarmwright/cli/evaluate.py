@@ -83,10 +83,10 @@ def command(
 ) -> int:
     """Evaluate a candidate of RUN once more, the best one unless another is named.
 
-    Without --episodes and --seed, the seeds are those of the record, and it is said whether the fitness is
-    the same: the exit status is 0 when every episode comes out the same to the bit, else 1. With one of them,
-    it is evaluated in other episodes: the best of a run was chosen by its fitness, so its recorded fitness is
-    biased upwards wherever fitness depends on the seed.
+    Without --episodes and --seed, the seeds are those of the record, and the command reports whether the
+    fitness is the same: the exit status is 0 if every episode is bit-identical, else 1. With one of them, the
+    candidate is evaluated in other episodes: the best of a run was chosen by its fitness, so its recorded
+    fitness is biased upwards wherever fitness depends on the seed.
 
     Where the code of the simulation was edited after the run, the copy in RUN is used, with a message.
     """

@@ -63,15 +63,15 @@ class CandidateId(click.ParamType[tuple[int | None, int]]):
 @click.option(
     "--group",
     metavar="NAME",
-    help="Of agents, whose controller is exported; needed where the controller is of the kind team.",
+    help="Group of agents whose controller is exported; required for controllers of the kind team.",
 )
 @click.option(
     "--prefix",
     default="controller",
     show_default=True,
     metavar="NAME",
-    help="What files, functions and types are called: NAME.c, NAME_step. Several controllers in one program "
-    "have different ones.",
+    help="Prefix of the names of files, functions and types: NAME.c, NAME_step. Give each controller in a "
+    "program another one.",
 )
 @click.option(
     "--verify",

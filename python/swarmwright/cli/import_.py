@@ -35,23 +35,23 @@ FIELD_HELP = (
 @click.option(
     "--simulation",
     metavar="NAME",
-    help="Take this simulation in the place of the problem: a title, or a class as pong.py:Pong.",
+    help="Use this simulation instead of the problem: a title, or a class such as pong.py:Pong.",
 )
 @click.option(
     "--method",
     metavar="KIND",
-    help="Take this method, with its defaults, in the place of FREVO's, or of nnga for a model.",
+    help="Use this method, with its defaults, instead of FREVO's, or for a model instead of nnga.",
 )
 @click.option(
     "--controller",
     metavar="KIND",
-    help="Take this controller, with its defaults, in the place of FREVO's representation, or of what a "
-    "model says.",
+    help="Use this controller, with its defaults, instead of FREVO's representation or the model's "
+    "controller.",
 )
 @click.option(
     "--ranking",
     metavar="KIND",
-    help="Of a FREVO session: take this ranking, with its defaults, in the place of FREVO's.",
+    help="For a FREVO session: use this ranking, with its defaults, instead of FREVO's.",
 )
 def command(
     files: tuple[Path, ...],
@@ -62,17 +62,17 @@ def command(
     controller: str | None,
     ranking: str | None,
 ) -> None:
-    """Make an experiment of a FREVO session, or of the files of a drawn model.
+    """Make an experiment from a FREVO session, or from the files of a drawn model.
 
     Each FILE is recognised by what it holds; a folder stands for its .json, .scxml, .sysml and .xml files.
 
-    Of a session (.zse) can be taken over: Emergency Exit; NNGA, CEA2D, PSO and RandomSearch; FullyMeshedNet,
-    CompleteNetwork, ThreeLayerNetwork, MultiLayerNetwork, MealyFSM, HebbNet and NEAT, whose connections stay;
-    AbsoluteRanking. For other components a replacement can be named.
+    Components of a session (.zse) that can be imported: Emergency Exit; NNGA, CEA2D, PSO and RandomSearch;
+    FullyMeshedNet, CompleteNetwork, ThreeLayerNetwork, MultiLayerNetwork, MealyFSM, HebbNet and NEAT, whose
+    connections do not evolve; AbsoluteRanking. For others a replacement can be named.
 
     The files of a model are those of Modelio's CPSwarm modules: FREVO problem descriptions (<icomponent>),
     OptimisedParameters (JSON), SwarmComposition (XML), abstraction descriptions (ADF JSON) and state machines
-    (SCXML). They are given together, as far as there are any. Models in SysML v2's textual notation are read,
+    (SCXML). Give all of them that there are in one command. Models in SysML v2's textual notation are read,
     too.
 
     Comments in the experiment say where every line comes from.

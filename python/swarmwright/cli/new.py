@@ -28,12 +28,12 @@ class _MissionOption(click.Option):
     "--mission",
     cls=_MissionOption,
     metavar="MISSION",
-    help="Of arena: what the robots are to do. Default: aggregation. There is:",
+    help="For arena: what the robots are to do. Default: aggregation. There is:",
 )
 @click.option(
     "--mission-file",
     is_flag=True,
-    help="Of arena: print the mission itself instead, as a file to make a mission of your own from, which "
+    help="For arena: print the mission itself instead, as the start of a custom mission, which "
     "`parameters: {mission: FILE.yaml}` names.",
 )
 def command(template: str, mission: str | None, mission_file: bool) -> None:
@@ -44,7 +44,7 @@ def command(template: str, mission: str | None, mission_file: bool) -> None:
     from swarmwright import InputError, templates
 
     if template != "arena" and (mission is not None or mission_file):
-        raise click.UsageError(f"--mission{'-file' * mission_file} is of arena alone, not of {template}")
+        raise click.UsageError(f"--mission{'-file' * mission_file} is for arena only, not for {template}")
     try:
         if mission_file:
             document(templates.mission(mission or "aggregation"))

@@ -44,8 +44,8 @@ if TYPE_CHECKING:
     "file",
     type=click.Path(path_type=Path, dir_okay=False),
     metavar="FILE",
-    help="Write a file instead: .html is a page to play and step through, .gif and .mp4 move, .png shows all "
-    "trajectories.",
+    help="Write a file instead: .html is a page to play and step through, .gif and .mp4 are films, .png shows "
+    "all trajectories.",
 )
 @click.option(
     "--speed",
@@ -124,7 +124,7 @@ def command(
     settings: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """Show a candidate of RUN at work, the best one unless another is named.
+    """Show an episode of a candidate of RUN, the best one unless another is named.
 
     The simulation runs in this process, or with --broker on a server that has scenes, with the parameters and
     the seed that the run used, unless others are given.

@@ -49,7 +49,9 @@ from swarmwright.cli._server_output import server_output_option
     help="Go on although the code of the simulation or of a plug-in was edited; it is noted in the run.",
 )
 @simulation_option
-@set_option("Another budget, or where it is evaluated: method.evaluations=9000, timeouts.step=5.")
+@set_option(
+    "Change the budget, or where and how the run is evaluated: method.evaluations=9000, timeouts.step=5."
+)
 @watch_options
 @observe_options
 @trust_option
@@ -71,7 +73,7 @@ def command(
     metrics: tuple[str, int] | None,
     as_json: bool,
 ) -> int:
-    """Go on with RUN where it was interrupted, killed, or failed.
+    """Continue RUN, which was interrupted or killed, or which failed.
 
     The result is bit-identical to that of an undisturbed run. A finished RUN is left as it is. Changes that
     would make it another run are refused: edited code of its simulation or of a plug-in, an edited

@@ -125,8 +125,8 @@ def export(run: Path, file: Path, validation: bool, as_json: bool) -> None:
     """Write the record of RUN as a table, .csv or .parquet, a line per evaluation.
 
     Sorted by generation and candidate. Columns: generation, candidate, fitness, then the fitness of each
-    episode, then metrics if there are any, then the genome. A metric that is called like another column, such
-    as episode, is metric_episode.
+    episode, then metrics if there are any, then the genome. A metric that has the name of another column,
+    such as episode, is called metric_episode.
     """
     if not file.parent.is_dir():
         raise click.UsageError(f"'{file}': there is no folder '{file.parent}'; create it first.")

@@ -62,8 +62,8 @@ def test_new_prints_missions() -> None:
     [
         (["arena", "--mission", "agregation"], "unknown mission 'agregation'; did you mean 'aggregation'?"),
         (["arena", "--mission", "nothing"], "there is: aac, aggregation, area_coverage, "),
-        (["minisim", "--mission", "aac"], "--mission is of arena alone, not of minisim"),
-        (["minisim", "--mission-file"], "--mission-file is of arena alone, not of minisim"),
+        (["minisim", "--mission", "aac"], "--mission is for arena only, not for minisim"),
+        (["minisim", "--mission-file"], "--mission-file is for arena only, not for minisim"),
     ],
 )
 def test_mistakes_of_new(arguments: list[str], answer: str) -> None:
