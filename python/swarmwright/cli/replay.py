@@ -44,8 +44,8 @@ if TYPE_CHECKING:
     "file",
     type=click.Path(path_type=Path, dir_okay=False),
     metavar="FILE",
-    help="Write a file instead: .html is a page to play and step through, .gif and .mp4 are films, .png shows "
-    "all trajectories.",
+    help="Write a file instead: .html is a page to play and step through, .gif and .mp4 are films, .png "
+    "shows all trajectories.",
 )
 @click.option(
     "--speed",
