@@ -114,8 +114,8 @@ class CommandOptions(Definition):
     evolved, with their defaults; those of nested mappings are written with points, pid.kp. Default: any name
     can be set, and there are no defaults."""
     parameters_format: Literal["yaml", "json", "ros2"] = "yaml"
-    """Of the file {parameters}, which has all parameters, and the episode's seed as `seed`. ros2: below
-    `/**: ros__parameters:`, as nodes of ROS 2 read it."""
+    """Format of the file {parameters}, which has all parameters, and the episode's seed as `seed`. ros2: YAML
+    below `/**: ros__parameters:`, as nodes of ROS 2 read it."""
     files: Annotated[
         Any,
         WithJsonSchema(
@@ -172,12 +172,12 @@ class CommandOptions(Definition):
     recycle: int = Field(default=0, ge=0)
     """stepwise: episodes after which the process is ended and another one started; 0 for never."""
     environment: dict[str, str] = Field(default={})
-    """Variables of the process's environment, beside those that there are: `ROS_MASTER_URI:
+    """Environment variables of the process, in addition to the inherited ones: `ROS_MASTER_URI:
     "http://localhost:{port}"`, `DISPLAY: ":1{instance}"`."""
     output: float = Field(default=10.0, gt=0)
-    """Megabytes that an episode may print. Beyond, it has failed."""
+    """Megabytes that an episode may print. An episode that prints more fails."""
     disk: float = Field(default=1000.0, gt=0)
-    """Megabytes that an episode may have in its work folder, and in any one file. Beyond, it has failed."""
+    """Megabytes that an episode may have in its work folder, and in any one file. With more it fails."""
     children: Literal["fail", "end"] = "fail"
     """Whether the episode fails (fail) or not (end) when one of its processes still runs 0.3 s after
     the command has ended. The process is ended in either case."""

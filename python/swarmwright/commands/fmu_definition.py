@@ -147,7 +147,7 @@ class FmuOptions(Definition):
     """Seconds of a step. Default: the FMU's own step size, else a hundredth of its stop time, else 0.1."""
     solver: Literal["cvode", "euler"] | None = None
     """What integrates an FMU for model exchange: CVode of SUNDIALS, or one step of Euler's method in each
-    step. Default: co-simulation, or CVode where the FMU is not for that."""
+    step. Default: co-simulation, or CVode if the FMU is for model exchange only."""
     steps: int | None = Field(default=None, ge=1, le=2**31)
     """Steps of an episode. Default: to the FMU's stop time, else 100."""
     start: dict[str, float | int | bool | str | list[Any]] = Field(default={})
@@ -162,15 +162,17 @@ class FmuOptions(Definition):
     are averaged. Default: the last value of each output with a name that an expression can have (world_x for
     world.x of an SSP), where there are at most 1,000."""
     done: str | None = Field(default=None, min_length=1)
-    """When an episode ends before: an expression over the metrics as they are after a step."""
+    """Condition that ends an episode early: an expression over the metrics as they are after a step, such as
+    "distance < 0.1"."""
     fitness: str | None = Field(default=None, min_length=1)
     """The simulation's own fitness, an expression over its metrics. Default: the experiment's."""
     recycle: int = Field(default=1000, ge=0)
-    """Episodes after which the process is ended and another one started, for FMUs that leak; 0 for never."""
+    """Episodes after which the process is ended and another one started, for FMUs that leak memory; 0 for
+    never."""
     timeout: float = Field(default=60.0, gt=0, le=31 * 86_400)
     """Seconds that an episode may take."""
     environment: dict[str, str] = Field(default={})
-    """Variables of the process's environment, beside those that there are."""
+    """Environment variables of the process, in addition to the inherited ones."""
     output: float = Field(default=10.0, gt=0)
     """Megabytes that may be printed between two starts of the process."""
     disk: float = Field(default=1000.0, gt=0)

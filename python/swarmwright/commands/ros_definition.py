@@ -97,7 +97,7 @@ class RosOptions(Definition):
     steps: int = Field(default=100, ge=1, le=2**31)
     """Steps of an episode."""
     done: str | None = Field(default=None, min_length=1)
-    """When an episode ends before: an expression over the metrics as they are after a step, such as
+    """Condition that ends an episode early: an expression over the metrics as they are after a step, such as
     "collisions > 0"."""
     metrics: dict[str, Metric] = Field(default={})
     """Numbers of an episode, for `fitness`: name -> {topic: .., type: .., time: last, robots: mean}; see
@@ -117,7 +117,7 @@ class RosOptions(Definition):
     recycle: int = Field(default=0, ge=0)
     """Episodes after which the program, and what `start` has started, is started again; 0 for never."""
     environment: dict[str, str] = Field(default={})
-    """Variables of the environment, beside those that there are: ROS_MASTER_URI, ROS_DOMAIN_ID, .. Values
+    """Environment variables in addition to the inherited ones: ROS_MASTER_URI, ROS_DOMAIN_ID, .. Values
     may hold {instance}, {port}, {domain}, {folder} and {here}."""
     dimensions: int = Field(default=2, ge=0, le=1000)
     """Spatial dimensions, which experiments may require."""

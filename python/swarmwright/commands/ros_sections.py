@@ -30,14 +30,14 @@ class Place(Options):
     """A field of the messages of a topic."""
 
     topic: str = Field(min_length=1)
-    """Relative ones are in the robot's namespace: scan is /robot_1/scan. {robot} stands for the robot's name:
-    /model/{robot}/scan."""
+    """Topic. A relative one is in the robot's namespace: scan is /robot_1/scan. {robot} stands for the
+    robot's name: /model/{robot}/scan."""
     type: str = Field(min_length=1)
-    """Of its messages, such as sensor_msgs/LaserScan."""
+    """Type of the topic's messages, such as sensor_msgs/LaserScan."""
     field: str | None = Field(default=None, min_length=1)
-    """Such as pose.pose.position.x; types with one field need none."""
+    """Field of the messages, such as pose.pose.position.x; types with one field need none."""
     scale: float = 1.0
-    """Factor."""
+    """Factor by which the value is multiplied."""
     offset: float = 0.0
     """Added after the scale."""
 
@@ -46,41 +46,42 @@ class Sensor(Place):
     """A sensor: value * scale + offset, limited to `clip`."""
 
     sensor: str = Field(min_length=1)
-    """Its name."""
+    """Name of the sensor."""
     clip: Interval | None = None
-    """Limits, [low, high]."""
+    """Limits of the value that the controller gets, [low, high]. Default: none."""
     timeout: float | None = Field(default=None, gt=0)
     """Where steps have a duration, seconds for which a message counts, for sensors that are slower than
-    steps. Default: one has to come in each step."""
+    steps. Default: a message has to arrive in each step."""
     sector: Interval | None = None
-    """Of a scan, [FROM, TO] in degrees, counter-clockwise from straight ahead. Default: all of it."""
+    """Sector of a scan, [FROM, TO] in degrees, counter-clockwise from straight ahead. Default: the whole
+    scan."""
     reduce: Literal["min", "mean"] | None = None
-    """What counts of the ranges of a scan. Default: min."""
+    """How the ranges of a scan become one number. Default: min."""
     infinite: float | None = None
-    """The value of ranges where nothing is. Default: the sensor's largest range."""
+    """Value of a range where nothing is detected. Default: the sensor's largest range."""
 
 
 class Actuator(Place):
     """An actuator: what is sent is actuator * scale + offset, limited to `limits`."""
 
     actuator: str = Field(min_length=1)
-    """Its name."""
+    """Name of the actuator."""
     limits: Interval | None = None
-    """Of what is sent, [low, high]."""
+    """Limits of the value that is sent, [low, high]. Default: none."""
 
 
 class Step(Options):
-    """How the robots go on by one step: time passes, or a service of the simulator is called."""
+    """How a step is made: time passes, or a service of the simulator is called."""
 
     duration: float | None = Field(default=None, gt=0)
-    """Seconds. `step: 0.1` is short for {duration: 0.1}."""
+    """Duration of a step in seconds. `step: 0.1` is short for {duration: 0.1}."""
     clock: Literal["wall", "ros"] = "wall"
-    """Whose seconds these are; ros: those of /clock, of a simulator that may be faster or slower."""
+    """Clock that measures the duration. ros: /clock, of a simulator that may be faster or slower."""
     service: str | None = Field(default=None, min_length=1)
     """The simulator's service that makes a step and answers when it is done. Default for StepSimulation:
     /step_simulation; Gazebo has /gzserver/step_simulation."""
     type: Literal["std_srvs/Trigger", "std_srvs/Empty", "simulation_interfaces/StepSimulation"] | None = None
-    """Of the service. Default: std_srvs/Trigger."""
+    """Type of the service. Default: std_srvs/Trigger."""
     steps: int = Field(default=1, ge=1, le=2**53)
     """StepSimulation: steps of the simulator that are one step of the controller."""
     delay: float = Field(default=0.0, ge=0, le=60)
@@ -110,10 +111,10 @@ class Reset(Options):
     """
 
     service: str | None = Field(default=None, min_length=1)
-    """Such as /gazebo/reset_world. Default for ResetSimulation: /reset_simulation; Gazebo has
-    /gzserver/reset_simulation."""
+    """The service that resets, such as /gazebo/reset_world. Default for ResetSimulation: /reset_simulation;
+    Gazebo has /gzserver/reset_simulation."""
     type: Literal["std_srvs/Empty", "std_srvs/Trigger", "simulation_interfaces/ResetSimulation"] | None = None
-    """Of the service. Default: std_srvs/Empty."""
+    """Type of the service. Default: std_srvs/Empty."""
     scope: Annotated[
         Any,
         BeforeValidator(_listed),
@@ -124,8 +125,8 @@ class Reset(Options):
     """ResetSimulation: what is reset: time, state (poses and velocities), spawned (what was spawned is
     removed), a list of these, or all. default: as the simulator's all."""
     command: Command | None = None
-    """A command that resets, beside a service or in its place; its words may hold {seed} and the names of
-    the experiment's parameters in braces."""
+    """A command that resets, in addition to a service or instead of one; its words may hold {seed} and the
+    names of the experiment's parameters in braces."""
     parameters: str | None = Field(default=None, min_length=1)
     """A node, such as /simulator. Before a reset its ROS parameters are set to the experiment's parameters
     and to the episode's seed as `seed`, 0 to 2**31 - 1. In ROS 1, the namespace on the parameter server."""
@@ -183,16 +184,16 @@ class Spawn(Options):
     """How robots come into a simulator that has SpawnEntity: after each reset that removes them."""
 
     service: str = Field(default="/spawn_entity", min_length=1)
-    """Gazebo has /gzserver/spawn_entity."""
+    """The service that spawns robots; Gazebo has /gzserver/spawn_entity."""
     uri: str | None = Field(default=None, min_length=1)
-    """What the simulator calls the robot: file:///models/rover.sdf, or one of its own models."""
+    """The robot's model as the simulator names it: file:///models/rover.sdf, or one of its own models."""
     file: str | None = Field(default=None, min_length=1)
-    """Or a file in a format that it reads, whose text is sent, relative to the experiment file. {robot} in
-    the text stands for the robot's name."""
+    """Instead of `uri`: a file, relative to the experiment file, in a format that the simulator reads. Its
+    text is sent; {robot} in it stands for the robot's name."""
     poses: list[Pose] = Field(default=[])
-    """Of each robot, such as [{x: 0, y: 0}, {x: 1, y: 0, yaw: 1.57}]."""
+    """Initial pose of each robot, such as [{x: 0, y: 0}, {x: 1, y: 0, yaw: 1.57}]; metres and radians."""
     area: Area | None = None
-    """Or where they are put at random, by the episode's seed."""
+    """Instead of `poses`: an area in which robots are placed at random, by the episode's seed."""
 
     @model_validator(mode="after")
     def _fits(self) -> "Spawn":
@@ -207,36 +208,37 @@ class Metric(Options):
     """A number of an episode: read from a topic, a sensor or the simulator after each step, and reduced."""
 
     topic: str | None = Field(default=None, min_length=1)
-    """As of a sensor. Absolute ones without {robot} are one value for all robots."""
+    """As for a sensor. An absolute topic without {robot} is one value for all robots."""
     type: str | None = Field(default=None, min_length=1)
-    """Of its messages; or simulation_interfaces/GetEntitiesStates, the simulator's own knowledge of where
-    robots are."""
+    """Type of the topic's messages; or simulation_interfaces/GetEntitiesStates, the simulator's own knowledge
+    of where robots are."""
     field: str | None = Field(default=None, min_length=1)
-    """As of a sensor. Of GetEntitiesStates: pose.position.x, yaw, twist.linear.x, .."""
+    """As for a sensor. For GetEntitiesStates: pose.position.x, yaw, twist.linear.x, .."""
     sensor: str | None = Field(default=None, min_length=1)
-    """Or the name of a sensor, whose values are those that controllers get."""
+    """Instead of a topic: the name of a sensor, whose values are those that controllers get."""
     service: str | None = Field(default=None, min_length=1)
-    """Of GetEntitiesStates. Default: /get_entities_states; Gazebo has /gzserver/get_entities_states."""
+    """Service for GetEntitiesStates. Default: /get_entities_states; Gazebo has
+    /gzserver/get_entities_states."""
     entity: str | None = Field(default=None, min_length=1)
-    """What the simulator calls a robot, with {robot} for its name; or another thing that it knows, one for
-    all robots. Default: {robot}."""
+    """The simulator's name of a robot, with {robot} for the robot's name; or another entity of the simulator,
+    one for all robots. Default: {robot}."""
     scale: float = 1.0
-    """Factor."""
+    """Factor by which the value is multiplied."""
     offset: float = 0.0
     """Added after the scale."""
     otherwise: float | None = None
-    """The value as long as nothing has come on the topic. With it the topic need not send something in every
-    step, as one that is sent only when something happens; the last one counts."""
+    """The value until the first message on the topic. With it, the topic need not send a message in every
+    step, for topics on which a message is sent only when something happens; the last message counts."""
     sector: Interval | None = None
-    """As of a sensor."""
+    """As for a sensor."""
     reduce: Literal["min", "mean"] | None = None
-    """As of a sensor."""
+    """As for a sensor."""
     infinite: float | None = None
-    """As of a sensor."""
+    """As for a sensor."""
     time: Reduce = "last"
-    """What is made of the values of an episode, before the first step and after each one."""
+    """How the values of an episode, taken before the first step and after each one, become one number."""
     robots: Reduce = "mean"
-    """What is made of the values of all robots, in their order."""
+    """How the values of all robots, in their order, become one number."""
 
     @model_validator(mode="after")
     def _fits(self) -> "Metric":

@@ -259,9 +259,9 @@ class Document(Options):
     """Actuator values of an agent. Needed only when a server does not announce them."""
     fitness: str | None = Field(default=None, min_length=1)
     """Fitness of an episode, an expression over the metrics that the simulation reports, numbers, and
-    `fitness`, the simulation's own: "arrived - 0.01 * steps". There is + - * / **, comparisons, and, or, not,
-    `a if condition else b`, abs, clip, max, min, sqrt. An episode for which it has no value has failed.
-    Default: the simulation's own fitness."""
+    `fitness`, the simulation's own: "arrived - 0.01 * steps". Available are + - * / **, comparisons, and, or,
+    not, `a if condition else b`, abs, clip, max, min, sqrt. An episode for which it has no finite value has
+    failed. Default: the simulation's own fitness."""
     start_from: StartFrom = None
     """Controllers that evolution starts from: the path of a run folder (its best) or of a controller's file
     (best.json), `{run: PATH, generation: G, candidate: N}`, or a list of these; paths are relative to this
@@ -282,8 +282,8 @@ class Document(Options):
     """How servers on a broker evaluate; the fitness does not depend on it. stepwise: controllers stay here,
     every step of every agent crosses the broker. batched: controllers stay here, one message carries a step
     of all agents of many episodes. offloaded: controllers travel to the servers, their fitness comes back.
-    auto: of each server the fastest that it offers. A mode that is named excludes servers that do not offer
-    it. A run that is shown is stepwise."""
+    auto: for each server the fastest mode that it offers. Any other value excludes servers that do not offer
+    the mode. An episode that is displayed is evaluated stepwise."""
     servers: Servers = "auto"
     """Where evaluations run when no broker is given: a number of servers started on the embedded broker;
     auto: as many as there are processors, 2 to 8, or in a notebook local; local: built-in simulations run in

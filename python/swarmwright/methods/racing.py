@@ -28,7 +28,8 @@ class RacingOptions(MethodOptions):
     """Instances on which candidates are evaluated, one in each generation. Default: no limit."""
     evaluations: int = Field(default=10_000, ge=1, le=10**15)
     """Evaluations, each of a candidate on an instance. They are spread over the races, so a run cannot be
-    prolonged. Where not even one race fits in, the least number that does is named."""
+    prolonged. If not even one race fits in, the error message names the smallest number with which one
+    does."""
     races: int | None = Field(default=None, ge=1, le=10_000)
     """Races over which the evaluations are spread. What is left then is used for more of them. Default: the
     whole part of 2 + log2(genes)."""
@@ -46,7 +47,7 @@ class RacingOptions(MethodOptions):
     paired t-tests with the best mean, without or with a correction for their number; for fitness whose sums
     count more than its order."""
     level: float = Field(default=0.05, gt=0, lt=1)
-    """Of significance, for each test."""
+    """Significance level of each test."""
     new_instances: int = Field(default=1, ge=0, le=100_000)
     """Unseen instances with which a race begins, before those of former races."""
     patience: int = Field(default=2, ge=0, le=100_000)

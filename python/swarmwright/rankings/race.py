@@ -31,7 +31,7 @@ class RaceOptions(RankingOptions):
     """friedman: Friedman's test and Conover's comparisons with the best, by ranks. t, t_holm, t_bonferroni:
     paired t-tests with the best mean, without or with a correction for their number."""
     level: float = Field(default=0.05, gt=0, lt=1)
-    """Of significance, for each test."""
+    """Significance level of each test."""
 
     @model_validator(mode="after")
     def _members(self) -> "RaceOptions":
