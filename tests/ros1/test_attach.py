@@ -124,7 +124,7 @@ REASONS: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "deaf": (
         {"startup": 3.0},
-        "nobody listens to /robot_1/cmd_vel (geometry_msgs/Twist) after 3 s (simulation.startup)",
+        "no node subscribes to /robot_1/cmd_vel (geometry_msgs/Twist) after 3 s (simulation.startup)",
     ),
 }
 
@@ -147,7 +147,7 @@ def test_a_master_that_does_not_answer(tmp_path: Path) -> None:
 
 def test_a_service_that_is_not_there(tmp_path: Path) -> None:
     said = failure(tmp_path, startup=3.0, reset={"service": "/restart"})
-    assert "/restart: nobody offers this service" in said
+    assert "/restart: no node offers this service" in said
 
 
 def test_a_python_without_rospy(tmp_path: Path) -> None:

@@ -339,7 +339,7 @@ class _Client:
         others = [one for one in self._node.service_types(self._name) if one != self._kind]
         if others:
             return f"the service has the type {others[0]}, not {self._kind}"
-        return f"nobody offers this service; {_SERVICES_OF}"
+        return f"no node offers this service; {_SERVICES_OF}"
 
 
 _SERVICES_OF = (

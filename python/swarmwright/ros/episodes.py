@@ -176,11 +176,11 @@ class Robots:
         for feed in self._feeds.all:
             if feed.needed and not feed.publishers():
                 names = ", ".join(value.name for value in feed.values)
-                yield f"nobody publishes {feed.topic} ({feed.kind}), for {names},"
+                yield f"no node publishes {feed.topic} ({feed.kind}), for {names},"
         for outputs in self._outputs:
             for topic, kind, publisher in outputs.publishers:
                 if not publisher.listeners():
-                    yield f"nobody listens to {topic} ({kind})"
+                    yield f"no node subscribes to {topic} ({kind})"
 
     # Episodes.
 

@@ -124,7 +124,7 @@ class Feed:
                 return f"{where}: {value.name}: {what}, expected a finite number"
         names = ", ".join(value.name for value in self.values)
         if not self.publishers():
-            return f"{where}: nobody publishes it; {names} cannot be read"
+            return f"{where}: no node publishes it; {names} cannot be read"
         if 0 < self.count < messages:
             return (
                 f"{where}: {self.count} messages came within {seconds:g} s, expected {messages} "

@@ -200,7 +200,7 @@ class _Client:
         return (
             f"the service has the type {others[0]}, not {self._kind}"
             if others
-            else "nobody offers this service"
+            else "no node offers this service"
         )
 
 

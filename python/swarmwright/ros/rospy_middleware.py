@@ -237,7 +237,7 @@ class _Client:
         if self._asker is None:
             while not self.available():
                 if time.monotonic() > deadline:
-                    raise TimeoutError(f"{self._name}: nobody offers this service")
+                    raise TimeoutError(f"{self._name}: no node offers this service")
                 self._node.spin_once(0.05)
             self._asker = _Asker(self._name, self._kind, self._node.wake)
         self._asker.requests.put(request)

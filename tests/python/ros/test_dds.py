@@ -148,7 +148,7 @@ def test_services(node: Dds) -> None:
     assert slow.call(slow.request(), 10).message == "late"
     assert heard
     began = time.monotonic()
-    with pytest.raises(TimeoutError, match=r"/robot_\w+/none: nobody offers this service"):
+    with pytest.raises(TimeoutError, match=r"/robot_\w+/none: no node offers this service"):
         node.client("none", "std_srvs/Trigger").call(client.request(), 0.3)
     assert time.monotonic() - began < 20
 

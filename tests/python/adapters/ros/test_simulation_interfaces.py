@@ -129,7 +129,7 @@ def test_a_failure_names_what_where_and_for_how_long_and_leaves_nothing(fault: s
 
 def test_no_simulator(tmp_path: Path) -> None:
     said = failure(tmp_path, start=None, startup=1.0, environment={"ROS_DOMAIN_ID": "{domain}"})
-    assert "/reset_simulation: nobody offers this service" in said
+    assert "/reset_simulation: no node offers this service" in said
     assert "RMW_IMPLEMENTATION=rmw_cyclonedds_cpp" in said
 
 
