@@ -399,7 +399,7 @@ fn mistakes_name_the_place() {
                 &json!({"radius": 0.05, "drive": wheels(), "sensors": [{"kind": "random"}],
                 "actuators": [{"kind": "message", "numbers": 1}]}),
             ),
-            "robot.actuators: nobody hears the message",
+            "robot.actuators: no robot receives the message",
         ),
     ];
     for (message, expected) in cases {

@@ -105,7 +105,7 @@ pub(super) fn read(value: &Value, others_send: bool) -> Result<Robot, ParameterE
     if robot.message > 0 && robot.links.is_none() {
         return Err(wrong(
             "actuators",
-            "nobody hears the message; add a sensor {kind: range_and_bearing, gives: [message]}",
+            "no robot receives the message; add a sensor {kind: range_and_bearing, gives: [message]}",
         ));
     }
     Ok(robot)

@@ -209,7 +209,7 @@ impl SceneMessage {
             .seconds
             .is_some_and(|seconds| seconds.is_nan() || seconds < 0.0)
         {
-            return wrong("\"seconds\" is no number of seconds".to_owned());
+            return wrong("\"seconds\" is not a number of seconds".to_owned());
         }
         self.bodies.check()?;
         let bodies = self.bodies.x.0.len();

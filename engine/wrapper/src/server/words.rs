@@ -11,7 +11,7 @@ pub(super) fn lost(reason: String, unread: usize) -> String {
     match unread {
         0 => reason,
         bytes => format!(
-            "{reason}, right after a packet of {bytes} bytes was sent; perhaps the broker takes none of that size"
+            "{reason}, right after a packet of {bytes} bytes was sent; the broker may not accept packets of that size"
         ),
     }
 }
