@@ -96,7 +96,7 @@ def _of_metrics(options: "RosOptions") -> Iterator[tuple[Path_, str]]:
                 yield (*path, "type"), "simulation_interfaces are of ROS 2"
             if metric.field not in STATES:
                 hint = did_you_mean(metric.field or "", STATES) or f"; there is: {', '.join(STATES)}"
-                yield (*path, "field"), f"{metric.field!r} is no field of an entity's state{hint}"
+                yield (*path, "field"), f"{metric.field!r} is not a field of an entity's state{hint}"
         else:
             yield from _problem({**metric.place, "sensor": name}, "sensors", path)
 

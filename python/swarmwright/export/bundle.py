@@ -94,7 +94,7 @@ def export_bundle(
         prefix: begins names of files, functions and types.
         mapping: a file that says which topics are sensors and actuators, put in as mapping.yaml.
         license: a text file, instead of the permission to do anything with the archive.
-        force: write over a file that is no bundle.
+        force: write over a file that is not a bundle.
 
     Raises:
         InputError: there is no such candidate, a file cannot be read or is in the way.
@@ -143,7 +143,8 @@ def _check_target(file: Path, *, force: bool) -> None:
                 archive.getinfo(MANIFEST)
         except (OSError, zipfile.BadZipFile, KeyError):
             raise InputError(
-                f"{file}: is there already and is no bundle; take another name, or write over it with --force"
+                f"{file}: is there already and is not a bundle; take another name, or write over it with "
+                "--force"
             ) from None
 
 

@@ -102,7 +102,7 @@ def verify_bundle(file: str | Path) -> BundleVerification:
     Args:
         file: the archive.
 
-    Raises InputError when it is no bundle, or one of a later version.
+    Raises InputError when it is not a bundle, or one of a later version.
     """
     path = Path(file)
     files = _read(path)
@@ -127,7 +127,7 @@ def _read(path: Path) -> dict[str, bytes]:
                 raise InputError(f"{path}: has a file twice: {one_line(_twice(names))}")
             if MANIFEST not in names:
                 raise InputError(
-                    f"{path}: is no bundle: it has no {MANIFEST}; "
+                    f"{path}: is not a bundle: it has no {MANIFEST}; "
                     "`swarmwright export RUN --bundle FILE.zip` makes one"
                 )
             return {info.filename: archive.read(info) for info in infos}
@@ -136,7 +136,7 @@ def _read(path: Path) -> dict[str, bytes]:
     except (
         zipfile.BadZipFile, zipfile.LargeZipFile, zlib.error, RuntimeError, NotImplementedError, EOFError,
     ) as error:  # fmt: skip
-        raise InputError(f"{path}: is no bundle, or is damaged: {error}") from error
+        raise InputError(f"{path}: is not a bundle, or is damaged: {error}") from error
 
 
 def _twice(names: list[str]) -> str:
@@ -146,7 +146,7 @@ def _twice(names: list[str]) -> str:
 def _checked(path: Path, files: dict[str, bytes]) -> BundleVerification:
     manifest = json.loads(files[MANIFEST])
     if not isinstance(manifest, Mapping) or not isinstance(manifest.get("format"), int):
-        raise InputError(f"{path}: {MANIFEST}: has no format; it is no bundle of Swarmwright")
+        raise InputError(f"{path}: {MANIFEST}: has no format; it is not a bundle of Swarmwright")
     if manifest["format"] != FORMAT:
         raise InputError(
             f"{path}: has the format {manifest['format']}, of Swarmwright {manifest.get('swarmwright')}; "
@@ -170,7 +170,7 @@ def _checked(path: Path, files: dict[str, bytes]) -> BundleVerification:
 def _compare_files(manifest: Mapping[str, Any], files: dict[str, bytes], report: BundleVerification) -> None:
     listed = manifest["files"]
     if not isinstance(listed, Mapping):
-        raise TypeError("files is no mapping")
+        raise TypeError("files is not a mapping")
     for name in sorted({*files, *listed} - {MANIFEST}):
         if name not in files:
             report.problems.append(f"{name}: is missing")

@@ -32,8 +32,8 @@ class Machine(Exporter):
         """Return the machine and its drawings."""
         if not modules.is_modules(subject.specification):
             raise InputError(
-                f"controller: one of the kind {subject.kind!r} is no machine of behaviours and conditions; "
-                "only modules is"
+                f"controller: one of the kind {subject.kind!r} is not a machine of behaviours and "
+                "conditions; only the kind modules is"
             )
         specification = subject.specification
         self._known = modules.Catalogue.of(specification)

@@ -32,7 +32,8 @@ def component_files(words: Sequence[str]) -> dict[str, Path]:
         name = name if equals else path.stem
         if not _NAME.fullmatch(name):
             raise InputError(
-                f"{word}: {name!r} is no name of a component: letters, digits and _; name it, NAME={path}"
+                f"{word}: {name!r} is not a valid name of a component, expected letters, digits and _; "
+                f"name it, NAME={path}"
             )
         if name in files:
             raise InputError(f"{word}: there is a component {name} already; name this one, OTHER={path}")

@@ -47,7 +47,7 @@ class Rospy:
     def resolve(self, name: str) -> str:
         """Return the full name of a topic or service. Raises ValueError, which says why it is no name."""
         if not rosgraph.names.is_legal_name(name):
-            raise ValueError(f"'{name}' is no name")
+            raise ValueError(f"'{name}' is not a valid name")
         return str(rospy.resolve_name(name if name.startswith(("/", "~")) else f"/{name}"))
 
     def subscribe(

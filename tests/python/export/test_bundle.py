@@ -221,8 +221,8 @@ def _wrong(file: Path) -> None:
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda file: file.write_bytes(b"no archive"), "is no bundle, or is damaged"),
-        (_not_a_bundle, "is no bundle: it has no manifest.json"),
+        (lambda file: file.write_bytes(b"no archive"), "is not a bundle, or is damaged"),
+        (_not_a_bundle, "is not a bundle: it has no manifest.json"),
         (_later, "has the format 2, of Swarmwright 9.0; this version reads 1"),
         (_wrong, "manifest.json, or what it names, is not as a bundle has it"),
         (lambda file: file.mkdir(), "Is a directory"),
@@ -237,7 +237,7 @@ def test_what_is_no_bundle(tmp_path: Path, make: Callable[[Path], object], words
 def test_half_a_bundle_is_damaged(bundle: Path, tmp_path: Path) -> None:
     data = bundle.read_bytes()
     (tmp_path / "half.zip").write_bytes(data[: len(data) // 2])
-    with pytest.raises(InputError, match="is no bundle, or is damaged"):
+    with pytest.raises(InputError, match="is not a bundle, or is damaged"):
         verify_bundle(tmp_path / "half.zip")
     # A bit of the compressed data of a file.
     flipped = bytearray(data)
@@ -246,7 +246,7 @@ def test_half_a_bundle_is_damaged(bundle: Path, tmp_path: Path) -> None:
     try:
         assert not verify_bundle(tmp_path / "flipped.zip").ok
     except InputError as error:
-        assert "is no bundle, or is damaged" in str(error)  # noqa: PT017 - both are right
+        assert "is not a bundle, or is damaged" in str(error)  # noqa: PT017 - both are right
 
 
 @pytest.mark.parametrize(
@@ -254,7 +254,7 @@ def test_half_a_bundle_is_damaged(bundle: Path, tmp_path: Path) -> None:
     [
         (["--bundle", "x.tar"], "x.tar: a bundle is an archive, so its name ends with .zip"),
         (["--bundle", "no/x.zip"], "no/x.zip: there is no folder no"),
-        (["--bundle", "there.zip"], "there.zip: is there already and is no bundle"),
+        (["--bundle", "there.zip"], "there.zip: is there already and is not a bundle"),
         (["--bundle", "x.zip", "--to", "c"], "leave out --to, --output and --verify"),
         (["--bundle", "x.zip", "--prefix", "int"], "'int' is a word of C, C++ or Python"),
         (["--bundle", "x.zip", "--candidate", "999:0"], "holds the generations 0 to 29, not 999"),

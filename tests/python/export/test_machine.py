@@ -44,5 +44,5 @@ def test_another_machine_would_be_found_out(tmp_path: Path) -> None:
 
 
 def test_others_are_refused() -> None:
-    with pytest.raises(InputError, match="one of the kind 'layered' is no machine of behaviours"):
+    with pytest.raises(InputError, match="one of the kind 'layered' is not a machine of behaviours"):
         Machine().files(subject(ALL["layered-direct"]), "robot")
