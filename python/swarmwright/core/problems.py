@@ -80,7 +80,7 @@ def problems_of(error: ValidationError, model: type[BaseModel], at: Path_ = ()) 
 
 
 def _problem(found: dict[str, Any], model: type[BaseModel], at: Path_) -> tuple[Path_, str]:
-    """Return path and message. What is wrong with a section as a whole may begin with the key that is to be changed."""
+    """Return path and message. That of a section as a whole may begin with the key that is to be changed."""
     path, message = (*at, *found["loc"]), _message(found, model)
     key, colon, rest = message.partition(": ")
     section = found.get("input")

@@ -316,7 +316,7 @@ def _check_reevaluation(checked: Checked, report: Report) -> None:
 
 
 def _check_race(ranking: RaceOptions, method: MethodOptions, kind: str, report: Report) -> None:
-    """Check that there are generations of candidates that can race, and episodes after which they are tested."""
+    """Check that there are generations of candidates that can race, and tests between episodes."""
     if ranking.episodes <= ranking.first_test:
         report(
             ("ranking", "episodes"),
