@@ -121,7 +121,7 @@ def without_a_broker_it_ends(simulator: Simulator, folder: Path, port: int) -> N
     """The reason is on standard error, and nothing runs on."""
     server = Attached(simulator, f"mqtt://127.0.0.1:{port}", 1, cwd=folder, ready=False)
     try:
-        assert server.wait(100) != 0
+        assert server.wait(30) != 0
     finally:
         server.stop()
     assert "no broker answers" in server.stderr + "\n".join(server.lines)
@@ -133,7 +133,7 @@ def a_bad_file(simulator: Simulator, folder: Path, text: str, *, url: str) -> st
     path.write_text(text)
     server = Attached(simulator, url, 1, cwd=folder, file=path, ready=False)
     try:
-        assert server.wait(100) != 0
+        assert server.wait(30) != 0
     finally:
         server.stop()
     return server.stderr + "\n".join(server.lines)

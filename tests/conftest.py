@@ -76,7 +76,7 @@ def program(tmp_path: Path) -> Run:
     def run(
         *arguments: str | Path,
         env: Mapping[str, str] | None = None,
-        timeout: float = 200,
+        timeout: float = 50,
         cwd: Path = tmp_path,
     ) -> "subprocess.CompletedProcess[str]":
         result = subprocess.run(
@@ -124,7 +124,7 @@ def start(tmp_path: Path) -> Iterator[Start]:
             except subprocess.TimeoutExpired:
                 process.kill()
         with contextlib.suppress(ValueError):  # the test read it to its end
-            process.communicate(timeout=100)
+            process.communicate(timeout=10)
 
 
 def free_port() -> int:
@@ -150,7 +150,7 @@ def _mosquitto(folder: Path) -> Iterator[str]:
     configuration.write_text(f"{user}listener {port} 127.0.0.1\nallow_anonymous true\nset_tcp_nodelay true\n")
     process = subprocess.Popen([binary, "-c", str(configuration)], stderr=subprocess.DEVNULL)
     try:
-        deadline = time.monotonic() + 60
+        deadline = time.monotonic() + 10
         while True:
             with contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", port), 1):
                 break
@@ -160,7 +160,7 @@ def _mosquitto(folder: Path) -> Iterator[str]:
         yield f"mqtt://127.0.0.1:{port}"
     finally:
         process.terminate()
-        process.wait(100)
+        process.wait(10)
 
 
 @pytest.fixture

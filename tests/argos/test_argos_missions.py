@@ -50,7 +50,7 @@ def test_wrong_options_are_reported(unused_port: int) -> None:
         (["--broker", f"mqtt://127.0.0.1:{unused_port}"], "no broker answers", 1),
     ):
         done = subprocess.run(
-            [str(server), *options], capture_output=True, text=True, timeout=240, check=False
+            [str(server), *options], capture_output=True, text=True, timeout=60, check=False
         )
         assert done.returncode == status
         assert expected in done.stderr

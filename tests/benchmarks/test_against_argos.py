@@ -31,7 +31,7 @@ def test_rounding_does_not_set_equal_values_apart() -> None:
     assert not pair([1.0] * 20, [2.0] * 20).agrees
 
 
-@pytest.mark.timeout(400)
+@pytest.mark.timeout(120)
 @pytest.mark.parametrize("kind", list(ROBOTS))
 def test_the_arena_agrees_with_argos(kind: str) -> None:
     """The 30 seeds of ARGoS have differences of their own, so that only a large one is a mistake."""

@@ -60,7 +60,7 @@ def test_the_program_prints_both_tables_and_draws(runs: Path, root: Path, tmp_pa
     picture = tmp_path / "picture.png"
     result = subprocess.run(
         [sys.executable, "-m", "benchmarks.against_frevo", str(runs), str(picture)],
-        cwd=root, capture_output=True, text=True, timeout=200, check=False,
+        cwd=root, capture_output=True, text=True, timeout=50, check=False,
     )  # fmt: skip
     assert result.returncode == 0, result.stderr
     assert result.stdout.count("| FREVO's NNGA |") == 2

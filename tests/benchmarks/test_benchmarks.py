@@ -36,7 +36,7 @@ def test_a_quick_run_compares_every_figure_with_its_floor(root: Path, tmp_path: 
         cwd=root,
         capture_output=True,
         text=True,
-        timeout=1200,
+        timeout=170,
         check=False,
     )
     assert result.returncode == 0, result.stderr

@@ -11,7 +11,7 @@ from benchmarks.kept import read
 from swarmwright import Run
 
 
-@pytest.mark.timeout(900)
+@pytest.mark.timeout(300)
 def test_designs_are_made_once_scored_and_drawn(root: Path, tmp_path: Path) -> None:
     command = [sys.executable, "-m", "benchmarks.designs", str(tmp_path)]
     made = [*command, "--budget", "1000", "--repetitions", "2", "--missions", "lcn"]

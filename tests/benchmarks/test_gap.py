@@ -18,7 +18,7 @@ def run(root: Path, *arguments: str | Path) -> str:
     return subprocess.run(command, cwd=root, check=True, capture_output=True, text=True).stdout
 
 
-@pytest.mark.timeout(1200)
+@pytest.mark.timeout(400)
 def test_designs_are_made_once_and_evaluated_in_the_arena_and_elsewhere(root: Path, tmp_path: Path) -> None:
     enki = next(place for place in ELSEWHERE if place.name == "Enki")
     why = enki.missing()

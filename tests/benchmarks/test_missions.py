@@ -22,7 +22,7 @@ def run(root: Path, module: str, *arguments: str | Path) -> "subprocess.Complete
     return subprocess.run(command, cwd=root, check=True, capture_output=True, text=True)
 
 
-@pytest.mark.timeout(1200)
+@pytest.mark.timeout(400)
 def test_controllers_are_designed_once_and_evaluated_in_all_simulators(root: Path, tmp_path: Path) -> None:
     done = run(
         root, "missions", tmp_path, "--budget", "1000", "--seeds", "3", "--missions", "homing",
@@ -49,7 +49,7 @@ def test_controllers_are_designed_once_and_evaluated_in_all_simulators(root: Pat
     assert (tmp_path / "missions.png").stat().st_size > 10_000
 
 
-@pytest.mark.timeout(600)
+@pytest.mark.timeout(200)
 def test_an_episode_is_drawn_side_by_side(root: Path, tmp_path: Path) -> None:
     arguments = ["--budget", "1000", "--simulators", "arena,Enki,MuJoCo", "--times", "0,10,30,60"]
     done = run(root, "pictures", tmp_path, *arguments)

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 
-@pytest.mark.timeout(900)
+@pytest.mark.timeout(300)
 def test_losses_are_compared_and_drawn(root: Path, tmp_path: Path) -> None:
     command = [sys.executable, "-m", "benchmarks.radio", str(tmp_path / "runs"), "--repetitions", "2"]
     command += ["--generations", "1", "--picture", str(tmp_path / "radio.png")]

@@ -21,7 +21,7 @@ def is_installed(subject: Subject) -> bool:
 
 
 @pytest.mark.parametrize("subject", SUBJECTS, ids=lambda subject: subject.name)
-@pytest.mark.timeout(600)
+@pytest.mark.timeout(180)
 def test_robots_step_and_repeat_as_the_page_says(
     subject: Subject, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

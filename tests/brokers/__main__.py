@@ -94,7 +94,7 @@ def measure(entry: Entry, home: Path, folder: Path) -> tuple[list[str], bool]:
     rates, remarks = [], []
     version = "-"
     try:
-        limit = time.monotonic() + 60
+        limit = time.monotonic() + 30
         while not reachable(port):
             if process.poll() is not None or time.monotonic() > limit:
                 said = (folder / "log").read_text(errors="replace").strip()[-200:]
@@ -115,10 +115,10 @@ def measure(entry: Entry, home: Path, folder: Path) -> tuple[list[str], bool]:
     finally:
         process.terminate()
         try:
-            process.wait(100)
+            process.wait(30)
         except subprocess.TimeoutExpired:
             process.kill()
-            process.wait(100)
+            process.wait(10)
     row = [entry.name, entry.release(home), version, *rates, "no" if remarks else "yes", "; ".join(remarks)]
     return row, not remarks
 

@@ -52,7 +52,7 @@ def mosquitto_program() -> str:
 def _mosquitto_release(_home: Path) -> str:
     # its help ends with a status of 1 or 3, by its release
     said = subprocess.run(
-        [mosquitto_program(), "-h"], capture_output=True, text=True, timeout=200, check=False
+        [mosquitto_program(), "-h"], capture_output=True, text=True, timeout=10, check=False
     ).stdout
     return said.partition("version ")[2].split()[0]
 

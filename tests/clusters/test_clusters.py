@@ -25,7 +25,7 @@ pytestmark = [
         "SWARMWRIGHT_CLUSTERS" not in os.environ,
         reason="SWARMWRIGHT_CLUSTERS is not set: run `make test-ray`",
     ),
-    pytest.mark.timeout(600),
+    pytest.mark.timeout(200),
 ]
 
 
@@ -64,7 +64,7 @@ class Cluster:
         return found
 
     def close(self) -> None:
-        self._process.communicate(timeout=100)
+        self._process.communicate(timeout=60)
 
     def _line(self, word: str) -> str:
         assert self._process.stdout is not None

@@ -66,7 +66,7 @@ def project(tmp_path: Path) -> Path:
 def build(project: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         [sys.executable, "-m", "mkdocs", "build", "--strict"], cwd=project, capture_output=True, text=True,
-        env={**os.environ, "NO_MKDOCS_2_WARNING": "1"}, timeout=200, check=False,
+        env={**os.environ, "NO_MKDOCS_2_WARNING": "1"}, timeout=50, check=False,
     )  # fmt: skip
 
 

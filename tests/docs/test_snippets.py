@@ -125,17 +125,17 @@ def background(
     listener = threading.Thread(target=listen, daemon=True)
     listener.start()
     try:
-        heard.wait(60)
+        heard.wait(30)
         assert any(ready in line for line in said), f"{where}: never said {ready!r}, but:\n{''.join(said)}"
         yield
         assert process.poll() is None, f"{where}: ended too early:\n{''.join(said)}"
     finally:
         process.send_signal(signal.SIGTERM)
         with contextlib.suppress(subprocess.TimeoutExpired):
-            process.wait(100)
+            process.wait(15)
         process.kill()
         process.wait()
-        listener.join(60)
+        listener.join(5)
         if process.stdout:
             process.stdout.close()
 
@@ -144,7 +144,7 @@ def run(command: list[str], folder: Path, environment: dict[str, str], where: st
     """Run to the end; the output."""
     result = subprocess.run(
         command, cwd=folder, env=environment, stdin=subprocess.DEVNULL, capture_output=True, text=True,
-        encoding="utf-8", timeout=600, check=False,
+        encoding="utf-8", timeout=150, check=False,
     )  # fmt: skip
     assert result.returncode == 0, (
         f"{where}: exit status {result.returncode}\n{result.stdout}\n{result.stderr}"
@@ -167,7 +167,7 @@ def _missing(page: str) -> str | None:
     return None
 
 
-@pytest.mark.timeout(900)
+@pytest.mark.timeout(300)
 @pytest.mark.parametrize(
     "page", [page for page in PAGES if runnable(page)], ids=lambda page: str(page.relative_to(ROOT))
 )

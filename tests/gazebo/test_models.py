@@ -13,7 +13,7 @@ from tests.system.brokers import BrokerProcess
 from tests.system.processes import Program
 from tests.system.runs import record
 
-pytestmark = pytest.mark.timeout(900)
+pytestmark = pytest.mark.timeout(300)
 
 PROGRAMS = Path(sys.executable).parent
 WHEELS = ["--joints", "wheel_left_joint,wheel_right_joint"]
@@ -94,7 +94,7 @@ def test_the_script_expands_xacro(
     wrong = tmp_path / "wrong.xacro"
     wrong.write_text(XACRO.read_text().replace("${base / 2}", "${width / 2}"))
     server = Program(script, *options, f"--model={wrong}", cwd=tmp_path, program=())
-    assert server.wait(100) == 1
+    assert server.wait(60) == 1
     assert server.stderr.startswith(f"error: {wrong}: xacro: ")
     assert "name 'width' is not defined" in server.stderr
     assert len(server.stderr.splitlines()) == 1
@@ -107,7 +107,7 @@ def test_the_script_expands_xacro(
     monkeypatch.setenv("PATH", str(tmp_path / "bin"))
     monkeypatch.setenv("SWARMWRIGHT_GAZEBO", os.environ["SWARMWRIGHT_GAZEBO"])
     server = Program(script, *options, "--model", XACRO, cwd=tmp_path, program=())
-    assert server.wait(100) == 1
+    assert server.wait(60) == 1
     assert server.stderr == f"error: {XACRO}: xacro is not on the path; pip install xacro"
 
 
@@ -192,7 +192,7 @@ def test_models_that_cannot_be_used(
     if "--joints" not in options:
         options = ["--joints", "l,r", *options]
     server = serve("mqtt://localhost:1", "--model", "wrong.sdf", *options, wait=False)
-    assert server.wait(100) == 1
+    assert server.wait(60) == 1
     assert message in server.stderr
     assert server.stderr.startswith("error: ")
 
@@ -210,7 +210,7 @@ def test_models_that_cannot_be_used(
 )
 def test_wrong_options(options: list[str], status: int, message: str, serve: Serve) -> None:
     server = serve("mqtt://localhost:1", *options, wait=False)
-    assert server.wait(100) == status
+    assert server.wait(60) == status
     assert message in server.stderr
 
 

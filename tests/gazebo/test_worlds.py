@@ -12,7 +12,7 @@ from tests.system.brokers import BrokerProcess
 from tests.system.processes import Program
 from tests.system.runs import attempts, record
 
-pytestmark = pytest.mark.timeout(600)
+pytestmark = pytest.mark.timeout(200)
 
 MISSION = """title: Yard
 walls: {rectangle: [3, 2]}
@@ -50,7 +50,7 @@ def test_all_modes_and_two_servers_one_of_which_is_killed_have_one_record(
     program = yard(launch, broker.url, tmp_path, "two", "mode: stepwise\n")
     second.until(lambda one: "busy" in one.stderr, "second server at work")
     second.signal(signal.SIGKILL)
-    assert second.process.wait(100) == -signal.SIGKILL
+    assert second.process.wait(10) == -signal.SIGKILL
     assert program.wait(150) == 0, program.stderr
     assert record(tmp_path / "two") == expected
     assert any(attempt["server"] == 1 for attempt in attempts(tmp_path / "two"))
@@ -149,7 +149,7 @@ def test_worlds_that_cannot_be_used(text: str, message: str, serve: Serve, tmp_p
         "<uri>model://broken/shed.dae</uri></mesh></geometry></visual></link></model></sdf>"
     )
     server = serve("mqtt://localhost:1", "--world", "wrong.world", wait=False)
-    assert server.wait(100) == 1
+    assert server.wait(60) == 1
     assert message in server.stderr
     assert server.stderr.startswith("error: ")
     assert len(server.stderr.splitlines()) == 1
@@ -167,7 +167,7 @@ def test_worlds_that_cannot_be_used(text: str, message: str, serve: Serve, tmp_p
 )
 def test_wrong_options(options: list[str], status: int, message: str, serve: Serve) -> None:
     server = serve("mqtt://localhost:1", *options, wait=False)
-    assert server.wait(100) == status
+    assert server.wait(60) == status
     assert message in server.stderr
 
 

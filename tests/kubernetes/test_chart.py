@@ -14,7 +14,7 @@ from tests.python.records import same_record
 CHART = ROOT / "deploy/helm/swarmwright"
 EXPERIMENT = "simulation: minisim\nmethod: {population: 10, generations: 3}\nvalidate: false\n"
 
-pytestmark = pytest.mark.timeout(720)
+pytestmark = pytest.mark.timeout(240)
 
 
 def helm(binaries: Path, *arguments: str, status: int = 0) -> str:

@@ -16,7 +16,7 @@ from tests.kubernetes.conftest import IMAGE, Cluster
 from tests.paced_simulation import written
 from tests.python.records import same_record
 
-pytestmark = pytest.mark.timeout(720)
+pytestmark = pytest.mark.timeout(240)
 
 Namespace = Callable[..., str]
 

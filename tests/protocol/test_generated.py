@@ -13,12 +13,12 @@ from tests.examples import contract
 from tests.protocol.conftest import PROTOCOL, TOPICS, vectors
 
 EXAMPLES = PROTOCOL / "vectors" / "messages"
-pytestmark = pytest.mark.timeout(1200)  # npm may have to fetch the tools
+pytestmark = pytest.mark.timeout(400)  # npm may have to fetch the tools
 
 
 def node(*arguments: str | Path) -> str:
     command = ["node", *map(str, arguments)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=240, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 0, done.stderr
     return done.stdout
 
@@ -88,7 +88,7 @@ def test_a_generated_client_plays_d61s_episode_on_a_server(classes: Path) -> Non
         played = json.loads(node(client, classes / "messages.mjs", broker.url, json.dumps(flat), "0"))
     finally:
         server.terminate()
-        server.communicate(timeout=100)
+        server.communicate(timeout=10)
         broker.stop()
     assert played["server"] == 4
     assert "offloaded" in played["modes"]

@@ -45,7 +45,7 @@ def program(
         capture_output=True,
         text=True,
         check=False,
-        timeout=200,
+        timeout=50,
         cwd=folder,
     )
 
@@ -77,7 +77,7 @@ def test_all_else_works_without_extras(tmp_path: Path) -> None:
     assert json.loads((tmp_path / "run" / "best.json").read_text())["candidate"] < 10
 
 
-@pytest.mark.timeout(600)  # six programs, one after another
+@pytest.mark.timeout(200)  # six programs, one after another
 def test_a_run_needs_no_libraries_for_figures(tmp_path: Path) -> None:
     (tmp_path / "x.yaml").write_text(
         "simulation: minisim\nmethod: {kind: nnga, population: 10, generations: 2}\n"

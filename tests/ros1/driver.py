@@ -51,7 +51,7 @@ class Driver:
         self._subscribers[topic] = rospy.Subscriber(
             topic, roslib.message.get_message_class(kind), lambda message: said.append(_plain(message))
         )
-        deadline = time.monotonic() + 60
+        deadline = time.monotonic() + 20
         while not self._subscribers[topic].get_num_connections():
             if time.monotonic() > deadline:
                 raise RuntimeError(f"nobody publishes {topic}")

@@ -82,7 +82,7 @@ def end(process: "subprocess.Popen[str]", number: int = signal.SIGINT) -> None:
     with suppress(ProcessLookupError):
         os.killpg(process.pid, number)
     with suppress(subprocess.TimeoutExpired):
-        process.wait(100)
+        process.wait(20)
     with suppress(ProcessLookupError):
         os.killpg(process.pid, signal.SIGKILL)
     process.wait()

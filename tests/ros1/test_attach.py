@@ -15,7 +15,7 @@ from swarmwright import Controller, Experiment, SwarmwrightError
 from tests.python.commands.processes import running
 from tests.python.records import same_record
 
-pytestmark = pytest.mark.timeout(600)
+pytestmark = pytest.mark.timeout(180)
 SIMULATOR = Path(__file__).with_name("simulator.py")
 TWIST, ODOMETRY = "geometry_msgs/Twist", "nav_msgs/Odometry"
 

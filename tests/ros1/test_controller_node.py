@@ -89,7 +89,7 @@ def driven(running: Running) -> list[tuple[float, float]]:
     return [(one["linear"]["x"], one["angular"]["z"]) for one in running.recorded("cmd_vel")]
 
 
-@pytest.mark.timeout(400)
+@pytest.mark.timeout(120)
 def test_the_node_computes_what_the_engine_computes(master: Master, driver: Driver, tmp_path: Path) -> None:
     controller = engine()
     with node(master, driver, MAPPING, tmp_path) as running:
@@ -128,12 +128,12 @@ def test_the_node_computes_what_the_engine_computes(master: Master, driver: Driv
         assert running.process.poll() is None
         count = len(driven(running))
         running.process.send_signal(signal.SIGINT)
-        assert running.process.wait(100) == 0
+        assert running.process.wait(10) == 0
         # The last command stops the robot.
         until(lambda: len(driven(running)) > count and driven(running)[-1] == (0.0, 0.0))
 
 
-@pytest.mark.timeout(400)
+@pytest.mark.timeout(120)
 def test_silence_stops_the_robot_until_it_ends(master: Master, driver: Driver, tmp_path: Path) -> None:
     controller = engine()
     mapping = {**MAPPING, "timeout": 2.0}
@@ -153,7 +153,7 @@ def test_silence_stops_the_robot_until_it_ends(master: Master, driver: Driver, t
         running.silence("sonar")
         silent = time.monotonic()
         until(lambda: driven(running)[-1] == (0.0, 0.0))
-        assert 1.0 < time.monotonic() - silent < 40
+        assert 1.0 < time.monotonic() - silent < 10
         until(lambda: "stopped: nothing comes from /silent/sonar" in running.said())
         stopped = len(running.steps())
         count = len(driven(running))
@@ -184,7 +184,7 @@ def test_silence_stops_the_robot_until_it_ends(master: Master, driver: Driver, t
         )
 
 
-@pytest.mark.timeout(400)
+@pytest.mark.timeout(120)
 def test_a_controller_that_begins_anew_after_silence(master: Master, driver: Driver, tmp_path: Path) -> None:
     controller = engine()
     mapping = {**MAPPING, "timeout": 2.0, "reset_after_silence": True}
@@ -214,20 +214,20 @@ WRONG: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
 }
 
 
-@pytest.mark.timeout(400)
+@pytest.mark.timeout(60)
 @pytest.mark.parametrize("name", WRONG)
 def test_a_wrong_mapping_is_refused(name: str, master: Master, driver: Driver, tmp_path: Path) -> None:
     change, message = WRONG[name]
     driver("advertise", topic="/wrong/laser", kind=SCAN)
     with node(master, driver, changed(change), tmp_path, "wrong") as running:
-        assert running.process.wait(100) == 2
+        assert running.process.wait(20) == 2
     assert message in running.said()
 
 
-@pytest.mark.timeout(400)
+@pytest.mark.timeout(60)
 def test_without_a_mapping(master: Master, driver: Driver, tmp_path: Path) -> None:
     with node(master, driver, None, tmp_path, "none") as running:
-        assert running.process.wait(100) == 2
+        assert running.process.wait(20) == 2
     assert (
         "the parameter ~mapping is missing; controller.launch loads it from a file, mapping:=FILE"
         in running.said()

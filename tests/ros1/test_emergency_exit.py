@@ -79,7 +79,7 @@ def write(path: Path, parameters: dict[str, Any]) -> Path:
     return path
 
 
-@pytest.mark.timeout(600)
+@pytest.mark.timeout(200)
 @pytest.mark.parametrize("name", CONTROLLERS)
 def test_agents_go_where_the_engines_go(name: str, master: Master, tmp_path: Path) -> None:
     specification = CONTROLLERS[name]
@@ -95,7 +95,7 @@ def test_agents_go_where_the_engines_go(name: str, master: Master, tmp_path: Pat
     assert (result["fitness"], result["frevo_fitness"]) == (-distance, expected)
 
 
-@pytest.mark.timeout(600)
+@pytest.mark.timeout(200)
 @pytest.mark.parametrize(
     "parameters",
     [
@@ -114,7 +114,7 @@ def test_other_fields(parameters: dict[str, Any], master: Master, tmp_path: Path
     assert (result["fitness"], result["frevo_fitness"]) == (-distance, expected)
 
 
-@pytest.mark.timeout(600)
+@pytest.mark.timeout(200)
 def test_all_get_out_before_the_end(master: Master, tmp_path: Path) -> None:
     # Actuators that say: to the right, always; the machine has one state and looks at nothing.
     right = {
@@ -134,7 +134,7 @@ def test_all_get_out_before_the_end(master: Master, tmp_path: Path) -> None:
     assert expected == (20 - 3) / 20
 
 
-@pytest.mark.timeout(600)
+@pytest.mark.timeout(200)
 def test_mistakes_are_named(master: Master, tmp_path: Path) -> None:
     file = write(tmp_path / "file.json", RANDOM)
     logs = tmp_path / "logs"
@@ -152,7 +152,7 @@ def test_mistakes_are_named(master: Master, tmp_path: Path) -> None:
     assert "cannot be written" in launch(master, file, logs, 8, f"logs:={file}/logs", "patience:=2")
 
 
-@pytest.mark.timeout(600)
+@pytest.mark.timeout(200)
 def test_an_agent_that_dies_is_named(master: Master, tmp_path: Path) -> None:
     # One of another field's controllers: seven sensors.
     master.workspace.compile(network("layered", "tanh", [-1.0, 1.0], sensors=7))

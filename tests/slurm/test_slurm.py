@@ -35,13 +35,13 @@ def experiment(folder: Path, simulation: str = "minisim", **servers: Any) -> Exp
     )
 
 
-@pytest.mark.timeout(600)
+@pytest.mark.timeout(180)
 def test_the_conformance_check(slurm: Cluster, tmp_path: Path) -> None:
     check_launcher("slurm", options(tmp_path), alive=lambda: len(slurm.queue()))
     assert not list((tmp_path / "run").iterdir())
 
 
-@pytest.mark.timeout(720)
+@pytest.mark.timeout(240)
 def test_a_cancelled_job_and_a_drained_node_change_nothing(slurm: Cluster, tmp_path: Path) -> None:
     from swarmwright.evaluation.launched.access import own_address
 
@@ -74,7 +74,7 @@ def test_a_cancelled_job_and_a_drained_node_change_nothing(slurm: Cluster, tmp_p
     assert not list((tmp_path / "shared" / "run").iterdir())
 
 
-@pytest.mark.timeout(400)
+@pytest.mark.timeout(120)
 def test_waiting_in_the_queue_is_reported_with_its_reason(
     slurm: Cluster, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -110,7 +110,7 @@ def in_thread(beside: Callable[[], None], work: Callable[[], object]) -> None:
         ({"command": "/opt/no/swarmwright"}, r"no server starts:(.|\n)*/opt/no/swarmwright: not found"),
     ],
 )
-@pytest.mark.timeout(400)
+@pytest.mark.timeout(120)
 def test_what_is_wrong_is_said_in_the_words_of_slurm(
     slurm: Cluster, tmp_path: Path, servers: dict[str, Any], message: str
 ) -> None:
@@ -119,10 +119,10 @@ def test_what_is_wrong_is_said_in_the_words_of_slurm(
     assert slurm.queue() == []
 
 
-@pytest.mark.timeout(400)
+@pytest.mark.timeout(120)
 def test_on_the_command_line(slurm: Cluster, tmp_path: Path, program: conftest.Run) -> None:
     experiment(tmp_path / "shared").save(tmp_path / "lab.yaml")
-    result = program("optimize", "lab.yaml", "--servers", "slurm:1", "--out", "run", timeout=300)
+    result = program("optimize", "lab.yaml", "--servers", "slurm:1", "--out", "run", timeout=100)
     assert result.returncode == 0, result.stderr
     result = program("optimize", "lab.yaml", "--set", "servers.partition=nope", "--out", "other")
     assert result.returncode == 1
@@ -131,7 +131,7 @@ def test_on_the_command_line(slurm: Cluster, tmp_path: Path, program: conftest.R
 
 
 @pytest.mark.parametrize("first", ["in-process", "process:2"])
-@pytest.mark.timeout(400)
+@pytest.mark.timeout(120)
 def test_a_run_that_was_started_on_this_machine_goes_on_on_the_cluster(
     slurm: Cluster, tmp_path: Path, first: str
 ) -> None:
@@ -154,7 +154,7 @@ def test_a_run_that_was_started_on_this_machine_goes_on_on_the_cluster(
     named = ["--servers", "slurm:2"] if known else ["--set", f"servers={json.dumps(servers)}"]
     resumed = Program("resume", "moved", *named, "--json", cwd=tmp_path)
     try:
-        assert resumed.wait(100) == 0, resumed.stderr
+        assert resumed.wait(90) == 0, resumed.stderr
     finally:
         resumed.stop()
     here = optimize(made, out=tmp_path / "here", servers="in-process", progress=False)

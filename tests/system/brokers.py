@@ -68,7 +68,7 @@ class BrokerProcess:
             stderr=subprocess.DEVNULL,
             env=environment(),
         )
-        deadline = time.monotonic() + 60
+        deadline = time.monotonic() + 15
         while not reachable(self.port):
             assert self._process.poll() is None, f"the broker ended: {self._command}"
             assert time.monotonic() < deadline, f"the broker does not listen: {self._command}"
@@ -92,7 +92,7 @@ class BrokerProcess:
             self._process.wait(10)
         except subprocess.TimeoutExpired:
             self._process.kill()
-            self._process.wait(100)
+            self._process.wait(10)
         self._process = None
 
 

@@ -81,7 +81,7 @@ class Peer:
         self._client.loop_start()
         if subscriptions:
             self._client.subscribe([(topic, 0) for topic in subscriptions])
-            assert self._subscribed.wait(60), "the broker does not acknowledge the subscription"
+            assert self._subscribed.wait(10), "the broker does not acknowledge the subscription"
 
     def _on_message(self, _client: Client, _data: object, message: MQTTMessage) -> None:
         received = Received(message.topic, bytes(message.payload), message.retain, time.monotonic())

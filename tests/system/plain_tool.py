@@ -28,7 +28,7 @@ class PlainTool(Peer):
     def __init__(self, url: str, version: int = 5) -> None:
         super().__init__(url, "server", "sensor", "fitness", f"{TOOLS}+", version=version)
 
-    def hear(self, seconds: float = 60) -> tuple[str, Json]:
+    def hear(self, seconds: float = 10) -> tuple[str, Json]:
         """Topic and content of the next message."""
         try:
             message: Received = self.inbox.get(timeout=seconds)

@@ -74,7 +74,7 @@ class Program:
             if kind in {None, event.get("event")} and server in {None, event.get("server")}
         ]
 
-    def until(self, reached: Callable[["Program"], bool], what: str, seconds: float = 100) -> None:
+    def until(self, reached: Callable[["Program"], bool], what: str, seconds: float = 20) -> None:
         """Wait until `reached`; fail, with all that came, when it is not or the program ends before."""
         deadline = time.monotonic() + seconds
         while not reached(self):
@@ -90,18 +90,18 @@ class Program:
                 self._news.wait(0.05)
 
     def until_event(
-        self, kind: str, count: int = 1, *, server: int | None = None, seconds: float = 100
+        self, kind: str, count: int = 1, *, server: int | None = None, seconds: float = 20
     ) -> Event:
         """Wait for the `count`th event of a kind and return it."""
         self.until(lambda _: len(self.events(kind, server)) >= count, f"event {kind}", seconds)
         return self.events(kind, server)[count - 1]
 
-    def until_error(self, text: str, seconds: float = 100) -> str:
+    def until_error(self, text: str, seconds: float = 20) -> str:
         """Wait for a line with `text` on standard error and return it."""
         self.until(lambda _: text in self.stderr, f"{text!r} on standard error", seconds)
         return next(line for line in self.stderr.splitlines() if text in line)
 
-    def wait(self, seconds: float = 100) -> int:
+    def wait(self, seconds: float = 30) -> int:
         """Exit status, once it has ended."""
         try:
             status = self.process.wait(seconds)
@@ -124,12 +124,12 @@ class Program:
                 self.process.wait(10)
             except subprocess.TimeoutExpired:
                 self.process.kill()
-                self.process.wait(100)
+                self.process.wait(10)
         self._join()
 
     def _join(self) -> None:
         for thread in self._threads:
-            thread.join(60)
+            thread.join(5)
 
 
 class Servers(Program):

@@ -19,16 +19,16 @@ class Proxy(ABC):
     def __enter__(self) -> Self:
         self._thread.start()
         listening = asyncio.start_server(self._accept, "127.0.0.1", 0)
-        self._server = asyncio.run_coroutine_threadsafe(listening, self._loop).result(60)
+        self._server = asyncio.run_coroutine_threadsafe(listening, self._loop).result(10)
         self.url = f"mqtt://127.0.0.1:{self._server.sockets[0].getsockname()[1]}"
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        asyncio.run_coroutine_threadsafe(self._stop(), self._loop).result(60)
+        asyncio.run_coroutine_threadsafe(self._stop(), self._loop).result(10)
         self._loop.call_soon_threadsafe(self._loop.stop)
-        self._thread.join(60)
+        self._thread.join(10)
         self._loop.close()
 
     async def _stop(self) -> None:

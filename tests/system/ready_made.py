@@ -43,7 +43,7 @@ class ReadyMade:
             self._process = subprocess.Popen(
                 self._command(), stdin=subprocess.DEVNULL, stdout=log, stderr=log, env=environment()
             )
-        deadline = time.monotonic() + 60
+        deadline = time.monotonic() + 15
         while not reachable(self.port):
             assert self._process.poll() is None, self.log.read_text()
             assert time.monotonic() < deadline, self.log.read_text()
@@ -54,7 +54,7 @@ class ReadyMade:
         """End it."""
         if self._process is not None:
             self._process.terminate()
-            self._process.wait(100)
+            self._process.wait(10)
             self._process = None
 
     def _command(self) -> list[str]:

@@ -41,7 +41,7 @@ class Recorder(Peer):
         """Contents of the messages on a topic."""
         return [message.json for message in list(self.messages) if message.topic == topic]
 
-    def settle(self, quiet: float = 0.3, seconds: float = 60) -> None:
+    def settle(self, quiet: float = 0.3, seconds: float = 10) -> None:
         """Wait until nothing new comes."""
         deadline = time.monotonic() + seconds
         count = -1

@@ -82,7 +82,7 @@ class Stage:
         """Resumed, it goes on."""
         self.incidents.append("tool killed")
         self.tool.signal(signal.SIGKILL)
-        self.tool.process.wait(100)
+        self.tool.process.wait(10)
         self.tool = self.launch("resume", "result", "--broker", self.broker.url, "--json", "--wait", "60")
         self.seen = 0
         self.generations()
@@ -142,7 +142,7 @@ def test_one_after_the_other(stage: Any, launch: Launch, tmp_path: Path, mode: s
     ):
         assert play.generations(), (play.tool.stderr, incidents)
         incident()
-    assert play.tool.wait(100) == 0, play.tool.stderr
+    assert play.tool.wait(50) == 0, play.tool.stderr
     check(tmp_path / "result", incidents, launch, play.path)
 
 
@@ -168,7 +168,7 @@ def test_for_minutes(stage: Any, launch: Launch, experiment: Experiment, tmp_pat
                 play.kill_tool()
     assert play.generations(), incidents
     play.tool.signal(signal.SIGINT)
-    assert play.tool.wait(100) == 130, play.tool.stderr
+    assert play.tool.wait(30) == 130, play.tool.stderr
     last = json.loads(play.tool.lines[-1])
     quiet = experiment(described("stepwise", 150, last["generations"]), "quiet.yaml")
     check(tmp_path / "result", incidents, launch, quiet)

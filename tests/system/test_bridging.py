@@ -15,7 +15,7 @@ from tests.system.conftest import Experiment, Launch
 from tests.system.runs import record
 from tests.system.test_cluster import generations
 
-pytestmark = pytest.mark.timeout(600)
+pytestmark = pytest.mark.timeout(200)
 
 EXPERIMENT = (
     "simulation: minisim\nmethod: {kind: nnga, population: 16, generations: 200}\nmode: batched\nseed: 5\n"
@@ -117,12 +117,12 @@ def test_what_is_wrong_with_a_proxy_is_named(
     cleanup.callback(proxy.stop)
     proxy.start()
     run = launch("optimize", experiment(EXPERIMENT), "--broker", proxy.url)
-    assert run.wait(100) == 1
+    assert run.wait(60) == 1
     assert "SWARMWRIGHT_CA_FILE" in run.stderr
     run = launch(
         "optimize", experiment(EXPERIMENT), "--broker", f"{proxy.url}/elsewhere/", env=proxy.environment
     )
-    assert run.wait(100) == 1
+    assert run.wait(60) == 1
     assert "HTTP error" in run.stderr
     assert "Traceback" not in run.stderr
 

@@ -102,7 +102,7 @@ def test_the_first_that_can_be_reached_is_used(
     cluster.first.kill()
     serve(cluster.url)
     run = launch("optimize", experiment(), "--broker", cluster.url)
-    assert run.wait(100) == 0, run.stderr
+    assert run.wait(60) == 0, run.stderr
 
 
 def test_what_is_wrong_with_a_list_is_named(launch: Launch, experiment: Experiment) -> None:

@@ -25,7 +25,7 @@ SIZE = 0.1
 PARTS = ROOT / "tests" / "data" / "coupled_parts.py"
 
 
-@pytest.mark.timeout(600)
+@pytest.mark.timeout(200)
 def test_steps_are_those_of_the_parts_and_a_lost_server_is_named(
     embedded: BrokerProcess, launch: Launch, tmp_path: Path
 ) -> None:

@@ -144,7 +144,7 @@ def compiled(tmp_path_factory: pytest.TempPathFactory) -> Callable[[], Path]:
         (folder / "Fragile.java").write_text(JAVA)
         javac = shutil.which("javac")
         assert javac, "a Java compiler is missing; `make test-peers` installs it"
-        subprocess.run([javac, "-cp", str(jar()), "Fragile.java"], check=True, timeout=240, cwd=folder)
+        subprocess.run([javac, "-cp", str(jar()), "Fragile.java"], check=True, timeout=60, cwd=folder)
         return folder
 
     return make

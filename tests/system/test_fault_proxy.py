@@ -38,7 +38,7 @@ def test_through_bad_networks(
 ) -> None:
     path = experiment(EXPERIMENT.format(steps=steps, generations=generations))
     local = launch("optimize", path, "--servers", "local", "--out", "local")
-    assert local.wait(100) == 0, local.stderr
+    assert local.wait(30) == 0, local.stderr
 
     proxies = [cleanup.enter_context(FaultProxy(broker.port, seed)) for seed in (0, *SERVERS)]
     for server, proxy in zip(SERVERS, proxies[1:], strict=True):
@@ -46,7 +46,7 @@ def test_through_bad_networks(
         launch(*arguments, "--step-timeout", "3", "--wait", "30")
     path.write_text(f"{path.read_text()}mode: {mode}\n")
     run = launch("optimize", path, "--broker", proxies[0].url, "--out", "result", "--wait", "30")
-    assert run.wait(100) == 0, run.stderr
+    assert run.wait(50) == 0, run.stderr
 
     faults = sum((proxy.faults for proxy in proxies), Counter[str]())
     assert record(path.parent / "result") == record(path.parent / "local"), faults

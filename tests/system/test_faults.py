@@ -66,7 +66,7 @@ def evolve(launch: Launch, path: Path, broker: BrokerProcess, mode: str) -> list
     """Run to the end; what was attempted."""
     path.write_text(f"{path.read_text()}mode: {mode}\n")
     run = launch("optimize", path, "--broker", broker.url, "--out", "result")
-    assert run.wait(100) == 0, run.stderr
+    assert run.wait(50) == 0, run.stderr
     return attempts(path.parent / "result")
 
 
@@ -138,7 +138,7 @@ def test_a_server_that_finds_something_else_is_found_out(
     # Half of its dozen results in the first generation are looked at: one at least.
     path = experiment(f"{EXPERIMENT}mode: {mode}\nfaults: {{audit: 0.5}}\n")
     run = launch("optimize", path, "--broker", embedded.url, "--out", "result")
-    assert run.wait(100) == 0, run.stderr
+    assert run.wait(50) == 0, run.stderr
     folder = path.parent / "result"
     assert record(folder) == expected
     told = [text for text in warnings(folder) if "gives wrong results" in text]
@@ -221,7 +221,7 @@ def join_during_a_run(
     finally:
         for process in running:
             process.kill()
-            process.communicate(timeout=100)
+            process.communicate(timeout=10)
     generations = json.loads(run.lines[-1])["generations"]
     local = launch(
         "optimize", experiment(MANY.format(generations=generations)), "--servers", "local", "--out", "local"
@@ -232,7 +232,7 @@ def join_during_a_run(
     assert all(error is None or error.endswith("was faster") for error in errors), set(errors)
 
 
-@pytest.mark.timeout(900)
+@pytest.mark.timeout(300)
 def test_many_servers_join_at_once(embedded: BrokerProcess, launch: Launch, experiment: Experiment) -> None:
     """64 during a run, which is given to all of them."""
     join_during_a_run(embedded, launch, experiment, processes=2, each=32)
@@ -274,7 +274,7 @@ def test_the_broker_is_away_for_five_seconds_and_keeps_what_it_had(
     broker.kill()
     time.sleep(5)
     broker.start()
-    assert run.wait(100) == 0, run.stderr
+    assert run.wait(50) == 0, run.stderr
     assert record(path.parent / "result") == record(path.parent / "local")
     told = warnings(path.parent / "result")
     for words in ("lost the broker", "the broker is back"):

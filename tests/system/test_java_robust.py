@@ -30,7 +30,7 @@ def test_a_run_amid_foreign_traffic(
     server = serve_java(broker.url)
     noise: Noise = connect(Noise, broker.url)
     program = launch("optimize", path, "--broker", broker.url, "--out", "noisy")
-    assert program.wait(100) == 0, program.stderr
+    assert program.wait(60) == 0, program.stderr
     server.until(lambda _: noise.rounds >= 2, "two rounds of junk")
     assert record(path.parent / "noisy") == record(path.parent / "quiet")
     complaints = [line for line in server.stderr.splitlines() if line.startswith("warning")]

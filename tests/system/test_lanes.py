@@ -26,7 +26,7 @@ def test_a_server_of_the_arena_computes_vectors_of_episodes(
     path = experiment(EXPERIMENT)
     for servers, out in (("2", "served"), ("in-process", "here")):
         program = launch("optimize", path, "--servers", servers, "--out", out)
-        assert program.wait(100) == 0, program.stderr
+        assert program.wait(60) == 0, program.stderr
     assert record(tmp_path / "served") == record(tmp_path / "here")
     sizes: dict[tuple[int, float], int] = defaultdict(int)
     for attempt in attempts(tmp_path / "served"):

@@ -101,7 +101,7 @@ def test_sensors_of_two_megabytes_are_stepped(
 ) -> None:
     launch("serve", "eye.py:Eye", "--broker", broker.url, "--json").until_event("ready")
     tool = launch("optimize", experiment(EXPERIMENT), "--broker", broker.url, "--out", "run")
-    assert tool.wait(100) == 0, tool.stderr
+    assert tool.wait(50) == 0, tool.stderr
     fitness = [value for value, _ in evaluations(tmp_path / "run")]
     assert len(fitness) == 2
     assert all(-2 <= value <= 2 for value in fitness), "none failed"
@@ -121,7 +121,7 @@ def narrow(tmp_path: Path, cleanup: ExitStack) -> BrokerProcess:
 def refused(launch: Launch, experiment: Experiment, broker: BrokerProcess, out: str = "run") -> str:
     """What a run says that cannot be."""
     tool = launch("optimize", experiment(EXPERIMENT), "--broker", broker.url, "--out", out)
-    assert tool.wait(100) == 1
+    assert tool.wait(20) == 1
     assert "no server can do this work" in tool.stderr
     return tool.stderr
 
@@ -142,7 +142,7 @@ def test_servers_in_java_refuse_them_too(
     (tmp_path / "Eye.java").write_text(JAVA)
     javac = shutil.which("javac")
     assert javac, "a Java compiler is missing; `make test-peers` installs it"
-    subprocess.run([javac, "-cp", str(jar()), "Eye.java"], check=True, timeout=240, cwd=tmp_path)
+    subprocess.run([javac, "-cp", str(jar()), "Eye.java"], check=True, timeout=60, cwd=tmp_path)
     server = serve_java(narrow.url, main="Eye", classpath=str(tmp_path))
     said = refused(launch, experiment, narrow)
     assert "a sensor message of 1" in said

@@ -88,7 +88,7 @@ def test_a_limit_that_the_broker_does_not_announce_is_learnt(
     serve(url, count=2)
     path = experiment(SILENT.format(mode=mode, agents=agents, hidden=hidden))
     tool = launch("optimize", path, "--broker", url, "--out", "silent")
-    assert tool.wait(100) == 0, tool.stderr
+    assert tool.wait(50) == 0, tool.stderr
     assert tool.stderr.count("again and again") == 1, tool.stderr
     assert told in tool.stderr
     assert launch("optimize", path, "--servers", "local", "--out", "local").wait() == 0
@@ -108,11 +108,11 @@ def test_a_candidate_that_is_larger_than_a_limit_that_is_not_announced_ends_the_
     serve(url)
     path = experiment(WIDE.format(mode="offloaded", hidden=2000))
     tool = launch("optimize", path, "--broker", url, "--out", "run")
-    assert tool.wait(100) == 1
+    assert tool.wait(50) == 1
     assert "max_packet_size" in tool.stderr
     assert "an evaluation takes no less" in tool.stderr
     assert "Traceback" not in tool.stderr
-    assert launch("resume", "run", "--servers", "local").wait(100) == 0
+    assert launch("resume", "run", "--servers", "local").wait(50) == 0
 
 
 def test_a_broker_that_slows_its_clients_down_changes_no_result(
@@ -125,6 +125,6 @@ def test_a_broker_that_slows_its_clients_down_changes_no_result(
     serve(url)
     path = experiment(WIDE.format(mode="stepwise", hidden=4))
     tool = launch("optimize", path, "--broker", url, "--out", "slow")
-    assert tool.wait(100) == 0, tool.stderr
+    assert tool.wait(50) == 0, tool.stderr
     assert launch("optimize", path, "--servers", "local", "--out", "local").wait() == 0
     assert record(tmp_path / "slow") == record(tmp_path / "local")

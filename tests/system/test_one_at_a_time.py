@@ -103,7 +103,7 @@ def test_two_tools_and_one_server(
     for thread in threads:
         thread.start()
     for thread in threads:
-        thread.join(60)
+        thread.join(20)
     for seed, run in runs.items():
         assert run.wait() == 0, run.stderr
         local = launch("optimize", path, "--seed", seed, "--servers", "local", "--out", f"local-{seed}")

@@ -89,6 +89,6 @@ def test_without_a_broker_it_is_said_that_one_is_needed(launch: Launch, experime
 
 def test_several_threads_are_refused(embedded: BrokerProcess) -> None:
     command = [str(build() / "floating"), "--broker", embedded.url, "--threads", "2"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=240)
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
     assert done.returncode == 2
     assert "start more servers" in done.stderr

@@ -74,7 +74,7 @@ class Deaf(PlainTool):
     def __init__(self, url: str) -> None:
         Peer.__init__(self, url, "server", "sensor", "fitness")
 
-    def hear_of(self, word: str, seconds: float = 60) -> tuple[str, dict[str, Any]]:
+    def hear_of(self, word: str, seconds: float = 10) -> tuple[str, dict[str, Any]]:
         """Topic and content of the next message with a hash."""
         end = time.monotonic() + seconds
         while True:

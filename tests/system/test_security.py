@@ -56,7 +56,7 @@ def said(messages: list[Received]) -> set[tuple[str, str]]:
 
 
 # Mosquitto takes 0.1 s for each log-in, and more on a busy machine.
-@pytest.mark.timeout(720)
+@pytest.mark.timeout(240)
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("prefixes", [(), ("lab/a", "lab/b")], ids=["alone", "realms"])
 def test_every_account_reads_and_writes_what_its_role_may_and_nothing_else(

@@ -36,14 +36,14 @@ def test_everybody_waits_for_the_broker(later: BrokerProcess, launch: Launch, ex
     tool.until_error("the broker answers after ")
     tool.until(lambda program: len(program.lines) >= 3, "three generations")
     tool.process.kill()
-    tool.process.wait(100)
+    tool.process.wait(10)
     later.kill()
     again = launch("resume", "result", "--broker", later.url, "--wait", 60)
     again.until_error("waiting for it since ")
     later.start()
-    assert again.wait(100) == 0, again.stderr
+    assert again.wait(60) == 0, again.stderr
     local = launch("optimize", path, "--servers", "local", "--out", "local")
-    assert local.wait(100) == 0, local.stderr
+    assert local.wait(60) == 0, local.stderr
     assert record(path.parent / "result") == record(path.parent / "local")
 
 
@@ -73,6 +73,6 @@ def test_wrong_credentials_are_nothing_to_wait_for(
     began = time.monotonic()
     program = launch(command, *what, "--broker", broker.url, "--wait", 600, env=wrong)
     assert program.wait() == 1
-    assert time.monotonic() - began < 100
+    assert time.monotonic() - began < 20
     assert f"the broker at {broker.url} refuses" in program.stderr
     assert "waiting" not in program.stderr

@@ -27,11 +27,11 @@ def views(watcher: Program) -> list[dict[str, Any]]:
 
 def until(watcher: Program, what: str, reached: Any) -> dict[str, Any]:
     """The first view of which it is so."""
-    watcher.until(lambda _: any(reached(view) for view in views(watcher)), what)
+    watcher.until(lambda _: any(reached(view) for view in views(watcher)), what, 60)
     return next(view for view in views(watcher) if reached(view))
 
 
-@pytest.mark.timeout(600)
+@pytest.mark.timeout(150)
 @pytest.mark.parametrize("mode", ["stepwise", "batched", "offloaded"])
 def test_the_watch_names_the_server_that_is_waited_for(
     embedded: BrokerProcess, serve: Serve, launch: Launch, experiment: Experiment, mode: str
@@ -62,7 +62,7 @@ def test_the_watch_names_the_server_that_is_waited_for(
     assert row["doing"][0]["kind"] == kinds[mode]
     assert row["tool"] == blocked["tools"][0]["tool"]
     assert blocked["tools"][0]["waits_for"].startswith("server 3 has not")
-    lines.until(lambda program: any("server 3 has not" in line for line in program.lines), "the words")
+    lines.until(lambda program: any("server 3 has not" in line for line in program.lines), "the words", 10)
 
     servers.signal_server(3, signal.SIGCONT)
     tool.signal(signal.SIGINT)
@@ -127,7 +127,7 @@ def test_a_run_goes_well_where_access_rules_know_no_status(
         out = tmp_path / f"out {kind}"
         path = experiment(LONG.format(mode="stepwise").replace("100000", "3"))
         tool = launch("optimize", path, "--out", out, env=made.variables("tool"))
-        assert tool.wait(100) == 0, tool.stderr
+        assert tool.wait(60) == 0, tool.stderr
         if "lost the broker" in tool.stderr:
             assert kind == "mosquitto"
             assert "so it no longer does" in tool.stderr

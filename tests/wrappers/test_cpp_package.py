@@ -58,7 +58,7 @@ def test_another_version_is_not_taken(tmp_path: Path) -> None:
         tmp_path / "build",
         f"-DCMAKE_PREFIX_PATH={tmp_path / 'installed'}",
     ]
-    failed = subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=240, check=False)
+    failed = subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=60, check=False)
     assert failed.returncode != 0
     assert "version: 0.1.0" in failed.stderr
 

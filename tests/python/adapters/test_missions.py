@@ -117,7 +117,7 @@ def experiment(name: str, **more: Any) -> Experiment:
 
 
 @SIMULATORS
-@pytest.mark.timeout(400)
+@pytest.mark.timeout(120)
 def test_controllers_are_evolved(name: str, tmp_path: Path) -> None:
     here = optimize(experiment(name), out=tmp_path / "here", servers="local")
     there = optimize(experiment(name), out=tmp_path / "there", servers=2)

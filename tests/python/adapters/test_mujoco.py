@@ -203,7 +203,7 @@ def test_a_film_where_nothing_can_be_drawn(tmp_path: Path, drawn_by: str) -> Non
     environment = {**os.environ, "MUJOCO_GL": drawn_by, "PYTHONPATH": str(tmp_path)}
     film = subprocess.run(
         [sys.executable, "-m", "swarmwright.adapters.mujoco.film", "run", "run.gif"],
-        cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=200, check=False,
+        cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=50, check=False,
     )  # fmt: skip
     assert (film.returncode, film.stdout) == (2, "")
     assert film.stderr.startswith(f"Error: MuJoCo cannot draw here (MUJOCO_GL={drawn_by}; ")

@@ -31,7 +31,7 @@ def alive(pid: int) -> bool:
         return False
 
 
-def gone(pids: list[int], seconds: float = 60) -> bool:
+def gone(pids: list[int], seconds: float = 10) -> bool:
     """Whether all processes end within the time."""
     deadline = time.monotonic() + seconds
     while any(map(alive, pids)):

@@ -156,7 +156,7 @@ def on_terminal(*arguments: str, seconds: float = 3.0) -> str:
                 continue
         break
     process.terminate()
-    process.wait(100)
+    process.wait(10)
     os.close(ours)
     return said.decode()
 

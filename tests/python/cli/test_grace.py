@@ -13,7 +13,7 @@ from tests.conftest import Start
 from tests.paced_simulation import written
 
 
-@pytest.mark.timeout(400)
+@pytest.mark.timeout(120)
 def test_on_sigterm_the_request_under_way_is_finished(
     start: Start, embedded_broker: str, tmp_path: Path
 ) -> None:
@@ -41,7 +41,7 @@ def test_on_sigterm_the_request_under_way_is_finished(
     )
     run = optimize(experiment, broker=embedded_broker, out=tmp_path / "run", progress=False)
     beside.join()
-    assert leaving.wait(100) == 0
+    assert leaving.wait(30) == 0
     with sqlite3.connect(run.path / "run.sqlite") as store:
         attempts = store.execute("SELECT server, attempt, error FROM attempt").fetchall()
     store.close()

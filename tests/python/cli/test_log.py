@@ -90,7 +90,7 @@ def test_servers_and_broker_are_logged(start: Any, tmp_path: Path) -> None:
     events(serving, "ready")
     for process in (serving, broker):
         process.send_signal(signal.SIGTERM)
-        process.communicate(timeout=100)
+        process.communicate(timeout=15)
     assert lines(tmp_path / "serve.log")[0]["event"] == "server_ready"
     assert lines(tmp_path / "serve.log")[0]["server"] == 5
     found = names(tmp_path / "broker.log")
@@ -108,7 +108,7 @@ def test_what_the_broker_refuses_is_logged(start: Any, tmp_path: Path) -> None:
         while stranger.recv(100):
             pass
     broker.send_signal(signal.SIGTERM)
-    broker.communicate(timeout=100)
+    broker.communicate(timeout=15)
     engine = [line for line in lines(tmp_path / "log") if line["event"] == "engine"]
     assert any("CONNECT" in line["message"] for line in engine)
     assert {line["part"] for line in engine} == {"swarmwright_broker"}

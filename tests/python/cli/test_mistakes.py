@@ -16,7 +16,7 @@ from swarmwright.cli._main import run as swarmwright
 def program(*arguments: str, **variables: str) -> "subprocess.CompletedProcess[str]":
     command = [sys.executable, "-m", "swarmwright", *arguments]
     return subprocess.run(
-        command, capture_output=True, text=True, timeout=240, env={**os.environ, **variables}, check=False
+        command, capture_output=True, text=True, timeout=60, env={**os.environ, **variables}, check=False
     )
 
 
@@ -24,7 +24,7 @@ def test_closed_standard_output(finished: Run) -> None:
     words = " ".join([sys.executable, "-m", "swarmwright", "runs", "show", str(finished.path)])
     for closed in (">&-", "<&- >&-", "<&- >&- 2>&-"):
         done = subprocess.run(
-            ["/bin/sh", "-c", f"{words} {closed}"], capture_output=True, text=True, timeout=240, check=False
+            ["/bin/sh", "-c", f"{words} {closed}"], capture_output=True, text=True, timeout=60, check=False
         )
         assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 

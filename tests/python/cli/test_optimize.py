@@ -89,7 +89,7 @@ def test_interrupted_runs_keep_their_results(start: Any, program: Any, tmp_path:
     servers = children(process.pid)
     assert len(servers) >= 2
     process.send_signal(number)
-    out, err = process.communicate(timeout=100)
+    out, err = process.communicate(timeout=20)
     assert process.returncode == 130
     assert "Traceback" not in err
     last = json.loads(out.splitlines()[-1])
@@ -105,7 +105,7 @@ def test_a_killed_run_leaves_no_server_behind(start: Any, program: Any, tmp_path
     process.stdout.readline()
     servers = children(process.pid)
     process.kill()
-    process.wait(100)
+    process.wait(10)
     assert gone(servers)
     assert program("replay", "result").returncode == 0, "finished generations are there"
 
@@ -114,7 +114,7 @@ def test_a_reader_that_leaves_ends_the_run_with_its_results_kept(tmp_path: Path)
     (tmp_path / "endless.yaml").write_text(ENDLESS)
     script = f"set -o pipefail; {sys.executable} -m swarmwright optimize endless.yaml --out result | head -2"
     result = subprocess.run(
-        ["bash", "-c", script], cwd=tmp_path, capture_output=True, text=True, timeout=200, check=False
+        ["bash", "-c", script], cwd=tmp_path, capture_output=True, text=True, timeout=40, check=False
     )
     assert result.stderr == ""
     assert len(result.stdout.splitlines()) == 2
@@ -150,7 +150,7 @@ def on_terminal(arguments: list[str], folder: Path, *, columns: int, **variables
         pass  # the program has ended and with it the terminal
     finally:
         os.close(master)
-        process.wait(100)
+        process.wait(20)
     assert process.returncode == 0, shown.decode(errors="replace")
     return shown.decode("utf-8")
 
@@ -217,11 +217,7 @@ def test_a_run_in_the_background_of_a_script_can_be_interrupted(tmp_path: Path) 
         wait $run
     """
     result = subprocess.run(
-        ["timeout", "200", "bash", "-c", script],
-        cwd=tmp_path,
-        stderr=subprocess.PIPE,
-        timeout=220,
-        check=False,
+        ["timeout", "50", "bash", "-c", script], cwd=tmp_path, stderr=subprocess.PIPE, timeout=55, check=False
     )
     assert result.returncode == 130
     assert b"Traceback" not in result.stderr

@@ -38,7 +38,7 @@ def test_the_broker_runs_until_it_is_asked_to_end(start: Any, number: int, statu
     assert listening["url"] == f"mqtt://127.0.0.1:{listening['port']}"
     assert reachable(listening["port"])
     process.send_signal(number)
-    _, err = process.communicate(timeout=100)
+    _, err = process.communicate(timeout=10)
     assert process.returncode == status
     assert "Traceback" not in err
     assert not reachable(listening["port"])
@@ -70,7 +70,7 @@ def test_servers_are_listed_and_leave_with_their_supervisor(
     assert "40" in table.stdout
     assert "ready" in table.stdout
     serving.send_signal(signal.SIGTERM)
-    _, err = serving.communicate(timeout=100)
+    _, err = serving.communicate(timeout=15)
     assert serving.returncode == 0, err
     for event in ready:
         assert not alive(event["pid"])
@@ -110,7 +110,7 @@ def test_a_dying_server_is_reported_and_started_again(start: Any, program: Any, 
     states = {json.loads(line)["server"]: json.loads(line)["state"] for line in listed.stdout.splitlines()}
     assert states == {50: "ready", 51: "ready"}
     serving.send_signal(signal.SIGTERM)
-    _, err = serving.communicate(timeout=100)
+    _, err = serving.communicate(timeout=15)
     assert "server 50" in err
     assert "SIGKILL" in err
     assert serving.returncode == 1, "something went wrong on the way"
@@ -121,7 +121,7 @@ def test_servers_end_with_a_supervisor_that_is_killed(start: Any, embedded_broke
     serving = start("serve", "minisim", "--broker", embedded_broker, "--count", "2", "--json")
     pids = [event["pid"] for event in events(serving, "ready", 2)]
     serving.kill()
-    serving.wait(100)
+    serving.wait(10)
     assert gone(pids)
 
 

@@ -63,7 +63,7 @@ def test_a_terminal_shows_how_far_it_is(run: str, tmp_path: Path, command: tuple
             shown += chunk
     except OSError:  # the other end is closed
         pass
-    _, error = process.communicate(timeout=100)
+    _, error = process.communicate(timeout=20)
     os.close(ours)
     assert (process.returncode, error) == (0, b"")
     assert b"episodes" in shown

@@ -45,7 +45,7 @@ def odd(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[tuple[Path, 
         yield path, kind
 
 
-@pytest.mark.timeout(60)
+@pytest.mark.timeout(20)
 @pytest.mark.parametrize("reader", READERS)
 def test_what_is_no_file_is_refused(reader: str, odd: tuple[Path, str]) -> None:
     path, kind = odd
@@ -53,7 +53,7 @@ def test_what_is_no_file_is_refused(reader: str, odd: tuple[Path, str]) -> None:
         READERS[reader](path)
 
 
-@pytest.mark.timeout(60)
+@pytest.mark.timeout(20)
 @pytest.mark.parametrize("reader", [name for name in READERS if name != "password file"])
 def test_a_file_that_is_too_large_is_not_read(reader: str, tmp_path: Path) -> None:
     path = tmp_path / "large"
@@ -63,7 +63,7 @@ def test_a_file_that_is_too_large_is_not_read(reader: str, tmp_path: Path) -> No
         READERS[reader](path)
 
 
-@pytest.mark.timeout(60)
+@pytest.mark.timeout(20)
 def test_a_java_object_that_is_no_file(odd: tuple[Path, str], tmp_path: Path) -> None:
     path, kind = odd
     session = Path(__file__).parents[2] / "data" / "frevo" / "emergency_exit_stadium.zse"

@@ -20,7 +20,7 @@ def evaluated(_):
 
 def in_a_child():
     with multiprocessing.get_context("fork").Pool(1) as pool:
-        return pool.map_async(evaluated, [0]).get(timeout=100)[0]
+        return pool.map_async(evaluated, [0]).get(timeout=30)[0]
 
 child = in_a_child()
 assert child == evaluated(0), child
@@ -30,7 +30,7 @@ print(in_a_child())
 
 def test_a_child_of_a_process_that_used_the_engine_is_told() -> None:
     done = subprocess.run(
-        [sys.executable, "-c", SCRIPT], capture_output=True, text=True, timeout=220, check=False
+        [sys.executable, "-c", SCRIPT], capture_output=True, text=True, timeout=55, check=False
     )
     assert done.returncode == 0, done.stderr
     assert "was forked from process" in done.stdout

@@ -124,7 +124,7 @@ def test_notices_of_a_server_have_their_types(embedded_broker: str) -> None:
 
     thread = threading.Thread(target=serve)
     thread.start()
-    thread.join(60)
+    thread.join(10)
     assert ready.is_set()
     assert events == [{"event": "ready", "server": 5}]
     assert fits(events[0], engine_types.ServerEvent)

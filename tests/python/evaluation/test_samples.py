@@ -128,7 +128,7 @@ def test_a_server_killed_in_the_middle_leaves_no_trace_in_the_record(tmp_path: P
     killed: list[int] = []
 
     def kill() -> None:
-        assert begun.wait(60)
+        assert begun.wait(30)
         mine = Path("/proc/self/task")
         children = {
             int(child) for task in mine.iterdir() for child in (task / "children").read_text().split()

@@ -231,7 +231,7 @@ def zipped(file: Path) -> dict[str, bytes]:
         return {name: archive.read(name) for name in archive.namelist()}
 
 
-@pytest.mark.timeout(400)
+@pytest.mark.timeout(120)
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # FMPy's temporary folder
 @pytest.mark.parametrize("form", FORMS)
 def test_the_sources_in_it_are_built_by_others(form: str, tmp_path: Path) -> None:

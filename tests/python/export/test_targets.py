@@ -35,7 +35,7 @@ def need(*programs: str) -> None:
     assert not missing
 
 
-@pytest.mark.timeout(400)
+@pytest.mark.timeout(120)
 @pytest.mark.parametrize(
     ("target", "options"),
     [

@@ -61,7 +61,7 @@ def test_a_killed_server_is_started_again() -> None:
     assert not any(Path(f"/proc/{pid}").exists() for pid in first)
 
 
-@pytest.mark.timeout(400)
+@pytest.mark.timeout(120)
 def test_a_preempted_server_finishes_what_it_computes(tmp_path: Path) -> None:
     name = written(tmp_path / "simulation")
     file = tmp_path / "simulation" / "paced.py"

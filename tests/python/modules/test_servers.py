@@ -110,7 +110,7 @@ def test_servers_that_were_started_by_hand_evaluate(
     )
     assert evaluate(plain, rows, broker=any_broker).tobytes() == evaluate(plain, rows).tobytes()
     serving.send_signal(signal.SIGTERM)
-    _, err = serving.communicate(timeout=100)
+    _, err = serving.communicate(timeout=15)
     assert (serving.returncode, err) == (0, "")
 
 
@@ -173,7 +173,7 @@ def test_a_server_with_other_code_is_not_used(
     assert evaluate(experiment, genomes(experiment), broker=embedded_broker).tobytes() == expected.tobytes()
     # One that has both takes the right one.
     right.send_signal(signal.SIGTERM)
-    right.wait(100)
+    right.wait(15)
     both = start(
         *("serve", "arena", "--modules", names, "--modules", MODULES, "--broker", embedded_broker),
         *("--id", "8", "--json"),
@@ -277,7 +277,7 @@ def test_servers_elsewhere_get_the_code(experiment: Experiment, embedded_broker:
         )
     finally:
         slot.stop()
-        beside.join(60)
+        beside.join(20)
     assert not beside.is_alive()
 
 

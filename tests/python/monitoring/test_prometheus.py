@@ -167,7 +167,7 @@ def test_idle_connections_keep_no_threads(
             assert "swarmwright_start_time_seconds" in scraped(url)
             # The server's own thread, and those that are just ending.
             assert threading.active_count() - before <= metrics_server.MOST + 4
-        deadline = time.monotonic() + 60
+        deadline = time.monotonic() + 20
         while threading.active_count() > before + 1 and time.monotonic() < deadline:
             time.sleep(0.1)
         assert threading.active_count() == before + 1

@@ -249,7 +249,7 @@ def test_an_interrupt_in_a_long_generation_ends_it_soon(tmp_path: Path) -> None:
     started = time.monotonic()
     with pytest.raises(KeyboardInterrupt):
         optimize(made, on_progress=interrupting, out=tmp_path / "run")
-    assert time.monotonic() - started < 100
+    assert time.monotonic() - started < 10
     assert {(total, waiting) for _, total, waiting in seen} == {(40_000_000, "")}
     counts = [done for done, _, _ in seen]
     assert counts == sorted(counts)

@@ -52,7 +52,7 @@ def test_it_is_said_how_much_is_needed(
 def test_limits_of_the_process_count() -> None:
     code = "from swarmwright.optimization.memory import available; print(available())"
     command = f'ulimit -v 4000000; exec "{sys.executable}" -c "{code}"'
-    found = subprocess.run(["sh", "-c", command], capture_output=True, text=True, check=True, timeout=200)
+    found = subprocess.run(["sh", "-c", command], capture_output=True, text=True, check=True, timeout=50)
     assert 0 < int(found.stdout) < 4_000_000 * 1024
 
 

@@ -38,7 +38,7 @@ def test_a_notebook_shows_progress_and_what_came_out(tmp_path: Path) -> None:
     new: Any = nbformat.v4
     notebook = new.new_notebook(cells=[new.new_code_cell(cell) for cell in CELLS])
     notebook.metadata["kernelspec"] = {"name": "python3", "display_name": "Python", "language": "python"}
-    client = NotebookClient(notebook, timeout=200, resources={"metadata": {"path": str(tmp_path)}})
+    client = NotebookClient(notebook, timeout=50, resources={"metadata": {"path": str(tmp_path)}})
     client.execute()
     outputs: list[list[Any]] = [cell.outputs for cell in notebook.cells]
 

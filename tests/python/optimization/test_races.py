@@ -63,7 +63,7 @@ class Fails(Simulation):
 def shown(run: Run, *more: str) -> str:
     """What `swarmwright runs show` prints."""
     command = [sys.executable, "-m", "swarmwright", "runs", "show", str(run.path), *more]
-    return subprocess.run(command, capture_output=True, text=True, check=True, timeout=400).stdout
+    return subprocess.run(command, capture_output=True, text=True, check=True, timeout=100).stdout
 
 
 def experiment(values: dict[str, Any], **changes: Any) -> Experiment:

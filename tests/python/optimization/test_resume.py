@@ -105,7 +105,7 @@ def test_steady_state_goes_on_as_if_nothing_had_happened(kind: str, at: int, tmp
     assert list(run.record.generation) == sorted(run.record.generation)
 
 
-@pytest.mark.timeout(900)
+@pytest.mark.timeout(300)
 @pytest.mark.parametrize(
     ("operation", "kills", "generations"), [("generational", 30, 4000), ("steady_state", 15, 4000)]
 )
@@ -137,7 +137,7 @@ def test_killed_many_times(operation: str, kills: int, generations: int, tmp_pat
                 process.stdout.readline()
                 time.sleep(moments.uniform(0, 0.02))
             process.kill()
-            _, errors = process.communicate(timeout=100)
+            _, errors = process.communicate(timeout=30)
         if process.returncode == 0 and number >= kills // 2:  # it has come to its end before
             break
         assert process.returncode == -signal.SIGKILL, errors

@@ -177,7 +177,7 @@ def test_it_goes_on_after_being_killed(whole: Run, tmp_path: Path) -> None:
         optimize(Experiment.load({str(tmp_path / "again.yaml")!r}), ends, out=Path({str(tmp_path / "run")!r}))
     """
     environment = {**os.environ, "SWARMWRIGHT_PLOT": "0"}
-    ended = subprocess.run([sys.executable, "-c", code], env=environment, timeout=200, check=False)
+    ended = subprocess.run([sys.executable, "-c", code], env=environment, timeout=50, check=False)
     assert ended.returncode == -signal.SIGKILL
     same_record(resume(tmp_path / "run"), whole)
 
@@ -219,7 +219,7 @@ def test_the_best_are_validated_in_the_slow_simulation(whole: Run) -> None:
     assert best.episodes.tolist() == expected.episodes.tolist()
     assert best.recorded == whole.best.fitness
     command = [sys.executable, "-m", "swarmwright", "runs", "show", str(whole.path)]
-    said = subprocess.run(command, capture_output=True, text=True, check=True, timeout=200).stdout
+    said = subprocess.run(command, capture_output=True, text=True, check=True, timeout=50).stdout
     assert (
         f"in harder {whole.slow_evaluations} of {whole.evaluations} candidates were evaluated as well" in said
     )

@@ -20,7 +20,7 @@ EXPORTED = network("fully_meshed", "tanh", [-1.0, 1.0], sensors=7, actuators=3)
 Numbers = np.ndarray[Any, np.dtype[np.float32]]
 
 
-def until(holds: Callable[[], Any], seconds: float = 60) -> None:
+def until(holds: Callable[[], Any], seconds: float = 20) -> None:
     """Wait until something holds."""
     deadline = time.monotonic() + seconds
     while not holds():

@@ -196,7 +196,7 @@ def end(process: "subprocess.Popen[Any]", number: int = signal.SIGINT) -> None:
     with suppress(ProcessLookupError):
         os.killpg(process.pid, number)
     with suppress(subprocess.TimeoutExpired):
-        process.wait(100)
+        process.wait(10)
     with suppress(ProcessLookupError):
         os.killpg(process.pid, signal.SIGKILL)
     process.wait()

@@ -109,7 +109,7 @@ class Peer:
         """Record a topic; return when somebody publishes it."""
         place = Topic(self._participant, f"rt{topic}", self._messages.type(kind))
         reader = DataReader(self._participant, place, qos=_qos(True))
-        deadline = time.monotonic() + 60
+        deadline = time.monotonic() + 20
         while not reader.get_matched_publications():
             assert time.monotonic() < deadline, f"nobody publishes {topic}"
             time.sleep(0.005)
@@ -131,7 +131,7 @@ class Peer:
             self._participant, Topic(self._participant, f"rq{service}Request", asked), qos=qos
         )
         reader = DataReader(self._participant, Topic(self._participant, f"rr{service}Reply", answer), qos=qos)
-        deadline = time.monotonic() + 60
+        deadline = time.monotonic() + 20
         while not (writer.get_matched_subscriptions() and reader.get_matched_publications()):
             assert time.monotonic() < deadline, f"nobody offers {service}"
             time.sleep(0.005)

@@ -52,7 +52,7 @@ class Peer:
         self._node.create_subscription(
             get_message(kind), topic, lambda message: said.append(message_to_ordereddict(message)), 1000
         )
-        deadline = time.monotonic() + 60
+        deadline = time.monotonic() + 20
         while not self._node.count_publishers(topic):
             assert time.monotonic() < deadline, f"nobody publishes {topic}"
             time.sleep(0.005)
@@ -66,7 +66,7 @@ class Peer:
         client = self._node.create_client(Empty, service)
         assert client.wait_for_service(20), f"nobody offers {service}"
         future = client.call_async(Empty.Request())
-        deadline = time.monotonic() + 60
+        deadline = time.monotonic() + 20
         while not future.done():
             assert time.monotonic() < deadline, f"{service} does not answer"
             time.sleep(0.005)

@@ -74,7 +74,7 @@ def node(around: dict[str, str]) -> Iterator[Dds]:
         end(process)
 
 
-def spun(node: Dds, seconds: float = 60) -> Any:
+def spun(node: Dds, seconds: float = 10) -> Any:
     """Spin, for as long as something is waited for."""
     deadline = time.monotonic() + seconds
     while time.monotonic() < deadline:
@@ -89,22 +89,16 @@ def test_topics(node: Dds) -> None:
     for _ in spun(node):
         if word.listeners() and echo.publishers():
             break
-    # The other finds this one, too.
-    for _ in spun(node):
-        if heard:
-            break
-        message = word.new()
-        message.data = "hello"
-        word.publish(message)
+    time.sleep(0.3)  # the other finds this one, too
     words = [f"word {index} ä" for index in range(50)]
     for one in words:
         message = word.new()
         message.data = one
         word.publish(message)
     for _ in spun(node):
-        if heard[-1].data == words[-1].upper():
+        if len(heard) == 50:
             break
-    assert [one.data for one in heard if one.data != "HELLO"] == [one.upper() for one in words]
+    assert [one.data for one in heard] == [one.upper() for one in words]
     assert list(node.types("echo")) == ["std_msgs/String"]
     assert list(node.types("nothing")) == []
     # Closed, nothing is heard any more.
@@ -112,22 +106,20 @@ def test_topics(node: Dds) -> None:
     message = word.new()
     message.data = "more"
     word.publish(message)
-    count = len(heard)
     for _ in spun(node, 0.5):
         pass
-    assert len(heard) == count
+    assert len(heard) == 50
 
 
 def test_the_latest_message_is_read(node: Dds) -> None:
     heard: list[Any] = []
     pose = node.subscribe("pose", "geometry_msgs/PoseStamped", heard.append)
     until(pose.publishers)
-    began = time.time()
     time.sleep(1)
     node.spin_once(0.1)
     assert len(heard) == 1  # of about fifty
     stamp = heard[0].header.stamp
-    assert began + 0.1 < stamp.sec + stamp.nanosec * 1e-9 < time.time() + 0.1
+    assert abs(stamp.sec + stamp.nanosec * 1e-9 - time.time()) < 0.5
     assert (heard[0].pose.position.x, heard[0].pose.orientation.w) == (1.5, 1.0)
 
 
@@ -150,7 +142,7 @@ def test_services(node: Dds) -> None:
     began = time.monotonic()
     with pytest.raises(TimeoutError, match=r"/robot_\w+/none: no node offers this service"):
         node.client("none", "std_srvs/Trigger").call(client.request(), 0.3)
-    assert time.monotonic() - began < 20
+    assert time.monotonic() - began < 2
 
 
 def test_what_does_not_fit_is_said(node: Dds) -> None:
@@ -235,7 +227,7 @@ except TimeoutError:
     try:
         done = subprocess.run(
             [sys.executable, "-c", asks], env={**given, **ours}, capture_output=True, text=True, check=True,
-            timeout=200,
+            timeout=30,
         )  # fmt: skip
     finally:
         end(process)

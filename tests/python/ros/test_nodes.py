@@ -19,7 +19,7 @@ from tests.python.ros.conversation import commands, computed, engine, expected_s
 from tests.python.ros.mistakes import IN_THE_FILE, IN_THE_TOPICS, MAPPING, RANGE, SCAN, changed
 from tests.python.ros.network import SETUP, Package, Robot, environment, node
 
-pytestmark = pytest.mark.timeout(400)
+pytestmark = pytest.mark.timeout(120)
 KINDS = ["dds", "dds+rclpy", "cpp", "python"] if SETUP else ["dds"]
 
 
@@ -88,8 +88,8 @@ def test_the_last_command_stops_the_robot(kind: str, number: int, robot: Robot, 
         robot.publish(row(1))
         until(lambda: len(robot.driven()) > 5 and robot.driven()[-1] != (0.0, 0.0))
         running.process.send_signal(number)
-        assert running.process.wait(100) == 0
-        until(lambda: robot.driven()[-1] == (0.0, 0.0))
+        assert running.process.wait(10) == 0
+        until(lambda: robot.driven()[-1] == (0.0, 0.0), 5)
 
 
 def test_the_rate_is_that_of_the_mapping(kind: str, robot: Robot, tmp_path: Path) -> None:
@@ -100,7 +100,7 @@ def test_the_rate_is_that_of_the_mapping(kind: str, robot: Robot, tmp_path: Path
         first, began = len(robot.steps()), time.monotonic()
         time.sleep(2)
         rate = (len(robot.steps()) - first) / (time.monotonic() - began)
-        assert 10 < rate < 23  # a busy machine leaves some out
+        assert rate == pytest.approx(20, rel=0.15)
 
 
 def test_silence_stops_the_robot_until_it_ends(kind: str, robot: Robot, tmp_path: Path) -> None:
@@ -120,7 +120,7 @@ def test_silence_stops_the_robot_until_it_ends(kind: str, robot: Robot, tmp_path
         robot.silence("sonar")
         silent = time.monotonic()
         until(lambda: robot.driven()[-1] == (0.0, 0.0))
-        assert 1.0 < time.monotonic() - silent < 40
+        assert 1.0 < time.monotonic() - silent < 10
         until(lambda: f"stopped: nothing comes from {robot.name}/sonar" in running.said())
         stopped = len(robot.steps())
         count = len(robot.driven())
@@ -217,7 +217,7 @@ def test_simulated_time_is_that_of_the_clock(kind: str, robot: Robot, tmp_path: 
             tenths += 1
             tick(tenths)
             time.sleep(0.1)
-        assert 5 <= len(robot.steps()) - begun <= tenths - first + 2  # a busy machine leaves some out
+        assert len(robot.steps()) - begun == pytest.approx(tenths - first, abs=2)
         standing = len(robot.steps())
         time.sleep(0.5)
         assert len(robot.steps()) - standing <= 1  # the simulation pauses
@@ -229,7 +229,7 @@ def test_simulated_time_is_that_of_the_clock(kind: str, robot: Robot, tmp_path: 
             tenths += 1
             tick(tenths)
             time.sleep(0.1)
-        assert 7 <= len(robot.steps()) - begun <= 18
+        assert len(robot.steps()) - begun == pytest.approx(15, abs=3)
 
 
 def test_two_robots_in_one_domain(kind: str, package: Package, tmp_path: Path) -> None:
@@ -263,8 +263,8 @@ def test_the_launch_file_starts_a_node_for_a_robot(kind: str, robot: Robot, tmp_
         until(lambda: len(robot.steps()) > 5)
         assert_same(robot.steps(), engine())
         running.process.send_signal(signal.SIGINT)
-        assert running.process.wait(100) == 0
-        until(lambda: robot.driven()[-1] == (0.0, 0.0))
+        assert running.process.wait(20) == 0
+        until(lambda: robot.driven()[-1] == (0.0, 0.0), 5)
 
 
 def test_domains_are_apart(package: Package, tmp_path: Path) -> None:
@@ -289,7 +289,7 @@ def test_a_wrong_mapping_is_refused(kind: str, name: str, package: Package, tmp_
     robot = Robot(package)
     robot.name = "/wrong"
     with node(kind, robot, changed(change), tmp_path) as running:
-        assert running.process.wait(100) == 2
+        assert running.process.wait(20) == 2
     assert message in running.said()
     assert "Traceback" not in running.said()
 
@@ -297,7 +297,7 @@ def test_a_wrong_mapping_is_refused(kind: str, name: str, package: Package, tmp_
 def test_others_use_a_topic_with_another_type(kind: str, robot: Robot, tmp_path: Path) -> None:
     robot("publish", topic=f"{robot.name}/laser", kind=SCAN.replace("/", "/msg/"), message={})
     with node(kind, robot, changed(lambda m: m["sensors"][2].update(topic="laser")), tmp_path) as running:
-        assert running.process.wait(100) == 2
+        assert running.process.wait(20) == 2
     assert f"{robot.name}/laser has the type {SCAN}, but the mapping says {RANGE}" in running.said()
 
 
@@ -315,19 +315,19 @@ def test_a_file_that_is_no_mapping(
     kind: str, text: str, message: str, package: Package, tmp_path: Path
 ) -> None:
     with node(kind, Robot(package), text, tmp_path) as running:
-        assert running.process.wait(100) == 2
+        assert running.process.wait(20) == 2
     assert message in running.said()
     assert "Traceback" not in running.said()
 
 
 def test_without_a_file(kind: str, package: Package, tmp_path: Path) -> None:
     with node(kind, Robot(package), None, tmp_path) as running:
-        assert running.process.wait(100) == 2
+        assert running.process.wait(20) == 2
     without = "controller.launch.py sets it, mapping:=FILE"
     assert ("--mapping" if kind.startswith("dds") else without) in running.said()
     done = subprocess.run(
         package.command(kind.partition("+")[0], tmp_path / "none.yaml", "/a"), cwd=package.folder,
-        env=package.environment, capture_output=True, text=True, check=False, timeout=200,
+        env=package.environment, capture_output=True, text=True, check=False, timeout=30,
     )  # fmt: skip
     assert done.returncode == 2
     assert (
@@ -347,6 +347,6 @@ def test_a_domain_that_cannot_be_joined(
     changes: dict[str, str], message: str, package: Package, tmp_path: Path
 ) -> None:
     with node("dds", Robot(package), MAPPING, tmp_path, environment=package.environment | changes) as running:
-        assert running.process.wait(100) == 2
+        assert running.process.wait(20) == 2
     assert message in running.said()
     assert "Traceback" not in running.said()

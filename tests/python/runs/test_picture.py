@@ -22,11 +22,7 @@ def test_plots_of_many_runs_are_drawn_before_the_process_ends(tmp_path: Path) ->
         "for number in range(5): optimize(experiment, out=f'{sys.argv[1]}/{number}')\n"
     )
     done = subprocess.run(
-        [sys.executable, "-c", program, str(tmp_path)],
-        capture_output=True,
-        text=True,
-        check=True,
-        timeout=240,
+        [sys.executable, "-c", program, str(tmp_path)], capture_output=True, text=True, check=True, timeout=60
     )
     assert done.stderr == ""
     for number in range(5):

@@ -39,7 +39,7 @@ def test_a_class_is_served_by_its_title(name: str, start: Any, any_broker: str, 
         one = experiment(requirements={"dimensions": 1}, mode=mode)
         assert evaluate(one, genomes(), broker=any_broker).tobytes() == here.tobytes()
     serving.send_signal(signal.SIGTERM)
-    _, err = serving.communicate(timeout=100)
+    _, err = serving.communicate(timeout=15)
     assert (serving.returncode, err) == (0, "")
 
 
@@ -107,9 +107,9 @@ def test_a_simulation_that_hangs_ends_with_its_server(
         events(serving, "busy")
         began = time.monotonic()
         serving.send_signal(signal.SIGTERM)
-        serving.communicate(timeout=100)
+        serving.communicate(timeout=15)
         assert gone([ready["pid"]])
-        assert time.monotonic() - began < 50
+        assert time.monotonic() - began < 5
         assert serving.returncode == 0
     finally:
         tool.kill()

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -30,9 +31,11 @@ def test_servers_are_there_for_the_time_of_the_block(any_broker: str) -> None:
         assert all(map(alive, servers.pids))
         pids = servers.pids
         servers.check()
+        began = time.monotonic()
+    assert time.monotonic() - began < 4
     assert not any(map(alive, pids))
     # They said good-bye: nothing is left on the broker.
-    assert listed(any_broker) == {}
+    assert "ready" not in listed(any_broker).values()
 
 
 def test_no_broker(unused_port: int) -> None:

@@ -45,7 +45,7 @@ def as_sound_otherwise(run: Run, sound: Run) -> None:
     assert run.record.genomes.tobytes() == sound.record.genomes.tobytes()
 
 
-@pytest.mark.timeout(400)
+@pytest.mark.timeout(120)
 def test_a_crash_costs_the_candidate_and_nothing_else(
     sound: Run, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -74,7 +74,7 @@ def test_a_crash_costs_the_candidate_and_nothing_else(
     assert not caplog.records, "no server is given up"
 
 
-@pytest.mark.timeout(400)
+@pytest.mark.timeout(120)
 def test_a_hang_costs_the_candidate_and_nothing_else(sound: Run, tmp_path: Path) -> None:
     one = experiment("Hang", timeouts={"step": 1}, faults={"quarantine": 2})
     run = optimize(one, servers="local", out=tmp_path / "run")
@@ -86,7 +86,7 @@ def test_a_hang_costs_the_candidate_and_nothing_else(sound: Run, tmp_path: Path)
 
 
 @pytest.mark.parametrize("mode", ["stepwise", "batched"])
-@pytest.mark.timeout(400)
+@pytest.mark.timeout(120)
 def test_other_modes(mode: str, sound: Run, tmp_path: Path) -> None:
     one = experiment("Hang", mode=mode, timeouts={"step": 1}, faults={"quarantine": 1, "backup": False})
     as_sound_otherwise(optimize(one, servers=2, out=tmp_path / "hang"), sound)
@@ -94,7 +94,7 @@ def test_other_modes(mode: str, sound: Run, tmp_path: Path) -> None:
     as_sound_otherwise(optimize(one, servers=2, out=tmp_path / "crash"), sound)
 
 
-@pytest.mark.timeout(400)
+@pytest.mark.timeout(120)
 def test_the_exit_status_is_told(sound: Run, tmp_path: Path) -> None:
     run = optimize(experiment("Leave"), servers="local", out=tmp_path / "run")
     as_sound_otherwise(run, sound)
@@ -110,7 +110,7 @@ def test_sys_exit_ends_an_episode_not_the_server(sound: Run, tmp_path: Path) -> 
     assert f"failed: {len(poisoned(run))}" in texts, "said as servers say it"
 
 
-@pytest.mark.timeout(400)
+@pytest.mark.timeout(120)
 def test_servers_that_others_kill_are_no_candidates_failure(tmp_path: Path) -> None:
     one = experiment("Slow", method={"kind": "random_search", "population": 12, "generations": 2})
     killed: list[int] = []
@@ -131,7 +131,7 @@ def test_servers_that_others_kill_are_no_candidates_failure(tmp_path: Path) -> N
     assert run.record.fitness.tobytes() == expected.tobytes()
 
 
-@pytest.mark.timeout(400)
+@pytest.mark.timeout(120)
 def test_a_server_that_cannot_be_started_again_ends_the_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

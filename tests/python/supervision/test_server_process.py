@@ -16,6 +16,6 @@ def test_it_ends_quietly_when_its_parent_is_gone_before_it_serves(simulation: st
     command = [sys.executable, "-m", "swarmwright.evaluation.server_process", "1", json.dumps(settings)]
     for _ in range(5):
         result = subprocess.run(
-            command, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=200, check=False
+            command, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=30, check=False
         )
         assert (result.returncode, result.stderr) == (0, "")

@@ -123,7 +123,7 @@ def on_terminal(*arguments: str, answer: str) -> str:
     with contextlib.suppress(OSError):
         while got := os.read(ours, 65536):
             said += got
-    process.wait(100)
+    process.wait(30)
     os.close(ours)
     return said.decode().replace("\r", "")
 

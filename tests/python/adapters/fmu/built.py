@@ -110,7 +110,7 @@ def build(folder: Path, name: str, description: str, terminals: str = "") -> Pat
     define = ["-DFMI3"] if three else []
     library = made / f"{name}.so"
     words = ["gcc", "-O1", "-w", "-shared", "-fPIC", *define, f"-I{HEADERS}", "all.c", "-o", str(library)]
-    subprocess.run(words, cwd=made, check=True, timeout=400)
+    subprocess.run(words, cwd=made, check=True, timeout=100)
     file = folder / f"{name.capitalize()}{version}.fmu"
     with zipfile.ZipFile(file, "w") as archive:
         archive.writestr("modelDescription.xml", description)

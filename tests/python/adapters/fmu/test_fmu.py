@@ -193,7 +193,7 @@ def test_parameters_are_evolved_without_a_controller(fmus: Path, tmp_path: Path)
     assert len({run.evaluation(index, 0).fitness for index in range(6)}) > 3
 
 
-@pytest.mark.timeout(400)
+@pytest.mark.timeout(120)
 def test_what_fails_is_said_and_the_next_episode_works(fmus: Path) -> None:
     for trouble, said in (
         ("crash", "SIGSEGV"),

@@ -21,7 +21,7 @@ from swarmwright.commands.ros_definition import PROGRAM, RosOptions
 from swarmwright.core.yaml import dump
 from swarmwright.simulations.loading import load
 
-pytestmark = pytest.mark.timeout(400)
+pytestmark = pytest.mark.timeout(60)
 SIMULATOR = Path(__file__).with_name("simulator.py")
 TWIST = "geometry_msgs/Twist"
 
@@ -56,7 +56,7 @@ class Program:
             said[robot] = float(speed)
         return list(said.values())
 
-    def until(self, expected: list[float], seconds: float = 60) -> None:
+    def until(self, expected: list[float], seconds: float = 10.0) -> None:
         deadline = time.monotonic() + seconds
         while self.last() != expected:
             assert time.monotonic() < deadline, f"{self.last()} instead of {expected}"
@@ -104,7 +104,7 @@ def program(folder: Path, *arguments: str, **changes: Any) -> Iterator[Program]:
             assert stream is not None
             stream.close()
         try:
-            process.wait(100)
+            process.wait(10)
         finally:
             if process.poll() is None:
                 os.killpg(process.pid, signal.SIGKILL)
@@ -141,7 +141,7 @@ def test_robots_are_stopped_when_the_program_ends(way: str, tmp_path: Path) -> N
             running.process.send_signal(signal.SIGTERM)
         else:
             running.process.send_signal(getattr(signal, way))
-        running.process.wait(100)
+        running.process.wait(10)
         assert running.last() == [0.0, 0.0]
 
 
@@ -246,14 +246,14 @@ def test_robots_are_stopped_when_a_run_is_interrupted(group: bool, tmp_path: Pat
             )
         running = Program(run, log)  # type: ignore[arg-type] # only its last commands are asked for
         try:
-            deadline = time.monotonic() + 60
+            deadline = time.monotonic() + 30
             while 0.0 in running.last():
                 assert time.monotonic() < deadline
                 assert run.poll() is None, said.read_text("utf-8")
                 time.sleep(0.1)
             time.sleep(0.25)
             (os.killpg if group else os.kill)(run.pid, signal.SIGINT)
-            assert run.wait(100) == 130
+            assert run.wait(20) == 130
         finally:
             if run.poll() is None:
                 os.killpg(run.pid, signal.SIGKILL)

@@ -27,7 +27,7 @@ def experiment(folder: Path, generations: int, **options: Any) -> Experiment:
     )
 
 
-@pytest.mark.timeout(600)
+@pytest.mark.timeout(180)
 def test_servers_join_while_there_is_work_and_leave_after_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -47,7 +47,7 @@ def test_servers_join_while_there_is_work_and_leave_after_it(
     assert max(numbers) == 3
 
 
-@pytest.mark.timeout(600)
+@pytest.mark.timeout(180)
 def test_a_budget_is_that_of_the_whole_run(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -94,7 +94,7 @@ def test_a_budget_is_that_of_the_whole_run(
     same_record(run, optimize(made, out=tmp_path / "here", servers="in-process", progress=False))
 
 
-@pytest.mark.timeout(600)
+@pytest.mark.timeout(180)
 def test_a_launcher_whose_budget_is_spent_is_left_out(caplog: pytest.LogCaptureFixture) -> None:
     component = LAUNCHERS.get("process")
     options = component.options_model.model_validate(

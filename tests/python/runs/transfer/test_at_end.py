@@ -133,7 +133,7 @@ def test_a_run_that_is_killed_meanwhile_goes_on(after: str, tmp_path: Path) -> N
         optimize(Experiment.load({str(tmp_path / "again.yaml")!r}), out=Path({str(tmp_path / "run")!r}))
     """
     environment = {**os.environ, "SWARMWRIGHT_PLOT": "0"}
-    ended = subprocess.run([sys.executable, "-c", code], env=environment, timeout=200, check=False)
+    ended = subprocess.run([sys.executable, "-c", code], env=environment, timeout=50, check=False)
     assert ended.returncode == -signal.SIGKILL
     run = Run.open(tmp_path / "run")
     assert (run.state, run.transfer_is_due) == ("done", True)
