@@ -65,7 +65,7 @@ def test_the_conformance_check(machine: Machine) -> None:
     check_launcher("ssh", machine.options, alive=lambda: len(machine.servers()))
 
 
-@pytest.mark.timeout(400)
+@pytest.mark.timeout(120)
 def test_code_travels_once_and_the_record_is_the_same(machine: Machine, tmp_path: Path) -> None:
     home = tmp_path / "simulation"
     (home / "maps").mkdir(parents=True)
@@ -85,7 +85,7 @@ def test_code_travels_once_and_the_record_is_the_same(machine: Machine, tmp_path
     until(lambda: machine.servers() == [])
 
 
-@pytest.mark.timeout(400)
+@pytest.mark.timeout(120)
 def test_tls_with_an_account_and_a_connection_that_breaks(machine: Machine, tmp_path: Path) -> None:
     from swarmwright.evaluation.launched.access import own_address
 
@@ -105,7 +105,7 @@ def test_tls_with_an_account_and_a_connection_that_breaks(machine: Machine, tmp_
     until(lambda: machine.servers() == [])
 
 
-@pytest.mark.timeout(400)
+@pytest.mark.timeout(120)
 def test_nothing_is_left_behind_when_the_tool_is_killed(machine: Machine, tmp_path: Path) -> None:
     made = experiment(machine).replace(method={"generations": 1_000_000})
     made.save(tmp_path / "long.yaml")
