@@ -96,7 +96,7 @@ def _places(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT), str(ROOT / "python")]))
 
 
-@pytest.mark.timeout(400)
+@pytest.mark.timeout(120)
 @pytest.mark.usefixtures("_places")
 def test_the_least_that_d61_demands_of_a_tool_is_enough() -> None:
     report = report_of_tool(LeastTool, "", profile="d6.1", lasts=30.0)
@@ -128,7 +128,7 @@ def test_the_message_to_blame_is_named() -> None:
     )
 
 
-@pytest.mark.timeout(400)
+@pytest.mark.timeout(120)
 @pytest.mark.usefixtures("_places")
 def test_the_offer_that_a_tool_should_not_take_is_named() -> None:
     (failed,) = report_of_tool(AsksEverybody, "O4.3").results

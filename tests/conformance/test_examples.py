@@ -24,7 +24,7 @@ broker: {broker}
 """
 
 
-@pytest.mark.timeout(1200)  # it may fetch and build them
+@pytest.mark.timeout(400)  # it may fetch and build them
 @pytest.mark.parametrize("language", ["JavaScript", "Go"])
 def test_it_keeps_d61s_rules(language: str) -> None:
     report = check_server(command=commands()[language], simulation="line", actuators=1, profile="d6.1")
@@ -32,7 +32,7 @@ def test_it_keeps_d61s_rules(language: str) -> None:
     assert not report.of("skipped")
 
 
-@pytest.mark.timeout(1200)
+@pytest.mark.timeout(400)
 def test_they_serve_swarmwrights_tool_and_give_the_same_record(program: Run, tmp_path: Path) -> None:
     records = {}
     for language, command in commands().items():
@@ -44,7 +44,7 @@ def test_they_serve_swarmwrights_tool_and_give_the_same_record(program: Run, tmp
             done = program("optimize", "line.yaml", "--out", language, "--json")
         finally:
             server.terminate()
-            server.wait(100)
+            server.wait(10)
             broker.stop()
         assert done.returncode == 0, done.stderr
         exported = program("runs", "export", language, f"{language}.csv")

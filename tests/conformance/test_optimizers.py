@@ -27,14 +27,14 @@ def report_of(kind: type[SoundTool], rules: str, profile: Profile = "all", *, la
     return check_optimizer(command=command, rules=[rules], profile=profile, episodes=2, lasts=lasts)
 
 
-@pytest.mark.timeout(600)
+@pytest.mark.timeout(180)
 def test_our_tool_keeps_every_rule() -> None:
     report = check_optimizer(command=OURS)
     assert report.ok, str(report)
     assert not report.of("skipped")
 
 
-@pytest.mark.timeout(400)
+@pytest.mark.timeout(120)
 @pytest.mark.usefixtures("places")
 def test_the_model_that_broken_tools_are_made_of_is_sound() -> None:
     report = report_of(SoundTool, "", lasts=30.0)
@@ -42,7 +42,7 @@ def test_the_model_that_broken_tools_are_made_of_is_sound() -> None:
     assert set(report.of("skipped")) == {"O6.1", "O6.2", "O6.3"}
 
 
-@pytest.mark.timeout(400)
+@pytest.mark.timeout(120)
 @pytest.mark.usefixtures("places")
 @pytest.mark.parametrize("kind", TOOLS, ids=lambda kind: kind.__name__)
 def test_a_broken_tool_is_caught_by_the_right_rule(kind: type[SoundTool]) -> None:

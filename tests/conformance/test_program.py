@@ -44,7 +44,7 @@ def test_a_peer_that_runs_is_met_on_the_broker_of_the_environment(program: Run) 
         result = program("conformance", "server", "--id", "4", "--rules", "S1", env=where)
     finally:
         server.terminate()
-        server.wait(100)
+        server.wait(10)
         broker.stop()
     assert result.returncode == 0, result.stderr
     assert program("conformance", "server", "--id", "4", "--rules", "S1", env=where).returncode == 1

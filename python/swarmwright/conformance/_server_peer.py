@@ -9,10 +9,10 @@ from swarmwright.conformance._server_under_test import Episode, Server
 
 EPISODES = 40
 """Episodes that a rule may play at most; their time is added to its deadline."""
-USUAL = 5.0
-"""Seconds that an answer usually may take; where it is more, rules have more time in proportion."""
 FREE_AFTER = 8.0
 """Seconds in which a server comes free by itself, with some to spare."""
+
+
 WATCH = 2.0
 """Seconds in which a server that does not wait for actuators has asked again."""
 
@@ -27,8 +27,7 @@ class ServerPeer(Server):
         self.client.deadline = float("inf")
         self.client.drain()
         self.episodes, self.tools = [], set()
-        slow = max(1.0, self.settings.timeout / USUAL)
-        self._allow(slow * rule.seconds + self.settings.timeout)
+        self._allow(rule.seconds + self.settings.timeout)
 
     def _allow(self, seconds: float) -> None:
         """Set the deadline, with the time of some episodes to spare."""
