@@ -35,7 +35,7 @@ def undisturbed(launch: Launch, path: Path) -> dict[str, bytes]:
 
 def in_mid_episode(recorder: Recorder, server: int, after: int = 30) -> None:
     """Wait until the server has begun an episode and sent `after` more sensor messages in it."""
-    deadline = time.monotonic() + 60
+    deadline = time.monotonic() + 20
     read, hash_, sensed = 0, None, 0
     # Each message is read once: what is heard late would be over before it is looked at.
     while hash_ is None or sensed < after:
@@ -138,7 +138,7 @@ def test_a_server_that_stops_for_a_while(
     servers.signal_server(2, signal.SIGSTOP)
     run.until(lambda _: any(entry["server"] == 2 for entry in failures(path)), "a step that is not answered")
     servers.signal_server(2, signal.SIGCONT)
-    assert run.wait(100) == 0, run.stderr
+    assert run.wait(40) == 0, run.stderr
     assert record(path.parent / "result") == expected
     # The other server may have had a copy, and be faster than the time-out.
     failed = [entry for entry in failures(path) if entry["server"] == 2]
@@ -161,7 +161,7 @@ def test_the_tool_is_killed_in_the_middle_of_a_step(
     run.signal(signal.SIGKILL)
     killed = time.monotonic()
     servers.until_event("warning")
-    assert time.monotonic() - killed < 30
+    assert time.monotonic() - killed < 5
     (warning,) = servers.warnings()
     assert "agent 0" in warning
     assert "1.0 s" in warning
@@ -182,7 +182,7 @@ def test_interrupted_runs_free_their_servers_at_once(
     first_generation(run)
     in_mid_episode(recorder, 1)
     run.signal(signal.SIGINT)
-    assert run.wait(100) == 130
+    assert run.wait(10) == 130
     tool: PlainTool = connect(PlainTool, broker.url)
     tool.ask("c" * 64)
     answers = {tool.hear(2)[1]["server"], tool.hear(2)[1]["server"]}

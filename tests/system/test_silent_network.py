@@ -1,6 +1,7 @@
 """Connections that fail without a word, as where a firewall forgets them or a machine changes its network."""
 
 import asyncio
+import time
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -72,14 +73,11 @@ def test_a_run_goes_on_when_connections_fail_silently(
     tmp_path: Path,
     cleanup: ExitStack,
 ) -> None:
-    # A busy machine may make those wait for an answer, too, whose connections work.
-    soon, late = 1, 60
-    keep_alive = {who: soon if silent in {who, "all"} else late for who in ("tool", "servers")}
     relay = cleanup.enter_context(Relay(embedded.port))
     method = "{kind: nnga, population: 12, generations: 10}"
     path = experiment(
         f"simulation: {written(tmp_path)}\nrequirements: {{dimensions: 1}}\nmethod: {method}\n"
-        f"mode: stepwise\nvalidate: false\ntimeouts: {{keep_alive: {keep_alive['tool']}}}\n"
+        "mode: stepwise\nvalidate: false\ntimeouts: {keep_alive: 1}\n"
     )
     local = launch("optimize", path, "--servers", "in-process", "--out", "local")
     url = embedded.url if silent == "tool" else relay.url
@@ -87,17 +85,19 @@ def test_a_run_goes_on_when_connections_fail_silently(
         "serve",
         f"{tmp_path}/paced.py:Paced",
         *("--broker", url, "--count", 2, "--json"),
-        env={"SWARMWRIGHT_KEEP_ALIVE": str(keep_alive["servers"])},
+        env={"SWARMWRIGHT_KEEP_ALIVE": "1"},
     )
     servers.until_event("ready", 2)
     there = experiment(path.read_text().replace(f"{tmp_path}/paced.py:Paced", "paced"), "there.yaml")
     url = embedded.url if silent == "servers" else relay.url
     run = launch("optimize", there, "--broker", url, "--out", "result", "--json")
     run.until(lambda program: sum("best_so_far" in line for line in program.lines) >= 2, "two generations")
+    began = time.monotonic()
     relay.hush()
     if silent != "servers":
-        run.until_error("the broker has not answered a ping for 0.5 s")
-    assert run.wait(100) == 0, run.stderr
+        run.until_error("the broker has not answered a ping", 10)
+        assert time.monotonic() - began < 5
+    assert run.wait(60) == 0, run.stderr
     assert local.wait() == 0, local.stderr
     assert record(tmp_path / "result") == record(tmp_path / "local")
     told = any("has not answered a ping for 0.5 s" in text for text in warnings(tmp_path / "result"))

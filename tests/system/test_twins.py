@@ -55,7 +55,7 @@ def until_used(run: Program, folder: Path, server: int) -> None:
     run.until(is_used, f"an evaluation by server {server}")
 
 
-@pytest.mark.timeout(600)
+@pytest.mark.timeout(180)
 @pytest.mark.parametrize("mode", ["stepwise", "batched"])
 @pytest.mark.parametrize("title", ["minisim", "emergency_exit"])
 def test_a_server_that_slept_finds_its_id_in_use(
@@ -83,7 +83,7 @@ def test_a_server_that_slept_finds_its_id_in_use(
         heir.until_event("ready")
         until_further(run, 2)
         sleeper.signal_server(1, signal.SIGCONT)
-        assert sleeper.wait(100) == 1, "the one that was away leaves, and is not started again"
+        assert sleeper.wait(60) == 1, "the one that was away leaves, and is not started again"
         assert "another server has the id 1 too" in sleeper.stderr
         assert run.wait(120) == 0, run.stderr
         assert heir.process.poll() is None
@@ -95,7 +95,7 @@ def test_a_server_that_slept_finds_its_id_in_use(
     assert {entry["server"] for entry in used} == {1, 2}
 
 
-@pytest.mark.timeout(600)
+@pytest.mark.timeout(180)
 def test_a_java_server_that_slept_leaves(
     embedded: BrokerProcess, launch: Launch, serve: Serve, experiment: Experiment
 ) -> None:
@@ -113,7 +113,7 @@ def test_a_java_server_that_slept_leaves(
             time.sleep(0.3)
             heir = serve(embedded.url)
             sleeper.signal(signal.SIGCONT)
-            assert sleeper.wait(100) == 1
+            assert sleeper.wait(60) == 1
             assert "another server has the id 1 too" in sleeper.stderr
             assert run.wait(120) == 0, run.stderr
             assert heir.events("ended") == []
@@ -167,6 +167,6 @@ def test_a_server_does_not_leave_for_one_that_only_the_broker_remembers(
 def until_state(peer: Peer, state: str) -> dict[str, Any]:
     """Wait for presence in this state."""
     while True:
-        said = peer.inbox.get(timeout=60).json
+        said = peer.inbox.get(timeout=30).json
         if said["state"] == state:
             return said

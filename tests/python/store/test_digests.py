@@ -44,7 +44,7 @@ def longer(tmp_path_factory: pytest.TempPathFactory) -> Run:
     return optimize(experiment, out=tmp_path_factory.mktemp("longer") / "run")
 
 
-@pytest.mark.timeout(600)
+@pytest.mark.timeout(180)
 @pytest.mark.parametrize("which", ["finished", "longer"])
 def test_a_flipped_bit_changes_nothing_or_is_told_of(
     which: str, request: pytest.FixtureRequest, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -116,7 +116,7 @@ def test_a_disk_that_is_full_at_the_end_is_told_of(
             capture_output=True,
             text=True,
             check=False,
-            timeout=240,
+            timeout=60,
         )
         assert result.returncode == 1
         assert "Interrupted" not in result.stdout
@@ -150,11 +150,11 @@ def optimized(folder: Path, environment: Mapping[str, str]) -> "subprocess.Compl
         capture_output=True,
         text=True,
         check=False,
-        timeout=240,
+        timeout=60,
     )
 
 
-@pytest.mark.timeout(600)
+@pytest.mark.timeout(180)
 def test_a_disk_error_at_any_of_the_last_writes_is_told_of(
     finished: Run, failing: Path, tmp_path: Path
 ) -> None:

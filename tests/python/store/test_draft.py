@@ -52,7 +52,7 @@ def running(folder: Path, experiment: Experiment, until: str) -> Iterator[None]:
     experiment.save(file)
     with subprocess.Popen([sys.executable, "-c", RUNNING, str(file), str(folder)]) as process:
         try:
-            deadline = time.monotonic() + 60
+            deadline = time.monotonic() + 30
             while not (folder / until).exists():
                 assert time.monotonic() < deadline
                 assert process.poll() is None

@@ -112,7 +112,7 @@ def test_steps_are_those_of_the_parts(parts: Path, algorithm: Algorithm, tmp_pat
     system.end()
 
 
-@pytest.mark.timeout(400)
+@pytest.mark.timeout(120)
 def test_a_controller_is_evolved_on_three_parts(parts: Path, tmp_path: Path) -> None:
     """The run is repeatable, and does not need the original files."""
     made = experiment(parts)
@@ -125,7 +125,7 @@ def test_a_controller_is_evolved_on_three_parts(parts: Path, tmp_path: Path) -> 
     assert others != runs[0]
 
 
-@pytest.mark.timeout(400)
+@pytest.mark.timeout(120)
 def test_the_component_that_hangs_is_named(parts: Path, tmp_path: Path) -> None:
     made = experiment(parts, timeout=3.0, start={"world.trouble": "hang"}).replace(
         method={"kind": "random_search", "population": 1, "generations": 1}, ranking={"episodes": 1}
