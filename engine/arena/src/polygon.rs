@@ -5,8 +5,7 @@ type Point = [f32; 2];
 
 /// Twice the area, exact enough for a sign; positive where the corners are counter-clockwise.
 fn doubled_area(corners: &[Point]) -> f64 {
-    let next = corners.iter().cycle().skip(1);
-    corners.iter().zip(next).fold(0.0, |sum, (a, b)| {
+    sides(corners).fold(0.0, |sum, [a, b]| {
         sum + f64::from(a[0]) * f64::from(b[1]) - f64::from(a[1]) * f64::from(b[0])
     })
 }
@@ -103,9 +102,8 @@ pub(super) fn is_convex(corners: &[Point]) -> bool {
 
 /// Whether a point lies inside, by the number of sides that a ray from it crosses.
 pub(super) fn contains(corners: &[Point], [x, y]: [f64; 2]) -> bool {
-    let next = corners.iter().cycle().skip(1);
-    corners.iter().zip(next).fold(false, |inside, (a, b)| {
-        let [a, b] = [a, b].map(|corner| corner.map(f64::from));
+    sides(corners).fold(false, |inside, side| {
+        let [a, b] = side.map(|corner| corner.map(f64::from));
         let crosses =
             (a[1] > y) != (b[1] > y) && x < a[0] + (b[0] - a[0]) * (y - a[1]) / (b[1] - a[1]);
         inside != crosses
@@ -132,6 +130,7 @@ pub(super) fn distance(corners: &[Point], point: Point) -> f64 {
     from.fold(f64::INFINITY, f64::min)
 }
 
+/// From each corner to the next one.
 fn sides(corners: &[Point]) -> impl Iterator<Item = [Point; 2]> + '_ {
     let next = corners.iter().cycle().skip(1);
     corners.iter().zip(next).map(|(a, b)| [*a, *b])
@@ -150,10 +149,8 @@ pub(super) fn extent(corners: &[Point]) -> [Point; 2] {
 
 /// Points along the sides, evenly spaced, the first one at the first corner.
 pub(super) fn along(corners: &[Point], count: usize) -> Vec<[f64; 2]> {
-    let sides: Vec<[[f64; 2]; 2]> = corners
-        .iter()
-        .zip(corners.iter().cycle().skip(1))
-        .map(|(a, b)| [a.map(f64::from), b.map(f64::from)])
+    let sides: Vec<[[f64; 2]; 2]> = sides(corners)
+        .map(|side| side.map(|corner| corner.map(f64::from)))
         .collect();
     let length = |[a, b]: &[[f64; 2]; 2]| {
         let (dx, dy) = (b[0] - a[0], b[1] - a[1]);

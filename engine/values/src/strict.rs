@@ -1,12 +1,12 @@
 //! Values of JSON for serde, without its rule that a list of values can stand for an object with fields.
 
 use serde::Deserializer;
+use serde::de::value::{MapDeserializer, SeqDeserializer};
 use serde::de::{
-    DeserializeSeed, EnumAccess, Error as _, IntoDeserializer, MapAccess, SeqAccess, Unexpected,
-    VariantAccess, Visitor,
+    DeserializeSeed, EnumAccess, Error as _, IntoDeserializer, Unexpected, VariantAccess, Visitor,
 };
 use serde::forward_to_deserialize_any;
-use serde_json::{Error, Map, Value, map};
+use serde_json::{Error, Value};
 
 /// As `&Value`, but that fields are read from objects alone.
 pub(crate) struct Strict<'de>(pub(crate) &'de Value);
@@ -16,8 +16,19 @@ impl<'de> Deserializer<'de> for Strict<'de> {
 
     fn deserialize_any<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Error> {
         match self.0 {
-            Value::Array(items) => visit_items(items, visitor),
-            Value::Object(fields) => visit_fields(fields, visitor),
+            Value::Array(items) => {
+                let mut items = SeqDeserializer::new(items.iter().map(Strict));
+                let found = visitor.visit_seq(&mut items)?;
+                items.end().map(|()| found)
+            }
+            Value::Object(fields) => {
+                let fields = fields
+                    .iter()
+                    .map(|(key, value)| (key.as_str(), Strict(value)));
+                let mut fields = MapDeserializer::new(fields);
+                let found = visitor.visit_map(&mut fields)?;
+                fields.end().map(|()| found)
+            }
             plain => plain.deserialize_any(visitor),
         }
     }
@@ -79,86 +90,6 @@ impl<'de> IntoDeserializer<'de, Error> for Strict<'de> {
 
     fn into_deserializer(self) -> Self {
         self
-    }
-}
-
-fn visit_items<'de, V: Visitor<'de>>(items: &'de [Value], visitor: V) -> Result<V::Value, Error> {
-    let mut left = Items(items.iter());
-    let found = visitor.visit_seq(&mut left)?;
-    if left.0.len() > 0 {
-        return Err(Error::invalid_length(
-            items.len(),
-            &"fewer elements in array",
-        ));
-    }
-    Ok(found)
-}
-
-fn visit_fields<'de, V: Visitor<'de>>(
-    fields: &'de Map<String, Value>,
-    visitor: V,
-) -> Result<V::Value, Error> {
-    let mut left = Fields {
-        fields: fields.iter(),
-        value: None,
-    };
-    let found = visitor.visit_map(&mut left)?;
-    if left.fields.len() > 0 {
-        return Err(Error::invalid_length(
-            fields.len(),
-            &"fewer elements in map",
-        ));
-    }
-    Ok(found)
-}
-
-struct Items<'de>(std::slice::Iter<'de, Value>);
-
-impl<'de> SeqAccess<'de> for Items<'de> {
-    type Error = Error;
-
-    fn next_element_seed<T: DeserializeSeed<'de>>(
-        &mut self,
-        seed: T,
-    ) -> Result<Option<T::Value>, Error> {
-        let next = self.0.next();
-        next.map(|value| seed.deserialize(Strict(value)))
-            .transpose()
-    }
-
-    fn size_hint(&self) -> Option<usize> {
-        Some(self.0.len())
-    }
-}
-
-struct Fields<'de> {
-    fields: map::Iter<'de>,
-    /// That of the key which was read last.
-    value: Option<&'de Value>,
-}
-
-impl<'de> MapAccess<'de> for Fields<'de> {
-    type Error = Error;
-
-    fn next_key_seed<K: DeserializeSeed<'de>>(
-        &mut self,
-        seed: K,
-    ) -> Result<Option<K::Value>, Error> {
-        let Some((key, value)) = self.fields.next() else {
-            return Ok(None);
-        };
-        self.value = Some(value);
-        seed.deserialize(key.as_str().into_deserializer()).map(Some)
-    }
-
-    fn next_value_seed<T: DeserializeSeed<'de>>(&mut self, seed: T) -> Result<T::Value, Error> {
-        let value = self.value.take();
-        let value = value.ok_or_else(|| Error::custom("value is missing"))?;
-        seed.deserialize(Strict(value))
-    }
-
-    fn size_hint(&self) -> Option<usize> {
-        Some(self.fields.len())
     }
 }
 

@@ -25,13 +25,14 @@ impl Metric {
                 return Err(wrong(&field, reason));
             }
         }
-        if let Self::MostRobotsOn { patches: none, .. } | Self::Returns { sources: none, .. } = self
-            && none.is_empty()
+        let needed = match self {
+            Self::MostRobotsOn { patches, .. } => Some(("patches", patches)),
+            Self::Returns { sources, .. } => Some(("sources", sources)),
+            _ => None,
+        };
+        if let Some((field, names)) = needed
+            && names.is_empty()
         {
-            let field = match self {
-                Self::Returns { .. } => "sources",
-                _ => "patches",
-            };
             return Err(wrong(
                 field,
                 "an empty list found, expected at least one patch",
