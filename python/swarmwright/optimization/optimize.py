@@ -107,10 +107,10 @@ def optimize(
                 )
                 representation = experiment.representation(backend.sensors, backend.actuators)
                 check_memory(experiment, representation)
-                folder = default_folder(experiment) if out is None else Path(out)
                 code = parts_of(experiment)
                 warn_of_edits(code)
                 size = stored(resolved, representation)
+                folder = default_folder(experiment) if out is None else Path(out)
                 place = folder.absolute()  # a simulation may change the working folder
                 with StoreWriter.create(place, resolved, backend.metrics, code, size) as store, reported():
                     loop = _new_loop(resolved, representation, store)

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from swarmwright.core.errors import InputError
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.store import FILE
 from swarmwright.user_code.copying import remove
@@ -27,17 +28,33 @@ _OURS = (
 
 
 def default_folder(experiment: Experiment) -> Path:
-    """Return runs/<file stem or simulation>-<seed>, with a number behind it when that exists."""
+    """Make runs/<file stem or simulation>-<seed>, with a number behind it when that exists, and return it.
+
+    That it is made here gives every process and thread its own. Raises InputError when it cannot be made.
+    """
     name = experiment.path.stem if experiment.path is not None else experiment.label
     safe = (
         "".join(sign if sign.isalnum() or sign in "-_." else "_" for sign in name).lstrip(".")[:100] or "run"
     )
     base = RUNS / f"{safe}-{experiment.seed}"
     folder, number = base, 1
-    while folder.exists():
-        number += 1
-        folder = base.with_name(f"{base.name}-{number}")
+    try:
+        RUNS.mkdir(exist_ok=True)
+        while not _made(folder):
+            number += 1
+            folder = base.with_name(f"{base.name}-{number}")
+    except OSError as error:
+        raise InputError(f"{error.filename}: cannot be created: {error.strerror}") from error
     return folder
+
+
+def _made(folder: Path) -> bool:
+    """Make a folder; return False when there is something of its name."""
+    try:
+        folder.mkdir()
+    except FileExistsError:
+        return False
+    return True
 
 
 def is_run(folder: Path) -> bool:

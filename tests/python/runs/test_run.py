@@ -1,7 +1,9 @@
 """Run folders: written, read back, repeated."""
 
 import csv
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from threading import Barrier
 
 import numpy as np
 import pytest
@@ -196,12 +198,48 @@ def test_results_are_never_written_over(tmp_path: Path) -> None:
 def test_default_folders_are_numbered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     assert default_folder(EXPERIMENT) == Path("runs/minisim-1")
-    Path("runs/minisim-1").mkdir(parents=True)
     assert default_folder(EXPERIMENT) == Path("runs/minisim-1-2")
     EXPERIMENT.save("my first.yaml")
     assert default_folder(Experiment.load("my first.yaml").replace(seed=7)) == Path("runs/my_first-7")
     strange = Experiment.from_mapping({"simulation": "../../etc"})
     assert default_folder(strange).parent == Path("runs")
+
+
+def test_default_folders_are_made_by_one_each(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    together = Barrier(8, timeout=60)
+
+    def take(_: int) -> list[Path]:
+        together.wait()
+        return [default_folder(EXPERIMENT) for _ in range(20)]
+
+    with ThreadPoolExecutor(8) as pool:
+        folders = [folder for taken in pool.map(take, range(8)) for folder in taken]
+    assert len(set(folders)) == 160
+    assert all(folder.is_dir() for folder in folders)
+
+
+def test_optimizations_at_once_have_their_own_default_folders(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    together = Barrier(4, timeout=60)
+
+    def evolve(_: int) -> Run:
+        together.wait()
+        return optimize(EXPERIMENT)
+
+    with ThreadPoolExecutor(4) as pool:
+        runs = list(pool.map(evolve, range(4)))
+    assert len({run.path for run in runs}) == 4
+    assert len({run.digest for run in runs}) == 1
+
+
+def test_default_folders_that_cannot_be_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("runs").write_text("a file")
+    with pytest.raises(InputError, match=r"^runs: cannot be created: File exists$"):
+        optimize(EXPERIMENT)
 
 
 def test_quantiles() -> None:
