@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from swarmwright.analysis.groups import RunGroup, group
 from swarmwright.analysis.significance import Difference, Kruskal, difference, holm, kruskal_wallis
-from swarmwright.core.arguments import listed
+from swarmwright.core.arguments import checked, listed
 from swarmwright.core.errors import InputError
 from swarmwright.figures.curves import fitness_at
 from swarmwright.runs.run import Run
@@ -105,6 +105,7 @@ class Comparison:
 
         return to_mapping(self)
 
+    @checked
     def figure(self, *, x: str = "evaluations") -> "Figure":
         """Return a matplotlib figure: best fitness over `x`, and the final fitness of every run.
 
@@ -114,6 +115,7 @@ class Comparison:
 
         return draw(self, x=x)
 
+    @checked
     def plot(self, path: str | Path, *, x: str = "evaluations") -> Path:
         """Draw `figure` into a file (.png, .svg or .pdf); return its path.
 
@@ -124,6 +126,7 @@ class Comparison:
         return save(self.figure(x=x), Path(path))
 
 
+@checked
 def compare(runs: Iterable[Run | str | os.PathLike[str]], *, at: int | None = None) -> Comparison:
     """Compare runs: group them by what differs between their experiments, and test whether groups differ.
 

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
+from swarmwright.core.arguments import function
 from swarmwright.optimization.loop import goes_on
 
 if TYPE_CHECKING:
@@ -41,6 +42,8 @@ def together(
     *callbacks: "Callable[[Generation], bool | None]",
 ) -> "Callable[[Generation], bool | None]":
     """Return a callback that calls all of these, in order; it ends the run when any of them does."""
+    for callback in callbacks:
+        function("callbacks", callback, ("generation",))
 
     def call(generation: "Generation") -> bool:
         returned = [callback(generation) for callback in callbacks]

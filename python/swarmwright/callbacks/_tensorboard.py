@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from swarmwright.callbacks._base import Callback, figures, held_out
+from swarmwright.core.arguments import path_of
 from swarmwright.core.errors import InputError
 from swarmwright.core.yaml import dump
 
@@ -28,6 +29,7 @@ class TensorBoard(Callback):
     """
 
     def __init__(self, folder: str | Path, experiment: "Experiment | None" = None) -> None:
+        path_of("folder", folder, "a folder for event files")
         try:
             from tensorboardX import SummaryWriter
         except ImportError:

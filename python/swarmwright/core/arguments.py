@@ -1,11 +1,44 @@
 """Arguments of public functions: obvious mistakes are refused with a message that says what is expected."""
 
+import functools
+import inspect
+import math
+import numbers
+import operator
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any, ParamSpec, TypeVar
 
 from swarmwright.core.errors import InputError
 from swarmwright.core.problems import shown
+
+_Parameters = ParamSpec("_Parameters")
+_Result = TypeVar("_Result")
+
+
+def checked(function: Callable[_Parameters, _Result]) -> Callable[_Parameters, _Result]:
+    """Check the arguments of a public function by their names, which mean the same in all of them.
+
+    Those that are not in `_CHECKS` are left to the function, and so are defaults. Numbers of other libraries
+    become Python's.
+    """
+    parameters = inspect.signature(function).parameters
+    names = [name for name, one in parameters.items() if one.kind is not one.KEYWORD_ONLY]
+
+    def accepted(name: str, given: object) -> object:
+        if name not in _CHECKS or name not in parameters or given is parameters[name].default:
+            return given
+        return _CHECKS[name](name, given)
+
+    @functools.wraps(function)
+    def call(*args: _Parameters.args, **kwargs: _Parameters.kwargs) -> _Result:
+        first: Any = [accepted(name, given) for name, given in zip(names, args, strict=False)]
+        named: Any = {name: accepted(name, given) for name, given in kwargs.items()}
+        first += args[len(names) :]  # too many, as Python says
+        return function(*first, **named)
+
+    return call
 
 
 def path_of(name: str, given: object, what: str) -> Path:
@@ -13,9 +46,70 @@ def path_of(name: str, given: object, what: str) -> Path:
 
     what: that it names, as "a run folder".
     """
-    if isinstance(given, str | os.PathLike) and isinstance(os.fspath(given), str):
-        return Path(given)
+    if isinstance(given, str | os.PathLike):
+        path = os.fspath(given)
+        if isinstance(path, str) and "\0" in path:
+            raise InputError(f"{name}: a path cannot hold the character NUL, as {shown(path)} does")
+        if isinstance(path, str):
+            return Path(path)
     raise InputError(f"{name}: must be the path of {what}, not {_shown(given)}")
+
+
+def text(name: str, given: object, what: str) -> str:
+    """Return an argument that is a text. Raises InputError for others; what: it is, as "a name"."""
+    if isinstance(given, str):
+        return str(given)
+    raise InputError(f"{name}: must be {what}, not {_shown(given)}")
+
+
+def integer(name: str, given: object) -> int:
+    """Return an argument that is an integer, also NumPy's. Raises InputError for others."""
+    found: Any = given
+    if not isinstance(given, bool):
+        try:
+            return operator.index(found)
+        except TypeError:
+            pass
+    raise InputError(f"{name}: must be an integer, not {_shown(given)}")
+
+
+def number(name: str, given: object) -> float:
+    """Return an argument that is a finite number. Raises InputError for others."""
+    found: Any = given
+    if _is_finite(given):
+        return found if type(found) in {int, float} else float(found)
+    raise InputError(f"{name}: must be a finite number, not {_shown(given)}")
+
+
+def flag(name: str, given: object) -> bool:
+    """Return an argument that is True or False, also NumPy's. Raises InputError for others."""
+    if isinstance(given, bool) or type(given).__name__ in {"bool", "bool_"}:
+        return bool(given)
+    raise InputError(f"{name}: must be True or False, not {_shown(given)}")
+
+
+def function(name: str, given: object, arguments: Sequence[str]) -> Callable[..., Any]:
+    """Return an argument that is a function. Raises InputError for what cannot be called with `arguments`."""
+    expected = f"{name}: must be a function that takes ({', '.join(arguments)})"
+    if not callable(given):
+        raise InputError(f"{expected}, not {_shown(given)}")
+    try:
+        signature = inspect.signature(given)
+    except (TypeError, ValueError):  # one that is written in C
+        return given
+    try:
+        signature.bind(*arguments)
+    except TypeError as error:
+        called = getattr(given, "__qualname__", type(given).__qualname__)
+        raise InputError(f"{expected}; {called} takes {signature}: {error}") from None
+    return given
+
+
+def mapping(name: str, given: object, instead: str) -> Mapping[Any, Any]:
+    """Return an argument that is a mapping. Raises InputError for others; instead: what to write."""
+    if isinstance(given, Mapping):
+        return given
+    raise InputError(f"{name}: must be a mapping, not {_shown(given)}; write {instead}")
 
 
 def listed(name: str, given: object, what: str) -> None:
@@ -41,3 +135,67 @@ def _shown(given: object) -> str:
     if given is None or isinstance(given, str | int | float | list | dict):
         return shown(given)
     return f"an object of the class {type(given).__name__}"
+
+
+def _is_finite(given: object) -> bool:
+    """Whether it is a real number that a float can hold."""
+    if isinstance(given, bool) or not isinstance(given, numbers.Real):
+        return False
+    try:
+        return math.isfinite(given)
+    except OverflowError:  # an integer beyond binary64
+        return False
+
+
+def _servers(name: str, given: object) -> object:
+    if isinstance(given, str | Mapping | Sequence) and not isinstance(given, bytes):
+        return given
+    try:
+        return integer(name, given)
+    except InputError:
+        raise InputError(
+            f"{name}: must be auto, local, in-process or a number from 1 on, not {_shown(given)}"
+        ) from None
+
+
+def _wait(name: str, given: object) -> float:
+    found: Any = given
+    if _is_finite(given) and found >= 0:
+        return float(found)
+    raise InputError(f"{name}: is {given!r}, expected seconds: a finite number, at least 0")
+
+
+def _axis(name: str, given: object) -> object:
+    if isinstance(given, str) and given in {"evaluations", "generations"}:
+        return given
+    raise InputError(f"{name}: must be one of evaluations, generations, not {_shown(given)}")
+
+
+def _simulation(name: str, given: object) -> object:
+    if isinstance(given, str | type):
+        return given
+    raise InputError(f"{name}: must be a class, or 'FILE:Class', not {_shown(given)}")
+
+
+def _each(check: Callable[..., object], names: str, *more: object) -> dict[str, Callable[..., object]]:
+    return {name: lambda name, given: check(name, given, *more) for name in names.split()}
+
+
+_CHECKS: Mapping[str, Callable[..., object]] = {
+    **_each(integer, "seed seeds episodes generations evaluations candidates random jobs at"),
+    **_each(integer, "candidate generation episode sensors actuators"),
+    **_each(number, "seconds speed"),
+    **_each(flag, "progress visual trust accept_changed_code pseudo_reality verify force"),
+    **_each(function, "on_generation", ("generation",)),
+    **_each(function, "on_progress", ("done", "total", "waiting_for")),
+    **_each(path_of, "out", "a folder for the results"),
+    **_each(path_of, "output", "a folder"),
+    **_each(path_of, "path file mapping license field", "a file"),
+    **_each(text, "broker", "the URL of a broker such as mqtt://localhost:1883"),
+    **_each(text, "prefix group", "a text"),
+    "servers": _servers,
+    "wait": _wait,
+    "x": _axis,
+    "simulation": _simulation,
+}
+"""Name of an argument -> what checks it, given name and value, and returns the value."""

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from swarmwright.core.arguments import instance
+from swarmwright.core.arguments import checked, instance
+from swarmwright.core.arrays import float32_of
 from swarmwright.core.errors import InputError, RunError
 from swarmwright.core.random_numbers import Stream
 from swarmwright.core.untrusted import one_line
@@ -19,6 +20,7 @@ from swarmwright.simulations import catalogue
 from swarmwright.store import Journal
 
 
+@checked
 def evaluate(
     experiment: Experiment,
     genomes: ArrayLike,
@@ -64,6 +66,7 @@ def evaluate(
     return ranking.score(results.fitness)
 
 
+@checked
 def simulate(
     experiment: Experiment,
     controller: Controller | None = None,
@@ -92,6 +95,8 @@ def simulate(
         RunError: no broker, no fitting server, or the episode failed.
     """
     instance("experiment", experiment, Experiment, "Experiment.load(file)")
+    if controller is not None:
+        instance("controller", controller, Controller, "Controller.load(path)")
     return episode(
         experiment,
         controller,
@@ -152,10 +157,7 @@ def episode(
 
 
 def _rows(genomes: ArrayLike) -> NDArray[np.float32]:
-    try:
-        rows = np.asarray(genomes, dtype=np.float32)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise InputError(f"genomes: must be an array of numbers: {error}") from error
+    rows = float32_of("genomes", genomes)
     if rows.ndim != 2:
         raise InputError(f"genomes: have the shape {rows.shape}; expected (candidates, genome_size)")
     return rows

@@ -1,7 +1,6 @@
 """Starting what an experiment is evaluated with: nothing, worker processes, or servers and a broker."""
 
 import logging
-import math
 import secrets
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -32,6 +31,7 @@ from swarmwright.evaluation.base import (
 from swarmwright.evaluation.launched import LaunchedServers, start
 from swarmwright.evaluation.module_code import is_in_python, names_of, with_digests
 from swarmwright.evaluation.through_broker import BrokerBackend
+from swarmwright.experiment.document import MOST_SERVERS
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.launchers._entries import Entries
 from swarmwright.simulations import catalogue
@@ -114,7 +114,7 @@ def open_backend(
                 modules=[] if machines is None else names_of([machines]),
             )
             environment = nullcontext
-        patience = experiment.timeouts.connect if wait is None else _checked(wait)
+        patience = experiment.timeouts.connect if wait is None else wait
         with environment(), engine_errors():
             pool = patiently(
                 # A command shows itself, in one piece: no step of it crosses the broker.
@@ -157,6 +157,8 @@ def _check(broker: str | None, servers: Servers | None) -> None:
             raise InputError(f"broker: {problem}")
     if isinstance(servers, int) and servers < 1:
         raise InputError(f"servers: must be auto, local, in-process or a number from 1 on, not {servers}")
+    if isinstance(servers, int) and servers > MOST_SERVERS:
+        raise InputError(f"servers: must be at least 1 and at most {MOST_SERVERS}, not {servers}")
     if servers in HERE and broker is not None:
         raise InputError(f"broker: servers are '{servers}', so no broker is used; leave one of the two out")
 
@@ -371,12 +373,3 @@ def _in_process(experiment: Experiment, metrics: Sequence[str], *, in_python: bo
 
         return ModulesBackend(experiment, metrics)
     return (PythonBackend if is_python(experiment.simulation) else InProcessBackend)(experiment, metrics)
-
-
-def _checked(wait: float) -> float:
-    """Return how long to wait for a broker. Raises InputError for what is not a number of seconds."""
-    given: Any = wait
-    real = isinstance(given, int | float) and not isinstance(given, bool)
-    if real and 0 <= given < math.inf:  # NaN is not
-        return wait
-    raise InputError(f"wait: is {wait!r}, expected seconds: a finite number, at least 0")

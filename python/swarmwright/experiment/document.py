@@ -19,6 +19,8 @@ _LONGEST = 1000
 _SERVERS = ("auto", "local", "in-process")
 AUTO = "auto"
 """Episodes of a validation: as many as are informative and cheap."""
+MOST_SERVERS = 1024
+"""Servers that a number starts, at most."""
 _MOST = 100_000
 """Episodes of a validation."""
 _LARGEST_VALIDATION = 1_000_000
@@ -27,9 +29,9 @@ _LARGEST_VALIDATION = 1_000_000
 
 def _servers(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
     if isinstance(value, int) and not isinstance(value, bool):
-        if 1 <= value <= 1024:
+        if 1 <= value <= MOST_SERVERS:
             return value
-        raise ValueError(f"must be at least 1 and at most 1024, not {value}")
+        raise ValueError(f"must be at least 1 and at most {MOST_SERVERS}, not {value}")
     if isinstance(value, str) and value in _SERVERS:
         return value
     if isinstance(value, tuple) and all(isinstance(one, LauncherOptions) for one in value):
@@ -44,7 +46,9 @@ def _servers(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
 Servers = Annotated[
     Any,
     BeforeValidator(_servers),
-    WithJsonSchema({"anyOf": [{"enum": list(_SERVERS)}, {"type": "integer", "minimum": 1, "maximum": 1024}]}),
+    WithJsonSchema(
+        {"anyOf": [{"enum": list(_SERVERS)}, {"type": "integer", "minimum": 1, "maximum": MOST_SERVERS}]}
+    ),
 ]
 
 

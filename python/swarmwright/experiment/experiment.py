@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, Literal, Self
 
-from swarmwright.core.arguments import listed, path_of
+from swarmwright.core.arguments import checked, listed, mapping, path_of
 from swarmwright.core.errors import InputError
 from swarmwright.core.files import write_text
 from swarmwright.core.flatten import flat
@@ -152,9 +152,12 @@ class Experiment:
 
         Raises InputError with every problem.
         """
-        simulation = values.get("simulation")
+        simulation = mapping("values", values, "{'simulation': 'minisim'}").get("simulation")
         if isinstance(simulation, type):
             values = {**values, "simulation": name_of(simulation)}
+        elif hasattr(simulation, "reset"):
+            kind = type(simulation).__name__
+            raise InputError(f"simulation: is an object of the class {kind}; give the class itself, {kind}")
         return cls._checked(Source("", values=_plain(values)), None)
 
     @classmethod
@@ -226,6 +229,7 @@ class Experiment:
             f"Experiment{name}: {self.label}", [(key, shortened(value)) for key, value in values.items()]
         )
 
+    @checked
     def save(self, path: str | Path) -> None:
         """Write the experiment as a file that loads to an equal one, every default written out.
 
@@ -313,6 +317,7 @@ class Experiment:
         """What the run may use: generations, evaluations, seconds."""
         return Budget.of(self.method)
 
+    @checked
     def representation(self, sensors: int | None = None, actuators: int | None = None) -> Representation:
         """Return the representation of genomes.
 

@@ -7,6 +7,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
+from swarmwright.core.arguments import mapping, number
 from swarmwright.core.errors import InputError
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.settings import key_path
@@ -33,13 +34,14 @@ class Range:
             raise InputError(f"--vary {text}: {error}") from None
 
     @classmethod
-    def of(cls, key: str, values: Sequence[float]) -> "Range":
+    def of(cls, key: str, values: Any) -> "Range":  # noqa: ANN401 - whatever a caller gives
         """Return the range of a key, `parameters.speedDefenders`. Raises InputError."""
         try:
             path, rest = key_path(f"{key}=")
-            if rest or len(values) != 2:
+            if rest or not isinstance(values, Sequence) or len(values) != 2:
                 raise InputError("expected a key and the lowest and highest value")
-            return cls(path, *values).checked()
+            low, high = (number("the lowest and highest value", one) for one in values)
+            return cls(path, low, high).checked()
         except InputError as error:
             raise InputError(f"vary: {key}: {error}") from None
 
@@ -83,7 +85,7 @@ def _number(text: str) -> float | None:
         return int(text)
     except ValueError:
         with suppress(ValueError):
-            return number if math.isfinite(number := float(text)) else None
+            return value if math.isfinite(value := float(text)) else None
     return None
 
 
@@ -121,4 +123,8 @@ def require_e_pucks(experiment: Experiment) -> None:
 
 def ranges_of(vary: Mapping[str, Sequence[float]] | Iterable[Range]) -> list[Range]:
     """Return ranges by their keys. Raises InputError."""
-    return [Range.of(*one) for one in vary.items()] if isinstance(vary, Mapping) else list(vary)
+    given: Any = vary
+    if isinstance(given, list | tuple) and all(isinstance(one, Range) for one in given):
+        return list(given)
+    named = mapping("vary", given, "{'parameters.speedDefenders': (0.4, 0.8)}")
+    return [Range.of(key, values) for key, values in named.items()]

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from swarmwright.core.arguments import listed
+from swarmwright.core.arguments import text as argument
 from swarmwright.core.errors import InputError
 from swarmwright.core.problems import shown
 from swarmwright.core.yaml import Path_, Source, dotted_path, parse
@@ -42,7 +43,8 @@ def parse_settings(texts: Iterable[str]) -> list[Setting]:
     """
     listed("settings", texts, "settings such as method.generations=50")
     settings, problems = [], []
-    for text in texts:
+    for one in texts:
+        text = argument("settings", one, "a list of texts such as method.generations=50")
         try:
             settings.append(_setting(text))
         except InputError as error:

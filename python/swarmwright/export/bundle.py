@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmwright.core.arguments import checked
 from swarmwright.core.errors import InputError, RunError, SwarmwrightError
 from swarmwright.core.files import read_bytes
 from swarmwright.core.teams import TEAM
@@ -68,6 +69,7 @@ class Bundle:
     """Forms that are missing, and why."""
 
 
+@checked
 def export_bundle(
     run: "Run | str | Path",
     file: str | Path,

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from swarmwright.core.arguments import checked
 from swarmwright.core.errors import InputError, RunError, SwarmwrightError
 from swarmwright.core.modules import PYTHON_KIND
 from swarmwright.core.untrusted import one_line
@@ -90,6 +91,7 @@ class BundleVerification:
         }
 
 
+@checked
 def verify_bundle(file: str | Path) -> BundleVerification:
     """Check a bundle, wherever it comes from; nothing that it contains is executed unless it is known.
 

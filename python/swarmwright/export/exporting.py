@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from swarmwright.core.arguments import checked, text
 from swarmwright.export import EXPORTERS
 from swarmwright.export.subject import Subject, subject_of
 from swarmwright.export.text import check_prefix
@@ -28,6 +29,7 @@ class Exported:
     """None unless it was asked for."""
 
 
+@checked
 def export_controller(
     run: "Run | str | Path",
     *,
@@ -66,7 +68,7 @@ def export_controller(
     from swarmwright.runs.run import Run  # noqa: PLC0415 - with figures and more
 
     check_prefix(prefix)
-    exporter = EXPORTERS.get(to)()
+    exporter = EXPORTERS.get(text("to", to, "the name of a form"))()
     opened = run if isinstance(run, Run) else Run.open(run)
     subject = subject_of(opened, generation, candidate, group)
     files = exporter.files(subject, prefix)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from swarmwright.core.arguments import checked
 from swarmwright.core.errors import InputError
 from swarmwright.core.registry import Registry
 from swarmwright.core.yaml import parse
@@ -36,6 +37,7 @@ class Imported:
     notes: tuple[str, ...]
 
 
+@checked
 def load(
     path: str | Path,
     *,

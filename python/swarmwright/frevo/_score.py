@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from swarmwright import _engine
+from swarmwright.core.arguments import checked
 from swarmwright.core.errors import InputError, engine_errors
 from swarmwright.frevo._components import LAYERS, NEAT, THREE_LAYERS, all_of, check
 from swarmwright.frevo._document import Section, open_session
@@ -64,6 +65,7 @@ class Scores:
         return max(one.difference for one in self.candidates)
 
 
+@checked
 def score(path: str | Path, *, field: str | Path | None = None) -> Scores:
     """Evaluate every candidate of a FREVO result file (.zre) again, in this process.
 

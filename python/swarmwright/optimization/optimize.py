@@ -9,11 +9,14 @@ from pathlib import Path
 from typing import Any, NoReturn, overload
 
 import numpy as np
+from pydantic import ValidationError
 
-from swarmwright.core.arguments import path_of
+from swarmwright.core.arguments import checked, path_of
 from swarmwright.core.errors import InputError, PlugInError, RunError
 from swarmwright.core.plug_in_code import reported
+from swarmwright.core.problems import problems_of
 from swarmwright.core.processes import use_threads
+from swarmwright.core.yaml import dotted_path
 from swarmwright.evaluation.base import Backend, Progress, Servers
 from swarmwright.experiment.experiment import ELSEWHERE, Experiment
 from swarmwright.methods import METHODS
@@ -46,6 +49,7 @@ class InterruptedWithResults(KeyboardInterrupt):
         self.folder = folder
 
 
+@checked
 def optimize(
     experiment: Experiment | str | Path,
     on_generation: OnGeneration | None = None,
@@ -132,6 +136,7 @@ def optimize(
     return _finished(folder)
 
 
+@checked
 def resume(
     run: Run | str | Path,
     on_generation: OnGeneration | None = None,
@@ -405,7 +410,12 @@ def prolonged(
     changes = {name: value for name, value in budget.items() if value is not None}
     if changes:
         options = {**new.to_mapping()["method"], **changes}
-        new = dataclasses.replace(new, method=type(new.method).model_validate(options))
+        try:
+            method_options = type(new.method).model_validate(options)
+        except ValidationError as error:
+            found = problems_of(error, type(new.method))
+            raise InputError("\n".join(f"{dotted_path(path)}: {words}" for path, words in found)) from error
+        new = dataclasses.replace(new, method=method_options)
     limits: dict[str, Any] = vars(new.budget)
     old = experiment.method
     if new.method.model_dump(exclude=set(limits)) != old.model_dump(exclude=set(limits)):

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmwright import _engine
-from swarmwright.core.arguments import path_of
+from swarmwright.core.arguments import checked, mapping, path_of
+from swarmwright.core.arrays import float32_of
 from swarmwright.core.errors import InputError, engine_errors, explained
 from swarmwright.core.files import read_bytes, write_text
 from swarmwright.core.modules import ACTUATORS, PYTHON_KIND, SENSORS
@@ -44,6 +45,7 @@ class Controller:
         if isinstance(specification, str):
             self._text = specification
         else:
+            mapping("controller", specification, "Controller.load(path) to read a file")
             try:
                 self._text = json.dumps(dict(specification), allow_nan=False)
             except (TypeError, ValueError) as error:
@@ -99,6 +101,7 @@ class Controller:
         except InputError as error:
             raise InputError(f"{file}: {error}") from error
 
+    @checked
     def save(self, path: str | Path) -> None:
         """Write the specification as JSON. Raises InputError when the file cannot be written."""
         write_text(path, json.dumps(self.specification, indent=2) + "\n")
@@ -153,10 +156,7 @@ class Controller:
                 "controller: is a parameter set, which steers no agents; see its `parameters`, or use "
                 "`simulate`"
             )
-        try:
-            values = np.asarray(sensors, dtype=np.float32)
-        except (TypeError, ValueError) as error:
-            raise InputError(f"sensors: must be an array of numbers: {error}") from error
+        values = float32_of("sensors", sensors)
         if values.ndim not in {1, 2} or values.shape[-1] != self.sensors or 0 in values.shape:
             raise InputError(
                 f"sensors: have the shape {values.shape}; expected ({self.sensors},) for one agent "

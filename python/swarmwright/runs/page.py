@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
+from swarmwright.core.arguments import checked
 from swarmwright.core.files import write_text
 from swarmwright.display.page import page
 from swarmwright.runs.replay import Replay
@@ -35,6 +36,7 @@ class ReplayPage:
             page([replay.part(recording)], caption=replay.caption(), speed=speed),
         )
 
+    @checked
     def save(self, path: str | Path) -> None:
         """Write the page, for a browser. Raises InputError when the file cannot be written."""
         write_text(path, self.html)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.core.arguments import instance, listed
+from swarmwright.core.arguments import checked, instance, listed, text
 from swarmwright.core.errors import InputError, RunError
 from swarmwright.core.statistics import Estimate, estimate, quantile
 from swarmwright.core.suggestions import unknown
@@ -138,6 +138,7 @@ class PostEvaluation:
         return cls(**others, episodes=episodes, ranking=ranking, metrics=metrics)
 
 
+@checked
 def post_evaluate(
     run: "Run",
     candidate: int | None = None,
@@ -177,6 +178,8 @@ def post_evaluate(
     from swarmwright.runs.run import Run  # noqa: PLC0415 - it imports this module
 
     instance("run", run, Run, "Run.open(folder)")
+    if experiment is not None:
+        instance("experiment", experiment, Experiment, "Experiment.load(file)")
     if episodes < 1:
         raise InputError(f"episodes: must be at least 1, not {episodes}")
     evaluation = run.evaluation(candidate, generation)
@@ -209,6 +212,7 @@ def _asked(experiment: Experiment, metrics: Sequence[str]) -> list[str]:
     """Return the names of the metrics that are asked for. Raises InputError for one that is not there."""
     if metrics != "all":
         listed("metrics", metrics, "names of metrics")
+        metrics = [text("metrics", name, "a list of names") for name in metrics]
     if not catalogue.is_described(experiment.simulation):
         if metrics == "all":
             raise InputError(

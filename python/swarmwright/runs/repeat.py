@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.core.arguments import instance
+from swarmwright.core.arguments import checked, instance
 from swarmwright.evaluation.base import Controllers, Servers
 from swarmwright.evaluation.opening import open_backend
 from swarmwright.experiment.experiment import Experiment
@@ -39,6 +39,7 @@ class Repeated:
         return bool(np.array_equal(self.recorded, self.repeated, equal_nan=True))
 
 
+@checked
 def repeat(
     run: "Run",
     candidate: int | None = None,
@@ -69,6 +70,8 @@ def repeat(
     from swarmwright.runs.run import Run  # noqa: PLC0415 - it imports this module
 
     instance("run", run, Run, "Run.open(folder)")
+    if experiment is not None:
+        instance("experiment", experiment, Experiment, "Experiment.load(file)")
     recorded = run.evaluation(candidate, generation)
     ran = _ran(run, recorded)
     experiment = experiment or used_for(run, recorded.generation, simulation)

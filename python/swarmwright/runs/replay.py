@@ -83,7 +83,9 @@ class Replay:
         )
         seeds = run.seeds(0) if chosen is None else chosen.seeds
         number = None if seed is not None else episode or 0
-        if number is not None and number >= len(seeds):
+        if seed is not None and not 0 <= seed < 2**63:
+            raise InputError(f"seed: must be from 0 to 2**63 - 1, not {seed}")
+        if number is not None and not 0 <= number < len(seeds):
             has = "one episode, 0" if len(seeds) == 1 else f"{len(seeds)} episodes, 0 to {len(seeds) - 1}"
             raise InputError(
                 f"episode {number}: the run evaluated {has}; another is played by its seed (--seed)"

@@ -9,7 +9,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Self, SupportsIndex, get_args
 
-from swarmwright.core.arguments import path_of
+from swarmwright.core.arguments import checked, flag, path_of
 from swarmwright.core.errors import InputError, RunError
 from swarmwright.core.html import facts, picture, png_of
 from swarmwright.core.statistics import Summary
@@ -83,6 +83,7 @@ class Run:
 
         Raises InputError when `path` is not a run folder, or when its store cannot be read.
         """
+        flag("trust", trust)
         run = cls(path)
         with trusting() if trust else nullcontext():
             _ = run.history, run.experiment  # report errors now rather than later
@@ -252,6 +253,7 @@ class Run:
         """
         return RecordTable(self.store.record(), self.metrics)
 
+    @checked
     def evaluation(
         self, candidate: SupportsIndex | None = None, generation: SupportsIndex | None = None
     ) -> Evaluation:
@@ -266,6 +268,7 @@ class Run:
         """
         return self.store.evaluation(candidate, generation)
 
+    @checked
     def seeds(self, generation: int) -> list[int]:
         """Return the simulation seed of each episode of a generation. Raises InputError without that one."""
         return self.store.seeds(generation)
@@ -283,6 +286,7 @@ class Run:
         """
         return self.store.digest()
 
+    @checked
     def export(self, path: str | Path) -> None:
         """Write the record as a table, a line per evaluation, sorted by generation and candidate.
 
@@ -294,6 +298,7 @@ class Run:
         """
         write_table(self.store, Path(path))
 
+    @checked
     def plot(self, path: str | Path | None = None, *, x: str = "evaluations") -> "Figure":
         """Return a matplotlib figure of fitness and diversity, which a notebook shows.
 
@@ -317,6 +322,7 @@ class Run:
             style.save(figure, Path(path))
         return figure
 
+    @checked
     def replay(
         self,
         *,
@@ -342,6 +348,8 @@ class Run:
         """
         from swarmwright.runs.page import ReplayPage
 
+        if speed <= 0:
+            raise InputError(f"speed: must be greater than 0, not {speed}")
         return ReplayPage.of(
             self,
             generation=generation,

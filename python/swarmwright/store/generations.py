@@ -28,6 +28,8 @@ _SAMPLE = "SELECT address, numbers FROM sample WHERE generation = ?"
 _BLOCKS = f"SELECT {COLUMNS} FROM block WHERE first >= ? AND first < ? ORDER BY first"  # noqa: S608 - our own names
 _JOINED = 1 << 18
 """Bytes of fitness that are looked through at once."""
+_LARGEST = 1 << 62
+"""Of a number that is looked for; SQLite's integers have 64 bits."""
 MISSING = "it is missing in the table generation"
 ROW_DISAGREES = "the table generation disagrees with its digest"
 _WRONG = (*digests.WRONG_TYPES, ValueError)
@@ -108,6 +110,8 @@ class Generations:
 
     def row(self, generation: int) -> Row | None:
         """Return a generation; None when there is none of that number."""
+        if abs(generation) > _LARGEST:
+            return None
         found = self.select(
             "WHERE generation BETWEEN ? AND ? ORDER BY generation", generation - 1, generation
         )
@@ -127,6 +131,8 @@ class Generations:
 
     def of_evaluation(self, number: int) -> Row | None:
         """Return the generation that an evaluation belongs to; None when there is none of that number."""
+        if abs(number) > _LARGEST:
+            return None
         found = self._connection.execute(
             "SELECT generation, evaluations FROM generation WHERE first <= ? "
             "ORDER BY generation DESC LIMIT 1",

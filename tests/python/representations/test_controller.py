@@ -88,11 +88,10 @@ def test_the_number_of_agents_changes_with_reset_only(controller: Controller) ->
         (np.zeros((0, 3)), r"have the shape \(0, 3\)"),
         (1.0, "have the shape"),
         ([0, np.nan, 0], "not finite"),
-        ([0, 1e300, 0], "not finite"),
+        ([0, 1e300, 0], r"^sensors: 1e\+300 at \[1\] is too large for a 32-bit float, at most 3.40282e\+38$"),
         (["a", "b", "c"], "must be an array of numbers"),
     ],
 )
-@pytest.mark.filterwarnings("ignore:overflow encountered in cast")
 def test_wrong_sensors(sensors: Any, words: str, controller: Controller) -> None:
     with pytest.raises(InputError, match=words):
         controller(sensors)

@@ -11,7 +11,7 @@ from swarmwright.analysis.sweep.execution import Listener, conduct
 from swarmwright.analysis.sweep.file import Sweep
 from swarmwright.analysis.sweep.remaining import Status
 from swarmwright.analysis.sweep.run import Task, tasks
-from swarmwright.core.arguments import path_of
+from swarmwright.core.arguments import checked, path_of
 from swarmwright.core.formatting import duration
 from swarmwright.core.html import facts, table
 from swarmwright.core.notebook import Text, in_notebook
@@ -73,10 +73,12 @@ class SweepResult:
             for run, label, one in zip(self.runs, self.labels, experiments, strict=True)
         ]
 
+    @checked
     def compare(self, *, at: int | None = None) -> Comparison:
         """Compare the variants; see `swarmwright.compare`. Raises InputError when no run was finished."""
         return compare(self.runs, at=at)
 
+    @checked
     def plot(self, path: str | Path | None = None, *, x: str = "evaluations") -> "Figure":
         """Return the figure of the comparison; write it as well where a path is given (.png, .svg, .pdf).
 
@@ -108,6 +110,7 @@ class SweepResult:
         )
 
 
+@checked
 def sweep(
     source: str | Path | Mapping[str, Any],
     *,

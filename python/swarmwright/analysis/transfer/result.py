@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from swarmwright.analysis.groups import RunGroup
 from swarmwright.analysis.significance import Difference, difference, holm
+from swarmwright.core.arguments import checked
 from swarmwright.core.errors import InputError
 from swarmwright.core.files import write_text
 from swarmwright.runs.transfer.transferred import Transferred
@@ -117,6 +118,7 @@ class Transfer:
 
         return draw(self)
 
+    @checked
     def plot(self, path: str | Path) -> Path:
         """Draw `figure` into a file (.png, .svg or .pdf); return its path.
 

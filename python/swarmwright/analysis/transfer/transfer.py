@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from swarmwright.analysis.groups import RunGroup, group
 from swarmwright.analysis.transfer.result import Transfer
-from swarmwright.core.arguments import listed
+from swarmwright.core.arguments import checked, listed, text
 from swarmwright.core.errors import InputError
 from swarmwright.evaluation.base import Progress, Servers
 from swarmwright.experiment.ranges import E_PUCKS, Range, ranges_of, require_e_pucks
@@ -25,6 +25,7 @@ FEW = 5
 """Runs of a design below which a test has little power."""
 
 
+@checked
 def transfer(
     runs: Iterable[Run | str | os.PathLike[str]],
     to: Sequence[str] = (),
@@ -68,6 +69,7 @@ def transfer(
     """
     listed("runs", runs, "run folders")
     listed("to", to, "simulations or files of them")
+    to = [text("to", one, "a list of names of simulations, or of files of them") for one in to]
     opened = [run if isinstance(run, Run) else Run.open(run) for run in runs]
     if not opened:
         raise InputError("there are no runs to transfer; name run folders such as runs/minisim-1")
