@@ -51,8 +51,10 @@ class Calls(Generic[Made]):
         except EpisodeError as error:  # it says where and what
             self._tell(str(error), error.stack)
             raise
+        except KeyboardInterrupt:
+            raise
         # Also `sys.exit` ends only the episode.
-        except (Exception, SystemExit) as error:  # noqa: BLE001 - a user's code may fail in any way
+        except BaseException as error:  # noqa: BLE001 - a user's code may fail in any way
             self._fail(self._cause(method, error), error)
 
     def _made(self) -> Made:
@@ -62,7 +64,9 @@ class Calls(Generic[Made]):
             return self._kind()
         except InputError:  # what it needs is not there
             raise
-        except (Exception, SystemExit) as error:  # noqa: BLE001 - as in `_call`
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:  # noqa: BLE001 - as in `_call`
             self._fail(self._cause("__init__", error), error)
 
     def _cause(self, method: str, error: BaseException) -> str:

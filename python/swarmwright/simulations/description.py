@@ -2,8 +2,10 @@
 
 import json
 import math
+import operator
 import re
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -172,6 +174,7 @@ def _metrics(where: str, metrics: Any) -> dict[str, str]:  # noqa: ANN401 - what
 
 
 def _count(where: str, name: str, value: Any, *, least: int = 1) -> int:  # noqa: ANN401 - whatever the class says
-    if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= _LARGEST:
-        raise InputError(f"{where}.{name}: {value!r} found, expected an integer from {least} to {_LARGEST}")
-    return value
+    with suppress(TypeError):
+        if not isinstance(value, bool) and least <= operator.index(value) <= _LARGEST:
+            return operator.index(value)
+    raise InputError(f"{where}.{name}: {value!r} found, expected an integer from {least} to {_LARGEST}")

@@ -308,7 +308,7 @@ class Host(Calls[Simulation | BatchSimulation]):
 def _number(value: Any) -> float:  # noqa: ANN401 - whatever the code returns
     """Return a number, NaN for anything else."""
     try:
-        return math.nan if isinstance(value, str) else float(value)
+        return math.nan if isinstance(value, str | bytes | bytearray | memoryview) else float(value)
     except (TypeError, ValueError, OverflowError):
         return math.nan
 

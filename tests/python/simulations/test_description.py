@@ -4,6 +4,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from swarmwright import Experiment, InputError, Parameter, Simulation
@@ -46,6 +47,20 @@ def test_properties_serve_as_well_and_the_class_gives_the_title() -> None:
 
     described = describe(Wide())
     assert (described.title, described.sensors) == ("wide", 7)
+
+
+def test_integers_of_numpy_serve_as_well(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Walk, "sensors", np.int64(2))
+    described = describe(Walk())
+    assert (described.sensors, type(described.sensors)) == (2, int)
+    assert Experiment.from_mapping({"simulation": Walk}).sensors == 2
+
+
+def test_an_object_in_the_place_of_a_class() -> None:
+    with pytest.raises(
+        InputError, match=r"^simulation: is an object of the class Walk; give the class itself, "
+    ):
+        Experiment.from_mapping({"simulation": Walk()})
 
 
 @pytest.mark.parametrize(

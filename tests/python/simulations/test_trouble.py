@@ -39,6 +39,8 @@ TROUBLE = [
     ("ragged", r"Walk.step: \[\[1.0\], \[1.0, 2.0\]\] returned, expected numbers"),
     ("not done", r"Walk.done: None returned, expected True or False"),
     ("fitness", r"Walk.fitness: nan returned, expected a finite number"),
+    ("abort", rf"Walk.fitness: Abort \(.*troubled.py:{line('raise Abort')}\)"),
+    ("bytes as fitness", r"Walk.fitness: b'1' returned, expected a finite number"),
     ("no fitness", r"Walk.fitness: None returned, expected a finite number"),
     ("acting", r"Walk.acting: \[0, 2\] returned, but there are 2 agents, from 0 to 1"),
     ("acting text", r"Walk.acting: \['0'\] returned, expected indices of agents, \(2,\) booleans or None"),

@@ -8,6 +8,10 @@ from numpy.typing import ArrayLike, NDArray
 from swarmwright import InputError, Parameter, Simulation
 
 
+class Abort(BaseException):
+    """Not an Exception, as those are that end a process."""
+
+
 class Walk(Simulation):
     """Two agents add up what they are told. In episodes whose seed is a multiple of 3 there is `trouble`."""
 
@@ -55,7 +59,10 @@ class Walk(Simulation):
         return {"not done": None}.get(self.trouble, self.left <= 0)
 
     def fitness(self) -> Any:
-        return {"fitness": np.nan, "no fitness": None}.get(self.trouble, self.sum)
+        if self.trouble == "abort":
+            raise Abort
+        wrong = {"fitness": np.nan, "no fitness": None, "bytes as fitness": b"1"}
+        return wrong.get(self.trouble, self.sum)
 
     def measure(self) -> Any:
         wrong = {"measure": {"left": self.left}, "measure text": "left", "measure nan": {"steps": None}}
