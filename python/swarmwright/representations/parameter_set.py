@@ -2,7 +2,6 @@
 
 from decimal import Decimal, localcontext
 from functools import cached_property
-from itertools import pairwise
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
@@ -28,18 +27,27 @@ Numbers = NDArray[np.float64]
 def _range(value: Any, whole: bool) -> Any:  # noqa: ANN401 - whatever the file says
     kinds, largest = ((int,), _LARGEST_INTEGER) if whole else ((int, float), _LARGEST_REAL)
 
-    def fits(bound: Any) -> bool:  # noqa: ANN401 - whatever the file says
-        return isinstance(bound, kinds) and not isinstance(bound, bool) and abs(bound) <= largest
+    def is_number(bound: Any) -> bool:  # noqa: ANN401 - whatever the file says
+        return isinstance(bound, kinds) and not isinstance(bound, bool) and bound == bound  # NaN is not
 
-    if (
-        isinstance(value, list | tuple)
-        and len(value) == 2
-        and all(map(fits, value))
-        and all(np.float32(low) < np.float32(high) for low, high in pairwise(value))
-    ):
-        return list(value)
-    what = f"whole numbers within +-{largest}" if whole else "numbers"
-    raise ValueError(f"must be [lowest, highest], two {what}, not {shown(value)}")
+    if not (isinstance(value, list | tuple) and len(value) == 2 and all(map(is_number, value))):
+        what = f"whole numbers within +-{largest}" if whole else "numbers"
+        raise ValueError(f"must be [lowest, highest], two {what}, not {shown(value)}")
+    low, high = value
+    for bound in value:
+        if abs(bound) > largest:
+            where = "where every whole number is a 32-bit float" if whole else "the range of 32-bit floats"
+            limits = f"-{largest} to {largest}" if whole else f"-{largest:g} to {largest:g}"
+            raise ValueError(f"{shown(bound)} is outside of {limits}, {where}")
+    if low > high:
+        raise ValueError(f"must be [lowest, highest], but {low} is above {high}; write [{high}, {low}]")
+    if np.float32(low) == np.float32(high):
+        same = "the same number" if low == high else "the same 32-bit float"
+        raise ValueError(
+            f"must have two values at least, but {low} and {high} are {same}; a parameter that does not vary "
+            "is given under the experiment's key parameters"
+        )
+    return [low, high]
 
 
 def _pair(kind: str) -> WithJsonSchema:

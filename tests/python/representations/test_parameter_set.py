@@ -137,10 +137,29 @@ def test_distances_are_those_of_genes_and_categories() -> None:
     [
         (
             {"type": "real", "range": [1, 1]},
-            r"x\.range: must be \[lowest, highest\], two numbers, not",
+            r"x\.range: must have two values at least, but 1 and 1 are the same number; a parameter that",
+        ),
+        (
+            {"type": "real", "range": [1.0, 1.00000001]},
+            r"x\.range: must have two values at least, but 1\.0 and 1\.00000001 are the same 32-bit float;",
+        ),
+        (
+            {"type": "real", "range": [5, -1.5]},
+            r"x\.range: must be \[lowest, highest\], but 5 is above -1\.5; write \[-1\.5, 5\]$",
+        ),
+        (
+            {"type": "integer", "range": [3, 2]},
+            r"x\.range: must be \[lowest, highest\], but 3 is above 2; write \[2, 3\]$",
+        ),
+        (
+            {"type": "real", "range": [0, True]},
+            r"x\.range: must be \[lowest, highest\], two numbers, not \[0, True\]$",
         ),
         ({"type": "real", "range": [1]}, r"x\.range: must be \[lowest, highest\]"),
-        ({"type": "real", "range": [0, 1e39]}, r"x\.range: must be \[lowest, highest\]"),
+        (
+            {"type": "real", "range": [0, 1e39]},
+            r"x\.range: 1e\+39 is outside of -3\.40282e\+38 to 3\.40282e\+38, the range of 32-bit floats$",
+        ),
         ({"type": "real"}, r"x\.range: is missing"),
         (
             {"type": "real", "range": [0, 1], "scale": "log"},
@@ -152,7 +171,10 @@ def test_distances_are_those_of_genes_and_categories() -> None:
             {"type": "integer", "range": [0, 1.5]},
             r"x\.range: must be .*, two whole numbers within \+-1677",
         ),
-        ({"type": "integer", "range": [0, 2**25]}, r"x\.range: must be .*, two whole numbers within"),
+        (
+            {"type": "integer", "range": [-(2**25), 0]},
+            r"x\.range: -33554432 is outside of -16777216 to 16777216, where every whole number is a",
+        ),
         (
             {"type": "categorical", "choices": ["a"]},
             r"x\.choices: must be a list of at least two",
