@@ -6,13 +6,14 @@ import sqlite3
 from collections.abc import Iterable
 from contextlib import ExitStack, suppress
 from pathlib import Path
-from typing import Any, NoReturn, overload
+from typing import Any, NoReturn
 
 import numpy as np
 from pydantic import ValidationError
 
 from swarmwright.core.arguments import checked, path_of
 from swarmwright.core.errors import InputError, PlugInError, RunError
+from swarmwright.core.place import Place
 from swarmwright.core.plug_in_code import reported
 from swarmwright.core.problems import problems_of
 from swarmwright.core.processes import use_threads
@@ -100,8 +101,8 @@ def optimize(
     _ = experiment.first_seed  # report errors before anything is started
     at_end.check(experiment, broker)
     at_end.allow(experiment)
-    folder: Path | None = None
-    begun_in = Path.cwd()
+    folder: Place | None = None
+    asked = None if out is None else Place(Path(out))
     try:
         with reported(), shown(progress, on_generation, on_progress) as (on_generation, on_progress):
             with open_simulations(experiment, broker=broker, servers=servers, wait=wait) as backend:
@@ -114,26 +115,26 @@ def optimize(
                 code = parts_of(experiment)
                 warn_of_edits(code)
                 size = stored(resolved, representation)
-                folder = default_folder(experiment) if out is None else Path(out)
-                place = folder.absolute()  # a simulation may change the working folder
-                with StoreWriter.create(place, resolved, backend.metrics, code, size) as store, reported():
+                folder = asked or Place(default_folder(experiment))
+                with (
+                    StoreWriter.create(folder.absolute, resolved, backend.metrics, code, size) as store,
+                    reported(),
+                ):
                     loop = _new_loop(resolved, representation, store)
                     libraries = (*loop.libraries, *distributions(code))
                     store.follow_use({}, backend.server_use)
                     store.begin(backend.description, libraries, 1 if code else None)
                     _run(resolved, store, loop, backend, on_generation, on_progress)
-            folder = _from_here(folder, begun_in)
-            _transfer(experiment, folder, on_progress, broker=broker, servers=servers)
+            _transfer(experiment, folder.path, on_progress, broker=broker, servers=servers)
     except KeyboardInterrupt:
-        folder = _from_here(folder, begun_in)
-        if folder is not None and folder.exists():
-            if _holds_results(folder):
-                raise InterruptedWithResults(folder) from None
-            remove_run(folder)
+        if folder is not None and folder.path.exists():
+            if _holds_results(folder.path):
+                raise InterruptedWithResults(folder.path) from None
+            remove_run(folder.path)
         raise
     except RunError as error:
-        _fail(error, _from_here(folder, begun_in))
-    return _finished(folder)
+        _fail(error, None if folder is None else folder.path)
+    return _finished(folder.path)
 
 
 @checked
@@ -189,7 +190,6 @@ def resume(
             candidates again.
     """
     folder = run.path if isinstance(run, Run) else path_of("run", run, "a run folder")
-    begun_in = Path.cwd()
     run = Run.open(folder, trust=trust)
     try:
         with shown(progress, on_generation, on_progress) as (on_generation, on_progress):
@@ -203,13 +203,12 @@ def resume(
                 simulation=simulation,
                 where={"broker": broker, "servers": servers, "wait": wait},
             )
-            folder = _from_here(folder, begun_in)
-            _transfer(None, folder, on_progress, broker=broker, servers=servers)
+            _transfer(None, run.path, on_progress, broker=broker, servers=servers)
     except KeyboardInterrupt:
-        raise InterruptedWithResults(_from_here(folder, begun_in)) from None
+        raise InterruptedWithResults(run.path) from None
     except RunError as error:
-        _fail(error, _from_here(folder, begun_in))
-    return _finished(folder)
+        _fail(error, run.path)
+    return _finished(run.path)
 
 
 def _continue(
@@ -285,21 +284,6 @@ def _with_changed_modules(
     changed = _new_loop(now, representations[1], store)
     changed.replay(reader)
     return changed
-
-
-@overload
-def _from_here(folder: Path, begun_in: Path) -> Path: ...
-
-
-@overload
-def _from_here(folder: None, begun_in: Path) -> None: ...
-
-
-def _from_here(folder: Path | None, begun_in: Path) -> Path | None:
-    """Return the path of a folder, given from `begun_in`, as it is from the working folder now."""
-    if folder is None or (Path.cwd() == begun_in):
-        return folder
-    return begun_in / folder
 
 
 def _holds_results(folder: Path) -> bool:

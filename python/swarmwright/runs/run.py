@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self, SupportsIndex, get_args
 from swarmwright.core.arguments import checked, flag, path_of
 from swarmwright.core.errors import InputError, RunError
 from swarmwright.core.html import facts, picture, png_of
+from swarmwright.core.place import Place
 from swarmwright.core.statistics import Summary
 from swarmwright.experiment.budget import Ended
 from swarmwright.experiment.experiment import Experiment
@@ -68,9 +69,14 @@ class Run:
 
     def __init__(self, path: str | os.PathLike[str], store: StoreReader | None = None) -> None:
         folder = path_of("path", path, "a run folder")
-        self.path = folder if store else find_store(folder)
+        self._place = Place(folder if store else find_store(folder))
         self.store = store or StoreReader(self.path)
         """What run.sqlite holds, table by table."""
+
+    @property
+    def path(self) -> Path:
+        """The folder: as it was given, or absolute where the working folder has changed since."""
+        return self._place.path
 
     @classmethod
     def open(cls, path: str | os.PathLike[str], *, trust: bool = False) -> Self:

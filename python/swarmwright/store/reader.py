@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from swarmwright import _engine
 from swarmwright.core.errors import InputError, RunError
+from swarmwright.core.place import Place
 from swarmwright.core.server_use import ServerUse, read
 from swarmwright.core.statistics import Summary
 from swarmwright.rankings._base import best_first
@@ -88,11 +89,19 @@ class StoreReader:
     def __init__(
         self, folder: Path, name: str = FILE, connect: Callable[[], sqlite3.Connection] | None = None
     ) -> None:
-        self._folder = folder
+        self._where = Place(folder)
+        self._name = name
         self._connect = connect
-        self.file = folder / name
-        """The store itself."""
         _ = self._facts  # report errors now rather than later
+
+    @property
+    def _folder(self) -> Path:
+        return self._where.path
+
+    @property
+    def file(self) -> Path:
+        """The store itself."""
+        return self._folder / self._name
 
     def _reading(self) -> AbstractContextManager[sqlite3.Connection]:
         if self._connect is not None:

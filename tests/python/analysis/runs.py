@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from swarmwright import Experiment, Run
+from swarmwright.core.place import Place
 from swarmwright.core.statistics import Summary, figures_of, summarize
 from swarmwright.store import Record
 from swarmwright.store.table import RecordTable
@@ -23,7 +24,7 @@ class KnownRun(Run):
     def __init__(
         self, path: Path, fitness: Sequence[Sequence[float]], *, genomes: Any = None, **changes: Any
     ) -> None:
-        self.path = path  # and no store
+        self._place = Place(path)  # and no store
         self._fitness = [np.array(row, dtype=np.float64) for row in fitness]
         self._experiment = Experiment.from_mapping(BASE).replace(**changes)
         self._genomes = genomes

@@ -1,6 +1,7 @@
 """Run folders: written, read back, repeated."""
 
 import csv
+import re
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from threading import Barrier
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 from pyarrow import parquet
 
-from swarmwright import Experiment, InputError, Run, optimize, repeat
+from swarmwright import Experiment, InputError, Run, optimize, repeat, resume
 from swarmwright.core.statistics import quantile
 from swarmwright.runs import picture
 from swarmwright.runs.folders import default_folder
@@ -193,6 +194,28 @@ def test_results_are_never_written_over(tmp_path: Path) -> None:
     assert [file.name for file in (tmp_path / "full").iterdir()] == ["thesis.txt"]
     (tmp_path / "empty").mkdir()
     assert optimize(EXPERIMENT, lambda _: False, out=tmp_path / "empty").generations == 1
+
+
+def test_a_run_in_a_relative_folder_outlives_another_working_folder(
+    copy: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(copy.parent)
+    run = Run.open("copy")
+    assert (run.path, run.store.file) == (Path("copy"), Path("copy/run.sqlite"))
+    with pytest.raises(InputError, match=r"^copy: holds the generations 0 to \d+, not 99$"):
+        run.seeds(99)
+    monkeypatch.chdir("/")
+    assert (run.path, run.store.file) == (copy, copy / "run.sqlite")
+    assert len(run.record.fitness) == run.evaluations
+    assert run.best.controller.sensors == 4
+    assert repeat(run).same
+    assert run.replay().fitness == run.evaluation().episodes[0]
+    run.export(copy / "table.csv")
+    with pytest.raises(InputError, match=rf"^{re.escape(str(copy))}: holds the generations"):
+        run.seeds(99)
+    assert resume(run, generations=run.generations + 1).generations == run.generations + 1
+    monkeypatch.chdir(copy.parent)
+    assert run.path == Path("copy")
 
 
 def test_default_folders_are_numbered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
