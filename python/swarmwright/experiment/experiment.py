@@ -7,6 +7,8 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, Literal, Self
 
+from pydantic import BaseModel
+
 from swarmwright.core.arguments import checked, listed, mapping, path_of
 from swarmwright.core.errors import InputError
 from swarmwright.core.files import write_text
@@ -68,6 +70,10 @@ class Experiment:
     seed: int
     path: Path | None = field(default=None, compare=False)
     """The file it was loaded from."""
+
+    def __hash__(self) -> int:
+        """Return the same for equal experiments: what the file is called does not count."""
+        return hash(tuple(_hashable(getattr(self, one.name)) for one in fields(self) if one.compare))
 
     @classmethod
     def load(cls, path: str | Path, settings: Iterable[str] = ()) -> Self:
@@ -389,6 +395,15 @@ def shortened(value: object) -> str:
     """Return a value as text, not longer than a line."""
     text = str(value)
     return text if len(text) <= 100 else f"{text[:99]}…"
+
+
+def _hashable(value: Any) -> Any:  # noqa: ANN401 - any nested value
+    """Return what has the same hash for equal values: 1 and 1.0 are equal."""
+    if isinstance(value, BaseModel):
+        value = value.model_dump()
+    if isinstance(value, Mapping):
+        return frozenset((key, _hashable(inner)) for key, inner in value.items())
+    return tuple(map(_hashable, value)) if isinstance(value, list | tuple) else value
 
 
 def _plain(value: Any) -> Any:  # noqa: ANN401 - any nested value

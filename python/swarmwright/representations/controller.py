@@ -32,7 +32,7 @@ class Controller:
     one; `reset` begins a new episode. In a team, rows belong to its groups of agents in their order; what a
     row has beyond the sensors of the agent's group does not count, and what it has beyond its actuators is 0.
     A parameter set steers no agents: it has `parameters` and cannot be
-    called.
+    called. It can be pickled and copied; a copy is at the start of an episode.
 
     Args:
         specification: mapping or JSON text, see protocol/schemas/controller.schema.json.
@@ -228,6 +228,10 @@ class Controller:
         rows += self.parameters.items()
         drawing = png_of(figure(values, title=str(values.get("kind", "controller"))))
         return facts("Controller", rows) + picture(drawing, 480, "the controller, drawn")
+
+    def __reduce__(self) -> tuple[type[Self], tuple[str]]:
+        """Pickle and copy the specification: a copy is at the start of an episode."""
+        return type(self), (self._text,)
 
     def __repr__(self) -> str:
         """Name the kind and the sizes."""

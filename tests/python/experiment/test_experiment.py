@@ -327,6 +327,30 @@ def test_another_simulation_has_sensors_of_its_own() -> None:
     assert (changed.sensors, changed.actuators, changed.requirements.dimensions) == (4, 1, 2)
 
 
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"parameters": {"speedAgents": 1}},
+        {
+            "controller": {"kind": "layered", "hidden": [8, 4]},
+            "validate": {"vary": {"parameters.speedDefenders": [0, 1]}},
+        },
+        {"servers": {"launcher": "process", "count": 2}, "ranking": {"kind": "race"}},
+        {"method": {"kind": "cma_es"}},
+    ],
+)
+def test_equal_experiments_have_equal_hashes(changes: dict[str, Any], tmp_path: Path) -> None:
+    experiment = Experiment.from_mapping({"simulation": "minisim", **changes})
+    experiment.save(tmp_path / "saved.yaml")
+    loaded = Experiment.load(tmp_path / "saved.yaml")
+    assert (loaded, hash(loaded)) == (experiment, hash(experiment))
+    assert {experiment: "a"}[loaded] == "a"
+    assert len({experiment, loaded, experiment.replace(seed=7)}) == 2
+    whole, real = (experiment.replace(parameters={"speedAgents": value}) for value in (1, 1.0))
+    assert (whole == real, hash(whole) == hash(real)) == (True, True)
+
+
 def test_experiments_do_not_change() -> None:
     experiment = Experiment.from_mapping({"simulation": "minisim"})
     with pytest.raises(dataclasses.FrozenInstanceError):

@@ -1,6 +1,8 @@
 """Controllers are callable on numpy arrays."""
 
+import copy
 import json
+import pickle
 from pathlib import Path
 from typing import Any
 
@@ -110,6 +112,15 @@ def test_wrong_sensors(sensors: Any, words: str, controller: Controller) -> None
 def test_wrong_specifications(change: dict[str, Any], words: str) -> None:
     with pytest.raises(InputError, match=f"controller: .*{words}"):
         Controller(specification() | change)
+
+
+def test_a_controller_can_be_pickled_and_copied(controller: Controller) -> None:
+    sensors = np.full(3, 0.5, np.float32)
+    first = controller(sensors)
+    controller(sensors)
+    for again in (pickle.loads(pickle.dumps(controller)), copy.copy(controller), copy.deepcopy(controller)):
+        assert again.specification == controller.specification
+        assert again(sensors).tobytes() == first.tobytes()  # from the start of an episode
 
 
 def test_saving_and_loading(controller: Controller, tmp_path: Path) -> None:

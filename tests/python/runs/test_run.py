@@ -1,6 +1,7 @@
 """Run folders: written, read back, repeated."""
 
 import csv
+import pickle
 import re
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -194,6 +195,12 @@ def test_results_are_never_written_over(tmp_path: Path) -> None:
     assert [file.name for file in (tmp_path / "full").iterdir()] == ["thesis.txt"]
     (tmp_path / "empty").mkdir()
     assert optimize(EXPERIMENT, lambda _: False, out=tmp_path / "empty").generations == 1
+
+
+def test_the_best_controller_can_be_pickled(finished: Run) -> None:
+    controller = finished.best.controller
+    again = pickle.loads(pickle.dumps(controller))
+    assert again([0.9, 0.0, 0.5, 0.1]).tobytes() == controller([0.9, 0.0, 0.5, 0.1]).tobytes()
 
 
 def test_a_run_in_a_relative_folder_outlives_another_working_folder(
