@@ -196,6 +196,7 @@ def takes_any(simulation: str) -> bool:
 def steers_itself(simulation: str, parameters: dict[str, Any]) -> bool:
     """Return whether the agents of a simulation that is here steer themselves with these parameters.
 
+    So do those of a class whose episodes end at their start, which computes everything in `reset`.
     Raises InputError for parameters that the simulation refuses.
     """
     with engine_errors():
@@ -207,7 +208,7 @@ def steers_itself(simulation: str, parameters: dict[str, Any]) -> bool:
             if host.steers_itself is not None:
                 return bool(host.steers_itself)
             acting, _, done = host.reset(parameters)
-            return not len(acting) and not done
+            return done or not len(acting)
         return _engine.steers_itself(known, parameters)
 
 

@@ -10,7 +10,7 @@ import pytest
 from swarmwright import Experiment, InputError, Run, evaluate, optimize, resume
 from tests.python.records import same_record
 from tests.python.simulations import minisim
-from tests.python.simulations.troubled import Alone, Drifting, InTurn, Walk
+from tests.python.simulations.troubled import Alone, Drifting, Function, InTurn, Walk
 
 HERE = Path(__file__).parent
 PARAMETERS = {"placement": "random", "numAgents": 3, "numDefenders": 2, "maxSteps": 12}
@@ -103,6 +103,16 @@ def test_agents_that_steer_themselves(mode: str) -> None:
         InputError, match="parameter_set steers no agents, but agents of walk must be steered"
     ):
         experiment(Walk, parameters={}, controller=walk)
+
+
+@pytest.mark.parametrize("mode", ["stepwise", "batched", "offloaded"])
+def test_episodes_that_end_at_their_start(mode: str) -> None:
+    tuned = {"kind": "parameter_set", "parameters": {"x": {"type": "real", "range": [-5, 5]}}}
+    one = experiment(Function, parameters={}, controller=tuned, mode=mode)
+    genomes = np.array([[0.5], [0.6], [0.9]], np.float32)
+    here = evaluate(one, genomes, servers="in-process")
+    assert here == pytest.approx([-1, 0, -9], abs=1e-5)
+    assert evaluate(one, genomes, servers=1).tobytes() == here.tobytes()
 
 
 @pytest.mark.parametrize("mode", ["stepwise", "batched", "offloaded"])

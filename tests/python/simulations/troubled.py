@@ -136,6 +136,27 @@ class Drifting(Simulation):
         return -abs(self.x)
 
 
+class Function(Simulation):
+    """Everything is computed when an episode starts, and no agent acts."""
+
+    title = "function"
+    sensors = actuators = 1
+    parameters = {"x": Parameter(0.0, minimum=-5.0, maximum=5.0)}  # noqa: RUF012
+
+    def reset(self, parameters: dict[str, Any], seed: int) -> ArrayLike:  # noqa: ARG002
+        self.x = parameters["x"]
+        return [[0.0]]
+
+    def step(self, actions: NDArray[np.float32]) -> ArrayLike:  # noqa: ARG002
+        raise AssertionError("a step")
+
+    def done(self) -> bool:
+        return True
+
+    def fitness(self) -> float:
+        return -((self.x - 1) ** 2)
+
+
 class Alone(Walk):
     """There can be one object only."""
 
