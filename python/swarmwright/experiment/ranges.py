@@ -10,6 +10,7 @@ from typing import Any
 from swarmwright.core.arguments import mapping, number
 from swarmwright.core.errors import InputError
 from swarmwright.experiment.experiment import Experiment
+from swarmwright.experiment.robots import DEFAULT, robot_of
 from swarmwright.experiment.settings import key_path
 
 
@@ -97,22 +98,12 @@ E_PUCKS = (
     Range(("parameters", "robot", "sensors", "range_and_bearing", "loss"), 0.8, 0.95),
 )
 """Of the arena's e-pucks, around the reference model's 0.05 and loss of 0.85."""
-PRESETS = ("e-puck-rm1.1", "e-puck-rm1.2")
-
-
-def robot_of(experiment: Experiment) -> Any:  # noqa: ANN401 - as the arena's parameter has it
-    """Return the robot of an experiment in the arena: the parameter's, the mission's, or the default."""
-    mission = experiment.parameters.get("mission")
-    robots = experiment.parameters.get("robots")
-    of_mission = mission if isinstance(mission, Mapping) else {}
-    if isinstance(robots, list) or (robots is None and isinstance(of_mission.get("robots"), list)):
-        return None  # of several kinds
-    return experiment.parameters.get("robot", of_mission.get("robot", PRESETS[0]))
+PRESETS = (DEFAULT, "e-puck-rm1.2")
 
 
 def require_e_pucks(experiment: Experiment) -> None:
     """Raise InputError unless all robots of an experiment are the arena's e-pucks of one kind."""
-    robot = robot_of(experiment) if experiment.simulation == "arena" else None
+    robot = robot_of(experiment.parameters) if experiment.simulation == "arena" else None
     preset = robot.get("preset") if isinstance(robot, Mapping) else robot
     if preset not in PRESETS:
         raise InputError(

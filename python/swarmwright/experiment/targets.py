@@ -13,7 +13,7 @@ from swarmwright.core.suggestions import unknown
 from swarmwright.core.yaml import Path_, Source, dotted_path, read
 from swarmwright.experiment.document import Validate
 from swarmwright.experiment.experiment import ELSEWHERE, Experiment
-from swarmwright.experiment.ranges import E_PUCKS, Range, ranges_of, require_e_pucks, robot_of
+from swarmwright.experiment.ranges import E_PUCKS, Range, ranges_of, require_e_pucks
 from swarmwright.rankings._slow import SlowOptions
 from swarmwright.rankings.absolute import AbsoluteOptions
 from swarmwright.rankings.transferability import TransferabilityOptions
@@ -115,20 +115,9 @@ class PseudoReality:
             for one, share in zip(self.ranges, shares, strict=True)
         ]
         try:
-            return self._with_preset(experiment).with_settings(settings)
+            return experiment.with_settings(settings)
         except InputError as error:
             raise InputError(str(error).replace("--set ", f"{self.name}, model {model}: ")) from error
-
-    def _with_preset(self, experiment: Experiment) -> Experiment:
-        """Return the experiment with a robot whose parts vary as a mapping of its preset.
-
-        A name has no parts that could be set.
-        """
-        robot = robot_of(experiment)
-        varies = any(one.path[1] == "robot" and len(one.path) > 2 for one in self.ranges)
-        if not (varies and experiment.simulation == "arena" and isinstance(robot, str)):
-            return experiment
-        return experiment.replace(parameters={"robot": {"preset": robot}})
 
 
 Target = OtherSimulation | PseudoReality

@@ -4,10 +4,12 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
-from swarmwright import Experiment, InputError
+from swarmwright import Experiment, InputError, evaluate
 from swarmwright.analysis.sweep import Sweep
 
 FILE = """\
@@ -157,6 +159,28 @@ def test_controllers_that_do_not_fit_another_robot() -> None:
     assert "; robots that fit: e-puck-rm1.1" in found
     assert "leave the key out" not in found
     assert experiment.with_settings(["parameters.robot=e-puck-rm1.1"]).sensors == 24
+
+
+def test_parts_of_a_robot_that_the_mission_names() -> None:
+    def swarm(**parameters: Any) -> Experiment:
+        return Experiment.from_mapping({"simulation": "arena", "parameters": parameters})
+
+    changed = swarm(mission="object_retrieval").with_settings(["parameters.robot.drive.noise=0.1"])
+    robot = changed.parameters["robot"]
+    assert (robot["mass"], robot["drive"]["max_speed"], robot["drive"]["noise"]) == (0.8, 0.2, 0.1)
+    assert (changed.sensors, changed.actuators) == (20, 3)
+    noise = {"drive": {"noise": 0.1}}
+    for parameters in ({}, {"mission": "aggregation"}, {"robot": "e-puck-rm1.1"}):
+        changed = swarm(**parameters).with_settings(["parameters.robot.drive.noise=0.1"])
+        assert changed.parameters["robot"] == {"preset": "e-puck-rm1.1", **noise}
+    changed = swarm().with_settings(["parameters.robot.drive.noise=0.1", "parameters.robot=e-puck-rm1.1"])
+    assert changed.parameters["robot"] == "e-puck-rm1.1"
+    with pytest.raises(InputError, match="but the robot foot-bot has"):
+        swarm().with_settings(["parameters.robot=foot-bot"])
+    same = swarm(mission="object_retrieval").with_settings(["parameters.robot.drive.noise=0.05"])
+    genomes = np.zeros((1, same.genome_size))
+    before = evaluate(swarm(mission="object_retrieval"), genomes, servers="local")
+    assert evaluate(same, genomes, servers="local").tobytes() == before.tobytes()
 
 
 def test_a_metric_called_like_that_of_the_ranking() -> None:

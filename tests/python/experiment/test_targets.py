@@ -153,3 +153,15 @@ def test_e_pucks_get_other_noise() -> None:
     assert sampled.parameters["robot"]["preset"] == "e-puck-rm1.2"
     with pytest.raises(InputError, match="ranges are known"):
         require_e_pucks(EXPERIMENT)
+
+
+def test_the_robot_of_a_mission_varies() -> None:
+    retrieval = Experiment.from_mapping(
+        {"simulation": "arena", "parameters": {"mission": "object_retrieval"}}
+    )
+    ranges = ranges_of({"parameters.robot.mass": (0.5, 0.9)})
+    robots = [one.parameters["robot"] for one in PseudoReality(tuple(ranges)).experiments(retrieval, 5)]
+    assert len({robot["mass"] for robot in robots}) == 5
+    assert all(0.5 <= robot["mass"] <= 0.9 and robot["drive"]["wheel_base"] == 0.1 for robot in robots)
+    with pytest.raises(InputError, match="ranges are known of the arena's e-puck"):
+        require_e_pucks(retrieval)

@@ -144,7 +144,7 @@ class Function(Simulation):
     parameters = {"x": Parameter(0.0, minimum=-5.0, maximum=5.0)}  # noqa: RUF012
 
     def reset(self, parameters: dict[str, Any], seed: int) -> ArrayLike:  # noqa: ARG002
-        self.x = parameters["x"]
+        self.x: float = parameters["x"]
         return [[0.0]]
 
     def step(self, actions: NDArray[np.float32]) -> ArrayLike:  # noqa: ARG002

@@ -1,0 +1,66 @@
+"""The robot of an experiment in the arena, whose parts can be set or varied."""
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from swarmwright import _engine
+from swarmwright.core.yaml import parse
+from swarmwright.simulations import catalogue
+
+DEFAULT = "e-puck-rm1.1"
+"""The robot of missions that name none."""
+_KEY = ("parameters", "robot")
+
+
+def robot_of(parameters: Mapping[str, Any]) -> Any:  # noqa: ANN401 - as the arena's parameter has it
+    """Return the robot that the arena has with parameters: theirs, the mission's, or the default.
+
+    None for several kinds.
+    """
+    of_mission = _mission(parameters.get("mission"))
+    robots = parameters.get("robots")
+    if isinstance(robots, list) or (robots is None and isinstance(of_mission.get("robots"), list)):
+        return None
+    own = parameters.get("robot")
+    return of_mission.get("robot", DEFAULT) if own is None else own
+
+
+def _mission(given: Any) -> Mapping[str, Any]:  # noqa: ANN401 - as the arena's parameter has it
+    """Return a mission as a mapping, also one that is built in; an empty one where there is no such."""
+    if isinstance(given, Mapping):
+        return given
+    if given is None:
+        given = catalogue.description(catalogue.ARENA)["parameters"]["mission"]["default"]
+    texts = (one["text"] for one in _engine.missions() if given in (one["name"], one["also"]))
+    return next((parse(text, "").values for text in texts), {})
+
+
+def written_out(values: dict[str, Any], paths: Iterable[tuple[str, ...]]) -> dict[str, Any]:
+    """Return an experiment's values in which the robot is a mapping, where parts of it are to be set.
+
+    A name has no parts, and parts alone are no robot. Nothing is written out where another robot is set.
+    """
+    set_ = list(paths)
+    parameters = values.get("parameters", {})
+    if catalogue.built_in(values["simulation"]) != catalogue.ARENA or not any(map(_is_part, set_)):
+        return values
+    robot = None if any(map(_is_other, set_)) else robot_of(parameters)
+    if robot is None:
+        return values
+    parts = dict(robot) if isinstance(robot, Mapping) else {"preset": robot}
+    return {**values, "parameters": {**parameters, "robot": parts}}
+
+
+def _is_part(path: tuple[str, ...]) -> bool:
+    return path[:2] == _KEY and len(path) > 2
+
+
+def _is_other(path: tuple[str, ...]) -> bool:
+    """Whether another robot is set, directly or by the mission."""
+    whole = {("simulation",), ("parameters",), _KEY, (*_KEY, "preset"), ("parameters", "mission")}
+    below = {
+        ("parameters", "robots"),
+        ("parameters", "mission", "robot"),
+        ("parameters", "mission", "robots"),
+    }
+    return path in whole or any(path[: len(one)] == one for one in below)
