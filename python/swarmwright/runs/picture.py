@@ -9,7 +9,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from threading import Lock, Timer
 
-from swarmwright.core.errors import InputError
+from swarmwright.core.errors import InputError, SwarmwrightError
+from swarmwright.store.database import FILE as STORE
 
 FILE = "fitness.png"
 _LONGEST = 60.0
@@ -106,7 +107,7 @@ if __name__ == "__main__":
     for name in sys.argv[1:]:
         try:
             draw(Path(name))
-        except InputError as error:
-            # A missing folder was deleted meanwhile, which is not an error.
-            if Path(name).exists():
+        except (SwarmwrightError, OSError) as error:
+            # That a run was deleted meanwhile is no error; the folder may go last, or be another's already.
+            if (Path(name) / STORE).exists():
                 sys.stderr.write(f"swarmwright: {error}\n")

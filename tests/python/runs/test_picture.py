@@ -38,6 +38,21 @@ def test_no_plot_where_none_is_wanted(tmp_path: Path, monkeypatch: pytest.Monkey
     assert sorted(file.name for file in run.path.iterdir()) == ["best.json", "experiment.yaml", "run.sqlite"]
 
 
+def test_a_run_that_is_deleted_meanwhile_is_no_error(
+    finished: Run, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("gone", "store", "file"):
+        shutil.copytree(finished.path, tmp_path / name)
+    shutil.rmtree(tmp_path / "gone")
+    (tmp_path / "store" / "run.sqlite").unlink()  # as `shutil.rmtree` may have come so far
+    shutil.rmtree(tmp_path / "file")
+    (tmp_path / "file").write_text("another's")
+    for name in ("gone", "store", "file"):
+        picture.draw_later(tmp_path / name)
+    picture.wait()
+    assert capfd.readouterr().err == ""
+
+
 def test_what_cannot_be_drawn_is_said(
     finished: Run, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
