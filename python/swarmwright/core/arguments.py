@@ -24,18 +24,25 @@ def checked(function: Callable[_Parameters, _Result]) -> Callable[_Parameters, _
     become Python's.
     """
     parameters = inspect.signature(function).parameters
-    names = [name for name, one in parameters.items() if one.kind is not one.KEYWORD_ONLY]
+    defaults = {name: one.default for name, one in parameters.items() if name in _CHECKS}
+    places = [
+        (place, name)
+        for place, (name, one) in enumerate(parameters.items())
+        if name in _CHECKS and one.kind is not one.KEYWORD_ONLY
+    ]
 
     def accepted(name: str, given: object) -> object:
-        if name not in _CHECKS or name not in parameters or given is parameters[name].default:
-            return given
-        return _CHECKS[name](name, given)
+        return given if given is defaults[name] else _CHECKS[name](name, given)
 
     @functools.wraps(function)
     def call(*args: _Parameters.args, **kwargs: _Parameters.kwargs) -> _Result:
-        first: Any = [accepted(name, given) for name, given in zip(names, args, strict=False)]
-        named: Any = {name: accepted(name, given) for name, given in kwargs.items()}
-        first += args[len(names) :]  # too many, as Python says
+        first: Any = list(args)
+        for place, name in places:
+            if place < len(first):
+                first[place] = accepted(name, first[place])
+        named: Any = {
+            name: accepted(name, given) if name in defaults else given for name, given in kwargs.items()
+        }
         return function(*first, **named)
 
     return call
@@ -193,6 +200,7 @@ _CHECKS: Mapping[str, Callable[..., object]] = {
     **_each(path_of, "path file mapping license field", "a file"),
     **_each(text, "broker", "the URL of a broker such as mqtt://localhost:1883"),
     **_each(text, "prefix group", "a text"),
+    **_each(text, "name mission", "a name"),
     "servers": _servers,
     "wait": _wait,
     "x": _axis,

@@ -13,6 +13,7 @@ from swarmwright.core.errors import InputError, PlugInError
 from swarmwright.core.plug_in_code import is_plug_in, numbers, place
 from swarmwright.core.server_use import ServerUses
 from swarmwright.core.yaml import dotted_path
+from swarmwright.experiment.document import MOST_SERVERS
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.fitness import FitnessExpression
 from swarmwright.launchers._entries import WORDS, Entries, entries_of, of_text
@@ -210,6 +211,8 @@ def chosen(experiment: Experiment, servers: Servers | None) -> Chosen:
     """
     if servers is None:
         return experiment.servers
+    if isinstance(servers, int) and servers > MOST_SERVERS:
+        raise InputError(f"servers: must be at least 1 and at most {MOST_SERVERS}, not {servers}")
     given = experiment.servers if isinstance(experiment.servers, tuple) else ()
     if isinstance(servers, str) and servers not in WORDS:
         try:

@@ -31,7 +31,6 @@ from swarmwright.evaluation.base import (
 from swarmwright.evaluation.launched import LaunchedServers, start
 from swarmwright.evaluation.module_code import is_in_python, names_of, with_digests
 from swarmwright.evaluation.through_broker import BrokerBackend
-from swarmwright.experiment.document import MOST_SERVERS
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.launchers._entries import Entries
 from swarmwright.simulations import catalogue
@@ -157,8 +156,6 @@ def _check(broker: str | None, servers: Servers | None) -> None:
             raise InputError(f"broker: {problem}")
     if isinstance(servers, int) and servers < 1:
         raise InputError(f"servers: must be auto, local, in-process or a number from 1 on, not {servers}")
-    if isinstance(servers, int) and servers > MOST_SERVERS:
-        raise InputError(f"servers: must be at least 1 and at most {MOST_SERVERS}, not {servers}")
     if servers in HERE and broker is not None:
         raise InputError(f"broker: servers are '{servers}', so no broker is used; leave one of the two out")
 

@@ -5,6 +5,7 @@ from importlib.resources import files
 from typing import TYPE_CHECKING
 
 from swarmwright import _engine
+from swarmwright.core.arguments import checked
 from swarmwright.core.errors import InputError
 from swarmwright.core.suggestions import unknown
 
@@ -21,6 +22,7 @@ def names() -> list[str]:
     )
 
 
+@checked
 def text(name: str) -> str:
     """Return the experiment file of a template; raise InputError for an unknown one."""
     if name not in names():
@@ -38,6 +40,7 @@ def emergency_exit() -> str:
     return text("emergency_exit")
 
 
+@checked
 def arena(mission: str = "aggregation") -> str:
     """Return an experiment with a mission of the arena; raise InputError for an unknown one.
 
@@ -71,6 +74,7 @@ def missions() -> list[str]:
     return sorted(mission["also"] or mission["name"] for mission in _engine.missions())
 
 
+@checked
 def mission(name: str) -> str:
     """Return the YAML file of a mission of the arena, by either of its names.
 

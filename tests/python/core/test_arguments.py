@@ -175,6 +175,9 @@ def experiment() -> Experiment:
             lambda _: library.callbacks.together(5),
             r"^callbacks: must be a function that takes \(generation\), n",
         ),
+        (lambda _: library.templates.text(5), r"^name: must be a name, not 5$"),
+        (lambda _: library.templates.arena(5), r"^mission: must be a name, not 5$"),
+        (lambda _: library.sweep({}, jobs=0), r"^jobs: must be from 1 to 1024, not 0$"),
         (lambda _: library.frevo.score(5), r"^path: must be the path of a file, not 5$"),
     ],
 )

@@ -12,6 +12,7 @@ from swarmwright.analysis.sweep.file import Sweep
 from swarmwright.analysis.sweep.remaining import Status
 from swarmwright.analysis.sweep.run import Task, tasks
 from swarmwright.core.arguments import checked, path_of
+from swarmwright.core.errors import InputError
 from swarmwright.core.formatting import duration
 from swarmwright.core.html import facts, table
 from swarmwright.core.notebook import Text, in_notebook
@@ -22,6 +23,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from swarmwright.optimization.loop import Generation
+
+
+_MOST_JOBS = 1024
 
 
 @dataclass(frozen=True)
@@ -141,6 +145,8 @@ def sweep(
         InputError: the source or a variant is wrong, or a folder holds something else.
         RunError: no broker, or servers do not start.
     """
+    if jobs is not None and not 1 <= jobs <= _MOST_JOBS:
+        raise InputError(f"jobs: must be from 1 to {_MOST_JOBS}, not {jobs}")
     folder = None if out is None else Path(out)
     loaded = (
         Sweep.from_mapping(source, out=folder)
