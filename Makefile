@@ -42,6 +42,8 @@ export VIRTUAL_ENV := $(CURDIR)/$(VENV)
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_QUIET := 1
 unexport PYTHONHOME
+# Tests start thousands of processes, each of which would compile the library anew.
+unexport PYTHONDONTWRITEBYTECODE
 
 CARGO := cargo
 MANIFEST := --manifest-path engine/Cargo.toml
