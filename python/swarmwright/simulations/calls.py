@@ -43,7 +43,7 @@ class Calls(Generic[Made]):
     def _call(self, method: str, *arguments: Any) -> Any:  # noqa: ANN401 - whatever the code takes and returns
         """Call a method of the user's; what it raises becomes SimulationError."""
         try:
-            return getattr(self._object, method)(*arguments)
+            return self._called(method, getattr(self._object, method), *arguments)
         except (InputError, _engine.InputError) as error:
             if method == self._beginning:  # about the parameters
                 raise _engine.InputError(str(error)) from None
@@ -57,11 +57,24 @@ class Calls(Generic[Made]):
         except BaseException as error:  # noqa: BLE001 - a user's code may fail in any way
             self._fail(self._cause(method, error), error)
 
+    def _called(self, method: str, function: Callable[..., Any], *arguments: Any) -> Any:  # noqa: ANN401
+        """Call a function; a child process that it forks, and that returns from it, ends here.
+
+        It would go on as a second server with the connections of this one.
+        """
+        process = os.getpid()
+        try:
+            return function(*arguments)
+        finally:
+            if os.getpid() != process:
+                _end_child(f"{self._kind.__name__}.{method}")
+
     def _made(self) -> Made:
         """Make an object. Raises InputError where it cannot be made with what is there."""
         check_methods(self._kind, self._needs)
         try:
-            return self._kind()
+            made: Made = self._called("__init__", self._kind)
+            return made
         except InputError:  # what it needs is not there
             raise
         except KeyboardInterrupt:
@@ -103,6 +116,21 @@ def check_methods(kind: type, needs: str) -> None:
     missing = sorted(getattr(kind, "__abstractmethods__", ()))
     if missing:
         raise InputError(f"{kind.__name__}: has no method {', '.join(missing)}; {needs}")
+
+
+def _end_child(method: str) -> NoReturn:
+    """End this process, which a user's method has forked: as `sys.exit` says if it called that."""
+    raised = sys.exc_info()[1]
+    if isinstance(raised, SystemExit) and isinstance(raised.code, int | None):
+        os._exit(raised.code or 0)
+    if raised is not None:
+        traceback.print_exception(raised)
+    sys.stderr.write(
+        f"swarmwright: {method}: a process that it forked ends where it returns; end it with os._exit, "
+        "or use subprocess or multiprocessing\n"
+    )
+    sys.stderr.flush()
+    os._exit(1)
 
 
 def short(value: Any) -> str:  # noqa: ANN401 - any object

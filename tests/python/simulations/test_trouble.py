@@ -110,6 +110,15 @@ def test_metrics_that_fail_are_told_where_all_are_sent() -> None:
     assert reasons == {"Walk.measure: {'left': 0} returned, which lacks 'steps'"}
 
 
+@pytest.mark.filterwarnings("ignore:This process .* is multi-threaded:DeprecationWarning")
+@pytest.mark.parametrize("servers", ["in-process", 1])
+@pytest.mark.parametrize("trouble", ["fork", "fork and raise", "fork and exit"])
+def test_a_process_that_the_code_forks_does_not_serve(trouble: str, servers: Any) -> None:
+    genomes = np.ones((2, experiment("").genome_size))
+    found = evaluate(experiment(trouble), genomes, servers=servers)
+    assert found.tolist() == evaluate(experiment(""), genomes, servers="in-process").tolist()
+
+
 @pytest.mark.parametrize("servers", ["in-process", 1])
 def test_parameters_that_the_code_refuses(servers: Any) -> None:
     with pytest.raises((RunError, InputError), match="trouble: refused found, expected none"):

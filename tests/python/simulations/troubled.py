@@ -1,5 +1,7 @@
 """Simulations in which something goes wrong, as parameters say."""
 
+import os
+import sys
 from typing import Any
 
 import numpy as np
@@ -51,9 +53,23 @@ class Walk(Simulation):
             _ = [0, 1][int(2 + actions[0, 0] * 0)]
         if self.trouble == "numpy":
             np.concatenate([actions, np.zeros(3)])
+        if self.trouble in {"fork", "fork and raise", "fork and exit"}:
+            self.fork()
         self.sum += float(actions.sum())
         self.left -= 1
         return np.asarray(self.seen()) if self.trouble == "" else self.seen()
+
+    def fork(self) -> None:
+        """Fork a process that returns, and wait for its end."""
+        child = os.fork()
+        if child == 0:
+            if self.trouble == "fork and raise":
+                raise LookupError("in the child")
+            if self.trouble == "fork and exit":
+                sys.exit(7)
+            return
+        _, status = os.waitpid(child, 0)
+        assert os.waitstatus_to_exitcode(status) == (7 if self.trouble == "fork and exit" else 1)
 
     def done(self) -> Any:
         return {"not done": None}.get(self.trouble, self.left <= 0)
