@@ -41,8 +41,10 @@ def written_out(values: dict[str, Any], paths: Iterable[tuple[str, ...]]) -> dic
     A name has no parts, and parts alone are no robot. Nothing is written out where another robot is set.
     """
     set_ = list(paths)
-    parameters = values.get("parameters", {})
-    if catalogue.built_in(values["simulation"]) != catalogue.ARENA or not any(map(_is_part, set_)):
+    parameters, simulation = values.get("parameters", {}), values["simulation"]
+    if not any(map(_is_part, set_)) or not isinstance(simulation, str):
+        return values
+    if catalogue.built_in(simulation) != catalogue.ARENA:
         return values
     robot = None if any(map(_is_other, set_)) else robot_of(parameters)
     if robot is None:
