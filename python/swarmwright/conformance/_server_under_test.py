@@ -4,6 +4,7 @@ import json
 import math
 import secrets
 import time
+from collections import deque
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, TypeGuard
@@ -200,9 +201,17 @@ class Server:
     def must_come_free(self, expected: str, sent: str = "") -> None:
         """Ask until it answers; Failure when it does not within the time of an answer."""
         limit = time.monotonic() + self.settings.timeout
-        while self.discover(within=min(0.25, self.settings.timeout)) is None:
+        while not self.is_free(within=min(0.25, self.settings.timeout)):
             if time.monotonic() > limit:
                 raise Failure(f"it answered no discovery within {self.settings.timeout:g} s", expected, sent)
+
+    def is_free(self, *, within: float) -> bool:
+        """Ask once; whether it answers in time. Late answers to questions before this one are passed over."""
+        free = self.discover(within=within) is not None
+        if free:
+            others = [message for message in self.client.waiting if not self.is_answer(message)]
+            self.client.waiting = deque(others)
+        return free
 
     def must_not_answer(self, questions: Iterable[Json], why: str) -> None:
         """Ask what it should not answer, then what it should; Failure when it answers the former.

@@ -31,7 +31,7 @@ def must_be_free_within(server: Server, seconds: float, why: str, sent: str) -> 
     """Ask until it answers; Failure when it does not. Returns after how many seconds it did."""
     start = time.monotonic()
     while time.monotonic() < start + seconds:
-        if server.discover(within=0.25) is not None:
+        if server.is_free(within=0.25):
             return time.monotonic() - start
     raise Failure(f"it answered no discovery for {seconds:g} s", why, sent)
 
