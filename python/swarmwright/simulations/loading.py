@@ -5,7 +5,7 @@ import importlib.util
 import sys
 import traceback
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import ModuleType
 
@@ -245,6 +245,10 @@ def _forget(key: str) -> None:
     for name, module in list(sys.modules.items()):
         if name != "__main__" and getattr(module, "__file__", None) in neighbours:
             del sys.modules[name]
+    for file in neighbours:
+        # Python takes compiled code for the file's where size and second are the same.
+        with suppress(OSError, NotImplementedError):
+            Path(importlib.util.cache_from_source(file)).unlink()
     del files[key]
     importlib.invalidate_caches()
 
