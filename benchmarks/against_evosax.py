@@ -117,7 +117,11 @@ class EvosaxSuite:
 
 
 def _in_process(row: Row) -> float:
-    """Seconds of a whole run."""
+    """Seconds of the fastest of three whole runs, as evosax's."""
+    return min(_run(row) for _ in range(3))
+
+
+def _run(row: Row) -> float:
     with tempfile.TemporaryDirectory() as name:
         start = time.perf_counter()
         optimize(row.experiment(), servers="in-process", out=Path(name) / "run", progress=False)
