@@ -196,6 +196,7 @@ def _file(path: Path) -> ModuleType:
     if key not in files:
         with _explained(key):
             walk = Walk.of_file(path)
+        _without_stale_bytecode(walk.files.values())
         files[key] = _executed(path, walk.hidden())
         _stamps[key] = _stamped(walk.files.values())
     return files[key]
@@ -245,12 +246,21 @@ def _forget(key: str) -> None:
     for name, module in list(sys.modules.items()):
         if name != "__main__" and getattr(module, "__file__", None) in neighbours:
             del sys.modules[name]
-    for file in neighbours:
-        # Python takes compiled code for the file's where size and second are the same.
-        with suppress(OSError, NotImplementedError):
-            Path(importlib.util.cache_from_source(file)).unlink()
     del files[key]
     importlib.invalidate_caches()
+
+
+def _without_stale_bytecode(paths: Iterable[Path]) -> None:
+    """Delete compiled code that is older than its file.
+
+    Python would take it for the file's where the size is the same and both are of the same second: when a
+    neighbour is edited right after it was imported.
+    """
+    for path in paths:
+        with suppress(OSError, NotImplementedError):
+            compiled = Path(importlib.util.cache_from_source(str(path)))
+            if compiled.stat().st_mtime_ns <= path.stat().st_mtime_ns:
+                compiled.unlink()
 
 
 def _module(name: str) -> ModuleType:

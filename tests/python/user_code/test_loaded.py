@@ -1,11 +1,14 @@
 """Code that was edited after this process imported it is warned of."""
 
+import os
+import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
 from swarmwright import Experiment, optimize
+from swarmwright.simulations.loading import load
 from tests.python.user_code.conftest import edit
 
 VALUES = {
@@ -46,3 +49,18 @@ def test_a_file_that_was_edited_is_imported_again(project: Path, caplog: pytest.
     edit(project / "helper.py", "GAIN = 0.1", "GAIN = 0.25")
     optimize(experiment, out=project / "after")
     assert not [message for message in caplog.messages if WORDS in message]
+
+
+def test_compiled_code_of_the_same_second_is_not_used(project: Path) -> None:
+    helper = project / "helper.py"
+    command = [sys.executable, "-m", "py_compile", str(helper)]
+    environment = {key: value for key, value in os.environ.items() if key != "PYTHONPYCACHEPREFIX"}
+    subprocess.run(command, check=True, timeout=60, env=environment)
+    (compiled,) = (project / "__pycache__").glob("helper.*.pyc")
+    second = helper.stat().st_mtime_ns // 10**9 * 10**9
+    # As an editor would that saves the file right after it was imported by another process.
+    helper.write_text(helper.read_text().replace("GAIN = 0.1", "GAIN = 0.9"))
+    os.utime(compiled, ns=(second, second + 300_000_000))
+    os.utime(helper, ns=(second, second + 700_000_000))
+    module = sys.modules[load(f"{project}/gather.py:Gather").__module__]
+    assert vars(module)["GAIN"] == 0.9
