@@ -8,6 +8,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from swarmwright.callbacks._base import Callback, figures, held_out
+from swarmwright.core.arguments import checked
 from swarmwright.core.errors import InputError, RunError
 from swarmwright.core.flatten import flat
 from swarmwright.runs import picture
@@ -42,6 +43,7 @@ class MLflow(Callback):
         RunError: the tracking server does not answer or refuses.
     """
 
+    @checked
     def __init__(
         self, uri: str | None = None, experiment: "Experiment | None" = None, *, group: str = "swarmwright"
     ) -> None:

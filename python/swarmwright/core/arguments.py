@@ -200,6 +200,7 @@ _CHECKS: Mapping[str, Callable[..., object]] = {
     **_each(path_of, "path file mapping license field", "a file"),
     **_each(text, "broker", "the URL of a broker such as mqtt://localhost:1883"),
     **_each(text, "prefix group", "a text"),
+    **_each(text, "uri", "the URI of a tracking server such as http://localhost:5000"),
     **_each(text, "name mission", "a name"),
     "servers": _servers,
     "wait": _wait,

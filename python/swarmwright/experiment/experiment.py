@@ -20,7 +20,6 @@ from swarmwright.experiment.budget import Budget
 from swarmwright.experiment.document import Faults, Requirements, Timeouts, Validate
 from swarmwright.experiment.fitness import FitnessExpression
 from swarmwright.experiment.fitting import check_fits
-from swarmwright.experiment.robots import written_out
 from swarmwright.experiment.settings import ANNOUNCED, apply, parse_settings, restricted
 from swarmwright.experiment.start_from import genomes_of
 from swarmwright.launchers._entries import Entries, written
@@ -117,8 +116,7 @@ class Experiment:
             restricted(parsed, only, reason)
         if not parsed:
             return self
-        values = written_out(self.to_mapping(), [one.path for one in parsed])
-        source = apply(Source("", values=values), parsed)
+        source = apply(Source("", values=self.to_mapping()), parsed)
         if ask:
             check_fits(self, source)
         changed = self._checked(source, None, ask=ask)

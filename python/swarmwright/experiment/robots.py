@@ -17,7 +17,7 @@ def robot_of(parameters: Mapping[str, Any]) -> Any:  # noqa: ANN401 - as the are
 
     None for several kinds.
     """
-    of_mission = _mission(parameters.get("mission"))
+    of_mission = _mission(parameters.get("mission")) or {}
     robots = parameters.get("robots")
     if isinstance(robots, list) or (robots is None and isinstance(of_mission.get("robots"), list)):
         return None
@@ -25,31 +25,37 @@ def robot_of(parameters: Mapping[str, Any]) -> Any:  # noqa: ANN401 - as the are
     return of_mission.get("robot", DEFAULT) if own is None else own
 
 
-def _mission(given: Any) -> Mapping[str, Any]:  # noqa: ANN401 - as the arena's parameter has it
-    """Return a mission as a mapping, also one that is built in; an empty one where there is no such."""
+def _mission(given: Any) -> Mapping[str, Any] | None:  # noqa: ANN401 - as the arena's parameter has it
+    """Return a mission as a mapping, also one that is built in; None where there is no such."""
     if isinstance(given, Mapping):
         return given
     if given is None:
         given = catalogue.description(catalogue.ARENA)["parameters"]["mission"]["default"]
     texts = (one["text"] for one in _engine.missions() if given in (one["name"], one["also"]))
-    return next((parse(text, "").values for text in texts), {})
+    return next((parse(text, "").values for text in texts), None)
 
 
 def written_out(values: dict[str, Any], paths: Iterable[tuple[str, ...]]) -> dict[str, Any]:
     """Return an experiment's values in which the robot is a mapping, where parts of it are to be set.
 
-    A name has no parts, and parts alone are no robot. Nothing is written out where another robot is set.
+    A name has no parts, and parts alone are no robot. Nothing is written out where another robot is set, or
+    where a file or a mistake stands for the robot or the mission.
     """
     set_ = list(paths)
-    parameters, simulation = values.get("parameters", {}), values["simulation"]
-    if not any(map(_is_part, set_)) or not isinstance(simulation, str):
+    simulation, parameters = values.get("simulation"), values.get("parameters") or {}
+    if not any(map(_is_part, set_)) or any(map(_is_other, set_)):
         return values
-    if catalogue.built_in(simulation) != catalogue.ARENA:
+    if not isinstance(simulation, str) or catalogue.built_in(simulation) != catalogue.ARENA:
         return values
-    robot = None if any(map(_is_other, set_)) else robot_of(parameters)
-    if robot is None:
+    if not isinstance(parameters, Mapping) or _mission(parameters.get("mission")) is None:
         return values
-    parts = dict(robot) if isinstance(robot, Mapping) else {"preset": robot}
+    robot = robot_of(parameters)
+    if isinstance(robot, Mapping):
+        parts = dict(robot)
+    elif robot in _engine.robots():
+        parts = {"preset": robot}
+    else:
+        return values
     return {**values, "parameters": {**parameters, "robot": parts}}
 
 

@@ -12,6 +12,7 @@ from swarmwright.core.errors import InputError
 from swarmwright.core.problems import shown
 from swarmwright.core.yaml import Path_, Source, dotted_path, parse
 from swarmwright.experiment.document import DEFAULT_KINDS
+from swarmwright.experiment.robots import written_out
 from swarmwright.simulations import catalogue
 
 _PART = re.compile(r'"(?P<quoted>[^"]+)"|(?P<plain>[^.\[\]"=]+)|\[(?P<index>\d+)\]')
@@ -99,7 +100,7 @@ def apply(source: Source, settings: Iterable[Setting]) -> Source:
         return source
     changed = Source(
         source.name,
-        copy.deepcopy(dict(source.values or {})),
+        written_out(copy.deepcopy(dict(source.values or {})), [one.path for one in ordered]),
         dict(source.lines),
         list(source.problems),
         dict(source.options),

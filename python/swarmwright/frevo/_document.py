@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from swarmwright.core.arguments import checked
 from swarmwright.core.errors import InputError
 from swarmwright.core.files import first_character
 from swarmwright.core.suggestions import did_you_mean
@@ -182,9 +183,11 @@ def members(root: Element) -> Iterator[Element]:
                 yield from population.children
 
 
-def is_session(path: Path) -> bool:
+@checked
+def is_session(path: str | Path) -> bool:
     """Whether a file is a FREVO session or result. Raises InputError when it cannot be read."""
-    return first_character(path) == "<" and root_of(path).tag == _ROOT
+    file = Path(path)
+    return first_character(file) == "<" and root_of(file).tag == _ROOT
 
 
 def open_session(path: Path) -> Session:

@@ -1,5 +1,6 @@
 """Kinds of agents in one simulation, as its class declares them."""
 
+import operator
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -29,6 +30,13 @@ class Group:
     """Names of an agent's sensors, one for each, or none at all."""
     actuator_names: Sequence[str] = ()
     """Names of an agent's actuators, in the same way."""
+
+    def __post_init__(self) -> None:
+        """Take NumPy's integers for Python's."""
+        for name in ("agents", "sensors", "actuators"):
+            given = getattr(self, name)
+            if not isinstance(given, bool | str) and hasattr(given, "__index__"):
+                object.__setattr__(self, name, operator.index(given))
 
     def count(self, parameters: Mapping[str, Any]) -> int:
         """Return how many there are with these parameters, in which none is missing.

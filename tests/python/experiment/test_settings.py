@@ -161,7 +161,7 @@ def test_controllers_that_do_not_fit_another_robot() -> None:
     assert experiment.with_settings(["parameters.robot=e-puck-rm1.1"]).sensors == 24
 
 
-def test_parts_of_a_robot_that_the_mission_names() -> None:
+def test_parts_of_a_robot_that_the_mission_names(tmp_path: Path) -> None:
     def swarm(**parameters: Any) -> Experiment:
         return Experiment.from_mapping({"simulation": "arena", "parameters": parameters})
 
@@ -177,6 +177,16 @@ def test_parts_of_a_robot_that_the_mission_names() -> None:
     assert changed.parameters["robot"] == "e-puck-rm1.1"
     with pytest.raises(InputError, match="but the robot foot-bot has"):
         swarm().with_settings(["parameters.robot=foot-bot"])
+    file = tmp_path / "swarm.yaml"
+    file.write_text("simulation: arena\nparameters: {mission: object_retrieval}\n")
+    changed = Experiment.load(file, ["parameters.robot.drive.noise=0.1"])
+    assert changed.parameters["robot"]["mass"] == 0.8
+    # What the file names may be anything.
+    (tmp_path / "mine.yaml").write_text("place: {polygon: [[0, 0], [3, 0], [3, 3], [0, 3]]}\n")
+    for mission in ("mine.yaml", "nowhere", "[1]"):
+        file.write_text(f"simulation: arena\nparameters: {{mission: {mission}}}\n")
+        with pytest.raises(InputError):
+            Experiment.load(file, ["parameters.robot.drive.noise=0.1"])
     same = swarm(mission="object_retrieval").with_settings(["parameters.robot.drive.noise=0.05"])
     genomes = np.zeros((1, same.genome_size))
     before = evaluate(swarm(mission="object_retrieval"), genomes, servers="local")

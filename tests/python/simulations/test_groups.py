@@ -1,6 +1,7 @@
 """Several kinds of agents in one experiment give one record, however it is computed."""
 
 import dataclasses
+import json
 from pathlib import Path
 from typing import Any
 
@@ -173,6 +174,9 @@ def test_groups_of_an_unknown_simulation_are_those_of_the_file() -> None:
 
 
 def test_what_a_class_declares_is_checked() -> None:
+    sizes = Group(np.int64(2), np.int32(3), np.uint8(1))  # type: ignore[arg-type] # NumPy's integers
+    found = describe(type("Sized", (Pursuit,), {"groups": {"a": sizes}})()).groups["a"]
+    assert json.dumps([found.agents, found.sensors, found.actuators]) == "[2, 3, 1]"
     for groups, message in [
         ({"a": Group("none", 1, 1)}, "there is no parameter 'none'"),
         ({"a": Group(1, 0, 1)}, r"groups\['a'\].sensors: 0 found"),
