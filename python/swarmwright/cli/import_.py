@@ -6,6 +6,7 @@ from pathlib import Path
 import click
 
 from swarmwright.cli._commands import Command
+from swarmwright.cli._experiments import not_as_in_frevo
 from swarmwright.cli._options import ExistingPath
 from swarmwright.cli._output import Output, complain, document
 
@@ -121,8 +122,7 @@ def _import_session(file: Path, target: Path | None, *, field: Path | None, **re
 
     folder = Path() if target is None else target.parent
     imported = frevo.load(file, field=field, folder=folder, **replaced)
-    for note in imported.notes:
-        complain(f"not as in FREVO: {note}")
+    not_as_in_frevo(imported.notes)
     _write(imported.yaml, target)
 
 

@@ -6,6 +6,7 @@ import click
 
 from swarmwright.cli._commands import Command
 from swarmwright.cli._evolving import evolve, watch_options
+from swarmwright.cli._experiments import experiment_of
 from swarmwright.cli._observing import Observing, observe_options
 from swarmwright.cli._options import (
     ExistingPath,
@@ -67,13 +68,15 @@ def command(
 ) -> int:
     """Evolve a controller as the experiment FILE says.
 
+    FILE may be a session of FREVO (.zse), too, which is read as `swarmwright import` does.
+
     Ctrl-C ends it early and keeps the results so far; `swarmwright resume` goes on.
     """
-    from swarmwright import Experiment, optimize
+    from swarmwright import optimize
 
     output = Output(as_json=as_json)
     show_warnings()
-    experiment = Experiment.load(file, settings)
+    experiment = experiment_of(file, settings)
     wanted = servers if servers is not None else experiment.servers
     broker = experiment_broker(broker, experiment.broker, wanted)
     return evolve(

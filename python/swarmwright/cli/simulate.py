@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from swarmwright.cli._commands import Command
+from swarmwright.cli._experiments import experiment_of
 from swarmwright.cli._options import (
     ExistingPath,
     WholeNumber,
@@ -57,15 +58,15 @@ def command(
     visual: bool,
     as_json: bool,
 ) -> None:
-    """Run the simulation of an experiment FILE once, without optimization."""
+    """Run the simulation of an experiment FILE, or of a FREVO session (.zse), once, without optimization."""
     if visual and as_json:
         raise click.UsageError("--visual draws where --json prints; give one of them.")
-    from swarmwright import Controller, Experiment
+    from swarmwright import Controller
     from swarmwright.evaluation.evaluate import episode
 
     output = Output(as_json=as_json)
     show_warnings()
-    experiment = Experiment.load(file, settings)
+    experiment = experiment_of(file, settings)
     loaded = None if controller is None else Controller.load(controller)
     if visual:  # the server's process, which draws, takes the width from its environment
         os.environ["COLUMNS"] = str(shutil.get_terminal_size().columns)

@@ -60,7 +60,8 @@ def check(source: Source, *, ask: bool = True, folder: Path | None = None) -> Ch
     checked: Checked = {}
     if not isinstance(source.values, Mapping):
         found = "is empty" if source.values is None else f"holds {shown(source.values)}"
-        report((), f"{found}; an experiment is a mapping that begins like 'simulation: minisim'")
+        begins = "an experiment is a mapping that begins like 'simulation: minisim'"
+        report((), f"{found}; {begins}{_importable(source)}")
     else:
         # A section left empty ("method:") means its defaults.
         values = {key: value for key, value in source.values.items() if not (value is None and key in _EMPTY)}
@@ -87,6 +88,13 @@ def check(source: Source, *, ask: bool = True, folder: Path | None = None) -> Ch
 
 
 _EMPTY = frozenset({*DEFAULT_KINDS, "parameters", "validate", "timeouts", "faults"})
+
+
+def _importable(source: Source) -> str:
+    """Return how an experiment is made of what may be a session of FREVO, or a drawn model."""
+    if not str(source.values).startswith("<"):
+        return ""
+    return "; 'swarmwright import' makes one of a FREVO session or a drawn model"
 
 
 def _folder(source: Source, path: Path_) -> Path:

@@ -236,6 +236,30 @@ def test_import_command_writes_an_experiment_that_loads(program: Any, data: Path
     assert printed.stdout.startswith("# Made of FREVO's session emergency_exit_random.zse")
 
 
+def test_commands_take_sessions_as_import_makes_them(program: Any, data: Path, tmp_path: Path) -> None:
+    session = data / "emergency_exit_stadium.zse"
+    few = ("--set", "method.generations=3", "--servers", "local", "--seed", "7")
+    run = program("optimize", session, *few, "--out", tmp_path / "session")
+    assert run.returncode == 0
+    assert "not as in FREVO: sessionconfig.NumberofRuns = 10" in run.stderr
+    program("import", session, "-o", tmp_path / "stadium.yaml")
+    program("optimize", tmp_path / "stadium.yaml", *few, "--out", tmp_path / "imported")
+    same = program("runs", "diff", tmp_path / "session", tmp_path / "imported")
+    assert (same.returncode, same.stderr) == (0, "")
+    assert program("simulate", session, "--seed", "7").returncode == 0
+
+
+def test_a_session_that_is_taken_for_an_experiment(edited: Edited, program: Any, tmp_path: Path) -> None:
+    other = edited("emergency_exit_random.zse", ('class="emergencyexit.EmergencyExit"', 'class="XOR.XOR"'))
+    refused = program("optimize", other)
+    assert (refused.returncode, refused.stdout) == (2, "")
+    assert "taken over is emergencyexit.EmergencyExit" in refused.stderr
+    assert "'swarmwright import' has options for the field and for components" in refused.stderr
+    other.rename(tmp_path / "session.yaml")
+    with pytest.raises(InputError, match="'swarmwright import' makes one of a FREVO session"):
+        Experiment.load(tmp_path / "session.yaml")
+
+
 def test_the_field_is_found_beside_the_session(edited: Edited, data: Path, tmp_path: Path) -> None:
     path = edited("emergency_exit_stadium.zse")
     with pytest.raises(InputError) as caught:
