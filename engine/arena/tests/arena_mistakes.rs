@@ -251,6 +251,10 @@ fn mistakes_name_the_place() {
             "mission.fitness: no metric is named \"n\"; there is distance_to_center, ",
         ),
         (
+            with(&["fitness"], json!("order + speed")),
+            ", speed; expressions of metrics are for the experiment's own fitness",
+        ),
+        (
             with(&["fitness"], json!([1])),
             "mission.fitness: a list found, expected the name of a metric",
         ),

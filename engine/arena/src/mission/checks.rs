@@ -95,9 +95,16 @@ pub(super) fn check(text: Text) -> Result<Mission, ParameterError> {
         } else if !metrics.iter().any(|(known, _)| known == name) {
             let names = metrics.iter().chain(&others);
             let names: Vec<_> = names.map(|(name, _)| name.as_str()).collect();
+            let hint = match metrics::check_name(name) {
+                Ok(()) => "",
+                Err(_) => "; expressions of metrics are for the experiment's own fitness",
+            };
             return Err(wrong_in(
                 "fitness",
-                format!("no metric is named {name:?}; there is {}", names.join(", ")),
+                format!(
+                    "no metric is named {name:?}; there is {}{hint}",
+                    names.join(", ")
+                ),
             ));
         }
     }
