@@ -1,5 +1,6 @@
 """Two machines with networks of their own: network namespaces of this kernel, joined by virtual cables."""
 
+import itertools
 import os
 import subprocess
 from collections.abc import Iterator
@@ -10,6 +11,8 @@ from pathlib import Path
 import pytest
 
 from tests.ssh.conftest import Machine, running
+
+_NUMBERS = itertools.count()
 
 
 def ip(*arguments: str) -> None:
@@ -51,7 +54,8 @@ class Networks:
 @contextmanager
 def joined(folder: Path) -> Iterator[Networks]:
     """Make both namespaces with an sshd in each; skips the test where this is not permitted."""
-    mark = f"sw{os.getpid()}"
+    # A number of its own: the links of the networks before go a moment after their namespaces.
+    mark = f"sw{os.getpid()}{next(_NUMBERS)}"
     near, far = f"{mark}near", f"{mark}far"
     # A range for tests of networks (RFC 2544); four networks of four addresses for each process.
     net = f"198.18.{os.getpid() % 256}"

@@ -251,6 +251,23 @@ fn a_tool_that_stops_answering_loses_the_server_after_the_step_timeout() {
 }
 
 #[test]
+fn a_step_that_takes_longer_than_the_step_timeout_is_not_given_up() {
+    let mut server = Server::of_walks();
+    server.ask(ToServer::Start(batch(1)));
+    server.replies.clear();
+    server.took(2 * STEP_TIMEOUT);
+    server.pass(Duration::ZERO);
+    assert!(server.replies.is_empty() && server.warnings.is_empty());
+    server.actuators(1, 0, vec![0.0; 6]);
+    assert_eq!(step(&mut server).step, 1);
+    server.took(2 * STEP_TIMEOUT);
+    server.pass(STEP_TIMEOUT / 2);
+    assert!(server.replies.is_empty());
+    server.pass(STEP_TIMEOUT / 2);
+    assert_eq!(step(&mut server).error.unwrap().kind, RefusalKind::Failed);
+}
+
+#[test]
 fn what_cannot_be_started_is_refused_with_the_field_that_is_wrong() {
     let mut server = Server::of_walks();
     let change = |edit: &dyn Fn(&mut BatchStart)| {

@@ -150,6 +150,51 @@ fn a_run_that_is_given_up_is_reported() {
 }
 
 #[test]
+fn a_simulation_that_takes_longer_than_the_step_timeout_is_not_given_up() {
+    let mut server = Server::of_walks();
+    server.start(
+        "a",
+        json!({"agents": 1}),
+        json!({"tool": "ada", "reply": REPLY}),
+    );
+    for _ in 0..2 {
+        server.took(2 * STEP_TIMEOUT);
+        server.pass(Duration::ZERO);
+        assert!(
+            !server.answers(Some("bob")),
+            "the tool could not answer yet"
+        );
+        server.say(
+            Topic::Actuator,
+            &json!({"simulation_hash": "a", "agent": 0, "actuator": [0.5]}),
+        );
+        assert!(
+            server
+                .published
+                .iter()
+                .any(|(topic, _)| *topic == Topic::Sensor)
+        );
+    }
+    server.took(2 * STEP_TIMEOUT);
+    server.pass(Duration::from_secs(59));
+    assert!(server.replies.is_empty());
+    server.pass(Duration::from_secs(1));
+    assert!(server.failed().reason.ends_with("in step 2 for 60.0 s"));
+}
+
+#[test]
+fn a_server_is_held_for_its_tool_after_a_long_step() {
+    let mut server = Server::of_walks();
+    server.start("a", json!({}), json!({"tool": "ada"}));
+    server.walk("a");
+    server.took(STEP_TIMEOUT);
+    server.pass(Duration::from_secs(4));
+    assert!(!server.answers(Some("bob")));
+    server.pass(Duration::from_secs(1));
+    assert!(server.answers(Some("bob")));
+}
+
+#[test]
 fn a_stack_is_sent_once_for_a_reason() {
     let mut server = Server::of_walks();
     let mut message = request(1);

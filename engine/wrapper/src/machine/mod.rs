@@ -70,6 +70,8 @@ pub struct Machine {
     topics: Topics,
     step_timeout: Duration,
     state: State,
+    /// When it entered this state, as far as it knew: at the turn's beginning.
+    entered_at: Option<Instant>,
     /// The last parameters messages by hash, the newest at the back.
     parameters: VecDeque<(String, Parameters)>,
     /// Control messages whose parameters have not come yet, the oldest first.
@@ -114,6 +116,7 @@ impl Machine {
             topics,
             step_timeout,
             state: State::Free,
+            entered_at: None,
             parameters: VecDeque::new(),
             early: VecDeque::new(),
             discovered: VecDeque::new(),
@@ -331,6 +334,7 @@ impl Machine {
 
     fn enter(&mut self, state: State, now: Instant) {
         let free = matches!(state, State::Free);
+        self.entered_at = Some(now);
         match std::mem::replace(&mut self.state, state) {
             State::Running(run) => self.last = Some((run.hash, run.tool)),
             State::Stepping(batch) => self.take_back(*batch),

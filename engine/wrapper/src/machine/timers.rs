@@ -38,6 +38,21 @@ impl Machine {
         .min()
     }
 
+    /// What came in at `turn` has been computed and sent only `now`: nobody could act on it before, however long the
+    /// simulation took.
+    pub fn computed(&mut self, turn: Instant, now: Instant) {
+        match &mut self.state {
+            State::Running(run) if run.waiting_since == turn => run.waiting_since = now,
+            State::Stepping(batch) if batch.waiting_since == turn && !batch.goes_on => {
+                batch.waiting_since = now;
+            }
+            State::Held { until, .. } if self.entered_at == Some(turn) => {
+                *until += now.saturating_duration_since(turn);
+            }
+            _ => {}
+        }
+    }
+
     /// When missing actuators are warned of, or the run is given up.
     fn deadline(&self, waiting_since: Instant, told: bool) -> Instant {
         let patience = if told {

@@ -333,6 +333,7 @@ impl SimulationServer {
             self.machine.tick(now, stamp);
         }
         self.act(on_notice);
+        self.machine.computed(now, Instant::now());
         self.compute(on_notice);
     }
 

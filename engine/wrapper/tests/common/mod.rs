@@ -127,6 +127,13 @@ impl Server {
         self.collect();
     }
 
+    /// What came last took its simulations so long.
+    pub fn took(&mut self, time: Duration) {
+        let turn = self.now;
+        self.now += time;
+        self.machine.computed(turn, self.now);
+    }
+
     pub fn collect(&mut self) {
         for action in self.machine.actions() {
             match action {

@@ -189,7 +189,9 @@ public final class Host implements AutoCloseable, Link.Listener, Outbox {
   /** A bug in this library must not close the connection, as an exception in Paho does. */
   private void receive(String topic, byte[] payload, boolean retained) {
     try {
-      machine.receive(topic, payload, retained, System.nanoTime());
+      long turn = System.nanoTime();
+      machine.receive(topic, payload, retained, turn);
+      machine.computed(turn, System.nanoTime());
       watch();
     } catch (RuntimeException bug) {
       notices.accept(
@@ -288,7 +290,9 @@ public final class Host implements AutoCloseable, Link.Listener, Outbox {
     synchronized (lock) {
       alarmAt = null;
       if (!closed && leftBecause == null) {
-        machine.tick(System.nanoTime(), stamp());
+        long turn = System.nanoTime();
+        machine.tick(turn, stamp());
+        machine.computed(turn, System.nanoTime());
         watch();
       }
     }

@@ -225,6 +225,22 @@ final class Machine {
         .orElse(null);
   }
 
+  /**
+   * What came in at {@code turn} has been computed and sent only now: nobody could act on it
+   * before, however long the simulation took.
+   */
+  void computed(long turn, long now) {
+    Run run = occupancy.run();
+    Batch batch = occupancy.batch();
+    if (run != null && run.waitingSince == turn) {
+      run.waitingSince = now;
+    } else if (batch != null && batch.waitingSince == turn && !batch.isSelfSteering()) {
+      batch.waitingSince = now;
+    } else {
+      occupancy.computed(turn, now);
+    }
+  }
+
   /** Time has passed; {@code stamp} is now in RFC 3339, for presence. */
   void tick(long now, String stamp) {
     String rival = idConflict.rivalToLeaveFor(now);

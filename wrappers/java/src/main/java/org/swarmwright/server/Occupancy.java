@@ -37,6 +37,9 @@ final class Occupancy {
   /** When the server is free again, while configured or held. */
   private long until;
 
+  /** When it became what it is, as far as was known when the message came in. */
+  private long changedAt;
+
   /** While running. */
   private Run run;
 
@@ -246,6 +249,13 @@ final class Occupancy {
     turns.heldBy(Optional.ofNullable(tool), false, now);
   }
 
+  /** See {@link Machine#computed}. */
+  void computed(long turn, long now) {
+    if (state == State.HELD && changedAt == turn) {
+      until += now - turn;
+    }
+  }
+
   /** The server is free. */
   void free(long now) {
     enter(State.FREE, now);
@@ -268,6 +278,7 @@ final class Occupancy {
     batch = null;
     evaluations = null;
     heldFor = null;
+    changedAt = now;
     presence.changed(now);
   }
 

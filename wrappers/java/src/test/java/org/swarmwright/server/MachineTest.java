@@ -222,6 +222,21 @@ class MachineTest extends MachineFixture {
   }
 
   @Test
+  void aStepThatTakesLongerThanTheTimeoutIsNotGivenUp() {
+    say("parameters", "'server': 7, 'simulation_hash': 'h'");
+    say("control", "'server': 7, 'simulation_hash': 'h'");
+    long turn = now;
+    now += 120 * SECOND;
+    machine.computed(turn, now);
+    machine.tick(now, "2026-01-01T00:00:00Z");
+    assertTrue(!out.notices.toString().contains("has not sent"), "the tool could not answer yet");
+    assertTrue(!isFree(""));
+    now += 60 * SECOND;
+    machine.tick(now, "2026-01-01T00:00:00Z");
+    assertTrue(isFree(""));
+  }
+
+  @Test
   void theFitnessHasTheMetrics() {
     say("parameters", "'server': 7, 'simulation_hash': 'h', 'start': 3");
     say("control", "'server': 7, 'simulation_hash': 'h'");

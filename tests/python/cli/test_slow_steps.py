@@ -1,0 +1,59 @@
+"""Simulators whose steps take longer than servers wait for actuators, or than the keep-alive interval."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from swarmwright import Run
+from tests.python.cli.test_services import events
+
+SLOW = """\
+import time
+
+import numpy as np
+
+from swarmwright import Simulation
+
+
+class Slow(Simulation):
+    title = "slow"
+    sensors = 1
+    actuators = 1
+    max_agents = 1
+
+    def reset(self, parameters, seed):
+        self.steps = 0
+        time.sleep({seconds})
+        return np.zeros((1, 1))
+
+    def step(self, actions):
+        self.steps += 1
+        time.sleep({seconds})
+        return np.zeros((1, 1))
+
+    def done(self):
+        return self.steps == 2
+
+    def fitness(self):
+        return float(self.steps)
+"""
+EXPERIMENT = """\
+simulation: slow.py:Slow
+mode: {}
+method: {{kind: random_search, population: 2, generations: 1}}
+"""
+
+
+@pytest.mark.parametrize("mode", ["stepwise", "batched"])
+def test_a_step_may_take_longer_than_the_wait_for_actuators(
+    program: Any, start: Any, embedded_broker: str, tmp_path: Path, mode: str
+) -> None:
+    (tmp_path / "slow.py").write_text(SLOW.format(seconds=1))
+    (tmp_path / "e.yaml").write_text(EXPERIMENT.format(mode))
+    server = start("serve", "slow.py:Slow", "--broker", embedded_broker, "--step-timeout", "0.5", "--json")
+    events(server, "ready")
+    run = program("optimize", "e.yaml", "--broker", embedded_broker, "--out", "run")
+    assert (run.returncode, "has not sent" in run.stderr) == (0, False), run.stderr
+    opened = Run.open(tmp_path / "run")
+    assert (opened.best.fitness, opened.evaluations) == (2, 2)
