@@ -57,3 +57,20 @@ def test_a_step_may_take_longer_than_the_wait_for_actuators(
     assert (run.returncode, "has not sent" in run.stderr) == (0, False), run.stderr
     opened = Run.open(tmp_path / "run")
     assert (opened.best.fitness, opened.evaluations) == (2, 2)
+
+
+@pytest.mark.parametrize("mode", ["stepwise", "batched"])
+def test_a_step_may_take_longer_than_the_keep_alive_interval(
+    program: Any, start: Any, embedded_broker: str, tmp_path: Path, mode: str
+) -> None:
+    (tmp_path / "slow.py").write_text(SLOW.format(seconds=2))  # the broker waits for 1.5 s
+    (tmp_path / "e.yaml").write_text(EXPERIMENT.format(mode))
+    often = {"SWARMWRIGHT_KEEP_ALIVE": "1"}
+    server = start("serve", "slow.py:Slow", "--broker", embedded_broker, "--json", env=often)
+    events(server, "ready")
+    few = ("--set", "method.population=1")
+    run = program("optimize", "e.yaml", "--broker", embedded_broker, "--out", "run", *few)
+    assert run.returncode == 0, run.stderr
+    assert Run.open(tmp_path / "run").best.fitness == 2
+    server.terminate()
+    assert '"lost"' not in server.communicate(timeout=20)[0]

@@ -1,5 +1,6 @@
 //! The server's shell: connection, clock, the machine's actions carried out.
 
+mod line;
 mod rival;
 mod words;
 
@@ -20,6 +21,7 @@ use crate::machine::{Action, Machine, Notice};
 use crate::notice::Rival;
 use crate::progress::Progress;
 use crate::{Identity, identity};
+use line::Keeper;
 use rival::find_rival;
 use words::{is_scene, lost, refusal};
 
@@ -116,7 +118,7 @@ pub enum ServeError {
 /// A simulation server on the broker.
 pub struct SimulationServer {
     machine: Machine,
-    connection: Connection,
+    keeper: Keeper,
     topics: Topics,
     id: u64,
     on_frame: Option<FrameHandler>,
@@ -197,6 +199,7 @@ impl SimulationServer {
         let warning = settings
             .clear_text_warning()
             .filter(|_| !WARNED.swap(true, Ordering::Relaxed));
+        let keep_alive = settings.keep_alive;
         let mut connection = Connection::open(settings, subscriptions)?;
         let mut early = Vec::new();
         if !options.alone {
@@ -219,7 +222,7 @@ impl SimulationServer {
             pending: None,
             ready: false,
             warning,
-            connection,
+            keeper: Keeper::new(connection, keep_alive),
             topics,
             id: options.id,
             on_frame: options.on_frame,
@@ -273,7 +276,7 @@ impl SimulationServer {
         self.machine.free(Instant::now());
         // The presence of another server with the id is not this one's to remove.
         if self.rival.is_none() {
-            self.connection.publish(
+            self.keeper.line().publish(
                 &self.topics.presence(self.id),
                 &[],
                 QoS::AtLeastOnce,
@@ -281,7 +284,7 @@ impl SimulationServer {
                 None,
             );
         }
-        self.connection.close(Duration::from_secs(1));
+        self.keeper.close(Duration::from_secs(1));
     }
 
     fn poll_until(
@@ -308,7 +311,7 @@ impl SimulationServer {
         } else {
             self.machine.next_tick().map_or(until, |at| at.min(until))
         };
-        self.connection.poll(until, &mut self.events);
+        self.keeper.line().poll(until, &mut self.events);
         let now = Instant::now();
         for event in self.events.drain(..) {
             match event {
@@ -354,6 +357,7 @@ impl SimulationServer {
 
     fn act(&mut self, on_notice: &mut impl FnMut(&Notice)) {
         let mut unsent = None;
+        let mut line = self.keeper.line();
         for action in self.machine.actions() {
             if self.rival.is_some() {
                 // What this server has to say is the other one's to say.
@@ -366,7 +370,7 @@ impl SimulationServer {
                     }
                 }
                 Action::Publish(Topic::Presence, payload) => {
-                    self.connection.publish(
+                    line.publish(
                         &self.topics.presence(self.id),
                         &payload,
                         QoS::AtLeastOnce,
@@ -377,7 +381,7 @@ impl SimulationServer {
                 Action::Publish(topic, payload) => {
                     let name = self.topics.name(topic);
                     let options = PublishOptions::default();
-                    let sent = self.connection.publish_with(&name, &payload, &options);
+                    let sent = line.publish_with(&name, &payload, &options);
                     unsent = unsent.or(sent.err().map(|error| (topic, error)));
                 }
                 Action::Reply {
@@ -392,7 +396,7 @@ impl SimulationServer {
                         ..PublishOptions::default()
                     };
                     let topic = self.topics.under(&topic);
-                    let sent = self.connection.publish_with(&topic, &payload, &options);
+                    let sent = line.publish_with(&topic, &payload, &options);
                     if let Err(error) = sent
                         && is_scene(&payload)
                     {
@@ -403,7 +407,7 @@ impl SimulationServer {
                         );
                         on_notice(&Notice::Warning(reason.clone()));
                         let instead = refusal(&payload, reason);
-                        let _ = self.connection.publish_with(&topic, &instead, &options);
+                        let _ = line.publish_with(&topic, &instead, &options);
                     }
                 }
                 Action::Evaluate(job) => self.pending = Some(job),
@@ -415,6 +419,7 @@ impl SimulationServer {
                 }
             }
         }
+        drop(line);
         if let Some((topic, TooLarge { bytes, most })) = unsent {
             self.machine.unsent(topic, bytes, most, Instant::now());
             self.act(on_notice);
