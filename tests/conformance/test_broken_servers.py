@@ -2,18 +2,30 @@
 
 import time
 from contextlib import ExitStack
+from typing import Any
+from unittest.mock import patch
 
 import pytest
 
 from swarmwright.conformance._check_server import check_server
 from swarmwright.conformance._results import Report
 from swarmwright.conformance._rules import Profile
+from swarmwright.conformance._server_under_test import QUIET
 from tests.conformance.broken.base import Broken
 from tests.conformance.broken.servers import SERVERS
 from tests.conformance.sound import PATIENCE, SoundServer
 
 
-class LateTwice(SoundServer):
+class GivesUp(SoundServer):
+    """Gives up episodes, too, after the time-out from their start."""
+
+    def tick(self) -> None:
+        if self.state == "running" and time.monotonic() >= self.until:
+            self.enter("free")
+        super().tick()
+
+
+class LateTwice(GivesUp):
     """Answers each discovery, and once more after the next one, as over a connection that repeats."""
 
     last: str | None = None
@@ -24,10 +36,31 @@ class LateTwice(SoundServer):
         self.last = hash_
         super().answer(hash_)
 
+
+class LateAgents(GivesUp):
+    """Its other agents are asked a moment after the first."""
+
+    late: tuple[Any, ...] = ()
+    due = 0.0
+
+    def sense(self) -> None:
+        publish, late = self.publish, []
+
+        def one(topic: str, **fields: Any) -> None:
+            if topic == "sensor" and fields["agent"] > 0:
+                late.append(fields)
+            else:
+                publish(topic, **fields)
+
+        with patch.object(self, "publish", one):
+            super().sense()
+        self.late, self.due = tuple(late), time.monotonic() + 4 * QUIET
+
     def tick(self) -> None:
-        """Give up episodes, too, after the time-out from their start."""
-        if self.state == "running" and time.monotonic() >= self.until:
-            self.enter("free")
+        if self.late and time.monotonic() >= self.due:
+            for fields in self.late:
+                self.publish("sensor", **fields)
+            self.late = ()
         super().tick()
 
 
@@ -53,5 +86,11 @@ def test_a_broken_server_is_caught_by_the_right_rule(kind: type[Broken]) -> None
 
 def test_late_answers_to_earlier_discoveries_are_no_mistake() -> None:
     report = report_of(LateTwice, "S1.1,S1.2,S1.3,S6.6", step_timeout=PATIENCE)
+    assert report.ok, str(report)
+    assert "S6.6" in report.of("passed")
+
+
+def test_late_agents_of_the_first_step_are_no_mistake_of_a_server_that_gives_up() -> None:
+    report = report_of(LateAgents, "S1.1,S6.6", step_timeout=PATIENCE)
     assert report.ok, str(report)
     assert "S6.6" in report.of("passed")

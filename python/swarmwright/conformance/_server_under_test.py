@@ -432,6 +432,20 @@ class Episode:
             if self.is_mine(message):
                 self.take(message)
 
+    def pass_over_late(self) -> None:
+        """Forget what has come by now of agents that had not been asked before: it was merely late."""
+        asked = {agent for agent, _, _ in self.pending}
+
+        def is_late(message: Message) -> bool:
+            return (
+                message.topic == "sensor"
+                and self.is_mine(message)
+                and message.maybe.get("agent") not in asked
+            )
+
+        client = self.server.client
+        client.waiting = deque(message for message in client.waiting if not is_late(message))
+
     def must_wait(self, agents: Iterable[int], why: str, sent: str) -> None:
         """Raise WentOn when the episode goes on: a fitness comes, or one of these agents is asked again.
 

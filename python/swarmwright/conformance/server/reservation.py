@@ -153,6 +153,7 @@ def gives_up(server: Server) -> str:
     seconds = must_be_free_within(
         server, patience + 3, f"free after {patience:g} s without actuators", "no actuators"
     )
+    episode.pass_over_late()
     server.must_be_silent("an episode that was given up has no fitness")
     return f"free after {seconds:.1f} s"
 
