@@ -1,9 +1,15 @@
 """Simulators whose steps take longer than servers wait for actuators, or than the keep-alive interval."""
 
+import json
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import paho.mqtt.client as mqtt
 import pytest
+from paho.mqtt.enums import CallbackAPIVersion
 
 from swarmwright import Run
 from tests.python.cli.test_services import events
@@ -38,11 +44,35 @@ class Slow(Simulation):
     def fitness(self):
         return float(self.steps)
 """
+DISCOVERY = {"simulation": "another", "simulation_hash": "h", "requirements": {"dimensions": 2}}
 EXPERIMENT = """\
 simulation: slow.py:Slow
 mode: {}
 method: {{kind: random_search, population: 2, generations: 1}}
 """
+
+
+@contextmanager
+def discoveries(url: str) -> Iterator[None]:
+    """Messages that servers get meanwhile, several a second."""
+    client = mqtt.Client(CallbackAPIVersion.VERSION2)
+    client.connect("127.0.0.1", int(url.rpartition(":")[2]))
+    client.loop_start()
+    ended = threading.Event()
+
+    def publish() -> None:
+        while not ended.wait(0.2):
+            client.publish("discovery", json.dumps(DISCOVERY))
+
+    thread = threading.Thread(target=publish)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
+        client.disconnect()
+        client.loop_stop()
 
 
 @pytest.mark.parametrize("mode", ["stepwise", "batched"])
@@ -63,13 +93,14 @@ def test_a_step_may_take_longer_than_the_wait_for_actuators(
 def test_a_step_may_take_longer_than_the_keep_alive_interval(
     program: Any, start: Any, embedded_broker: str, tmp_path: Path, mode: str
 ) -> None:
-    (tmp_path / "slow.py").write_text(SLOW.format(seconds=2))  # the broker waits for 1.5 s
+    (tmp_path / "slow.py").write_text(SLOW.format(seconds=3))  # the broker waits for 1.5 s
     (tmp_path / "e.yaml").write_text(EXPERIMENT.format(mode))
     often = {"SWARMWRIGHT_KEEP_ALIVE": "1"}
     server = start("serve", "slow.py:Slow", "--broker", embedded_broker, "--json", env=often)
     events(server, "ready")
     few = ("--set", "method.population=1")
-    run = program("optimize", "e.yaml", "--broker", embedded_broker, "--out", "run", *few)
+    with discoveries(embedded_broker):
+        run = program("optimize", "e.yaml", "--broker", embedded_broker, "--out", "run", *few)
     assert run.returncode == 0, run.stderr
     assert Run.open(tmp_path / "run").best.fitness == 2
     server.terminate()

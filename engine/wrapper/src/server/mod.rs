@@ -1,6 +1,6 @@
 //! The server's shell: connection, clock, the machine's actions carried out.
 
-mod line;
+mod keep_alive;
 mod rival;
 mod words;
 
@@ -21,7 +21,7 @@ use crate::machine::{Action, Machine, Notice};
 use crate::notice::Rival;
 use crate::progress::Progress;
 use crate::{Identity, identity};
-use line::Keeper;
+use keep_alive::KeepAlive;
 use rival::find_rival;
 use words::{is_scene, lost, refusal};
 
@@ -118,7 +118,7 @@ pub enum ServeError {
 /// A simulation server on the broker.
 pub struct SimulationServer {
     machine: Machine,
-    keeper: Keeper,
+    connection: KeepAlive,
     topics: Topics,
     id: u64,
     on_frame: Option<FrameHandler>,
@@ -222,7 +222,7 @@ impl SimulationServer {
             pending: None,
             ready: false,
             warning,
-            keeper: Keeper::new(connection, keep_alive),
+            connection: KeepAlive::new(connection, keep_alive),
             topics,
             id: options.id,
             on_frame: options.on_frame,
@@ -276,7 +276,7 @@ impl SimulationServer {
         self.machine.free(Instant::now());
         // The presence of another server with the id is not this one's to remove.
         if self.rival.is_none() {
-            self.keeper.line().publish(
+            self.connection.lock().publish(
                 &self.topics.presence(self.id),
                 &[],
                 QoS::AtLeastOnce,
@@ -284,7 +284,7 @@ impl SimulationServer {
                 None,
             );
         }
-        self.keeper.close(Duration::from_secs(1));
+        self.connection.close(Duration::from_secs(1));
     }
 
     fn poll_until(
@@ -311,7 +311,7 @@ impl SimulationServer {
         } else {
             self.machine.next_tick().map_or(until, |at| at.min(until))
         };
-        self.keeper.line().poll(until, &mut self.events);
+        self.connection.lock().poll(until, &mut self.events);
         let now = Instant::now();
         for event in self.events.drain(..) {
             match event {
@@ -357,7 +357,7 @@ impl SimulationServer {
 
     fn act(&mut self, on_notice: &mut impl FnMut(&Notice)) {
         let mut unsent = None;
-        let mut line = self.keeper.line();
+        let mut connection = self.connection.lock();
         for action in self.machine.actions() {
             if self.rival.is_some() {
                 // What this server has to say is the other one's to say.
@@ -370,7 +370,7 @@ impl SimulationServer {
                     }
                 }
                 Action::Publish(Topic::Presence, payload) => {
-                    line.publish(
+                    connection.publish(
                         &self.topics.presence(self.id),
                         &payload,
                         QoS::AtLeastOnce,
@@ -381,7 +381,7 @@ impl SimulationServer {
                 Action::Publish(topic, payload) => {
                     let name = self.topics.name(topic);
                     let options = PublishOptions::default();
-                    let sent = line.publish_with(&name, &payload, &options);
+                    let sent = connection.publish_with(&name, &payload, &options);
                     unsent = unsent.or(sent.err().map(|error| (topic, error)));
                 }
                 Action::Reply {
@@ -396,7 +396,7 @@ impl SimulationServer {
                         ..PublishOptions::default()
                     };
                     let topic = self.topics.under(&topic);
-                    let sent = line.publish_with(&topic, &payload, &options);
+                    let sent = connection.publish_with(&topic, &payload, &options);
                     if let Err(error) = sent
                         && is_scene(&payload)
                     {
@@ -407,7 +407,7 @@ impl SimulationServer {
                         );
                         on_notice(&Notice::Warning(reason.clone()));
                         let instead = refusal(&payload, reason);
-                        let _ = line.publish_with(&topic, &instead, &options);
+                        let _ = connection.publish_with(&topic, &instead, &options);
                     }
                 }
                 Action::Evaluate(job) => self.pending = Some(job),
@@ -419,7 +419,7 @@ impl SimulationServer {
                 }
             }
         }
-        drop(line);
+        drop(connection);
         if let Some((topic, TooLarge { bytes, most })) = unsent {
             self.machine.unsent(topic, bytes, most, Instant::now());
             self.act(on_notice);
