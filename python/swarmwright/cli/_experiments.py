@@ -9,21 +9,23 @@ from swarmwright.cli._output import complain
 if TYPE_CHECKING:
     from swarmwright import Experiment
 
-_OF_FREVO = (".zse", ".zre")
 _IMPORT = "'swarmwright import' has options for the field and for components without a counterpart"
 
 
 def experiment_of(file: Path, settings: Sequence[str]) -> "Experiment":
-    """Read an experiment file or a FREVO session, with settings as `--set` takes them.
+    """Read an experiment file or a FREVO session, whatever its name, with settings as `--set` takes them.
 
     What of a session differs from FREVO is said on standard error. Raises InputError as their readers do.
     """
-    from swarmwright import Experiment
+    from swarmwright import Experiment, InputError
+    from swarmwright.core.files import first_character
 
-    if file.suffix.lower() not in _OF_FREVO:
+    if first_character(file) != "<":  # nor is what reads sessions imported
         return Experiment.load(file, settings)
-    from swarmwright import InputError, frevo
+    from swarmwright import frevo
 
+    if not frevo.is_session(file):
+        return Experiment.load(file, settings)
     try:
         imported = frevo.load(file)
     except InputError as error:

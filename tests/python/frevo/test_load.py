@@ -255,7 +255,11 @@ def test_a_session_that_is_taken_for_an_experiment(edited: Edited, program: Any,
     assert (refused.returncode, refused.stdout) == (2, "")
     assert "taken over is emergencyexit.EmergencyExit" in refused.stderr
     assert "'swarmwright import' has options for the field and for components" in refused.stderr
-    other.rename(tmp_path / "session.yaml")
+    shutil.copy(other, tmp_path / "session.yaml")
+    again = program("optimize", tmp_path / "session.yaml")
+    assert again.stderr == refused.stderr.replace(other.name, "session.yaml")
+    (tmp_path / "model.xml").write_text("<icomponent/>")
+    assert "'swarmwright import' makes one of" in program("optimize", "model.xml").stderr
     with pytest.raises(InputError, match="'swarmwright import' makes one of a FREVO session"):
         Experiment.load(tmp_path / "session.yaml")
 
