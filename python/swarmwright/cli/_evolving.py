@@ -194,7 +194,9 @@ def _conclude(output: Output, run: "Run") -> None:
         if event.kind == "servers" and event.session == run.sessions[-1].session:
             output.text(f"Servers: {event.text}.")
     if run.ended is not None and (run.ended != "generations" or run.generations < run.experiment.generations):
-        output.text(f"Ended since {run.experiment.budget.words(run.ended, run.generations)}.")
+        output.text(
+            f"Ended since {run.experiment.budget.words(run.ended, run.generations, run.evaluations)}."
+        )
     output.text(f"{run.evaluations} evaluations in {duration(run.seconds)} ({rate:.0f} a second).")
     output.text()
     output.text(f"Everything is in {run.path}:")

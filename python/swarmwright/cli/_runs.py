@@ -160,7 +160,9 @@ def _summary(output: Output, run: "Run", facts: dict[str, Any]) -> None:
     for line in saved_lines(run):
         output.text(f"  {line[0].lower()}{line[1:]}".removesuffix("."))
     if run.ended is not None:
-        output.text(f"  ended since {run.experiment.budget.words(run.ended, run.generations)}")
+        output.text(
+            f"  ended since {run.experiment.budget.words(run.ended, run.generations, run.evaluations)}"
+        )
     if run.experiment.method.operation == "steady_state":
         window = run.experiment.method.in_flight
         output.text(

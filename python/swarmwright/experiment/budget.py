@@ -47,15 +47,18 @@ class Budget:
             expected = [fitting] if self.generations is None else [*expected, fitting]
         return max(min(expected), generations, 1)
 
-    def words(self, ended: Ended, generations: int) -> str:
-        """Return why a run ended, which had so many generations."""
+    def words(self, ended: Ended, generations: int, evaluations: int) -> str:
+        """Return why a run ended, which had so many generations and evaluations."""
         done = f"all {self.generations} generations are done"
         if self.generations is not None and generations < self.generations:
             # Restarts with larger populations use up the evaluations.
             done = f"it has used the evaluations of {self.generations} generations of the first population"
+        used = f"the next generation would not fit into {self.evaluations} evaluations"
+        if self.evaluations is not None and evaluations >= self.evaluations:
+            used = f"all {self.evaluations} evaluations are used"
         return {
             "generations": done,
-            "evaluations": f"the next generation would not fit into {self.evaluations} evaluations",
+            "evaluations": used,
             "seconds": f"its {self.seconds:g} seconds are over" if self.seconds is not None else "",
             "target": "the target is reached",
         }[ended]

@@ -545,12 +545,19 @@ def _fill_in(checked: Checked, here: bool, report: Report) -> None:
         return
     for name in ("sensors", "actuators"):
         if checked[name] is None:
-            checked[name] = announced[name]
+            checked[name] = announced[name] or None
         elif checked[name] != announced[name]:
             report(
                 (name,),
                 f"{announced['title']} has {announced[name]}, not {checked[name]}; leave the key out",
             )
+    options = checked.get("controller")
+    if options is not None and not announced["sensors"] and REGISTRIES["controller"].get(options.kind).steers:
+        report(
+            ("controller", "kind"),
+            f"{options.kind} steers agents, but those of {announced['title']} control themselves (its "
+            "sensors are 0); use parameter_set",
+        )
     checked["requirements"] = checked["requirements"] or Requirements(dimensions=announced["dimensions"])
     if checked["fitness"] is not None:
         known = list(announced["metrics"])

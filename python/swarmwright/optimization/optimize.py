@@ -106,10 +106,11 @@ def optimize(
     try:
         with reported(), shown(progress, on_generation, on_progress) as (on_generation, on_progress):
             with open_simulations(experiment, broker=broker, servers=servers, wait=wait) as backend:
-                # They are 0 where they are not given and not needed.
-                resolved = dataclasses.replace(
-                    experiment, sensors=backend.sensors or None, actuators=backend.actuators or None
-                )
+                resolved = experiment
+                if experiment.steers:
+                    resolved = dataclasses.replace(
+                        experiment, sensors=backend.sensors, actuators=backend.actuators
+                    )
                 representation = experiment.representation(backend.sensors, backend.actuators)
                 check_memory(experiment, representation)
                 code = parts_of(experiment)

@@ -22,9 +22,10 @@ class Described(ABC):
     max_agents: int | None = None
     """Most agents that are possible; None: no limit."""
     sensors: int
-    """Sensor values of an agent, at least 1."""
+    """Sensor values of an agent. 0, as `actuators`, if the simulation controls its agents itself and only
+    its parameters are optimized (`controller: {kind: parameter_set}`): `reset` and `step` return nothing."""
     actuators: int
-    """Actuator values of an agent, at least 1."""
+    """Actuator values of an agent; 0 if `sensors` is 0."""
     groups: Mapping[str, "Group"] = {}
     """Kinds of agents that differ in sensors, actuators or controllers: name -> Group(agents, sensors,
     actuators), the first one having the agents from 0 on. `sensors` and `actuators` then follow from them:
@@ -90,7 +91,7 @@ class Simulation(Described):
     """
 
     @abstractmethod
-    def reset(self, parameters: dict[str, Any], seed: int) -> ArrayLike:
+    def reset(self, parameters: dict[str, Any], seed: int) -> ArrayLike | None:
         """Go to the start of an episode.
 
         Args:
@@ -101,6 +102,7 @@ class Simulation(Described):
         Returns:
             Observations, (agents, sensors), finite: a row for each agent. Numbers are rounded to binary32.
             With `groups`, rows may be as long as each agent's group says; they are filled up with 0.
+            None if `sensors` is 0.
 
         Raises:
             swarmwright.InputError: the parameters cannot be used, "name: why"; no other episode is tried with
@@ -108,7 +110,7 @@ class Simulation(Described):
         """
 
     @abstractmethod
-    def step(self, actions: NDArray[np.float32]) -> ArrayLike:
+    def step(self, actions: NDArray[np.float32]) -> ArrayLike | None:
         """Go on by one step.
 
         Args:

@@ -11,6 +11,7 @@ from typing import Any
 
 from swarmwright.core.errors import InputError
 from swarmwright.simulations.base import Described
+from swarmwright.simulations.batches import BatchSimulation
 from swarmwright.simulations.groups import Group
 from swarmwright.simulations.groups import declared as declared_groups
 from swarmwright.simulations.parameters import Parameter, declared
@@ -87,6 +88,12 @@ def describe(simulation: Described | Any, where: str = "") -> Description:  # no
     most = simulation.max_agents
     groups = declared_groups(getattr(simulation, "groups", {}), parameters, where)
     sensors, actuators = (_widest(where, simulation, groups, name) for name in ("sensors", "actuators"))
+    if (sensors == 0) != (actuators == 0):
+        name, other = ("sensors", "actuators") if sensors == 0 else ("actuators", "sensors")
+        raise InputError(
+            f"{where}.{name}: 0 found, expected 1 or more, or {other} = 0, too, if the simulation controls "
+            "its agents itself"
+        )
 
     def channels(name: str, count: int) -> tuple[str, ...]:
         return _channels(where, name, getattr(simulation, name, ()), count)
@@ -111,7 +118,7 @@ def describe(simulation: Described | Any, where: str = "") -> Description:  # no
         takes_controller=bool(getattr(simulation, "takes_controller", False)),
         groups=groups,
         padded=bool(getattr(simulation, "padded", False)),
-        steers_itself=getattr(simulation, "steers_itself", None),
+        steers_itself=True if sensors == 0 else getattr(simulation, "steers_itself", None),
     )
 
 
@@ -119,7 +126,7 @@ def _widest(where: str, simulation: Any, groups: Mapping[str, Group], name: str)
     """Return the number of sensors or actuators: with groups, the most of any."""
     given = getattr(simulation, name, None)
     if not groups:
-        return _count(where, name, given)
+        return _count(where, name, given, least=int(isinstance(simulation, BatchSimulation)))
     most = max(getattr(group, name) for group in groups.values())
     if given is not None and given != most:
         raise InputError(f"{where}.{name}: {given!r} found, but groups have up to {most}; leave it out")

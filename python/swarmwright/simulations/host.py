@@ -57,8 +57,10 @@ class Host(Calls[Simulation | BatchSimulation]):
         self.title = description.title
         self.dimensions = description.dimensions
         self.max_agents = description.max_agents
-        self.sensors = description.sensors
-        self.actuators = description.actuators
+        # The engine's agents have sensors and actuators. One that is never asked for actions stands for none.
+        self._steered = description.sensors > 0
+        self.sensors = description.sensors or 1
+        self.actuators = description.actuators or 1
         self.copies = description.copies
         self.lanes = description.lanes
         self.frame_seconds = description.frame_seconds
@@ -104,7 +106,8 @@ class Host(Calls[Simulation | BatchSimulation]):
         """Go on by one step; actions: (agents, actuators). Raises SimulationError when the code fails."""
         if isinstance(self._object, BatchSimulation):
             return self._only(self.go(actions[None]))
-        return self._seen("step", self._call("step", actions), first=False)
+        given = actions if self._steered else actions[:, :0]
+        return self._seen("step", self._call("step", given), first=False)
 
     def fitness(self) -> float:
         """Return the fitness. Raises SimulationError when the code fails."""
@@ -230,6 +233,9 @@ class Host(Calls[Simulation | BatchSimulation]):
         return acting, rows, bool(done)
 
     def _rows(self, method: str, returned: Any, *, first: bool) -> NDArray[np.float32]:  # noqa: ANN401
+        if not self._steered:
+            self._agents = 1
+            return np.zeros((1, 1), np.float32)
         if self.has_groups:
             returned = self._filled_up(method, returned)
         expected = f"({'agents' if first else self._agents}, {self.sensors})"
@@ -275,6 +281,8 @@ class Host(Calls[Simulation | BatchSimulation]):
         return filled
 
     def _acting(self) -> NDArray[np.uint32]:
+        if not self._steered:
+            return np.empty(0, np.uint32)
         returned = self._call("acting")
         if returned is None:
             return np.arange(self._agents, dtype=np.uint32)

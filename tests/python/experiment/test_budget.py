@@ -62,6 +62,8 @@ def test_members_that_are_evaluated_again_count(tmp_path: Path) -> None:
     run = optimize(noisy, out=tmp_path / "run")
     assert run.evaluations == 100, "20 in each of five generations, 15 of them new"
     assert run.generations == 5
+    shown = CliRunner().invoke(program, ["runs", "show", str(run.path)]).output
+    assert "ended since all 100 evaluations are used" in shown
 
 
 def test_the_first_generation_is_evaluated_in_any_case(

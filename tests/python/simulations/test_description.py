@@ -66,7 +66,9 @@ def test_an_object_in_the_place_of_a_class() -> None:
 @pytest.mark.parametrize(
     ("name", "value", "words"),
     [
-        ("sensors", 0, "Walk.sensors: 0 found, expected an integer from 1"),
+        ("sensors", -1, "Walk.sensors: -1 found, expected an integer from 0"),
+        ("sensors", 0, "Walk.sensors: 0 found, expected 1 or more, or actuators = 0, too, if"),
+        ("actuators", 0, "Walk.actuators: 0 found, expected 1 or more, or sensors = 0, too, if"),
         ("sensors", 2.0, "Walk.sensors: 2.0 found"),
         ("actuators", None, "Walk.actuators: None found"),
         ("sensor_names", ["x"], "Walk.sensor_names: 1 names found, expected 2"),

@@ -10,7 +10,7 @@ import pytest
 from swarmwright import Experiment, InputError, Run, evaluate, optimize, resume
 from tests.python.records import same_record
 from tests.python.simulations import minisim
-from tests.python.simulations.troubled import Alone, Drifting, Function, InTurn, Walk
+from tests.python.simulations.troubled import Alone, Drifting, Function, InTurn, Rule, Walk
 
 HERE = Path(__file__).parent
 PARAMETERS = {"placement": "random", "numAgents": 3, "numDefenders": 2, "maxSteps": 12}
@@ -113,6 +113,24 @@ def test_episodes_that_end_at_their_start(mode: str) -> None:
     here = evaluate(one, genomes, servers="in-process")
     assert here == pytest.approx([-1, 0, -9], abs=1e-5)
     assert evaluate(one, genomes, servers=1).tobytes() == here.tobytes()
+
+
+@pytest.mark.parametrize("mode", ["stepwise", "batched", "offloaded"])
+def test_simulations_without_sensors_and_actuators(mode: str, tmp_path: Path) -> None:
+    tuned = {"kind": "parameter_set", "parameters": {"x": {"type": "real", "range": [-5, 5]}}}
+    one = experiment(Rule, parameters={}, controller=tuned, mode=mode, fitness="fitness + 0 * steps")
+    assert (one.sensors, one.actuators, one.genome_size) == (None, None, 1)
+    genomes = np.array([[0.5], [0.6], [0.9]], np.float32)
+    here = evaluate(one, genomes, servers="in-process")
+    assert here == pytest.approx([-1, 0, -9], abs=1e-5)
+    assert evaluate(one, genomes, servers=1).tobytes() == here.tobytes()
+    run = optimize(one, servers=1, out=tmp_path / "run")
+    same_record(run, optimize(one, servers="in-process", out=tmp_path / "here"))
+    assert Experiment.load(tmp_path / "run" / "experiment.yaml").replace(seed=2).genome_size == 1
+    with pytest.raises(
+        InputError, match=r"controller\.kind: layered steers agents, but those of rule control"
+    ):
+        experiment(Rule, parameters={})
 
 
 @pytest.mark.parametrize("mode", ["stepwise", "batched", "offloaded"])

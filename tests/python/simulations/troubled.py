@@ -173,6 +173,32 @@ class Function(Simulation):
         return -((self.x - 1) ** 2)
 
 
+class Rule(Simulation):
+    """Has no agents that are steered, for three steps."""
+
+    title = "rule"
+    sensors = actuators = 0
+    parameters = {"x": Parameter(0.0, minimum=-5.0, maximum=5.0)}  # noqa: RUF012
+    metrics = ("steps",)
+
+    def reset(self, parameters: dict[str, Any], seed: int) -> None:  # noqa: ARG002
+        self.x: float = parameters["x"]
+        self.shapes: list[tuple[int, ...]] = []
+
+    def step(self, actions: NDArray[np.float32]) -> None:
+        self.shapes.append(actions.shape)
+
+    def done(self) -> bool:
+        return len(self.shapes) == 3
+
+    def fitness(self) -> float:
+        assert set(self.shapes) == {(1, 0)}
+        return -((self.x - 1) ** 2)
+
+    def measure(self) -> dict[str, float]:
+        return {"steps": len(self.shapes)}
+
+
 class Alone(Walk):
     """There can be one object only."""
 

@@ -195,13 +195,13 @@ def test_robots_are_driven_by_one_server(monkeypatch: pytest.MonkeyPatch) -> Non
     with subprocess.Popen([sys.executable, str(SIMULATOR), "--robots", "2", "--realtime", "1"]) as simulator:
         try:
             one, other = both(), second()
-            assert np.shape(one.reset({}, 0)) == (2, 1)
+            assert np.asarray(one.reset({}, 0)).shape == (2, 1)
             for _ in range(2):
                 with pytest.raises(InputError, match="another server on this machine drives robot_2"):
                     other.reset({}, 0)
             del one
             gc.collect()
-            assert np.shape(second().reset({}, 0)) == (1, 1)
+            assert np.asarray(second().reset({}, 0)).shape == (1, 1)
         finally:
             simulator.kill()
 
