@@ -1,0 +1,395 @@
+"""Checks of an experiment's values, each by itself and with the others."""
+
+import math
+import re
+from collections.abc import Callable, Iterator, Mapping
+from difflib import get_close_matches
+from typing import Any
+
+from pydantic import ValidationError
+
+from swarmwright.core.errors import InputError
+from swarmwright.core.options import Options
+from swarmwright.core.problems import MISSING, problems_of, shown
+from swarmwright.core.registry import Registry
+from swarmwright.core.simulation_names import is_command
+from swarmwright.core.yaml import Path_, path_of
+from swarmwright.experiment.document import AUTO, DEFAULT_KINDS, Document, Requirements
+from swarmwright.experiment.evolved import problems, unknown
+from swarmwright.experiment.fitness import FitnessExpression
+from swarmwright.experiment.start_from import genomes_of
+from swarmwright.methods import METHODS, MethodOptions
+from swarmwright.plug_ins import REGISTRIES
+from swarmwright.rankings import RankingOptions
+from swarmwright.rankings._slow import METRIC, SlowOptions
+from swarmwright.rankings.race import RaceOptions
+from swarmwright.representations import Representation
+from swarmwright.representations.parameter_set import ParameterSetOptions
+from swarmwright.representations.team import TeamOptions, check_counts, most, with_groups
+from swarmwright.simulations import catalogue
+
+Report = Callable[[Path_, str], None]
+"""Takes a problem: where, what."""
+Checked = dict[str, Any]
+"""Key -> checked value; the sections named in REGISTRIES as their own options."""
+
+
+def check_values(values: dict[str, Any], here: bool, report: Report, *, ask: bool) -> Checked:
+    """Check the values of an experiment.
+
+    Args:
+        values: as the file says, with other files' contents in their places.
+        here: whether the simulation can be asked.
+        report: takes each problem.
+        ask: whether code that files name may be imported.
+
+    Returns what was checked: a section that could not be, is missing or None.
+    """
+    checked: Checked = {}
+    try:
+        document = Document.model_validate(values)
+        checked = {
+            field.alias or name: getattr(document, name) for name, field in Document.model_fields.items()
+        }
+    except ValidationError as error:
+        for path, message in problems_of(error, Document):
+            report(path, f"{message}{_right_form(path, values)}")
+    for name, registry in REGISTRIES.items():
+        section = values.get(name, {})
+        if isinstance(section, Mapping):
+            checked[name] = _check_section(name, dict(section), registry, report, ask=ask)
+    _check_reevaluation(checked, report)
+    _check_validation(checked, report)
+    _check_metrics(checked, report)
+    parameters = values.get("parameters", {})
+    if isinstance(parameters, Mapping) and isinstance(values.get("simulation"), str):
+        _check_parameters(values["simulation"] if here else None, dict(parameters), report)
+    if "simulation" in checked:
+        _fill_in(checked, here, report)
+        _check_groups(checked, here, report)
+        reads_code = not ask and getattr(checked.get("controller"), "in_files", False)
+        representation = None if reads_code else _check_representation(checked, report)
+        _check_method(checked, representation, report)
+        _check_evolved(checked, here, report)
+        if here and is_command(checked["simulation"]):
+            from swarmwright.experiment import commands  # noqa: PLC0415 - only where there is a command
+
+            commands.check(checked, values, report)
+        _check_start(checked, representation, report)
+    return checked
+
+
+def _check_start(checked: Checked, representation: Representation | None, report: Report) -> None:
+    """Check that the controllers that evolution starts from fit the experiment's, and the method."""
+    start_from, method = checked.get("start_from"), checked.get("method")
+    if not start_from or method is None:
+        return
+    problem = METHODS.get(method.kind).no_start(method, len(start_from))
+    if problem is None and representation is not None:
+        try:
+            genomes_of(start_from, representation)
+        except InputError as error:
+            problem = str(error)
+    if problem is not None:
+        report(("start_from",), problem)
+
+
+def _right_form(path: Path_, values: Mapping[str, Any]) -> str:
+    """Return how a section is written of which only the kind stands there: `method: cma_es`."""
+    if len(path) != 1 or path[0] not in REGISTRIES:
+        return ""
+    kind, names = values.get(str(path[0])), REGISTRIES[str(path[0])].names()
+    if not isinstance(kind, str):
+        return ""
+    near = kind if kind in names else next(iter(get_close_matches(kind, names, n=1)), None)
+    return "" if near is None else f"; write {{kind: {near}}}"
+
+
+def _check_section(
+    name: str, section: dict[str, Any], registry: Registry[Any], report: Report, *, ask: bool
+) -> Options | None:
+    kind = section.get("kind", DEFAULT_KINDS[name])
+    if not isinstance(kind, str):
+        report((name, "kind"), f"must be text, not {shown(kind)}; there is: {', '.join(registry.names())}")
+        return None
+    try:
+        model: type[Options] = registry.get(kind).options_model
+    except InputError as error:
+        report((name, "kind"), str(error))
+        return None
+    try:
+        return model.model_validate(section, context={"ask": ask})
+    except ValidationError as error:
+        for path, message in problems_of(error, model, (name,)):
+            report(_as_written(path, message, {name: section}), message)
+        return None
+
+
+def _check_reevaluation(checked: Checked, report: Report) -> None:
+    """Check that the ranking's options fit the method."""
+    ranking, method = checked.get("ranking"), checked.get("method")
+    if not (isinstance(ranking, RankingOptions) and isinstance(method, MethodOptions)):
+        return
+    kind: str = method.kind  # type: ignore[attr-defined] # every kind's options have it
+    if isinstance(ranking, RaceOptions):
+        _check_race(ranking, method, kind, report)
+    if isinstance(ranking, SlowOptions):
+        _check_slow(method, kind, report)
+    if method.operation == "steady_state":
+        for key, unwanted in (("reevaluate", ranking.reevaluate), ("seeds", ranking.seeds == "new")):
+            if unwanted:
+                report(
+                    ("ranking", key),
+                    "generations have no seeds of their own in steady state; leave the key out, or "
+                    "take operation: generational",
+                )
+        return
+    if ranking.reevaluate and not METHODS.get(kind).keeps_members:
+        report(
+            ("ranking", "reevaluate"),
+            f"{kind} keeps no members from one generation to the next, so there are none to evaluate again; "
+            "leave the key out, or take a method that does, such as nnga",
+        )
+
+
+def _check_race(ranking: RaceOptions, method: MethodOptions, kind: str, report: Report) -> None:
+    """Check that there are generations of candidates that can race, and tests between episodes."""
+    if ranking.episodes <= ranking.first_test:
+        report(
+            ("ranking", "episodes"),
+            f"{ranking.episodes} leaves nothing to race for, since the first test is made after "
+            f"{ranking.first_test} episodes (first_test); take more episodes, or an earlier test",
+        )
+    if method.operation == "steady_state":
+        reason = "in steady state no generation can race; take operation: generational, or kind: absolute"
+    elif METHODS.get(kind).by_instance:
+        reason = f"{kind} races its candidates itself, over generations; take kind: absolute"
+    else:
+        return
+    report(("ranking", "kind"), reason)
+
+
+def _check_slow(method: MethodOptions, kind: str, report: Report) -> None:
+    """Check that there are generations of which some candidates can be evaluated in a second simulation."""
+    if method.operation == "steady_state":
+        reason = (
+            "in steady state there are no generations of which the best could be chosen; take operation: "
+            "generational, or kind: absolute"
+        )
+    elif METHODS.get(kind).by_instance:
+        reason = f"{kind} races its candidates in one simulation; take another method, or kind: absolute"
+    else:
+        return
+    report(("ranking", "kind"), reason)
+
+
+def _check_metrics(checked: Checked, report: Report) -> None:
+    """Check that no metric of the fitness is called like the one that a ranking adds to the record."""
+    fitness, ranking = checked.get("fitness"), checked.get("ranking")
+    if (
+        isinstance(ranking, SlowOptions)
+        and fitness is not None
+        and METRIC in FitnessExpression(fitness).metrics
+    ):
+        report(
+            ("fitness",),
+            f"{METRIC} is what the ranking {ranking.kind} calls the fitness in the slow simulation; give the "  # type: ignore[attr-defined] # every kind's options have it
+            "simulation's metric another name",
+        )
+
+
+def _as_written(path: Path_, message: str, values: Any) -> Path_:  # noqa: ANN401 - any values of a file
+    """Return a path without the parts that are not in the file: names of union variants that were tried."""
+    written: list[str | int] = []
+    for index, part in enumerate(path):
+        if _holds(values, part):
+            written.append(part)
+            values = values[part]
+        elif index == len(path) - 1 and message == MISSING:
+            written.append(part)
+    return tuple(written)
+
+
+def _holds(values: Any, part: str | int) -> bool:  # noqa: ANN401 - any values of a file
+    if isinstance(values, Mapping):
+        return part in values
+    return isinstance(values, list | tuple) and isinstance(part, int) and 0 <= part < len(values)
+
+
+def _check_validation(checked: Checked, report: Report) -> None:
+    """Check that a validation has enough episodes for one fitness, as the ranking makes it."""
+    options, ranking = checked.get("validate"), checked.get("ranking")
+    if options is None or ranking is None or options.episodes in {AUTO, 0}:
+        return
+    made = REGISTRIES["ranking"].get(ranking.kind)(ranking)
+    if not len(made.samples([0.0] * options.episodes)):
+        report(
+            ("validate", "episodes"),
+            f"must be at least ranking.episodes, {ranking.episodes}, of which a fitness is made, not "
+            f"{options.episodes}",
+        )
+
+
+def _check_groups(checked: Checked, here: bool, report: Report) -> None:
+    """Fill in what the simulation declares of the groups of a team; check it against the file."""
+    options = checked.get("controller")
+    if not isinstance(options, TeamOptions):
+        return
+    try:
+        declared = catalogue.groups(checked["simulation"], checked["parameters"]) if here else []
+    except InputError:  # has been reported
+        checked["controller"] = None
+        return
+    try:
+        if declared:
+            checked["controller"] = with_groups(options, declared, checked["simulation"])
+            return
+        if here and catalogue.built_in(checked["simulation"]) is not None:
+            raise InputError(_no_groups(checked["simulation"]))
+        if here or not catalogue.is_described(checked["simulation"]):
+            check_counts(options)
+        for name in ("sensors", "actuators"):
+            if checked[name] is None:
+                checked[name] = most(options, name)
+    except InputError as error:
+        _report_controller(error, report)
+        checked["controller"] = None
+
+
+def _no_groups(simulation: str) -> str:
+    """Return why a team cannot steer the agents of a built-in simulation with these parameters."""
+    hint = {
+        "minisim": "set the parameter defenderSteering: controller, so that defenders are steered, too",
+        "arena": "make the parameter robots a list of kinds of robots",
+    }.get(catalogue.built_in(simulation) or "", "all its agents are alike")
+    return (
+        f"controller.kind: a team needs several kinds of agents, but {simulation} has one with these "
+        f"parameters; {hint}, or take another kind of controller"
+    )
+
+
+def _report_controller(error: InputError, report: Report) -> None:
+    """Report what is wrong with the controller, `controller[.KEY]: why`, at its place."""
+    place, found, reason = str(error).removeprefix("controller").partition(": ")
+    path = [part for part in place.split(".") if part] if found else []
+    report(("controller", *path), reason or str(error))
+
+
+def _check_representation(checked: Checked, report: Report) -> Representation | None:
+    """Check that the controller's options fit the sensors and actuators; return it, None if not known yet."""
+    options, sensors, actuators = (checked.get(name) for name in ("controller", "sensors", "actuators"))
+    if options is None:
+        return None
+    component = REGISTRIES["controller"].get(options.kind)
+    if not component.steers:
+        sensors, actuators = sensors or 0, actuators or 0
+    if sensors is None or actuators is None:
+        return None
+    try:
+        made: Representation = component(options, sensors=sensors, actuators=actuators)
+    except InputError as error:
+        _report_controller(error, report)
+        return None
+    return made
+
+
+def _check_method(checked: Checked, representation: Representation | None, report: Report) -> None:
+    """Check that the method can evolve the representation in the operation that is asked for.
+
+    Without sensors and actuators that is found out when a server has announced them.
+    """
+    method = checked.get("method")
+    if method is not None:
+        component = REGISTRIES["method"].get(method.kind)
+        for name, reason in component.problems(method, representation).items():
+            report(("method", name), reason)
+
+
+def _check_evolved(checked: Checked, here: bool, report: Report) -> None:
+    """Check that parameters that are evolved are none of the fixed ones, and fit the simulation."""
+    options = checked.get("controller")
+    if isinstance(options, ParameterSetOptions):
+        for path, message in problems(
+            checked["simulation"], checked["parameters"], options.parameters, here=here
+        ):
+            report(path, message)
+
+
+def _check_parameters(simulation: str | None, parameters: dict[str, Any], report: Report) -> None:
+    for path, problem in _unsendable(parameters, ("parameters",)):
+        report(path, problem)
+        return
+    if simulation is None:
+        return
+    known = catalogue.parameter_names(simulation)
+    for key, problem in unknown(simulation, parameters):
+        report(("parameters", key), problem)
+    everything = catalogue.takes_any(simulation)
+    given = {key: value for key, value in parameters.items() if everything or key in known}
+    first = True
+    # The simulation names one at a time. Without it, the next one; what follows from its absence is not told.
+    while (wrong := catalogue.parameters_problem(simulation, given)) is not None:
+        place, _, reason = wrong.removeprefix("parameter ").partition(": ")
+        name = re.split(r"[.[]", place, maxsplit=1)[0]
+        if not (reason and name in given):
+            if first:
+                report((("parameters", name) if reason and name in known else ("parameters",)), wrong)
+            return
+        if first or _by_itself(simulation, name, given[name], wrong):
+            report(("parameters", *path_of(place)), reason)
+        del given[name]
+        first = False
+
+
+def _by_itself(simulation: str, name: str, value: Any, wrong: str) -> bool:  # noqa: ANN401 - any value of a file
+    """Whether a parameter is wrong whatever the others are."""
+    return catalogue.parameters_problem(simulation, {name: value}) == wrong
+
+
+def _unsendable(value: Any, path: Path_) -> Iterator[tuple[Path_, str]]:  # noqa: ANN401 - any value of a file
+    """Yield what JSON cannot carry."""
+    if isinstance(value, Mapping):
+        for key, inner in value.items():
+            if isinstance(key, str):
+                yield from _unsendable(inner, (*path, key))
+            else:
+                yield path, f"a key must be text, not {shown(key)}"
+    elif isinstance(value, list | tuple):
+        for index, inner in enumerate(value):
+            yield from _unsendable(inner, (*path, index))
+    elif isinstance(value, float) and not math.isfinite(value):
+        yield path, f"must be a finite number, not {value}"
+    elif not (value is None or isinstance(value, bool | int | float | str)):
+        yield path, f"a value of the type {type(value).__name__} cannot be sent to a simulation"
+
+
+def _fill_in(checked: Checked, here: bool, report: Report) -> None:
+    """Write out what a simulation that can be asked announces; check that the file does not contradict it."""
+    if not here:
+        checked["requirements"] = checked["requirements"] or Requirements(dimensions=2)
+        return
+    try:
+        announced = catalogue.description(checked["simulation"], checked["parameters"])
+    except InputError:  # has been reported
+        return
+    for name in ("sensors", "actuators"):
+        if checked[name] is None:
+            checked[name] = announced[name] or None
+        elif checked[name] != announced[name]:
+            report(
+                (name,),
+                f"{announced['title']} has {announced[name]}, not {checked[name]}; leave the key out",
+            )
+    options = checked.get("controller")
+    if options is not None and not announced["sensors"] and REGISTRIES["controller"].get(options.kind).steers:
+        report(
+            ("controller", "kind"),
+            f"{options.kind} steers agents, but those of {announced['title']} control themselves (its "
+            "sensors are 0); use parameter_set",
+        )
+    checked["requirements"] = checked["requirements"] or Requirements(dimensions=announced["dimensions"])
+    if checked["fitness"] is not None:
+        known = list(announced["metrics"])
+        problem = FitnessExpression(checked["fitness"]).unknown(known, announced["title"])
+        if problem is not None:
+            report(("fitness",), problem)
