@@ -147,9 +147,16 @@ def table(found: Sequence[Design]) -> Iterator[str]:
             recorded, fitness, transferred, loss = np.median(columns, axis=0)
             low, high = columns[:, 1].min(), columns[:, 1].max()
             yield (
-                f"| `{mission}` | {kind} | {recorded:.4g} | {fitness:.4g} ({low:.4g} to {high:.4g}) | "
-                f"{tests[0]:.2g} | {transferred:.4g} | {tests[1]:.2g} | {loss:.3g} | {tests[2]:.2g} |"
+                f"| `{mission}` | {kind} | {_figure(recorded)} | {_figure(fitness)} ({_figure(low)} to "
+                f"{_figure(high)}) | {tests[0]:.2g} | {_figure(transferred)} | {tests[1]:.2g} | "
+                f"{_figure(loss, 3)} | {tests[2]:.2g} |"
             )
+
+
+def _figure(value: float, digits: int = 4) -> str:
+    """Write so many digits, without a power of ten."""
+    rounded = float(f"{value:.{digits}g}")
+    return f"{rounded:,.0f}" if abs(rounded) >= 1000 else f"{rounded:g}"
 
 
 def draw(found: Sequence[Design]) -> "Figure":
