@@ -74,8 +74,20 @@ def command(
     result = episode(experiment, loaded, broker=broker, visual=visual, seed=seed)
     whose = None if controller is None else str(controller)
     output.json(
-        {"fitness": result.fitness, "controller": whose, "seed": result.seed, "metrics": result.metrics}
+        {
+            "fitness": result.fitness,
+            "controller": whose,
+            "seed": result.seed,
+            "parameters": result.parameters,
+            "metrics": result.metrics,
+        }
     )
-    output.text(f"Fitness {result.fitness:.6g} with {whose or 'a random controller'}.")
-    if result.metrics:
-        output.text(", ".join(f"{name} {value:.6g}" for name, value in result.metrics.items()))
+    random = "random values" if result.parameters else "a random controller"
+    output.text(f"Fitness {result.fitness:.6g} with {whose or random}.")
+    for values in (result.parameters, result.metrics):
+        if values:
+            output.text(", ".join(f"{name} {_plain(value)}" for name, value in values.items()))
+
+
+def _plain(value: float | str) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)

@@ -115,6 +115,8 @@ class Episode:
     fitness: float
     metrics: dict[str, float]
     """Those that the experiment's fitness needs, by name."""
+    parameters: dict[str, float | int | str]
+    """Values of a parameter set, by name; {} for what steers agents."""
     seed: int
     """Of the simulation."""
 
@@ -144,6 +146,8 @@ def episode(
             representation = experiment.representation(backend.sensors, backend.actuators)
             genome = representation.initial(Stream(experiment.seed, "initial"))
             controllers = Controllers.of(representation, genome[np.newaxis])
+            if not experiment.steers:
+                controller = Controller(representation.specification(genome))
         else:
             _check_fit(controller, backend.sensors, backend.actuators, experiment.simulation)
             weights = np.array([controller.specification["weights"]], dtype=np.float32)
@@ -153,7 +157,7 @@ def episode(
     if not np.isfinite(fitness):
         raise RunError(_reason(results.journal))
     metrics = dict(zip(backend.metrics, results.metrics[0, 0].tolist(), strict=True))
-    return Episode(fitness + 0.0, metrics, seed)
+    return Episode(fitness + 0.0, metrics, {} if controller is None else controller.parameters, seed)
 
 
 def _rows(genomes: ArrayLike) -> NDArray[np.float32]:

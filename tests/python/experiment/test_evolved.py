@@ -77,6 +77,10 @@ def test_the_run_can_be_watched(expected: Run, program: Callable[..., Any], tmp_
     simulated = program("simulate", file, "--controller", expected.path, "--json")
     assert simulated.returncode == 0, simulated.stderr
     assert json.loads(simulated.stdout)["fitness"] == json.loads(scenes[-1])["fitness"]
+    assert json.loads(simulated.stdout)["parameters"] == expected.best.controller.parameters
+    random = program("simulate", file).stdout.splitlines()
+    assert random[0].endswith(" with random values.")
+    assert [pair.split()[0] for pair in random[1].split(", ")] == list(expected.best.controller.parameters)
 
 
 MISTAKES = [
