@@ -83,8 +83,10 @@ class Experiment:
             path: of the file.
             settings: what is set otherwise than in the file, `KEY.PATH=VALUE` each, as the option `--set`
                 takes it: the value is YAML, items of lists are named by their number (`parameters.agents.0`),
-                null takes a key back to its default, another `kind` starts from that kind's defaults. Paths
-                of files in them are relative to the working directory.
+                null takes a key back to its default. Another `kind` starts from that kind's defaults; a
+                method of another kind keeps the file's target and, unless the settings have another, its
+                budget: generations (not for racing), evaluations and seconds. Paths of files in them are
+                relative to the working directory.
 
         Raises InputError with every problem of the file and of the settings, a line each: `file.yaml:12:
         method.populaton: unknown key; did you mean 'population'?`.

@@ -13,11 +13,13 @@ from swarmwright.core.problems import shown
 from swarmwright.core.yaml import Path_, Source, dotted_path, parse
 from swarmwright.experiment.document import DEFAULT_KINDS
 from swarmwright.experiment.robots import written_out
+from swarmwright.methods import METHODS, MethodOptions
 from swarmwright.simulations import catalogue
 
 _PART = re.compile(r'"(?P<quoted>[^"]+)"|(?P<plain>[^.\[\]"=]+)|\[(?P<index>\d+)\]')
 ANNOUNCED = ("sensors", "actuators", "requirements")
 """What another simulation announces differently."""
+_LIMITS = ("generations", "evaluations", "seconds")
 _HINT = "write KEY=VALUE, such as method.generations=50 or 'controller.hidden=[8, 4]'"
 
 
@@ -107,21 +109,37 @@ def apply(source: Source, settings: Iterable[Setting]) -> Source:
     )
     for setting in ordered:
         if setting.path[1:] == ("kind",) and setting.first:
-            _start_anew(changed, setting)
+            _start_anew(changed, setting, ordered)
         elif setting.first:
             _other_simulation(changed, setting)
         _assign(changed, setting)
     return changed
 
 
-def _start_anew(source: Source, setting: Setting) -> None:
-    """Drop the options of a section that gets another kind: they are another kind's."""
+def _start_anew(source: Source, setting: Setting, settings: Iterable[Setting]) -> None:
+    """Drop the options of a section that gets another kind: they are another kind's. A budget is kept."""
     section = setting.path[0]
+    new = setting.value or DEFAULT_KINDS[section]
     old = source.values.get(section)
     kind = old.get("kind", DEFAULT_KINDS[section]) if isinstance(old, Mapping) else DEFAULT_KINDS[section]
-    if (setting.value or DEFAULT_KINDS[section]) != kind or not isinstance(old, Mapping):
-        source.values[section] = {}
-        _forget(source, (section,), below_only=True)
+    if new != kind or not isinstance(old, Mapping):
+        names = _kept_limits(new, settings) if section == "method" and isinstance(old, Mapping) else []
+        kept = {name: old[name] for name in names if name in old}
+        source.values[section] = kept
+        _forget(source, (section,), but=[(section,), *((section, name) for name in kept)])
+
+
+def _kept_limits(kind: Any, settings: Iterable[Setting]) -> list[str]:  # noqa: ANN401 - any value of a file
+    """Return the options that end a run with a method of another kind as with the file's."""
+    if kind not in METHODS.names():
+        return []
+    if any(one.path[0] == "method" and one.path[1:] in [(name,) for name in _LIMITS] for one in settings):
+        return ["target"]  # another budget is given
+    # A generation of a race is one instance: its number of generations has another default, and is no budget.
+    defaults = (
+        one.model_fields["generations"].default for one in (MethodOptions, METHODS.get(kind).options_model)
+    )
+    return ["target", *(name for name in _LIMITS if name != "generations" or len({*defaults}) == 1)]
 
 
 def _other_simulation(source: Source, setting: Setting) -> None:
@@ -176,8 +194,8 @@ def _complain(source: Source, setting: Setting, path: Path_, message: str) -> No
     source.problems.append((place, 0, f"{dotted_path(path)} {message}"))
 
 
-def _forget(source: Source, path: Path_, *, below_only: bool = False) -> None:
+def _forget(source: Source, path: Path_, *, but: Collection[Path_] = ()) -> None:
     """Forget where the values at and below a path came from."""
     for places in (source.lines, source.options):
-        for place in [one for one in places if one[: len(path)] == path and not (below_only and one == path)]:
+        for place in [one for one in places if one[: len(path)] == path and one not in but]:
             del places[place]

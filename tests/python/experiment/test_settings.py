@@ -11,6 +11,7 @@ import pytest
 
 from swarmwright import Experiment, InputError, evaluate
 from swarmwright.analysis.sweep import Sweep
+from swarmwright.experiment.budget import Budget
 
 FILE = """\
 simulation: minisim
@@ -51,9 +52,40 @@ def test_null_takes_a_key_back_to_its_default(file: Path) -> None:
 def test_another_kind_starts_from_its_own_defaults(file: Path) -> None:
     for settings in (["method.step=0.2", "method.kind=cma_es"], ["method.kind=cma_es", "method.step=0.2"]):
         method = Experiment.load(file, settings).to_mapping()["method"]
-        assert (method["kind"], method["step"], method["generations"]) == ("cma_es", 0.2, 200)
+        assert (method["kind"], method["step"], method["generations"]) == ("cma_es", 0.2, 4)
         assert "population" not in method
     assert Experiment.load(file, ["method.kind=nnga"]) == Experiment.load(file)
+
+
+@pytest.mark.parametrize(
+    ("limits", "settings", "expected"),
+    [
+        ("generations: 4", [], Budget(4, None, None)),
+        ("evaluations: 70, target: 3", [], Budget(None, 70, None)),
+        ("generations: 4, seconds: 7", [], Budget(4, None, 7)),
+        ("generations: 4", ["method.evaluations=90"], Budget(None, 90, None)),
+        ("evaluations: 70, seconds: 7", ["method.generations=9"], Budget(9, None, None)),
+        ("population: 12", [], Budget(200, None, None)),
+    ],
+)
+def test_a_method_of_another_kind_keeps_the_budget(
+    file: Path, limits: str, settings: list[str], expected: Budget
+) -> None:
+    file.write_text(file.read_text().replace("population: 12, generations: 4", limits))
+    for order in (["method.kind=de", *settings], [*settings, "method.kind=de"]):
+        found = Experiment.load(file, order)
+        assert (found.to_mapping()["method"]["kind"], found.budget) == ("de", expected)
+        assert found.method.target == (3 if "target" in limits else None)
+    race = Experiment.load(file, ["method.kind=racing", *settings])
+    assert race.budget.generations == (9 if "method.generations=9" in settings else None), (
+        "instances of a race"
+    )
+
+
+def test_a_budget_that_is_kept_is_reported_where_it_stands(file: Path) -> None:
+    file.write_text(file.read_text().replace("generations: 4", "generations: none"))
+    with pytest.raises(InputError, match=r"my\.yaml:\d+: method\.generations: "):
+        Experiment.load(file, ["method.kind=de"])
 
 
 def test_another_simulation_brings_its_own_sensors(file: Path) -> None:
