@@ -13,7 +13,7 @@ from swarmwright.core.problems import shown
 from swarmwright.core.yaml import Path_, Source, dotted_path, parse
 from swarmwright.experiment.document import DEFAULT_KINDS
 from swarmwright.experiment.robots import written_out
-from swarmwright.methods import METHODS, MethodOptions
+from swarmwright.methods import METHODS
 from swarmwright.simulations import catalogue
 
 _PART = re.compile(r'"(?P<quoted>[^"]+)"|(?P<plain>[^.\[\]"=]+)|\[(?P<index>\d+)\]')
@@ -135,11 +135,9 @@ def _kept_limits(kind: Any, settings: Iterable[Setting]) -> list[str]:  # noqa: 
         return []
     if any(one.path[0] == "method" and one.path[1:] in [(name,) for name in _LIMITS] for one in settings):
         return ["target"]  # another budget is given
-    # A generation of a race is one instance: its number of generations has another default, and is no budget.
-    defaults = (
-        one.model_fields["generations"].default for one in (MethodOptions, METHODS.get(kind).options_model)
-    )
-    return ["target", *(name for name in _LIMITS if name != "generations" or len({*defaults}) == 1)]
+    # A generation of a race is one instance, and their number no budget.
+    race = METHODS.get(kind).by_instance
+    return ["target", *(name for name in _LIMITS if not (race and name == "generations"))]
 
 
 def _other_simulation(source: Source, setting: Setting) -> None:

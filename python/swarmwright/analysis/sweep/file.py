@@ -17,6 +17,7 @@ from swarmwright.core.registry import Registry
 from swarmwright.core.suggestions import did_you_mean
 from swarmwright.core.yaml import Source, read
 from swarmwright.experiment.experiment import Experiment
+from swarmwright.methods import METHODS
 from swarmwright.plug_ins import REGISTRIES
 from swarmwright.runs.folders import RUNS
 
@@ -225,7 +226,9 @@ def _kept(base: Experiment, section: str, registry: Registry[Any], kind: Any) ->
         return {}
     # Defaults are not kept: another kind has other ones.
     old = options.model_dump(exclude_none=True, exclude_unset=True)
-    known = registry.get(kind).options_model.model_fields
+    known = dict(registry.get(kind).options_model.model_fields)
+    if section == "method" and METHODS.get(kind).by_instance:
+        known.pop("generations")  # of a race they are its instances
     return {
         name: value
         for name, value in old.items()

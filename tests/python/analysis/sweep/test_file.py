@@ -4,6 +4,7 @@ import pytest
 
 from swarmwright import InputError
 from swarmwright.analysis.sweep import Sweep, tasks
+from swarmwright.experiment.budget import Budget
 
 BASE = """\
 simulation: minisim
@@ -57,6 +58,11 @@ def test_another_kind_has_its_own_defaults(tmp_path: Path) -> None:
     method = found.variants[0].experiment.method
     assert (method.kind, method.generations, method.severity) == ("cea2d", 3, 0.2)  # type: ignore[attr-defined]
     assert (method.elite, method.mutate, method.crossover) == (0.11, 0.59, 0.3)  # type: ignore[attr-defined]
+
+
+def test_a_race_keeps_no_number_of_generations(tmp_path: Path) -> None:
+    found = sweep(tmp_path, "experiment: base.yaml\ngrid: {method.kind: [racing], method.seconds: [9.0]}\n")
+    assert found.variants[0].experiment.budget == Budget(None, 10_000, 9.0)
 
 
 def test_options_of_the_same_name_but_of_another_sort_are_not_kept(tmp_path: Path) -> None:
