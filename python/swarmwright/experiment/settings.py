@@ -131,12 +131,13 @@ def _start_anew(source: Source, setting: Setting, settings: Iterable[Setting]) -
 
 def _kept_limits(kind: Any, settings: Iterable[Setting]) -> list[str]:  # noqa: ANN401 - any value of a file
     """Return the options that end a run with a method of another kind as with the file's."""
-    if kind not in METHODS.names():
+    try:
+        race = METHODS.get(kind).by_instance if isinstance(kind, str) else False
+    except InputError:  # is reported when the options are checked
         return []
     if any(one.path[0] == "method" and one.path[1:] in [(name,) for name in _LIMITS] for one in settings):
         return ["target"]  # another budget is given
     # A generation of a race is one instance, and their number no budget.
-    race = METHODS.get(kind).by_instance
     return ["target", *(name for name in _LIMITS if not (race and name == "generations"))]
 
 
