@@ -185,6 +185,7 @@ MESSAGES: dict[str, Json] = {
         "seconds": 0.25,
         "width": 4.5,
         "height": 3.0,
+        "origin": [-1.5, 0.5],
         "grid": True,
         "message": "Hello there",
         "bodies": {

@@ -104,6 +104,19 @@ pub unsafe extern "C" fn swarmwright_scene_world(
 /// # Safety
 /// As the header says.
 #[unsafe(no_mangle)]
+pub unsafe extern "C" fn swarmwright_scene_origin(scene: *mut Picture, x: f32, y: f32) -> i32 {
+    let work = |scene: &mut Scene| {
+        finite("the origin", &[x, y])?;
+        scene.origin = [x, y];
+        Ok(())
+    };
+    // SAFETY: as the header says.
+    unsafe { fill(scene, work) }
+}
+
+/// # Safety
+/// As the header says.
+#[unsafe(no_mangle)]
 pub unsafe extern "C" fn swarmwright_scene_body(
     scene: *mut Picture,
     given: *const RawBody,

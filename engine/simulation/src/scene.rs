@@ -11,6 +11,9 @@ pub struct Scene {
     pub width: f32,
     /// Extent in y, metres or cells.
     pub height: f32,
+    /// Where the bottom left corner is in the simulation's own coordinates. Positions in a scene are from that corner.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub origin: [f32; 2],
     /// Whether it is a grid of cells, which people number from (0, 0) at the top left. Positions have y pointing
     /// up from the bottom left all the same.
     pub grid: bool,
@@ -71,6 +74,10 @@ pub struct Body {
     /// Which agent it is; bodies of the kind agent that do not say are the agents in their order.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub agent: Option<u32>,
+}
+
+fn is_zero(origin: &[f32; 2]) -> bool {
+    origin.iter().all(|number| number.abs() <= 0.0)
 }
 
 fn is_empty(text: &str) -> bool {

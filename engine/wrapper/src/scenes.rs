@@ -39,6 +39,7 @@ pub fn to_message(scene: &Scene, parts: &[String]) -> SceneMessage {
         step: scene.step.into(),
         width: scene.width,
         height: scene.height,
+        origin: (scene.origin != [0.0; 2]).then_some(scene.origin),
         grid: scene.grid,
         message: scene.message.clone(),
         bodies: bodies(&scene.bodies),
@@ -160,6 +161,7 @@ pub fn from_message(message: SceneMessage) -> Scene {
     Scene {
         width: message.width,
         height: message.height,
+        origin: message.origin.unwrap_or_default(),
         grid: message.grid,
         step: u32::try_from(message.step).unwrap_or(u32::MAX),
         message: plain(message.message),

@@ -140,6 +140,7 @@ fn a_scene_becomes_a_message_and_the_same_scene() {
     let scene = Scene {
         width: 2.0,
         height: 1.0,
+        origin: [-0.5, 7.0],
         grid: true,
         step: 3,
         message: "Hello".to_owned(),

@@ -349,6 +349,7 @@ class SceneFields(TypedDict):
 
     width: float
     height: float
+    origin: NotRequired[list[float]]
     grid: bool
     step: int
     message: str

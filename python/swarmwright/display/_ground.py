@@ -12,13 +12,16 @@ if TYPE_CHECKING:
     from matplotlib.patches import Rectangle
 
 _NUMBERS = 12
-"""Most numbers on a side of a grid of cells."""
+"""Most numbers on a side."""
 _LINES = 64
 """Most cells on a side whose borders are drawn; more would be illegible."""
 
 
 def frame(axes: "Axes", scene: Scene) -> None:
-    """Prepare axes for scenes of this extent: numbers in metres, or of rows and columns from the top left."""
+    """Prepare axes for scenes of this extent.
+
+    Their numbers are metres in the coordinates of the simulation, or rows and columns from the top left.
+    """
     from matplotlib.patches import Rectangle
 
     margin = 0.012 * max(scene.width, scene.height)
@@ -40,8 +43,23 @@ def frame(axes: "Axes", scene: Scene) -> None:
         _number_cells(axes, scene, field)
     else:
         axes.locator_params(integer=True)
+        if any(scene.origin):
+            _number_metres(axes, scene)
         axes.grid(color=GRID, linewidth=0.6, clip_path=field)
     axes.tick_params(which="both", length=0, labelsize=9, colors=BORDER)
+
+
+def _number_metres(axes: "Axes", scene: Scene) -> None:
+    """Put numbers of the simulation's own coordinates beside the map."""
+    from matplotlib.ticker import MaxNLocator
+
+    sides = zip((axes.xaxis, axes.yaxis), scene.origin, (scene.width, scene.height), strict=True)
+    for axis, low, extent in sides:
+        numbers = MaxNLocator(_NUMBERS, integer=True).tick_values(low, low + extent)
+        numbers = [number for number in numbers if low <= number <= low + extent]
+        axis.set_ticks(
+            [number - low for number in numbers], [f"{number:g}".replace("-", "\u2212") for number in numbers]
+        )
 
 
 def _number_cells(axes: "Axes", scene: Scene, field: "Rectangle") -> None:

@@ -127,7 +127,7 @@ class Scale:
 
 @dataclass(frozen=True)
 class Scene:
-    """A two-dimensional world at one step; (0, 0) is at the bottom left.
+    """A two-dimensional world at one step; positions are from its bottom left corner.
 
     width, height: its extent in metres or cells. message: a line to show above. bodies: what lies below
     first; a list of `Body`, or `Bodies` for thousands. grid: whether it consists of cells, which people
@@ -137,6 +137,8 @@ class Scene:
     floor with colours of their own, what lies below first; they end where the floor ends. walls, lights: what
     stands there. links: pairs of indices of bodies, of which the second hears the first. styles: looks that
     the simulation chooses. scale: what the values of bodies are; left out: from the least to the greatest.
+
+    origin: where the bottom left corner is in the simulation's own coordinates, (x, y): axes show those.
     """
 
     width: float
@@ -152,6 +154,7 @@ class Scene:
     links: Sequence[tuple[int, int]] = ()
     styles: Sequence[Style] = ()
     scale: Scale | None = None
+    origin: tuple[float, float] = (0.0, 0.0)
 
     @classmethod
     def of(cls, fields: SceneFields) -> Self:
@@ -186,6 +189,7 @@ class Scene:
             links,
             tuple(Style(**style) for style in fields.get("styles", [])),
             None if scale is None else Scale(**scale),
+            _pair(fields.get("origin", [0.0, 0.0])),
         )
 
     def plain(self) -> SceneFields:
@@ -199,6 +203,9 @@ class Scene:
             "message": self.message,
             "bodies": [_plain(f"bodies[{index}]", body) for index, body in enumerate(bodies)],
         }
+        origin = _point("origin", self.origin)
+        if any(origin):
+            fields["origin"] = origin
         if self.floor is not None:
             fields["floor"] = _floor("floor", self.floor)
         if len(self.patches):
@@ -228,6 +235,11 @@ class Scene:
     def of_kind(self, *kinds: str) -> list[Body]:
         """The bodies of these kinds, in their order."""
         return [body for body in self.bodies if body.kind in kinds]
+
+
+def _pair(numbers: Sequence[float]) -> tuple[float, float]:
+    x, y = numbers
+    return x, y
 
 
 def _patch(fields: PatchFields) -> Patch:
@@ -328,14 +340,15 @@ def _style(place: str, style: Any) -> StyleFields:  # noqa: ANN401 - see `_plain
 
 
 def _points(place: str, points: Any) -> list[list[float]]:  # noqa: ANN401 - see `_plain`
-    found = []
-    for index, point in enumerate(points):
-        try:
-            x, y = point
-        except (TypeError, ValueError):
-            raise ValueError(f"{place}[{index}]: {point!r} found, expected x and y") from None
-        found.append([_number(f"{place}[{index}][0]", x), _number(f"{place}[{index}][1]", y)])
-    return found
+    return [_point(f"{place}[{index}]", point) for index, point in enumerate(points)]
+
+
+def _point(place: str, point: Any) -> list[float]:  # noqa: ANN401 - see `_plain`
+    try:
+        x, y = point
+    except (TypeError, ValueError):
+        raise ValueError(f"{place}: {point!r} found, expected x and y") from None
+    return [_number(f"{place}[0]", x), _number(f"{place}[1]", y)]
 
 
 def _text(place: str, value: Any) -> str:  # noqa: ANN401 - see `_plain`

@@ -313,6 +313,31 @@ def test_the_last_numbers_of_the_axes_are_not_cut(browser: Chrome, tmp_path: Pat
         assert behind >= 1, canvas
 
 
+def test_numbers_are_in_the_coordinates_of_the_simulation(browser: Chrome, tmp_path: Path) -> None:
+    scene = Scene(3.1, 2.1, 0, "", (Body("agent", 1.55, 1.05),), origin=(-1.55, -1.05))
+    save(Recording((scene,), (0.0,), 0.1), tmp_path / "moved.html")
+    browser.get((tmp_path / "moved.html").as_uri())
+    script = """
+        const context = document.getElementById('world').getContext('2d');
+        const written = [];
+        const write = context.fillText.bind(context);
+        context.fillText = (text, x, y) => { written.push([text, x, y]); write(text, x, y); };
+        player.show();
+        delete context.fillText;
+        const world = player.world;
+        return [written, world.camera.pixels(1.55, 1.05)];
+    """
+    written, middle = browser.execute_script(script)
+    columns = {text: x for text, x, y in written if y > middle[1] and text != "−1"}
+    assert {"−1.5", "−1", "−0.5", "0", "0.5", "1", "1.5"} <= {text for text, _, _ in written}
+    zeros = [(x, y) for text, x, y in written if text == "0"]
+    # One beside the map at the height of the middle, one below it.
+    assert len(zeros) == 2
+    assert any(abs(x - middle[0]) < 0.5 for x, _ in zeros)
+    assert any(abs(y - middle[1]) < 0.5 for _, y in zeros)
+    assert columns["1.5"] > middle[0] > columns["−1.5"]
+
+
 def test_pictures_stand_in_the_place_of_the_world(browser: Chrome, tmp_path: Path) -> None:
     drawn = [np.full((40, 60, 3), (0, 0, 255) if step < 5 else (255, 0, 0), np.uint8) for step in range(9)]
 

@@ -7,7 +7,7 @@ from PIL import Image
 
 from swarmwright import Controller, Experiment, _engine
 from swarmwright.core.random_numbers import Stream
-from swarmwright.display import record
+from swarmwright.display import Body, Recording, Scene, record
 from swarmwright.display._drawing import LEFT, RIGHT, STATUS, WIDTH, Picture
 from swarmwright.display._ground import cell_step
 from swarmwright.display.files import save
@@ -77,6 +77,16 @@ def test_cells_are_numbered_from_the_top_left_at_their_middle() -> None:
     exit_, agent = recording.scenes[0].bodies
     assert (exit_.x, exit_.y) == (7.5, 2.5), "column 7, row 0"
     assert (agent.x, agent.y) == (0.5, 0.5), "column 0, row 2"
+
+
+def test_numbers_are_in_the_coordinates_of_the_simulation() -> None:
+    scene = Scene(3.1, 2.35, 0, "", [Body("agent", 1.55, 1.05)], origin=(-1.55, -1.05))
+    axes = Picture(Recording((scene,), (0.0,), 0.1), dpi=80).figure.axes[0]
+    for axis, low, expected in ((axes.xaxis, 1.55, ["−1", "0", "1"]), (axes.yaxis, 1.05, ["−1", "0", "1"])):
+        shown = [label.get_text() for label in axis.get_ticklabels()]
+        assert shown == expected
+        places = [float(label.replace("−", "-")) + low for label in shown]
+        np.testing.assert_allclose(axis.get_ticklocs(), places, atol=1e-12)
 
 
 @pytest.mark.parametrize(("cells", "step"), [(1, 1), (12, 1), (13, 2), (24, 2), (30, 5), (1000, 100)])

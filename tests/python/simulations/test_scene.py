@@ -140,6 +140,14 @@ WRONG = {
         Scene(5, 4, 0, "", [body(agent=-1)]),
         r"bodies\[0\].agent: -1 found, expected at least 0",
     ),
+    "origin": Wrong(
+        Scene(5, 4, 0, "", [], origin=(math.inf, 0)),
+        r"origin\[0\]: inf found, expected a finite number",
+    ),
+    "no origin": Wrong(
+        Scene(5, 4, 0, "", [], origin=3),  # type: ignore[arg-type]
+        "origin: 3 found, expected x and y",
+    ),
     "ray": Wrong(
         Scene(5, 4, 0, "", [body(rays=[Ray(0, 1, reading=2)])]),
         r"bodies\[0\].rays\[0\].reading: 2 found, expected from 0 to 1",

@@ -41,6 +41,9 @@ pub struct SceneMessage {
     pub width: f32,
     /// Extent in y.
     pub height: f32,
+    /// Where (0, 0) is in the simulation's own coordinates; there, where it is left out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub origin: Option<[f32; 2]>,
     /// Whether the unit is a cell, not a metre.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub grid: bool,
@@ -204,6 +207,9 @@ impl SceneMessage {
             if !(size.is_finite() && size > 0.0) {
                 return wrong(format!("\"{name}\" is {size}, expected a number above 0"));
             }
+        }
+        if let Some(origin) = &self.origin {
+            finite("origin", origin)?;
         }
         if self
             .seconds

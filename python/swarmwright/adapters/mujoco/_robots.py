@@ -179,7 +179,8 @@ class Robots(Simulation):
         places = self.positions()[:, :2] + half
         seen = zip(places, self.states(), strict=True)
         bodies += [Body("agent", x, y, state, self.drawn) for (x, y), state in seen]
-        return Scene(self.arena.width, self.arena.depth, self.steps - self.left, self.message, bodies)
+        size, step = (self.arena.width, self.arena.depth), self.steps - self.left
+        return Scene(*size, step, self.message, bodies, origin=(-float(half[0]), -float(half[1])))
 
     @property
     def drawn(self) -> float:

@@ -146,6 +146,7 @@ class Traffic(Simulation):
             f"{self.title}, {sumo.simulation.getTime():.0f} s",
             bodies,
             walls=roads,
+            origin=(left, low),
         )
 
     def state(self, vehicle: str) -> str:

@@ -83,9 +83,9 @@ def page_data(parts: Sequence[Part], *, speed: float, shown: Shown) -> tuple[dic
 def _episode(part: Part) -> dict[str, Any]:
     """Return an episode as plain values.
 
-    name, width, height, grid and message of the world; fitness so far at each scene, and metrics by name,
-    null where it is not finite; keys: scenes that are kept, `stride` apart; bodies; ground: [scene from
-    which, floor, patches, walls, lights]; and, where there are any, rays, links, trace and machine.
+    name, width, height, origin, grid and message of the world; fitness so far at each scene, and metrics by
+    name, null where it is not finite; keys: scenes that are kept, `stride` apart; bodies; ground: [scene
+    from which, floor, patches, walls, lights]; and, where there are any, rays, links, trace and machine.
     """
     recording = part.recording
     scenes = recording.scenes
@@ -103,6 +103,7 @@ def _episode(part: Part) -> dict[str, Any]:
         "message": first.message,
         "width": first.width,
         "height": first.height,
+        "origin": list(first.origin),
         "grid": first.grid,
         "fitness": [_number(value, 9) for value in recording.fitness_so_far],
         "metrics": {
@@ -275,6 +276,7 @@ def picture_data(recording: "PictureRecording", *, speed: float) -> dict[str, An
                 "message": "",
                 "width": images[0].width,
                 "height": images[0].height,
+                "origin": [0, 0],
                 "grid": False,
                 "fitness": [_number(value, 9) for value in recording.fitness_so_far],
                 "metrics": {},

@@ -83,13 +83,14 @@ class Ground {
     c.strokeStyle = this.color("grid");
     c.lineWidth = 1;
     c.beginPath();
+    const [left, bottom] = world.corner();
     for (const x of this.inside(0, width, step)) {
-      const [px] = this.camera.pixels(x, 0);
+      const [px] = this.camera.pixels(x - left, 0);
       c.moveTo(px, box.top);
       c.lineTo(px, box.top + box.height);
     }
     for (const y of this.inside(1, height, step)) {
-      const [, py] = this.camera.pixels(0, grid ? height - y : y);
+      const [, py] = this.camera.pixels(0, grid ? height - y : y - bottom);
       c.moveTo(box.left, py);
       c.lineTo(box.left + box.width, py);
     }
@@ -102,30 +103,33 @@ class Ground {
     const [low, high] = [camera.place(box.left, box.top + box.height)[axis], camera.place(box.left + box.width, box.top)[axis]];
     // Rows of a grid count from the top.
     const [from, to] = axis === 1 && world.episode.grid ? [extent - high, extent - low] : [low, high];
+    const corner = world.corner()[axis];
+    const last = Math.min(to, extent) + corner + 1e-9;
     const found = [];
-    for (let i = Math.ceil(from / step - 1e-9); i * step <= Math.min(to, extent) + 1e-9 && found.length < 200; i++)
-      if (i >= 0) found.push(i * step);
+    for (let i = Math.ceil((Math.max(from, 0) + corner) / step - 1e-9); i * step <= last && found.length < 200; i++)
+      found.push(i * step);
     return found;
   }
 
-  // Metres from the bottom left; in a grid columns and rows from the top left, at the middle of their cells.
+  // Metres in the simulation's own coordinates; in a grid columns and rows from the top left, at the middle of their cells.
   numbers() {
     const { c, world, box } = this;
     const { width, height, grid } = world.episode;
     const step = world.spacing();
     const middle = grid ? 0.5 : 0;
+    const [left, bottom] = world.corner();
     c.fillStyle = this.color("soft");
     c.font = FONT;
     c.textAlign = "center";
     c.textBaseline = "top";
     for (const x of this.inside(0, width - middle, step)) {
-      const [px] = this.camera.pixels(x + middle, 0);
+      const [px] = this.camera.pixels(x - left + middle, 0);
       if (px >= box.left - 1 && px <= box.left + box.width + 1) c.fillText(words(x), px, box.top + box.height + 7);
     }
     c.textAlign = "right";
     c.textBaseline = "middle";
     for (const y of this.inside(1, height - middle, step)) {
-      const [, py] = this.camera.pixels(0, grid ? height - y - middle : y);
+      const [, py] = this.camera.pixels(0, grid ? height - y - middle : y - bottom);
       if (py >= box.top - 1 && py <= box.top + box.height + 1) c.fillText(words(y), box.left - 6, py);
     }
   }

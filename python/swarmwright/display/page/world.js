@@ -72,8 +72,16 @@ class World {
     const c = this.canvas.getContext("2d");
     c.font = FONT;
     const step = this.spacing();
-    const longest = (extent) => c.measureText(words(Math.floor(extent / step) * step)).width;
-    return { left: Math.max(MARGIN.left, longest(height) + 10), right: Math.max(MARGIN.right, longest(width) / 2 + 4) };
+    const [left, bottom] = this.corner();
+    const wide = (number) => c.measureText(words(number)).width;
+    const last = (corner, extent) => wide(Math.floor((corner + extent) / step) * step);
+    const rows = Math.max(wide(Math.ceil(bottom / step) * step), last(bottom, height));
+    return { left: Math.max(MARGIN.left, rows + 10), right: Math.max(MARGIN.right, last(left, width) / 2 + 4) };
+  }
+
+  // What is added to places for the numbers beside the map: in a grid they are those of cells.
+  corner() {
+    return this.episode.grid ? [0, 0] : this.episode.origin;
   }
 
   // Distance between two numbers, in metres or cells.

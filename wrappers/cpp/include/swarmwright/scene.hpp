@@ -44,6 +44,10 @@ class Scene {
     detail::check(swarmwright_scene_world(scene_, width, height, grid, message.c_str()));
   }
 
+  /// Where the bottom left corner is in the simulation's own coordinates: numbers beside pictures are those. Positions
+  /// of the scene stay distances from that corner.
+  void origin(float x, float y) { detail::check(swarmwright_scene_origin(scene_, x, y)); }
+
   /// Adds a body above those that are there; its number from 0.
   std::uint32_t body(const Body& given) {
     const swarmwright_body plain = {sizeof(swarmwright_body),

@@ -22,6 +22,7 @@ public final class Scene {
   /** Extent in y. */
   public final double height;
 
+  private double[] origin = {0, 0};
   private boolean grid;
   private String message = "";
   private final List<Body> bodies = new ArrayList<>();
@@ -51,6 +52,20 @@ public final class Scene {
   /** The unit is a cell; people number cells from the top left. */
   public Scene grid() {
     grid = true;
+    return this;
+  }
+
+  /**
+   * Where the bottom left corner is in the simulation's own coordinates: numbers beside pictures
+   * are those. Positions of the scene stay distances from that corner.
+   *
+   * @throws IllegalArgumentException if a number is not finite
+   */
+  public Scene origin(double x, double y) {
+    if (!Double.isFinite(x) || !Double.isFinite(y)) {
+      throw new IllegalArgumentException("the origin of a scene is (" + x + ", " + y + ")");
+    }
+    origin = new double[] {x, y};
     return this;
   }
 
@@ -142,6 +157,11 @@ public final class Scene {
   public Scene scale(String name, double low, double high) {
     scale = new Scale(Objects.requireNonNull(name, "name"), low, high);
     return this;
+  }
+
+  /** Where the bottom left corner is in the simulation's own coordinates, x and y. */
+  public double[] origin() {
+    return origin.clone();
   }
 
   /** Whether the unit is a cell. */

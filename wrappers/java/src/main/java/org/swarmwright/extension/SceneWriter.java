@@ -74,10 +74,13 @@ public final class SceneWriter {
   private byte[] written(Head head, List<String> parts) throws IOException {
     boolean rays = parts.contains("rays") && !scene.rays().isEmpty();
     boolean links = parts.contains("links") && !scene.links().isEmpty();
+    double[] origin = scene.origin();
+    boolean moved = origin[0] != 0 || origin[1] != 0;
     int optional = 0;
     boolean[] there = {
       head.fitness != null,
       !head.metrics.isEmpty(),
+      moved,
       scene.isGrid(),
       !scene.message().isEmpty(),
       rays,
@@ -96,6 +99,10 @@ public final class SceneWriter {
     head(head);
     packer.packString("width").packFloat((float) scene.width);
     packer.packString("height").packFloat((float) scene.height);
+    if (moved) {
+      packer.packString("origin").packArrayHeader(2);
+      packer.packFloat((float) origin[0]).packFloat((float) origin[1]);
+    }
     if (scene.isGrid()) {
       packer.packString("grid").packBoolean(true);
     }
