@@ -9,6 +9,7 @@ use swarmwright_simulation::ParameterError;
 use swarmwright_simulation::counter::uniform;
 use swarmwright_simulation::parameters::wrong;
 
+use super::links::either;
 use super::settings::{LONGEST, MOST_ROBOTS, mismatch_at};
 use super::swarm::Bodies;
 use super::team::Team;
@@ -55,7 +56,7 @@ pub(super) enum Failure {
         at: f64,
         until: Option<f64>,
     },
-    /// Messages are lost with this probability, those of all robots.
+    /// Messages of all robots are lost with this probability, in addition to the robots' own loss.
     Loss {
         loss: f32,
         #[serde(default)]
@@ -127,10 +128,51 @@ impl Failure {
         }
     }
 
-    /// Which of the robots it befalls: so many that their share is nearest to what it should be, chosen by the seed.
-    fn chosen(&self, index: usize, robots: usize, of: Range<usize>, seed: u64) -> Vec<bool> {
+    /// How many of `robots` it befalls: so many that their share is nearest to what it should be.
+    fn count(&self, robots: usize) -> usize {
         let (share, ..) = self.scope();
-        let count = (share * of.len() as f64).round() as usize;
+        (share * robots as f64).round() as usize
+    }
+
+    /// Checks that something can happen in an episode of so many ticks, to so many robots; a share of 0 says itself that
+    /// nothing does.
+    pub(super) fn check_effect(
+        &self,
+        ticks: u32,
+        robots: usize,
+    ) -> Result<(), (&'static str, String)> {
+        let (share, at, _) = self.scope();
+        if !self.active_by(ticks) {
+            return Err((
+                "at",
+                format!(
+                    "{at} s found, but the episode ends after {} s: expected less",
+                    f64::from(ticks) / 10.0
+                ),
+            ));
+        }
+        if share > 0.0 && self.count(robots) == 0 {
+            return Err((
+                "share",
+                format!(
+                    "{share} of {robots} {} is less than half a robot: expected 0, or at least {:.4}",
+                    if robots == 1 { "robot" } else { "robots" },
+                    0.5 / robots as f64
+                ),
+            ));
+        }
+        Ok(())
+    }
+
+    /// Whether it begins in one of the ticks from 1 to `last`.
+    fn active_by(&self, last: u32) -> bool {
+        let (_, at, _) = self.scope();
+        (at * 10.0).round() < f64::from(last)
+    }
+
+    /// Which of the robots it befalls, chosen by the seed.
+    fn chosen(&self, index: usize, robots: usize, of: Range<usize>, seed: u64) -> Vec<bool> {
+        let count = self.count(of.len());
         let mut order: Vec<(u32, usize)> = of
             .map(|robot| {
                 let counter = index as u64 * u64::from(MOST_ROBOTS) + robot as u64;
@@ -272,7 +314,7 @@ impl<L: Lanes> Failing<L> {
         }
     }
 
-    /// The probability with which messages are lost in a tick, where it is another.
+    /// The probability with which failures lose messages in a tick; none where none does.
     pub(super) fn loss(&self, tick: u32) -> Option<f32> {
         let losses = self
             .befallen
@@ -281,6 +323,6 @@ impl<L: Lanes> Failing<L> {
                 Failure::Loss { loss, .. } if failure.active(tick) => Some(*loss),
                 _ => None,
             });
-        losses.reduce(f32::max)
+        losses.reduce(either)
     }
 }

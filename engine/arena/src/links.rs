@@ -27,8 +27,8 @@ pub(super) struct LinkWindow<L: Lanes> {
     sent: Sent<L>,
     /// In which lanes nobody hears a robot; empty where all are heard.
     pub mute: Vec<L::Mask>,
-    /// The probability with which messages are lost, where it is not that of the robots.
-    pub loss: Option<f32>,
+    /// The probability with which failures lose messages, beside that of the robots; none where they lose none.
+    pub failing: Option<f32>,
 }
 
 /// Messages that were not lost: the way to their sender, and the distance of middles at which its rim touches, centimetres.
@@ -49,13 +49,22 @@ impl<L: Lanes> LinkWindow<L> {
             attraction: vec![[number(0.0); 2]; robots],
             sent: Sent::new([0.0; 3]),
             mute: Vec::new(),
-            loss: None,
+            failing: None,
         }
     }
 
     #[inline(always)]
     pub(super) fn clear(&mut self) {
         self.sums.fill([[number(0.0); 2]; WINDOW]);
+    }
+
+    /// The probability with which a robot does not receive a message: by its own loss, or by a failure.
+    #[inline(always)]
+    pub(super) fn loss(&self, links: &Links) -> f32 {
+        match self.failing {
+            None => links.loss,
+            Some(failing) => either(links.loss, failing),
+        }
     }
 
     /// A robot hears the others.
@@ -72,7 +81,7 @@ impl<L: Lanes> LinkWindow<L> {
         keys: Keys<L>,
         tick: u32,
     ) {
-        let loss = self.loss.unwrap_or(links.loss);
+        let loss = self.loss(links);
         let (mut kind, mut left) = (0, 0);
         let (mut range, mut rims) = (number::<L>(0.0), number(0.0));
         let mut arrived = Arrived {
@@ -141,6 +150,12 @@ impl<L: Lanes> LinkWindow<L> {
         }
         self.attraction[index] = total;
     }
+}
+
+/// The probability of at least one of two independent causes.
+#[inline(always)]
+pub(super) fn either(first: f32, second: f32) -> f32 {
+    1.0 - (1.0 - first) * (1.0 - second)
 }
 
 /// The square of the distance up to which a sender is heard, with fading on average, m^2: the shorter range of both; 0 of those that send nothing.

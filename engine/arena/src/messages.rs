@@ -30,7 +30,7 @@ pub(super) fn hear<L: Lanes>(
     let Some(links) = &robot.links else {
         return;
     };
-    let loss = window.loss.unwrap_or(links.loss);
+    let loss = window.loss(links);
     let mut reception = Reception::new(
         links,
         team,

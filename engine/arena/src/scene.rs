@@ -52,6 +52,7 @@ pub(super) fn scene(settings: &Settings, swarm: &Swarm<f32>) -> Scene {
     let mut scene = Scene {
         width: high[0] - low[0],
         height: high[1] - low[1],
+        origin: low,
         step: swarm.tick - 1,
         message: settings.mission.title.clone(),
         bodies: bodies.collect(),
@@ -211,7 +212,7 @@ fn rim(form: Form, pose: Pose) -> Vec<[f32; 2]> {
 fn silent(swarm: &Swarm<f32>, sender: usize) -> bool {
     let links = &swarm.senses.links;
     let mute = links.mute.get(sender).is_some_and(|mute| mute.any());
-    mute || links.loss.is_some_and(|loss| loss >= 1.0)
+    mute || links.failing.is_some_and(|loss| loss >= 1.0)
 }
 
 /// Adds what each robot sees with its proximity sensors, without noise, and whom it can hear.

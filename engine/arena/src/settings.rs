@@ -56,10 +56,15 @@ impl Settings {
             None => "mission.failures",
             Some(_) => "failures",
         };
+        let ticks = (duration * 10.0).round() as u32;
         for (index, failure) in failures.iter().enumerate() {
+            let at = format!("{place}[{index}]");
             if let Some(name) = failure.robots() {
-                team.check(name, &format!("{place}[{index}].robots"))?;
+                team.check(name, &format!("{at}.robots"))?;
             }
+            failure
+                .check_effect(ticks, team.count(failure.robots()))
+                .map_err(|(name, reason)| wrong(&format!("{at}.{name}"), reason))?;
         }
         for (metric, kind) in &mission.metrics {
             if let Some(name) = kind.robots() {
@@ -74,7 +79,7 @@ impl Settings {
                 "mission.robots"
             },
             failures,
-            ticks: (duration * 10.0).round() as u32,
+            ticks,
             seed: read.seed("seed")?.unwrap_or(0),
             step_size: read.integer("stepSize", 0, 3_600_000)?.unwrap_or(100),
             mission,

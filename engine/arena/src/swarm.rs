@@ -332,7 +332,7 @@ impl<L: Lanes> Swarm<L> {
             || self.neighbours.update(&self.bodies),
         );
         let links = &mut self.senses.links;
-        links.loss = self.failing.loss(self.tick);
+        links.failing = self.failing.loss(self.tick);
         self.failing
             .mute(self.tick, self.bodies.len(), &mut links.mute);
         if !self.senses.charges.is_empty() {

@@ -299,6 +299,15 @@ impl Team {
         })
     }
 
+    /// How many robots of a kind there are, or in all.
+    pub(super) fn count(&self, name: Option<&str>) -> usize {
+        let Some(name) = name else {
+            return self.len();
+        };
+        let found = self.named().find(|(kind, _)| kind == name);
+        found.map_or(0, |(_, robots)| robots.len())
+    }
+
     /// Checks that there is a kind with this name.
     pub(super) fn check(&self, name: &str, place: &str) -> Result<(), ParameterError> {
         let known: Vec<&str> = self

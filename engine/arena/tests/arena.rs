@@ -158,6 +158,7 @@ fn the_scene_has_all_that_the_mission_has() {
     let scene = arena.scene().unwrap();
     // The lamp stands behind the wall.
     assert_eq!((scene.width, scene.height, scene.step), (3.1, 2.35, 0));
+    assert_eq!(scene.origin, [-1.55, -1.05]);
     let near = |a: [f32; 2], b: [f32; 2]| (a[0] - b[0]).abs() < 1e-5 && (a[1] - b[1]).abs() < 1e-5;
     let corners = [[0.05, 0.05], [3.05, 0.05], [3.05, 2.05], [0.05, 2.05]];
     let floor = scene.floor.as_ref().unwrap();

@@ -140,6 +140,72 @@ fn mute_robots_are_not_heard_and_lost_messages_do_not_arrive() {
     }
 }
 
+/// The share of messages that arrive, for robots with a loss of their own.
+fn received(own: f32, failures: &Value) -> f32 {
+    let robot = json!({
+        "radius": 0.02,
+        "drive": {"kind": "holonomic", "max_speed": 0.1, "max_turn": 90},
+        "sensors": [{"kind": "range_and_bearing", "range": 100, "loss": own, "gives": ["count"],
+            "radio": {"line_of_sight": false}}],
+    });
+    let mission = json!({"walls": {"rectangle": [40, 40]}, "start": {"disc": {"radius": 15}}, "fitness": "order"});
+    let parameters =
+        json!({"mission": mission, "robot": robot, "robots": 100, "failures": failures});
+    let mut arena = Arena::default();
+    arena.reset(parameters.as_object().unwrap()).unwrap();
+    let acting = arena.acting();
+    let heard = acting.iter().map(|agent| {
+        let mut number = [0.0];
+        arena.sense(*agent, &mut number);
+        number[0]
+    });
+    heard.sum::<f32>() / (100.0 * 99.0)
+}
+
+#[test]
+fn failures_lose_messages_in_addition_to_the_robots_own_loss() {
+    let loss = |loss: f32| json!({"kind": "loss", "loss": loss});
+    let cases = [
+        (0.6, json!([]), 0.4),
+        (0.6, json!([loss(0.5)]), 0.2),
+        (0.6, json!([loss(0.5), loss(0.25)]), 0.15),
+        (0.0, json!([loss(0.5), loss(0.5)]), 0.25),
+        (0.6, json!([loss(0.0)]), 0.4),
+        (0.6, json!([loss(1.0)]), 0.0),
+    ];
+    for (own, failures, expected) in cases {
+        let share = received(own, &failures);
+        // Four standard deviations of 9,900 messages are at most 0.02.
+        assert!((share - expected).abs() < 0.02, "{failures}: {share}");
+    }
+}
+
+#[test]
+fn failures_without_an_effect_are_refused() {
+    let of = |failures: Value| {
+        let parameters = json!({"robots": 7, "duration": 20, "failures": failures});
+        let refused = Arena::default().reset(parameters.as_object().unwrap());
+        refused.map_err(|error| error.to_string())
+    };
+    let late =
+        of(json!([{"kind": "loss", "loss": 1, "at": 5}, {"kind": "loss", "loss": 1, "at": 20}]));
+    assert_eq!(
+        late.unwrap_err(),
+        "parameter failures[1].at: 20 s found, but the episode ends after 20 s: expected less"
+    );
+    let few = of(json!([{"kind": "stop", "share": 0.07}]));
+    assert_eq!(
+        few.unwrap_err(),
+        "parameter failures[0].share: 0.07 of 7 robots is less than half a robot: expected 0, or at least 0.0714"
+    );
+    let possible = json!([
+        {"kind": "stop", "share": 0.0715, "at": 19.9},
+        {"kind": "mute", "share": 0},
+        {"kind": "loss", "loss": 0},
+    ]);
+    assert_eq!(of(possible), Ok(()));
+}
+
 #[test]
 fn mistakes_name_the_place() {
     let of = |failures: Value| {

@@ -194,7 +194,7 @@ fn many_robots() {
     for (slow, fast) in [(60, 30), (90, 40)] {
         let robots = json!([{"robot": "e-puck-rm1.2", "count": slow}, {"robot": "turtlebot3", "count": fast}]);
         check(
-            &json!({"mission": mission, "robots": robots, "duration": 4, "failures": failures()}),
+            &json!({"mission": mission, "robots": robots, "duration": 5.2, "failures": failures()}),
         );
     }
 }

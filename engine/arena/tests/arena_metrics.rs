@@ -33,13 +33,13 @@ fn value(arena: &Arena, name: &str) -> f64 {
     arena.metrics()[index]
 }
 
-/// Where robots are, the origin in the middle.
+/// Where robots are in the coordinates of the mission.
 fn positions(arena: &Arena) -> Vec<[f64; 2]> {
     let scene = arena.scene().unwrap();
     let agents = scene.bodies.iter().filter(|body| body.kind == "agent");
-    let middle = [scene.width / 2.0, scene.height / 2.0];
+    let [left, bottom] = scene.origin;
     agents
-        .map(|body| [f64::from(body.x - middle[0]), f64::from(body.y - middle[1])])
+        .map(|body| [f64::from(body.x + left), f64::from(body.y + bottom)])
         .collect()
 }
 
@@ -281,4 +281,71 @@ fn time_until_robots_are_on_a_patch() {
             close(value(&arena, name), first.unwrap_or(60) as f64 / 10.0, 0.0);
         }
     }
+}
+
+/// The values of two metrics for `spot`, a patch beside the origin, and positions tick by tick.
+fn beside(color: &str, metric: &str) -> (f64, Vec<Vec<[f64; 2]>>) {
+    let mission = json!({
+        "walls": {"rectangle": [4, 3]},
+        "floor": {"patches": [
+            {"name": "spot", "circle": {"center": [0.6, 0.35], "radius": 0.2}, "color": color},
+        ]},
+        "start": {"rectangle": {"x": [-0.4, 0.35], "y": [-0.4, 0.9]}},
+        "metrics": {"counted": {"kind": metric, "patch": "spot"}},
+        "fitness": "counted",
+    });
+    let parameters = json!({"mission": mission, "robots": 12, "duration": 12, "seed": 3});
+    let mut arena = Arena::default();
+    arena.reset(parameters.as_object().unwrap()).unwrap();
+    let mut ticks = vec![positions(&arena)];
+    while !arena.done() {
+        // Some drive in circles of several sizes, some ahead; one stands.
+        let wheels = (0..12).flat_map(|robot| match robot {
+            0 => [0.0, 0.0],
+            1..6 => [1.0, 1.0],
+            _ => [1.0, robot as f32 / 12.0],
+        });
+        arena.step(&wheels.collect::<Vec<f32>>());
+        ticks.push(positions(&arena));
+    }
+    (value(&arena, "counted"), ticks)
+}
+
+#[test]
+fn the_wrong_half_is_on_the_other_side_of_the_patch() {
+    for (color, side) in [("black", -1.0), ("white", 1.0)] {
+        let (counted, ticks) = beside(color, "robots_in_wrong_half");
+        let wrong = |at: &[f64; 2]| (at[1] - 0.35) * side > 0.0;
+        let counts = ticks.iter().flatten();
+        let expected = counts.filter(|at| wrong(at)).count() as f64;
+        // Positions in a scene are rounded.
+        close(counted, expected, 2.0);
+        assert!(expected > 100.0);
+    }
+}
+
+#[test]
+fn robots_are_to_move_until_one_has_found_the_spot_and_to_stand_afterwards() {
+    let (counted, ticks) = beside("white", "stop_errors");
+    let on = |at: &[f64; 2]| distance(*at, [0.6, 0.35]) <= 0.2;
+    let (mut found, mut expected) = (false, 0.0);
+    let mut before = vec![[0.0; 2]; 12];
+    let mut one_axis = 0;
+    for at in &ticks {
+        let after = found;
+        for (now, old) in at.iter().zip(&before) {
+            let ways = [0, 1].map(|axis| (now[axis] - old[axis]).abs());
+            let stands = ways.iter().all(|way| *way < 0.005);
+            let moves = ways.iter().all(|way| *way > 0.005);
+            one_axis += usize::from(!stands && !moves);
+            expected += match after {
+                true => f64::from(u8::from(moves)),
+                false => 1.0 + f64::from(u8::from(stands && !on(now))),
+            };
+            found |= on(now);
+        }
+        before.clone_from(at);
+    }
+    assert!(found && one_axis > 100, "{one_axis}");
+    close(counted, expected, 8.0);
 }

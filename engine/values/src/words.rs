@@ -73,9 +73,15 @@ fn invalid(words: &str) -> Option<String> {
             unexpected_words(unexpected)
         )),
         "length" if expected == "an object" => Some(format!("a list found, expected {expected}")),
-        "length" => Some(format!("{unexpected} items found, expected {expected}")),
+        "length" => Some(format!("{} found, expected {expected}", items(unexpected))),
         _ => None,
     }
+}
+
+/// So many entries of a list.
+fn items(count: &str) -> String {
+    let noun = if count == "1" { "item" } else { "items" };
+    format!("{count} {noun}")
 }
 
 /// What serde calls what it found.

@@ -71,7 +71,7 @@ fn structures() {
         (
             json!({"ends": [0]}),
             "ends",
-            "1 items found, expected a list of 2",
+            "1 item found, expected a list of 2",
         ),
         (
             json!({"ends": [0, 1], "count": -1}),

@@ -104,6 +104,12 @@ impl Metric {
                 }
             }
             Self::ShapeDeviation { shape, .. } => shape.check()?,
+            Self::RobotsInWrongHalf { patch }
+                if shape(patch).is_some_and(|shape| !shape.middle()[1].is_finite()) =>
+            {
+                let reason = format!("{patch} must have a lower and an upper end");
+                return Err(wrong("patch", reason));
+            }
             Self::ObjectDistance { patch, .. } => has_middle(place, "patch", patch)?,
             Self::TimeUntil {
                 at_least, at_most, ..

@@ -94,14 +94,15 @@ pub(super) fn crossings<L: Lanes>(
     count
 }
 
-/// Robots at or below y = 0 where the colour is black, at or above it elsewhere.
+/// Robots in the half on the other side of a patch's middle than its colour asks for: not above it where it is black, not
+/// below it elsewhere.
 #[inline(always)]
-pub(super) fn wrong_half<L: Lanes>(bodies: &Bodies<L>, color: Number<L>) -> Number<L> {
+pub(super) fn wrong_half<L: Lanes>(bodies: &Bodies<L>, middle: f32, color: Number<L>) -> Number<L> {
     let black = color.lt(number(0.5));
     let mut count = number(0.0);
     for y in &bodies.y {
-        let below = y.le(number(0.0)).and(black);
-        let above = number(0.0).le(*y).and_not(black);
+        let below = y.le(number(middle)).and(black);
+        let above = number(middle).le(*y).and_not(black);
         count = count.add_where(number(1.0), below.or(above));
     }
     count
@@ -111,7 +112,8 @@ pub(super) fn wrong_half<L: Lanes>(bodies: &Bodies<L>, color: Number<L>) -> Numb
 const STANDS: f32 = 0.005;
 
 /// Until a robot has been on the patch: all robots, and once more those that stand beside it; then those that move in x and
-/// in y. `found` becomes 1.
+/// in y. `found` becomes 1. A robot that moves along one axis alone neither stands nor moves: as in the loop functions of
+/// AutoMoDe-Gianduja, on whose scores the mission is compared.
 #[inline(always)]
 pub(super) fn stop<L: Lanes>(
     bodies: &Bodies<L>,

@@ -192,10 +192,13 @@ impl<L: Lanes> Tally<L> {
                 }
             }
             Metric::RobotsInWrongHalf { patch } => {
-                let color = place
-                    .index(patch)
-                    .map_or(number(0.0), |index| colors[index]);
-                self.add(counts::wrong_half(bodies, color), 1, false, When::EachTick);
+                let (mut middle, mut color) = (0.0, number(0.0));
+                if let Some(index) = place.index(patch) {
+                    middle = place.patches[index].shape.middle()[1] as f32;
+                    color = colors[index];
+                }
+                let count = counts::wrong_half(bodies, middle, color);
+                self.add(count, 1, false, When::EachTick);
             }
             Metric::StopErrors { patch } => {
                 if self.before.is_empty() {
