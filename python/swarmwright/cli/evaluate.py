@@ -92,6 +92,7 @@ def command(
     """
     from swarmwright import Run
     from swarmwright.experiment.experiment import ELSEWHERE
+    from swarmwright.experiment.settings import refuse_seed
     from swarmwright.runs.code import used_for
 
     output = Output(as_json=as_json)
@@ -108,6 +109,7 @@ def command(
         "evaluated can be set"
     )
     used = used_for(opened, opened.evaluation(candidate, generation).generation, simulation)
+    refuse_seed(settings)
     experiment = used.with_settings(settings, only=only, reason=reason)
     broker = experiment_broker(
         broker, experiment.broker, servers if servers is not None else experiment.servers

@@ -68,6 +68,10 @@ class Source:
         """Whether the value at a path was set by an option."""
         return self._nearest(path) in self.options
 
+    def folder(self, path: Path_) -> Path:
+        """Return the folder that a file named at `path` is relative to: that of the file that names it."""
+        return Path(self.name).parent if self.name and not self.is_option(path) else Path()
+
     def _nearest(self, path: Path_) -> Path_:
         """Return the path, or the nearest thing whose place is known."""
         while path and path not in self.options and path not in self.lines:

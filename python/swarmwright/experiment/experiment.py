@@ -4,7 +4,7 @@ import dataclasses
 from collections.abc import Collection, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, fields
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Any, Literal, Self
 
 from pydantic import BaseModel
@@ -409,11 +409,11 @@ def _hashable(value: Any) -> Any:  # noqa: ANN401 - any nested value
 
 
 def _plain(value: Any) -> Any:  # noqa: ANN401 - any nested value
-    """Return a copy of plain dicts and lists; numpy numbers and arrays become Python's."""
+    """Return a copy of plain dicts and lists; numpy numbers and arrays become Python's, paths text."""
     if isinstance(value, Mapping):
         return {key: _plain(inner) for key, inner in value.items()}
     if isinstance(value, list | tuple):
         return [_plain(inner) for inner in value]
     if hasattr(value, "tolist"):
         return _plain(value.tolist())
-    return value
+    return str(value) if isinstance(value, PurePath) else value

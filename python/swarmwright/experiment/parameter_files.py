@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -13,13 +14,14 @@ from swarmwright.simulations import catalogue
 
 _LARGEST = 1 << 26  # bytes
 _YAML = (".yaml", ".yml")
+_FILES = (*_YAML, ".json")
 
 
 def resolve(
     simulation: str,
     parameters: Mapping[str, Any],
-    folder: Callable[[str], Path],
-    report: Callable[[str, str], None],
+    folder: Callable[[yaml.Path_], Path],
+    report: Callable[[yaml.Path_, str], None],
     *,
     ask: bool = True,
 ) -> tuple[dict[str, Any], dict[str, yaml.Source]]:
@@ -27,14 +29,15 @@ def resolve(
 
     Also returns the files by the parameter that they stand for.
 
-    Where a parameter may be a name, too, only text that ends in .yaml, .yml or .json is a path.
+    Where a parameter may be a name, too, only text that ends in .yaml, .yml or .json is a path; so do files
+    of robots in missions and in lists of kinds, whose paths are relative to the file that names them.
 
     Args:
         simulation: its name; only of built-in simulations, and of missions in others, it is known what is an
             object.
         parameters: as they stand in the experiment.
-        folder: of a parameter's name: what its path is relative to.
-        report: called with name and message for every file that cannot be read.
+        folder: of a key of the parameters: what a path there is relative to.
+        report: called with key and message for every file that cannot be read.
         ask: whether a class in Python may be imported.
     """
     result, files = dict(parameters), {}
@@ -43,15 +46,62 @@ def resolve(
         if not isinstance(value, str):
             continue
         path = Path(value)
-        if named and path.suffix not in (*_YAML, ".json"):
+        if named and path.suffix not in _FILES:
             continue
         try:
-            files[name] = (_read_yaml if path.suffix in _YAML else _read_json)(folder(name) / value)
+            files[name] = _read(folder((name,)) / value)
             result[name] = dict(files[name].values)
         except InputError as error:
-            report(name, str(error))
+            report((name,), str(error))
+            del result[name]
+    lists = ("mission", "robots") if _has_missions(simulation, ask=ask) else ()
+    for name in lists:
+        if name not in result:
+            continue
+        own = files.get(name)
+        result[name], wrong = _with_robots(
+            (name,), result[name], folder if own is None else partial(_beside, own)
+        )
+        for place, message in wrong:
+            report(place, message)
+        if wrong:
             del result[name]
     return result, files
+
+
+def _beside(source: yaml.Source, _place: yaml.Path_) -> Path:
+    return Path(source.name).parent
+
+
+def _with_robots(
+    place: yaml.Path_,
+    value: Any,  # noqa: ANN401 - any value of a file
+    folder: Callable[[yaml.Path_], Path],
+) -> tuple[Any, list[tuple[yaml.Path_, str]]]:
+    """Return a mission, or a list of kinds of robots, with robots in the place of files that they name.
+
+    Also returns what is wrong, key by key.
+    """
+    if isinstance(value, list):
+        found = [_with_robots((*place, index), kind, folder) for index, kind in enumerate(value)]
+        return [kind for kind, _ in found], [one for _, wrong in found for one in wrong]
+    if not isinstance(value, Mapping):
+        return value, []
+    result, wrong = dict(value), []
+    robot, at = result.get("robot"), (*place, "robot")
+    if isinstance(robot, str) and Path(robot).suffix in _FILES:
+        try:
+            result["robot"] = dict(_read(folder(at) / robot).values)
+        except InputError as error:
+            wrong.append((at, str(error)))
+    if "robots" in result:
+        result["robots"], others = _with_robots((*place, "robots"), result["robots"], folder)
+        wrong += others
+    return result, wrong
+
+
+def _read(path: Path) -> yaml.Source:
+    return (_read_yaml if path.suffix in _YAML else _read_json)(path)
 
 
 def read_object(path: Path) -> dict[str, Any]:
@@ -94,6 +144,12 @@ def _read_yaml(path: Path) -> yaml.Source:
     if not isinstance(source.values, Mapping):
         raise InputError(f"{path}: holds {_kind(source.values)}; expected keys and values")
     return source
+
+
+def _has_missions(simulation: str, *, ask: bool) -> bool:
+    return catalogue.built_in(simulation) == catalogue.ARENA or (
+        ask and is_python(simulation) and catalogue.has_missions(simulation)
+    )
 
 
 def _objects(simulation: str, *, ask: bool) -> Iterator[tuple[str, bool]]:

@@ -1,10 +1,12 @@
 """The robot of an experiment in the arena, whose parts can be set or varied."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
 from typing import Any
 
 from swarmwright import _engine
-from swarmwright.core.yaml import parse
+from swarmwright.core.yaml import Path_, parse
+from swarmwright.experiment.parameter_files import resolve
 from swarmwright.simulations import catalogue
 
 DEFAULT = "e-puck-rm1.1"
@@ -17,7 +19,7 @@ def robot_of(parameters: Mapping[str, Any]) -> Any:  # noqa: ANN401 - as the are
 
     None for several kinds.
     """
-    of_mission = _mission(parameters.get("mission")) or {}
+    of_mission = mission_of(parameters.get("mission")) or {}
     robots = parameters.get("robots")
     if isinstance(robots, list) or (robots is None and isinstance(of_mission.get("robots"), list)):
         return None
@@ -25,7 +27,7 @@ def robot_of(parameters: Mapping[str, Any]) -> Any:  # noqa: ANN401 - as the are
     return of_mission.get("robot", DEFAULT) if own is None else own
 
 
-def _mission(given: Any) -> Mapping[str, Any] | None:  # noqa: ANN401 - as the arena's parameter has it
+def mission_of(given: Any) -> Mapping[str, Any] | None:  # noqa: ANN401 - as the arena's parameter has it
     """Return a mission as a mapping, also one that is built in; None where there is no such."""
     if isinstance(given, Mapping):
         return given
@@ -35,11 +37,18 @@ def _mission(given: Any) -> Mapping[str, Any] | None:  # noqa: ANN401 - as the a
     return next((parse(text, "").values for text in texts), None)
 
 
-def written_out(values: dict[str, Any], paths: Iterable[tuple[str, ...]]) -> dict[str, Any]:
+def written_out(
+    values: dict[str, Any], paths: Iterable[tuple[str, ...]], folder: Callable[[Path_], Path]
+) -> dict[str, Any]:
     """Return an experiment's values in which the robot is a mapping, where parts of it are to be set.
 
     A name has no parts, and parts alone are no robot. Nothing is written out where another robot is set, or
-    where a file or a mistake stands for the robot or the mission.
+    where a mistake stands for the robot or the mission.
+
+    Args:
+        values: of the experiment.
+        paths: what is to be set.
+        folder: of a key of the parameters: what the path of a file there is relative to.
     """
     set_ = list(paths)
     simulation, parameters = values.get("simulation"), values.get("parameters") or {}
@@ -47,9 +56,13 @@ def written_out(values: dict[str, Any], paths: Iterable[tuple[str, ...]]) -> dic
         return values
     if not isinstance(simulation, str) or catalogue.built_in(simulation) != catalogue.ARENA:
         return values
-    if not isinstance(parameters, Mapping) or _mission(parameters.get("mission")) is None:
+    if not isinstance(parameters, Mapping):
         return values
-    robot = robot_of(parameters)
+    wrong: list[Path_] = []
+    found, _ = resolve(simulation, parameters, folder, lambda path, _: wrong.append(path), ask=False)
+    if wrong or mission_of(found.get("mission")) is None:
+        return values
+    robot = robot_of(found)
     if isinstance(robot, Mapping):
         parts = dict(robot)
     elif robot in _engine.robots():

@@ -12,7 +12,8 @@ from swarmwright.core.errors import InputError
 from swarmwright.core.problems import shown
 from swarmwright.core.yaml import Path_, Source, dotted_path, parse
 from swarmwright.experiment.document import DEFAULT_KINDS
-from swarmwright.experiment.robots import written_out
+from swarmwright.experiment.parameter_files import resolve
+from swarmwright.experiment.robots import mission_of, written_out
 from swarmwright.methods import METHODS
 from swarmwright.simulations import catalogue
 
@@ -92,6 +93,13 @@ def restricted(settings: Iterable[Setting], keys: Collection[str], reason: str) 
         raise InputError("\n".join(problems))
 
 
+def refuse_seed(texts: Iterable[str]) -> None:
+    """Raise InputError where the seed of episodes is set that another option chooses."""
+    for one in parse_settings(texts):
+        if one.path == ("parameters", "seed"):
+            raise InputError(f"{one.text}: has no effect here; the seed of episodes is the option --seed")
+
+
 def apply(source: Source, settings: Iterable[Setting]) -> Source:
     """Return what a file says with settings in the place of its own values; see `Experiment.load`.
 
@@ -102,7 +110,11 @@ def apply(source: Source, settings: Iterable[Setting]) -> Source:
         return source
     changed = Source(
         source.name,
-        written_out(copy.deepcopy(dict(source.values or {})), [one.path for one in ordered]),
+        written_out(
+            copy.deepcopy(dict(source.values or {})),
+            [one.path for one in ordered],
+            lambda path: source.folder(("parameters", *path)),
+        ),
         dict(source.lines),
         list(source.problems),
         dict(source.options),
@@ -181,9 +193,34 @@ def _assign(source: Source, setting: Setting) -> None:
                     )
                     return
                 container[part] = {}
+            if isinstance(container[key], str):
+                container[key] = _written_out(source, path, container[key])
             container = container[key]
     _forget(source, path)
     source.options[path] = setting.text
+
+
+def _written_out(source: Source, path: Path_, name: str) -> Any:  # noqa: ANN401 - any parameter
+    """Return a parameter whose parts are to be set: what is in the file, or of the mission, that it names."""
+    simulation = source.values.get("simulation")
+    if path[:1] != ("parameters",) or len(path) != 2 or not isinstance(simulation, str):
+        return name
+    if catalogue.built_in(simulation) is None:
+        return name
+    parameter = str(path[1])
+    wrong: list[Path_] = []
+    found, _ = resolve(
+        simulation,
+        {parameter: name},
+        lambda _: source.folder(path),
+        lambda place, _: wrong.append(place),
+        ask=False,
+    )
+    if wrong:  # reported when the experiment is checked
+        return name
+    if parameter == "mission" and catalogue.built_in(simulation) == catalogue.ARENA:
+        return mission_of(found[parameter]) or name
+    return found[parameter]
 
 
 def _complain(source: Source, setting: Setting, path: Path_, message: str) -> None:

@@ -45,7 +45,7 @@ def check(source: Source, *, ask: bool = True, folder: Path | None = None) -> Ch
     else:
         # A section left empty ("method:") means its defaults.
         values = {key: value for key, value in source.values.items() if not (value is None and key in _EMPTY)}
-        here = _with_simulation(values, folder or _folder(source, ("simulation",)), report, ask=ask)
+        here = _with_simulation(values, folder or source.folder(("simulation",)), report, ask=ask)
         values, files = _with_files(source, values, report, ask=here)
         values = _with_controllers(source, values, report)
         values = _with_modules(source, values, folder, report)
@@ -75,11 +75,6 @@ def _importable(source: Source) -> str:
     if not str(source.values).startswith("<"):
         return ""
     return "; 'swarmwright import' makes one of a FREVO session or a drawn model"
-
-
-def _folder(source: Source, path: Path_) -> Path:
-    """Return the folder that a path in the experiment is relative to: that of the file that names it."""
-    return Path(source.name).parent if source.name and not source.is_option(path) else Path()
 
 
 def _spoken(source: Source, path: Path_, line: int, message: str) -> str:
@@ -137,8 +132,8 @@ def _with_files(
     resolved, files = resolve(
         simulation,
         parameters,
-        lambda name: _folder(source, ("parameters", name)),
-        lambda name, message: report(("parameters", name), message),
+        lambda path: source.folder(("parameters", *path)),
+        lambda path, message: report(("parameters", *path), message),
         ask=ask,
     )
     return {**values, "parameters": resolved}, files
@@ -149,7 +144,7 @@ def _with_controllers(source: Source, values: dict[str, Any], report: Report) ->
     if values.get("start_from") is None:
         return values
     try:
-        return {**values, "start_from": entries(values["start_from"], _folder(source, ("start_from",)))}
+        return {**values, "start_from": entries(values["start_from"], source.folder(("start_from",)))}
     except SwarmwrightError as error:
         report(("start_from",), str(error))
         return {**values, "start_from": None}
@@ -166,7 +161,7 @@ def _with_modules(
     for key in ("behaviours", "conditions"):
         names = controller.get(key)
         if isinstance(names, list | tuple):
-            here = folder or _folder(source, ("controller", key))
+            here = folder or source.folder(("controller", key))
             controller[key] = [_module(one, here, partial(report, ("controller", key))) for one in names]
     return {**values, "controller": controller}
 
@@ -177,7 +172,7 @@ def _with_launchers(
     """Return the values with checked options of launchers in the place of what stands under `servers`."""
     if not names_launchers(values.get("servers")):
         return values
-    here = folder or _folder(source, ("servers",))
+    here = folder or source.folder(("servers",))
     found = entries_of(values["servers"], here, lambda path, message: report(("servers", *path), message))
     return {**values, "servers": "auto" if found is None else found}
 

@@ -10,6 +10,7 @@ from swarmwright import _engine
 from swarmwright.core.errors import InputError, engine_errors
 from swarmwright.display import Caption, Part, Playable, Recording, record
 from swarmwright.experiment.fitness import JudgedEpisode
+from swarmwright.experiment.settings import refuse_seed
 from swarmwright.modules._played import PlayedEpisode
 from swarmwright.representations.controller import Controller, controller_words
 from swarmwright.runs import remote
@@ -75,6 +76,8 @@ class Replay:
             InputError: the simulation is not here and no broker is known, or there is no such candidate,
                 controller or episode.
         """
+        settings = list(settings)
+        refuse_seed(settings)
         broker = broker or _broker_of(run)
         chosen = None if controller is not None else choose(run, generation, candidate)
         used = used_for(run, None if chosen is None else chosen.generation, simulation)

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from swarmwright import Experiment, InputError, optimize
+from swarmwright import Experiment, InputError, optimize, templates
 from swarmwright.core.yaml import Source, dump, parse
 from swarmwright.experiment.validation import check
 
@@ -238,6 +238,13 @@ def test_numpy_values_are_plain_values() -> None:
     )
     assert experiment.seed == 5
     assert experiment.to_mapping()["parameters"] == {"goal": [12.0, 3.0]}
+
+
+def test_paths_are_text(tmp_path: Path) -> None:
+    mission = tmp_path / "mission.yaml"
+    mission.write_text(templates.mission("decision"))
+    experiment = Experiment.from_mapping({"simulation": "arena", "parameters": {"mission": mission}})
+    assert experiment.parameters["mission"]["title"] == "Decision"
 
 
 @given(

@@ -224,6 +224,34 @@ def test_a_mistake_in_a_robot(tmp_path: Path, old: str, new_text: str, answer: s
     assert f"{tmp_path}/swarm.yaml:2: parameters.robot: {tmp_path}/robot.yaml{answer}" in str(caught.value)
 
 
+def test_missions_and_kinds_name_files_of_robots(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "missions").mkdir()
+    (tmp_path / "missions" / "robot.yaml").write_text(ROBOT)
+    (tmp_path / "here.yaml").write_text(ROBOT.replace("count: 8", "count: 5"))
+    (tmp_path / "missions" / "mine.yaml").write_text(MISSION + "robot: robot.yaml\n")
+    swarm = tmp_path / "swarm.yaml"
+    swarm.write_text("simulation: arena\nparameters: {mission: missions/mine.yaml}\n")
+    # Relative to the file that names them, of settings to the working directory.
+    assert Experiment.load(swarm).sensors == 10
+    monkeypatch.chdir(tmp_path)
+    changed = Experiment.load(swarm, ["parameters.mission.robot=here.yaml"])
+    assert (changed.sensors, changed.parameters["mission"]["robots"]) == (7, 12)
+    kinds = "parameters.robots=[{robot: here.yaml, count: 2}, {robot: e-puck-rm1.1, count: 1}]"
+    listed = Experiment.load(swarm, [kinds]).parameters["robots"]
+    assert [kind["count"] for kind in listed] == [2, 1]
+    assert listed[0]["robot"]["radius"] == 0.05
+    with pytest.raises(InputError) as caught:
+        Experiment.load(swarm, [missing := kinds.replace("here", "there")])
+    words = "parameters.robots[0].robot: there.yaml: there is no such file"
+    assert str(caught.value) == f"--set {missing}: {words}"
+    (tmp_path / "missions" / "robot.yaml").write_text(ROBOT.replace("radius", "radiu"))
+    with pytest.raises(InputError, match=r"missions/mine.yaml:11: robot.radiu: unknown field `radiu`"):
+        Experiment.load(swarm)
+    (tmp_path / "missions" / "robot.yaml").unlink()
+    with pytest.raises(InputError, match=r"missions/robot.yaml: there is no such file"):
+        Experiment.load(swarm)
+
+
 PRESET = """\
 preset: e-puck-rm1.1
 drive: {noise: 0.15}

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swarmwright import Experiment, InputError, evaluate
+from swarmwright import Experiment, InputError, evaluate, templates
 from swarmwright.analysis.sweep import Sweep
 from swarmwright.experiment.budget import Budget
 
@@ -223,6 +223,31 @@ def test_parts_of_a_robot_that_the_mission_names(tmp_path: Path) -> None:
     genomes = np.zeros((1, same.genome_size))
     before = evaluate(swarm(mission="object_retrieval"), genomes, servers="local")
     assert evaluate(same, genomes, servers="local").tobytes() == before.tobytes()
+
+
+def test_parts_of_a_mission_in_a_file_or_with_a_name(tmp_path: Path) -> None:
+    (tmp_path / "mine.yaml").write_text(templates.mission("decision"))
+    (tmp_path / "robot.yaml").write_text("preset: e-puck-rm1.2\n")
+    file = tmp_path / "swarm.yaml"
+    for mission in ("mine.yaml", "decision"):
+        file.write_text(f"simulation: arena\nparameters: {{mission: {mission}, robot: robot.yaml}}\n")
+        changed = Experiment.load(
+            file, ["parameters.mission.robots=3", "parameters.robot.sensors.ground.noise=0.1"]
+        )
+        mission_of_it, robot = changed.parameters["mission"], changed.parameters["robot"]
+        assert (mission_of_it["robots"], mission_of_it["title"]) == (3, "Decision")
+        assert robot == {"preset": "e-puck-rm1.2", "sensors": {"ground": {"noise": 0.1}}}
+    with pytest.raises(InputError, match="unknown field `robt`") as caught:
+        Experiment.load(file, ["parameters.mission.robt=3"])
+    assert str(caught.value).startswith("--set parameters.mission.robt=3: ")
+    file.write_text("simulation: arena\nparameters: {mission: none.yaml}\n")
+    with pytest.raises(InputError) as caught:
+        Experiment.load(file, ["parameters.mission.robots=3"])
+    assert "none.yaml: there is no such file" in str(caught.value)
+    # A part of text that stands for nothing else.
+    file.write_text("simulation: gazebo\nparameters: {mission: decision}\n")
+    with pytest.raises(InputError, match=r"parameters\.mission is 'decision', which has no part 'robots'"):
+        Experiment.load(file, ["parameters.mission.robots=3"])
 
 
 def test_a_metric_called_like_that_of_the_ranking() -> None:
