@@ -39,6 +39,7 @@ Overview:
     export_controller           a controller as C, C++, Python, MicroPython or ONNX, for robots
     export_bundle, verify_bundle  an archive to hand over, with proof; its check
     evaluate, simulate, repeat  the fitness of given genomes; one episode; one evaluation again
+    Episodes, environments      episodes that your code steers; as environments of PettingZoo and Gymnasium
     Simulation, BatchSimulation, CommandSimulation, Parameter   base classes of custom simulations
     Group                       agents of one kind in a custom simulation
     Physics                     base class of simulators that move the robots of the arena's missions
@@ -56,12 +57,13 @@ from typing import TYPE_CHECKING, Any
 from swarmwright.core.errors import InputError, RunError, SwarmwrightError
 
 if TYPE_CHECKING:
-    from swarmwright import callbacks, templates
+    from swarmwright import callbacks, environments, templates
     from swarmwright.adapters.command import CommandSimulation
     from swarmwright.analysis.comparison import Comparison, compare
     from swarmwright.analysis.sweep.result import SweepResult, sweep
     from swarmwright.analysis.transfer.result import Transfer
     from swarmwright.analysis.transfer.transfer import transfer
+    from swarmwright.evaluation.episodes import Episodes
     from swarmwright.evaluation.evaluate import evaluate, simulate
     from swarmwright.experiment.experiment import Experiment
     from swarmwright.export.bundle import Bundle, export_bundle
@@ -88,6 +90,7 @@ __all__ = [
     "CommandSimulation",
     "Comparison",
     "Controller",
+    "Episodes",
     "Experiment",
     "Exported",
     "Generation",
@@ -107,6 +110,7 @@ __all__ = [
     "__version__",
     "callbacks",
     "compare",
+    "environments",
     "evaluate",
     "export_bundle",
     "export_controller",
@@ -128,6 +132,7 @@ _LAZY = {
     "CommandSimulation": "adapters.command",
     "Comparison": "analysis.comparison",
     "Controller": "representations.controller",
+    "Episodes": "evaluation.episodes",
     "Experiment": "experiment.experiment",
     "Exported": "export.exporting",
     "Generation": "optimization.optimize",
@@ -159,7 +164,7 @@ _LAZY = {
 def __getattr__(name: str) -> Any:  # noqa: ANN401 - PEP 562: any of the names above
     if name == "__version__":
         value: Any = import_module("swarmwright._engine").__version__
-    elif name in {"callbacks", "frevo", "templates", "testing"}:
+    elif name in {"callbacks", "environments", "frevo", "templates", "testing"}:
         value = import_module(f"swarmwright.{name}")
     elif name in _LAZY:
         value = getattr(import_module(f"swarmwright.{_LAZY[name]}"), name)

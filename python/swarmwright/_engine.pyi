@@ -201,7 +201,7 @@ class Episodes:
     """Episodes of one simulation, by its title or as a host, that are stepped side by side from outside."""
 
     def __new__(cls, simulation: str | AnyHost, parameters: dict[str, Any], seeds: Sequence[int]) -> Episodes:
-        """seeds: of the simulation, one for each episode. Raises InputError for wrong parameters."""
+        """seeds: of the simulation, one for each episode. Raises InputError for wrong parameters, and for several seeds of a host whose simulation runs one episode at a time."""
     @property
     def done(self) -> bool:
         """Whether all have ended."""

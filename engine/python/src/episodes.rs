@@ -44,10 +44,18 @@ impl PyEpisodes {
         seeds: Vec<u64>,
     ) -> PyResult<Self> {
         let parameters = object("parameters", parameters)?;
-        let mut simulations = Vec::with_capacity(seeds.len());
+        let mut simulations: Vec<Box<dyn Simulation>> = Vec::with_capacity(seeds.len());
         let (mut sensors, mut actuators) = (0, 0);
         for seed in &seeds {
-            let mut one = any(simulation)?;
+            let mut one = match simulations.first() {
+                // A host has one object, of which another episode needs another one.
+                Some(first) if !simulation.is_instance_of::<PyString>() => {
+                    kept(|| first.duplicate())?.ok_or_else(|| {
+                        input("seeds: this simulation runs one episode at a time in a process; give one seed")
+                    })?
+                }
+                _ => any(simulation)?,
+            };
             let mut parameters: Parameters = parameters.clone();
             parameters.insert("seed".to_owned(), Value::from(*seed));
             kept(|| one.reset(&parameters))?.map_err(input)?;

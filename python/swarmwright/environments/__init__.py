@@ -1,0 +1,71 @@
+"""Simulations as environments for learning: of PettingZoo for swarms, of Gymnasium for one agent.
+
+    env = swarmwright.environments.parallel_env("arena", {"mission": "aggregation"})
+
+Libraries of reinforcement learning train with them, in the simulations, missions and robots that controllers
+are evolved in. The sum of an episode's rewards is its fitness.
+"""
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, Literal
+
+from swarmwright.core.errors import InputError
+
+if TYPE_CHECKING:
+    from swarmwright.environments._parallel import SwarmEnv
+    from swarmwright.environments._single import AgentEnv
+    from swarmwright.experiment.experiment import Experiment
+
+__all__ = ["gymnasium_env", "parallel_env"]
+
+
+def parallel_env(
+    simulation: "Experiment | str | type",
+    parameters: Mapping[str, Any] | None = None,
+    *,
+    render_mode: Literal["rgb_array"] | None = None,
+) -> "SwarmEnv":
+    """Return a simulation as a parallel environment of PettingZoo: all agents act in each step.
+
+    Agents are called agent_0, agent_1, .., or by the name of their group. Observations are what an agent
+    senses, float32 of any size; actions are its actuators, float32 in -1..1. All agents get the same reward:
+    by how much the fitness has changed; the sum over an episode is its fitness. At its end all are
+    terminated, with `fitness` and `metrics` in their infos. `reset(seed=S)` is the episode that the
+    simulation has with this seed; without one, the episode of the next seed follows, at first of
+    `parameters.seed` (0).
+
+    Args:
+        simulation: the name of a built-in simulation, `FILE:Class`, a class, or an experiment: then its
+            simulation, parameters and fitness are used.
+        parameters: of the simulation, as in an experiment; for an experiment, those that differ.
+        render_mode: rgb_array: `render()` returns a picture, (height, width, 3) of uint8.
+
+    Raises InputError when PettingZoo is not installed, the simulation is not here, does not take these
+    parameters, or controls its agents itself.
+    """
+    try:
+        from swarmwright.environments._parallel import SwarmEnv  # noqa: PLC0415 - PettingZoo may be missing
+    except ImportError as error:
+        raise _missing(error, "pettingzoo") from None
+    return SwarmEnv(simulation, parameters, render_mode)
+
+
+def gymnasium_env(
+    simulation: "Experiment | str | type",
+    parameters: Mapping[str, Any] | None = None,
+    *,
+    render_mode: Literal["rgb_array"] | None = None,
+) -> "AgentEnv":
+    """Return a simulation with one agent as an environment of Gymnasium; all as in `parallel_env`.
+
+    Raises InputError as well for a simulation with several agents.
+    """
+    try:
+        from swarmwright.environments._single import AgentEnv  # noqa: PLC0415 - Gymnasium may be missing
+    except ImportError as error:
+        raise _missing(error, "gymnasium") from None
+    return AgentEnv(simulation, parameters, render_mode)
+
+
+def _missing(error: ImportError, extra: str) -> InputError:
+    return InputError(f"environments: {error}: pip install 'swarmwright[{extra}]'")

@@ -1,0 +1,89 @@
+"""Simulations as parallel environments of PettingZoo.
+
+Source: https://pettingzoo.farama.org/api/parallel/
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from gymnasium.spaces import Box
+from numpy.typing import NDArray
+from pettingzoo import ParallelEnv  # type: ignore[import-untyped]
+
+from swarmwright.core.errors import InputError
+from swarmwright.environments._world import World
+from swarmwright.experiment.experiment import Experiment
+
+_Sensed = dict[str, NDArray[np.float32]]
+
+
+class SwarmEnv(ParallelEnv):  # type: ignore[misc] # PettingZoo has no types
+    """A simulation as a parallel environment; see `parallel_env`, which makes it."""
+
+    metadata = {"render_modes": ["rgb_array"], "is_parallelizable": True}  # noqa: RUF012 - as in the base class
+
+    def __init__(
+        self,
+        simulation: Experiment | str | type,
+        parameters: Mapping[str, Any] | None,
+        render_mode: str | None,
+    ) -> None:
+        self._world = World(simulation, parameters, render_mode)
+        self.render_mode = render_mode
+        self.metadata = {**self.metadata, "name": self._world.experiment.label}
+        self.possible_agents = list(self._world.names)
+        self.agents: list[str] = []
+        self._numbers = {name: number for number, name in enumerate(self.possible_agents)}
+        spaces = [self._world.spaces(number) for number in range(len(self.possible_agents))]
+        self.observation_spaces = {
+            name: one[0] for name, one in zip(self.possible_agents, spaces, strict=True)
+        }
+        self.action_spaces = {name: one[1] for name, one in zip(self.possible_agents, spaces, strict=True)}
+
+    def observation_space(self, agent: str) -> Box:
+        """Return the space of what an agent senses, the same object each time."""
+        return self.observation_spaces[agent]
+
+    def action_space(self, agent: str) -> Box:
+        """Return the space of what an agent does, the same object each time."""
+        return self.action_spaces[agent]
+
+    def reset(
+        self,
+        seed: int | None = None,
+        options: dict[str, Any] | None = None,  # noqa: ARG002 - PettingZoo's
+    ) -> tuple[_Sensed, dict[str, dict[str, Any]]]:
+        """Begin an episode."""
+        sensed = self._by_name(self._world.reset(seed))
+        self.agents = list(sensed)
+        return sensed, {name: {} for name in self.agents}
+
+    def step(
+        self, actions: dict[str, NDArray[np.float32]]
+    ) -> tuple[_Sensed, dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
+        """Let all agents act."""
+        if not self.agents:
+            raise InputError("step: the episode has ended, or none has begun; call reset() first")
+        missing = [name for name in self.agents if name not in actions]
+        if missing:
+            raise InputError(f"actions: there is none for {', '.join(missing)}")
+        before = self.agents
+        sensed, reward = self._world.step({self._numbers[name]: actions[name] for name in before})
+        last = self._by_name(self._world.last)
+        self.agents = [name for name in before if self._numbers[name] in sensed]
+        info = {} if self.agents else self._world.outcome()
+        return (
+            {name: last[name] for name in before},
+            dict.fromkeys(before, reward),
+            {name: name not in self.agents for name in before},
+            dict.fromkeys(before, False),
+            {name: dict(info) for name in before},
+        )
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """Return a picture, (height, width, 3); None without `render_mode`."""
+        return self._world.picture()
+
+    def _by_name(self, sensed: Mapping[int, NDArray[np.float32]]) -> _Sensed:
+        return {self._world.names[number]: row for number, row in sensed.items()}

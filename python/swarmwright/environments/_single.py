@@ -1,0 +1,66 @@
+"""Simulations with one agent as environments of Gymnasium.
+
+Source: https://gymnasium.farama.org/api/env/
+"""
+
+from collections.abc import Mapping
+from typing import Any, cast
+
+import gymnasium
+import numpy as np
+from gymnasium.spaces import Space
+from numpy.typing import NDArray
+
+from swarmwright.core.errors import InputError
+from swarmwright.environments._world import World
+from swarmwright.experiment.experiment import Experiment
+
+
+class AgentEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
+    """A simulation with one agent as an environment; see `gymnasium_env`, which makes it."""
+
+    metadata = {"render_modes": ["rgb_array"]}  # noqa: RUF012 - as in the base class
+
+    def __init__(
+        self,
+        simulation: Experiment | str | type,
+        parameters: Mapping[str, Any] | None,
+        render_mode: str | None,
+    ) -> None:
+        self._world = World(simulation, parameters, render_mode)
+        if len(self._world.names) != 1:
+            raise InputError(
+                f"simulation: {self._world.experiment.simulation} has {len(self._world.names)} agents; "
+                "use parallel_env"
+            )
+        self.render_mode = render_mode
+        sensors, actuators = self._world.spaces(0)
+        self.observation_space = cast("Space[NDArray[np.float32]]", sensors)
+        self.action_space = cast("Space[NDArray[np.float32]]", actuators)
+        self._going = False
+
+    def reset(
+        self,
+        *,
+        seed: int | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """Begin an episode."""
+        super().reset(seed=seed, options=options)
+        self._going = True
+        return self._world.reset(seed)[0], {}
+
+    def step(
+        self, action: NDArray[np.float32]
+    ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+        """Let the agent act."""
+        if not self._going:
+            raise InputError("step: the episode has ended, or none has begun; call reset() first")
+        sensed, reward = self._world.step({0: action})
+        self._going = bool(sensed)
+        info = {} if self._going else self._world.outcome()
+        return self._world.last[0], reward, not self._going, False, info
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """Return a picture, (height, width, 3); None without `render_mode`."""
+        return self._world.picture()

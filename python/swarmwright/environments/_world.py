@@ -1,0 +1,112 @@
+"""What environments of all libraries have in common: an episode, its agents, and how its fitness changes."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from gymnasium.spaces import Box
+from numpy.typing import NDArray
+
+from swarmwright.core.arguments import integer
+from swarmwright.core.errors import InputError
+from swarmwright.display import Recording
+from swarmwright.display._drawing import Picture
+from swarmwright.evaluation.episodes import Episodes
+from swarmwright.experiment.experiment import Experiment
+from swarmwright.simulations import catalogue
+
+_DPI = 80
+
+
+class World:
+    """One simulation, episode after episode."""
+
+    def __init__(
+        self,
+        simulation: Experiment | str | type,
+        parameters: Mapping[str, Any] | None,
+        render_mode: str | None,
+    ) -> None:
+        if render_mode not in (None, "rgb_array"):
+            raise InputError(f"render_mode: {render_mode!r} found, expected 'rgb_array' or None")
+        self.episode = Episodes(simulation, parameters)
+        self.experiment = self.episode.experiment
+        self.render_mode = render_mode
+        self._next_seed = self.experiment.first_seed
+        if not self.episode.actuators:
+            raise InputError(
+                f"simulation: {self.experiment.simulation} controls its agents itself: nothing acts here"
+            )
+        if render_mode is not None:
+            self.episode.scene()  # refused here where there is none
+        self.names = self._named(len(self.episode.observe().agents))
+        self._fitness = 0.0
+        self.episode.step(np.zeros((len(self.episode.observe().agents), self.episode.actuators), np.float32))
+        if self.episode.acts_in_turn:
+            raise InputError(
+                f"simulation: the agents of {self.experiment.simulation} act in turn, those of parallel "
+                "environments at the same time; use swarmwright.Episodes"
+            )
+
+    def _named(self, count: int) -> list[str]:
+        groups = catalogue.groups(self.experiment.simulation, self.experiment.parameters)
+        if not groups:
+            self._sizes = [(self.episode.sensors, self.episode.actuators)] * count
+            return [f"agent_{index}" for index in range(count)]
+        self._sizes = [(group.sensors, group.actuators) for group in groups for _ in range(group.agents)]
+        return [f"{group.name}_{index}" for group in groups for index in range(group.agents)]
+
+    def spaces(self, agent: int) -> tuple[Box, Box]:
+        """Return the spaces of what an agent senses and does."""
+        sensors, actuators = self._sizes[agent]
+        return (
+            Box(-np.inf, np.inf, (sensors,), np.float32),
+            Box(-1.0, 1.0, (actuators,), np.float32),
+        )
+
+    def reset(self, seed: int | None) -> dict[int, NDArray[np.float32]]:
+        """Begin an episode; return what the agents sense."""
+        chosen = self._next_seed if seed is None else integer("seed", seed)
+        self.episode = Episodes(self.experiment, seeds=[chosen])
+        self._next_seed = chosen + 1
+        self._fitness = 0.0
+        self.last = self._sensed()
+        return self.last
+
+    def step(self, actions: Mapping[int, Any]) -> tuple[dict[int, NDArray[np.float32]], float]:
+        """Let agents act; return what those sense that act next, and the change of the fitness."""
+        agents = self.episode.observe().agents.tolist()
+        rows = np.zeros((len(agents), self.episode.actuators), dtype=np.float32)
+        for row, agent in zip(rows, agents, strict=True):
+            given = np.asarray(actions[agent], dtype=np.float32)
+            expected = self._sizes[agent][1]
+            if given.shape != (expected,):
+                raise InputError(
+                    f"{self.names[agent]}: an action of the shape {given.shape} found, expected ({expected},)"
+                )
+            row[:expected] = given
+        self.episode.step(rows)
+        now = float(self.episode.fitness[0])
+        reward, self._fitness = now - self._fitness, now
+        if not self.episode.done:
+            self.last = {**self.last, **(sensed := self._sensed())}
+            return sensed, reward
+        return {}, reward
+
+    def outcome(self) -> dict[str, Any]:
+        """Return what is known at the end of an episode."""
+        metrics = {name: float(values[0]) for name, values in self.episode.metrics.items()}
+        return {"fitness": self._fitness, "metrics": metrics}
+
+    def picture(self) -> NDArray[np.uint8] | None:
+        """Return what the world looks like, (height, width, 3)."""
+        if self.render_mode is None:
+            return None
+        scene = self.episode.scene()
+        recording = Recording((scene,), (self._fitness,), self.episode.step_seconds)
+        return np.asarray(Picture(recording, dpi=_DPI).image(scene, 0.0))
+
+    def _sensed(self) -> dict[int, NDArray[np.float32]]:
+        seen = self.episode.observe()
+        rows = zip(seen.agents.tolist(), seen.sensors, strict=True)
+        return {agent: row[: self._sizes[agent][0]].copy() for agent, row in rows}
