@@ -56,7 +56,13 @@ impl Access {
                 Some((right @ ("read" | "write" | "readwrite" | "deny"), filter)) => {
                     (right, filter.trim())
                 }
-                _ => ("readwrite", rest),
+                // As Mosquitto: a mistyped right must not become a rule that allows everything.
+                Some((right, _)) => {
+                    return Err(format!(
+                        "`{right}` is not a right, expected read, write, readwrite or deny; a filter with blanks needs one before it"
+                    ));
+                }
+                None => ("readwrite", rest),
             };
             if !topic::is_filter(filter) {
                 return Err(format!("`{filter}` is not a valid topic filter"));
@@ -156,5 +162,30 @@ mod tests {
             access.may_write(bob, "tools/bob/tool") && !access.may_write(bob, "tools/ada/tool")
         );
         assert!(!access.may_write(subject(Some("#"), "tool"), "tools/ada/tool"));
+    }
+
+    #[test]
+    fn mistyped_rights_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("acl");
+        let read = |text: &str| {
+            std::fs::write(&file, text).unwrap();
+            Access::read(&file).map_err(|error| error.to_string())
+        };
+        for right in ["denny", "Deny", "raed", "banana"] {
+            let Err(wrong) = read(&format!(
+                "user tool\ntopic readwrite #\ntopic {right} secret/#\n"
+            )) else {
+                panic!("{right} is accepted");
+            };
+            assert!(wrong.contains("acl, line 3: "), "{wrong}");
+            assert!(
+                wrong.contains(&format!("`{right}` is not a right")),
+                "{wrong}"
+            );
+        }
+        let access = read("user tool\ntopic readwrite two words/#\ntopic plain/#\n").unwrap();
+        let tool = subject(Some("tool"), "x");
+        assert!(access.may_write(tool, "two words/a") && access.may_read(tool, "plain/a"));
     }
 }

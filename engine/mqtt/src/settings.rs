@@ -125,7 +125,7 @@ impl FromStr for BrokerUrl {
         let plain = matches!(scheme, Scheme::Mqtt | Scheme::Mqtts);
         if plain && !path.is_empty() {
             return Err(wrong(
-                "mqtt:// and mqtts:// take no path; use --prefix for a topic prefix",
+                "mqtt:// and mqtts:// take no path; a topic prefix is the key `prefix` of an experiment, and --prefix of a server",
             ));
         }
         if plain && !query.is_empty() {

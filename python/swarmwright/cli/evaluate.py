@@ -161,6 +161,7 @@ def _repeated(
             "number": found.number,
             "generation": found.generation,
             "candidate": found.candidate,
+            "seeds": found.seeds,
             "recorded": found.recorded.tolist(),
             "repeated": found.repeated.tolist(),
             "same": found.same,

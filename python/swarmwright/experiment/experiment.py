@@ -169,7 +169,7 @@ class Experiment:
         return cls._checked(Source("", values=_plain(values)), None)
 
     @classmethod
-    def _stored(cls, values: Mapping[str, Any], folder: Path | None = None) -> Self:
+    def unasked(cls, values: Mapping[str, Any], folder: Path | None = None) -> Self:
         """Make an experiment of what a run holds, without importing its class: reading runs no code.
 
         folder: the run's, that paths are relative to.
@@ -186,7 +186,7 @@ class Experiment:
         """Return the experiment as a run has stored it. Raises InputError when it cannot be used here."""
         folder = store.file.parent
         try:
-            experiment = cls._stored(store.experiment(), folder)
+            experiment = cls.unasked(store.experiment(), folder)
         except InputError as error:
             raise InputError(
                 f"{folder}: the experiment in {store.file.name} cannot be used: {error}"

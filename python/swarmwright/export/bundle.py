@@ -24,6 +24,7 @@ from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Subject, subject_of
 from swarmwright.export.text import check_prefix, decimals
 from swarmwright.export.verification import Verification, verify
+from swarmwright.runs.instances import instances
 
 if TYPE_CHECKING:
     from swarmwright.runs.run import Run
@@ -185,11 +186,13 @@ def _evaluation(run: "Run", generation: int | None, candidate: int | None) -> di
     one = run.evaluation(candidate, generation)
     best, unseen = run.best, run.unseen
     is_best = (best.generation, best.candidate) == (one.generation, one.candidate)
+    earlier = instances(run, one)[:-1]
     return {
         "experiment": run.experiment.to_mapping(),
         "fitness": one.fitness + 0.0,
+        "earlier": [{"seeds": part.seeds, "episodes": _finite(part.episodes + 0.0)} for part in earlier],
         "seeds": one.seeds,
-        "episodes": (one.episodes + 0.0).tolist(),
+        "episodes": _finite(one.episodes + 0.0),
         "metrics": {name: _finite(one.metrics[:, index]) for index, name in enumerate(run.metrics)},
         "held_out": unseen.stored() if unseen is not None and is_best else None,
     }

@@ -27,7 +27,7 @@ from swarmwright.export.bundle import (
     episodes_of,
 )
 from swarmwright.export.sequences import Sequences, difference
-from swarmwright.export.subject import Subject
+from swarmwright.export.subject import Subject, fitness_words
 from swarmwright.export.text import check_prefix
 from swarmwright.export.verification import Verification, verify
 
@@ -165,7 +165,9 @@ def _checked(path: Path, files: dict[str, bytes]) -> BundleVerification:
     check_prefix(prefix)
     for form in manifest["forms"]:
         _run_form(str(form), prefix, subject, files, report, by=str(manifest["swarmwright"]))
-    _evaluate(json.loads(files[EVALUATION]), subject, report)
+    evaluation = json.loads(files[EVALUATION])
+    _check_fitness(evaluation, dict(facts), report)
+    _evaluate(evaluation, subject, report)
     return report
 
 
@@ -261,6 +263,31 @@ def _run_form(
         report.problems.append(f"{form}: {found.words}")
 
 
+def _check_fitness(
+    evaluation: Mapping[str, Any], facts: Mapping[str, str], report: BundleVerification
+) -> None:
+    """Compare the stated fitness with what the stated results make, and with what the forms say."""
+    from swarmwright.experiment.experiment import Experiment  # noqa: PLC0415 - loads the engine
+    from swarmwright.runs.instances import fitness_of, meaning  # noqa: PLC0415 - loads the engine
+
+    stated = float(evaluation["fitness"])
+    parts = [one["episodes"] for one in [*evaluation.get("earlier", []), evaluation]]
+    try:
+        experiment = Experiment.unasked(evaluation["experiment"])
+    except SwarmwrightError:  # a plug-in is not here
+        return
+    made = None
+    if all(result is not None for part in parts for result in part):
+        made = fitness_of(experiment, parts)
+    if made is not None and not math.isclose(made, stated, rel_tol=1e-12, abs_tol=0.0):
+        report.problems.append(f"{EVALUATION}: the fitness is {stated!r}, but its episodes make {made!r}")
+    said = fitness_words(stated, meaning(experiment, len(parts)))
+    if "Fitness" in facts and facts["Fitness"] not in (said, repr(stated + 0.0)):
+        report.problems.append(
+            f"{MANIFEST}: says of the fitness {one_line(facts['Fitness'])!r}, but {EVALUATION} {said!r}"
+        )
+
+
 def _evaluate(evaluation: Mapping[str, Any], subject: Subject, report: BundleVerification) -> None:
     """Evaluate the controller in the episodes of the run and those with held-out seeds."""
     from swarmwright.simulations import catalogue  # noqa: PLC0415 - loads the engine
@@ -269,7 +296,8 @@ def _evaluate(evaluation: Mapping[str, Any], subject: Subject, report: BundleVer
     if simulation not in catalogue.titles():
         report.not_evaluated = f"the simulation {one_line(str(simulation))} is not a built-in one"
         return
-    stated = [(evaluation["seeds"], evaluation["episodes"])]
+    earlier = [(one["seeds"], one["episodes"]) for one in evaluation.get("earlier", [])]
+    stated = [*earlier, (evaluation["seeds"], evaluation["episodes"])]
     if evaluation["held_out"] is not None:
         stated.append((evaluation["held_out"]["seeds"], evaluation["held_out"]["episodes"]))
     for seeds, episodes in stated:

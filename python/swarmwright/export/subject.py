@@ -190,16 +190,18 @@ def _of_ros(simulation: str) -> tuple[Mapping[str, Any], bool]:
     return topics, definition.step.duration is not None
 
 
+def fitness_words(fitness: float, made_of: str) -> str:
+    """Return what is said of the fitness in every form; made_of: of how many episodes, in words."""
+    return f"{fitness + 0.0!r} ({made_of})" if made_of else f"{fitness + 0.0!r}"
+
+
 def _facts(run: "Run", chosen: "Choice") -> tuple[tuple[str, str], ...]:
     experiment = run.experiment
-    episodes = len(chosen.seeds)
-    how = getattr(experiment.ranking, "aggregate", "outcome")
-    of = f" ({how} of {episodes} episodes)" if episodes > 1 else ""
     rows = [
         ("Run", f"{run.name}, seed {experiment.seed}, record SHA-256 {run.digest}"),
         ("Simulation", experiment.label),
         ("Candidate", f"{chosen.candidate} of generation {chosen.generation} (both from 0)"),
-        ("Fitness", f"{chosen.fitness + 0.0!r}{of}"),
+        ("Fitness", fitness_words(chosen.fitness, chosen.made_of)),
         ("Controller", controller_words(chosen.specification)),
     ]
     return tuple((name, plain(text)) for name, text in rows)

@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from swarmwright.runs.instances import instances, meaning
+
 if TYPE_CHECKING:
     from swarmwright.runs.run import Run
 
@@ -17,9 +19,12 @@ class Choice:
     fitness: float
     """As the run's ranking made it of all episodes; NaN when the evaluation failed."""
     episodes: list[float]
-    """Fitness of each of its episodes in that generation; NaN for those that failed or were left out."""
+    """Fitness of each of the episodes that it is made of, with racing on all instances so far; NaN for those
+    that failed or were left out."""
     seeds: list[int]
     """Simulation seed of each of them."""
+    made_of: str
+    """How they became the fitness, in words; empty where it is that of one episode."""
     specification: dict[str, Any]
     """The controller as plain values."""
 
@@ -30,4 +35,13 @@ def choose(run: "Run", generation: int | None = None, candidate: int | None = No
 
     one = run.evaluation(candidate, generation)
     specification = of_generation(run, one.generation).representation().specification(one.genome)
-    return Choice(one.generation, one.candidate, one.fitness, one.episodes.tolist(), one.seeds, specification)
+    parts = instances(run, one)
+    return Choice(
+        one.generation,
+        one.candidate,
+        one.fitness,
+        [result for part in parts for result in part.episodes.tolist()],
+        [seed for part in parts for seed in part.seeds],
+        meaning(run.experiment, len(parts)),
+        specification,
+    )

@@ -1,6 +1,6 @@
 """Repeating an evaluation from its record."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,6 +12,7 @@ from swarmwright.evaluation.opening import open_backend
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.rankings.race import Race
 from swarmwright.runs.code import used_for
+from swarmwright.runs.instances import instances
 from swarmwright.store import Evaluation
 
 if TYPE_CHECKING:
@@ -27,11 +28,14 @@ class Repeated:
     generation: int
     candidate: int
     recorded: NDArray[np.float64]
-    """(episodes,) fitness as recorded, of the episodes that were run"""
+    """(episodes,) fitness as recorded, of the episodes that were run; with racing and with `reevaluate` those
+    of all evaluations that the candidate's fitness is made of"""
     repeated: NDArray[np.float64]
     """(episodes,) fitness now"""
     left_out: int = 0
     """Episodes of the generation that the candidate did not go through, since it was dropped from a race"""
+    seeds: list[int] = field(default_factory=list)
+    """Simulation seed of each episode"""
 
     @property
     def same(self) -> bool:
@@ -73,19 +77,23 @@ def repeat(
     if experiment is not None:
         instance("experiment", experiment, Experiment, "Experiment.load(file)")
     recorded = run.evaluation(candidate, generation)
+    parts = instances(run, recorded)
     ran = _ran(run, recorded)
+    seeds = [seed for part in parts[:-1] for seed in part.seeds] + recorded.seeds[:ran]
+    before = np.concatenate([*(part.episodes for part in parts[:-1]), recorded.episodes[:ran]])
     experiment = experiment or used_for(run, recorded.generation, simulation)
-    with open_backend(experiment, broker=broker, servers=servers, most=ran) as backend:
+    with open_backend(experiment, broker=broker, servers=servers, most=len(seeds)) as backend:
         representation = experiment.representation(backend.sensors, backend.actuators)
         controllers = Controllers.of(representation, recorded.genome[np.newaxis])
-        results = backend.evaluate(controllers, recorded.seeds[:ran], lambda *_: None)
+        results = backend.evaluate(controllers, seeds, lambda *_: None)
     return Repeated(
         recorded.number,
         recorded.generation,
         recorded.candidate,
-        recorded.episodes[:ran],
+        before,
         results.fitness[0],
         len(recorded.seeds) - ran,
+        seeds,
     )
 
 

@@ -16,7 +16,6 @@ from swarmwright.representations.controller import Controller, controller_words
 from swarmwright.runs import remote
 from swarmwright.runs.choice import Choice, choose
 from swarmwright.runs.code import used_for
-from swarmwright.runs.validation import by_instance
 from swarmwright.simulations import catalogue
 
 if TYPE_CHECKING:
@@ -207,22 +206,22 @@ class Replay:
 
     @property
     def _episodes(self) -> int:
-        return self.run.experiment.ranking.episodes
+        return self.run.experiment.ranking.episodes if self.choice is None else len(self.choice.seeds)
 
     def outcome(self, fitness: float) -> str:
         """Return the episode's fitness in words, beside the candidate's when that is another thing."""
         said = f"Fitness {fitness + 0.0:.6g}"  # no -0
         if self.choice is None:
             return f"{said}."
-        if self.number is not None and self._episodes == 1:
-            recorded = self.choice.episodes[0]
-            if self._as_recorded and fitness != recorded and not math.isnan(recorded):
+        if self.number is not None and self._as_recorded:
+            recorded = self.choice.episodes[self.number]
+            if fitness != recorded and not math.isnan(recorded):
                 was = f"in the run it was {recorded + 0.0:.6g}"
                 return f"{said}; {was}: this simulation is not bit-identical here."
-            if self._as_recorded and not by_instance(self.run.experiment):
+            if not self.choice.made_of:
                 return f"{said}."
         where = f"in episode {self.number}" if self.number is not None else f"with seed {self.seed}"
-        meaning = f", the {self._meaning}" if self._meaning else ""
+        meaning = f", the {self.choice.made_of}" if self.choice.made_of else ""
         return f"{said} {where}; the candidate's in the run is {self.choice.fitness + 0.0:.6g}{meaning}."
 
     @property
@@ -230,16 +229,6 @@ class Replay:
         """Whether parameters and fitness are those of the run."""
         mine, runs = self.experiment, self.run.experiment
         return (mine.parameters, mine.fitness) == (runs.parameters, runs.fitness)
-
-    @property
-    def _meaning(self) -> str:
-        """How episodes became the candidate's fitness; empty where it is that of the only episode."""
-        if by_instance(self.run.experiment):
-            return "mean of its instances so far"
-        if self._episodes == 1:
-            return ""
-        how = getattr(self.run.experiment.ranking, "aggregate", "outcome")
-        return f"{how} of {self._episodes} episodes"
 
     def identity(self) -> dict[str, Any]:
         """Return what is played as plain values, for `--json`."""
@@ -259,7 +248,7 @@ class Replay:
         facts = [("controller", controller_words(self.controller.specification)), *_origin(experiment)]
         if self.choice is not None:
             value = f"{self.choice.fitness + 0.0:.6g}"
-            episodes = f" ({self._meaning})" if self._meaning else ""
+            episodes = f" ({self.choice.made_of})" if self.choice.made_of else ""
             facts.append(("fitness of the candidate", f"{value}{episodes}"))
         facts.append(("simulation seed", str(self.seed)))
         return Caption(self.title, tuple(facts))

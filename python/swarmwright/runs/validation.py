@@ -25,10 +25,10 @@ from swarmwright.evaluation.base import Backend, Progress
 from swarmwright.experiment.document import AUTO
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.targets import slow_of
-from swarmwright.methods import METHODS
 from swarmwright.rankings import Ranking
 from swarmwright.rankings._slow import METRIC
 from swarmwright.representations import Representation
+from swarmwright.runs.instances import by_instance
 from swarmwright.runs.post_evaluation import (
     EPISODES,
     PostEvaluation,
@@ -151,12 +151,6 @@ def of_run(run: "Run") -> Validation | None:
         by_instance=by_instance(experiment),
         slow=None if target is None else target.name,
     )
-
-
-def by_instance(experiment: Experiment) -> bool:
-    """Return whether a generation is an instance, and a candidate's fitness the mean of several."""
-    kind: str = experiment.method.kind  # type: ignore[attr-defined] # every kind's options have it
-    return METHODS.get(kind).by_instance
 
 
 @dataclass(frozen=True)

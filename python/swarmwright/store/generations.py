@@ -242,6 +242,25 @@ class Generations:
             raise self.damaged(_DISAGREE) from error
         return number
 
+    def of_genome(self, genome: bytes, last: int) -> list[int]:
+        """Return the numbers of the evaluations of a genome up to the one with the number `last`, ascending.
+
+        It is compared with nothing. Empty where genomes are made of a sample.
+        """
+        cursor = self._connection.execute(
+            "SELECT first, evaluations, genomes FROM block WHERE first <= ? ORDER BY first", (last,)
+        )
+        found: list[int] = []
+        try:
+            for first, count, genomes in cursor:
+                if len(genomes) == count * len(genome) > 0:
+                    rows = np.frombuffer(genomes, dtype=f"V{len(genome)}")
+                    places = np.flatnonzero(rows == np.void(genome))
+                    found += (first + places[first + places <= last]).tolist()
+        except _WRONG as error:
+            raise self.damaged(_DISAGREE) from error
+        return found
+
     def by_instances(self, most: int) -> list[int]:
         """Return the numbers of the last evaluations of genomes, those with the most evaluations first.
 

@@ -317,6 +317,12 @@ class StoreReader:
         with self._generations() as generations:
             return self._evaluation(generations, which, of)
 
+    def evaluations_of(self, one: Evaluation) -> list[Evaluation]:
+        """Return the evaluations of the same genome up to `one`, which is the last of them."""
+        with self._generations() as generations:
+            numbers = generations.of_genome(one.genome.astype("<f4").tobytes(), one.number)
+            return [self._evaluation(generations, number, None) for number in numbers[:-1]] + [one]
+
     def _evaluation(
         self, generations: Generations, candidate: int | None, generation: int | None
     ) -> Evaluation:

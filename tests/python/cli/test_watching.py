@@ -262,10 +262,16 @@ def test_a_replay_says_what_the_fitness_beside_it_is(program: Any, tmp_path: Pat
     assert result.returncode == 0, result.stderr
     best = Run.open(tmp_path / "raced").evaluation()
     last = program("replay", "raced").stdout.splitlines()[-1]
-    assert last == (
-        f"Fitness {best.episodes[0]:.6g} in episode 0; the candidate's in the run is {best.fitness:.6g}, "
-        "the mean of its instances so far."
-    )
+    again = program("evaluate", "raced")
+    assert again.returncode == 0
+    scores = [float(line.rpartition("now ")[2]) for line in again.stdout.splitlines() if "now" in line]
+    assert len(scores) > 5
+    assert sum(scores) / len(scores) == pytest.approx(best.fitness)
+    made = f"the candidate's in the run is {best.fitness:.6g}, the mean of {len(scores)} instances."
+    assert last == f"Fitness {scores[0]:.6g} in episode 0; {made}"
+    third = program("replay", "raced", "--episode", "3").stdout.splitlines()[-1]
+    assert third == f"Fitness {scores[3]:.6g} in episode 3; {made}"
+    assert scores[-1] == best.episodes[0]
     other = program("replay", "raced", "--set", "parameters.maxSteps=3").stdout.splitlines()[-1]
     assert "the candidate's in the run is" in other
     assert "bit-identical" not in other

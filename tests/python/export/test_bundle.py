@@ -141,6 +141,21 @@ def _fitness(files: Files) -> None:
     files["evaluation.json"] = json.dumps(evaluation).encode()
 
 
+def _mean(files: Files) -> None:
+    evaluation = json.loads(files["evaluation.json"])
+    evaluation["fitness"] += 800.0
+    files["evaluation.json"] = json.dumps(evaluation).encode()
+
+
+def _mean_everywhere(files: Files) -> None:
+    """As one would who knows that the manifest and the forms say it, too."""
+    fitness = json.loads(files["evaluation.json"])["fitness"]
+    _mean(files)
+    for name, data in files.items():
+        said, wrong = (f"{value!r} (mean of".encode() for value in (fitness, fitness + 800.0))
+        files[name] = data.replace(said, wrong)
+
+
 def _held_out(files: Files) -> None:
     evaluation = json.loads(files["evaluation.json"])
     evaluation["held_out"]["episodes"][3] = -1.25
@@ -153,6 +168,8 @@ def _held_out(files: Files) -> None:
         (_comment, "c: its files are not those that the controller is exported as"),
         (_weight, "episodes.csv: the controller does something else in these episodes"),
         (_fitness, "evaluation.json: the fitness in the episode with seed 1 is "),
+        (_mean, "manifest.json: says of the fitness '"),
+        (_mean_everywhere, "but its episodes make "),
         (_held_out, "evaluation.json: the fitness in the episode with seed 1000"),
     ],
 )
@@ -165,12 +182,44 @@ def test_what_was_changed_is_noticed(
     write(tmp_path / "changed.zip", files, sealed=False)
     found = verify_bundle(tmp_path / "changed.zip")
     assert not found.ok
-    assert [problem.partition(": ")[2][:27] for problem in found.problems] == ["is not what was written: it"]
+    assert {problem.partition(": ")[2][:27] for problem in found.problems} == {"is not what was written: it"}
     write(tmp_path / "sealed.zip", files, sealed=True)
     found = verify_bundle(tmp_path / "sealed.zip")
     assert not found.ok
     assert any(words in problem for problem in found.problems), found.problems
     assert change is not _comment or "c" not in found.forms
+
+
+@pytest.mark.parametrize(
+    "others",
+    [
+        {"method": {"kind": "racing", "evaluations": 300, "survivors": 4}},
+        {"ranking": {"episodes": 2, "seeds": "new", "reevaluate": True, "aggregate": "median"}},
+    ],
+)
+def test_all_evaluations_of_a_fitness_are_in_it(others: dict[str, Any], tmp_path: Path) -> None:
+    run = swarmwright.optimize(
+        swarmwright.Experiment.from_mapping({**MINISIM, **others}), out=tmp_path / "run"
+    )
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(EXPORTERS, "names", lambda: ["python"])
+        export_bundle(run, tmp_path / "all.zip")
+    files = read(tmp_path / "all.zip")
+    evaluation = json.loads(files["evaluation.json"])
+    results = [*(part["episodes"] for part in evaluation["earlier"]), evaluation["episodes"]]
+    assert len(results) > 2
+    by_instance = [np.mean(part) for part in results]
+    made = np.mean(by_instance) if "method" in others else np.median(np.concatenate(results))
+    assert made == pytest.approx(run.best.fitness)
+    facts = dict(json.loads(files["manifest.json"])["facts"])
+    assert facts["Fitness"].startswith(f"{run.best.fitness!r} (me")
+    found = verify_bundle(tmp_path / "all.zip")
+    assert found.ok, found.problems
+    assert found.episodes >= 2 * len(results)
+    evaluation["earlier"][1]["episodes"][0] += 1.0
+    files["evaluation.json"] = json.dumps(evaluation).encode()
+    write(tmp_path / "sealed.zip", files, sealed=True)
+    assert len(verify_bundle(tmp_path / "sealed.zip").problems) >= 1
 
 
 def test_files_more_or_less(bundle: Path, tmp_path: Path, program: Any) -> None:

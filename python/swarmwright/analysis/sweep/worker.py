@@ -136,7 +136,7 @@ class Worker:
 
 
 def _variant(values: Json) -> Variant:
-    experiment = Experiment._stored(values["experiment"])
+    experiment = Experiment.unasked(values["experiment"])
     if values["path"] is not None:
         object.__setattr__(experiment, "path", Path(values["path"]))
     return Variant(values["label"], values["folder"], experiment)

@@ -191,7 +191,8 @@ impl Pool {
                 if !told && waited >= self.timeouts.discovery {
                     told = true;
                     self.warn(format!(
-                        "waiting, as {reason}; if that server is gone, remove what the broker keeps of it on {}",
+                        "waiting, as {reason}; a server whose tool has ended is free after its --step-timeout (60 s by \
+                         default); if the server itself is gone, remove what the broker keeps of it on {}",
                         self.topics.presence_filter()
                     ));
                 }
