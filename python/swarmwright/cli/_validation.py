@@ -15,8 +15,8 @@ def validation_lines(found: "Validation") -> Iterator[str]:
     best, count = found.best, len(found.seeds)
     if not found.depends_on_seed:
         yield (
-            f"Fitness does not depend on the seed: {_episodes(count)} with held-out seeds came out as those "
-            "of the run."
+            f"Fitness does not seem to depend on the seed: {_episodes(count)} with held-out seeds came out "
+            "as those of the run."
         )
         return
     options = best.ranking.options

@@ -46,8 +46,8 @@ if TYPE_CHECKING:
 
 _SHARE = 0.05  # of a run's episodes, at most, are spent on validating its best with `episodes: auto`
 _LEAST = 10  # episodes; fewer are not informative
-_TRIED = {True: 5, False: 10}
-"""Episodes after which it is decided whether fitness depends on the seed, by whether their number is auto."""
+_TRIED = 20
+"""Episodes after which it is decided whether fitness depends on the seed, where their number is auto."""
 _PARTS = 20  # at most, in which the other episodes are evaluated and stored
 _PART = 25  # episodes of each candidate, at least, in one of them
 
@@ -217,9 +217,13 @@ def validate(
     else:
         work.keep("due")
     begun, before = time.monotonic(), work.done
-    work.to(plan.tried)
+    work.to(min(plan.tried, _TRIED))
     rate = (time.monotonic() - begun) / max(work.done - before, 1)
-    if not _differ(work.rows) and not _record_differs(experiment, reader) and not work.other():
+
+    def alike() -> bool:
+        return not (_differ(work.rows) or _record_differs(experiment, reader) or work.other())
+
+    if plan.tried < len(plan.seeds) and alike():
         work.keep("same")
         return
     if rate * (len(plan.seeds) - work.done) > _LONG_S:
@@ -230,7 +234,7 @@ def validate(
     size = max(_PART, math.ceil(len(plan.seeds) / _PARTS))
     while work.done < len(plan.seeds):
         work.to(min(len(plan.seeds), work.done + size))
-    work.keep("done")
+    work.keep("same" if plan.tried == len(plan.seeds) and alike() else "done")
 
 
 class _Work:
@@ -324,7 +328,7 @@ class _Work:
             self._experiment,
             self._backend,
             first.genome[np.newaxis],
-            self._plan.seeds[: self._plan.tried],
+            self._plan.seeds[:_TRIED],
             lambda *_: None,
             may_fail=True,
         )
@@ -348,9 +352,9 @@ def _planned(experiment: Experiment, reader: StoreReader) -> _Plan | None:
         most = max(1, min(most, affordable // count))
     candidates = [_recorded(experiment, one) for one in leading(experiment, reader, most)]
     seeds = unseen_seeds(experiment.first_seed, reader.used_seeds(), count, options.seed)
-    return _Plan(
-        candidates, seeds, min(count, _TRIED[automatic]), _recorded(experiment, reader.evaluation(0, 0))
-    )
+    # A number that is given is evaluated: what fails in one of twenty seeds may go well in the first ones.
+    tried = min(count, _TRIED) if automatic else count
+    return _Plan(candidates, seeds, tried, _recorded(experiment, reader.evaluation(0, 0)))
 
 
 def _recorded(experiment: Experiment, one: Evaluation) -> Evaluation:
@@ -389,12 +393,7 @@ def _differ(rows: list[NDArray[np.float64]]) -> bool:
 
 
 def _record_differs(experiment: Experiment, reader: StoreReader) -> bool:
-    """Whether the episodes of any candidate of the first and the last generation came out differently."""
-    last = reader.last()
-    if experiment.ranking.episodes == 1 or last is None:
+    """Whether the episodes of any candidate of the run came out differently."""
+    if experiment.ranking.episodes == 1:
         return False
-    return any(
-        _differ(list(one.episodes))
-        for generation in dict.fromkeys((last.generation, 0))
-        for one in reader.one_generation(generation)
-    )
+    return any(_differ(list(block.episodes)) for block in reader.rows())

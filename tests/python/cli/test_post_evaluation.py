@@ -81,15 +81,17 @@ def test_the_best_ones_are_listed(program: Any, noisy: Path) -> None:
 
 
 def test_a_fitness_without_chance_is_said_to_be_so(program: Any, noisy: Path) -> None:
-    fixed = ("--set", "parameters.placement=fixed", "--set", "validate.episodes=100")
-    text = program("optimize", noisy, "--out", "run", *fixed).stdout
-    said = (
-        "Fitness does not depend on the seed: 10 episodes with held-out seeds came out as those of the run."
-    )
-    assert said in text
-    last = json.loads(program("runs", "show", "run", "--json").stdout)
-    assert last["unseen"] is None
-    assert (last["validation"]["depends_on_seed"], last["validation"]["episodes"]) == (False, 10)
+    # What is given is evaluated; with auto, the first 20 are enough.
+    for given, count in (("100", 100), ("auto", 20)):
+        fixed = ("--set", "parameters.placement=fixed", "--set", f"validate.episodes={given}")
+        text = program("optimize", noisy, "--out", f"run {given}", *fixed).stdout
+        assert (
+            f"Fitness does not seem to depend on the seed: {count} episodes with held-out seeds came out as "
+            "those of the run."
+        ) in text
+        last = json.loads(program("runs", "show", f"run {given}", "--json").stdout)
+        assert last["unseen"] is None
+        assert (last["validation"]["depends_on_seed"], last["validation"]["episodes"]) == (False, count)
 
 
 def test_resume_does_what_is_left_of_it(program: Any, noisy: Path) -> None:

@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
-from swarmwright import Experiment, InputError, Run, evaluate, optimize, resume
+from swarmwright import Experiment, InputError, Run, Simulation, evaluate, optimize, resume
 from swarmwright.runs.post_evaluation import unseen_seeds
 from swarmwright.store import StoreReader, StoreWriter
 from swarmwright.store.database import seal_facts
@@ -168,7 +169,8 @@ def test_it_is_told_whether_fitness_depends_on_the_seed(
     assert (run.unseen is not None) is bool(told)
     if told is False:
         assert validation is not None
-        assert len(validation.seeds) == (10 if "validate" in changes else 5), "the trial was all"
+        count = len(validation.seeds)
+        assert count == 80 if "validate" in changes else 5 < count <= 20, "the trial was all"
         assert {value for one in validation.candidates for value in one.episodes.tolist()} <= set(
             run.record.fitness.tolist()
         )
@@ -188,6 +190,41 @@ def test_the_fitness_of_the_first_seeds_alone_does_not_mean_that_it_is_always_so
     assert run.validation is not None
     assert set(run.validation.best.episodes.tolist()) == {0.0}
     assert run.validation.depends_on_seed
+
+
+class Slips(Simulation):
+    """What is solved fails in one of twenty seeds."""
+
+    sensors = actuators = 1
+
+    def reset(self, _parameters: dict[str, Any], seed: int) -> NDArray[np.float64]:
+        self.slips = np.random.default_rng(seed).random() < 0.05
+        self.at = 0.0
+        return np.ones((1, 1))
+
+    def step(self, actions: NDArray[np.float32]) -> NDArray[np.float64]:
+        self.at = float(actions[0, 0])
+        return np.ones((1, 1))
+
+    def done(self) -> bool:
+        return self.at != 0.0
+
+    def fitness(self) -> float:
+        return float(self.at > 0.5 and not self.slips)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_all_episodes_that_are_asked_for_are_evaluated(seed: int, tmp_path: Path) -> None:
+    values = {
+        "simulation": Slips, "seed": seed, "parameters": {"seed": 10_000 * seed}, "servers": "in-process",
+        "controller": {"hidden": []}, "method": {"kind": "random_search", "population": 20, "generations": 3},
+        "ranking": {"episodes": 2}, "validate": {"episodes": 200, "candidates": 1},
+    }  # fmt: skip
+    run = optimize(Experiment.from_mapping(values), out=tmp_path / "run")
+    assert run.best.fitness == 1.0
+    assert run.unseen is not None
+    assert len(run.unseen.episodes) == 200
+    assert 0.85 < run.unseen.mean.mean < 1.0
 
 
 @pytest.mark.parametrize("at", [0, 10, 26, 50])
