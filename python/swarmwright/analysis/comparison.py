@@ -1,7 +1,7 @@
 """Comparison of runs: groups, their final fitness, and whether the groups differ."""
 
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
@@ -15,6 +15,7 @@ from swarmwright.analysis.significance import Difference, Kruskal, difference, h
 from swarmwright.core.arguments import checked, listed
 from swarmwright.core.errors import InputError
 from swarmwright.figures.curves import fitness_at
+from swarmwright.runs.instances import by_instance
 from swarmwright.runs.run import Run
 from swarmwright.user_code.copying import shown
 
@@ -35,7 +36,8 @@ class Group:
     """Keys of the experiment that differ between the groups, with this group's values."""
     runs: tuple[Run, ...]
     final: NDArray[np.float64]
-    """Best fitness of each run, (runs,), more is better; NaN where no candidate could be evaluated."""
+    """Best fitness of each run, or that of its best candidate on held-out seeds, (runs,), more is better; NaN
+    where no candidate could be evaluated."""
 
     def quantile(self, share: float) -> float:
         """Return a quantile of the final fitness; a run without any counts as minus infinity."""
@@ -93,6 +95,8 @@ class Comparison:
     """Evaluations after which fitness is compared; None: at each run's end."""
     notes: tuple[str, ...]
     """Caveats, a sentence each."""
+    held_out: bool = False
+    """Whether the fitness on held-out seeds is compared."""
 
     def __str__(self) -> str:
         from swarmwright.analysis.table import table
@@ -127,7 +131,9 @@ class Comparison:
 
 
 @checked
-def compare(runs: Iterable[Run | str | os.PathLike[str]], *, at: int | None = None) -> Comparison:
+def compare(
+    runs: Iterable[Run | str | os.PathLike[str]], *, at: int | None = None, held_out: bool = False
+) -> Comparison:
     """Compare runs: group them by what differs between their experiments, and test whether groups differ.
 
     Runs that differ in their seed alone are one group; of runs with the same experiment and seed one counts.
@@ -139,10 +145,12 @@ def compare(runs: Iterable[Run | str | os.PathLike[str]], *, at: int | None = No
         runs: run folders, or runs. One group alone is described and not tested.
         at: compare the best fitness after so many evaluations instead of at each run's end; runs that ended
             earlier count with what they had.
+        held_out: compare the fitness of each run's best candidate on held-out seeds, by its validation,
+            instead of the best recorded fitness, which is too high where fitness depends on the seed.
 
     Raises:
-        InputError: no run is given, a folder is not a run, a run holds no finished generation, or one had
-            none yet after `at` evaluations.
+        InputError: no run is given, a folder is not a run, a run holds no finished generation, one had none
+            yet after `at` evaluations, or, with `held_out`, a run has no validation.
     """
     listed("runs", runs, "run folders")
     opened = [run if isinstance(run, Run) else Run.open(run) for run in runs]
@@ -151,13 +159,15 @@ def compare(runs: Iterable[Run | str | os.PathLike[str]], *, at: int | None = No
     for run in opened:
         if not run.history:
             raise InputError(f"{run.path}: holds no finished generation to compare")
+    if held_out:
+        _check_validated(opened, at)
     slowest = max(opened, key=lambda run: run.history[0].evaluations)
     if at is not None and at < (needed := slowest.history[0].evaluations):
         raise InputError(
             f"at {at} evaluations {slowest.path} had no finished generation yet; compare at {needed} or later"
         )
     grouped, notes = group(opened)
-    groups = tuple(_group(one, at) for one in grouped)
+    groups = tuple(_group(one, at, held_out=held_out) for one in grouped)
     pairs = tuple(combinations(groups, 2))
     differences = [difference(one.final, other.final) for one, other in pairs]
     corrected = holm([found.p for found in differences])
@@ -169,16 +179,73 @@ def compare(runs: Iterable[Run | str | os.PathLike[str]], *, at: int | None = No
         ),
         kruskal_wallis([one.final for one in groups]) if len(groups) > 2 else None,
         at,
-        (*notes, *_cautions(groups, at)),
+        (*notes, *_cautions(groups, at, held_out=held_out)),
+        held_out,
     )
 
 
-def _group(one: RunGroup, at: int | None) -> Group:
-    final = np.array([fitness_at(run, at) for run in one.runs])
-    return Group(one.label, one.differs, one.runs, final)
+def _check_validated(runs: Sequence[Run], at: int | None) -> None:
+    if at is not None:
+        raise InputError("at: the best candidates at the end of runs are validated; leave it or held_out")
+    missing = [run for run in runs if run.validation is None]
+    if missing:
+        names = ", ".join(str(run.path) for run in missing[:3])
+        others = f" and {len(missing) - 3} more" if len(missing) > 3 else ""
+        raise InputError(
+            f"{names}{others}: not validated on held-out seeds; `swarmwright resume {missing[0].path} --set "
+            "validate.episodes=100` does it"
+        )
 
 
-def _cautions(groups: Sequence[Group], at: int | None) -> list[str]:
+def _group(one: RunGroup, at: int | None, *, held_out: bool) -> Group:
+    found = [_validated(run) if held_out else fitness_at(run, at) for run in one.runs]
+    return Group(one.label, one.differs, one.runs, np.array(found, dtype=np.float64))
+
+
+def _validated(run: Run) -> float:
+    assert run.validation is not None
+    return run.validation.best.fitness.mean
+
+
+_DEFINITIONS = {
+    "fitness": "its expression",
+    "ranking.aggregate": "the aggregate of episodes",
+    "ranking.level": "the level of the aggregate",
+}
+"""Keys by which fitness is another quantity."""
+
+
+def _definitions(groups: Sequence[Group], *, held_out: bool) -> Iterator[str]:
+    """Yield why fitness of the groups may not be comparable."""
+    keys = {key for one in groups for key in one.differs}
+    others = [words for key, words in _DEFINITIONS.items() if key in keys]
+    if others:
+        yield f"fitness of different definitions is compared: groups differ in {' and '.join(others)}"
+    parameters = sorted(key for key in keys if key.startswith("parameters.") and key != "parameters.seed")
+    if parameters:
+        names = ", ".join(parameters)
+        yield f"groups differ in the simulation's parameters, so they solve different tasks: {names}"
+    if held_out:
+        return
+    made = {_recorded(one.runs[0]) for one in groups}
+    if len(made) > 1:
+        yield (
+            f"the best recorded fitness is made of different episodes ({'; '.join(sorted(made))}), and the "
+            "fewer they are, the more it is too high; --held-out compares fitness on held-out seeds"
+        )
+
+
+def _recorded(run: Run) -> str:
+    """Return of what recorded fitness is made."""
+    experiment = run.experiment
+    if by_instance(experiment):
+        return "the mean of all instances of racing"
+    episodes = experiment.ranking.episodes
+    past = " and those before, evaluated again" if experiment.ranking.reevaluate else ""
+    return f"{episodes} episode{'s' if episodes > 1 else ''}{past}"
+
+
+def _cautions(groups: Sequence[Group], at: int | None, *, held_out: bool) -> list[str]:
     found = []
     few = [one for one in groups if len(one.runs) < FEW]
     if few and len(groups) > 1:
@@ -189,11 +256,18 @@ def _cautions(groups: Sequence[Group], at: int | None) -> list[str]:
         found.append(f"with fewer than {FEW} runs in a group ({counts}) a test has little power")
     shortest = min(one.evaluations[0] for one in groups)
     longest = max(one.evaluations[1] for one in groups)
-    if at is None and len(groups) > 1 and longest > 1.1 * shortest:
+    if at is not None and shortest < at:
+        ended = [str(run.path) for one in groups for run in one.runs if run.evaluations < at]
+        more = f" and {len(ended) - 5} more" if len(ended) > 5 else ""
+        found.append(
+            f"ended before {at:,} evaluations, and count with what they had: {', '.join(ended[:5])}{more}"
+        )
+    if at is None and not held_out and len(groups) > 1 and longest > 1.1 * shortest:
         found.append(
             f"the runs have {shortest:,} to {longest:,} evaluations, and each is compared at its end; "
             f"--at {shortest} compares all after as many"
         )
+    found += _definitions(groups, held_out=held_out)
     simulations = {shown(one.runs[0].experiment.simulation) for one in groups}
     if len(simulations) > 1:
         found.append(f"fitness of different simulations is compared: {', '.join(sorted(simulations))}")

@@ -43,8 +43,13 @@ def group(runs: Sequence[Run], *, besides: Collection[str] = ()) -> tuple[list[R
     keys = distinguishing(flattened)
     found: dict[str, tuple[dict[str, Any], list[Run]]] = {}
     for run, values in zip(kept, flattened, strict=True):
-        # An option that a kind does not have is left out; a parameter may have been left out by its author.
-        differs = {key: values.get(key) for key in keys if key in values or key.startswith("parameters.")}
+        # An option that a kind does not have is left out; a parameter, or a key of the experiment itself such
+        # as fitness, may have been left out by its author.
+        differs = {
+            key: values.get(key)
+            for key in keys
+            if key in values or key.startswith("parameters.") or "." not in key
+        }
         found.setdefault(json.dumps(differs, sort_keys=True, default=str), (differs, []))[1].append(run)
     groups = [RunGroup(label_of(differs), differs, tuple(members)) for differs, members in found.values()]
     if len(groups) == 1:

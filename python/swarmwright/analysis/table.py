@@ -33,6 +33,8 @@ def table(comparison: "Comparison") -> str:
         lines += ["", f"All groups: Kruskal-Wallis H {number(test.h)}, p {p_value(test.p)}"]
     if comparison.pairs:
         lines += ["", *_pairs(comparison.pairs)]
+    if comparison.held_out:
+        lines = ["Mean fitness of each run's best candidate on held-out seeds:", "", *lines]
     return "\n".join([*lines, *(f"Note: {one_line(note)}." for note in comparison.notes)])
 
 
@@ -81,6 +83,7 @@ def to_mapping(comparison: "Comparison") -> dict[str, Any]:
     """Return a comparison as plain values; NaN and infinities are left as they are."""
     return {
         "at": comparison.at,
+        "held_out": comparison.held_out,
         "groups": [
             {
                 "label": one.label,

@@ -28,14 +28,19 @@ def run_folders(paths: Sequence[Path]) -> list[Path]:
     return folders
 
 
-def show_comparison(output: Output, runs: Sequence[Path], *, at: int | None = None) -> "Comparison":
+def show_comparison(
+    output: Output, runs: Sequence[Path], *, at: int | None = None, held_out: bool = False
+) -> "Comparison":
     """Compare runs and print it, as a table or as one JSON object; return it.
 
-    at: evaluations after which to compare; None: at each run's end. Raises InputError.
+    at: evaluations after which to compare; None: at each run's end. held_out: compare fitness on held-out
+    seeds. Raises InputError.
     """
     from swarmwright.analysis.comparison import compare
 
-    comparison = compare(runs, at=at)
+    if held_out and at is not None:
+        raise click.UsageError("--held-out compares runs at their end; leave --at.")
+    comparison = compare(runs, at=at, held_out=held_out)
     output.block(str(comparison))
     output.json(comparison.to_mapping())
     return comparison

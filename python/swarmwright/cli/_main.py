@@ -132,6 +132,7 @@ def _invoke(arguments: list[str]) -> object:
     try:
         with (
             _output.only_results() if to_read else nullcontext(),
+            _output.harmless_printing(),
             program.make_context("swarmwright", arguments) as context,
         ):
             return program.invoke(context)

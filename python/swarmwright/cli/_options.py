@@ -213,6 +213,12 @@ def candidate_options(command: Any) -> Any:  # noqa: ANN401 - click's decorators
     return candidate(generation(command))
 
 
+held_out_option: Decorator = click.option(
+    "--held-out",
+    is_flag=True,
+    help="Compare the fitness of each run's best candidate on held-out seeds, by its validation, instead of "
+    "the best recorded fitness.",
+)
 at_option: Decorator = click.option(
     "--at",
     type=WholeNumber(min=1),

@@ -13,8 +13,8 @@ import math
 import os
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from typing import TYPE_CHECKING, TextIO
+from contextlib import contextmanager, suppress
+from typing import TYPE_CHECKING, TextIO, cast
 
 from swarmwright.core import untrusted
 
@@ -74,6 +74,53 @@ def _own_descriptor(stream: TextIO) -> Iterator[TextIO]:
             # What C code has printed may still be in its buffer.
             ctypes.CDLL(None).fflush(None)
             os.dup2(number, _STDOUT)
+
+
+class _Harmless:
+    """A stream where other code prints: what cannot be written is lost, without an error."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+
+    def write(self, text: str) -> int:
+        """Write what can be written."""
+        with suppress(OSError):
+            self._stream.write(text)
+        return len(text)
+
+    def writelines(self, lines: Iterable[str]) -> None:
+        """Write what can be written."""
+        for line in lines:
+            self.write(line)
+
+    def flush(self) -> None:
+        """Write what is kept, if it can be written."""
+        with suppress(OSError):
+            self._stream.flush()
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self._stream, name)
+
+
+@contextmanager
+def harmless_printing() -> Iterator[None]:
+    """Within the block, code of simulations may print whatever became of the output.
+
+    A reader that has gone (`| head`) or a full disk would be errors of the simulation otherwise, and
+    candidates would fail by them. Commands notice both in what they print themselves.
+    """
+    global _results  # noqa: PLW0603 - of the process, as the streams are
+    before, ours = (sys.stdout, sys.stderr), _results
+    # On a terminal, progress bars redirect both.
+    if not before[0].isatty():
+        _results = _results or before[0]
+        sys.stdout = cast("TextIO", _Harmless(before[0]))
+    if not before[1].isatty():
+        sys.stderr = cast("TextIO", _Harmless(before[1]))
+    try:
+        yield
+    finally:
+        (sys.stdout, sys.stderr), _results = before, ours
 
 
 def results() -> TextIO:

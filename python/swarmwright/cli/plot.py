@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 
 from swarmwright.cli._commands import Command
-from swarmwright.cli._options import ExistingPath, at_option, json_option
+from swarmwright.cli._options import ExistingPath, at_option, held_out_option, json_option
 from swarmwright.cli._output import Output
 
 
@@ -33,8 +33,11 @@ from swarmwright.cli._output import Output
     help="What the runs are drawn over.",
 )
 @at_option
+@held_out_option
 @json_option
-def command(runs: tuple[Path, ...], file: Path | None, x: str, at: int | None, as_json: bool) -> None:
+def command(
+    runs: tuple[Path, ...], file: Path | None, x: str, at: int | None, held_out: bool, as_json: bool
+) -> None:
     """Draw one RUN, or compare several.
 
     One run: fitness and diversity of its candidates. Several: runs whose experiments differ in the seed alone
@@ -45,10 +48,10 @@ def command(runs: tuple[Path, ...], file: Path | None, x: str, at: int | None, a
 
     output = Output(as_json=as_json)
     folders = run_folders(runs)
-    if len({run.resolve() for run in folders}) == 1 and at is None:
+    if len({run.resolve() for run in folders}) == 1 and at is None and not held_out:
         _draw_one(output, folders[0], file or folders[0] / "plot.png", x)
     else:
-        _draw_several(output, folders, file or Path("comparison.png"), x, at)
+        _draw_several(output, folders, file or Path("comparison.png"), x, at, held_out=held_out)
 
 
 def _draw_one(output: Output, folder: Path, file: Path, x: str) -> None:
@@ -77,11 +80,13 @@ def _draw_one(output: Output, folder: Path, file: Path, x: str) -> None:
     )  # fmt: skip
 
 
-def _draw_several(output: Output, runs: Sequence[Path], file: Path, x: str, at: int | None) -> None:
+def _draw_several(
+    output: Output, runs: Sequence[Path], file: Path, x: str, at: int | None, *, held_out: bool
+) -> None:
     from swarmwright.cli._comparison import show_comparison
     from swarmwright.figures import style
 
     style.check(file)
-    comparison = show_comparison(output, runs, at=at)
+    comparison = show_comparison(output, runs, at=at, held_out=held_out)
     comparison.plot(file, x=x)
     output.text(f"The figure is in {file}")

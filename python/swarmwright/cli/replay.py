@@ -1,7 +1,6 @@
 """`swarmwright replay`: watch a candidate of a run."""
 
 import re
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -20,7 +19,7 @@ from swarmwright.cli._options import (
     simulation_option,
     trust_option,
 )
-from swarmwright.cli._output import Output, show_warnings
+from swarmwright.cli._output import Output, results, show_warnings
 from swarmwright.core.errors import engine_errors
 
 if TYPE_CHECKING:
@@ -171,7 +170,7 @@ def command(
         output.text(replay.title)
         with engine_errors():
             played = replay.episode()
-            play(played, sys.stdout, in_place=output.terminal, color=output.color, speed=speed)
+            play(played, results(), in_place=output.terminal, color=output.color, speed=speed)
         output.text(replay.outcome(played.fitness))
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 
 from swarmwright.cli._commands import Command, Group
-from swarmwright.cli._options import ExistingPath, at_option, json_option
+from swarmwright.cli._options import ExistingPath, at_option, held_out_option, json_option
 from swarmwright.cli._output import Output, aside, complain
 from swarmwright.cli._runs import describe, facts_of, list_table
 
@@ -89,12 +89,14 @@ def diff(one: Path, other: Path, as_json: bool) -> int:
     "compare",
     cls=Command,
     example="swarmwright runs compare runs/nnga-* runs/random-*\n"
+    "swarmwright runs compare runs/* --held-out\n"
     "swarmwright runs compare runs/* --at 1000 --json",
 )
 @click.argument("runs", type=ExistingPath(folder=None), nargs=-1, required=True, metavar="RUN...")
 @at_option
+@held_out_option
 @json_option
-def compare(runs: tuple[Path, ...], at: int | None, as_json: bool) -> None:
+def compare(runs: tuple[Path, ...], at: int | None, held_out: bool, as_json: bool) -> None:
     """Compare the best fitness that runs reached, with tests and effect sizes.
 
     Runs whose experiments differ in the seed alone are a group. Files beside them, which a pattern such as
@@ -102,7 +104,7 @@ def compare(runs: tuple[Path, ...], at: int | None, as_json: bool) -> None:
     """
     from swarmwright.cli._comparison import run_folders, show_comparison
 
-    show_comparison(Output(as_json=as_json), run_folders(runs), at=at)
+    show_comparison(Output(as_json=as_json), run_folders(runs), at=at, held_out=held_out)
 
 
 @command.command(

@@ -192,7 +192,7 @@ _CHECKS: Mapping[str, Callable[..., object]] = {
     **_each(integer, "seed seeds episodes generations evaluations candidates random jobs at"),
     **_each(integer, "candidate generation episode sensors actuators"),
     **_each(number, "seconds speed"),
-    **_each(flag, "progress visual trust accept_changed_code pseudo_reality verify force"),
+    **_each(flag, "progress visual trust accept_changed_code pseudo_reality verify force held_out"),
     **_each(function, "on_generation", ("generation",)),
     **_each(function, "on_progress", ("done", "total", "waiting_for")),
     **_each(path_of, "out", "a folder for the results"),

@@ -271,6 +271,15 @@ class Experiment:
         object.__setattr__(changed, "path", self.path)
         return changed
 
+    def checked_again(self) -> Self:
+        """Return an equal experiment, checked as it is now: mappings and lists in it may have been changed.
+
+        Raises InputError with every problem.
+        """
+        checked = self._checked(Source("", values=self.to_mapping()), None)
+        object.__setattr__(checked, "path", self.path)
+        return checked
+
     @staticmethod
     def json_schema() -> dict[str, Any]:
         """Return the JSON Schema (2020-12) of experiment files, for editors.
@@ -364,6 +373,8 @@ class Experiment:
                 method.start_from(genomes_of(self.start_from, representation))
             except InputError as error:
                 raise InputError(f"start_from: {error}") from error
+        elif representation.given is not None and method.no_start(self.method, 1) is None:
+            method.start_from(representation.given.reshape(1, -1))
         return method
 
     def new_ranking(self) -> Ranking:

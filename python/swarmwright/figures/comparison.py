@@ -63,8 +63,12 @@ def draw(comparison: "Comparison", *, x: str = "evaluations") -> "Figure":
     left.margins(x=0.01)
     if comparison.at is not None and x == "evaluations":
         left.axvline(comparison.at, color=SOFT, linewidth=1, linestyle=":")
-    when = "at the end" if comparison.at is None else f"after {comparison.at:,} evaluations"
-    dress(right, y=f"best fitness of each run, {when}")
+    if comparison.held_out:
+        when = "on held-out seeds"
+    else:
+        when = "at the end" if comparison.at is None else f"after {comparison.at:,} evaluations"
+    what = "fitness of the best" if comparison.held_out else "best fitness"
+    dress(right, y=f"{what} of each run, {when}")
     style: dict[str, Any] = {"rotation": 40, "ha": "right", "rotation_mode": "anchor"} if slanted else {}
     right.set_xticks(range(len(groups)), names, **style)
     for text in right.get_xticklabels():

@@ -115,7 +115,11 @@ def _fitness(axes: "Axes", run: "Run", places: "NDArray[np.float64]") -> None:
     if np.isnan(best).all():
         axes.text(0.5, 0.5, "every candidate failed", transform=axes.transAxes, ha="center", color=SOFT)
         return
-    found = int(np.flatnonzero(best == np.nanmax(best))[0])
+    # With racing and with `reevaluate` it also falls: the best of the run is the last one then.
+    known = np.flatnonzero(~np.isnan(best))
+    found = int(known[-1])
+    if (np.diff(best[known]) >= 0).all():
+        found = int(known[best[known] == best[found]][0])
     axes.plot(places[found], best[found], "o", markersize=8, color=_BEST, markeredgecolor=PAPER, zorder=5)
     axes.annotate(
         f"{history[found].best_so_far + 0.0:.4g}", (places[found], best[found]), xytext=(0, 8),

@@ -94,6 +94,8 @@ def optimize(
     """
     if not isinstance(experiment, Experiment):
         experiment = Experiment.load(experiment)
+    else:
+        experiment = experiment.checked_again()
     if seed is not None:
         experiment = experiment.replace(seed=seed)
     if out is not None:

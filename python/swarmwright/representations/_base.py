@@ -125,6 +125,11 @@ class Representation(ABC):
         """Return one controller as plain values."""
         return {**self.architecture(), "weights": shortest(self.weights(genome[np.newaxis])[0])}
 
+    @property
+    def given(self) -> Genome | None:
+        """A genome that the options name to start from, as `start_from` does; None without one."""
+        return None
+
     @abstractmethod
     def initial(self, stream: Stream) -> Genome:
         """Return a random genome to start from."""

@@ -39,8 +39,8 @@ class ModulesOptions(Options):
     the last one the robot stops for a step and begins again."""
     states: int = Field(default=4, ge=1, le=modules.MOST_STATES)
     """States that a machine has at most; every episode begins in the first. Of a tree: subtrees, up to 4."""
-    transitions: int = Field(default=4, ge=1, le=modules.MOST_TRANSITIONS)
-    """Transitions that a state has at most. Of a tree: 1."""
+    transitions: int | None = Field(default=None, ge=1, le=modules.MOST_TRANSITIONS)
+    """Transitions that a state has at most, by default 4. Of a tree: 1."""
     behaviours: list[str] | None = Field(default=None, min_length=1)
     """Those that machines are made of, in the order of their genes: exploration, stop, phototaxis,
     anti_phototaxis, attraction and repulsion, by default all of them; those of installed packages; and
@@ -54,15 +54,15 @@ class ModulesOptions(Options):
     of each behaviour and condition beside it; the path of a YAML file with that, as `swarmwright export --to
     machine` writes it; or the text that AutoMoDe's programs are called with, --nstates 2 --s0 4 --att0 5 ..
     A tree is {subtrees: [{condition, behaviour}]}, such a file, or AutoMoDe's --nroot 3 --nchildroot 2 .. The
-    text may be in a file, too. Evolution begins with it and with mutants of it, of up to 8 changes each.
-    Default: random ones."""
+    text may be in a file, too. Evolution begins with it and with mutants of it, of up to 8 changes each, or
+    around it where a method samples from a distribution. Default: random ones."""
 
-    @model_validator(mode="before")
-    @classmethod
-    def _one_condition(cls, values: Any) -> Any:  # noqa: ANN401 - whatever the file says
-        if isinstance(values, Mapping) and values.get("form") == "tree" and "transitions" not in values:
-            return {**values, "transitions": 1}
-        return values
+    @property
+    def most_transitions(self) -> int:
+        """Transitions that a state has at most."""
+        if self.transitions is not None:
+            return self.transitions
+        return 1 if self.form == "tree" else 4
 
     @field_validator("machine", mode="before")
     @classmethod
@@ -87,7 +87,7 @@ class ModulesOptions(Options):
             raise ValueError(
                 f"states: a tree has {modules.MOST_SUBTREES} subtrees at most, not {self.states}"
             )
-        if self.form == "tree" and self.transitions != 1:
+        if self.form == "tree" and self.most_transitions != 1:
             raise ValueError("transitions: a subtree has one condition; leave it out")
         for name in ("behaviours", "conditions"):
             given = [modules.label_of(one) for one in getattr(self, name) or []]
@@ -165,7 +165,7 @@ class ModulesOptions(Options):
             tree = tree_of(self.machine) if isinstance(self.machine, str) else self.machine
             return modules.subtrees_from(tree, self.states, self.catalogue)
         machine = machine_of(self.machine) if isinstance(self.machine, str) else self.machine
-        states = modules.states_from(machine, self.states, self.transitions, self.catalogue)
+        states = modules.states_from(machine, self.states, self.most_transitions, self.catalogue)
         for index, state in enumerate(states):
             for k, one in enumerate(state.transitions):
                 if one.target == index:

@@ -107,7 +107,7 @@ class Modules(Representation):
     @property
     def _most(self) -> int:
         """Transitions of a state for which there are genes."""
-        return self.options.transitions
+        return self.options.most_transitions
 
     @property
     def genome_size(self) -> int:
@@ -255,6 +255,11 @@ class Modules(Representation):
                 for name, place in catalogue.condition_places[one.condition].items():
                     genome[here + place] = one.parameters[name] + (0.5 if self._counted(here + place) else 0)
         return np.clip(genome, lower, upper).astype(np.float32)
+
+    @property
+    def given(self) -> Genome | None:
+        """The genome of the machine to start from; None without one."""
+        return self.start
 
     def initial(self, stream: Stream) -> Genome:
         """Return a random machine, or the given one after 0 to 8 changes."""

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from swarmwright.core.arguments import checked
+from swarmwright.core.errors import InputError
 from swarmwright.core.files import write_text
 from swarmwright.display.page import page
 from swarmwright.runs.replay import Replay
@@ -38,7 +39,14 @@ class ReplayPage:
 
     @checked
     def save(self, path: str | Path) -> None:
-        """Write the page, for a browser. Raises InputError when the file cannot be written."""
+        """Write the page, for a browser; `swarmwright replay --save` writes pictures and films.
+
+        Raises InputError for another ending than .html, and when the file cannot be written.
+        """
+        if Path(path).suffix.lower() not in {".html", ".htm"}:
+            raise InputError(
+                f"path: {path}: a page ends with .html; `swarmwright replay --save` writes pictures and films"
+            )
         write_text(path, self.html)
 
     def _repr_html_(self) -> str:

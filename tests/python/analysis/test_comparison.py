@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 
 import swarmwright
-from swarmwright import Comparison, InputError, Run, compare
+from swarmwright import Comparison, Experiment, InputError, Run, compare, optimize
 from tests.python.analysis.runs import KnownRun, runs
 
 SEARCH = {"kind": "random_search", "population": 4, "generations": 3}
@@ -208,3 +208,65 @@ def test_real_runs_by_path(tmp_path: Path) -> None:
     assert found.groups[0].final.max() == max(Run.open(tmp_path / name).best.fitness for name in ("1", "2"))
     shown: dict[str, Any] = found.to_mapping()
     assert [run["seed"] for run in shown["groups"][0]["runs"]] == [1, 2]
+
+
+NOISY: dict[str, Any] = {
+    "simulation": "minisim",
+    "parameters": {"placement": "random", "numDefenders": 3, "numAgents": 3, "maxSteps": 15},
+    "servers": "in-process",
+    "validate": {"episodes": 30, "candidates": 1},
+}
+
+
+def noisy(folder: Path, name: str, seeds: int = 3, **changes: Any) -> list[Run]:
+    return [
+        optimize(Experiment.from_mapping({**NOISY, "seed": seed, **changes}), out=folder / f"{name}-{seed}")
+        for seed in range(seeds)
+    ]
+
+
+def test_fitness_on_held_out_seeds_is_compared(tmp_path: Path) -> None:
+    raced = noisy(tmp_path, "raced", method={"kind": "racing", "evaluations": 300, "survivors": 4})
+    searched = noisy(
+        tmp_path, "searched", method={"kind": "random_search", "population": 150, "generations": 2}
+    )
+    recorded = compare([*raced, *searched])
+    assert any("1 episode; the mean of all instances of racing" in note for note in recorded.notes)
+    found = compare([*raced, *searched], held_out=True)
+    assert found.held_out
+    assert not any("instances of racing" in note for note in found.notes)
+    for one, made in zip(found.groups, (raced, searched), strict=True):
+        assert one.final.tolist() == [run.validation.best.mean.mean for run in made if run.validation]
+    assert str(found).startswith("Mean fitness of each run's best candidate on held-out seeds:")
+    assert found.to_mapping()["held_out"]
+    assert "on held-out seeds" in found.figure().axes[1].get_ylabel()
+    with pytest.raises(InputError, match="leave it or held_out"):
+        compare(raced, at=200, held_out=True)
+    (without,) = noisy(tmp_path, "without", 1, validate={"episodes": 0})
+    with pytest.raises(
+        InputError, match=r"without-0: not validated on held-out seeds; .* resume .*without-0"
+    ):
+        compare([*raced, without], held_out=True)
+
+
+def test_other_definitions_of_fitness_are_noted(tmp_path: Path) -> None:
+    search = {"kind": "random_search", "population": 20, "generations": 1}
+    plain = noisy(tmp_path, "plain", method=search)
+    other = noisy(tmp_path, "other", method=search, fitness="1000 + arrived")
+    found = compare([*plain, *other])
+    assert [one.label for one in found.groups] == ["fitness not given", "fitness 1000 + arrived"]
+    assert "fitness of different definitions is compared: groups differ in its expression" in found.notes
+    longer = noisy(tmp_path, "longer", method=search, parameters={**NOISY["parameters"], "maxSteps": 30})
+    notes = compare([*plain, *longer]).notes
+    words = "groups differ in the simulation's parameters, so they solve different tasks: parameters.maxSteps"
+    assert words in notes
+    assert not any("tasks" in note for note in compare(plain).notes)
+
+
+def test_runs_that_ended_before_are_named(tmp_path: Path) -> None:
+    method = {"kind": "random_search", "population": 20, "generations": 4}
+    long = noisy(tmp_path, "long", 1, method=method)
+    short = noisy(tmp_path, "short", 1, method={**method, "generations": 2})
+    notes = compare([*long, *short], at=60).notes
+    assert f"ended before 60 evaluations, and count with what they had: {short[0].path}" in notes
+    assert not any("ended before" in note for note in compare([*long, *short], at=40).notes)

@@ -240,6 +240,17 @@ def test_numpy_values_are_plain_values() -> None:
     assert experiment.to_mapping()["parameters"] == {"goal": [12.0, 3.0]}
 
 
+def test_what_was_changed_within_is_checked_before_a_run(tmp_path: Path) -> None:
+    experiment = Experiment.from_mapping({"simulation": "minisim", "servers": "in-process"})
+    experiment.parameters["maxSteps"] = 7
+    run = optimize(experiment.replace(method={"generations": 1}), out=tmp_path / "run")
+    assert run.experiment.parameters == {"maxSteps": 7}
+    experiment.parameters["typo"] = 3
+    with pytest.raises(InputError, match=r"parameters\.typo: unknown parameter of minisim"):
+        optimize(experiment, out=tmp_path / "none")
+    assert not (tmp_path / "none").exists()
+
+
 def test_paths_are_text(tmp_path: Path) -> None:
     mission = tmp_path / "mission.yaml"
     mission.write_text(templates.mission("decision"))

@@ -573,3 +573,44 @@ def test_automode_has_no_transition_from_a_state_to_itself() -> None:
     stays = modules.Transition(0, "fixed_probability", {"probability": 0.5})
     assert text_of([modules.State("stop", {}, (stays,))], tree=False) is None
     assert text_of([modules.State("hop", {}, ())], tree=False) is None
+
+
+def test_the_number_of_transitions_follows_the_form() -> None:
+    values = {
+        "simulation": "arena",
+        "parameters": {"robot": "e-puck-rm1.2"},
+        "controller": {"kind": "modules"},
+    }
+    machine = Experiment.from_mapping(values)
+    assert machine.controller.most_transitions == 4
+    tree = machine.replace(controller={"form": "tree"})
+    assert tree.controller.most_transitions == 1
+    assert tree.replace(controller={"form": "machine"}) == machine
+    assert Experiment.from_mapping(machine.to_mapping()).with_settings(["controller.form=tree"]) == tree
+    with pytest.raises(InputError, match="a subtree has one condition"):
+        machine.replace(controller={"form": "tree", "transitions": 2})
+
+
+@pytest.mark.parametrize("kind", ["nnga", "racing", "random_search", "cma_es", "xnes", "openai_es"])
+def test_evolution_begins_with_the_given_machine(kind: str) -> None:
+    machine = {
+        "states": [
+            {
+                "behaviour": "exploration",
+                "rwm": 30,
+                "transitions": [{"to": 1, "condition": "black_floor", "probability": 1.0}],
+            },
+            {"behaviour": "stop"},
+        ]
+    }
+    experiment = Experiment.from_mapping(
+        {
+            "simulation": "arena", "parameters": {"robot": "e-puck-rm1.2"},
+            "controller": {"kind": "modules", "machine": machine}, "method": {"kind": kind},
+        }
+    )  # fmt: skip
+    representation = experiment.representation()
+    method = experiment.new_method(representation)
+    np.testing.assert_array_equal(method.start[0], representation.given)
+    if method.start_as == "members":
+        np.testing.assert_array_equal(method.ask()[0], representation.given)

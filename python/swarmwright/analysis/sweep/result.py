@@ -78,9 +78,9 @@ class SweepResult:
         ]
 
     @checked
-    def compare(self, *, at: int | None = None) -> Comparison:
+    def compare(self, *, at: int | None = None, held_out: bool = False) -> Comparison:
         """Compare the variants; see `swarmwright.compare`. Raises InputError when no run was finished."""
-        return compare(self.runs, at=at)
+        return compare(self.runs, at=at, held_out=held_out)
 
     @checked
     def plot(self, path: str | Path | None = None, *, x: str = "evaluations") -> "Figure":
