@@ -16,6 +16,7 @@ import secrets
 import shlex
 import socket
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -181,6 +182,9 @@ def write_configuration(
             _write(folder / name, text, 0o644)
         _give_to_mosquitto(folder, list(of_broker))
     except OSError as error:
+        for name in (*public, *of_broker, *secret):  # none was there before
+            with suppress(OSError):
+                (folder / name).unlink(missing_ok=True)
         raise InputError(f"{error.filename or folder}: cannot be written: {error.strerror}") from error
     return made
 

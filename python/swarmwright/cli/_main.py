@@ -77,6 +77,9 @@ def _status(arguments: Sequence[str] | None) -> int:
         if _interrupted(error):
             _complain("interrupted")
             return INTERRUPTED
+        if isinstance(error, UnicodeEncodeError) and error.reason == "surrogates not allowed":
+            _complain("a name is not UTF-8, which files of runs and brokers are written in; use another one")
+            return click.UsageError.exit_code
         # The last resort: users never see a traceback.
         if os.environ.get("SWARMWRIGHT_DEBUG"):
             raise

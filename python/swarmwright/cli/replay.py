@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import click
+from click.core import ParameterSource
 
 from swarmwright.cli._commands import Command
 from swarmwright.cli._options import (
@@ -139,6 +140,8 @@ def command(
     if beside and (file is None or file.suffix.lower() != ".html"):
         raise click.UsageError("--beside is shown by a page: --save FILE.html.")
     shown = _shown(parts, colors)
+    if file is None:
+        _check_unsaved()
     from swarmwright import Run
     from swarmwright.runs.replay import Replay
 
@@ -172,6 +175,14 @@ def command(
             played = replay.episode()
             play(played, results(), in_place=output.terminal, color=output.color, speed=speed)
         output.text(replay.outcome(played.fitness))
+
+
+def _check_unsaved() -> None:
+    """Refuse what is said of a picture where none is made."""
+    context = click.get_current_context()
+    for name, option in (("parts", "--show"), ("colors", "--colors")):
+        if context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
+            raise click.UsageError(f"{option} is for pictures, films and pages: give --save FILE as well.")
 
 
 def _broker(run: "Run", broker: str | None) -> str | None:

@@ -1,5 +1,6 @@
 """Evaluating genomes and controllers without optimization."""
 
+import logging
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,9 +9,12 @@ from numpy.typing import ArrayLike, NDArray
 from swarmwright.core.arguments import checked, instance
 from swarmwright.core.arrays import float32_of
 from swarmwright.core.errors import InputError, RunError
+from swarmwright.core.plug_in_code import reported
 from swarmwright.core.random_numbers import Stream
+from swarmwright.core.simulation_names import is_python
 from swarmwright.core.untrusted import one_line
 from swarmwright.evaluation.base import HERE, Controllers, Progress, Servers
+from swarmwright.evaluation.in_process import PythonBackend
 from swarmwright.evaluation.opening import is_here, open_backend
 from swarmwright.evaluation.prepared import check_finite, check_size, prepared
 from swarmwright.experiment.evolved import unknown
@@ -18,6 +22,12 @@ from swarmwright.experiment.experiment import Experiment
 from swarmwright.representations.controller import Controller
 from swarmwright.simulations import catalogue
 from swarmwright.store import Journal
+from swarmwright.user_code.loaded import warn_of_edits
+from swarmwright.user_code.parts import of_simulation
+
+_log = logging.getLogger("swarmwright")
+_MOST_TOLD = 10
+"""Reasons why episodes failed that are told, at most."""
 
 
 @checked
@@ -39,8 +49,8 @@ def evaluate(
         on_progress: as in `optimize`.
 
     Returns:
-        float64, (candidates,), more is better, NaN where the evaluation failed. It does not depend on where
-        it was computed.
+        float64, (candidates,), more is better, NaN where the evaluation failed; the logger `swarmwright`
+        warns of the reason. It does not depend on where it was computed.
 
     Raises:
         InputError: the genomes have another shape or are not finite, or the experiment cannot be run as it
@@ -53,7 +63,19 @@ def evaluate(
         alone = prepared(experiment)
         if alone is not None:
             return alone.scores(rows, on_progress)
+    with reported():
+        return _evaluated(experiment, rows, broker, servers, on_progress)
+
+
+def _evaluated(
+    experiment: Experiment,
+    rows: NDArray[np.float32],
+    broker: str | None,
+    servers: Servers | None,
+    on_progress: Progress | None,
+) -> NDArray[np.float64]:
     check_finite(rows)
+    _warn_of_edits(experiment)
     ranking = experiment.new_ranking()
     seeds = ranking.seeds(experiment.first_seed)
     most = max(len(rows), 1) * len(seeds)
@@ -63,6 +85,9 @@ def evaluate(
         if not len(rows):
             return np.empty(0)
         results = backend.evaluate(Controllers.of(representation, rows), seeds, on_progress or _silent)
+    if not isinstance(backend, PythonBackend):  # which has told
+        for reason in list(dict.fromkeys(results.journal.errors))[:_MOST_TOLD]:
+            _log.warning("an episode failed: %s", one_line(reason))
     return ranking.score(results.fitness)
 
 
@@ -97,15 +122,16 @@ def simulate(
     instance("experiment", experiment, Experiment, "Experiment.load(file)")
     if controller is not None:
         instance("controller", controller, Controller, "Controller.load(path)")
-    return episode(
-        experiment,
-        controller,
-        broker=broker,
-        servers=servers,
-        visual=visual,
-        seed=seed,
-        on_progress=on_progress,
-    ).fitness
+    with reported():
+        return episode(
+            experiment,
+            controller,
+            broker=broker,
+            servers=servers,
+            visual=visual,
+            seed=seed,
+            on_progress=on_progress,
+        ).fitness
 
 
 @dataclass(frozen=True)
@@ -135,6 +161,7 @@ def episode(
     seed = experiment.first_seed if seed is None else seed
     if not 0 <= seed < 2**63:
         raise InputError(f"seed: must be from 0 to 2**63 - 1, not {seed}")
+    _warn_of_edits(experiment)
     specification = None if controller is None else controller.specification
     if servers is None and broker is None and experiment.broker is None and experiment.servers not in HERE:
         in_python = experiment.in_python or (controller is not None and controller.in_python)
@@ -158,6 +185,13 @@ def episode(
         raise RunError(_reason(results.journal))
     metrics = dict(zip(backend.metrics, results.metrics[0, 0].tolist(), strict=True))
     return Episode(fitness + 0.0, metrics, {} if controller is None else controller.parameters, seed)
+
+
+def _warn_of_edits(experiment: Experiment) -> None:
+    """Warn where this process would execute other code than a server that is started now."""
+    if is_python(experiment.simulation):
+        part = of_simulation(experiment.simulation)
+        warn_of_edits([] if part is None else [part])
 
 
 def _rows(genomes: ArrayLike) -> NDArray[np.float32]:

@@ -1,5 +1,6 @@
 """Evaluation in this process: of built-in simulations by the engine, and of those in Python."""
 
+import logging
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,12 +11,15 @@ from swarmwright import _engine
 from swarmwright.core.errors import engine_errors
 from swarmwright.core.processes import use_threads
 from swarmwright.core.server_use import ServerUses
+from swarmwright.core.untrusted import one_line
 from swarmwright.evaluation.base import Controllers, Feed, Progress, Results, apply_expression, metrics_of
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.simulations import catalogue
 from swarmwright.simulations.hosts import hosted
 from swarmwright.simulations.loading import load
 from swarmwright.store import Journal, WarningEntry
+
+_log = logging.getLogger("swarmwright")
 
 
 class InProcessBackend:
@@ -151,7 +155,7 @@ class PythonBackend(InProcessBackend):
 
     def __init__(self, experiment: Experiment, metrics: Sequence[str] = ()) -> None:
         super().__init__(experiment, metrics)
-        self._host = hosted(load(experiment.simulation))
+        self._host = hosted(load(experiment.simulation), _tell)
 
     def evaluator(self, architecture: dict[str, Any]) -> None:
         """Return None: code in Python is evaluated by Python."""
@@ -180,3 +184,8 @@ class PythonBackend(InProcessBackend):
             for candidate, episode, reason, _ in failures
         ]
         return Results(fitness, metrics, Journal(warnings=warnings))
+
+
+def _tell(reason: str, _stack: str) -> None:
+    """Tell why an episode failed, once for each reason; the stack is in the journal of a run."""
+    _log.warning("an episode failed: %s", one_line(reason))

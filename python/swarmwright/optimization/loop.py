@@ -231,7 +231,7 @@ class Loop:
         same = fitness.tobytes() == evaluated.fitness.tobytes() and seeds == evaluated.seeds
         if not same or not self._method.search.retell(genomes, fitness):
             return False
-        self._check(fitness, number)
+        self._check(fitness, number, results)
         self._method.passed(fitness)
         self._told(number, seeds, Produced.of(genomes, results, fitness, fitness))
         return True
@@ -336,7 +336,7 @@ class Loop:
             if found.failed:
                 backend.count_failed(found.results)
                 with self._kept(number, found.results.journal):
-                    self._check(found.fitness, number)
+                    self._check(found.fitness, number, found.results)
             seeds = self._ranking.seeds(self._first_seed, number)
             self._method.passed(found.fitness)
             self._unstored = self._told(number, seeds, found)
@@ -445,7 +445,7 @@ class Loop:
             fitness = self._ranking.ranked(results.fitness, results.metrics[:, :, -1], metrics)
         else:
             fitness = self._ranking.score(results.fitness, genomes)
-        self._check(fitness, number)
+        self._check(fitness, number, results)
         kept = fitness[self._asked :] if self._ranking.options.reevaluate else None
         self._method.tell(fitness[: self._asked], kept)
         if self._method.by_instance:
@@ -474,10 +474,10 @@ class Loop:
             leader=self._leader,
         )
 
-    def _check(self, fitness: Fitness, generation: int) -> None:
+    def _check(self, fitness: Fitness, generation: int, results: Results) -> None:
         failed = np.flatnonzero(np.isnan(fitness))
         if len(failed) == len(fitness) >= self._method.contenders:
-            raise RunError(f"every candidate of generation {generation} failed")
+            raise RunError(f"every candidate of generation {generation} failed{_why(results)}")
         if len(failed) and self._ranking.options.failed == "stop":
             raise RunError(
                 f"candidate {failed[0]} of generation {generation} failed, and ranking.failed says stop"
@@ -533,4 +533,14 @@ def strayed(reader: StoreReader, generation: int) -> str:
     return (
         f"{reader.file}: the run cannot continue: generation {generation} comes out differently here. It was "
         f"begun with {with_what}; use these versions, on a machine of the same kind"
+    )
+
+
+def _why(results: Results) -> str:
+    """Return why candidates failed none of whose episodes did; empty where one did."""
+    if not np.isfinite(results.fitness).all():
+        return ""
+    return (
+        ": all of their episodes worked, but what the ranking makes of them is no finite number, such as a "
+        "sum beyond binary64, or what a plug-in returned"
     )

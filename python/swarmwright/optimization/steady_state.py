@@ -134,7 +134,7 @@ class SteadyLoop(Loop):
         fitness = np.array(self._part.fitness)
         journal, self._journal = self._journal, Journal()
         with self._kept(number, journal):
-            self._check(fitness, number)
+            self._check(fitness, number, self._part.results())
         goes_on = self._finish(self._told_part().evaluated(), journal, on_generation)
         self._over = goes_on and not self._method.done and self._time_is_over()
         return goes_on and not self._over
