@@ -436,8 +436,8 @@ proptest! {
         mission["lights"] = json!([{"at": [1, 0, 0.3], "intensity": 2}]);
         mission["objects"] = json!([{"name": "ball", "radius": 0.06, "mass": 0.1, "count": 2, "start": {"disc": {"radius": 0.6}}}]);
         let failures = json!([
-            {"kind": "stop", "share": 0.3, "at": 1, "until": 1.5}, {"kind": "slow", "share": 0.5, "factor": 0.4},
-            {"kind": "mute", "share": 0.2, "at": 0.5},
+            {"kind": "stop", "share": 0.4, "at": 1, "until": 1.5}, {"kind": "slow", "share": 0.5, "factor": 0.4},
+            {"kind": "mute", "share": 0.3, "at": 0.5},
         ]);
         check(&json!({"mission": mission, "robots": kinds.collect::<Vec<_>>(), "duration": 2, "failures": failures}));
     }

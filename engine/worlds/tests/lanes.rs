@@ -279,9 +279,15 @@ proptest! {
     fn robots_of_other_kinds_are_the_same_however_they_are_computed(
         (robot, network) in composed(), genomes in weights(), seed in any::<u32>(), robots in 2u32..9, duration in 0.1f64..8.0,
     ) {
+        // Begin within the episode, and befall a robot at least.
+        let at = |part: f64| (duration * 10.0 * part).floor() / 10.0;
+        let share = |share: f64| share.max(0.5 / f64::from(robots));
         let failures = json!([
-            {"kind": "stop", "share": 0.3, "at": 2, "until": 4}, {"kind": "slow", "share": 0.5, "factor": 0.4, "at": 1},
-            {"kind": "blind", "share": 0.2, "at": 3}, {"kind": "mute", "share": 0.3}, {"kind": "loss", "loss": 0.5, "at": 5},
+            {"kind": "stop", "share": share(0.3), "at": at(0.3), "until": at(0.3) + 2.0},
+            {"kind": "slow", "share": share(0.5), "factor": 0.4, "at": at(0.1)},
+            {"kind": "blind", "share": share(0.2), "at": at(0.4)},
+            {"kind": "mute", "share": share(0.3)},
+            {"kind": "loss", "loss": 0.5, "at": at(0.6)},
         ]);
         let mut parameters = json!({"mission": "aac", "robot": robot, "robots": robots, "duration": duration});
         if seed % 2 == 0 {

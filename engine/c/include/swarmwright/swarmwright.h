@@ -232,8 +232,8 @@ typedef struct swarmwright_body {
 /** The extent of the world; `grid`: its unit is a cell; `message`: a line to show above, or null. */
 swarmwright_status swarmwright_scene_world(swarmwright_scene* scene, float width, float height, bool grid,
                                            const char* message) SWARMWRIGHT_NOEXCEPT;
-/** Where the bottom left corner is in the simulation's own coordinates: numbers beside pictures are those. Positions of a
- * scene stay distances from that corner. */
+/** Where the bottom left corner is in the simulation's own coordinates: numbers beside pictures are those. Positions of
+ * a scene stay distances from that corner. */
 swarmwright_status swarmwright_scene_origin(swarmwright_scene* scene, float x, float y) SWARMWRIGHT_NOEXCEPT;
 /** Adds a body above those that are there; `index`, which may be null, gets its number from 0. */
 swarmwright_status swarmwright_scene_body(swarmwright_scene* scene, const swarmwright_body* body,
