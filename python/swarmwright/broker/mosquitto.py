@@ -174,6 +174,7 @@ def write_configuration(
             f"{folder}: {', '.join(there)} already exist; nothing is overwritten. Name another folder, or "
             "move them away first"
         )
+    is_new = not folder.exists()
     try:
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         for name, text in {**secret, **of_broker}.items():
@@ -181,11 +182,16 @@ def write_configuration(
         for name, text in public.items():
             _write(folder / name, text, 0o644)
         _give_to_mosquitto(folder, list(of_broker))
-    except OSError as error:
+    except (OSError, UnicodeError) as error:
         for name in (*public, *of_broker, *secret):  # none was there before
             with suppress(OSError):
                 (folder / name).unlink(missing_ok=True)
-        raise InputError(f"{error.filename or folder}: cannot be written: {error.strerror}") from error
+        if is_new:
+            with suppress(OSError):
+                folder.rmdir()
+        if isinstance(error, OSError):
+            raise InputError(f"{error.filename or folder}: cannot be written: {error.strerror}") from error
+        raise
     return made
 
 

@@ -16,6 +16,7 @@ def check_folder(folder: Path) -> None:
 
     A folder whose process ended before there was a store counts as empty.
     """
+    str(folder).encode()  # what is not UTF-8 cannot be written into its files
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: is a file; name a folder for the results")
     try:

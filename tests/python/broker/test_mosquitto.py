@@ -1,5 +1,6 @@
 """The ready-made Mosquitto configuration; tests/system/test_security.py runs brokers with it."""
 
+import errno
 import os
 import re
 import stat
@@ -8,6 +9,7 @@ from pathlib import Path
 import pytest
 from cryptography import x509
 
+from swarmwright.broker import mosquitto
 from swarmwright.broker.mosquitto import access_rules, accounts, hosts, write_configuration
 from swarmwright.core.errors import InputError
 
@@ -85,3 +87,24 @@ def test_prefixes_have_accounts_of_their_own() -> None:
 def test_prefixes_that_would_mix_accounts_up(prefixes: list[str]) -> None:
     with pytest.raises(InputError):
         accounts(prefixes)
+
+
+def test_nothing_is_left_of_one_that_cannot_be_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "mine.txt").write_text("kept")
+    written: list[Path] = []
+    original = mosquitto._write
+
+    def write_some(path: Path, text: str, mode: int) -> None:
+        if len(written) == 4:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+        written.append(path)
+        original(path, text, mode)
+
+    monkeypatch.setattr(mosquitto, "_write", write_some)
+    with pytest.raises(InputError, match="cannot be written: No space left on device"):
+        write(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
+    monkeypatch.undo()
+    write(tmp_path)

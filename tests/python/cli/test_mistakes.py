@@ -166,3 +166,28 @@ def test_too_little_memory_is_no_bug(
     monkeypatch.setattr("swarmwright.cli._main._invoke", fail)
     assert swarmwright(["runs", "list"]) == 1
     assert "there is not enough memory: take a smaller population" in capsys.readouterr().err
+
+
+def test_names_that_are_not_utf8(program: Any, tmp_path: Path) -> None:
+    (tmp_path / "x.yaml").write_text("simulation: minisim\n")
+    for arguments in (["optimize", "x.yaml", "--out", "b\udce4d"], ["broker", "--init", "b\udce4d"]):
+        result = program(*arguments)
+        assert result.returncode == 2
+        assert result.stderr.startswith("swarmwright: a name is not UTF-8")
+    assert not list(tmp_path.glob("b*"))
+
+
+def test_what_a_picture_shows_needs_a_picture(program: Any, tmp_path: Path) -> None:
+    (tmp_path / "x.yaml").write_text(
+        "simulation: minisim\nmethod: {kind: nnga, population: 4, generations: 1}\n"
+    )
+    assert program("optimize", "x.yaml", "--servers", "in-process", "--out", "run").returncode == 0
+    for option in (["--show", "rays"], ["--colors", "controller"]):
+        for more in ([], ["--json"]):
+            result = program("replay", "run", *option, *more)
+            assert result.returncode == 2
+            assert f"{option[0]} is for pictures, films and pages: give --save FILE as well." in result.stderr
+    assert program("replay", "run", "--show", "rays", "--save", "x.png").returncode == 0
+    for option in (["--set", "parameters.seed=3"],):
+        assert "the seed of episodes is the option --seed" in program("replay", "run", *option).stderr
+        assert "the seed of episodes is the option --seed" in program("evaluate", "run", *option).stderr

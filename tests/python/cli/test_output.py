@@ -1,14 +1,19 @@
 import json
 import math
+import subprocess
+from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from swarmwright import Run
 from swarmwright.cli._output import Output, finite
 from swarmwright.cli._progress import Stall
 from swarmwright.cli.servers import HEADINGS, row
 from swarmwright.core.formatting import duration
+from tests.conftest import PROGRAM
 
 values = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
@@ -107,3 +112,54 @@ def test_a_server_that_says_everything() -> None:
         "actuators": "1",
         "metrics": "arrived, steps",
     }
+
+
+LOUD = """\
+import numpy as np
+from swarmwright import Simulation
+
+class Loud(Simulation):
+    sensors = actuators = 1
+    def reset(self, parameters, seed):
+        print("x" * 1300, flush=True)
+        self.acted = None
+        return np.ones((1, 1))
+    def step(self, actions):
+        self.acted = float(actions[0, 0])
+        return np.ones((1, 1))
+    def done(self):
+        return self.acted is not None
+    def fitness(self):
+        return self.acted
+"""
+
+
+def test_what_a_simulation_prints_cannot_make_it_fail(program: Any, tmp_path: Path) -> None:
+    """Neither a reader that has gone nor a full disk behind the output is a fault of the simulation."""
+    (tmp_path / "loud.py").write_text(LOUD)
+    (tmp_path / "loud.yaml").write_text(
+        "simulation: loud.py:Loud\ncontroller: {kind: layered, hidden: []}\nservers: in-process\n"
+        "method: {kind: random_search, population: 40, generations: 3}\nvalidate: false\n"
+    )
+    assert program("optimize", "loud.yaml", "--out", "whole").returncode == 0
+    whole = Run.open(tmp_path / "whole")
+    command = [*PROGRAM, "optimize", "loud.yaml", "--out"]
+    begun = subprocess.Popen(
+        [*command, "piped"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=tmp_path
+    )
+    with begun:
+        assert begun.stdout is not None
+        begun.stdout.read(100)
+        begun.stdout.close()
+        begun.wait(60)
+    with Path("/dev/full").open("w") as full:
+        subprocess.run([*command, "full"], stdout=full, stderr=subprocess.DEVNULL, cwd=tmp_path, check=False)
+    for name in ("piped", "full"):
+        program("resume", name)
+        assert Run.open(tmp_path / name).digest == whole.digest, name
+    # Also with --json, where it goes to standard error.
+    with Path("/dev/full").open("w") as full:
+        made = subprocess.run(
+            [*command, "json", "--json"], stdout=subprocess.PIPE, stderr=full, cwd=tmp_path, check=True
+        )
+    assert json.loads(made.stdout.splitlines()[-1])["best"]["fitness"] == whole.best.fitness

@@ -171,3 +171,35 @@ def test_servers_work_while_the_caller_does_something_else(tmp_path: Path, raise
         again = backend.evaluate(controllers, [0], lambda *_: None)
     assert again.fitness.tolist() == [[1.0]] * 3
     assert calls == [1]
+
+
+BROKEN = """\
+import numpy as np
+from swarmwright import Simulation
+
+class Broken(Simulation):
+    sensors = actuators = 1
+    def reset(self, parameters, seed):
+        return np.ones((1, 1))
+    def step(self, actions):
+        raise ValueError("a wheel came off")
+    def done(self):
+        return False
+    def fitness(self):
+        return 0.0
+"""
+
+
+@pytest.mark.parametrize("servers", ["in-process", "local"])
+def test_it_is_told_why_candidates_fail(
+    servers: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    (tmp_path / "broken.py").write_text(BROKEN)
+    experiment = Experiment.from_mapping(
+        {"simulation": f"{tmp_path}/broken.py:Broken", "controller": {"hidden": []}}
+    )
+    assert np.isnan(evaluate(experiment, genomes(3, experiment), servers=servers)).all()
+    told = [one.getMessage() for one in caplog.records if one.name == "swarmwright"]
+    assert len(told) == 1
+    assert "an episode failed" in told[0]
+    assert "Broken.step: ValueError: a wheel came off" in told[0]
