@@ -38,6 +38,7 @@ from swarmwright.store.folder import check_folder
 from swarmwright.user_code.loaded import warn_of_edits
 from swarmwright.user_code.notices import say
 from swarmwright.user_code.parts import distributions
+from swarmwright.user_code.sessions import fingerprints
 
 __all__ = ["Generation", "optimize", "resume"]
 
@@ -126,7 +127,12 @@ def optimize(
                     loop = _new_loop(resolved, representation, store)
                     libraries = (*loop.libraries, *distributions(code))
                     store.follow_use({}, backend.server_use)
-                    store.begin(backend.description, libraries, 1 if code else None)
+                    store.begin(
+                        backend.description,
+                        libraries,
+                        1 if code else None,
+                        classes=fingerprints(experiment.simulation),
+                    )
                     _run(resolved, store, loop, backend, on_generation, on_progress)
             _transfer(experiment, folder.path, on_progress, broker=broker, servers=servers)
     except KeyboardInterrupt:
@@ -269,7 +275,13 @@ def _continue(
         if changed or notes:
             store.replace_experiment(experiment, copy)
         libraries = (*loop.libraries, *distributions(code.used))
-        store.begin(backend.description, libraries, None if copy is None else copy.version, notes)
+        store.begin(
+            backend.description,
+            libraries,
+            None if copy is None else copy.version,
+            notes,
+            fingerprints(experiment.simulation),
+        )
         _run(experiment, store, loop, backend, on_generation, on_progress)
 
 

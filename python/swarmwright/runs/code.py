@@ -23,6 +23,7 @@ from swarmwright.user_code.changes import choose, difference, near, present, sum
 from swarmwright.user_code.copying import FOLDER, Copy, Kept, digest_of, with_modules
 from swarmwright.user_code.parts import Part, is_plug_in, of_plug_ins, of_simulation
 from swarmwright.user_code.permission import require_copy, require_named
+from swarmwright.user_code.sessions import is_other
 from swarmwright.user_code.trust import trusting
 
 if TYPE_CHECKING:
@@ -135,6 +136,9 @@ def used_for(run: "Run", generation: int | None = None, simulation: str | type |
     experiment = run.experiment
     if simulation is not None:
         return _with(experiment, simulation)
+    redefined = _redefined(run, experiment.simulation)
+    if redefined is not None:
+        notices.say(f"{run.path}: {redefined}; it is used as it is now")
     copy = copy_of(run, generation)
     _check_trusted(run, experiment, copy)
     if copy is not None:
@@ -162,6 +166,30 @@ def used_for(run: "Run", generation: int | None = None, simulation: str | type |
                 f"{near(Path(experiment.simulation))} is used as it is now"
             )
     return experiment
+
+
+def _redefined(run: "Run", simulation: str) -> str | None:
+    """Return in words that a class of this notebook has other code than in the run; None where it has not."""
+    versions: dict[str, str] = {}
+    for session in run.sessions:
+        versions |= session.versions
+    if not is_other(simulation, versions):
+        return None
+    return f"the class {simulation.rpartition(':')[2]} was redefined after the run was computed with it"
+
+
+def _of_notebook(run: "Run", simulation: str, *, accept_changed_code: bool) -> list[str]:
+    """Return what is noted of a class of this notebook. Raises InputError where a change was not accepted."""
+    redefined = _redefined(run, simulation)
+    if redefined is None:
+        return []
+    if not accept_changed_code:
+        raise InputError(
+            f"{run.path}: {redefined}. Generations that different code evaluated cannot be compared. Define "
+            "the class as it was, or start a new run, or go on nevertheless with accept_changed_code=True, "
+            "which is noted in the run."
+        )
+    return [f"changed code accepted from generation {run.generations} on: {redefined}"]
 
 
 def remarks(run: "Run") -> list[str]:
@@ -212,8 +240,8 @@ def continuation(
 
     Raises InputError when something has changed that was not accepted, or there is no source.
     """
-    notes: list[str] = []
     named = None if simulation is None else _with(experiment, simulation)
+    notes = _of_notebook(run, (named or experiment).simulation, accept_changed_code=accept_changed_code)
     copy = copy_of(run)
     if copy is None:
         if named is None:
@@ -293,7 +321,7 @@ def changed_code(run: "Run", experiment: Experiment) -> str | None:
     """
     copy = copy_of(run)
     if copy is None:
-        return None
+        return _redefined(run, experiment.simulation)
     now = {
         part.name: _as_kept(copy.parts[part.name], part)
         for part in parts_of(experiment)

@@ -198,7 +198,12 @@ class StoreWriter:
         return copy
 
     def begin(
-        self, place: str, libraries: Sequence[str] = (), code: int | None = None, notes: Iterable[str] = ()
+        self,
+        place: str,
+        libraries: Sequence[str] = (),
+        code: int | None = None,
+        notes: Iterable[str] = (),
+        classes: Mapping[str, str] | None = None,
     ) -> None:
         """Begin a session: note where, when and with what.
 
@@ -207,6 +212,7 @@ class StoreWriter:
             libraries: packages that the method, the simulation and plug-ins import.
             code: version of their source, if there is a copy.
             notes: what was changed deliberately since the last session.
+            classes: fingerprints of classes that have no file, by their names.
         """
         self._started = time.monotonic()
         with self._writing():
@@ -215,7 +221,7 @@ class StoreWriter:
                 "VALUES (?, ?, ?, ?, ?, ?)",
                 (
                     *(timestamp(), place, socket.gethostname(), platform.platform()),
-                    *(json.dumps(versions(libraries)), code),
+                    *(json.dumps({**versions(libraries), **(classes or {})}), code),
                 ),
             )
             self._session = int(cursor.lastrowid or 0)
