@@ -72,11 +72,16 @@ class Controller:
     def load(cls, path: str | Path) -> Self:
         """Read a controller: a specification (JSON), a run's `best.json`, or a run folder.
 
-        Raises InputError when there is none.
+        Or a machine or tree of the built-in behaviours and conditions in YAML, as `swarmwright export --to
+        machine` writes it and people edit it. Raises InputError when there is none.
         """
         file = path_of("path", path, "a controller or a run folder")
         if file.is_dir():
             file /= "best.json"
+        if file.suffix in {".yaml", ".yml"}:
+            from swarmwright.representations.machine_files import specification_of
+
+            return cls(specification_of(file))
         try:
             values = json.loads(read_bytes(file, _LARGEST))
         except FileNotFoundError:
