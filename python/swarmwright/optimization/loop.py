@@ -537,8 +537,8 @@ def strayed(reader: StoreReader, generation: int) -> str:
 
 
 def _why(results: Results) -> str:
-    """Return why candidates failed none of whose episodes did; empty where one did."""
-    if not np.isfinite(results.fitness).all():
+    """Return why candidates failed none of whose episodes did; empty where another reason is known."""
+    if results.journal.errors or not np.isfinite(results.fitness).all():
         return ""
     return (
         ": all of their episodes worked, but what the ranking makes of them is no finite number, such as a "

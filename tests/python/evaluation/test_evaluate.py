@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swarmwright import Controller, Experiment, InputError, RunError, evaluate, simulate
+from swarmwright import Controller, Experiment, InputError, RunError, evaluate, optimize, simulate
 from swarmwright.core.random_numbers import Stream
 from swarmwright.evaluation.base import Controllers
 from swarmwright.evaluation.opening import open_backend
@@ -203,3 +203,16 @@ def test_it_is_told_why_candidates_fail(
     assert len(told) == 1
     assert "an episode failed" in told[0]
     assert "Broken.step: ValueError: a wheel came off" in told[0]
+
+
+def test_an_aggregate_that_is_no_number_is_told(tmp_path: Path) -> None:
+    (tmp_path / "huge.py").write_text(
+        BROKEN.replace("Broken", "Huge")
+        .replace('raise ValueError("a wheel came off")', "return np.ones((1, 1))")
+        .replace("return False", "return True")
+        .replace("return 0.0", "return 1e308")
+    )
+    values = {"simulation": f"{tmp_path}/huge.py:Huge", "controller": {"hidden": []}}
+    experiment = Experiment.from_mapping({**values, "ranking": {"episodes": 2, "aggregate": "sum"}})
+    with pytest.raises(RunError, match="all of their episodes worked, but what the ranking makes of them"):
+        optimize(experiment, servers="in-process", out=tmp_path / "run")
