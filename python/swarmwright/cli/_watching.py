@@ -195,6 +195,6 @@ def _show(output: Output, broker: str, prefix: str, every: float) -> None:
         shown = views(broker, prefix=prefix, every=every)
         first = next(shown)  # reports an unreachable broker before anything is drawn
         screen.view = first
-        with Live(screen, console=output.console(), refresh_per_second=4, vertical_overflow="crop"):
+        with Live(screen, console=output.console(), refresh_per_second=4, vertical_overflow="ellipsis"):
             for view in shown:
                 screen.view = view

@@ -1,6 +1,7 @@
 """`swarmwright runs`: run folders."""
 
 import shlex
+import sys
 from pathlib import Path
 
 import click
@@ -209,7 +210,13 @@ def delete(runs: tuple[Path, ...], yes: bool, as_json: bool) -> int:
         for run in opened:
             aside(f"{run.path}: {run.evaluations} evaluations, {run.state}")
         what = "this run" if len(opened) == 1 else f"these {len(opened)} runs"
-        if not click.confirm(f"Delete {what} permanently?", err=True):
+        try:
+            confirmed = click.confirm(f"Delete {what} permanently?", err=True)
+        except click.Abort:
+            if sys.stdin.isatty():  # Ctrl-C
+                raise
+            raise click.UsageError("nobody is there to ask; give --yes. Nothing was deleted.") from None
+        if not confirmed:
             aside("Nothing was deleted.")
             return 1
     for run in opened:

@@ -191,3 +191,15 @@ def test_what_a_picture_shows_needs_a_picture(program: Any, tmp_path: Path) -> N
     for option in (["--set", "parameters.seed=3"],):
         assert "the seed of episodes is the option --seed" in program("replay", "run", *option).stderr
         assert "the seed of episodes is the option --seed" in program("evaluate", "run", *option).stderr
+
+
+def test_nobody_is_there_to_confirm(program: Any, tmp_path: Path) -> None:
+    (tmp_path / "x.yaml").write_text(
+        "simulation: minisim\nmethod: {kind: nnga, population: 4, generations: 1}\n"
+    )
+    assert program("optimize", "x.yaml", "--servers", "in-process", "--out", "run").returncode == 0
+    result = program("runs", "delete", "run")
+    assert result.returncode == 2
+    assert "nobody is there to ask; give --yes. Nothing was deleted." in result.stderr
+    assert (tmp_path / "run" / "run.sqlite").exists()
+    assert program("runs", "delete", "run", "--yes").returncode == 0
