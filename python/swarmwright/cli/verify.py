@@ -32,7 +32,7 @@ def command(bundle: Path, as_json: bool) -> int:
     for form, one in found.forms.items():
         said.text(f"{form}: {one.words}")
     for form, reason in found.unverified.items():
-        said.text(f"{form}: not run: {reason}")
+        said.text(f"{form}: not verified: {reason}")
     if found.not_evaluated:
         said.text(f"Not evaluated again: {found.not_evaluated}")
     elif found.episodes:

@@ -45,9 +45,10 @@ def parallel_env(
     """
     try:
         from swarmwright.environments._parallel import SwarmEnv  # noqa: PLC0415 - PettingZoo may be missing
+        from swarmwright.environments._world import World  # noqa: PLC0415 - as above
     except ImportError as error:
         raise _missing(error, "pettingzoo") from None
-    return SwarmEnv(simulation, parameters, render_mode)
+    return SwarmEnv(World(simulation, parameters, render_mode))
 
 
 def gymnasium_env(
@@ -62,9 +63,10 @@ def gymnasium_env(
     """
     try:
         from swarmwright.environments._single import AgentEnv  # noqa: PLC0415 - Gymnasium may be missing
+        from swarmwright.environments._world import World  # noqa: PLC0415 - as above
     except ImportError as error:
         raise _missing(error, "gymnasium") from None
-    return AgentEnv(simulation, parameters, render_mode)
+    return AgentEnv(World(simulation, parameters, render_mode))
 
 
 def _missing(error: ImportError, extra: str) -> InputError:

@@ -13,7 +13,6 @@ from pettingzoo import ParallelEnv  # type: ignore[import-untyped]
 
 from swarmwright.core.errors import InputError
 from swarmwright.environments._world import World
-from swarmwright.experiment.experiment import Experiment
 
 _Sensed = dict[str, NDArray[np.float32]]
 
@@ -23,14 +22,9 @@ class SwarmEnv(ParallelEnv):  # type: ignore[misc] # PettingZoo has no types
 
     metadata = {"render_modes": ["rgb_array"], "is_parallelizable": True}  # noqa: RUF012 - as in the base class
 
-    def __init__(
-        self,
-        simulation: Experiment | str | type,
-        parameters: Mapping[str, Any] | None,
-        render_mode: str | None,
-    ) -> None:
-        self._world = World(simulation, parameters, render_mode)
-        self.render_mode = render_mode
+    def __init__(self, world: World) -> None:
+        self._world = world
+        self.render_mode = world.render_mode
         self.metadata = {**self.metadata, "name": self._world.experiment.label}
         self.possible_agents = list(self._world.names)
         self.agents: list[str] = []

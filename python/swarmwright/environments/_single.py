@@ -3,7 +3,6 @@
 Source: https://gymnasium.farama.org/api/env/
 """
 
-from collections.abc import Mapping
 from typing import Any, cast
 
 import gymnasium
@@ -13,7 +12,6 @@ from numpy.typing import NDArray
 
 from swarmwright.core.errors import InputError
 from swarmwright.environments._world import World
-from swarmwright.experiment.experiment import Experiment
 
 
 class AgentEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
@@ -21,19 +19,14 @@ class AgentEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     metadata = {"render_modes": ["rgb_array"]}  # noqa: RUF012 - as in the base class
 
-    def __init__(
-        self,
-        simulation: Experiment | str | type,
-        parameters: Mapping[str, Any] | None,
-        render_mode: str | None,
-    ) -> None:
-        self._world = World(simulation, parameters, render_mode)
+    def __init__(self, world: World) -> None:
+        self._world = world
         if len(self._world.names) != 1:
             raise InputError(
                 f"simulation: {self._world.experiment.simulation} has {len(self._world.names)} agents; "
                 "use parallel_env"
             )
-        self.render_mode = render_mode
+        self.render_mode = world.render_mode
         sensors, actuators = self._world.spaces(0)
         self.observation_space = cast("Space[NDArray[np.float32]]", sensors)
         self.action_space = cast("Space[NDArray[np.float32]]", actuators)

@@ -194,13 +194,13 @@ def _assign(source: Source, setting: Setting) -> None:
                     return
                 container[part] = {}
             if isinstance(container[key], str):
-                container[key] = _written_out(source, path, container[key])
+                container[key] = _with_parts(source, path, container[key])
             container = container[key]
     _forget(source, path)
     source.options[path] = setting.text
 
 
-def _written_out(source: Source, path: Path_, name: str) -> Any:  # noqa: ANN401 - any parameter
+def _with_parts(source: Source, path: Path_, name: str) -> Any:  # noqa: ANN401 - any parameter
     """Return a parameter whose parts are to be set: what is in the file, or of the mission, that it names."""
     simulation = source.values.get("simulation")
     if path[:1] != ("parameters",) or len(path) != 2 or not isinstance(simulation, str):

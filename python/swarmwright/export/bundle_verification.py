@@ -49,7 +49,7 @@ class BundleVerification:
     forms: dict[str, Verification] = field(default_factory=dict)
     """By form, how it compares with the engine's controller."""
     unverified: dict[str, str] = field(default_factory=dict)
-    """By form, why it was not run."""
+    """By form, why it was not run; `fitness`: why it could not be compared with its episodes."""
     episodes: int = 0
     """Episodes in which the controller was evaluated again, with the fitness that is stated."""
     not_evaluated: str = ""
@@ -274,12 +274,15 @@ def _check_fitness(
     parts = [one["episodes"] for one in [*evaluation.get("earlier", []), evaluation]]
     try:
         experiment = Experiment.unasked(evaluation["experiment"])
-    except SwarmwrightError:  # a plug-in is not here
+    except SwarmwrightError as error:  # a plug-in is not here
+        report.unverified["fitness"] = str(error)
         return
     made = None
     if all(result is not None for part in parts for result in part):
         made = fitness_of(experiment, parts)
-    if made is not None and not math.isclose(made, stated, rel_tol=1e-12, abs_tol=0.0):
+    if made is None:
+        report.unverified["fitness"] = "its ranking makes it of more than these episodes"
+    elif not math.isclose(made, stated, rel_tol=1e-12, abs_tol=0.0):
         report.problems.append(f"{EVALUATION}: the fitness is {stated!r}, but its episodes make {made!r}")
     said = fitness_words(stated, meaning(experiment, len(parts)))
     if "Fitness" in facts and facts["Fitness"] not in (said, repr(stated + 0.0)):

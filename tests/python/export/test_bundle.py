@@ -222,6 +222,19 @@ def test_all_evaluations_of_a_fitness_are_in_it(others: dict[str, Any], tmp_path
     assert len(verify_bundle(tmp_path / "sealed.zip").problems) >= 1
 
 
+def test_a_fitness_that_other_candidates_decide_on_is_not_verified(tmp_path: Path) -> None:
+    others = {"ranking": {"kind": "race", "episodes": 8}, "validate": {"episodes": 0}}
+    run = swarmwright.optimize(
+        swarmwright.Experiment.from_mapping({**MINISIM, **others}), out=tmp_path / "run"
+    )
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(EXPORTERS, "names", lambda: ["python"])
+        export_bundle(run, tmp_path / "raced.zip")
+    found = verify_bundle(tmp_path / "raced.zip")
+    assert found.ok, found.problems
+    assert found.unverified == {"fitness": "its ranking makes it of more than these episodes"}
+
+
 def test_files_more_or_less(bundle: Path, tmp_path: Path, program: Any) -> None:
     files = read(bundle)
     del files["c/controller.h"]
