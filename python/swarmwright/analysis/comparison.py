@@ -221,9 +221,9 @@ def _definitions(groups: Sequence[Group], *, held_out: bool) -> Iterator[str]:
     others = [words for key, words in _DEFINITIONS.items() if key in keys]
     if others:
         yield f"fitness of different definitions is compared: groups differ in {' and '.join(others)}"
-    parameters = sorted(key for key in keys if key.startswith("parameters.") and key != "parameters.seed")
+    parameters = {key.split(".")[1] for key in keys if key.startswith("parameters.")} - {"seed"}
     if parameters:
-        names = ", ".join(parameters)
+        names = ", ".join(sorted(parameters))
         yield f"groups differ in the simulation's parameters, so they solve different tasks: {names}"
     if held_out:
         return

@@ -7,8 +7,9 @@ from typing import Any
 
 from swarmwright.core.flatten import flat
 from swarmwright.experiment.experiment import ELSEWHERE, Experiment
+from swarmwright.experiment.robots import mission_of
 from swarmwright.runs.run import Run
-from swarmwright.simulations.catalogue import built_in, description
+from swarmwright.simulations.catalogue import ARENA, built_in, description
 from swarmwright.user_code.copying import shown
 
 _NO_GROUP = ELSEWHERE | {"seed"}
@@ -37,8 +38,11 @@ def group(runs: Sequence[Run], *, besides: Collection[str] = ()) -> tuple[list[R
         The groups, and notes on what was left out.
     """
     kept, notes = _once(runs)
+    # Beside a mission whose parts were set, one that is named is written out: then only these parts differ.
+    missions = any(isinstance(run.experiment.parameters.get("mission"), Mapping) for run in kept)
     flattened = [
-        {key: value for key, value in flattened_of(run).items() if key not in besides} for run in kept
+        {key: value for key, value in flattened_of(run, missions=missions).items() if key not in besides}
+        for run in kept
     ]
     keys = distinguishing(flattened)
     found: dict[str, tuple[dict[str, Any], list[Run]]] = {}
@@ -82,8 +86,11 @@ def _once(runs: Sequence[Run]) -> tuple[list[Run], list[str]]:
     return list(kept.values()), notes
 
 
-def flattened_of(run: Run) -> dict[str, Any]:
-    """Return the experiment with nested keys joined by points, and what its code is."""
+def flattened_of(run: Run, *, missions: bool = False) -> dict[str, Any]:
+    """Return the experiment with nested keys joined by points, and what its code is.
+
+    missions: write out the arena's missions that are named.
+    """
     experiment = run.experiment
     mapping = experiment.to_mapping()
     mapping["simulation"] = shown(experiment.simulation)
@@ -91,7 +98,10 @@ def flattened_of(run: Run) -> dict[str, Any]:
     if code:
         mapping["code"] = code[max(code)][:12]
     # A parameter that is not given has its default; defaults of an external simulation are not known.
-    mapping["parameters"] = {**_defaults(experiment.simulation), **mapping.get("parameters", {})}
+    parameters = {**_defaults(experiment.simulation), **mapping.get("parameters", {})}
+    if missions and built_in(experiment.simulation) == ARENA:
+        parameters["mission"] = mission_of(parameters.get("mission")) or parameters.get("mission")
+    mapping["parameters"] = parameters
     kept = {key: value for key, value in mapping.items() if key not in _NO_GROUP}
     return {name: _plain(value) for name, value in flat(kept).items()}
 

@@ -258,7 +258,7 @@ def test_other_definitions_of_fitness_are_noted(tmp_path: Path) -> None:
     assert "fitness of different definitions is compared: groups differ in its expression" in found.notes
     longer = noisy(tmp_path, "longer", method=search, parameters={**NOISY["parameters"], "maxSteps": 30})
     notes = compare([*plain, *longer]).notes
-    words = "groups differ in the simulation's parameters, so they solve different tasks: parameters.maxSteps"
+    words = "groups differ in the simulation's parameters, so they solve different tasks: maxSteps"
     assert words in notes
     assert not any("tasks" in note for note in compare(plain).notes)
 
@@ -270,3 +270,20 @@ def test_runs_that_ended_before_are_named(tmp_path: Path) -> None:
     notes = compare([*long, *short], at=60).notes
     assert f"ended before 60 evaluations, and count with what they had: {short[0].path}" in notes
     assert not any("ended before" in note for note in compare([*long, *short], at=40).notes)
+
+
+def test_a_part_of_a_mission_is_all_that_differs(tmp_path: Path) -> None:
+    values = {
+        "simulation": "arena", "parameters": {"mission": "decision", "duration": 1}, "servers": "in-process",
+        "method": {"kind": "random_search", "population": 4, "generations": 1}, "validate": {"episodes": 0},
+    }  # fmt: skip
+    named = Experiment.from_mapping(values)
+    part = named.with_settings(["parameters.mission.robots=3"])
+    made = [optimize(one, out=tmp_path / name) for name, one in (("named", named), ("part", part))]
+    found = compare(made)
+    assert [one.label for one in found.groups] == ["robots not given", "robots 3"]
+    assert (
+        "groups differ in the simulation's parameters, so they solve different tasks: mission" in found.notes
+    )
+    other = optimize(named.replace(parameters={"mission": "stop"}), out=tmp_path / "other")
+    assert [one.label for one in compare([made[0], other]).groups] == ["mission decision", "mission stop"]
