@@ -30,6 +30,9 @@ from swarmwright.user_code.permission import require_command, require_copy
 _stamps: dict[str, dict[Path, tuple[int, int] | None]] = {}
 """Path of a file -> that and its neighbours as they were when it was imported."""
 
+_looked_in: set[str] = set()
+"""Folders that were added to `sys.path` here."""
+
 _digests: dict[str, tuple[ModuleType, str]] = {}
 """Path of a file -> its module, and the SHA-256 of the source of that."""
 
@@ -53,7 +56,7 @@ def load(name: str, folder: Path | None = None) -> Kind:
     if parsed.is_environment or parsed.is_command:
         if parsed.file is not None:
             name = _kept_command(parsed.in_file(((folder or Path()) / parsed.file).absolute()))
-        _look_in(Path.cwd())
+        _look_here()
         # By name, as plug-ins are: adapters are simulations, above this package.
         adapted: type[Simulation | BatchSimulation] = importlib.import_module(
             "swarmwright.adapters"
@@ -264,7 +267,7 @@ def _without_stale_bytecode(paths: Iterable[Path]) -> None:
 
 
 def _module(name: str) -> ModuleType:
-    _look_in(Path.cwd())
+    _look_here()
     with _explained(name):
         try:
             return importlib.import_module(name)
@@ -281,6 +284,19 @@ def _look_in(folder: Path) -> None:
     """Let modules be found in a folder, after all others: nothing in it can hide one."""
     if str(folder) not in sys.path:
         sys.path.append(str(folder))
+        _looked_in.add(str(folder))
+
+
+def _look_here() -> None:
+    """Let modules be found in the working folder, before folders of files that were loaded earlier."""
+    here = str(Path.cwd())
+    if here in _looked_in and here in sys.path:
+        sys.path.remove(here)
+    if here not in sys.path:
+        # Others may have taken folders out again.
+        places = [place for place, folder in enumerate(sys.path) if folder in _looked_in]
+        sys.path.insert(min(places, default=len(sys.path)), here)
+        _looked_in.add(here)
 
 
 def _failure(name: str, error: BaseException) -> str:

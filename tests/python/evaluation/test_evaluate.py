@@ -194,9 +194,9 @@ class Broken(Simulation):
 def test_it_is_told_why_candidates_fail(
     servers: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    (tmp_path / "broken.py").write_text(BROKEN)
+    (tmp_path / "wheel_comes_off.py").write_text(BROKEN)
     experiment = Experiment.from_mapping(
-        {"simulation": f"{tmp_path}/broken.py:Broken", "controller": {"hidden": []}}
+        {"simulation": f"{tmp_path}/wheel_comes_off.py:Broken", "controller": {"hidden": []}}
     )
     assert np.isnan(evaluate(experiment, genomes(3, experiment), servers=servers)).all()
     told = [one.getMessage() for one in caplog.records if one.name == "swarmwright"]

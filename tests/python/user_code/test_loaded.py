@@ -51,6 +51,18 @@ def test_a_file_that_was_edited_is_imported_again(project: Path, caplog: pytest.
     assert not [message for message in caplog.messages if WORDS in message]
 
 
+def test_modules_of_the_working_folder_come_before_those_beside_files_loaded_earlier(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = "from swarmwright import Simulation\n\nclass Walk(Simulation):\n    sensors = actuators = 1\n"
+    for folder in ("one", "two"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "namesake.py").write_text(text)
+    load(str(tmp_path / "one" / "namesake.py:Walk"))
+    monkeypatch.chdir(tmp_path / "two")
+    assert sys.modules[load("namesake:Walk").__module__].__file__ == str(tmp_path / "two" / "namesake.py")
+
+
 def test_compiled_code_of_the_same_second_is_not_used(project: Path) -> None:
     helper = project / "helper.py"
     command = [sys.executable, "-m", "py_compile", str(helper)]
