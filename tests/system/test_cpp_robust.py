@@ -127,6 +127,21 @@ def test_each_trouble_is_named(
     assert server.process.poll() is None
 
 
+@pytest.mark.parametrize("mode", ["stepwise", "batched", "offloaded"])
+def test_metrics_of_the_wrong_number_fail_in_every_mode(
+    embedded: BrokerProcess, serve: ServeSanitized, launch: Launch, experiment: Experiment, mode: str
+) -> None:
+    """Also where the experiment wants none of them."""
+    serve(embedded.url, "address", "fragile")
+    path = experiment(f"{FRAGILE}parameters: {{trouble: metrics}}\nmode: {mode}\n")
+    program = launch("optimize", path, "--broker", embedded.url, "--out", "run")
+    program.wait()
+    words = "metrics() gives 2 numbers, but the description has 1 names"
+    errors = {entry["error"] for entry in attempts(path.parent / "run")} - {None, ""}
+    assert errors == {f"std::logic_error: {words}"}, program.stderr
+    assert all(value != value for value, _ in evaluations(path.parent / "run"))
+
+
 def test_parameters_that_are_refused_end_the_run(
     embedded: BrokerProcess, serve: ServeSanitized, launch: Launch, experiment: Experiment
 ) -> None:

@@ -1,15 +1,17 @@
 """Simulation servers in Java amid junk, without a broker for a while, behind a password, and watched."""
 
+import signal
+import subprocess
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from tests.java import JavaServer
+from tests.java import JavaServer, jar
 from tests.system.brokers import BrokerProcess, Kind
 from tests.system.conftest import Experiment, Launch, ServeJava
 from tests.system.noise import Noise, leave_retained
-from tests.system.peer import Peer
+from tests.system.peer import PRESENCE, Peer
 from tests.system.plain_tool import PlainTool
 from tests.system.recorder import Recorder, Referee, check_shapes
 from tests.system.runs import record
@@ -17,6 +19,58 @@ from tests.system.test_disturbance import LONG
 from tests.system.test_visual import PACE, SHOWN, STEPS, steps_of
 
 pytestmark = pytest.mark.timeout(600)  # the first of them builds the jar
+
+LEAVER = """\
+import org.swarmwright.*;
+
+public class Leaver implements Simulation {
+  private boolean exits;
+  private int step;
+
+  public static void main(String[] arguments) {
+    SimulationServer.main(arguments, Leaver::new);
+  }
+
+  @Override
+  public Description description() {
+    return Description.of("leaver", 1, 1, 1);
+  }
+
+  @Override
+  public void reset(ParameterReader parameters) {
+    exits = parameters.flag("exits", false);
+    step = 0;
+  }
+
+  @Override
+  public int[] acting() {
+    return step < 9 ? new int[] {0} : new int[0];
+  }
+
+  @Override
+  public void sense(int agent, float[] sensors) {}
+
+  @Override
+  public void step(float[] actuators) {
+    System.err.println("in a step");
+    if (exits) {
+      System.exit(3);
+    }
+    try {
+      Thread.sleep(1000);
+    } catch (InterruptedException error) {
+      throw new IllegalStateException(error);
+    }
+    step++;
+  }
+
+  @Override
+  public double fitness() {
+    return 0;
+  }
+}
+"""
+"""A simulation that ends the program in a step, or whose steps take a second."""
 
 
 def test_a_run_amid_foreign_traffic(
@@ -92,3 +146,34 @@ def test_a_server_draws_when_the_control_message_says_so(
     assert sum("Hello there, step" in line for line in server.lines) == STEPS + 1
     check_shapes(recorder.messages)
     Referee().follow(recorder.messages)
+
+
+@pytest.fixture
+def leaver(tmp_path: Path) -> str:
+    """The folder with the compiled class."""
+    source = tmp_path / "Leaver.java"
+    source.write_text(LEAVER)
+    subprocess.run(["javac", "-cp", str(jar()), str(source)], check=True, timeout=60)
+    return str(tmp_path)
+
+
+@pytest.mark.parametrize("exits", [True, False])
+def test_a_program_that_ends_in_a_step(
+    broker: BrokerProcess, serve_java: ServeJava, connect: Any, leaver: str, exits: bool
+) -> None:
+    """One that is asked to leaves in order; one that its simulation ends is declared lost by the broker."""
+    server = serve_java(broker.url, main="Leaver", classpath=leaver)
+    with PlainTool(broker.url) as tool:
+        tool.begin(1, "a" * 64, exits=exits)
+        watcher = connect(Peer, broker.url, f"{PRESENCE}+")
+        tool.send("actuator", simulation_hash="a" * 64, agent=0, actuator=[0.5])
+        server.until_error("in a step")
+        if not exits:
+            server.signal(signal.SIGTERM)
+        assert server.wait(20) == (3 if exits else 128 + signal.SIGTERM)
+    seen: list[Any] = []
+    while not seen or seen[-1] not in (b"", "lost"):
+        message = watcher.inbox.get(timeout=10)
+        seen.append(message.json["state"] if message.payload else b"")
+    assert seen[-1] == ("lost" if exits else b""), seen
+    assert ("could not leave in order" in server.stderr) == exits, server.stderr

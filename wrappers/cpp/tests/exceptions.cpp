@@ -106,6 +106,13 @@ void what_cannot_be_served_says_why() {
                swarmwright::Server([] { return std::unique_ptr<swarmwright::Simulation>(); }));
 }
 
+void bodies_take_doubles() {
+  const auto agent = [](double x) { return swarmwright::Body{"agent", x, 2 * x, "free"}; };
+  CHECK_EQUAL(agent(1.5).y, 3.0);
+  const auto goal = [](float x) { return swarmwright::Body{"goal", x, x}; };
+  CHECK_EQUAL(goal(0.5F).x, 0.5);
+}
+
 void spans_are_stretches() {
   std::vector<float> numbers{1, 2, 3};
   const swarmwright::Span<const float> all(numbers);
@@ -125,6 +132,7 @@ int main() {
   exceptions_become_words();
   parameter_errors_keep_their_parts();
   what_cannot_be_served_says_why();
+  bodies_take_doubles();
   spans_are_stretches();
   return check::status();
 }

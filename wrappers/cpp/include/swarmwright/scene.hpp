@@ -13,20 +13,20 @@
 
 namespace swarmwright {
 
-/// One thing in a scene.
+/// One thing in a scene. It is sent with numbers of single precision.
 struct Body {
   /// agent, defender, goal, exit, obstacle, or any other word.
   std::string kind;
-  float x = 0;
-  float y = 0;
+  double x = 0;
+  double y = 0;
   /// free, arrived, caught, crashed, out, or any other word.
   std::string state = {};
   /// 0 for a point.
-  float radius = 0;
+  double radius = 0;
   /// Where it looks, from the x axis; NaN for nowhere. Bodies with a heading are drawn in their true size.
-  float heading = std::numeric_limits<float>::quiet_NaN();
+  double heading = std::numeric_limits<double>::quiet_NaN();
   /// A number that gives it a colour, see Scene::scale; NaN for none.
-  float value = std::numeric_limits<float>::quiet_NaN();
+  double value = std::numeric_limits<double>::quiet_NaN();
   /// Which agent it is; -1: bodies of the kind agent are the agents in their order.
   std::int64_t agent = -1;
   /// A short text beside it.
@@ -53,11 +53,11 @@ class Scene {
     const swarmwright_body plain = {sizeof(swarmwright_body),
                                     given.kind.c_str(),
                                     given.state.c_str(),
-                                    given.x,
-                                    given.y,
-                                    given.radius,
-                                    given.heading,
-                                    given.value,
+                                    static_cast<float>(given.x),
+                                    static_cast<float>(given.y),
+                                    static_cast<float>(given.radius),
+                                    static_cast<float>(given.heading),
+                                    static_cast<float>(given.value),
                                     given.agent,
                                     given.label.c_str()};
     std::uint32_t index = 0;

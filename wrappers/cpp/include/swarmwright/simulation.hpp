@@ -68,7 +68,8 @@ class Simulation {
   /// Fitness of the episode so far, a finite number; larger is better.
   virtual double fitness() = 0;
 
-  /// Metrics of the episode, in the order of the description; an experiment can define its fitness from them.
+  /// Metrics of the episode, in the order of the description, and as many; an experiment can define its fitness from
+  /// them.
   virtual std::vector<double> metrics() { return {}; }
 
   /// Says what the episode looks like, for tools that show it elsewhere; returns how long it is to be seen. Called
@@ -122,6 +123,16 @@ struct Hosted {
   Description offers;
 };
 
+/// The metrics of an episode; throws std::logic_error if they are not as many as the description has names.
+inline std::vector<double> measured(Hosted& host) {
+  std::vector<double> metrics = host.simulation->metrics();
+  if (metrics.size() != host.offers.metrics.size()) {
+    throw std::logic_error("metrics() gives " + std::to_string(metrics.size()) + " numbers, but the description has " +
+                           std::to_string(host.offers.metrics.size()) + " names");
+  }
+  return metrics;
+}
+
 /// Milliseconds in 32 bits.
 inline std::uint32_t whole(std::chrono::milliseconds time) {
   const auto longest = std::chrono::milliseconds(std::numeric_limits<std::uint32_t>::max());
@@ -163,17 +174,18 @@ inline swarmwright_simulation functions() noexcept {
     return hosted(object, [&](Hosted& host) { host.simulation->step({actuators, count}); });
   };
   table.fitness = [](void* object, double* fitness) noexcept {
-    return hosted(object, [&](Hosted& host) { *fitness = host.simulation->fitness(); });
+    return hosted(object, [&](Hosted& host) {
+      *fitness = host.simulation->fitness();
+      // The engine asks for metrics in some modes only: whether an episode fails must not depend on that.
+      if (!host.offers.metrics.empty() && host.simulation->done()) {
+        measured(host);
+      }
+    });
   };
   table.metrics = [](void* object, double* metrics) noexcept {
     return hosted(object, [&](Hosted& host) {
-      const std::vector<double> measured = host.simulation->metrics();
-      if (measured.size() != host.offers.metrics.size()) {
-        throw std::logic_error("metrics() gives " + std::to_string(measured.size()) +
-                               " numbers, but the description has " + std::to_string(host.offers.metrics.size()) +
-                               " names");
-      }
-      std::copy(measured.begin(), measured.end(), metrics);
+      const std::vector<double> numbers = measured(host);
+      std::copy(numbers.begin(), numbers.end(), metrics);
     });
   };
   table.scene = [](void* object, swarmwright_scene* scene, std::uint32_t* milliseconds) noexcept {

@@ -7,8 +7,8 @@ package org.swarmwright;
  * agent and {@link #step} with their actuators; then {@link #fitness}. The same parameters and
  * actuators must give the same sensors and fitness, to the bit.
  *
- * <p>An exception ends the episode and is reported to the optimization tool with message and stack.
- * The server stays usable: the next episode begins with {@link #reset}.
+ * <p>An exception or error ends the episode and is reported to the optimization tool with message
+ * and stack. The server stays usable: the next episode begins with {@link #reset}.
  */
 public interface Simulation {
   /** The properties of the simulation, which do not change. */
@@ -53,8 +53,8 @@ public interface Simulation {
   double fitness();
 
   /**
-   * Metrics of the episode, in the order of the description's names; an experiment can define its
-   * fitness from them.
+   * Metrics of the episode, in the order of the description's names, and as many; an experiment can
+   * define its fitness from them.
    */
   default double[] metrics() {
     return new double[0];

@@ -54,7 +54,10 @@ public final class SimulationServer implements AutoCloseable {
     host.await();
   }
 
-  /** Gives up what is under way, removes the presence and disconnects. */
+  /**
+   * Gives up what is under way, removes the presence and disconnects. Waits up to 5 s for a step
+   * under way.
+   */
   @Override
   public void close() {
     host.close();

@@ -349,7 +349,7 @@ public abstract class SimulationWrapper implements MqttCallback, AutoCloseable {
               "refusing a message on {0}: {1}",
               new Object[] {topic, error.getMessage()});
         }
-      } catch (Exception | AssertionError | StackOverflowError error) {
+      } catch (Throwable error) {
         LOG.log(Level.SEVERE, "the simulation failed on a message on " + topic, error);
       }
     }

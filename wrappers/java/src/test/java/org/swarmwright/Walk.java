@@ -1,6 +1,8 @@
 package org.swarmwright;
 
-/** Adds up what its agent does; breaks where the seed is 13. */
+import java.io.IOException;
+
+/** Adds up what its agent does; breaks in another way for each of the seeds 13 to 17. */
 public final class Walk implements Simulation {
   private long seed;
   private double sum;
@@ -14,6 +16,9 @@ public final class Walk implements Simulation {
   @Override
   public void reset(ParameterReader parameters) {
     seed = parameters.seed("seed");
+    if (seed == 16) {
+      Walk.<RuntimeException>sneak(new IOException("no sixteen"));
+    }
     sum = parameters.integer("start", 0, 9, 0);
     step = 0;
   }
@@ -32,6 +37,10 @@ public final class Walk implements Simulation {
   public void step(float[] actuators) {
     if (seed == 13) {
       throw new UnsupportedOperationException("no thirteen");
+    } else if (seed == 14) {
+      throw new Error("no fourteen");
+    } else if (seed == 15) {
+      Walk.<RuntimeException>sneak(new IOException("no fifteen"));
     }
     sum += actuators[0];
     step++;
@@ -44,6 +53,12 @@ public final class Walk implements Simulation {
 
   @Override
   public double[] metrics() {
-    return new double[] {sum / 2};
+    return seed == 17 ? new double[] {1, 2} : new double[] {sum / 2};
+  }
+
+  /** Throws a checked exception that no method declares, as Kotlin and Lombok do. */
+  @SuppressWarnings("unchecked")
+  private static <E extends Throwable> void sneak(Throwable error) throws E {
+    throw (E) error;
   }
 }

@@ -57,7 +57,10 @@ final class Guard {
   static <T> T call(Code<T> code) throws EpisodeFailed {
     try {
       return code.run();
-    } catch (RuntimeException | LinkageError | AssertionError | VirtualMachineError error) {
+    } catch (EpisodeFailed failed) {
+      throw failed;
+    } catch (Throwable error) {
+      // Checked exceptions, too: Kotlin and Lombok throw them undeclared.
       throw new EpisodeFailed(error);
     }
   }
@@ -82,7 +85,7 @@ final class Guard {
       simulation.reset(parameters);
     } catch (ParameterException error) {
       throw error;
-    } catch (RuntimeException | LinkageError | AssertionError | VirtualMachineError error) {
+    } catch (Throwable error) {
       throw new EpisodeFailed(error);
     }
   }
@@ -100,21 +103,36 @@ final class Guard {
   }
 
   /**
+   * All metrics of the episode.
+   *
+   * @throws EpisodeFailed if they are not as many as the description's names
+   */
+  static double[] metrics(Simulation simulation) throws EpisodeFailed {
+    int names = simulation.description().metrics().size();
+    double[] all = names == 0 ? new double[0] : call(simulation::metrics);
+    if (all == null || all.length != names) {
+      String found = all == null ? "null" : all.length + " numbers";
+      throw new EpisodeFailed(
+          "metrics() gives " + found + ", but the description has " + names + " names");
+    }
+    return all;
+  }
+
+  /**
    * The fitness of an episode that has ended, followed by the metrics with these names.
    *
-   * @throws EpisodeFailed if one is NaN or infinite, or the simulation throws
+   * @throws EpisodeFailed if one is NaN or infinite, metrics are missing or too many, or the
+   *     simulation throws
    */
   static double[] results(Simulation simulation, List<String> names) throws EpisodeFailed {
     double[] results = new double[1 + names.size()];
     results[0] = finite(call(simulation::fitness));
-    if (names.isEmpty()) {
-      return results;
-    }
-    double[] all = call(simulation::metrics);
+    // Also where none are wanted: whether an episode fails must not depend on the mode.
+    double[] all = metrics(simulation);
     List<String> known = simulation.description().metrics();
     for (int i = 0; i < names.size(); i++) {
       int index = known.indexOf(names.get(i));
-      results[1 + i] = index < all.length ? all[index] : Double.NaN;
+      results[1 + i] = all[index];
       if (!Double.isFinite(results[1 + i])) {
         throw new EpisodeFailed(
             "the simulation's metric "

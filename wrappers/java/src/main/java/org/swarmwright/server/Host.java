@@ -37,6 +37,9 @@ public final class Host implements AutoCloseable, Link.Listener, Outbox {
   /** How long one that reconnects waits for a sign of life of another with its ID. */
   private static final long CONFIRM_MILLIS = 1000;
 
+  /** How long closing waits for a step under way. */
+  private static final long LEAVE_MILLIS = 5000;
+
   private final Object lock = new Object();
   private final Identity identity;
   private final Topics topics;
@@ -363,9 +366,29 @@ public final class Host implements AutoCloseable, Link.Listener, Outbox {
     }
   }
 
-  /** Gives up what is under way, removes the presence and disconnects. */
+  /**
+   * Gives up what is under way, removes the presence and disconnects; after the step under way, but
+   * does not wait long for it: a step that has called System.exit never returns. When the program
+   * ends before, the broker declares the server lost.
+   */
   @Override
   public void close() {
+    Thread leaving = daemon("leaving").newThread(this::leave);
+    leaving.start();
+    if (Thread.holdsLock(lock)) {
+      return;
+    }
+    try {
+      leaving.join(LEAVE_MILLIS);
+      if (leaving.isAlive()) {
+        notices.accept("warning: could not leave in order: a step is still under way");
+      }
+    } catch (InterruptedException error) {
+      Thread.currentThread().interrupt();
+    }
+  }
+
+  private void leave() {
     synchronized (lock) {
       if (closed) {
         return;

@@ -170,9 +170,9 @@ final class Run {
 
   private Map<String, Double> metrics() throws Guard.EpisodeFailed {
     List<String> names = simulation.description().metrics();
-    double[] values = names.isEmpty() ? new double[0] : Guard.call(simulation::metrics);
+    double[] values = Guard.metrics(simulation);
     Map<String, Double> metrics = new TreeMap<>();
-    for (int i = 0; i < Math.min(values.length, names.size()); i++) {
+    for (int i = 0; i < values.length; i++) {
       if (Double.isFinite(values[i])) {
         metrics.put(names.get(i), values[i]);
       }

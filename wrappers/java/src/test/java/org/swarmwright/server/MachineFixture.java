@@ -137,6 +137,7 @@ abstract class MachineFixture {
     evaluate(request, tool, lease, "half", floats(0f, 0.25f, 0f, 0.5f), seeds);
   }
 
+  /** A null metric: none is wanted. */
   void evaluate(
       long request, String tool, double lease, String metric, byte[] genomes, long... seeds)
       throws IOException {
@@ -155,7 +156,10 @@ abstract class MachineFixture {
     packer.packString("genomes").packBinaryHeader(genomes.length).writePayload(genomes);
     byte[] bytes = longs(seeds);
     packer.packString("seeds").packBinaryHeader(bytes.length).writePayload(bytes);
-    packer.packString("metrics").packArrayHeader(1).packString(metric);
+    packer.packString("metrics").packArrayHeader(metric == null ? 0 : 1);
+    if (metric != null) {
+      packer.packString(metric);
+    }
     packer.packString("lease").packDouble(lease);
     packer.packString("attempt").packInt(1);
     machine.receive("swarmwright/v1/server/7", packer.toByteArray(), false, now);

@@ -7,6 +7,8 @@ import static org.junit.jupiter.api.Assertions.assertTrue;
 import java.io.IOException;
 import java.util.List;
 import org.junit.jupiter.api.Test;
+import org.junit.jupiter.params.ParameterizedTest;
+import org.junit.jupiter.params.provider.CsvSource;
 import org.msgpack.value.Value;
 import org.msgpack.value.ValueFactory;
 
@@ -289,6 +291,24 @@ class MachineTest extends MachineFixture {
     startAndStep("i", ", 'seed': 1", control);
     assertTrue(out.published.get(out.published.size() - 1).startsWith("fitness "));
     assertEquals(1, out.replies.size());
+  }
+
+  @ParameterizedTest
+  @CsvSource({
+    "14, java.lang.Error: no fourteen",
+    "15, java.io.IOException: no fifteen",
+    "16, java.io.IOException: no sixteen",
+    "17, 'metrics() gives 2 numbers, but the description has 1 names'"
+  })
+  void whateverIsWrongFailsTheEpisodeInEveryMode(long seed, String words) throws IOException {
+    evaluate(1, "ada", 0, null, floats(0f, 0.25f), seed, 1);
+    work();
+    assertEquals("null", out.error());
+    assertArrayEquals(new double[] {Double.NaN, 0.5}, doubles(out.last("fitness")));
+    assertTrue(out.last("failed").toString().contains(words), out.last("failed").toString());
+    startAndStep("h", ", 'seed': " + seed, ", 'tool': 'ada', 'reply': 'swarmwright/v1/tool/t'");
+    assertTrue(out.last("reason").toString().contains(words), out.last("reason").toString());
+    assertTrue(isFree(", 'tool': 'ada'"), "held for ada");
   }
 
   @Test
