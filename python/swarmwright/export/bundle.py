@@ -5,6 +5,7 @@ import hashlib
 import io
 import json
 import math
+import re
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 from swarmwright.core.arguments import checked
 from swarmwright.core.errors import InputError, RunError, SwarmwrightError
 from swarmwright.core.files import read_bytes
+from swarmwright.core.simulation_names import SimulationName
 from swarmwright.core.teams import TEAM
 from swarmwright.export import EXPORTERS
 from swarmwright.export._base import Exporter, Files, file_bytes
@@ -25,6 +27,7 @@ from swarmwright.export.subject import Subject, subject_of
 from swarmwright.export.text import check_prefix, decimals
 from swarmwright.export.verification import Verification, verify
 from swarmwright.runs.instances import instances
+from swarmwright.user_code.copying import shown
 
 if TYPE_CHECKING:
     from swarmwright.runs.run import Run
@@ -38,6 +41,7 @@ EPISODES = "episodes.csv"
 LICENSE = "LICENSE.txt"
 MAPPING = "mapping.yaml"
 _DATE = (1980, 1, 1, 0, 0, 0)  # the earliest that an archive can hold: the same files are the same archive
+_ABSOLUTE_CLASS = re.compile(r"(?:[/\\]|[A-Za-z]:).*\.py:[^\W\d]\w*")
 _LARGEST = 1 << 20
 """Bytes of a license or a mapping."""
 _PERMISSION = """\
@@ -188,7 +192,7 @@ def _evaluation(run: "Run", generation: int | None, candidate: int | None) -> di
     is_best = (best.generation, best.candidate) == (one.generation, one.candidate)
     earlier = instances(run, one)[:-1]
     return {
-        "experiment": run.experiment.to_mapping(),
+        "experiment": _anywhere(run.experiment.to_mapping(), run.path),
         "fitness": one.fitness + 0.0,
         "earlier": [{"seeds": part.seeds, "episodes": _finite(part.episodes + 0.0)} for part in earlier],
         "seeds": one.seeds,
@@ -196,6 +200,42 @@ def _evaluation(run: "Run", generation: int | None, candidate: int | None) -> di
         "metrics": {name: _finite(one.metrics[:, index]) for index, name in enumerate(run.metrics)},
         "held_out": unseen.stored() if unseen is not None and is_best else None,
     }
+
+
+def _anywhere(value: Any, run: Path, *, machines: bool = False) -> Any:  # noqa: ANN401 - any value
+    """Return a value of an experiment without the folders that it was run in.
+
+    A class is named as the experiment named it; files that the run has copies of are in `code/..`. So a
+    bundle is the same wherever the run folder is, and tells its receiver nothing of the sender's disk.
+
+    machines: keep keys that say on which machines episodes are evaluated.
+    """
+    if isinstance(value, Mapping):
+        return {
+            key: _anywhere(inner, run, machines=machines or key == "parameters")  # which are the simulation's
+            for key, inner in value.items()
+            if machines or not _names_machines(key, inner)
+        }
+    if isinstance(value, list):
+        return [_anywhere(inner, run, machines=machines) for inner in value]
+    if not isinstance(value, str):
+        return value
+    if _ABSOLUTE_CLASS.fullmatch(value):
+        parsed = SimulationName.parse(shown(value))
+        file = parsed.file
+        return parsed.in_file(file.name) if file is not None and file.is_absolute() else parsed.text
+    for folder in dict.fromkeys([run.absolute(), run.resolve()]):
+        if value == str(folder):
+            return "."
+        value = re.sub(rf"(?<![\w./~-]){re.escape(str(folder))}[/\\]", "", value)
+    return value
+
+
+def _names_machines(key: str, value: object) -> bool:
+    """Whether a key of an experiment, or of a target, says on which machines episodes are evaluated."""
+    return (key == "broker" and isinstance(value, str)) or (
+        key == "servers" and isinstance(value, Mapping | list)
+    )
 
 
 def _finite(values: NDArray[np.float64]) -> list[float | None]:
@@ -217,7 +257,7 @@ def _manifest(run: "Run", bundle: Bundle, prefix: str, files: Files) -> str:
             for key in ("sensor_names", "sensor_units", "actuator_names", "actuator_units")
             if key in subject.description
         },
-        "episodes": {"count": subject.episode_count, "reason": subject.reason},
+        "episodes": {"count": subject.episode_count, "reason": _anywhere(subject.reason, run.path)},
         "ranges": dict(subject.ranges),
         "sensors": [vars(channel) for channel in subject.sensors] if subject.steers else [],
         "actuators": [vars(channel) for channel in subject.actuators] if subject.steers else [],

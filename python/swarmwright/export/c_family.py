@@ -14,7 +14,7 @@ from swarmwright.export.c_code import Table
 from swarmwright.export.programs import command, run, stepped, steps
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Channel, Subject
-from swarmwright.export.text import identifiers, literals, render, wrapped
+from swarmwright.export.text import identifiers, literals, plain, render, wrapped
 
 _OPTIONS = (["-O0"], ["-O2"], ["-O3", "-march=native", "-ffp-contract=fast"])
 """With which a harness is compiled: all must give the same bits."""
@@ -137,9 +137,9 @@ def enumeration(channels: list[Channel], begin: str, what: str) -> str:
     names = identifiers((channel.name for channel in channels), what)
     lines = []
     for index, (name, channel) in enumerate(zip(names, channels, strict=True)):
-        unit = f" in {channel.unit}" if channel.unit else ""
+        about = f"{plain(channel.name)}{f' in {plain(channel.unit)}' if channel.unit else ''}"
         comma = "," if index + 1 < len(channels) else ""
-        lines.append(f"    {begin}{name} = {index}{comma} /* {channel.name}{unit}, {channel.limits} */")
+        lines.append(f"    {begin}{name} = {index}{comma} /* {about}, {channel.limits} */")
     return "\n".join(lines)
 
 
@@ -152,7 +152,7 @@ def assignments(channels: list[Channel], begin: str, what: str, array: str) -> s
     """Return a line for each sensor that a person fills in."""
     names = identifiers((channel.name for channel in channels), what)
     lines = [
-        f"    {array}[{begin}{name}] = 0.0f; /* {channel.name}: {channel.limits} */"
+        f"    {array}[{begin}{name}] = 0.0f; /* {plain(channel.name)}: {channel.limits} */"
         for name, channel in zip(names, channels, strict=True)
     ]
     return "\n".join(lines)
@@ -162,7 +162,7 @@ def uses(channels: list[Channel], begin: str, what: str) -> str:
     """Return a line for each actuator that a person fills in."""
     names = identifiers((channel.name for channel in channels), what)
     lines = [
-        f"    Serial.println(actuators[{begin}{name}], 6); /* {channel.name}: {channel.limits} */"
+        f"    Serial.println(actuators[{begin}{name}], 6); /* {plain(channel.name)}: {channel.limits} */"
         for name, channel in zip(names, channels, strict=True)
     ]
     return "\n".join(lines)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from swarmwright.core.errors import InputError, RunError
 from swarmwright.export._base import Exporter, Files, facts, file_bytes
 from swarmwright.export.c import C
-from swarmwright.export.fmu_parts import add_units, named, token, xml, zipped
+from swarmwright.export.fmu_parts import add_units, named, token, unit_name, xml, zipped
 from swarmwright.export.programs import command, run
 from swarmwright.export.python_code import golden_text
 from swarmwright.export.sequences import Sequences
@@ -207,7 +207,7 @@ class _Variables:
         self.sensors = named("sensors", [one.name for one in subject.sensors])
         self.actuators = named("actuators", [one.name for one in subject.actuators])
         channels = [*subject.sensors, *subject.actuators]
-        self.units = sorted({"s", *(channel.unit for channel in channels if channel.unit)})
+        self.units = sorted({"s", *filter(None, (unit_name(channel.unit) for channel in channels))})
 
     def _channels(self, subject: Subject) -> list[tuple[str, Channel, str]]:
         return [
@@ -227,7 +227,7 @@ class _Variables:
             else:
                 about |= {"variability": "discrete"}
             element = ET.SubElement(listed, "ScalarVariable", {**about, "description": _words(channel)})
-            ET.SubElement(element, "Real", {**({"unit": channel.unit} if channel.unit else {}), "start": "0"})
+            ET.SubElement(element, "Real", {**_unit(channel), "start": "0"})
 
     def three(self, listed: ET.Element, subject: Subject) -> None:
         """Add the variables of FMI 3.0."""
@@ -241,11 +241,16 @@ class _Variables:
             about |= {"variability": "discrete", "description": _words(channel)}
             if causality == "output":
                 about["initial"] = "exact"
-            unit = {"unit": channel.unit} if channel.unit else {}
-            ET.SubElement(listed, "Float32", {**about, **unit, "start": "0"})
+            ET.SubElement(listed, "Float32", {**about, **_unit(channel), "start": "0"})
 
 
 _PERIOD = "Time from one control step to the next, above 0"
+
+
+def _unit(channel: Channel) -> dict[str, str]:
+    """Return the attribute of a variable with a unit."""
+    unit = unit_name(channel.unit)
+    return {"unit": unit} if unit else {}
 
 
 def _words(channel: Channel) -> str:

@@ -2,6 +2,7 @@
 
 import hashlib
 import io
+import re
 import zipfile
 from collections.abc import Iterable
 from xml.etree import ElementTree as ET
@@ -16,8 +17,15 @@ UNITS: dict[str, dict[str, str]] = {
     "rad/s": {"rad": "1", "s": "-1"}, "m/s^2": {"m": "1", "s": "-2"}, "kg": {"kg": "1"}, "Hz": {"s": "-1"},
     "V": {"kg": "1", "m": "2", "s": "-3", "A": "-1"}, "K": {"K": "1"},
     "N": {"kg": "1", "m": "1", "s": "-2"}, "W": {"kg": "1", "m": "2", "s": "-3"},
+    "deg": {"rad": "1", "factor": "0.017453292519943295"},
 }  # fmt: skip
 """Units in SI base units; others are named only."""
+_NOT_IN_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+
+
+def unit_name(unit: str) -> str:
+    """Return a unit as FMUs name it: one word for degrees, and no line breaks, which attributes lose."""
+    return " ".join(unit.replace("\N{DEGREE SIGN}", "deg").split())
 
 
 def add_units(root: ET.Element, names: Iterable[str]) -> None:
@@ -58,7 +66,8 @@ def zipped(files: Files) -> bytes:
 
 
 def xml(root: ET.Element, comment: str = "") -> str:
-    """Return a document; the comment stands before its root."""
+    """Return a document; the comment stands before its root. Characters that XML has not are replaced."""
     ET.indent(root)
     begin = f"<!-- {comment} -->\n" if comment else ""
-    return f'<?xml version="1.0" encoding="UTF-8"?>\n{begin}{ET.tostring(root, encoding="unicode")}\n'
+    text = _NOT_IN_XML.sub("\N{REPLACEMENT CHARACTER}", ET.tostring(root, encoding="unicode"))
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n{begin}{text}\n'

@@ -2,11 +2,12 @@
 
 import numpy as np
 
+from swarmwright.core.untrusted import one_line
 from swarmwright.export._base import Files, facts
 from swarmwright.export.python_code import Numbers, golden_text, python_code
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Channel, Subject
-from swarmwright.export.text import render
+from swarmwright.export.text import quoted, render
 
 MICROPYTHON = ", for MicroPython"
 """In the first line of a module for MicroPython, which has the name of the one for Python."""
@@ -50,8 +51,8 @@ def modules(subject: Subject, prefix: str, numbers: Numbers, dialect: dict[str, 
 def _names(channels: list[Channel]) -> str:
     lines = []
     for channel in channels:
-        unit = f" in {channel.unit}" if channel.unit else ""
-        lines.append(f'    "{channel.name}",  #{unit} {channel.limits}'.replace("#  ", "# "))
+        unit = f"in {one_line(channel.unit)} " if channel.unit else ""
+        lines.append(f"    {quoted(channel.name)},  # {unit}{channel.limits}")
     return "\n".join(lines)
 
 

@@ -2,14 +2,15 @@
 
 import json
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from swarmwright.core.errors import InputError
+from swarmwright.core.untrusted import in_json, one_line
 from swarmwright.export._base import Files, facts
 from swarmwright.export.c import C
 from swarmwright.export.subject import Channel, Subject
-from swarmwright.export.text import MARK, render
+from swarmwright.export.text import MARK, c_literal, quoted, render
 from swarmwright.representations.controller import controller_words
 
 _SHARED = (
@@ -45,8 +46,10 @@ def values_of(subject: Subject, prefix: str) -> dict[str, str]:
         "package": prefix.lower(),
         "words": controller_words(dict(subject.specification)),
         "facts": facts(subject),
-        "sensor_names": _names(subject.sensors),
-        "actuator_names": _names(subject.actuators),
+        "sensor_names": _names(subject.sensors, c_literal),
+        "actuator_names": _names(subject.actuators, c_literal),
+        "python_sensor_names": _names(subject.sensors, quoted),
+        "python_actuator_names": _names(subject.actuators, quoted),
     }
 
 
@@ -89,8 +92,8 @@ def unique_names(channels: Sequence[Channel]) -> list[str]:
     ]
 
 
-def _names(channels: Sequence[Channel]) -> str:
-    return "\n".join(f'    "{name}",' for name in unique_names(channels))
+def _names(channels: Sequence[Channel], literal: Callable[[str], str]) -> str:
+    return "\n".join(f"    {literal(name)}," for name in unique_names(channels))
 
 
 def _begin(subject: Subject) -> str:
@@ -104,8 +107,8 @@ def _entries(kind: str, channels: Sequence[Channel], known: Sequence[Mapping[str
     by_name = {entry[kind]: entry for entry in known}
     lines = []
     for name, channel in zip(unique_names(channels), channels, strict=True):
-        begin = f'  - {kind}: "{name}"'
-        unit = f"{channel.unit}, " if channel.unit else ""
+        begin = f"  - {kind}: {in_json(json.dumps(name, ensure_ascii=False))}"
+        unit = f"{one_line(channel.unit)}, " if channel.unit else ""
         values = {"topic": "", "type": "", "field": "", **by_name.get(name, {})}
         lines.append(f"{begin:<30}# {unit}{channel.limits}")
         for key, value in values.items():

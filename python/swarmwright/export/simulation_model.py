@@ -11,8 +11,7 @@ from swarmwright import _engine
 from swarmwright.core.errors import InputError, engine_errors
 from swarmwright.core.groups import DeclaredGroup
 from swarmwright.core.suggestions import did_you_mean
-from swarmwright.export.fmu_parts import named
-from swarmwright.export.text import plain
+from swarmwright.export.fmu_parts import named, unit_name
 from swarmwright.simulations import catalogue
 from swarmwright.simulations.hosts import AnyHost
 
@@ -163,7 +162,7 @@ class Model:
             names, units = self.description[f"{which}_names"], self.description[f"{which}_units"]
         else:
             count, names, units = getattr(group, f"{which}s"), getattr(group, f"{which}_names"), ()
-        texts = [plain(name) for name in names]
+        texts = [str(name) for name in names]
         if len(texts) != count:
             texts = [f"{which} {index + 1}" for index in range(count)]
         known = [unit_of(unit) for unit in units] if len(units) == count else [""] * count
@@ -172,7 +171,7 @@ class Model:
 
 def unit_of(words: str) -> str:
     """Return a unit as FMUs name it: m for metres."""
-    return _UNITS.get(words, plain(words))
+    return _UNITS.get(words, unit_name(words))
 
 
 def check_size(title: str, agents: int, description: Mapping[str, Any]) -> None:
@@ -212,7 +211,7 @@ def started(
 
 def _parameter(name: str, about: Mapping[str, Any], base: Mapping[str, Any]) -> Parameter:
     value = base.get(name, about["default"])
-    text = plain(about["description"])
+    text = str(about["description"])
     simple = about["type"] in ("integer", "number", "string", "boolean") and value is not None
     if simple and isinstance(value, bool):
         return Parameter(name, "flag", value, text)

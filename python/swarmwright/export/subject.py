@@ -36,8 +36,9 @@ class Channel:
     """A sensor or an actuator."""
 
     name: str
+    """The simulation's own, any text: each form quotes it."""
     unit: str
-    """Empty where it is not known."""
+    """As the name; empty where it is not known."""
     limits: str
     """Between which values it lies."""
 
@@ -107,7 +108,7 @@ class Subject:
             names = [f"{what} {index}" for index in range(count)]
         if len(units) != count:
             units = [""] * count
-        return [(plain(name), plain(unit)) for name, unit in zip(names, units, strict=True)]
+        return [(str(name), str(unit)) for name, unit in zip(names, units, strict=True)]
 
     @cached_property
     def golden(self) -> Sequences:

@@ -1,8 +1,9 @@
 """Controllers of the kind `mealy_fsm` as SCXML."""
 
+import keyword
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
@@ -13,9 +14,16 @@ _HEAD = (
     '<scxml xmlns="http://www.w3.org/2005/07/scxml" version="1.0" datamodel="ecmascript" '
     'name="controller" initial="state0">'
 )
-_RESERVED = frozenset(
-    {"and", "or", "not", "true", "false", "True", "False", "None", "if", "else", "in", "is"}
+_ECMASCRIPT = (
+    "break case catch class const continue debugger default delete do else enum export extends false finally "
+    "for function if implements import in instanceof interface let new null package private protected public "
+    "return static super switch this throw true try typeof var void while with yield await arguments eval "
+    "undefined NaN Infinity"
 )
+"""Words that name no variable in the data model, in strict mode or a module."""
+_SCXML = "_event _sessionid _name _ioprocessors _x In"
+# Conditions are read back as expressions of Python, so its words are none of a sensor either.
+_RESERVED = frozenset(f"{_ECMASCRIPT} {_SCXML}".split()) | frozenset(keyword.kwlist)
 
 
 def scxml_of(
@@ -36,12 +44,13 @@ def scxml_of(
         facts: lines of a comment at the top.
     """
     states, thresholds = int(specification["states"]), specification["thresholds"]
-    words = identifiers([*sensors, *actuators])
+    # Names of states and of data are identifiers of one document, which are all different.
+    words = identifiers([*sensors, *actuators], [f"state{state}" for state in range(states)])
     senses, acts = words[: len(sensors)], words[len(sensors) :]
     rows = np.array(specification["weights"], dtype=np.float32).reshape(states, -1, 1 + len(acts))
     combinations = np.indices([len(ends) + 1 for ends in thresholds]).reshape(len(thresholds), -1).T.tolist()
     lines = ['<?xml version="1.0" encoding="UTF-8"?>', "<!--"]
-    lines += [f"  {fact.replace('--', '- -')}" for fact in facts]
+    lines += [f"  {re.sub('-(?=-)', '- ', fact)}" for fact in facts]
     lines += [
         "  In each control step: set the sensors, send the event step, read the actuators.",
         "-->",
@@ -85,13 +94,21 @@ def _number(value: float) -> str:
     return repr(float(np.float32(value)))
 
 
-def identifiers(names: Sequence[str]) -> list[str]:
-    """Return names that an expression can have, all different."""
+def identifiers(names: Sequence[str], others: Collection[str] = ()) -> list[str]:
+    """Return names that an expression can have, all different.
+
+    One that is reserved or taken gets an underscore at its end, which readers do not compare.
+
+    Args:
+        names: of sensors and actuators.
+        others: identifiers that are taken.
+    """
+    reserved = _RESERVED.union(others)
     found: list[str] = []
     taken: set[str] = set()
     for name in names:
         word = _NO_WORD.sub("_", name).strip("_") or "value"
-        word = f"_{word}" if word[0].isdigit() else f"{word}_" if word in _RESERVED else word
+        word = f"_{word}" if word[0].isdigit() else f"{word}_" if word in reserved else word
         unique, count = word, 2
         while unique.lower().replace("_", "") in taken:
             unique, count = f"{word}_{count}", count + 1

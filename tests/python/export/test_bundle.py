@@ -1,7 +1,10 @@
 """Bundles: what is in them, and what their check notices."""
 
+import csv
 import hashlib
+import io
 import json
+import shutil
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -13,7 +16,7 @@ import pytest
 import swarmwright
 from swarmwright import InputError, Run
 from swarmwright.export import EXPORTERS
-from swarmwright.export.bundle import episodes_of, export_bundle
+from swarmwright.export.bundle import _anywhere, episodes_of, export_bundle
 from swarmwright.export.bundle_verification import verify_bundle
 from swarmwright.export.subject import subject_of
 
@@ -123,6 +126,81 @@ def test_episodes_are_a_table_with_every_bit(network: Run, bundle: Path) -> None
     again = episodes_of(text, 4, 1)
     for name in ("first", "sensors", "actuators", "accepted"):
         np.testing.assert_array_equal(getattr(again, name), getattr(episodes, name))
+
+
+ODD = """
+import numpy as np
+from swarmwright import Simulation
+
+class Odd(Simulation):
+    title, sensors, actuators = "odd", 2, 1
+    sensor_names, actuator_names = ["gr\u00f6\u00dfe", 'a\\\\, "b"'], ["heading"]
+
+    def reset(self, parameters, seed):
+        self.numbers, self.left = np.random.default_rng(seed), 4
+        return self.numbers.uniform(-1, 1, (2, 2))
+
+    def step(self, actions):
+        self.left -= 1
+        return self.numbers.uniform(-1, 1, (2, 2))
+
+    def done(self):
+        return self.left == 0
+
+    def fitness(self):
+        return 1.0
+"""
+
+
+def test_where_the_run_was_is_not_in_it(program: Any, tmp_path: Path) -> None:
+    """With the code of a user, which the run has a copy of."""
+    (tmp_path / "odd.py").write_text(ODD, encoding="utf-8")
+    (tmp_path / "odd.yaml").write_text(
+        "simulation: odd.py:Odd\nservers: in-process\ncontroller: {kind: layered, hidden: [1]}\n"
+        "method: {kind: nnga, population: 6, generations: 1}\n"
+    )
+    (tmp_path / "one").mkdir()
+    made = program("optimize", "odd.yaml", "--out", "one/run")
+    assert made.returncode == 0, made.stderr
+    shutil.copytree(tmp_path / "one" / "run", tmp_path / "another" / "run")
+    for folder in ("one", "another"):
+        exported = program("export", f"{folder}/run", "--bundle", f"{folder}.zip", "--trust")
+        assert exported.returncode == 0, exported.stderr
+    assert (tmp_path / "one.zip").read_bytes() == (tmp_path / "another.zip").read_bytes()
+    files = read(tmp_path / "one.zip")
+    assert json.loads(files["evaluation.json"])["experiment"]["simulation"] == "odd.py:Odd"
+    assert not [name for name, data in files.items() if str(tmp_path).encode() in data]
+    assert next(csv.reader(io.StringIO(files["episodes.csv"].decode()))) == [
+        "begins", "gr\u00f6\u00dfe", 'a\\, "b"', "heading",
+    ]  # fmt: skip
+    checked = program("verify", "one.zip")
+    assert checked.returncode == 0, checked.stdout
+    assert str(tmp_path) not in checked.stdout
+    assert "Not evaluated again: the simulation odd.py:Odd is not a built-in one" in checked.stdout
+
+
+def test_machines_and_folders_are_left_out() -> None:
+    run = Path("/home/ada/runs/best")
+    values = {
+        "simulation": {
+            "command": ["./sim", "--world=/home/ada/runs/best/code/1/w"],
+            "folder": str(run / "code"),
+        },
+        "parameters": {"broker": "a parameter", "topic": "/scan", "other": "/home/ada/runs/best2/x"},
+        "controller": {"behaviours": ["/elsewhere/own.py:Wander", "stop"]},
+        "servers": [{"launcher": "ssh", "hosts": ["ada@node1"]}],
+        "broker": "mqtt://broker.lab",
+        "validate": {"to": [{"name": "robots", "servers": {"launcher": "slurm"}, "broker": "mqtts://b"}]},
+        "prefix": "",
+    }
+    assert _anywhere(values, run) == {
+        "simulation": {"command": ["./sim", "--world=code/1/w"], "folder": "code"},
+        "parameters": values["parameters"],
+        "controller": {"behaviours": ["own.py:Wander", "stop"]},
+        "validate": {"to": [{"name": "robots"}]},
+        "prefix": "",
+    }
+    assert _anywhere({"servers": "local", "folder": str(run)}, run) == {"servers": "local", "folder": "."}
 
 
 def _comment(files: Files) -> None:

@@ -1,7 +1,9 @@
 """Controllers in C and C++: the bits of the engine, whatever the compiler does."""
 
+import re
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +16,11 @@ from swarmwright.export.c import C, loaded_files, loaded_weights
 from swarmwright.export.cpp import Cpp
 from swarmwright.export.programs import run, stepped, steps
 from swarmwright.export.sequences import difference
+from swarmwright.export.text import c_literal, plain
 from swarmwright.export.writing import write
 from tests.python.export.specifications import (
     ALL,
+    NASTY,
     Specification,
     few,
     nasty,
@@ -339,3 +343,45 @@ def test_names_cannot_leave_comments(tmp_path: Path) -> None:
     assert header.isascii()
     assert "ROBOT_SENSOR_GOAL_X = 4, /* goal x in goal x" in header
     assert "ROBOT_SENSOR_GOAL_X_5 = 5 /*" in header
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("\N{DEGREE SIGN}", "degrees"),
+        ("\N{DEGREE SIGN}/s", "degrees/s"),
+        ("5\N{DEGREE SIGN} or 5 \N{DEGREE SIGN}C", "5 degrees or 5 degrees C"),
+        ("???/ ??/", "?? ?/ ? ?/"),
+        ("gr\u00f6\u00dfe", "gr??e"),
+        ("*\\ x", "* / x"),
+    ],
+)
+def test_texts_of_comments(text: str, shown: str) -> None:
+    assert plain(text) == plain(plain(text)) == shown
+
+
+def test_units_have_no_spaces_around_them() -> None:
+    described = {"sensor_names": ["goal_x", "a", "b"], "sensor_units": ["\N{DEGREE SIGN}", "m", ""]}
+    header = str(C().files(replace(subject(ALL["mealy_fsm"]), description=described), "robot")["robot.h"])
+    assert "/* goal_x in degrees, any finite number */" in header
+
+
+def test_what_a_sender_writes_cannot_leave_a_comment() -> None:
+    """Facts of a bundle come from its sender; what is exported with them is compiled and run."""
+    made = replace(
+        subject(ALL["mealy_fsm"]), facts=(("Run", "*/ int x; /*"), ("*/ int y;", "\n*/ int z; /*"))
+    )
+    for name, text in {**C().files(made, "robot"), **Cpp().files(made, "robot")}.items():
+        assert not re.search(r"\*/ int [xyz]", str(text)), name
+
+
+def test_literals_are_the_bytes_of_the_text(tmp_path: Path) -> None:
+    texts = [*NASTY, "gr\u00f6\u00dfe1", "what??/??!??", "\U0001f600"]
+    (tmp_path / "texts.c").write_text(
+        "#include <stdio.h>\nint main(void)\n{\n"
+        + "".join(f"    fputs({c_literal(one)}, stdout);\n" for one in texts)
+        + "    return 0;\n}\n",
+        encoding="ascii",
+    )
+    run(["gcc", "-std=c99", *STRICT, "texts.c", "-o", "texts"], tmp_path, "C")
+    assert run(["./texts"], tmp_path, "C") == "".join(texts).encode()

@@ -5,6 +5,7 @@ import shutil
 import subprocess
 import sys
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
@@ -283,6 +284,23 @@ def test_what_the_description_says(form: str, tmp_path: Path) -> None:
     assert root.find("CoSimulation") is not None
     page = zipped(file)["documentation/index.html"].decode()
     assert all(name in page for name in variables if "." in name)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_names_and_units_are_those_of_the_simulation(form: str, tmp_path: Path) -> None:
+    names = ["gr\u00f6\u00dfe", 'a\\ "<&>" */', "bell \x07"]
+    described = {"sensor_names": names, "sensor_units": ["\N{DEGREE SIGN}", "\N{DEGREE SIGN}/s", "a\nb"]}
+    made = replace(subject(ALL[KEEPS_STATE]), description=described)
+    write(exporter(form).files(made, "robot"), tmp_path)
+    assert validate_fmu(str(tmp_path / "robot.fmu")) == []
+    description = read_model_description(str(tmp_path / "robot.fmu"))
+    inputs = [one for one in description.modelVariables if one.causality == "input"]
+    assert [one.description for one in inputs] == [
+        f"{name}, any finite number" for name in [*names[:2], "bell \N{REPLACEMENT CHARACTER}"]
+    ]
+    assert [one.unit for one in inputs] == ["deg", "deg/s", "a b"]
+    (degrees,) = [one for one in description.unitDefinitions if one.name == "deg"]
+    assert (degrees.baseUnit.rad, float(degrees.baseUnit.factor)) == (1, np.deg2rad(1.0))
 
 
 def test_the_same_bytes_and_not_over_the_files_of_others(tmp_path: Path) -> None:

@@ -1,12 +1,14 @@
 """Controllers in Python and MicroPython: the bits of the engine, without NumPy."""
 
+import ast
 import importlib.util
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 import pytest
@@ -19,7 +21,16 @@ from swarmwright.export.micropython import _interpreter as interpreter
 from swarmwright.export.python import Python
 from swarmwright.export.sequences import difference
 from swarmwright.export.writing import write
-from tests.python.export.specifications import ALL, Specification, few, nasty, networks, sequences_of, subject
+from tests.python.export.specifications import (
+    ALL,
+    NASTY,
+    Specification,
+    few,
+    nasty,
+    networks,
+    sequences_of,
+    subject,
+)
 
 
 def has_micropython() -> bool:
@@ -140,7 +151,41 @@ def test_names_cannot_leave_strings(tmp_path: Path) -> None:
         folder = tmp_path / exporter.form
         write(exporter.files(nasty(), "robot"), folder)
         assert Python().self_test(folder, "robot") == "robot_test.py"
-        assert module(folder / "robot.py").SENSORS[4:] == ("goal x", "goal x")
+        assert tuple(NASTY) == module(folder / "robot.py").SENSORS
+        source = "from robot import ACTUATORS, Controller; print(len(Controller().step([0.0] * 6)))"
+        said = subprocess.run(
+            [sys.executable, "-S", "-c", source], cwd=folder, capture_output=True, check=True
+        )
+        assert said.stdout == b"6\n"
+        page = (folder / "robot.py").read_text(encoding="utf-8")
+        assert "\u202e" not in page  # which would show the rest of a line in another order
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["gr\N{LATIN SMALL LETTER O WITH DIAERESIS}\N{LATIN SMALL LETTER SHARP S}e", "a\\", "it's", 'say "x"'],
+)
+def test_names_are_those_of_the_simulation(name: str) -> None:
+    described = {"sensor_names": [name, "a", "b"], "sensor_units": ["\N{DEGREE SIGN}", "", "m"]}
+    made = replace(subject(ALL["fully_meshed-tanh-6"]), description=described)
+    for exporter in (Python(), MicroPython()):
+        text = str(exporter.files(made, "robot")["robot.py"])
+        tuples = [ast.literal_eval(one.value) for one in ast.parse(text).body if _assigns(one, "SENSORS")]
+        assert tuples == [(name, "a", "b")]
+        assert "# in \N{DEGREE SIGN} " in text
+
+
+def _assigns(node: ast.stmt, name: str) -> TypeGuard[ast.Assign]:
+    return isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == name
+
+
+def test_what_a_sender_writes_cannot_leave_the_docstring() -> None:
+    """Facts of a bundle come from its sender; what is exported with them is run."""
+    made = replace(subject(ALL["mealy_fsm"]), facts=(("Run", '"""\nraise SystemExit\n"""'),))
+    for files in (Python().files(made, "robot"), MicroPython().files(made, "robot")):
+        for text in files.values():
+            statements = ast.parse(str(text)).body
+            assert not any(isinstance(one, ast.Raise) for one in statements)
 
 
 class Drift(Simulation):

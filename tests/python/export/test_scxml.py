@@ -1,6 +1,11 @@
 """Finite-state machines as SCXML."""
 
+import json
+import shutil
+import subprocess
+from dataclasses import replace
 from pathlib import Path
+from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
@@ -43,6 +48,40 @@ def test_names_are_identifiers() -> None:
     names = ["goal x", "goal-x", "1st", "and", "", "N free", "goal_x_2"]
     found = identifiers(names)
     assert found == ["goal_x", "goal_x_2", "_1st", "and_", "value", "N_free", "goal_x_2_2"]
+
+
+RESERVED = ["class", "lambda", "state0", "In", "arguments"]
+"""Words of ECMAScript, of Python, with which conditions are read back, and of the chart itself."""
+
+
+def test_reserved_words_are_no_names(tmp_path: Path) -> None:
+    described = {"sensor_names": RESERVED[:3], "actuator_names": RESERVED[3:]}
+    made = replace(machine(3, states=2, levels=2), description=described, facts=(("Run", "a---b"),))
+    text = str(Scxml().files(made, "walker")["walker.scxml"])
+    (tmp_path / "walker.scxml").write_text(text, encoding="utf-8")
+    root = ET.fromstring(text)
+    ids = [one.attrib["id"] for one in root.iter() if "id" in one.attrib]
+    assert len(set(ids)) == len(ids)
+    words = [one.attrib["id"] for one in root.iter("{http://www.w3.org/2005/07/scxml}data")]
+    assert words == ["class_", "lambda_", "state0_", "In_", "arguments_"]
+    # Read back under the names that they have in the simulation.
+    again = scxml.read(tmp_path / "walker.scxml").specification(RESERVED[:3], RESERVED[3:])
+    assert again["thresholds"] == made.specification["thresholds"]
+    assert again["weights"] == np.array(made.specification["weights"], np.float32).tolist()
+    sequences = random_sequences(made.specification, 50)
+    assert Scxml().run(tmp_path, "walker", sequences).tobytes() == sequences.actuators.tobytes()
+
+
+@pytest.mark.skipif(shutil.which("node") is None, reason="node is not installed")
+def test_no_reserved_word_of_ecmascript_is_left() -> None:
+    from swarmwright.scxml import _write
+
+    words = _write.identifiers(sorted(_write._RESERVED))
+    program = (
+        f'"use strict"; for (const one of {json.dumps(words)}) new Function(`"use strict"; var ${{one}}`);'
+    )
+    done = subprocess.run(["node", "-e", program], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
 
 
 def test_other_kinds_are_refused() -> None:
