@@ -182,6 +182,21 @@ def test_strangers_are_refused(make: Make, launch: Launch, kind: str) -> None:
         assert "4711" not in refused.stderr
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_an_account_without_the_rights_is_told_what_it_may_not_publish(
+    make: Make, launch: Launch, experiment: Experiment, kind: str
+) -> None:
+    broker = make(kind)
+    tool = launch("optimize", experiment(), "--out", "denied", env=broker.variables("watcher"))
+    assert tool.wait() == 1
+    denied = 'does not let user "watcher" publish on "discovery"'
+    for word in (broker.url(), denied, "correct the broker's access rules"):
+        assert word in tool.stderr
+    server = launch("serve", "minisim", "--id", 1, env=broker.variables("tool"))
+    words = 'does not let user "tool" publish on "swarmwright/v1/presence/1"'
+    server.until(lambda program: words in "".join(program.lines) + program.stderr, "the refusal", 20)
+
+
 def _later(days: float) -> dt.timedelta:
     return dt.timedelta(days=days)
 

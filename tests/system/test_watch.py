@@ -74,6 +74,24 @@ def test_the_watch_names_the_server_that_is_waited_for(
         assert program.stderr == ""
 
 
+def test_the_watch_names_a_server_that_is_reserved_for_a_tool_that_was_killed(
+    embedded: BrokerProcess, serve: Serve, launch: Launch, experiment: Experiment
+) -> None:
+    serve(embedded.url)
+    watcher = launch("servers", "--watch", "--json", "--every", 0.2, "--broker", embedded.url)
+    lines = launch("servers", "--watch", "--every", 0.2, "--broker", embedded.url)
+    text = LONG.format(mode="stepwise")
+    tool = launch("optimize", experiment(text), "--broker", embedded.url, "--out", "here")
+    until(watcher, "a run", lambda view: any(one.get("run") for one in view["tools"]))
+    tool.signal(signal.SIGKILL)
+    tool.wait()
+    killed = until(watcher, "the killed tool's end", lambda view: not view["tools"] and view["abandoned"])
+    assert killed["abandoned"] == 1
+    lines.until(
+        lambda program: any("server 1 is reserved for" in line for line in program.lines), "the words", 10
+    )
+
+
 def test_the_watch_shows_how_far_a_run_in_steady_state_is(
     embedded: BrokerProcess, serve: Serve, launch: Launch, experiment: Experiment
 ) -> None:
@@ -128,9 +146,8 @@ def test_a_run_goes_well_where_access_rules_know_no_status(
         path = experiment(LONG.format(mode="stepwise").replace("100000", "3"))
         tool = launch("optimize", path, "--out", out, env=made.variables("tool"))
         assert tool.wait(60) == 0, tool.stderr
+        assert "monitors of servers and tools do not see this tool" in tool.stderr
         if "lost the broker" in tool.stderr:
             assert kind == "mosquitto"
-            assert "so it no longer does" in tool.stderr
-            # Once more when it says good-bye, for the same reason or another one.
-            assert tool.stderr.count("lost the broker") > 1
+            assert tool.stderr.count("lost the broker") == 1
         server.stop()

@@ -120,7 +120,21 @@ impl Mission {
             Some(Value::String(name)) => Self::named(name),
             Some(object @ Value::Object(_)) => {
                 let text = swarmwright_values::read(object);
-                checks::check(text.map_err(|mismatch| mismatch_at("mission", mismatch))?)
+                checks::check(text.map_err(|mut mismatch| {
+                    let examples = [
+                        ("walls", "walls: {rectangle: [4, 3]}"),
+                        ("start", "start: {disc: {radius: 1}}"),
+                        ("fitness", "fitness: order, the name of a metric"),
+                    ];
+                    let missing = examples
+                        .iter()
+                        .find(|(field, _)| mismatch.reason == format!("missing field `{field}`"));
+                    if let Some((_, example)) = missing {
+                        mismatch.reason += "; for instance ";
+                        mismatch.reason += example;
+                    }
+                    mismatch_at("mission", mismatch)
+                })?)
             }
             Some(other) => Err(wrong(
                 "mission",

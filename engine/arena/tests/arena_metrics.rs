@@ -234,6 +234,16 @@ fn formations_are_found_where_they_are() {
     close(value(&arena, "moved"), 0.0, 1e-6);
     close(value(&arena, "turned"), 0.0, 1e-6);
     assert!(value(&arena, "away") > 0.1 && value(&arena, "askew") > 0.1);
+    // Turned by any angle, it is as near.
+    for degrees in [1.0_f64, 4.9, 5.0, 87.3, 185.0] {
+        let (sin, cos) = degrees.to_radians().sin_cos();
+        let rotated: Vec<_> = at
+            .iter()
+            .map(|[x, y]| [cos * x - sin * y, sin * x + cos * y])
+            .collect();
+        let arena = still(&json!({"rotated": kind(&json!(rotated), false, true)}));
+        close(value(&arena, "rotated"), 0.0, 1e-3);
+    }
 }
 
 #[test]

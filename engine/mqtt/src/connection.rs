@@ -35,6 +35,14 @@ pub enum Event {
     },
     /// A message was received.
     Message(Incoming),
+    /// The broker does not distribute what is published on a topic. Brokers of MQTT 5 say so of each message at
+    /// [`QoS::AtLeastOnce`], as the first one on a topic is.
+    Denied {
+        /// The topic.
+        topic: String,
+        /// What is wrong and how to fix it.
+        message: String,
+    },
 }
 
 /// A message that is larger than the broker accepts.
@@ -201,7 +209,12 @@ impl Connection {
             expiry,
             ..PublishOptions::default()
         };
-        if let Err(TooLarge { bytes, most }) = self.publish_with(topic, payload, &options) {
+        self.publish_logged(topic, payload, &options);
+    }
+
+    /// As [`publish_with`](Self::publish_with); a message that is too large is logged.
+    pub fn publish_logged(&mut self, topic: &str, payload: &[u8], options: &PublishOptions<'_>) {
+        if let Err(TooLarge { bytes, most }) = self.publish_with(topic, payload, options) {
             log::error!("{topic:?}: {bytes} bytes are more than the {most} that the broker takes");
         }
     }

@@ -152,6 +152,7 @@ fn attempt(
                     ready = true;
                 }
                 Received::Publish(message) => early.push(Event::Message(message)),
+                Received::Denied(..) => {}
                 Received::Closed(reason) => return Err(broken(accepted, reason)),
             }
         }

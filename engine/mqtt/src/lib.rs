@@ -109,6 +109,20 @@ pub enum ConnectError {
         /// The broker's reason.
         reason: String,
     },
+    /// The broker denies this client messages on a topic.
+    #[error(
+        "the broker at {url} does not let {who} publish on {topic:?} ({reason}); correct the broker's access rules"
+    )]
+    Unpublishable {
+        /// Where.
+        url: String,
+        /// The user, or "a client without a user name".
+        who: String,
+        /// The topic.
+        topic: String,
+        /// The broker's reason.
+        reason: String,
+    },
     /// The certificates do not fit.
     #[error("no secure connection to {url}: {reason}")]
     Tls {

@@ -14,6 +14,9 @@ use crate::session::QoS;
 pub struct PublishOptions<'a> {
     /// Quality of service; at most once by default.
     pub qos: QoS,
+    /// Whether the first message on a topic has [`QoS::AtLeastOnce`], so that a broker that denies it says so
+    /// ([`Event::Denied`](crate::Event::Denied)). Not for messages of which a second copy does harm.
+    pub confirm: bool,
     /// Whether the broker keeps the message for clients that subscribe later.
     pub retain: bool,
     /// Seconds after which the broker need not deliver it any more.
@@ -27,6 +30,22 @@ pub struct PublishOptions<'a> {
 }
 
 impl PublishOptions<'_> {
+    /// The default, but for `confirm`.
+    pub const CONFIRMED: Self = Self {
+        confirm: true,
+        ..Self::PLAIN
+    };
+
+    const PLAIN: Self = Self {
+        qos: QoS::AtMostOnce,
+        confirm: false,
+        retain: false,
+        expiry: None,
+        content_type: None,
+        response_topic: None,
+        correlation: None,
+    };
+
     /// Bytes of a packet beside the payload, at most: headers, topic and properties.
     pub(crate) fn room(&self, topic: &str) -> usize {
         let texts = [self.content_type, self.response_topic];
@@ -39,14 +58,7 @@ impl PublishOptions<'_> {
 
 impl Default for PublishOptions<'_> {
     fn default() -> Self {
-        Self {
-            qos: QoS::AtMostOnce,
-            retain: false,
-            expiry: None,
-            content_type: None,
-            response_topic: None,
-            correlation: None,
-        }
+        Self::PLAIN
     }
 }
 

@@ -7,6 +7,7 @@ mod packets;
 pub(crate) use messages::{Granted, Received};
 pub use messages::{Incoming, QoS, Subscription, Version};
 
+use std::collections::HashSet;
 use std::ops::Range;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -25,6 +26,12 @@ use crate::reading::Reading;
 
 /// The packet PINGREQ.
 const PINGREQ: [u8; 2] = [0xc0, 0];
+
+/// How many topics are remembered.
+const MOST_TOPICS: usize = 1000;
+
+/// How many answers are waited for at the same time, at most.
+const MOST_AWAITED: usize = 16;
 
 /// Parts of the keep-alive interval after which silence is noticed. Up to two of them before a ping and half of the interval for its
 /// answer make the whole interval.
@@ -56,6 +63,13 @@ pub(crate) struct Session {
     retains: bool,
     /// What the broker has read; used where it announces no limit.
     reading: Reading,
+    /// Topics on which was published: the first message on each is acknowledged, since a broker that denies it says so
+    /// there only.
+    topics: HashSet<Box<str>>,
+    /// Identifiers and topics of what the broker has not acknowledged yet.
+    unacknowledged: Vec<(u16, Box<str>)>,
+    /// How many of these there may be, of messages that need no answer.
+    awaited: usize,
     /// The topic of the last plain message: most have the same one, which is then neither checked nor copied.
     last_topic: Arc<str>,
 }
@@ -84,6 +98,9 @@ impl Session {
             most: QoS::AtLeastOnce,
             retains: true,
             reading: Reading::default(),
+            topics: HashSet::new(),
+            unacknowledged: Vec::new(),
+            awaited: MOST_AWAITED,
             last_topic: Arc::default(),
         }
     }
@@ -104,8 +121,15 @@ impl Session {
         options: &PublishOptions<'_>,
         out: &mut Vec<u8>,
     ) -> Result<(), MqttError> {
+        // The identifier of a message that is acknowledged must have room too.
+        let fits = options.room(topic) + payload.len() <= self.largest;
+        let qos = if options.confirm && fits && self.is_first(topic) {
+            QoS::AtLeastOnce
+        } else {
+            options.qos
+        };
         let options = &PublishOptions {
-            qos: self.allowed(options.qos),
+            qos: self.allowed(qos),
             retain: options.retain && self.retains,
             ..*options
         };
@@ -128,6 +152,18 @@ impl Session {
     /// that it may not have read, 0 where none is larger. Both 0 where it announces a limit.
     pub fn read(&self) -> (usize, usize) {
         (self.reading.read(), self.reading.unread())
+    }
+
+    /// Whether nothing was published on a topic yet, and the answer can be waited for. Where there are very many topics,
+    /// also now and then for one of them.
+    fn is_first(&mut self, topic: &str) -> bool {
+        if self.topics.contains(topic) || self.unacknowledged.len() >= self.awaited {
+            return false;
+        }
+        if self.topics.len() == MOST_TOPICS {
+            self.topics.clear();
+        }
+        self.topics.insert(topic.into())
     }
 
     /// The quality of service, reduced to what the broker supports.

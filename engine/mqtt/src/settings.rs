@@ -232,6 +232,8 @@ pub struct Will {
     pub payload: Vec<u8>,
     /// After how many seconds the broker forgets it (MQTT 5).
     pub expiry: u32,
+    /// Whether the broker keeps it for clients that subscribe later, where it can.
+    pub retain: bool,
 }
 
 /// Everything that a connection needs to know.

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use common::{PATIENCE, messages, open, settings, subscription, until};
 use swarmwright_broker::{Broker, Config};
-use swarmwright_mqtt::{ConnectError, Connection, Event, QoS, Version, Will};
+use swarmwright_mqtt::{ConnectError, Connection, Event, PublishOptions, QoS, Version, Will};
 
 #[test]
 fn messages_of_any_size_arrive_in_order() {
@@ -55,6 +55,31 @@ fn what_is_retained_comes_with_the_subscription_and_is_marked() {
 }
 
 #[test]
+fn it_is_told_what_the_broker_does_not_let_publish() {
+    let folder = tempfile::tempdir().unwrap();
+    let rules = folder.path().join("access");
+    std::fs::write(&rules, "topic read #\ntopic write allowed\n").unwrap();
+    let broker = Broker::start(&Config {
+        access: Some(rules),
+        ..Config::default()
+    })
+    .unwrap();
+    let mut writer = open(&broker.url(), "nothing");
+    for topic in ["allowed", "denied"] {
+        writer.publish_logged(topic, b"", &PublishOptions::CONFIRMED);
+    }
+    until(&mut writer, |event| match event {
+        Event::Denied { topic, message } => {
+            assert_eq!(topic, "denied");
+            let words = "does not let a client without a user name publish on \"denied\" (";
+            assert!(message.contains(words), "{message}");
+            true
+        }
+        _ => false,
+    });
+}
+
+#[test]
 fn the_last_will_is_published_after_a_loss_and_not_after_a_disconnection() {
     let broker = Broker::start(&Config::default()).unwrap();
     let mut reader = open(&broker.url(), "w");
@@ -64,6 +89,7 @@ fn the_last_will_is_published_after_a_loss_and_not_after_a_disconnection() {
             topic: "w".into(),
             payload: b"lost".to_vec(),
             expiry: 60,
+            retain: true,
         });
         Connection::open(settings, subscription("nothing")).unwrap()
     };

@@ -98,6 +98,7 @@ fn open(url: &str) -> Result<Connection, ConnectError> {
         topic: "w".into(),
         payload: b"lost".to_vec(),
         expiry: 60,
+        retain: true,
     });
     let subscriptions = vec![Subscription {
         filter: "t".into(),

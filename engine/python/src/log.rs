@@ -1,7 +1,7 @@
 //! What the engine logs, as JSON lines.
 
 use std::fs::{self, File};
-use std::io::{self, Write, stderr};
+use std::io::{self, Read, Seek, SeekFrom, Write, stderr};
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
@@ -29,6 +29,8 @@ struct LogFile {
     file: File,
     /// Bytes from which on it is moved to `PATH.1`.
     most: Option<u64>,
+    /// Lines that could not be written since the last that was.
+    lost: u64,
 }
 
 impl LogFile {
@@ -36,7 +38,44 @@ impl LogFile {
         File::options().create(true).append(true).open(path)
     }
 
-    fn write(&mut self, line: &[u8]) -> io::Result<()> {
+    /// Writes a line. The run goes on when that is not possible, as on a full disk; the user is told once.
+    fn write(&mut self, line: &[u8]) {
+        let written = if self.lost == 0 {
+            self.append(line)
+        } else {
+            let mut lines = gap(self.lost);
+            if self.ends_within_a_line() {
+                lines.insert(0, b'\n');
+            }
+            lines.extend(line);
+            self.append(&lines)
+        };
+        match written {
+            Ok(()) => self.lost = 0,
+            Err(error) => {
+                self.lost += 1;
+                if self.lost == 1 {
+                    let path = self.path.display();
+                    let _ = writeln!(
+                        stderr(),
+                        "warning: --log {path}: {error}; events are missing there"
+                    );
+                }
+            }
+        }
+    }
+
+    /// Whether a line was written in part.
+    fn ends_within_a_line(&self) -> bool {
+        let mut last = [0];
+        let read = File::open(&self.path).and_then(|mut file| {
+            file.seek(SeekFrom::End(-1))?;
+            file.read_exact(&mut last)
+        });
+        read.is_ok() && last != *b"\n"
+    }
+
+    fn append(&mut self, line: &[u8]) -> io::Result<()> {
         let ours = self.file.metadata()?;
         let is_moved = fs::metadata(&self.path).is_ok_and(|there| there.ino() != ours.ino());
         let is_gone = !self.path.exists();
@@ -58,13 +97,28 @@ impl LogFile {
 impl Lines {
     fn write(&self, line: &[u8]) {
         let Ok(mut sink) = self.0.lock() else { return };
-        // The run goes on when the log cannot be written.
-        let _ = match sink.as_mut() {
-            None => return,
-            Some(Sink::Terminal) => stderr().write_all(line),
+        match sink.as_mut() {
+            None => {}
+            // The reader may have gone: not a reason to end a run.
+            Some(Sink::Terminal) => drop(stderr().write_all(line)),
             Some(Sink::File(file)) => file.write(line),
-        };
+        }
     }
+}
+
+/// A line that says how many could not be written.
+fn gap(lost: u64) -> Vec<u8> {
+    let line = json!({
+        "time": now(),
+        "level": "warning",
+        "event": "log_gap",
+        "lines": lost,
+    });
+    format!("{line}\n").into_bytes()
+}
+
+fn now() -> String {
+    humantime::format_rfc3339_millis(SystemTime::now()).to_string()
 }
 
 impl Log for Lines {
@@ -80,7 +134,7 @@ impl Log for Lines {
         let level = record.level().as_str().to_ascii_lowercase();
         let level = if level == "warn" { "warning" } else { &level };
         let mut line = json!({
-            "time": humantime::format_rfc3339_millis(SystemTime::now()).to_string(),
+            "time": now(),
             "level": level,
             "event": "engine",
             "part": record.target().split("::").next().unwrap_or_default(),
@@ -108,6 +162,7 @@ pub fn log_to(path: Option<PathBuf>, level: &str, most: Option<u64>) -> PyResult
             file: LogFile::open(&path)?,
             path,
             most,
+            lost: 0,
         }),
         None => Sink::Terminal,
     };

@@ -125,6 +125,7 @@ fn expected_words(words: &str) -> String {
                 let size = words
                     .strip_prefix("an array of length ")
                     .or_else(|| words.strip_prefix("an array of size "))
+                    .or_else(|| words.strip_suffix(" elements in sequence"))
                     .or_else(|| {
                         (kind == "tuple")
                             .then(|| name.strip_prefix("of size "))

@@ -15,7 +15,7 @@ const BEATS: u64 = 40;
 const ALL: u64 = u64::MAX;
 
 /// A small file, best in memory, of six numbers of 64 bits, little-endian: the request, its first candidate that is
-/// computed, how many candidates (0: nothing is computed), the episode (2^64 - 1: all of them), evaluations that
+/// computed, how many candidates (0: none of a request), the episode (2^64 - 1: all of them, or nothing is computed), evaluations that
 /// have ended since the start, signs of life.
 #[derive(Debug)]
 pub struct Progress {
@@ -51,6 +51,11 @@ impl Progress {
     /// So many evaluations have ended.
     pub(crate) fn ended(&self, evaluations: usize) {
         self.ended.fetch_add(evaluations as u64, Ordering::Relaxed);
+    }
+
+    /// An episode is stepped, or several at the same time: which ones, only the tool knows.
+    pub(crate) fn stepping(&self) {
+        self.write(0, 0, 0, 0);
     }
 
     /// Nothing is computed.

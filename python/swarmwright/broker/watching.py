@@ -88,6 +88,9 @@ class View:
     broker_lost: str | None
     """Why there is no connection to the broker; None while there is one."""
 
+    abandoned: ServerRow | None = None
+    """A server that is reserved for a tool that is gone; None if there is none."""
+
     @property
     def blocking(self) -> ServerRow | None:
         """The blocking server that has been silent for the longest time; None if there is none."""
@@ -105,6 +108,7 @@ class View:
             "blocking": None
             if blocking is None
             else {"server": blocking.server, "silent": blocking.silent, "words": words(blocking)},
+            "abandoned": None if self.abandoned is None else self.abandoned.server,
             "broker_lost": self.broker_lost,
         }
 
@@ -125,6 +129,8 @@ class Watch:
         self._presences: dict[int, Json] = {}
         self._tools: dict[str, _Tool] = {}
         self._broker_lost: str | None = None
+        self._gone: set[str] = set()
+        self._since = clock()
 
     def update(self, news: Mapping[str, Any]) -> None:
         """Process one event of `_engine.Watcher.poll`."""
@@ -134,13 +140,16 @@ class Watch:
             self._presences.pop(news["left"], None)
         elif "status" in news and news["status"]["state"] == "left":
             self._tools.pop(news["token"], None)
+            self._gone.add(news["status"]["tool"])
         elif "status" in news:
             self._tools[news["token"]] = _Tool(news["status"], self._clock())
+            self._gone.discard(news["status"]["tool"])
         elif "broker" in news:
             self._broker_lost = news["reason"] if news["broker"] == "lost" else None
             if self._broker_lost is None:
                 # Peers may have left unnoticed meanwhile; those present are retained and announced again.
                 self._presences.clear()
+                self._since = self._clock()
 
     def view(self) -> View:
         """Return the current state."""
@@ -168,7 +177,14 @@ class Watch:
                     use=use.get(server, {}),
                 )
             )
-        return View(rows, tools, self._broker_lost)
+        return View(rows, tools, self._broker_lost, self._abandoned(rows))
+
+    def _abandoned(self, rows: Sequence[ServerRow]) -> ServerRow | None:
+        """Return a server that is reserved for a tool that has left, or that has never sent its status."""
+        listened = self._clock() - self._since > STALE
+        known = {tool.status["tool"] for tool in self._tools.values()}
+        held = (row for row in rows if row.state == "busy" and row.tool is not None and row.tool not in known)
+        return next((row for row in held if row.tool in self._gone or listened), None)
 
 
 def _by_server(tools: Sequence[ToolRow]) -> tuple[dict[int, list[Json]], dict[int, Json]]:

@@ -33,7 +33,7 @@ def validation_lines(found: "Validation") -> Iterator[str]:
     )
     if len(found.candidates) == 1:
         return
-    yield f"The {len(found.candidates)} best on these seeds:"
+    yield f"The {len(found.candidates)} best of the run, on these seeds:"
     rows = [("generation", "candidate", "during evolution", "held-out", "95 % interval")]
     for one in found.candidates:
         fitness, interval = one.fitness, ""
@@ -77,8 +77,8 @@ def transfer_of(run: "Run") -> "Transfer | None":
 
 
 def with_error(mean: float, error: float | None) -> str:
-    """Return a mean with its standard error: 7.81 +- 0.31."""
-    return f"{mean + 0.0:.4g}" + ("" if error is None else f" +- {error:.2g}")
+    """Return a mean with its standard error: 7.81 with standard error 0.31."""
+    return f"{mean + 0.0:.4g}" + ("" if error is None else f" with standard error {error:.2g}")
 
 
 def unseen_facts(found: "PostEvaluation") -> dict[str, Any]:

@@ -66,6 +66,14 @@ def tool_cells(tool: ToolRow) -> tuple[str, ...]:
     return (status["tool"], status.get("run") or "-", how_far, evaluations, tool.waits_for or "-")
 
 
+def left_behind(server: ServerRow) -> str:
+    """Say that a server is reserved for a tool that is gone."""
+    return (
+        f"server {server.server} is reserved for {server.tool}, which has ended, or sends no status; "
+        "if it has ended, the server is free after its --step-timeout (60 s by default)"
+    )
+
+
 def headline(view: View, broker: str) -> tuple[str, str]:
     """Return a line with the state, and its style."""
     if view.broker_lost is not None:
@@ -75,6 +83,8 @@ def headline(view: View, broker: str) -> tuple[str, str]:
     alone = next((tool for tool in view.tools if tool.waits_for), None)
     if alone is not None:
         return f"{alone.status['tool']}: {alone.waits_for}", "bold yellow"
+    if view.abandoned is not None:
+        return left_behind(view.abandoned), "bold yellow"
     count = len(view.servers)
     return f"{count} server{'s' if count != 1 else ''}, none blocking", "dim"
 
@@ -158,6 +168,8 @@ class Lines:
             # Repeated with each doubling of the silence, not each second.
             doubled = int(blocking.silent).bit_length()
             now[f"waited for {doubled}"] = words(blocking)
+        elif view.abandoned is not None:
+            now["waited for a tool"] = left_behind(view.abandoned)
         for key, said in now.items():
             if self._last.get(key) != said and not (key.startswith("waited") and key in self._last):
                 self._say(said if key == "broker" or key.startswith("waited") else f"{key}: {said}")

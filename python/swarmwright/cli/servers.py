@@ -35,10 +35,8 @@ COLORS = {"ready": "green", "busy": "yellow", "lost": "red"}
 @click.option(
     "--wait",
     type=RealNumber(0.0, 3600.0),
-    default=1.0,
-    show_default=True,
     metavar="SECONDS",
-    help="How long to listen for answers.",
+    help="How long to listen for answers. Default: 1.",
 )
 @click.option(
     "--watch",
@@ -49,26 +47,30 @@ COLORS = {"ready": "green", "busy": "yellow", "lost": "red"}
 @click.option(
     "--every",
     type=RealNumber(0.1, 3600.0),
-    default=1.0,
-    show_default=True,
     metavar="SECONDS",
-    help="With --watch: how often it is shown.",
+    help="With --watch: how often it is shown. Default: 1.",
 )
 @json_option
-def command(broker: str, prefix: str, wait: float, watch: bool, every: float, as_json: bool) -> int:
+def command(
+    broker: str, prefix: str, wait: float | None, watch: bool, every: float | None, as_json: bool
+) -> int:
     """List the simulation servers on a broker, or watch them at work.
 
     What each offers, and whether it is ready, busy (and for whom) or lost.
     """
     from swarmwright import _engine
 
+    if watch and wait is not None:
+        raise click.UsageError("--wait says how long to listen before the list is printed; --watch goes on")
+    if not watch and every is not None:
+        raise click.UsageError("--every goes with --watch")
     output = Output(as_json=as_json)
     if watch:
         from swarmwright.cli._watching import watch as go_on
 
-        return go_on(output, broker, prefix, every)
+        return go_on(output, broker, prefix, 1.0 if every is None else every)
     prepare(broker)
-    found = _engine.servers(broker, prefix=prefix, wait=wait)
+    found = _engine.servers(broker, prefix=prefix, wait=1.0 if wait is None else wait)
     for server in found:
         output.json(server)
     if as_json:

@@ -66,6 +66,31 @@ def test_the_server_that_was_silent_for_the_longest_time_is_the_blocking_one(wat
     assert [server["server"] for server in record["servers"]] == [1, 2, 3]
 
 
+def test_a_server_whose_tool_has_ended_is_named(watch: Watch) -> None:
+    watch.update(presence(1, "ready", None))
+    watch.update(presence(2))
+    watch.update(status(work(2, 0.2)))
+    assert watch.view().abandoned is None
+    # Its last will.
+    watch.update(status(state="left"))
+    abandoned = watch.view().abandoned
+    assert abandoned is not None
+    assert (abandoned.server, abandoned.tool) == (2, TOOL)
+    assert watch.view().record()["abandoned"] == 2
+    # It had only lost its connection.
+    watch.update(status(work(2, 0.1)))
+    assert watch.view().record()["abandoned"] is None
+
+
+def test_a_server_is_reserved_for_a_tool_that_was_never_heard(watch: Watch, clock: Clock) -> None:
+    watch.update(presence(1))
+    assert watch.view().abandoned is None
+    clock.now += STALE + 0.1
+    assert watch.view().abandoned is not None
+    watch.update(presence(1, "ready", None))
+    assert watch.view().abandoned is None
+
+
 def test_nobody_blocks_while_everything_moves(watch: Watch) -> None:
     watch.update(presence(1))
     watch.update(status(work(1, 0.9)))

@@ -123,6 +123,27 @@ def test_a_log_that_cannot_be_written_is_named(tmp_path: Path, program: Any) -> 
         Log(tmp_path / "nowhere" / "log")
 
 
+def test_a_log_that_can_no_longer_be_written_is_told_once(tmp_path: Path, program: Any) -> None:
+    (tmp_path / "e.yaml").write_text(QUICK)
+    done = program("optimize", "e.yaml", "--servers", "local", "--log", "/dev/full")
+    assert done.returncode == 0
+    assert done.stderr.count("warning: --log /dev/full: No space left on device") == 1
+
+
+def test_a_log_says_what_it_lacks(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    place = tmp_path / "log"
+    place.symlink_to("/dev/full")
+    with Log(place) as log:
+        log.write("info", "one")
+        log.write("info", "two")
+        place.unlink()
+        log.write("info", "three")
+        log.write("info", "four")
+    assert "No space left on device" in capfd.readouterr().err
+    assert names(place) == ["log_gap", "three", "four"]
+    assert lines(place)[0]["lines"] == 2
+
+
 def test_numbers_that_json_has_not_become_null(tmp_path: Path) -> None:
     with Log(tmp_path / "log") as log:
         log.write("info", "x", a=float("nan"), b=None, c=Path("p"))

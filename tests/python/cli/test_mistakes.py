@@ -49,6 +49,14 @@ def test_settings_of_matplotlib_do_not_count(finished: Run, tmp_path: Path) -> N
     assert pictures[0] == pictures[1]
 
 
+@pytest.mark.parametrize(("options", "words"), [("--every 2", "--watch"), ("--watch --wait 2", "--wait")])
+def test_options_of_servers_that_would_have_no_effect(
+    options: str, words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert swarmwright(["servers", *options.split()]) == 2
+    assert words in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("wait", ["nan", "inf", "-1"])
 def test_what_is_no_time_to_wait(
     wait: str, finished: Run, capsys: pytest.CaptureFixture[str], tmp_path: Path

@@ -33,7 +33,7 @@ def test_noisy_runs_end_with_it(program: Any, noisy: Path) -> None:
     unseen = last["unseen"]
     assert (unseen["episodes"], unseen["seed"]) == (30, 1_000_000_000)
     assert unseen["low"] < unseen["fitness"] < unseen["high"] < last["best"]["fitness"]
-    fitness = f"{unseen['fitness']:.4g} +- {unseen['standard_error']:.2g}"
+    fitness = f"{unseen['fitness']:.4g} with standard error {unseen['standard_error']:.2g}"
     interval = f"{unseen['low']:.4g} to {unseen['high']:.4g}"
     said = (
         f"itness during evolution {last['best']['fitness']:.6g} (2 episodes of generation "
@@ -69,7 +69,7 @@ def test_the_best_ones_are_listed(program: Any, noisy: Path) -> None:
     asked = ("--set", "validate.episodes=40", "--set", "validate.candidates=3")
     text = program("optimize", noisy, "--out", "run", *asked).stdout
     assert "on 40 episodes with held-out seeds" in text
-    table = text[text.index("The 3 best on these seeds:") :].splitlines()
+    table = text[text.index("The 3 best of the run, on these seeds:") :].splitlines()
     assert "generation  candidate  during evolution  held-out  95 % interval" in table[1]
     values = json.loads(program("runs", "show", "run", "--json").stdout)["validation"]["candidates"]
     for line, one in zip(table[2:5], values, strict=True):

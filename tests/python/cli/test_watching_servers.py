@@ -65,6 +65,15 @@ def test_the_headline_says_what_matters_most() -> None:
     assert headline(View([], [alone], None), "b")[0] == "ada: no server for 3.0 s (none)"
 
 
+def test_a_server_that_is_reserved_for_a_tool_that_was_killed(capsys: pytest.CaptureFixture[str]) -> None:
+    held = ServerRow(4, "busy", ["minisim"], "ada")
+    view = View([held], [], None, held)
+    words = "server 4 is reserved for ada, which has ended, or sends no status"
+    assert headline(view, "b")[0].startswith(words)
+    Lines(Output(), "b").show(view)
+    assert words in capsys.readouterr().out
+
+
 def test_lines_are_printed_for_what_has_changed(capsys: pytest.CaptureFixture[str]) -> None:
     lines = Lines(Output(), "mqtt://x:1")
 

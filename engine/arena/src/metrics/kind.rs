@@ -190,7 +190,7 @@ pub(in super::super) struct Formation {
     /// Whether it stands where its coordinates say; else around the center of the robots.
     #[serde(default)]
     pub(super) fixed: bool,
-    /// Whether it may be turned: the direction with the least deviation counts, of 36.
+    /// Whether it may be turned: the direction with the least deviation counts.
     #[serde(default)]
     pub(super) turned: bool,
 }

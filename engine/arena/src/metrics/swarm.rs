@@ -12,8 +12,10 @@ use super::shapes::on_circle;
 const SQUARE: f64 = 0.05;
 /// Most squares; larger ones are taken in larger arenas.
 const MOST_SQUARES: f64 = 100_000.0;
-/// Directions in which a formation is tried.
+/// Directions in which a formation is tried ...
 const DIRECTIONS: u32 = 36;
+/// ... and how often the angle between the best one and its neighbours is halved then: to 0.04 degrees.
+const HALVINGS: i32 = 8;
 
 /// A robot.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -384,14 +386,11 @@ fn deviation(robots: &[State], shape: &Formation, targets: &mut Vec<[f64; 2]>) -
     }
     // Turned around the middle of the formation.
     let pivot = sum(targets.iter().copied()).map(|total| total / points);
-    let directions = if shape.turned { DIRECTIONS } else { 1 };
-    let mut least = f64::INFINITY;
-    for direction in 0..directions {
-        let [cos, sin] = if direction == 0 {
+    let turned = |part: f64| {
+        let [cos, sin] = if part == 0.0 {
             [1.0, 0.0]
         } else {
-            let part = f64::from(direction) / f64::from(directions);
-            on_circle([0.0; 2], 1.0, (0.5 + part).fract())
+            on_circle([0.0; 2], 1.0, (1.5 + part).fract())
         };
         let moved = |point: &[f64; 2]| {
             let (dx, dy) = (point[0] - pivot[0], point[1] - pivot[1]);
@@ -412,7 +411,28 @@ fn deviation(robots: &[State], shape: &Formation, targets: &mut Vec<[f64; 2]>) -
             sum += least.sqrt();
         }
         let back: f64 = nearest.iter().map(|square| square.sqrt()).sum();
-        least = least.min((sum / points + back / count) / 2.0);
+        (sum / points + back / count) / 2.0
+    };
+    let mut least = turned(0.0);
+    if !shape.turned {
+        return least;
+    }
+    let mut best = 0.0;
+    let mut attempt = |part: f64, best: &mut f64| {
+        let value = turned(part);
+        if value < least {
+            (least, *best) = (value, part);
+        }
+    };
+    let step = 1.0 / f64::from(DIRECTIONS);
+    for direction in 1..DIRECTIONS {
+        attempt(f64::from(direction) * step, &mut best);
+    }
+    for halving in 1..=HALVINGS {
+        let nearer = step * 0.5_f64.powi(halving);
+        let middle = best;
+        attempt(middle - nearer, &mut best);
+        attempt(middle + nearer, &mut best);
     }
     least
 }

@@ -197,7 +197,11 @@ impl Pump {
     }
 
     fn publish(&self, connection: &mut Connection, topic: &str, payload: &[u8]) {
-        let options = PublishOptions::default();
+        let options = PublishOptions {
+            // Of a second copy, a server would take the next step.
+            confirm: topic != self.topics.name(Topic::Actuator),
+            ..PublishOptions::default()
+        };
         if let Err(TooLarge { bytes, most }) = connection.publish_with(topic, payload, &options) {
             self.tell(News::Unsent(format!(
                 "{topic}: a message of {bytes} bytes is larger than the {most} that the broker at {} takes",
@@ -215,6 +219,7 @@ impl Pump {
         match event {
             Event::Connected => {}
             Event::Disconnected { reason, .. } => self.tell(News::Disconnected(reason)),
+            Event::Denied { message, .. } => self.tell(News::Unsent(message)),
             Event::Message(message) => {
                 let Some(topic) = self.topics.parse(message.topic()) else {
                     return;

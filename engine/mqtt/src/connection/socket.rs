@@ -162,20 +162,33 @@ impl Connection {
         };
         self.traffic.received_bytes += count as u64;
         link.unacknowledged = true;
-        let before = events.len();
         link.readable =
             count == self.chunk.len() || link.closing || !link.transport.short_read_is_all();
         let mut closed = None;
+        let traffic = &mut self.traffic;
+        let settings = &self.settings;
         link.session.receive(
             &self.chunk[..count],
             &mut self.out,
             &mut |received| match received {
-                Received::Publish(message) => events.push(Event::Message(message)),
+                Received::Publish(message) => {
+                    traffic.received_messages += 1;
+                    events.push(Event::Message(message));
+                }
+                Received::Denied(topic, reason) => {
+                    let error = ConnectError::Unpublishable {
+                        url: settings.url.to_string(),
+                        who: settings.who(),
+                        topic: topic.clone(),
+                        reason,
+                    };
+                    let message = error.to_string();
+                    events.push(Event::Denied { topic, message });
+                }
                 Received::Closed(reason) | Received::Refused(reason, _) => closed = Some(reason),
                 Received::Accepted | Received::Subscribed(_) => {}
             },
         );
-        self.traffic.received_messages += (events.len() - before) as u64;
         if let Some(reason) = closed {
             self.broke(reason, events);
         }

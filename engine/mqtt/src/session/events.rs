@@ -8,7 +8,7 @@ use mqtt_protocol_core::mqtt::prelude::*;
 use mqtt_protocol_core::mqtt::result_code::{ConnectReasonCode, ConnectReturnCode};
 
 use super::messages::Publish;
-use super::{Granted, Incoming, QoS, Received, Session};
+use super::{Granted, Incoming, MOST_AWAITED, QoS, Received, Session};
 use crate::dialect::Remedy;
 
 impl Session {
@@ -92,6 +92,18 @@ impl Session {
                             .collect(),
                     ));
                 }
+                Packet::V5_0Puback(puback) => {
+                    let topic = self.acknowledged(puback.packet_id());
+                    if let Some(topic) = topic
+                        && let Some(code) = puback.reason_code()
+                        && code.is_failure()
+                    {
+                        received(Received::Denied(topic.into(), code.to_string()));
+                    }
+                }
+                Packet::V3_1_1Puback(puback) => {
+                    self.acknowledged(puback.packet_id());
+                }
                 Packet::V5_0Disconnect(disconnect) => {
                     self.over = true;
                     received(Received::Closed(disconnect.reason_code().map_or_else(
@@ -113,12 +125,22 @@ impl Session {
         }
     }
 
+    /// The topic of a message that the broker has acknowledged.
+    fn acknowledged(&mut self, id: u16) -> Option<Box<str>> {
+        let place = self.unacknowledged.iter().position(|(one, _)| *one == id)?;
+        Some(self.unacknowledged.swap_remove(place).1)
+    }
+
     /// Adopts the limits that the broker announces.
     fn limit(&mut self, properties: &[Property]) {
         for property in properties {
             match property {
                 Property::MaximumPacketSize(size) => {
                     self.largest = usize::try_from(size.val()).unwrap_or(usize::MAX);
+                }
+                // Half of it is left for messages that have to be acknowledged.
+                Property::ReceiveMaximum(most) => {
+                    self.awaited = MOST_AWAITED.min(usize::from(most.val()) / 2);
                 }
                 Property::MaximumQos(most) if most.val() == 0 => self.most = QoS::AtMostOnce,
                 Property::RetainAvailable(retains) => self.retains = retains.val() == 1,

@@ -101,6 +101,8 @@ pub(crate) enum Received {
     /// Subscribed, or not: one answer per filter.
     Subscribed(Vec<Granted>),
     Publish(Incoming),
+    /// It does not distribute messages on this topic, for this reason.
+    Denied(String, String),
     /// The connection is over.
     Closed(String),
 }

@@ -41,7 +41,7 @@ impl Session {
                         &will.topic,
                         will.payload.clone(),
                         dialect.will_qos.into(),
-                        dialect.will_retained,
+                        will.retain && dialect.will_retained,
                     )?;
                 }
                 builder
@@ -146,7 +146,9 @@ impl Session {
             }
             Version::V3 => publish!(v3_1_1).build()?.into(),
         };
-        self.send(packet, out)
+        self.send(packet, out)?;
+        self.unacknowledged.extend(id.map(|id| (id, topic.into())));
+        Ok(())
     }
 
     pub fn disconnect(&mut self, out: &mut Vec<u8>) -> Result<(), MqttError> {

@@ -149,6 +149,52 @@ fn a_message_larger_than_the_broker_takes_is_refused() {
 }
 
 #[test]
+fn a_broker_that_denies_a_topic_is_heard() {
+    let mut session = accepted(Version::V5, &[]);
+    let mut out = Vec::new();
+    let mut send = |session: &mut Session, topic: &str| {
+        out.clear();
+        session
+            .publish(topic, b"", &PublishOptions::CONFIRMED, &mut out)
+            .unwrap();
+        (
+            out[0] >> 1 & 3,
+            out.get(3 + topic.len() + 1..).map(<[u8]>::to_vec),
+        )
+    };
+    // The first on each topic has QoS 1.
+    let (qos, id) = send(&mut session, "a");
+    assert_eq!(qos, 1);
+    assert_eq!(send(&mut session, "b").0, 1);
+    assert_eq!(send(&mut session, "a").0, 0);
+    let id = id.unwrap();
+    let mut answers = Vec::new();
+    let puback = [0x40, 4, id[0], id[1], 0x87, 0];
+    session.receive(&puback, &mut Vec::new(), &mut |it| answers.push(it));
+    assert!(
+        matches!(&answers[..], [Received::Denied(topic, _)] if topic == "a"),
+        "{answers:?}"
+    );
+}
+
+#[test]
+fn no_more_answers_are_awaited_than_the_broker_gives_at_the_same_time() {
+    for (most, expected) in [(1, 0), (6, 3), (1000, MOST_AWAITED)] {
+        // Property 33, receive maximum.
+        let [high, low] = u16::to_be_bytes(most);
+        let mut session = accepted(Version::V5, &[33, high, low]);
+        let mut out = Vec::new();
+        for topic in 0..100 {
+            let topic = format!("topic/{topic}");
+            session
+                .publish(&topic, b"", &PublishOptions::CONFIRMED, &mut out)
+                .unwrap();
+        }
+        assert_eq!(session.unacknowledged.len(), expected);
+    }
+}
+
+#[test]
 fn what_is_malformed_ends_the_connection_and_nothing_after_it_counts() {
     let plain = [0x30, 4, 0, 1, b't', 0];
     for version in VERSIONS {

@@ -42,6 +42,9 @@ pub enum PoolError {
         /// From when to when it was not reachable, in words.
         outages: String,
     },
+    /// The broker does not let this tool look for servers.
+    #[error("{0}")]
+    Denied(String),
     /// The servers do not say how many sensors and actuators there are.
     #[error(
         "the servers do not announce their numbers of sensors and actuators; add `sensors:` and `actuators:` to the experiment"

@@ -213,7 +213,11 @@ impl SceneEpisode {
         } else {
             self.topics.name(topic)
         };
-        let options = PublishOptions::default();
+        let options = PublishOptions {
+            // Of a second copy, the server would take the next step.
+            confirm: topic != Topic::Actuator,
+            ..PublishOptions::default()
+        };
         let sent = self.connection.publish_with(&name, payload, &options);
         sent.map_err(|TooLarge { bytes, most }| {
             Impossible(format!(

@@ -63,6 +63,7 @@ impl Watcher {
         let message = match event {
             Event::Connected => return Some(News::Broker(Ok(()))),
             Event::Disconnected { reason, .. } => return Some(News::Broker(Err(reason.clone()))),
+            Event::Denied { .. } => return None,
             Event::Message(message) => message,
         };
         let topic = self.topics.parse(message.topic())?;

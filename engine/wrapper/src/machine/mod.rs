@@ -96,6 +96,8 @@ pub struct Machine {
     /// Whether no other server can have this id.
     alone: bool,
     turns: Turns,
+    /// Episodes and batches that were stepped to their end since this was asked.
+    stepped: usize,
     actions: Vec<Action>,
 }
 
@@ -131,6 +133,7 @@ impl Machine {
             leaving: None,
             alone: false,
             turns: Turns::default(),
+            stepped: 0,
             actions: Vec::new(),
         }
     }

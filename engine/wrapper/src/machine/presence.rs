@@ -47,6 +47,30 @@ impl Machine {
         matches!(self.state, State::Free)
     }
 
+    /// Whether episodes are stepped.
+    #[must_use]
+    pub fn is_stepping(&self) -> bool {
+        matches!(
+            self.state,
+            State::Configured { .. } | State::Running(_) | State::Stepping(_)
+        )
+    }
+
+    /// How many episodes and batches were stepped to their end since the last call.
+    pub fn take_stepped(&mut self) -> usize {
+        std::mem::take(&mut self.stepped)
+    }
+
+    /// Whether a message on a topic may have an episode begun or stepped.
+    #[must_use]
+    pub fn may_step(&self, topic: &str) -> bool {
+        !matches!(self.state, State::Working(_))
+            && matches!(
+                self.topics.parse(topic),
+                Some(Topic::Control | Topic::Parameters | Topic::Actuator | Topic::ToServer)
+            )
+    }
+
     /// The optimization tool that has the server, if it gave its name.
     #[must_use]
     pub fn holder(&self) -> Option<String> {

@@ -121,6 +121,7 @@ impl Machine {
     /// A run is over: its tool, if it gave its name, keeps the server for the next one, unless it is another one's turn.
     /// A tool without a name keeps it for as long as its turn lasts, where it had to wait for that.
     pub(super) fn leave(&mut self, now: Instant) {
+        self.stepped += usize::from(self.is_stepping());
         if let Some(next) = self.turns.next(now) {
             return self.hand_over(next, now);
         }

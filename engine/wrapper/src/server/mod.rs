@@ -126,6 +126,10 @@ pub struct SimulationServer {
     evaluator: Evaluator,
     /// A job whose turn has not come.
     pending: Option<Job>,
+    /// Where progress is written.
+    progress: Option<Arc<Progress>>,
+    /// Whether it says that episodes are stepped.
+    is_marked: bool,
     /// Whether it was said that the server is ready.
     ready: bool,
     /// Another server has the id: this one has left.
@@ -177,6 +181,7 @@ impl SimulationServer {
             topic: topics.presence(options.id),
             payload: last_words(machine.presence(State::Lost, stamp())),
             expiry: LOST_EXPIRY,
+            retain: true,
         });
         let at = |topic, qos| Subscription {
             filter: topics.name(topic),
@@ -218,8 +223,14 @@ impl SimulationServer {
         machine.publish_presence(stamp());
         let mut server = Self {
             machine,
-            evaluator: Evaluator::new(options.threads, options.progress, connection.waker()),
+            evaluator: Evaluator::new(
+                options.threads,
+                options.progress.clone(),
+                connection.waker(),
+            ),
             pending: None,
+            progress: options.progress,
+            is_marked: false,
             ready: false,
             warning,
             connection: KeepAlive::new(connection, keep_alive),
@@ -316,6 +327,13 @@ impl SimulationServer {
         for event in self.events.drain(..) {
             match event {
                 Event::Message(message) => {
+                    if let Some(progress) = &self.progress
+                        && !self.is_marked
+                        && self.machine.may_step(message.topic())
+                    {
+                        progress.stepping();
+                        self.is_marked = true;
+                    }
                     self.machine.receive(
                         message.topic(),
                         message.payload(),
@@ -327,6 +345,7 @@ impl SimulationServer {
                 Event::Disconnected { reason, unread } => {
                     self.machine.disconnected(&lost(reason, unread), now);
                 }
+                Event::Denied { message, .. } => on_notice(&Notice::Warning(message)),
             }
         }
         if let Some(done) = self.evaluator.finished() {
@@ -336,8 +355,21 @@ impl SimulationServer {
             self.machine.tick(now, stamp);
         }
         self.act(on_notice);
+        self.unmark();
         self.machine.computed(now, Instant::now());
         self.compute(on_notice);
+    }
+
+    /// What was stepped has ended.
+    fn unmark(&mut self) {
+        if let Some(progress) = &self.progress
+            && self.is_marked
+            && !self.machine.is_stepping()
+        {
+            progress.ended(self.machine.take_stepped());
+            progress.idle();
+            self.is_marked = false;
+        }
     }
 
     /// Computes jobs, short ones for a short time: then answers go out and others are heard.
@@ -380,7 +412,11 @@ impl SimulationServer {
                 }
                 Action::Publish(topic, payload) => {
                     let name = self.topics.name(topic);
-                    let options = PublishOptions::default();
+                    let options = PublishOptions {
+                        // A second copy would be taken for the next step's.
+                        confirm: topic != Topic::Sensor,
+                        ..PublishOptions::default()
+                    };
                     let sent = connection.publish_with(&name, &payload, &options);
                     unsent = unsent.or(sent.err().map(|error| (topic, error)));
                 }
@@ -393,6 +429,7 @@ impl SimulationServer {
                     let options = PublishOptions {
                         content_type: Some(MEDIA_TYPE),
                         correlation: correlation.as_ref().map(<[u8; 8]>::as_slice),
+                        confirm: true,
                         ..PublishOptions::default()
                     };
                     let topic = self.topics.under(&topic);

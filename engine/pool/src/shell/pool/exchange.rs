@@ -2,7 +2,9 @@
 
 use std::time::{Duration, Instant, SystemTime};
 
-use swarmwright_mqtt::{Event, PublishOptions, QoS, TooLarge};
+use swarmwright_mqtt::{Event, PublishOptions, TooLarge};
+
+use swarmwright_protocol::Topic;
 
 use super::Pool;
 use crate::scheduler::Action;
@@ -80,6 +82,7 @@ impl Pool {
         if let Some(unread) = self.events.iter().find_map(unread) {
             self.suspect(unread, now);
         }
+        let mut denied = Vec::new();
         for event in self.events.drain(..) {
             match event {
                 Event::Message(message) => {
@@ -107,7 +110,11 @@ impl Pool {
                         .push(format!("lost the broker ({reason}); trying again"));
                     self.scheduler.disconnected(now);
                 }
+                Event::Denied { topic, message } => denied.push((topic, message)),
             }
+        }
+        for (topic, message) in denied {
+            self.is_denied(&topic, message);
         }
         came
     }
@@ -118,22 +125,18 @@ impl Pool {
         for action in self.scheduler.actions() {
             match action {
                 Action::Publish(topic, payload) => {
-                    self.connection.publish(
-                        &self.topics.name(topic),
-                        &payload,
-                        QoS::AtMostOnce,
-                        false,
-                        None,
-                    );
+                    let options = PublishOptions {
+                        // Of a second copy, a server would take the next step.
+                        confirm: topic != Topic::Actuator,
+                        ..PublishOptions::default()
+                    };
+                    let name = self.topics.name(topic);
+                    self.connection.publish_logged(&name, &payload, &options);
                 }
                 Action::Control { server, payload } => {
-                    self.connection.publish(
-                        &self.topics.to_server(server),
-                        &payload,
-                        QoS::AtMostOnce,
-                        false,
-                        None,
-                    );
+                    let name = self.topics.to_server(server);
+                    self.connection
+                        .publish_logged(&name, &payload, &PublishOptions::CONFIRMED);
                 }
                 Action::Request {
                     server,
@@ -144,7 +147,7 @@ impl Pool {
                         content_type: Some("application/msgpack"),
                         response_topic: Some(&self.reply),
                         correlation: Some(&request.to_be_bytes()),
-                        ..PublishOptions::default()
+                        ..PublishOptions::CONFIRMED
                     };
                     let topic = self.topics.to_server(server);
                     sent.push(request);

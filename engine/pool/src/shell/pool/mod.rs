@@ -6,8 +6,8 @@ mod telling;
 
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
-use swarmwright_mqtt::{Connection, Event, QoS, Subscription, Waker};
-use swarmwright_protocol::{Topic, Topics};
+use swarmwright_mqtt::{Connection, Event, QoS, Subscription, Waker, Will};
+use swarmwright_protocol::{Activity, Status, Topic, Topics};
 
 use crate::config::Config;
 use crate::counts::Counts;
@@ -25,6 +25,9 @@ use crate::shell::supervision::Supervision;
 
 /// How often the caller is asked whether to go on.
 const PROGRESS_INTERVAL: Duration = Duration::from_millis(100);
+
+/// How long the broker keeps the last will for a watcher that is away, seconds.
+const WILL_EXPIRY: u32 = 60;
 
 /// How often it is told how many warnings were like those before.
 const REPEATS_INTERVAL: Duration = Duration::from_secs(10);
@@ -45,6 +48,8 @@ pub struct Pool {
     /// Bytes of the largest packet that the broker has read of this connection.
     read: usize,
     ended_at_once: u32,
+    /// Why the broker does not let this tool look for servers, in words.
+    denied: Option<String>,
     /// When the scheduler needs a tick, as it said when it was asked last, and when to ask again.
     tick_at: Instant,
     ask_at: Instant,
@@ -92,23 +97,33 @@ impl Pool {
                 qos: QoS::AtLeastOnce,
             },
         ];
-        let connection = Connection::open(options.settings.clone(), subscriptions)?;
+        let host = gethostname::gethostname().to_string_lossy().into_owned();
+        let tool = format!(
+            "{}@{host}/{}/{:04x}",
+            options.tool,
+            std::process::id(),
+            fastrand::u16(..)
+        );
+        let mut last = Status::new(tool.clone(), demand.simulation.clone());
+        last.state = Activity::Left;
+        let mut settings = options.settings.clone();
+        settings.will = Some(Will {
+            topic: topics.status(&token),
+            payload: last.encode(),
+            expiry: WILL_EXPIRY,
+            retain: false,
+        });
+        let connection = Connection::open(settings, subscriptions)?;
         let probation = if options.alone {
             Duration::ZERO
         } else {
             PROBATION
         };
-        let host = gethostname::gethostname().to_string_lossy().into_owned();
         let config = Config {
             demand,
             token: token.clone(),
             parameters: options.parameters,
-            tool: format!(
-                "{}@{host}/{}/{:04x}",
-                options.tool,
-                std::process::id(),
-                fastrand::u16(..)
-            ),
+            tool,
             topics: topics.clone(),
             visual: options.visual,
             timeouts: options.timeouts.clone(),
@@ -137,6 +152,7 @@ impl Pool {
             told_at: None,
             read: 0,
             ended_at_once: 0,
+            denied: None,
             tick_at: now,
             ask_at: now,
             count_at: now + REPEATS_INTERVAL,
@@ -157,7 +173,7 @@ impl Pool {
     /// hears of it and may stop the wait.
     ///
     /// # Errors
-    /// No server fits within the discovery time-out; the servers do not announce sizes; stopped.
+    /// No server fits within the discovery time-out; the broker denies the search; the servers do not announce sizes; stopped.
     pub fn wait_for_server(
         &mut self,
         needed: bool,
@@ -169,6 +185,9 @@ impl Pool {
         let mut told = false;
         loop {
             self.poll(Instant::now() + PROGRESS_INTERVAL);
+            if let Some(reason) = self.denied.take() {
+                return Err(PoolError::Denied(reason));
+            }
             if self.scheduler.has_server() {
                 // Another server with the same id would answer now, and then neither is used.
                 let settled = Instant::now() + self.probation;

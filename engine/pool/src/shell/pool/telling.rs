@@ -2,8 +2,8 @@
 
 use std::time::{Duration, Instant};
 
-use swarmwright_mqtt::QoS;
-use swarmwright_protocol::{Activity, Status};
+use swarmwright_mqtt::PublishOptions;
+use swarmwright_protocol::{Activity, Status, Topic};
 
 use super::{Pool, REPEATS_INTERVAL};
 use crate::shell::report::Report;
@@ -42,8 +42,11 @@ impl Pool {
         });
         if self.ended_at_once < CONFIRMATIONS {
             self.told_at = Some(now);
-            self.connection
-                .publish(&self.status, &status.encode(), QoS::AtMostOnce, false, None);
+            self.connection.publish_logged(
+                &self.status,
+                &status.encode(),
+                &PublishOptions::CONFIRMED,
+            );
         }
     }
 
@@ -58,6 +61,20 @@ impl Pool {
         self.count_at = now + REPEATS_INTERVAL;
         for text in self.scheduler.take_repeated() {
             self.warn(text);
+        }
+    }
+
+    /// The broker does not distribute what this tool publishes on a topic.
+    pub(super) fn is_denied(&mut self, topic: &str, message: String) {
+        if topic == self.topics.name(Topic::Discovery) {
+            self.denied = Some(message);
+        } else if topic == self.status {
+            self.ended_at_once = CONFIRMATIONS;
+            self.warn(format!(
+                "{message}; until then monitors of servers and tools do not see this tool"
+            ));
+        } else {
+            self.warn(message);
         }
     }
 

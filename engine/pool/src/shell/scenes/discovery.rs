@@ -89,6 +89,7 @@ impl SceneEpisode {
                     }
                 }
                 Event::Disconnected { reason, .. } => return Err(self.broken(&reason)),
+                Event::Denied { message, .. } => return Err(Impossible(message)),
                 Event::Message(_) | Event::Connected => {}
             }
         }
