@@ -233,6 +233,16 @@ def _definitions(groups: Sequence[Group], *, held_out: bool) -> Iterator[str]:
             f"the best recorded fitness is made of different episodes ({'; '.join(sorted(made))}), and the "
             "fewer they are, the more it is too high; --held-out compares fitness on held-out seeds"
         )
+    elif any(_lucky(run) for one in groups for run in one.runs):
+        yield (
+            "the best recorded fitness is too high where fitness depends on the seed, most of all with "
+            "new seeds in each generation; --held-out compares fitness on held-out seeds"
+        )
+
+
+def _lucky(run: Run) -> bool:
+    """Return whether the best of a run may owe its recorded fitness to its seeds."""
+    return run.experiment.ranking.seeds == "new" or run.unseen is not None
 
 
 def _recorded(run: Run) -> str:
@@ -275,7 +285,12 @@ def _cautions(groups: Sequence[Group], at: int | None, *, held_out: bool) -> lis
         found.append(
             "fitness that different code computed is compared: `swarmwright runs show` names the files"
         )
-    interrupted = [str(run.path) for one in groups for run in one.runs if run.interrupted]
-    if interrupted:
-        found.append(f"ended early: {', '.join(interrupted)}")
+    interrupted = [run for one in groups for run in one.runs if run.interrupted]
+    running = [run for run in interrupted if run.state == "running"]
+    for words, some in (
+        ("still running", running),
+        ("ended early", [run for run in interrupted if run not in running]),
+    ):
+        if some:
+            found.append(f"{words}: {', '.join(str(run.path) for run in some)}")
     return found

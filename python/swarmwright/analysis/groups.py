@@ -57,7 +57,7 @@ def group(runs: Sequence[Run], *, besides: Collection[str] = ()) -> tuple[list[R
         found.setdefault(json.dumps(differs, sort_keys=True, default=str), (differs, []))[1].append(run)
     groups = [RunGroup(label_of(differs), differs, tuple(members)) for differs, members in found.values()]
     if len(groups) == 1:
-        groups = [RunGroup(_name(kept[0].experiment), {}, groups[0].runs)]
+        groups = [RunGroup(name_of(kept[0].experiment), {}, groups[0].runs)]
     return groups, notes
 
 
@@ -160,11 +160,12 @@ def label_of(differs: Mapping[str, Any]) -> str:
 
 
 def _shortest(key: str, differs: Mapping[str, Any]) -> str:
-    """Return the last part of a key, unless another one ends alike."""
+    """Return the last part of a key, unless another one ends alike: runs themselves have a seed."""
     last = key.rpartition(".")[2]
-    return last if sum(other.rpartition(".")[2] == last for other in differs) == 1 else key
+    return last if last != "seed" and sum(other.rpartition(".")[2] == last for other in differs) == 1 else key
 
 
-def _name(experiment: Experiment) -> str:
+def name_of(experiment: Experiment) -> str:
+    """Return what a single group is called: simulation and method."""
     method: str = experiment.method.kind  # type: ignore[attr-defined] # every kind's options have it
     return f"{experiment.label}, {method}"

@@ -8,13 +8,17 @@
 
 `sensors` has a row for each agent. `acting` beside it lists the agents whose actuators are wanted next, by
 default all; rows of `actuators` of others are 0. `{"error": "why"}` fails the episode. At the end of its
-standard input the command is to end. Lines that do not begin with { are output like any other.
+standard input the command is to end. Lines that do not begin with { are output like any other. A second
+answer to a message fails the episode, as it would be taken for that to the next one; where the end of an
+episode is said twice, the process is ended, with a warning.
 """
 
 import contextlib
 import json
+import logging
 import os
 import select
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,6 +32,14 @@ from swarmwright.commands.running import Limits, Watch, check_end
 _PIECE = 1 << 16
 _LONGEST = 1 << 26
 _ENCODER = json.JSONEncoder(separators=(",", ":"))
+_log = logging.getLogger("swarmwright")
+_SURPLUS = 0.1
+"""Seconds in which the answer to a reset comes that seems to be the end of the episode before."""
+_PART, _LONGEST_LOOK, _LOOK_AT_END = 0.02, 0.002, 0.0003
+"""Share of a step's time, and seconds at most, in which a second answer is looked for; and seconds at the end
+of an episode at least."""
+_TRIED = 3
+"""Episodes of a process in which this is looked at closely, where it ends all of them at once."""
 _GOODBYE = 2.0
 """Seconds that a process has to end when its standard input is closed."""
 
@@ -61,6 +73,9 @@ class Dialogue:
         self._episodes = 0
         self._rest = bytearray()
         self._searched = 0
+        self._warned = False
+        self._at_once = False
+        """Whether the last episode ended with the answer to its reset."""
         self.printed = Printed(0)
 
     def reset(self, parameters: Mapping[str, Any], seed: int) -> dict[str, Any]:
@@ -73,13 +88,25 @@ class Dialogue:
             self._has_ended() or (self._recycle and self._episodes >= self._recycle)
         ):
             self.close()
+        if self._pipes is not None and self._has_surplus():
+            self._end_for_surplus()
         fresh = self._pipes is None
         if fresh:
             self._begin()
         self._watch.begin_again()
         self._episodes += 1
         try:
-            return self.ask(message)
+            answer = self.ask(message)
+            if fresh or answer.get("done") is not True:
+                self._at_once = answer.get("done") is True
+                return answer
+            # Where the episodes before ended at once, too, it has nothing to do with them.
+            wait = not self._at_once or self._warned or self._episodes <= _TRIED
+            self._at_once = True
+            if not self._has_surplus(_SURPLUS if wait else 0.0):
+                return answer
+            # What came is the end of the episode before, said twice.
+            self._end_for_surplus()
         except CommandFailure:
             # A process may end after an episode, which is seen here when it does so slowly.
             if fresh or self._ended is None or self._ended.status:
@@ -91,11 +118,63 @@ class Dialogue:
         """Send a message and return the answer."""
         try:
             assert self._pipes is not None
+            if self._has_surplus():
+                raise CommandFailure(f"answered a message twice: {self._surplus()}")
+            began = time.monotonic()
             self._write(f"{_ENCODER.encode(message)}\n".encode())
-            return self._checked(self._line())
+            answer = self._checked(self._line())
+            # A second answer comes right after the first one. The wait is to be short beside the step.
+            patience = min((time.monotonic() - began) * _PART, _LONGEST_LOOK)
+            is_end = answer.get("done") is True
+            if is_end:
+                patience = max(patience, _LOOK_AT_END)
+            if self._warned:
+                patience = _LONGEST_LOOK
+            surplus = "reset" not in message and self._has_surplus(patience)
+            # An end that is said twice changes nothing; its process is ended before the next episode.
+            if surplus and not (is_end and b'"done"' in self._rest.split(b"\n")[0]):
+                self._warned = True
+                raise CommandFailure(f"answered a message twice: {self._surplus()}")
+            return answer
         except BaseException as error:
             self.abandon(0.0 if not isinstance(error, CommandFailure) else 0.5)
             raise
+
+    def _has_surplus(self, patience: float = 0.0) -> bool:
+        """Whether there is an answer although nothing was asked."""
+        assert self._pipes is not None
+        deadline = time.monotonic() + patience
+        while True:
+            while (line := self._next_line()) is not None:
+                if line.lstrip().startswith(b"{"):
+                    self._rest[:0] = line
+                    return True
+                self.printed.take(line)
+            if self._rest.lstrip().startswith(b"{"):
+                return True
+            if self._ended is not None:
+                return False
+            left = max(deadline - time.monotonic(), 0.0)
+            if not select.select([self._pipes[1]], [], [], left)[0]:
+                return False
+            data = os.read(self._pipes[1], _PIECE)
+            self._rest += data
+            if not data:
+                return False
+
+    def _surplus(self) -> str:
+        return self._rest[:60].split(b"\n")[0].decode("utf-8", "replace")
+
+    def _end_for_surplus(self) -> None:
+        """End a process whose next answers would be those to earlier messages."""
+        if not self._warned:
+            self._warned = True
+            _log.warning(
+                "the command answered again after the end of an episode (%s); it is started anew for each "
+                "further episode where it does so",
+                self._surplus(),
+            )
+        self.abandon()
 
     def _checked(self, line: bytes) -> dict[str, Any]:
         try:

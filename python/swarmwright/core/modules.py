@@ -290,8 +290,7 @@ def states_from(
                 raise InputError(f"states[{index}].name: {entry['name']!r} is given twice")
             names[entry["name"]] = index
     return tuple(
-        _state(entry, f"states[{index}]", names, most_transitions, catalogue)
-        for index, entry in enumerate(entries)
+        _state(entry, index, names, most_transitions, catalogue) for index, entry in enumerate(entries)
     )
 
 
@@ -329,14 +328,23 @@ def tree_mapping_of(subtrees: Sequence[State]) -> dict[str, Any]:
     return {"subtrees": entries}
 
 
+def _other_states(names: Mapping[Any, int], own: int) -> str:
+    """Say where a transition from this state may lead."""
+    others = [str(name) for name, number in names.items() if number != own]
+    if not others:
+        return "but the machine has one state only; add the state that the transition leads to"
+    return f"expected another state: {', '.join(others)}"
+
+
 def _state(
     entry: Any,  # noqa: ANN401 - a file's
-    where: str,
+    own: int,
     names: Mapping[Any, int],
     most: int,
     catalogue: Catalogue,
 ) -> State:
-    """Return a state; names: the numbers of all states by their names and numbers."""
+    """Return a state; own: its number; names: the numbers of all states by their names and numbers."""
+    where = f"states[{own}]"
     given = _keys(entry, where, None).get("behaviour")
     behaviour = _name(given, f"{where}.behaviour", catalogue.behaviours)
     known = _keys(entry, where, {"name", "behaviour", "transitions", *behaviour.parameters})
@@ -350,8 +358,7 @@ def _state(
         values = _keys(part, here, {"to", "condition", *condition.parameters})
         to = values.get("to")
         if not isinstance(to, int | str) or isinstance(to, bool) or to not in names:
-            shown = ", ".join(map(str, names))
-            raise InputError(f"{here}.to: {to!r} found, expected one of the states {shown}")
+            raise InputError(f"{here}.to: {to!r} found, {_other_states(names, own)}")
         transitions.append(Transition(names[to], condition.name, _values(values, condition, here)))
     return State(behaviour.name, parameters, tuple(transitions))
 

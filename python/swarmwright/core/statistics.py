@@ -1,6 +1,7 @@
 """Figures of a generation, computed the same way on every machine."""
 
 import math
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -60,8 +61,14 @@ def mean(values: Sequence[float]) -> float:
     """Return the mean of finite values, whose exact sum is rounded once; NaN of none."""
     try:
         return math.fsum(values) / len(values) if values else math.nan
-    except OverflowError:  # the sum is too large, the mean may not be
-        return math.fsum(value / len(values) for value in values)
+    except OverflowError:  # the sum is too large, the mean is not: penalties may be the largest number
+        scaled = math.fsum(value * _SMALLER for value in values) / len(values)
+        # Rounding may lead out of the values, whose largest may be the largest number.
+        return min(max(scaled, min(values) * _SMALLER), max(values) * _SMALLER) / _SMALLER
+
+
+_SMALLER = 2.0**-64
+"""A power of two, exact as a factor, with which sums of any values are finite."""
 
 
 def quantile(ordered: Sequence[float], share: float) -> float:
@@ -112,7 +119,9 @@ def estimate(values: Sequence[float]) -> Estimate:
             return Estimate(middle, None, None, None, None)
     error = deviation / math.sqrt(count)
     reach = student_t(count - 1) * error
-    return Estimate(middle, deviation, error, middle - reach, middle + reach)
+    # Fitness is finite, so an end that is too large for a number is the largest one.
+    low, high = max(middle - reach, -sys.float_info.max), min(middle + reach, sys.float_info.max)
+    return Estimate(middle, deviation, error, low, high)
 
 
 _Z = 1.959963984540054

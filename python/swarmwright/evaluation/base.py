@@ -214,6 +214,8 @@ def chosen(experiment: Experiment, servers: Servers | None) -> Chosen:
     if isinstance(servers, int) and servers > MOST_SERVERS:
         raise InputError(f"servers: must be at least 1 and at most {MOST_SERVERS}, not {servers}")
     given = experiment.servers if isinstance(experiment.servers, tuple) else ()
+    if isinstance(servers, str) and servers.isdecimal():
+        raise InputError(f"servers: is the text {servers!r}; write {int(servers)}, a number")
     if isinstance(servers, str) and servers not in WORDS:
         try:
             return of_text(servers, given)

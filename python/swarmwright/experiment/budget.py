@@ -2,12 +2,13 @@
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, Self
+from typing import TYPE_CHECKING, Literal, Self, get_args
 
 if TYPE_CHECKING:
     from swarmwright.methods import MethodOptions
 
 Limit = Literal["generations", "evaluations", "seconds"]
+LIMITS: tuple[Limit, ...] = get_args(Limit)
 Ended = Literal["generations", "evaluations", "seconds", "target"]
 """What ended a run that is done."""
 
@@ -56,6 +57,9 @@ class Budget:
         used = f"the next generation would not fit into {self.evaluations} evaluations"
         if self.evaluations is not None and evaluations >= self.evaluations:
             used = f"all {self.evaluations} evaluations are used"
+        if self.evaluations is not None and evaluations > self.evaluations:
+            # The first generation is evaluated in any case.
+            used = f"the first generation has used {evaluations} evaluations, more than {self.evaluations}"
         return {
             "generations": done,
             "evaluations": used,

@@ -16,7 +16,7 @@ from swarmwright.core.flatten import flat
 from swarmwright.core.html import facts
 from swarmwright.core.simulation_names import SimulationName, is_command
 from swarmwright.core.yaml import Source, dump, read
-from swarmwright.experiment.budget import Budget
+from swarmwright.experiment.budget import LIMITS, Budget
 from swarmwright.experiment.document import Faults, Requirements, Timeouts, Validate
 from swarmwright.experiment.fitness import FitnessExpression
 from swarmwright.experiment.fitting import check_fits
@@ -84,9 +84,9 @@ class Experiment:
             settings: what is set otherwise than in the file, `KEY.PATH=VALUE` each, as the option `--set`
                 takes it: the value is YAML, items of lists are named by their number (`parameters.agents.0`),
                 null takes a key back to its default. Another `kind` starts from that kind's defaults; a
-                method of another kind keeps the file's target and, unless the settings have another, its
-                budget: generations (not for racing), evaluations and seconds. Paths of files in them are
-                relative to the working directory.
+                method of another kind keeps the file's target and its limits: generations (not for racing),
+                evaluations and seconds. A limit that is set takes the place of all three of the file. Paths
+                of files in them are relative to the working directory.
 
         Raises InputError with every problem of the file and of the settings, a line each: `file.yaml:12:
         method.populaton: unknown key; did you mean 'population'?`.
@@ -107,7 +107,8 @@ class Experiment:
 
         Args:
             settings: what is set.
-            only: the keys that may be set, all if None.
+            only: the keys that may be set, all if None. With some keys it is a run that goes on, which keeps
+                the limits that are not set.
             reason: why no others, the end of a sentence.
             ask: whether a simulation that is named by its class may be imported.
 
@@ -118,7 +119,7 @@ class Experiment:
             restricted(parsed, only, reason)
         if not parsed:
             return self
-        source = apply(Source("", values=self.to_mapping()), parsed)
+        source = apply(Source("", values=self.to_mapping()), parsed, new_budget=only is None)
         if ask:
             check_fits(self, source)
         changed = self._checked(source, None, ask=ask)
@@ -249,8 +250,10 @@ class Experiment:
         """Return a copy with changed keys, checked like a file.
 
         Mappings are merged: `replace(method={"generations": 5})` keeps the other options of the method,
-        unless another `kind` is given, which starts from that kind's defaults. None takes a key back to its
-        default: `replace(broker=None, parameters={"agents": None})`.
+        unless another `kind` is given, which starts from that kind's defaults. A limit that is given
+        (generations, evaluations or seconds) takes the place of all three: `replace(method={"evaluations":
+        2000})` has no limit of generations. None takes a key back to its default: `replace(broker=None,
+        parameters={"agents": None})`.
         """
         values = self.to_mapping()
         if changes.get("simulation", self.simulation) != self.simulation:
@@ -259,6 +262,8 @@ class Experiment:
         for name, change in changes.items():
             old = values.get(name)
             if isinstance(old, dict) and isinstance(change, Mapping):
+                if name == "method" and any(change.get(limit) is not None for limit in LIMITS):
+                    old = {key: value for key, value in old.items() if key not in LIMITS}
                 starts_anew = "kind" in change and change["kind"] != old.get("kind")
                 merged = dict(change) if starts_anew else {**old, **change}
                 dropped = {key for key, value in change.items() if value is None}
@@ -396,11 +401,12 @@ class Experiment:
     def first_seed(self) -> int:
         """Simulation seed of episode 0.
 
-        `parameters.seed`, default 0. Raises InputError when it is not an integer.
+        `parameters.seed`, default 0. Raises InputError when it is not an integer from 0 to 2**62.
         """
         seed = self.parameters.get("seed", 0)
-        if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < 2**63:
-            raise InputError(f"parameters.seed: must be an integer from 0 to 2**63 - 1, not {seed!r}")
+        # The seeds of other episodes follow, and are below 2**63, too.
+        if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed <= 2**62:
+            raise InputError(f"parameters.seed: must be an integer from 0 to 2**62, not {seed!r}")
         return seed
 
 

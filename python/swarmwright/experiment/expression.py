@@ -39,7 +39,8 @@ def parse(text: str) -> ast.expr:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            return ast.parse(text.strip(), mode="eval").body
+            # A text of several lines, as YAML has them with "|", is one expression.
+            return ast.parse(text.strip().replace("\n", " "), mode="eval").body
     except SyntaxError as error:
         message = str(error.msg).split(". Perhaps")[0]
         place = f" (column {error.offset})" if error.offset else ""

@@ -24,10 +24,10 @@ def resolve(
     report: Callable[[yaml.Path_, str], None],
     *,
     ask: bool = True,
-) -> tuple[dict[str, Any], dict[str, yaml.Source]]:
+) -> tuple[dict[str, Any], dict[yaml.Path_, yaml.Source]]:
     """Return the parameters with files read: text in the place of an object is the path of a file with it.
 
-    Also returns the files by the parameter that they stand for.
+    Also returns the files by the place of what they stand for, from the parameter's name on.
 
     Where a parameter may be a name, too, only text that ends in .yaml, .yml or .json is a path; so do files
     of robots in missions and in lists of kinds, whose paths are relative to the file that names them.
@@ -40,7 +40,8 @@ def resolve(
         report: called with key and message for every file that cannot be read.
         ask: whether a class in Python may be imported.
     """
-    result, files = dict(parameters), {}
+    result = dict(parameters)
+    files: dict[yaml.Path_, yaml.Source] = {}
     for name, named in _objects(simulation, ask=ask):
         value = result.get(name)
         if not isinstance(value, str):
@@ -49,8 +50,8 @@ def resolve(
         if named and path.suffix not in _FILES:
             continue
         try:
-            files[name] = _read(folder((name,)) / value)
-            result[name] = dict(files[name].values)
+            files[(name,)] = _read(folder((name,)) / value)
+            result[name] = dict(files[(name,)].values)
         except InputError as error:
             report((name,), str(error))
             del result[name]
@@ -58,9 +59,9 @@ def resolve(
     for name in lists:
         if name not in result:
             continue
-        own = files.get(name)
+        own = files.get((name,))
         result[name], wrong = _with_robots(
-            (name,), result[name], folder if own is None else partial(_beside, own)
+            (name,), result[name], folder if own is None else partial(_beside, own), files
         )
         for place, message in wrong:
             report(place, message)
@@ -77,13 +78,14 @@ def _with_robots(
     place: yaml.Path_,
     value: Any,  # noqa: ANN401 - any value of a file
     folder: Callable[[yaml.Path_], Path],
+    files: dict[yaml.Path_, yaml.Source],
 ) -> tuple[Any, list[tuple[yaml.Path_, str]]]:
     """Return a mission, or a list of kinds of robots, with robots in the place of files that they name.
 
-    Also returns what is wrong, key by key.
+    Also returns what is wrong, key by key. The files are added to `files`.
     """
     if isinstance(value, list):
-        found = [_with_robots((*place, index), kind, folder) for index, kind in enumerate(value)]
+        found = [_with_robots((*place, index), kind, folder, files) for index, kind in enumerate(value)]
         return [kind for kind, _ in found], [one for _, wrong in found for one in wrong]
     if not isinstance(value, Mapping):
         return value, []
@@ -91,11 +93,12 @@ def _with_robots(
     robot, at = result.get("robot"), (*place, "robot")
     if isinstance(robot, str) and Path(robot).suffix in _FILES:
         try:
-            result["robot"] = dict(_read(folder(at) / robot).values)
+            files[at] = _read(folder(at) / robot)
+            result["robot"] = dict(files[at].values)
         except InputError as error:
             wrong.append((at, str(error)))
     if "robots" in result:
-        result["robots"], others = _with_robots((*place, "robots"), result["robots"], folder)
+        result["robots"], others = _with_robots((*place, "robots"), result["robots"], folder, files)
         wrong += others
     return result, wrong
 

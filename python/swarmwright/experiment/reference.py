@@ -16,10 +16,10 @@ _INTRODUCTION = """\
 <!-- Made by `python -m swarmwright.experiment.reference`; change the descriptions in the code, not here. -->
 
 An experiment is one YAML 1.2 file: what is evolved, on which simulation, how, and where. Unknown keys, keys
-that occur twice and values of the wrong type are errors, reported with file and line, all at once. A
-commented file to start from comes from `swarmwright new minisim`, the JSON Schema for editors from
-`swarmwright schema`. For an editor with the YAML language server, write the schema to a file and begin the
-experiment with `# yaml-language-server: $schema=experiment.schema.json`.
+that occur twice and values of the wrong type are errors, reported with file and line, all at once (within a
+mission or a robot, one at a time). A commented file to start from comes from `swarmwright new minisim`, the
+JSON Schema for editors from `swarmwright schema`. For an editor with the YAML language server, write the
+schema to a file and begin the experiment with `# yaml-language-server: $schema=experiment.schema.json`.
 
 Only `simulation` is required.
 """

@@ -11,6 +11,7 @@ from swarmwright.core.arguments import text as argument
 from swarmwright.core.errors import InputError
 from swarmwright.core.problems import shown
 from swarmwright.core.yaml import Path_, Source, dotted_path, parse
+from swarmwright.experiment.budget import LIMITS
 from swarmwright.experiment.document import DEFAULT_KINDS
 from swarmwright.experiment.parameter_files import resolve
 from swarmwright.experiment.robots import mission_of, written_out
@@ -20,7 +21,6 @@ from swarmwright.simulations import catalogue
 _PART = re.compile(r'"(?P<quoted>[^"]+)"|(?P<plain>[^.\[\]"=]+)|\[(?P<index>\d+)\]')
 ANNOUNCED = ("sensors", "actuators", "requirements")
 """What another simulation announces differently."""
-_LIMITS = ("generations", "evaluations", "seconds")
 _HINT = "write KEY=VALUE, such as method.generations=50 or 'controller.hidden=[8, 4]'"
 
 
@@ -100,10 +100,15 @@ def refuse_seed(texts: Iterable[str]) -> None:
             raise InputError(f"{one.text}: has no effect here; the seed of episodes is the option --seed")
 
 
-def apply(source: Source, settings: Iterable[Setting]) -> Source:
+def apply(source: Source, settings: Iterable[Setting], *, new_budget: bool = True) -> Source:
     """Return what a file says with settings in the place of its own values; see `Experiment.load`.
 
     What cannot be set is noted among the source's problems.
+
+    Args:
+        source: what the file says.
+        settings: what is set.
+        new_budget: whether a limit that is set takes the place of all limits of the file.
     """
     ordered = sorted(settings, key=lambda setting: not setting.first)
     if not ordered or not isinstance(source.values, Mapping | None):
@@ -119,38 +124,50 @@ def apply(source: Source, settings: Iterable[Setting]) -> Source:
         list(source.problems),
         dict(source.options),
     )
+    if new_budget:
+        _drop_limits(changed, ordered)
     for setting in ordered:
         if setting.path[1:] == ("kind",) and setting.first:
-            _start_anew(changed, setting, ordered)
+            _start_anew(changed, setting)
         elif setting.first:
             _other_simulation(changed, setting)
         _assign(changed, setting)
     return changed
 
 
-def _start_anew(source: Source, setting: Setting, settings: Iterable[Setting]) -> None:
+def _drop_limits(source: Source, settings: Iterable[Setting]) -> None:
+    """Drop the limits of the file where settings have one, so that it means the same for any file."""
+    given = any(
+        one.path in [("method", name) for name in LIMITS] and one.value is not None for one in settings
+    )
+    method = source.values.get("method")
+    if given and isinstance(method, dict):
+        for name in LIMITS:
+            method.pop(name, None)
+            _forget(source, ("method", name))
+
+
+def _start_anew(source: Source, setting: Setting) -> None:
     """Drop the options of a section that gets another kind: they are another kind's. A budget is kept."""
     section = setting.path[0]
     new = setting.value or DEFAULT_KINDS[section]
     old = source.values.get(section)
     kind = old.get("kind", DEFAULT_KINDS[section]) if isinstance(old, Mapping) else DEFAULT_KINDS[section]
     if new != kind or not isinstance(old, Mapping):
-        names = _kept_limits(new, settings) if section == "method" and isinstance(old, Mapping) else []
+        names = _kept_limits(new) if section == "method" and isinstance(old, Mapping) else []
         kept = {name: old[name] for name in names if name in old}
         source.values[section] = kept
         _forget(source, (section,), but=[(section,), *((section, name) for name in kept)])
 
 
-def _kept_limits(kind: Any, settings: Iterable[Setting]) -> list[str]:  # noqa: ANN401 - any value of a file
+def _kept_limits(kind: Any) -> list[str]:  # noqa: ANN401 - any value of a file
     """Return the options that end a run with a method of another kind as with the file's."""
     try:
         race = METHODS.get(kind).by_instance if isinstance(kind, str) else False
     except InputError:  # is reported when the options are checked
         return []
-    if any(one.path[0] == "method" and one.path[1:] in [(name,) for name in _LIMITS] for one in settings):
-        return ["target"]  # another budget is given
     # A generation of a race is one instance, and their number no budget.
-    return ["target", *(name for name in _LIMITS if not (race and name == "generations"))]
+    return ["target", *(name for name in LIMITS if not (race and name == "generations"))]
 
 
 def _other_simulation(source: Source, setting: Setting) -> None:

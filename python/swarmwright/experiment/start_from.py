@@ -10,7 +10,7 @@ import numpy as np
 from swarmwright.core.errors import InputError
 from swarmwright.core.problems import shown
 from swarmwright.representations._base import Representation, shortest
-from swarmwright.representations.controller import Controller, controller_words
+from swarmwright.representations.controller import Controller, controller_words, genome_beside
 from swarmwright.store import StoreReader
 from swarmwright.store.folder import find_store
 from swarmwright.typing import Genomes
@@ -53,11 +53,10 @@ def _of_mapping(value: Mapping[str, Any], folder: Path) -> Entry:
 
 
 def _of_path(path: Path, name: str) -> Entry:
-    return (
-        _of_run(path, name, None, None)
-        if path.is_dir()
-        else entry_of(Controller.load(path).specification, name)
-    )
+    if path.is_dir():
+        return _of_run(path, name, None, None)
+    entry, genome = entry_of(Controller.load(path).specification, name), genome_beside(path)
+    return entry if genome is None else {**entry, "genome": genome}
 
 
 def _of_run(path: Path, name: str, candidate: int | None, generation: int | None) -> Entry:
@@ -107,9 +106,14 @@ def genomes_of(start_from: Sequence[Entry], representation: Representation) -> G
             )
         weights = representation.weights(genome[np.newaxis])[0]
         if weights.tobytes() != np.array(entry["weights"], dtype=np.float32).tobytes():
+            if "genome" not in entry:
+                raise InputError(
+                    f"{name}: holds what a genome of the kind {architecture['kind']} means and not the "
+                    "genome itself, so evolution cannot start from it; name the folder of its run"
+                )
             raise InputError(
                 f"{name}: its genes mean other values in this experiment, whose controller has other "
-                "options; take those that it was evolved with, and name its run folder rather than a file"
+                "options, such as ranges; take those that it was evolved with"
             )
         rows.append(genome)
     return np.stack(rows)

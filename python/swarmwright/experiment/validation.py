@@ -110,21 +110,27 @@ def _with_simulation(values: dict[str, Any], folder: Path, report: Report, *, as
     return ask
 
 
-def _in_files(files: Mapping[str, Source], report: Report) -> Report:
-    """Return a report that names file and line of what stands in a parameter's own file."""
+def _in_files(files: Mapping[Path_, Source], report: Report) -> Report:
+    """Return a report that names file and line of what stands in a file that a parameter names.
+
+    files: by the place of what they stand for, from the parameter's name on.
+    """
 
     def told(path: Path_, message: str) -> None:
-        name = str(path[1]) if len(path) > 1 and path[0] == "parameters" else ""
-        if name in files:
-            path, message = path[:2], files[name].place(path[2:]) + message
-        report(path, message)
+        place = path[1:] if path[:1] == ("parameters",) else ()
+        # From the inside out: a mission's file may name one of a robot.
+        for length in range(len(place), 0, -1):
+            if place[:length] in files:
+                message = files[place[:length]].place(place[length:]) + message
+                place = place[:length]
+        report((*path[:1], *place) if place else path, message)
 
     return told
 
 
 def _with_files(
     source: Source, values: dict[str, Any], report: Report, *, ask: bool
-) -> tuple[dict[str, Any], dict[str, Source]]:
+) -> tuple[dict[str, Any], dict[Path_, Source]]:
     """Return the values with files in the place of parameters that name them, and the files."""
     simulation, parameters = values.get("simulation"), values.get("parameters")
     if not isinstance(simulation, str) or not isinstance(parameters, Mapping):

@@ -1,5 +1,7 @@
 """A race in each generation: candidates that are clearly worse go through no more episodes."""
 
+import math
+import sys
 from collections.abc import Generator, Sequence
 from contextlib import suppress
 from typing import ClassVar, Literal
@@ -52,8 +54,8 @@ class Race(Ranking):
 
     The fitness of a candidate with all episodes is their mean. For one that was dropped it is the mean of
     those that it has, plus how much higher the mean of all episodes is than that of the same ones among the
-    candidates that have them all, so that easy seeds do not count; and no more than the least fitness of
-    those that were dropped later.
+    candidates that have them all, so that easy seeds do not count; and less than the least fitness of those
+    that were dropped later.
 
     Source: Birattari, Stützle, Paquete and Varrentrapp, "A racing algorithm for configuring metaheuristics",
     GECCO 2002.
@@ -131,7 +133,7 @@ class Race(Ranking):
                     values = own
                 else:
                     easier = reference - _mean(episodes[leading, :upto])
-                    values = np.minimum(own + _mean(easier[np.newaxis])[0], least)
+                    values = np.minimum(own + _mean(easier[np.newaxis])[0], _below(least))
                 fitness[rows] = values + 0.0
                 least = min(least, float(np.min(values)))
         fitness[~np.isfinite(fitness)] = np.nan
@@ -140,6 +142,11 @@ class Race(Ranking):
     def _score(self, episodes: Sequence[Sequence[float]]) -> Fitness:
         """Return the means: what candidates have that no others raced with."""
         return np.array([_mean(np.array([row]))[0] for row in episodes])
+
+
+def _below(value: float) -> float:
+    """Return the next smaller number; of the least one, and of what is not finite, the same."""
+    return max(math.nextafter(value, -math.inf), -sys.float_info.max) if math.isfinite(value) else value
 
 
 def _mean(rows: Episodes) -> Fitness:

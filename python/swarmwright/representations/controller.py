@@ -82,16 +82,7 @@ class Controller:
             from swarmwright.representations.machine_files import specification_of
 
             return cls(specification_of(file))
-        try:
-            values = json.loads(read_bytes(file, _LARGEST))
-        except FileNotFoundError:
-            raise InputError(f"{file}: there is no such file") from None
-        except OSError as error:
-            raise InputError(f"{file}: cannot be read: {error.strerror}") from error
-        except ValueError as error:
-            raise InputError(f"{file}: is not valid JSON: {error}") from error
-        except RecursionError:
-            raise InputError(f"{file}: is nested too deeply") from None
+        values = _read(file)
         if isinstance(values, dict) and isinstance(values.get("controller"), dict):
             values = values["controller"]
         if not isinstance(values, dict):
@@ -244,6 +235,28 @@ class Controller:
         if self.parameters:
             return f"<Controller {kind}: {self.parameters}>"
         return f"<Controller {kind}: {self.sensors} sensors, {self.actuators} actuators>"
+
+
+def genome_beside(file: Path) -> Any:  # noqa: ANN401 - whatever the file says
+    """Return the genome that a run's `best.json` has beside its controller; None where there is none."""
+    values = None if file.suffix in {".yaml", ".yml"} else _read(file)
+    if not isinstance(values, dict) or not isinstance(values.get("controller"), dict):
+        return None
+    return values.get("genome")
+
+
+def _read(file: Path) -> Any:  # noqa: ANN401 - whatever the file says
+    """Return what a file says. Raises InputError when it cannot be read or is not JSON."""
+    try:
+        return json.loads(read_bytes(file, _LARGEST))
+    except FileNotFoundError:
+        raise InputError(f"{file}: there is no such file") from None
+    except OSError as error:
+        raise InputError(f"{file}: cannot be read: {error.strerror}") from error
+    except ValueError as error:
+        raise InputError(f"{file}: is not valid JSON: {error}") from error
+    except RecursionError:
+        raise InputError(f"{file}: is nested too deeply") from None
 
 
 def _find_modules(specification: Mapping[str, Any], folder: Path) -> None:

@@ -17,6 +17,7 @@ from swarmwright.core.files import write_text
 from swarmwright.core.server_use import ServerUses, together, written
 from swarmwright.core.yaml import dump
 from swarmwright.representations import Representation
+from swarmwright.representations._base import shortest
 from swarmwright.store.blocks import EvaluationsDigest, Sample, encoded, of_columns
 from swarmwright.store.database import FILE, NEW, code_of, seal_facts, transaction
 from swarmwright.store.digests import of_generation
@@ -438,12 +439,15 @@ class StoreWriter:
         best = self.reader().best()
         if best is None:
             return
+        controller, genome = representation.specification(best.genome), shortest(best.genome)
         values = {
             "fitness": best.fitness,
             "generation": best.generation,
             "candidate": best.candidate,
-            "controller": representation.specification(best.genome),
+            "controller": controller,
         }
+        if genome != controller["weights"]:  # which are decoded from it; `start_from` needs it
+            values["genome"] = genome
         target, temporary = self.folder / "best.json", self.folder / "best.json.new"
         try:
             temporary.write_text(json.dumps(values, indent=2, allow_nan=False) + "\n", encoding="utf-8")

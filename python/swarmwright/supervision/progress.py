@@ -20,7 +20,8 @@ class Sample:
     candidates: int = 0
     """0 when nothing of a request was being computed."""
     episode: int | None = None
-    """Index of the episode in the request; None for all of them."""
+    """Index of the episode in the request; None for all of them. Without candidates: None when nothing was
+    computed, else episodes were stepped, of which only the tool knows which ones."""
     ended: int = 0
     """Evaluations that have ended since the process started."""
     beats: int = 0
@@ -34,6 +35,11 @@ class Sample:
             return cls()
         request, first, candidates, episode, ended, beats = _NUMBERS.unpack(data)
         return cls(request, first, candidates, None if episode == _ALL else episode, ended, beats)
+
+    @property
+    def is_at_work(self) -> bool:
+        """Whether something was being computed."""
+        return self.candidates > 0 or self.episode is not None
 
     @property
     def place(self) -> tuple[int, int, int, int | None] | None:

@@ -369,11 +369,11 @@ class Supervisor:
             return None
         place.failed_starts = 0 if process.ready else place.failed_starts + 1
         place.ends = 0 if sample.ended else place.ends + 1
-        wasted = not sample.ended and not sample.candidates and not server_exit.outside
+        wasted = not sample.ended and not sample.is_at_work and not server_exit.outside
         place.fruitless = place.fruitless + 1 if wasted else 0
         if place.failed_starts >= MOST_STARTS or place.fruitless >= 2 * MOST_STARTS:
             return None
-        longest = LONGEST_PAUSE_AT_WORK if sample.candidates else LONGEST_PAUSE
+        longest = LONGEST_PAUSE_AT_WORK if sample.is_at_work else LONGEST_PAUSE
         return min(FIRST_PAUSE * 2.0 ** max(place.ends - 1, 0), longest)
 
     def _begin_again(self, place: _Place) -> None:

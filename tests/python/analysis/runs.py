@@ -42,6 +42,10 @@ class KnownRun(Run):
         return False
 
     @property
+    def unseen(self) -> None:
+        """Return nothing: it has not been validated."""
+
+    @property
     def history(self) -> list[Summary]:
         found = []
         so_far, evaluations = -np.inf, 0

@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 
 import swarmwright
-from swarmwright import Comparison, Experiment, InputError, Run, compare, optimize
+from swarmwright import Comparison, Experiment, Generation, InputError, Run, compare, optimize
 from tests.python.analysis.runs import KnownRun, runs
 
 SEARCH = {"kind": "random_search", "population": 4, "generations": 3}
@@ -247,6 +247,36 @@ def test_fitness_on_held_out_seeds_is_compared(tmp_path: Path) -> None:
         InputError, match=r"without-0: not validated on held-out seeds; .* resume .*without-0"
     ):
         compare([*raced, without], held_out=True)
+
+
+def test_luck_with_seeds_is_noted(tmp_path: Path) -> None:
+    words = "the best recorded fitness is too high where fitness depends on the seed"
+    new = {"ranking": {"seeds": "new"}}
+    known = [*runs(tmp_path, [1, 2.0], **new), *runs(tmp_path, [1, 2.0], **new, method=SEARCH)]
+    assert [note for note in compare(known).notes if words in note]
+    assert words not in str(compare(two(tmp_path)))
+    search = {"kind": "random_search", "population": 60, "generations": 1}
+    validated = noisy(tmp_path, "same", method=search)
+    (note,) = [note for note in compare(validated).notes if words in note]
+    assert note.endswith("--held-out compares fitness on held-out seeds")
+    assert words not in str(compare(validated, held_out=True))
+
+
+def test_runs_that_go_on_did_not_end_early(tmp_path: Path) -> None:
+    long = Experiment.from_mapping({**NOISY, "servers": "in-process", "method": {"generations": 3}})
+    notes = []
+
+    def stop(generation: Generation) -> None:
+        if generation.generation == 1:
+            notes.extend(compare([tmp_path / "live"]).notes)
+            raise KeyboardInterrupt
+
+    optimize(long, stop, out=tmp_path / "live")
+    assert f"still running: {tmp_path / 'live'}" in notes
+    assert not any("ended early" in note for note in notes)
+    after = compare([tmp_path / "live"]).notes
+    assert f"ended early: {tmp_path / 'live'}" in after
+    assert not any("running" in note for note in after)
 
 
 def test_other_definitions_of_fitness_are_noted(tmp_path: Path) -> None:

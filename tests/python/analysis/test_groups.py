@@ -54,8 +54,8 @@ def test_keys_with_one_name_are_told_apart(tmp_path: Path) -> None:
         tmp_path / "b", [[1.0]], parameters={"seed": 5}, method={"generations": 7}, ranking={"episodes": 2}
     )
     groups, _ = group([base, other])
-    assert groups[1].label == "seed 5, generations 7, episodes 2"
-    assert groups[0].label == "seed 0, generations 3, episodes 1"
+    assert groups[1].label == "parameters.seed 5, generations 7, episodes 2"
+    assert groups[0].label == "parameters.seed 0, generations 3, episodes 1"
     layers = {"kind": "layered", "hidden": [3], "mutation": "proportional"}
     groups, _ = group([base, KnownRun(tmp_path / "c", [[1.0]], controller=layers)])
     assert groups[1].label == "mutation proportional, hidden [3]"

@@ -142,6 +142,51 @@ def test_failures(traced: Traced, script: str, reason: str) -> None:
     assert traced.left() == []
 
 
+TWICE = """
+import json, sys
+def say(**words): print(json.dumps(words), flush=True)
+for line in sys.stdin:
+    message = json.loads(line)
+    if "reset" in message:
+        steps, total, speed = 0, 0.0, 0.0
+    else:
+        speed = message["actuators"][0][0]
+        steps, total = steps + 1, total + speed
+    if steps == 40:
+        say(done=True, fitness=total)
+        if {end} and speed < 0: say(done=True, fitness=total)
+    else:
+        say(sensors=[[0.5]])
+        if {middle} and speed < 0: say(sensors=[[0.5]])
+"""
+
+
+def twice(traced: Traced, *, end: bool = False, middle: bool = False) -> Experiment:
+    (traced.folder / "twice.py").write_text(TWICE.replace("{end}", str(end)).replace("{middle}", str(middle)))
+    command = [sys.executable, "twice.py"]
+    experiment = traced.experiment(command, controller="stepwise", sensors=1, actuators=1)
+    return experiment.replace(controller={"kind": "layered", "hidden": []})
+
+
+def test_an_end_that_is_said_twice_is_not_that_of_the_next_episode(
+    traced: Traced, caplog: pytest.LogCaptureFixture
+) -> None:
+    genomes = np.random.default_rng(4).normal(size=(8, 2))
+    fitness = evaluate(twice(traced, end=True), genomes)
+    assert "answered again after the end of an episode" in caplog.text
+    assert (fitness < 0).any()
+    assert fitness.tolist() == evaluate(twice(traced), genomes).tolist()
+
+
+def test_two_answers_to_a_message_fail_the_episode(traced: Traced, caplog: pytest.LogCaptureFixture) -> None:
+    genomes = np.random.default_rng(4).normal(size=(8, 2))
+    well = evaluate(twice(traced), genomes)
+    fitness = evaluate(twice(traced, middle=True), genomes)
+    assert np.isnan(fitness).tolist() == (well < 0).tolist()
+    assert (fitness == well)[well > 0].all()
+    assert 'answered a message twice: {"sensors": ' in caplog.text
+
+
 def test_after_a_failure_another_process_goes_on(traced: Traced) -> None:
     experiment = stepped(traced, f"assert speed != 0.5; {WELL}")
     fitness = evaluate(experiment, [[0.0], [0.5], [1.0]])

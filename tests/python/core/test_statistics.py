@@ -1,11 +1,16 @@
 """Figures of samples."""
 
+import json
 import math
+import sys
+from fractions import Fraction
 
 import pytest
 from scipy.special import stdtrit
 
-from swarmwright.core.statistics import estimate, student_t
+from swarmwright.core.statistics import estimate, mean, student_t
+
+LARGEST = sys.float_info.max
 
 
 def test_quantiles_of_student_are_those_of_scipy() -> None:
@@ -29,3 +34,25 @@ def test_huge_values_have_a_mean() -> None:
     assert found.low is not None
     assert estimate([1.7e308, -1.7e308]).mean == 0.0
     assert estimate([1e200] * 3).standard_deviation == 0.0
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize("count", range(2, 61))
+def test_the_largest_numbers_have_a_mean(count: int, sign: int) -> None:
+    huge = sign * LARGEST
+    same = estimate([huge] * count)
+    assert (same.mean, same.standard_deviation, same.low, same.high) == (huge, 0.0, huge, huge)
+    for others in ([1.5], [-huge], [huge / 3, 0.0], [-huge, -huge, 1e-300]):
+        values = [huge] * count + others
+        exact = float(sum(map(Fraction, values)) / len(values))
+        assert mean(values) == pytest.approx(exact, rel=4e-16)
+        assert mean(values[::-1]) == pytest.approx(exact, rel=4e-16)
+        found = estimate(values)
+        json.dumps(vars(found), allow_nan=False)
+        assert found.low is None or -LARGEST <= found.low <= found.mean <= (found.high or 0) <= LARGEST
+
+
+def test_ordinary_means_keep_their_bits() -> None:
+    values = [0.1 * number for number in range(1, 50)] + [1e300, -1e290]
+    assert mean(values) == math.fsum(values) / len(values)
+    assert math.isnan(mean([]))

@@ -113,6 +113,13 @@ def test_automatic_servers_in_a_notebook_are_none(
         assert (backend.description == "in this process") is here
 
 
+@pytest.mark.parametrize("servers", ["2", "02"])
+def test_a_number_of_servers_is_no_text(servers: str) -> None:
+    experiment = Experiment.from_mapping({"simulation": "minisim"})
+    with pytest.raises(InputError, match=f"servers: is the text '{servers}'; write 2, a number"):
+        evaluate(experiment, np.zeros((1, experiment.genome_size)), servers=servers)
+
+
 def test_no_servers_at_all_are_refused() -> None:
     with pytest.raises(
         InputError, match="servers: must be auto, local, in-process or a number from 1 on, not 0"

@@ -45,6 +45,17 @@ def test_another_budget_takes_the_place_of_the_default_generations() -> None:
     assert experiment(seconds=5.0, generations=7).budget == Budget(7, None, 5.0)
 
 
+def test_a_limit_that_is_given_takes_the_place_of_all_limits() -> None:
+    for old in (experiment(generations=10), experiment(), experiment(generations=10, seconds=5.0)):
+        assert old.replace(method={"evaluations": 2000}).budget == Budget(None, 2000, None)
+        assert old.with_settings(["method.evaluations=2000"]).budget == Budget(None, 2000, None)
+    limited = experiment(evaluations=900, seconds=5.0)
+    assert limited.replace(method={"generations": 3, "seconds": 1.0}).budget == Budget(3, None, 1.0)
+    assert limited.replace(method={"population": 30}).budget == limited.budget
+    kept = limited.with_settings(["method.evaluations=1000"], only=("method",))
+    assert kept.budget == Budget(None, 1000, 5.0), "a run that goes on"
+
+
 @pytest.mark.parametrize("changes", [{}, {"kind": "cma_es"}, {"kind": "pso"}, STEADY])
 def test_it_ends_before_there_would_be_more_evaluations(changes: dict[str, Any], tmp_path: Path) -> None:
     run = optimize(experiment(evaluations=150, **changes), out=tmp_path / "run")
@@ -73,6 +84,8 @@ def test_the_first_generation_is_evaluated_in_any_case(
         run = optimize(experiment(evaluations=7), out=tmp_path / "run")
     assert (run.evaluations, run.ended) == (20, "evaluations")
     assert "method.evaluations: 7 is less than the first generation" in caplog.text
+    shown = CliRunner().invoke(program, ["runs", "show", str(run.path)]).output
+    assert "ended since the first generation has used 20 evaluations, more than 7" in shown
     steady = optimize(experiment(evaluations=7, **STEADY), out=tmp_path / "steady")
     assert (steady.evaluations, steady.ended) == (20, "evaluations")
 

@@ -419,3 +419,11 @@ def test_genomes_without_bounds_are_refused() -> None:
 def test_files_that_cannot_be_written(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="cannot be written: No such file or directory"):
         Experiment.from_mapping({"simulation": "minisim"}).save(tmp_path / "none" / "x.yaml")
+
+
+@pytest.mark.parametrize("seed", [-1, 2**62 + 1, 2**63 - 1, True, 1.5])
+def test_the_first_seed_leaves_room_for_those_of_other_episodes(seed: object) -> None:
+    values = {"simulation": "foreign", "sensors": 1, "actuators": 1}
+    assert Experiment.from_mapping({**values, "parameters": {"seed": 2**62}}).first_seed == 2**62
+    with pytest.raises(InputError, match=r"parameters\.seed: must be an integer from 0 to 2\*\*62, not "):
+        _ = Experiment.from_mapping({**values, "parameters": {"seed": seed}}).first_seed

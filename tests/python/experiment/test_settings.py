@@ -65,6 +65,7 @@ def test_another_kind_starts_from_its_own_defaults(file: Path) -> None:
         ("generations: 4, seconds: 7", [], Budget(4, None, 7)),
         ("generations: 4", ["method.evaluations=90"], Budget(None, 90, None)),
         ("evaluations: 70, seconds: 7", ["method.generations=9"], Budget(9, None, None)),
+        ("generations: 4, seconds: 7", ["method.generations=null"], Budget(None, None, 7)),
         ("population: 12", [], Budget(200, None, None)),
     ],
 )
@@ -76,6 +77,8 @@ def test_a_method_of_another_kind_keeps_the_budget(
         found = Experiment.load(file, order)
         assert (found.to_mapping()["method"]["kind"], found.budget) == ("de", expected)
         assert found.method.target == (3 if "target" in limits else None)
+    if settings:
+        assert Experiment.load(file, settings).budget == expected, "of the file's own kind"
     race = Experiment.load(file, ["method.kind=racing", *settings])
     assert race.budget.generations == (9 if "method.generations=9" in settings else None), (
         "instances of a race"

@@ -2,6 +2,7 @@
 
 # ruff: noqa: E501 - a table of messages, a line each
 
+import json
 import shutil
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 
 from swarmwright import Experiment, InputError, Run, optimize, resume
+from swarmwright.experiment.start_from import genomes_of
 from swarmwright.methods import METHODS
 
 VALUES: dict[str, Any] = {
@@ -103,9 +105,64 @@ def test_genes_that_are_not_weights_are_kept_too(tmp_path: Path) -> None:
         optimize(next_one, out=tmp_path / "next").record.genomes[0].tobytes()
         == run.evaluation().genome.tobytes()
     )
+    own = Experiment.from_mapping({**tuned, "start_from": str(run.path / "best.json"), "seed": 5})
+    assert own.start_from is not None
+    assert own.start_from[0]["genome"] == next_one.start_from[0]["genome"]  # type: ignore[index]
+    run.best.controller.save(tmp_path / "without.json")
+    with pytest.raises(InputError, match="start from it; name the folder of its run"):
+        Experiment.from_mapping({**tuned, "start_from": str(tmp_path / "without.json")})
     wider = {"kind": "parameter_set", "parameters": {"maxSteps": {"type": "integer", "range": [5, 400]}}}
-    with pytest.raises(InputError, match="its genes mean other values"):
-        Experiment.from_mapping({**tuned, "controller": wider, "start_from": str(run.path)})
+    for start in (run.path, run.path / "best.json"):
+        with pytest.raises(InputError, match="its genes mean other values"):
+            Experiment.from_mapping({**tuned, "controller": wider, "start_from": str(start)})
+
+
+KINDS: dict[str, dict[str, Any]] = {
+    "machine": {
+        "simulation": "arena",
+        "parameters": {"mission": "aac", "robot": "e-puck-rm1.2", "robots": 2, "duration": 2},
+        "controller": {"kind": "modules"},
+    },
+    "parameters": {
+        "simulation": "minisim",
+        "parameters": {"steering": "rule"},
+        "controller": {
+            "kind": "parameter_set",
+            "parameters": {"maxSteps": {"type": "integer", "scale": "log", "range": [5, 20]}},
+        },
+    },
+    "network": {"simulation": "minisim"},
+}
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_the_best_of_any_kind_can_be_started_from(name: str, tmp_path: Path) -> None:
+    values = {
+        **KINDS[name], "method": {"kind": "racing", "evaluations": 200}, "servers": "in-process", "seed": 2,
+    }  # fmt: skip
+    run = optimize(Experiment.from_mapping(values), out=tmp_path / "run")
+    file = run.path / "best.json"
+    assert ("genome" in json.loads(file.read_text())) == (name != "network")
+    again = Experiment.from_mapping({**values, "start_from": str(file)})
+    assert again.start_from is not None
+    (genome,) = genomes_of(again.start_from, again.representation())
+    assert genome.tobytes() == run.evaluation().genome.tobytes()
+    two = optimize(Experiment.from_mapping(values), servers=2, out=tmp_path / "two")
+    assert (two.path / "best.json").read_bytes() == file.read_bytes()
+
+
+@pytest.mark.parametrize("genome", ["x", None, 5, [1, 2], ["a"], {"a": 1}, [[1]], [float("nan")]])
+def test_a_file_may_hold_any_genome(genome: object, tmp_path: Path) -> None:
+    run = optimize(
+        Experiment.from_mapping(
+            {**KINDS["parameters"], "servers": "in-process", "method": {"population": 9, "generations": 1}}
+        ),
+        out=tmp_path / "run",
+    )
+    file = tmp_path / "changed.json"
+    file.write_text(json.dumps({**json.loads((run.path / "best.json").read_text()), "genome": genome}))
+    with pytest.raises(InputError, match=r"changed\.json: "):
+        run.experiment.replace(start_from=str(file))
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,7 @@
 """The ranking `race`: who is dropped, and what the fitness of the dropped is."""
 
+import sys
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -7,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from swarmwright.core.race_tests import survivors
-from swarmwright.rankings.race import Race, RaceOptions
+from swarmwright.rankings.race import Race, RaceOptions, _below
 from swarmwright.testing import check_ranking
 
 
@@ -76,7 +78,7 @@ def test_what_every_race_gives(seed: int, count: int, episodes: int, fails: bool
     for one in worked:
         for other in worked:
             if lengths[one] < lengths[other]:
-                assert fitness[one] <= fitness[other], "who is dropped earlier is not better"
+                assert fitness[one] < fitness[other], "who is dropped earlier ranks below"
 
 
 def test_easy_seeds_do_not_count() -> None:
@@ -113,3 +115,18 @@ def test_values_of_any_size() -> None:
     huge = np.array([[1e308] * 12, [1.7e308] * 12, [-1e308] * 12, [5.0] * 12])
     fitness = race(12).score(huge)
     assert not np.isinf(fitness).any()
+
+
+def test_who_was_dropped_has_not_the_fitness_of_one_that_was_not() -> None:
+    """One that was kept fails to solve the last episode, so that it is worse than the corrected others."""
+    ranking = race(6)
+    kept = np.array([[3.0, 2, 3, 2, 3, 3], [2.0, 3, 2, 3, 2, -90]])
+    for scale in (1.0, 1e-320, 1e300):
+        values = np.concatenate([kept, np.repeat([[0.0], [-1.0]], 6, axis=1)]) * scale
+        assert ranking.ran(values).tolist() == [6, 6, 5, 5]
+        fitness = ranking.score(values)
+        assert fitness[0] > fitness[1] > fitness[2:].max()
+    assert _below(0.0) == -5e-324
+    assert _below(-sys.float_info.max) == -sys.float_info.max
+    assert _below(np.inf) == np.inf
+    assert _below(-np.inf) == -np.inf

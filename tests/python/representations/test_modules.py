@@ -194,7 +194,7 @@ def changed(*path: Any, value: Any) -> dict[str, Any]:
         ),
         (
             changed("states", 0, "transitions", 0, "to", value=7),
-            "transitions[0].to: 7 found, expected one of the states 0, 1, 2, walk, stay",
+            "transitions[0].to: 7 found, expected another state: 1, 2, stay",
         ),
         (
             changed("states", 0, "transitions", 0, "probability", value=1.5),

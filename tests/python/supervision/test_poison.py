@@ -46,6 +46,14 @@ def as_sound_otherwise(run: Run, sound: Run) -> None:
 
 
 @pytest.mark.timeout(120)
+@pytest.mark.parametrize(("mode", "servers"), [("stepwise", 1), ("batched", 1), ("batched", 2)])
+def test_crashes_of_episodes_that_are_stepped(mode: str, servers: int, sound: Run, tmp_path: Path) -> None:
+    """The server was at work: it is started again however often."""
+    run = optimize(experiment("Leave", mode=mode), servers=servers, out=tmp_path / "run")
+    as_sound_otherwise(run, sound)
+
+
+@pytest.mark.timeout(120)
 def test_a_crash_costs_the_candidate_and_nothing_else(
     sound: Run, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:

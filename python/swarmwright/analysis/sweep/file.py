@@ -10,12 +10,13 @@ from typing import Annotated, Any, Self
 from pydantic import TypeAdapter, ValidationError
 from pydantic.fields import FieldInfo
 
-from swarmwright.analysis.groups import label_of
+from swarmwright.analysis.groups import label_of, name_of
 from swarmwright.core.errors import InputError
 from swarmwright.core.problems import shown
 from swarmwright.core.registry import Registry
 from swarmwright.core.suggestions import did_you_mean
 from swarmwright.core.yaml import Source, read
+from swarmwright.experiment.budget import LIMITS
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.methods import METHODS
 from swarmwright.plug_ins import REGISTRIES
@@ -52,11 +53,13 @@ class Sweep:
 
         Keys: `experiment`, the path of an experiment file, relative to the sweep file; `grid`, a mapping from
         keys of the experiment (`method.population`) to lists of values, of which every combination is a
-        variant, or a list of such mappings; `seeds`, how many (1, 2, ..), or a list, default 5; `out`, a
-        folder, relative to where the program is started, default runs/<name of the file>.
+        variant, or a list of such mappings, default: the experiment alone; `seeds`, how many (1, 2, ..), or a
+        list, default 5; `out`, a folder, relative to where the program is started, default runs/<name of the
+        file>.
 
         Where a variant has another kind of method, controller or ranking than the experiment, the options
-        that the experiment names and the other kind can have as well are kept.
+        that the experiment names and the other kind can have as well are kept. A limit of a variant
+        (generations, evaluations or seconds of the method) takes the place of all limits of the experiment.
 
         Args:
             path: of the file.
@@ -140,7 +143,8 @@ def _seeds(source: Source) -> tuple[int, ...]:
     if isinstance(seeds, list) and seeds and all(_whole(seed) and seed >= 0 for seed in seeds):
         return tuple(dict.fromkeys(seeds))
     raise InputError(
-        f"{source.place(('seeds',))}must be a number of seeds, or a list of seeds, not {shown(seeds)}"
+        f"{source.place(('seeds',))}must be a number of seeds, from 1 on, or a list of seeds, which are "
+        f"whole numbers from 0 on, not {shown(seeds)}"
     )
 
 
@@ -158,7 +162,10 @@ def _out(source: Source, stem: str) -> Path:
 
 
 def _variants(source: Source, base: Experiment) -> tuple[Variant, ...]:
-    grid = source.values.get("grid")
+    if "grid" not in source.values:
+        label = name_of(base)
+        return (Variant(label, _file_name(label), base),)
+    grid = source.values["grid"]
     grids = grid if isinstance(grid, list) and grid else [grid]
     found: list[Variant] = []
     names: set[str] = set()
@@ -214,12 +221,18 @@ def _changed(base: Experiment, changes: Mapping[str, Any]) -> Experiment:
         if section not in merged:
             merged[section] = {}
         if option == "kind" and section in REGISTRIES:
-            merged[section].update(_kept(base, section, REGISTRIES[section], value))
+            merged[section].update(_kept(base, section, REGISTRIES[section], value, changes))
         merged[section][option] = value
     return base.replace(**merged)
 
 
-def _kept(base: Experiment, section: str, registry: Registry[Any], kind: Any) -> dict[str, Any]:  # noqa: ANN401
+def _kept(
+    base: Experiment,
+    section: str,
+    registry: Registry[Any],
+    kind: Any,  # noqa: ANN401 - any value of a file
+    changes: Mapping[str, Any],
+) -> dict[str, Any]:
     """Return the options of the experiment's file that another kind can have as well."""
     options = getattr(base, section)
     if not isinstance(kind, str) or kind == options.kind:
@@ -229,6 +242,9 @@ def _kept(base: Experiment, section: str, registry: Registry[Any], kind: Any) ->
     known = dict(registry.get(kind).options_model.model_fields)
     if section == "method" and METHODS.get(kind).by_instance:
         known.pop("generations")  # of a race they are its instances
+    if section == "method" and any(changes.get(f"method.{limit}") is not None for limit in LIMITS):
+        for limit in LIMITS:
+            known.pop(limit, None)
     return {
         name: value
         for name, value in old.items()

@@ -65,6 +65,31 @@ def test_a_race_keeps_no_number_of_generations(tmp_path: Path) -> None:
     assert found.variants[0].experiment.budget == Budget(None, 10_000, 9.0)
 
 
+def test_a_limit_means_the_same_for_every_kind(tmp_path: Path) -> None:
+    found = sweep(
+        tmp_path,
+        "experiment: base.yaml\ngrid: {method.kind: [nnga, cma_es, racing], method.evaluations: [2000]}\n",
+    )
+    assert [one.experiment.budget for one in found.variants] == [Budget(None, 2000, None)] * 3
+
+
+def test_without_a_grid_the_experiment_is_the_only_variant(tmp_path: Path) -> None:
+    found = sweep(tmp_path, "experiment: base.yaml\nseeds: 3\n")
+    (variant,) = found.variants
+    assert (variant.label, variant.folder) == ("minisim, nnga", "minisim_nnga")
+    assert variant.experiment.generations == 3
+    assert [task.folder.name for task in tasks(found)] == [
+        "minisim_nnga-1",
+        "minisim_nnga-2",
+        "minisim_nnga-3",
+    ]
+
+
+def test_the_seed_of_the_simulation_is_no_seed_of_runs(tmp_path: Path) -> None:
+    found = sweep(tmp_path, "experiment: base.yaml\ngrid: {parameters.seed: [1, 2]}\nseeds: [3]\n")
+    assert [one.label for one in found.variants] == ["parameters.seed 1", "parameters.seed 2"]
+
+
 def test_options_of_the_same_name_but_of_another_sort_are_not_kept(tmp_path: Path) -> None:
     found = sweep(
         tmp_path,
@@ -100,7 +125,7 @@ def test_several_grids_may_overlap(tmp_path: Path) -> None:
         ("a: [", "methods.yaml:"),
         ("grid: {method.severity: [0.1]}", "experiment: must be the path of an experiment file"),
         ("experiment: nothing.yaml\ngrid: {method.severity: [0.1]}", "nothing.yaml: there is no such file"),
-        ("experiment: base.yaml", "grid: must be a mapping"),
+        ("experiment: base.yaml\ngrid:", "grid: must be a mapping"),
         ("experiment: base.yaml\ngrid: []", "grid: must be a mapping"),
         ("experiment: base.yaml\ngrid: {}", "grid: must be a mapping"),
         (
@@ -116,7 +141,10 @@ def test_several_grids_may_overlap(tmp_path: Path) -> None:
             "method.severity",
         ),
         ("experiment: base.yaml\ngrid: {method.severity: [0.1]}\nseeds: 0", "methods.yaml:3: seeds: must be"),
-        ("experiment: base.yaml\ngrid: {method.severity: [0.1]}\nseeds: [1, -1]", "seeds: must be"),
+        (
+            "experiment: base.yaml\ngrid: {method.severity: [0.1]}\nseeds: [1, -1]",
+            "which are whole numbers from 0 on",
+        ),
         ("experiment: base.yaml\ngrid: {method.severity: [0.1]}\nseeds: []", "seeds: must be"),
         (
             "experiment: base.yaml\ngrid: {method.severity: [0.1]}\nseed: 3",

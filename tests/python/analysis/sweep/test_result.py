@@ -96,7 +96,7 @@ def test_failures_are_in_the_result(tmp_path: Path) -> None:
     ("source", "said"),
     [
         ({}, "experiment: must be an Experiment, a mapping"),
-        ({"experiment": BASE}, "grid: must be a mapping"),
+        ({"experiment": BASE, "grid": {}}, "grid: must be a mapping"),
         ({"experiment": BASE, "grids": {}}, "grids: unknown key; did you mean 'grid'"),
         ({"experiment": {"simulation": "minisim", "method": {"kind": "nnag"}}}, "nnga"),
         ({"experiment": "nowhere.yaml"}, "nowhere.yaml"),
