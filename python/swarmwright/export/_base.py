@@ -94,12 +94,12 @@ def not_exported(subject: Subject, form: str, known: Iterable[str]) -> InputErro
     return InputError(reason)
 
 
-def facts(subject: Subject, begin: str = " * ") -> str:
-    """Return where a controller comes from, as lines of a comment."""
+def facts(subject: Subject, begin: str = " * ", advice: str = "changes here are lost") -> str:
+    """Return where a controller comes from, as lines of a comment; advice: to who would edit the file."""
     from swarmwright import __version__  # noqa: PLC0415 - asks the engine
     from swarmwright.export.text import MARK, plain, table  # noqa: PLC0415 - beside the line above
 
     # Those of a bundle are its sender's, who could write code behind the end of a comment.
     said = [(plain(name), plain(text)) for name, text in subject.facts]
-    rows = [*table(said, begin), f"{begin}{MARK} {__version__}; changes here are lost."]
+    rows = [*table(said, begin), f"{begin}{MARK} {__version__}; {advice}."]
     return "\n".join(row.rstrip() for row in rows)

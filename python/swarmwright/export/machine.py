@@ -15,6 +15,8 @@ from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Subject
 from swarmwright.modules._registered import module
 
+_EDITABLE = "it can be edited and evaluated, or evolution start from it"
+
 
 class Machine(Exporter):
     """`PREFIX.yaml`, the machine as an experiment's `controller.machine` has it, and drawings as text.
@@ -44,7 +46,7 @@ class Machine(Exporter):
         command = text_of(states, tree=modules.is_tree(specification))
         return {
             **({f"{prefix}.automode": f"{command}\n"} if command else {}),
-            f"{prefix}.yaml": f"{facts(subject, '# ')}\n#\n{text}\n\n{content}",
+            f"{prefix}.yaml": f"{facts(subject, '# ', _EDITABLE)}\n#\n{text}\n\n{content}",
             f"{prefix}.dot": f"{facts(subject, '// ')}\n{dot}\n",
             f"{prefix}.mmd": f"{facts(subject, '%% ')}\n{mermaid}\n",
         }

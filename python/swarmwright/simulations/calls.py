@@ -94,7 +94,7 @@ class Calls(Generic[Made]):
         else:
             mine = [frame for frame in frames if frame.filename == file] or frames
         where = f" ({shown_path(mine[-1].filename)}:{mine[-1].lineno})" if mine else ""
-        words = str(error)
+        words = _words(error)
         return f"{method}: {type(error).__name__}{': ' if words else ''}{words}{where}"
 
     def _fail(self, reason: str, error: BaseException | None = None) -> NoReturn:
@@ -139,6 +139,14 @@ def short(value: Any) -> str:  # noqa: ANN401 - any object
         text = " ".join(repr(value).split())
         return text if len(text) <= 60 else f"{text[:57]}..."
     return f"a {type(value).__name__}"
+
+
+def _words(error: BaseException) -> str:
+    """Return what an exception says; its own code may fail, too."""
+    try:
+        return str(error)
+    except Exception as other:  # noqa: BLE001 - a user's code may fail in any way
+        return f"its text cannot be made: {type(other).__name__}"
 
 
 def _traceback(error: BaseException) -> str:

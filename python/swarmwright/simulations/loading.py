@@ -9,7 +9,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import ModuleType
 
-from swarmwright.core.errors import InputError
+from swarmwright.core.errors import InputError, SwarmwrightError
 from swarmwright.core.simulation_names import SimulationName
 from swarmwright.core.suggestions import did_you_mean
 from swarmwright.simulations import isolation
@@ -197,6 +197,11 @@ def _file(path: Path) -> ModuleType:
     if key in files and _stamps.get(key, {}) != _stamped(_stamps.get(key, {})):
         _forget(key)
     if key not in files:
+        if f"{FROM_FILE}{path}" in sys.modules:
+            raise ImportError(
+                "the file is named as a simulation while it is imported; put what starts a run under "
+                '`if __name__ == "__main__":`'
+            )
         with _explained(key):
             walk = Walk.of_file(path)
         _without_stale_bytecode(walk.files.values())
@@ -310,6 +315,8 @@ def _failure(name: str, error: BaseException) -> str:
         and frame.filename not in {__file__, isolation.__file__}
         and "importlib" not in frame.filename
     ]
+    if isinstance(error, SwarmwrightError | ImportError):  # which says what is wrong with the file's own line
+        frames = [frame for frame in frames if frame.filename == name] or frames
     place = f"{frames[-1].filename}:{frames[-1].lineno}" if frames else name
     words = f": {error}" if str(error).strip() else ""
     return f"{place}: {type(error).__name__} while it is imported{words}"

@@ -213,6 +213,11 @@ def test_a_class_is_found_by_its_name(tmp_path: Path) -> None:
             "there.py:A",
             "A: has no method done, fitness, step; a simulation needs reset, step, done and fitness",
         ),
+        (
+            "from swarmwright import Experiment\nExperiment.from_mapping({'simulation': f'{__file__}:A'})",
+            "there.py:A",
+            "there.py:2: ImportError while it is imported: the file is named as a simulation while it is",
+        ),
         ("import no_such_thing", "there.py:A", "there.py:1: ModuleNotFoundError while it is imported"),
     ],
 )

@@ -40,6 +40,10 @@ TROUBLE = [
     ("not done", r"Walk.done: None returned, expected True or False"),
     ("fitness", r"Walk.fitness: nan returned, expected a finite number"),
     ("abort", rf"Walk.fitness: Abort \(.*troubled.py:{line('raise Abort')}\)"),
+    (
+        "mute",
+        rf"Walk.fitness: MuteError: its text cannot be made: ValueError \(.*troubled.py:{line('raise MuteError')}\)",
+    ),
     ("bytes as fitness", r"Walk.fitness: b'1' returned, expected a finite number"),
     ("no fitness", r"Walk.fitness: None returned, expected a finite number"),
     ("acting", r"Walk.acting: \[0, 2\] returned, but there are 2 agents, from 0 to 1"),

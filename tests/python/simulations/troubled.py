@@ -14,6 +14,13 @@ class Abort(BaseException):
     """Not an Exception, as those are that end a process."""
 
 
+class MuteError(Exception):
+    """Says nothing."""
+
+    def __str__(self) -> str:
+        raise ValueError("no words")
+
+
 class Walk(Simulation):
     """Two agents add up what they are told. In episodes whose seed is a multiple of 3 there is `trouble`."""
 
@@ -75,6 +82,8 @@ class Walk(Simulation):
         return {"not done": None}.get(self.trouble, self.left <= 0)
 
     def fitness(self) -> Any:
+        if self.trouble == "mute":
+            raise MuteError
         if self.trouble == "abort":
             raise Abort
         wrong = {"fitness": np.nan, "no fitness": None, "bytes as fitness": b"1"}
