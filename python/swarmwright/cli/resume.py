@@ -75,9 +75,9 @@ def command(
 ) -> int:
     """Continue RUN, which was interrupted or killed, or which failed.
 
-    The result is bit-identical to that of an undisturbed run. A finished RUN is left as it is. Changes that
-    would make it another run are refused: edited code of its simulation or of a plug-in, an edited
-    experiment.yaml.
+    The result is bit-identical to that of an undisturbed run. A finished RUN is left as it is, unless
+    --generations or --set ask for more of it. Changes that would make it another run are refused: edited code
+    of its simulation or of a plug-in, an edited experiment.yaml.
     """
     from swarmwright import Run, resume
     from swarmwright.optimization.optimize import prolonged
