@@ -6,8 +6,10 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmwright.core.errors import InputError
 from swarmwright.core.options import Options
 from swarmwright.core.plug_in_code import is_plug_in, numbers
+from swarmwright.core.problems import shown
 from swarmwright.core.random_numbers import Stream, Streams
 from swarmwright.typing import Genome, Genomes, Limits
 
@@ -122,8 +124,22 @@ class Representation(ABC):
         return genomes
 
     def specification(self, genome: Genome) -> dict[str, Any]:
-        """Return one controller as plain values."""
-        return {**self.architecture(), "weights": shortest(self.weights(genome[np.newaxis])[0])}
+        """Return one controller as plain values.
+
+        Args:
+            genome: (genome_size,), finite.
+
+        Raises InputError when the genome is something else.
+        """
+        try:
+            row = np.asarray(genome, dtype=np.float32)
+        except (TypeError, ValueError):
+            raise InputError(f"genome: is {shown(genome)}; expected {self.genome_size} numbers") from None
+        if row.shape != (self.genome_size,):
+            raise InputError(f"genome: has the shape {row.shape}; expected ({self.genome_size},)")
+        if not np.isfinite(row).all():
+            raise InputError("genome: has a number that is not finite; expected finite numbers")
+        return {**self.architecture(), "weights": shortest(self.weights(row[np.newaxis])[0])}
 
     @property
     def given(self) -> Genome | None:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from swarmwright import Controller, _engine
+from swarmwright import Controller, Experiment, InputError, _engine
 from swarmwright.core.random_numbers import Stream, Streams
 from swarmwright.representations import REPRESENTATIONS
 from swarmwright.representations._network import NodeNetwork
@@ -254,3 +254,20 @@ def test_matings_refuse_what_does_not_fit() -> None:
         subject.matings(genomes, np.array([0]), np.empty((1, 0), dtype=np.int64), streams)
     with pytest.raises(_engine.InputError, match="a stream for each child"):
         subject.matings(genomes, np.array([0, 1]), np.array([[1], [2]]), streams)
+
+
+@pytest.mark.parametrize(
+    ("genome", "words"),
+    [
+        ([1.0], r"genome: has the shape \(1,\); expected \(5,\)"),
+        (np.zeros((2, 5)), r"genome: has the shape \(2, 5\)"),
+        ([np.nan] * 5, "not finite"),
+        ("best", "genome: is 'best'; expected 5 numbers"),
+    ],
+)
+def test_what_is_no_genome(genome: Any, words: str) -> None:
+    values = {"simulation": "minisim", "controller": {"kind": "layered", "hidden": []}}
+    representation = Experiment.from_mapping(values).representation()
+    with pytest.raises(InputError, match=words):
+        representation.specification(genome)
+    assert representation.specification([0.5] * 5)["weights"] == [0.5] * 5  # type: ignore[arg-type]
