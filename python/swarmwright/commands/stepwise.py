@@ -33,13 +33,14 @@ _PIECE = 1 << 16
 _LONGEST = 1 << 26
 _ENCODER = json.JSONEncoder(separators=(",", ":"))
 _log = logging.getLogger("swarmwright")
-_SURPLUS = 0.1
+_SURPLUS = 0.05
 """Seconds in which the answer to a reset comes that seems to be the end of the episode before."""
-_PART, _LONGEST_LOOK, _LOOK_AT_END = 0.02, 0.002, 0.0003
-"""Share of a step's time, and seconds at most, in which a second answer is looked for; and seconds at the end
+_PART, _LONGEST_LOOK, _LOOK_AT_END = 0.02, 0.002, 0.0002
+"""Share of a step's time, and seconds at most, in which a second answer is waited for; and seconds at the end
 of an episode at least."""
-_TRIED = 3
-"""Episodes of a process in which this is looked at closely, where it ends all of them at once."""
+_TRIED = 10
+"""The first episodes, in which this is waited for; later what is there already is noticed."""
+_END = b'"done"'
 _GOODBYE = 2.0
 """Seconds that a process has to end when its standard input is closed."""
 
@@ -76,6 +77,7 @@ class Dialogue:
         self._warned = False
         self._at_once = False
         """Whether the last episode ended with the answer to its reset."""
+        self._at_once_count = 0
         self.printed = Printed(0)
 
     def reset(self, parameters: Mapping[str, Any], seed: int) -> dict[str, Any]:
@@ -101,7 +103,8 @@ class Dialogue:
                 self._at_once = answer.get("done") is True
                 return answer
             # Where the episodes before ended at once, too, it has nothing to do with them.
-            wait = not self._at_once or self._warned or self._episodes <= _TRIED
+            wait = not self._at_once or self._warned or self._at_once_count < _TRIED
+            self._at_once_count += 1
             self._at_once = True
             if not self._has_surplus(_SURPLUS if wait else 0.0):
                 return answer
@@ -123,16 +126,18 @@ class Dialogue:
             began = time.monotonic()
             self._write(f"{_ENCODER.encode(message)}\n".encode())
             answer = self._checked(self._line())
-            # A second answer comes right after the first one. The wait is to be short beside the step.
+            # A second answer comes right after the first one. The wait is to be short beside the step, and
+            # the shortest wait of the system is about 0.1 ms.
             patience = min((time.monotonic() - began) * _PART, _LONGEST_LOOK)
+            patience = patience if patience >= _LOOK_AT_END else 0.0
             is_end = answer.get("done") is True
-            if is_end:
+            if is_end and self._episodes <= _TRIED:
                 patience = max(patience, _LOOK_AT_END)
             if self._warned:
                 patience = _LONGEST_LOOK
-            surplus = "reset" not in message and self._has_surplus(patience)
+            surplus = bool(patience) and "reset" not in message and self._has_surplus(patience)
             # An end that is said twice changes nothing; its process is ended before the next episode.
-            if surplus and not (is_end and b'"done"' in self._rest.split(b"\n")[0]):
+            if surplus and not (is_end and _END in self._rest.split(b"\n")[0]):
                 self._warned = True
                 raise CommandFailure(f"answered a message twice: {self._surplus()}")
             return answer
@@ -143,6 +148,8 @@ class Dialogue:
     def _has_surplus(self, patience: float = 0.0) -> bool:
         """Whether there is an answer although nothing was asked."""
         assert self._pipes is not None
+        if not patience and not self._rest and not self._answers.poll(0):
+            return False
         deadline = time.monotonic() + patience
         while True:
             while (line := self._next_line()) is not None:
@@ -155,6 +162,7 @@ class Dialogue:
             if self._ended is not None:
                 return False
             left = max(deadline - time.monotonic(), 0.0)
+            # Not by poll, whose times are whole milliseconds.
             if not select.select([self._pipes[1]], [], [], left)[0]:
                 return False
             data = os.read(self._pipes[1], _PIECE)
@@ -171,8 +179,9 @@ class Dialogue:
             self._warned = True
             _log.warning(
                 "the command answered again after the end of an episode (%s); it is started anew for each "
-                "further episode where it does so",
+                "further episode where it does so%s",
                 self._surplus(),
+                "" if _END in self._rest else "; the fitness of this episode may be wrong",
             )
         self.abandon()
 
@@ -210,6 +219,8 @@ class Dialogue:
                 os.close(one)
         self._pipes = ours
         os.set_blocking(ours[0], False)
+        self._answers = select.poll()
+        self._answers.register(ours[1], select.POLLIN)
         self._poll = select.poll()
         for one in (ours[1], ours[2], self._processes.channel.fileno()):
             self._poll.register(one, select.POLLIN)
