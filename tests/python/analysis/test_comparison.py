@@ -264,7 +264,7 @@ def test_luck_with_seeds_is_noted(tmp_path: Path) -> None:
 
 def test_runs_that_go_on_did_not_end_early(tmp_path: Path) -> None:
     long = Experiment.from_mapping({**NOISY, "servers": "in-process", "method": {"generations": 3}})
-    notes = []
+    notes: list[str] = []
 
     def stop(generation: Generation) -> None:
         if generation.generation == 1:
