@@ -22,7 +22,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from swarmwright.commands.failure import CommandFailure
 from swarmwright.commands.output import Printed
@@ -122,7 +122,7 @@ class Dialogue:
         try:
             assert self._pipes is not None
             if self._has_surplus():
-                raise CommandFailure(f"answered a message twice: {self._surplus()}")
+                self._refuse_surplus()
             began = time.monotonic()
             self._write(f"{_ENCODER.encode(message)}\n".encode())
             answer = self._checked(self._line())
@@ -139,7 +139,7 @@ class Dialogue:
             # An end that is said twice changes nothing; its process is ended before the next episode.
             if surplus and not (is_end and _END in self._rest.split(b"\n")[0]):
                 self._warned = True
-                raise CommandFailure(f"answered a message twice: {self._surplus()}")
+                self._refuse_surplus()
             return answer
         except BaseException as error:
             self.abandon(0.0 if not isinstance(error, CommandFailure) else 0.5)
@@ -169,6 +169,14 @@ class Dialogue:
             self._rest += data
             if not data:
                 return False
+
+    def _refuse_surplus(self) -> NoReturn:
+        """Raise CommandFailure for an answer that nothing was asked for: an error may come at any time."""
+        text = self._surplus()
+        line = self._next_line()
+        if line is not None:
+            self._checked(line)
+        raise CommandFailure(f"answered a message twice: {text}")
 
     def _surplus(self) -> str:
         return self._rest[:60].split(b"\n")[0].decode("utf-8", "replace")

@@ -178,6 +178,18 @@ def test_an_end_that_is_said_twice_is_not_that_of_the_next_episode(
     assert fitness.tolist() == evaluate(twice(traced), genomes).tolist()
 
 
+def test_an_error_may_come_at_any_time(traced: Traced) -> None:
+    script = TWICE.replace(
+        "say(sensors=[[0.5]])", 'say(sensors=[[0.5]]); steps == 2 and say(error="no motor")'
+    )
+    (traced.folder / "late.py").write_text(script.replace("{end}", "False").replace("{middle}", "False"))
+    experiment = traced.experiment(
+        [sys.executable, "late.py"], controller="stepwise", sensors=1, actuators=1
+    ).replace(controller={"kind": "layered", "hidden": []})
+    with pytest.raises(RunError, match="late: reports: no motor"):
+        simulate(experiment)
+
+
 def test_two_answers_to_a_message_fail_the_episode(traced: Traced, caplog: pytest.LogCaptureFixture) -> None:
     genomes = np.random.default_rng(4).normal(size=(8, 2))
     well = evaluate(twice(traced), genomes)
