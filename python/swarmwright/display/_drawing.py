@@ -15,13 +15,13 @@ from swarmwright.display._look import (
     CELLS,
     FIELD,
     INK,
-    LIGHT,
     MOVING,
     PAPER,
     STATES,
     Looks,
     agent_size,
     rgb,
+    state_color,
     value_colors,
 )
 from swarmwright.display._scene import Scene
@@ -74,6 +74,8 @@ class Picture:
         self._states = states if self._shown.colors == "controller" else None
         self._valued = self._states is None and self._shown.colors != "state"
         names = None if self._states is None else _state_names(self._states, state_names)
+        self.states = len(names or ())
+        """How many states of controllers give bodies their colours."""
         self._key = Key(recording, self._looks, self._size, valued=self._valued, states=names)
         # The map fills the width; the height follows, within limits.
         inside = (WIDTH - LEFT - RIGHT) * min(max(first.height / first.width, 0.25), 1.1)
@@ -166,7 +168,9 @@ class Picture:
             agents = bodies.agents()
             known = np.flatnonzero((agents >= 0) & (agents < self._states.shape[1]))
             now = self._states[min(time, len(self._states) - 1), agents[known]]
-            colors[known] = np.array([rgb(LIGHT[name]) for name in STATES])[now % len(STATES)] / 255
+            colors[known] = (
+                np.array([rgb(state_color(state)) for state in range(len(STATES))])[now % len(STATES)] / 255
+            )
         return colors
 
     def _title(self, scene: Scene) -> None:

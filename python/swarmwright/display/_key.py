@@ -10,14 +10,13 @@ from swarmwright.display._look import (
     BORDER,
     FIELD,
     INK,
-    LIGHT,
     ORANGE,
     PAPER,
-    STATES,
     Looks,
     floor_color,
     floors,
     label,
+    state_color,
     value_colors,
 )
 from swarmwright.display._scene import Scale, Scene
@@ -106,7 +105,7 @@ class Key:
             color, marker, _, _ = looks.marker(look, size)
             handles.append(mark(label(*look), color, marker, 12 if marker == "*" else 9))
         for index, name in enumerate(self._states):
-            handles.append(mark(name, LIGHT[STATES[index % len(STATES)]], "o", 9))
+            handles.append(mark(name, state_color(index), "o", 9))
         seen: dict[str, str] = {}
         walls = lights = False
         for scene in recording.scenes:

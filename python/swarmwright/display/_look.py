@@ -42,8 +42,46 @@ FLOOR = {"light": ("#2E2E2E", "#D0D0C9", "#FFFFFF"), "dark": ("#000000", "#3D444
 """Black, middle grey and white floor on a light and a dark ground, such that robots show on all."""
 VALUES = ("#440154", "#3B528B", "#21918C", "#5EC962", "#FDE725")
 """From the least to the greatest value (viridis)."""
-STATES = ("free", "exit", "good", "other-1", "defender", "other-2", "other-3", "lost")
-"""Colours of the states of controllers, in their order."""
+MORE_LIGHT = {
+    "state-8": "#221188",
+    "state-9": "#BB55FF",
+    "state-10": "#AAEE77",
+    "state-11": "#663300",
+    "state-12": "#DD2244",
+    "state-13": "#881177",
+    "state-14": "#DDCC99",
+    "state-15": "#0033FF",
+    "state-16": "#EEDD00",
+    "state-17": "#773355",
+    "state-18": "#446633",
+    "state-19": "#DD9955",
+    "state-20": "#AA77EE",
+    "state-21": "#FF77DD",
+    "state-22": "#2255BB",
+    "state-23": "#00EEDD",
+}
+"""Colours of further states of controllers on a light ground, as far apart from all others as there are."""
+MORE_DARK = {
+    "state-8": "#6611FF",
+    "state-9": "#3355CC",
+    "state-10": "#446633",
+    "state-11": "#EEEE00",
+    "state-12": "#FF1155",
+    "state-13": "#AA0088",
+    "state-14": "#CCEEAA",
+    "state-15": "#EE11FF",
+    "state-16": "#AAFF88",
+    "state-17": "#9955BB",
+    "state-18": "#776600",
+    "state-19": "#BB7766",
+    "state-20": "#8888BB",
+    "state-21": "#AA4477",
+    "state-22": "#9900BB",
+    "state-23": "#00DD77",
+}
+"""The same on a dark ground."""
+STATES = ("free", "exit", "good", "other-1", "defender", "other-2", "other-3", "lost", *MORE_LIGHT)
+"""Colours of the states of controllers, in their order; more states have them again."""
 OTHERS = ("other-1", "other-2", "other-3", "other-4")
 """Colours of unknown kinds and states, in the order in which they are seen."""
 
@@ -189,6 +227,12 @@ class Looks:
         return Marker(self.color(look), SHAPES[self._looks[look].shape][0], size, layer)
 
 
+def state_color(state: int) -> str:
+    """Return the colour of a state of controllers on a light ground, as '#0072B2'."""
+    name = STATES[state % len(STATES)]
+    return LIGHT.get(name) or MORE_LIGHT[name]
+
+
 def css(own: Mapping[str, tuple[str, str]] | None = None) -> str:
     """Return the colours of bodies and floors as CSS, for light and dark; own: see `Looks`."""
     own = own or {}
@@ -199,9 +243,9 @@ def css(own: Mapping[str, tuple[str, str]] | None = None) -> str:
         mine = {name: pair[place] for name, pair in own.items()}
         return " ".join(f"--{n}: {v.lower()};" for n, v in {**colors, **floor, **values, **mine}.items())
 
-    dark = variables("dark", DARK, 1)
+    dark = variables("dark", DARK | MORE_DARK, 1)
     return (
-        f":root {{ {variables('light', LIGHT, 0)} }}\n"
+        f":root {{ {variables('light', LIGHT | MORE_LIGHT, 0)} }}\n"
         f'@media (prefers-color-scheme: dark) {{ :root:not([data-theme="light"]) {{ {dark} }} }}\n'
         f':root[data-theme="dark"] {{ {dark} }}'
     )
@@ -291,13 +335,17 @@ def _luminance(color: str) -> float:
     return float(0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2])
 
 
-def palette(own: Iterable[str] = (), grounds: Iterable[str] = (), *, values: bool = False) -> list[int]:
+def palette(
+    own: Iterable[str] = (), grounds: Iterable[str] = (), *, values: bool = False, states: int = 0
+) -> list[int]:
     """Every colour of a picture with its shades, as red, green, blue, red, ... (0..255); at most 256.
 
     own: colours of styles. grounds: colours of the floor. values: whether bodies are coloured by values.
+    states: how many states of controllers give bodies their colours.
     """
     grounds, own = list(grounds)[:24], list(own)[:16]
-    shaded: Sequence[str] = list(dict.fromkeys([*LIGHT.values(), INK, BORDER, *own]))
+    further = [state_color(state) for state in range(min(states, len(STATES)))]
+    shaded: Sequence[str] = list(dict.fromkeys([*LIGHT.values(), INK, BORDER, *own, *further]))
     exact = [PAPER, FIELD, GRID, mixed(GRID, FIELD, 0.5), *grounds]
     if values:
         exact += ["#" + "".join(f"{round(255 * c):02X}" for c in color) for color in value_colors(_RAMP)]

@@ -1,37 +1,63 @@
-"""The state machines of controllers."""
+"""The state machines and trees of controllers."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from swarmwright.core.modules import is_modules, states_of, words_of
+from swarmwright.core.modules import State, condition_words, is_modules, is_tree, states_of, words_of
+from swarmwright.core.teams import is_team, parts_of
 
 _MOST_STATES = 64
 """States of a machine that is drawn."""
 
 
+def groups_of(specification: Mapping[str, Any]) -> list[dict[str, Any]] | None:
+    """Return the groups of a team that have state machines, with these; None for what is no such team.
+
+    first, end: between which agents they are; end is None for all others.
+    """
+    if not is_team(specification):
+        return None
+    first: int | None = 0
+    found = []
+    for group, part in zip(specification["groups"], parts_of(specification).values(), strict=True):
+        agents = group.get("agents")
+        end = None if first is None or agents is None else first + int(agents)
+        if has_states(part):
+            found.append({"name": group["name"], "first": first, "end": end, "machine": machine_of(part, -1)})
+        first = end
+    return found or None
+
+
+def has_states(specification: Mapping[str, Any]) -> bool:
+    """Whether a controller is a state machine that is known and not too large to be drawn."""
+    states = specification["states"] if specification.get("kind") == "mealy_fsm" else 0
+    return is_modules(specification) or 0 < states <= _MOST_STATES
+
+
 def machine_of(specification: Mapping[str, Any], highest: int) -> dict[str, Any]:
     """Return a state machine: names and words of states, and transitions as [from, to, words].
 
+    A tree has subtrees in the place of states, with their conditions in words, and no transitions.
+
     highest: the last state that an agent was in, for machines of which no more is known.
     """
-    kind = specification.get("kind")
     if is_modules(specification):
         found = states_of(specification)
-        # A subtree that is done leads to the next one; after the last the tree begins again.
-        tree = len(found) if specification.get("form") == "tree" else 0
+        if is_tree(specification):
+            return _tree(found)
         return {
             "states": [
                 {"name": state.behaviour.replace("_", "-"), "words": words_of(state)} for state in found
             ],
             "transitions": [
-                (index, (index + 1) % tree if tree else one.target, words_of(one).partition(": ")[2])
+                (index, one.target, words_of(one).partition(": ")[2])
                 for index, state in enumerate(found)
                 for one in state.transitions
             ],
         }
-    if kind == "mealy_fsm" and specification["states"] <= _MOST_STATES:
+    if has_states(specification):
         count = specification["states"]
         table = np.array(specification["weights"], dtype=np.float64)
         targets = table.reshape(count, -1, 1 + specification["actuators"])[:, :, 0]
@@ -46,3 +72,18 @@ def machine_of(specification: Mapping[str, Any], highest: int) -> dict[str, Any]
         }
     names = [{"name": "", "words": f"state {index}"} for index in range(highest + 1)]
     return {"states": names, "transitions": []}
+
+
+def _tree(subtrees: Sequence[State]) -> dict[str, Any]:
+    return {
+        "form": "tree",
+        "states": [
+            {
+                "name": one.behaviour.replace("_", "-"),
+                "words": words_of(one),
+                "condition": condition_words(one),
+            }
+            for one in subtrees
+        ],
+        "transitions": [],
+    }

@@ -39,7 +39,8 @@ def write(
     looks = Looks(recording.scenes)
     own = [light for light, _ in looks.own.values()]
     greys = {floor_color(grey) for scene in recording.scenes for grey in floors(scene)}
-    colors.putpalette(palette(own, sorted(greys), values=scale_of(recording) is not None))
+    valued = scale_of(recording) is not None
+    colors.putpalette(palette(own, sorted(greys), values=valued, states=picture.states))
     count, seconds = pace(len(recording.scenes), step_seconds, frame_seconds=FRAME_SECONDS, most=MOST_FRAMES)
     for scene, time in in_between(recording.scenes, count):
         frames.append(picture.image(scene, time).quantize(palette=colors, dither=Image.Dither.NONE))

@@ -6,9 +6,10 @@ from importlib import import_module
 from pathlib import Path
 
 from swarmwright.core.errors import InputError
+from swarmwright.core.teams import is_team
 from swarmwright.display._caption import Caption
 from swarmwright.display._episode import Recording
-from swarmwright.display._machine import machine_of
+from swarmwright.display._machine import has_states, machine_of
 from swarmwright.display._part import Part
 from swarmwright.display._shown import Shown
 
@@ -39,12 +40,15 @@ def save(
 
     Raises:
         ValueError: another ending.
-        InputError: a film is wanted and what encodes it is not installed, or a picture of several episodes.
+        InputError: a film is wanted and what encodes it is not installed, a picture of several episodes, or
+            colours of the states of controllers that have none.
         OSError: the file cannot be written.
     """
     ending = path.suffix.lower()
     if ending not in _WRITERS:
         raise ValueError(f"'{path}': files end with {', '.join(FORMATS[:-1])} or {FORMATS[-1]}.")
+    if shown is not None and shown.colors == "controller":
+        _check_states([Part(shows)] if isinstance(shows, Recording) else shows)
     names: list[str] = []
     if ending != ".html" and not isinstance(shows, Recording):
         if len(shows) != 1:
@@ -60,3 +64,22 @@ def save(
             path.write_text(text, encoding="utf-8")
             return
         module.write(shows, path, caption=caption or Caption(), speed=speed, shown=shown, state_names=names)
+
+
+def _check_states(parts: Sequence[Part]) -> None:
+    """Raise InputError unless the controller of an episode has states that are known."""
+    traces = [part.recording.trace for part in parts]
+    if any(trace is not None and trace.states is not None for trace in traces):
+        return
+    controller = parts[0].controller
+    kind = controller.get("kind")
+    if is_team(controller):
+        why = "those of a team's controllers are not recorded"
+    elif kind is None or has_states(controller):
+        why = "this episode does not say them"
+    else:
+        why = f"a controller of the kind {kind} has none"
+    raise InputError(
+        f"colors: controller shows the states of state machines (modules, mealy_fsm), and {why}; "
+        "there are auto, state and value"
+    )

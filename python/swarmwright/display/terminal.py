@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import TextIO
 
 from swarmwright.display._episode import Playable
+from swarmwright.display._text import with_states
 
 HIDE_CURSOR, SHOW_CURSOR = "\x1b[?25l", "\x1b[?25h"
 CLEAR_LINE, CLEAR_BELOW = "\x1b[K", "\x1b[J"
@@ -60,7 +61,10 @@ class _Painter:
         size = shutil.get_terminal_size((80, LINES))
         # On a terminal one line is for the fitness and one for the cursor below the frame.
         rows = size.lines - 2 if self._in_place else LINES
+        # And one for the states of controllers.
+        rows -= getattr(episode, "machine_states", lambda: None)() is not None
         text = episode.text(size.columns, self._color, max(rows, 1), self._unicode)
+        text = with_states(text, episode, size.columns, color=self._color, unicode=self._unicode)
         so_far = f"fitness {episode.fitness + 0.0:.4g}"  # no -0
         lines = [*text.rstrip("\n").split("\n"), so_far[: size.columns]]
         if not self._unicode:

@@ -5,8 +5,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from swarmwright.display import Body, Recording, Scene, record
+from swarmwright import InputError
+from swarmwright.display import Body, Part, Recording, Scene, Shown, record
 from swarmwright.display.files import FORMATS, save
+from tests.python.display.test_page_swarm import MODULES, NETWORK, TEAM
 
 
 @pytest.mark.parametrize("ending", FORMATS)
@@ -27,6 +29,25 @@ def test_endings_may_be_capitals(crossing: Any, tmp_path: Path) -> None:
     save(record(crossing), tmp_path / "x.PNG")
     with Image.open(tmp_path / "x.PNG") as picture:
         assert picture.format == "PNG"
+
+
+@pytest.mark.parametrize("ending", FORMATS)
+@pytest.mark.parametrize(
+    ("controller", "why"),
+    [
+        (NETWORK, "a controller of the kind layered has none"),
+        (TEAM, "those of a team's controllers are not recorded"),
+        (MODULES, "this episode does not say them"),
+        ({}, "this episode does not say them"),
+    ],
+)
+def test_colours_of_states_need_states(
+    crossing: Any, tmp_path: Path, ending: str, controller: dict[str, Any], why: str
+) -> None:
+    part = Part(record(crossing), "", controller)
+    with pytest.raises(InputError, match=f"^colors: controller shows .*{why}; there are auto"):
+        save([part], tmp_path / f"x{ending}", shown=Shown(colors="controller"))
+    assert not any(tmp_path.iterdir())
 
 
 def test_other_endings_are_refused(crossing: Any, tmp_path: Path) -> None:

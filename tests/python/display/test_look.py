@@ -11,7 +11,22 @@ from PIL import Image
 
 from swarmwright.display import Body, Recording, Scene
 from swarmwright.display._drawing import Picture
-from swarmwright.display._look import DARK, FIELD, KNOWN, LIGHT, OTHERS, SHAPES, Looks, css, palette, rgb
+from swarmwright.display._look import (
+    DARK,
+    FIELD,
+    KNOWN,
+    LIGHT,
+    MORE_DARK,
+    MORE_LIGHT,
+    OTHERS,
+    SHAPES,
+    Looks,
+    css,
+    palette,
+    rgb,
+    state_color,
+)
+from swarmwright.display._look import STATES as OF_CONTROLLERS
 from swarmwright.display.files import save
 
 STATES = ("free", "carrying", "charging", "waiting")
@@ -82,6 +97,23 @@ def test_every_colour_of_the_table_is_on_the_page_and_in_the_palette() -> None:
     assert {shape for shape, _ in KNOWN.values()} <= set(SHAPES)
 
 
+def test_states_have_colours_that_are_told_apart() -> None:
+    for table in (LIGHT | MORE_LIGHT, DARK | MORE_DARK):
+        colors = [table[name] for name in OF_CONTROLLERS]
+        assert len(set(colors)) == len(OF_CONTROLLERS) >= 16
+        for one, other in combinations(colors, 2):
+            assert np.linalg.norm(seen(one, SIGHT) - seen(other, SIGHT)) > 15, (one, other)
+    assert [state_color(state) for state in (0, 8, len(OF_CONTROLLERS))] == ["#0072B2", "#221188", "#0072B2"]
+    style = css()
+    for name in MORE_LIGHT:
+        assert style.count(f"--{name}: {MORE_LIGHT[name].lower()};") == 1
+        assert style.count(f"--{name}: {MORE_DARK[name].lower()};") == 2
+    shades = np.array(palette(states=16)).reshape(-1, 3).tolist()
+    assert len(shades) <= 256
+    assert all(list(rgb(state_color(state))) in shades for state in range(16))
+    assert len(palette(["#123456"] * 16, LIGHT.values(), values=True, states=64)) <= 3 * 256
+
+
 def test_the_terminal_has_the_same_table(root: Path) -> None:
     source = (root / "engine" / "worlds" / "src" / "text" / "glyphs.rs").read_text(encoding="utf-8")
     entry = re.compile(r"""\("(\w+)", "(\w*)", '(.)', '.', Color::(\w+)\)""")
@@ -102,6 +134,7 @@ def test_the_terminal_has_the_same_table(root: Path) -> None:
 
 
 # Viénot, Brettel and Mollon 1999: what people without red or green cones see, in linear RGB.
+SIGHT = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
 BLIND = {
     "protan": [[0.11238, 0.88762, 0.0], [0.11238, 0.88762, 0.0], [0.00401, -0.00401, 1.0]],
     "deutan": [[0.29275, 0.70725, 0.0], [0.29275, 0.70725, 0.0], [-0.02234, 0.02234, 1.0]],
@@ -125,5 +158,7 @@ def test_colours_of_states_are_told_apart_without_red_or_green(kind: str) -> Non
     for one, other in combinations(names, 2):
         apart = np.linalg.norm(seen(LIGHT[one], BLIND[kind]) - seen(LIGHT[other], BLIND[kind]))
         assert apart > 12, (one, other, apart)
+    for one, other in combinations([state_color(state) for state in range(8, 24)], 2):
+        assert np.linalg.norm(seen(one, BLIND[kind]) - seen(other, BLIND[kind])) > 12, (one, other)
     for name in LIGHT:
         assert np.linalg.norm(seen(LIGHT[name], BLIND[kind]) - seen(FIELD, BLIND[kind])) > 25, name

@@ -1,9 +1,7 @@
 """State machines as pages and legends have them."""
 
-from typing import Any
-
-from swarmwright.display._machine import machine_of
-from tests.python.display.test_page_swarm import MODULES
+from swarmwright.display._machine import groups_of, machine_of
+from tests.python.display.test_page_swarm import MODULES, NETWORK, TEAM, TREE
 
 
 def test_machines_of_modules_have_behaviours_and_conditions() -> None:
@@ -19,11 +17,32 @@ def test_machines_of_modules_have_behaviours_and_conditions() -> None:
     }
 
 
-def test_subtrees_of_a_tree_lead_to_the_next_one() -> None:
-    tree: dict[str, Any] = {**MODULES, "form": "tree"}
-    machine: dict[str, Any] = machine_of(tree, 0)
-    transitions: list[Any] = machine["transitions"]
-    assert [part[:2] for part in transitions] == [(0, 1), (1, 0)]
+def test_subtrees_of_a_tree_have_a_condition_and_a_behaviour() -> None:
+    assert machine_of(TREE, 0) == {
+        "form": "tree",
+        "states": [
+            {
+                "name": "exploration",
+                "words": "exploration (rwm 3)",
+                "condition": "black floor (probability 0.5)",
+            },
+            {"name": "stop", "words": "stop", "condition": "fixed probability (probability 0.1)"},
+        ],
+        "transitions": [],
+    }
+
+
+def test_groups_of_a_team_have_machines_of_their_own() -> None:
+    groups = groups_of(TEAM)
+    assert groups is not None
+    assert [(group["name"], group["first"], group["end"]) for group in groups] == [
+        ("scouts", 0, 2),
+        ("carriers", 5, None),
+    ], "a network between them is no machine"
+    assert groups[0]["machine"] == machine_of(MODULES, 0)
+    assert groups[1]["machine"]["form"] == "tree"
+    assert groups_of(MODULES) is None
+    assert groups_of({**TEAM, "groups": TEAM["groups"][1:2], "weights": NETWORK["weights"]}) is None
 
 
 def test_a_mealy_machine_has_the_number_of_cases_of_each_transition() -> None:

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -26,9 +27,11 @@ from swarmwright.display import (
     Trace,
     Wall,
 )  # fmt: skip
+from swarmwright.display._look import STATES
 from swarmwright.display.files import save
 from tests.python.display.browser import chromium
 from tests.python.display.test_page import eventually, log, pixels, press, text
+from tests.python.export.specifications import modules
 
 STEPS = 40
 MACHINE = (
@@ -39,6 +42,34 @@ MODULES: dict[str, Any] = {
     "kind": "modules", "sensors": 9, "actuators": 2, "states": 4, "transitions": 4,
     "weights": weights_of(MACHINE, 4, 4),
 }  # fmt: skip
+TREE: dict[str, Any] = {
+    **MODULES, "form": "tree", "transitions": 1, "weights": weights_of(MACHINE, 4, 1),
+}  # fmt: skip
+NETWORK: dict[str, Any] = {
+    "kind": "layered", "sensors": 9, "actuators": 2, "hidden": [], "activation": "tanh",
+    "output_range": [-1, 1], "weights": [0.5] * 20,
+}  # fmt: skip
+
+
+def _group(name: str, agents: int | None, controller: dict[str, Any]) -> dict[str, Any]:
+    without = {key: value for key, value in controller.items() if key != "weights"}
+    return {
+        "name": name,
+        "controller": {"version": 1, **without},
+        **({} if agents is None else {"agents": agents}),
+    }
+
+
+TEAM: dict[str, Any] = {
+    "kind": "team",
+    "groups": [
+        _group("scouts", 2, MODULES),
+        _group("guards", 3, NETWORK),
+        _group("carriers", None, TREE),
+    ],
+    "weights": MODULES["weights"] + NETWORK["weights"] + TREE["weights"],
+}
+"""Of machines, networks and trees."""
 
 
 def swarm(robots: int = 6, *, steps: int = STEPS, values: bool = False) -> Recording:
@@ -192,6 +223,80 @@ def test_the_active_state_lights_up(opened: Chrome) -> None:
     press(opened, Keys.ARROW_RIGHT)
     assert active() == [1]
     assert opened.find_elements(By.CSS_SELECTOR, "#diagram .arrow.taken") == []
+
+
+def test_a_tree_is_drawn_as_one(browser: Chrome, tmp_path: Path) -> None:
+    open_page(browser, tmp_path, Part(swarm(), "", TREE))
+    leaves = [leaf.text.split("\n") for leaf in browser.find_elements(By.CSS_SELECTOR, "#diagram .leaf")]
+    assert leaves == [
+        ["black floor", "(probability 0.5)"],
+        ["exploration", "(rwm 3)"],
+        ["fixed probability", "(probability 0.1)"],
+        ["stop"],
+        ["sequence*"],
+    ]
+    assert browser.find_elements(By.CSS_SELECTOR, "#diagram .head") == [], "nothing is a transition"
+    numbers = [number.text for number in browser.find_elements(By.CSS_SELECTOR, "#diagram .number")]
+    assert numbers == ["6", "0"], "agents in each subtree"
+    rows = [row.text for row in browser.find_elements(By.CSS_SELECTOR, "#states > li")]
+    assert rows[0] == "0 next subtree if black floor (probability 0.5)\nelse exploration (rwm 3)"
+    inside = (
+        "const all = player.machine.svg.getBoundingClientRect();"
+        "return [...document.querySelectorAll('#diagram rect')].map((one) => one.getBoundingClientRect())"
+        ".every((one) => one.left >= all.left && one.right <= all.right);"
+    )
+    assert browser.execute_script(inside)
+    assert errors(browser) == []
+
+
+def test_groups_of_a_team_have_their_machines(browser: Chrome, tmp_path: Path) -> None:
+    recording = swarm(7)
+    assert recording.trace is not None
+    without = replace(recording, trace=replace(recording.trace, states=None))
+    open_page(browser, tmp_path, Part(without, "", TEAM))
+    group = Select(browser.find_element(By.ID, "group"))
+    assert [option.text for option in group.options] == ["scouts", "carriers"]
+    assert text(browser, "which") == "states of a team are not recorded"
+
+    def shown() -> tuple[int, int]:
+        numbers = browser.find_elements(By.CSS_SELECTOR, "#diagram .number")
+        assert [number.text for number in numbers] == ["0", "1"]
+        arrows = browser.find_elements(By.CSS_SELECTOR, "#diagram .head")
+        return len(arrows), len(browser.find_elements(By.CSS_SELECTOR, "#diagram .leaf"))
+
+    assert shown() == (2, 0), "a machine"
+    group.select_by_value("carriers")
+    assert shown() == (0, 5), "a tree"
+    browser.execute_script("player.follow(0, 1)")
+    assert browser.find_element(By.ID, "group").get_attribute("value") == "scouts"
+    assert shown() == (2, 0)
+    browser.execute_script("player.follow(0, 3)")
+    assert shown() == (2, 0), "agent 3 has a network"
+    browser.execute_script("player.follow(0, 6)")
+    assert shown() == (0, 5)
+    assert [
+        option.get_attribute("value") for option in Select(browser.find_element(By.ID, "colors")).options
+    ] == ["state"]
+    assert errors(browser) == []
+
+
+def test_sixteen_states_have_colours_of_their_own(browser: Chrome, tmp_path: Path) -> None:
+    recording = swarm(16)
+    assert recording.trace is not None
+    states = np.tile(np.arange(16, dtype=np.uint8), (STEPS + 1, 1))
+    recording = replace(recording, trace=replace(recording.trace, states=states))
+    open_page(browser, tmp_path, Part(recording, "", modules(16, 4, 16)), shown=Shown(labels=False))
+    colors = browser.execute_script(
+        "return [...document.querySelectorAll('#diagram circle')].map((one) => getComputedStyle(one).stroke);"
+    )
+    assert len(set(colors)) == 16
+    legend = browser.execute_script(
+        "return player.legend.states.map(({ item }) => getComputedStyle(item.querySelector('path')).fill);"
+    )
+    assert legend == colors
+    for name in STATES[:16]:
+        assert pixels(browser, "world", name)[0] > 20, name
+    assert errors(browser) == []
 
 
 def test_colours_and_the_legend_say_the_same(browser: Chrome, tmp_path: Path) -> None:

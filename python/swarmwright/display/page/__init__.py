@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 SCRIPTS = (
     "shapes.js", "series.js", "camera.js", "ground.js", "signals.js", "sprites.js", "world.js", "pictures.js",
-    "curve.js", "legend.js", "machine.js", "inspector.js", "player.js",
+    "curve.js", "legend.js", "machine.js", "tree.js", "inspector.js", "player.js",
 )  # fmt: skip
 """In this order they are one script."""
 

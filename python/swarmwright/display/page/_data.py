@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from swarmwright.display._bodies import Bodies
 from swarmwright.display._key import scale_of
 from swarmwright.display._look import CELLS, MOVING, SHAPES, STATES, Looks, floors, whole
+from swarmwright.display._machine import groups_of
 from swarmwright.display._part import Part
 from swarmwright.display._scene import Patch, Scene
 from swarmwright.display._shown import Shown
@@ -85,7 +86,8 @@ def _episode(part: Part) -> dict[str, Any]:
 
     name, width, height, origin, grid and message of the world; fitness so far at each scene, and metrics by
     name, null where it is not finite; keys: scenes that are kept, `stride` apart; bodies; ground: [scene
-    from which, floor, patches, walls, lights]; and, where there are any, rays, links, trace and machine.
+    from which, floor, patches, walls, lights]; and, where there are any, rays, links, trace, machine, and
+    groups of a team that have machines.
     """
     recording = part.recording
     scenes = recording.scenes
@@ -118,6 +120,7 @@ def _episode(part: Part) -> dict[str, Any]:
         "links": _links([scenes[key] for key in keys]),
         "trace": None if trace is None else _trace(trace, keys, part),
         "machine": None if trace is None else machine_data(trace, keys, part),
+        "groups": groups_of(part.controller),
     }
 
 

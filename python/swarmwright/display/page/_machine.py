@@ -12,8 +12,8 @@ from swarmwright.display.page._series import packed
 def machine_data(trace: Trace, keys: Sequence[int], part: Part) -> dict[str, Any] | None:
     """Return the state machine of an episode's agents; None for a controller without states.
 
-    states: name and words of each; transitions: [from, to, words]; agents, at: (scenes, agents) states that
-    agents are in.
+    states: name and words of each; transitions: [from, to, words]; form: "tree" for a behaviour tree;
+    agents, at: (scenes, agents) states that agents are in.
     """
     if trace.states is None:
         return None

@@ -6,17 +6,24 @@ class Machine {
   constructor(host, list, machine) {
     Object.assign(this, { host, list, machine });
     const count = machine.states.length;
-    const far = count < 2 ? 0 : Math.min(95, 48 + 9 * count);
-    this.places = machine.states.map((_, index) => {
-      const angle = (2 * Math.PI * index) / count - Math.PI / 2;
-      return [far * 1.25 * Math.cos(angle), far * Math.sin(angle)];
-    });
-    const [wide, high] = [far * 1.25 + 62, far + 44];
-    this.svg = element("svg", { viewBox: `${-wide} ${-high} ${2 * wide} ${2 * high}`, role: "img", class: "machine" });
+    // As far as states with their names need, at most.
+    this.far = count < 2 ? 0 : Math.max(Math.min(95, 48 + 9 * count), 9.5 * count);
+    this.places = machine.states.map((_, index) => this.place(index));
+    this.svg = element("svg", { viewBox: this.size().join(" "), role: "img", class: count > 8 ? "machine large" : "machine" });
     this.arrows();
     this.states = machine.states.map((state, index) => this.state(state, index));
     host.replaceChildren(this.svg);
     this.lines();
+  }
+
+  size() {
+    const [wide, high] = [this.far * 1.25 + 62, this.far + 44];
+    return [-wide, -high, 2 * wide, 2 * high];
+  }
+
+  place(index) {
+    const angle = (2 * Math.PI * index) / this.machine.states.length - Math.PI / 2;
+    return [this.far * 1.25 * Math.cos(angle), this.far * Math.sin(angle)];
   }
 
   // One arrow for all transitions from a state to another.
@@ -68,33 +75,42 @@ class Machine {
     const circle = element("circle", { cx: x, cy: y, r: STATE_RADIUS });
     circle.style.setProperty("--state", `var(--${stateColor(index)})`);
     const number = element("text", { x, y, class: "number" }, String(index));
-    const below = y >= -1 ? y + STATE_RADIUS + 13 : y - STATE_RADIUS - 6;
-    const name = element("text", { x, y: below, class: "name" }, state.name);
-    group.append(circle, number, name, element("title", {}, state.words));
+    group.append(circle, number, this.name(x, y, state), element("title", {}, state.words));
     this.svg.append(group);
     return { group, number };
   }
 
+  name(x, y, state) {
+    const below = y >= -1 ? y + STATE_RADIUS + 13 : y - STATE_RADIUS - 6;
+    return element("text", { x, y: below, class: "name" }, state.name);
+  }
+
   // States and transitions in words.
   lines() {
-    const { states, transitions } = this.machine;
     this.list.replaceChildren();
-    this.rows = states.map((state, index) => {
+    this.rows = this.machine.states.map((_, index) => {
       const row = element("li");
       const mark = element("span", { class: "swatch" });
       mark.style.background = `var(--${stateColor(index)})`;
-      row.append(mark, element("b", {}, `${index} ${state.words}`.replace(/^(\d+) state \d+$/, "state $1")));
-      const own = transitions.filter(([from]) => from === index);
-      const inner = element("ul");
-      for (const [, to, text] of own) inner.append(element("li", {}, `to ${to}: ${text}`));
-      row.append(inner);
+      row.append(mark);
+      this.words(row, index);
       this.list.append(row);
       return row;
     });
   }
 
-  // active: state of the agent that is followed, -1 for none. before: the one that it came from. counts: agents in each.
+  words(row, index) {
+    const { states, transitions } = this.machine;
+    const own = transitions.filter(([from]) => from === index);
+    const inner = element("ul");
+    for (const [, to, text] of own) inner.append(element("li", {}, `to ${to}: ${text}`));
+    row.append(element("b", {}, `${index} ${states[index].words}`.replace(/^(\d+) state \d+$/, "state $1")), inner);
+  }
+
+  // active: state of the agent that is followed, -1 for none. before: the one that it came from. counts: agents in each,
+  // null where it is not known in which states agents are.
   show(active, before, counts) {
+    if (!counts) return;
     const all = counts.reduce((sum, count) => sum + count, 0);
     this.states.forEach(({ group, number }, index) => {
       const share = active >= 0 ? Number(index === active) : all ? counts[index] / all : 0;

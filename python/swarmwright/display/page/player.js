@@ -120,9 +120,32 @@ class Player {
     part.labels.checked = page.shown.labels;
     this.inspector = new Inspector(part);
     this.inspector.jump = (step) => this.go(step);
-    const { machine } = this.episode;
+    this.drawMachines(this.episode);
+  }
+
+  // The state machine of an episode's agents, or those of its groups, one at a time.
+  drawMachines(episode) {
+    const { part } = this;
+    const { groups } = episode;
+    const machine = episode.machine || (groups && groups[0].machine);
+    if (this.drawnOf === episode) return;
+    if (this.drawnOf && !machine) return;
+    this.drawnOf = episode;
     part.controller.hidden = !machine;
-    if (machine) this.machine = new Machine(part.diagram, part.states, machine);
+    part.group.hidden = !groups;
+    part.group.replaceChildren(...(groups || []).map(({ name }) => new Option(name, name)));
+    if (machine) this.drawMachine(machine);
+  }
+
+  drawMachine(machine) {
+    if (this.machine && this.machine.machine === machine) return;
+    const Drawing = machine.form === "tree" ? Tree : Machine;
+    this.machine = new Drawing(this.part.diagram, this.part.states, machine);
+  }
+
+  chooseGroup(name) {
+    this.part.group.value = name;
+    this.drawMachine(this.drawnOf.groups.find((group) => group.name === name).machine);
   }
 
   listen() {
@@ -134,6 +157,7 @@ class Player {
     part.on.addEventListener("click", () => this.go(Math.floor(this.time) + 1));
     part.scrub.addEventListener("input", () => this.go(Number(part.scrub.value)));
     for (const id of ["trail", "rays", "links", "labels", "colors"]) part[id].addEventListener("change", () => this.show(true));
+    part.group.addEventListener("change", () => this.chooseGroup(part.group.value));
     part.leave.addEventListener("click", () => this.follow(this.focus, -1));
     part.theme.addEventListener("click", () => this.turnTheme());
     document.addEventListener("keydown", (event) => this.key(event));
@@ -221,8 +245,9 @@ class Player {
       this.part.who.textContent = `Agent ${episode.agents[body]}${this.episodes.length > 1 ? ` of ${episode.name}` : ""}`;
       this.inspector.choose(episode, body);
     }
-    if (episode.machine && this.machine && this.machine.machine !== episode.machine)
-      this.machine = new Machine(this.part.diagram, this.part.states, episode.machine);
+    this.drawMachines(episode);
+    const group = body >= 0 && episode.groups && episode.groupOf(body);
+    if (group) this.chooseGroup(group.name);
     this.show(true);
   }
 
@@ -331,6 +356,7 @@ class Player {
 
   describeMachine(scene) {
     const { episode, selected } = this.worlds[this.focus];
+    if (this.machine && this.drawnOf.groups) this.part.which.textContent = "states of a team are not recorded";
     if (!this.machine || !episode.machine) return;
     const [kept] = episode.moment(Math.min(scene, episode.last));
     const agent = selected < 0 ? -1 : episode.agents[selected];

@@ -106,6 +106,13 @@ class Episode {
     return agent < machine.agents ? machine.at[kept * machine.agents + agent] : 0;
   }
 
+  // The group of a team that a body belongs to, by its kind or state, else by its number; none for one without a machine.
+  groupOf(body) {
+    const agent = this.agents[body];
+    const named = this.groups.find(({ name }) => this.lookAt(0, body).includes(name));
+    return named || this.groups.find(({ first, end }) => agent >= first && (end === null || agent < end));
+  }
+
   groundAt(scene) {
     let found = this.ground[0][1];
     for (const [from, ground] of this.ground) if (from <= scene) found = ground;

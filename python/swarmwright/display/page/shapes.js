@@ -74,7 +74,7 @@ function spacing(extent, most) {
 
 // An element of HTML or SVG with attributes.
 function element(name, attributes = {}, text = "") {
-  const svg = ["svg", "path", "circle", "text", "g", "title"].includes(name);
+  const svg = ["svg", "path", "circle", "text", "g", "title", "rect"].includes(name);
   const made = svg ? document.createElementNS("http://www.w3.org/2000/svg", name) : document.createElement(name);
   for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
   if (text) made.textContent = text;

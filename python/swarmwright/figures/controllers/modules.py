@@ -5,16 +5,14 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from swarmwright.core.modules import State, condition_words, is_tree, states_of, words_of
-from swarmwright.figures.controllers.state_machine import RADIUS, arc, loop, place_of
+from swarmwright.figures.controllers.diagram import Arrow, Diagram, Node, figure_with_list
 from swarmwright.figures.style import COLORS, INK, PAPER, SOFT, new_figure
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 _WIDTH = 62
 """Characters in a line of the list."""
-_LINE = 0.2  # inches
 
 
 def draw(specification: Mapping[str, Any], title: str) -> "Figure":
@@ -22,22 +20,21 @@ def draw(specification: Mapping[str, Any], title: str) -> "Figure":
     states = states_of(specification)
     if is_tree(specification):
         return _tree(states, title)
-    lines = _list(states)
-    figure = new_figure(12.0, min(max(5.6, 1.4 + _LINE * len(lines)), 20.0))
-    left, right = figure.subplots(1, 2, width_ratios=[1, 1])
-    _circle(left, states)
-    right.axis("off")
-    right.text(
-        0, 1, "\n".join(lines), transform=right.transAxes, va="top", fontsize=9.5, color=INK,
-        linespacing=1.35, parse_math=False, family="monospace",
-    )  # fmt: skip
-    figure.suptitle(title, x=0.012, ha="left", fontsize=13, fontweight="bold", color=INK, parse_math=False)
+    diagram = Diagram(
+        [Node(state.behaviour.replace("_", "-")) for state in states],
+        [
+            Arrow(index, target, _numbers(state, target))
+            for index, state in enumerate(states)
+            for target in sorted({one.target for one in state.transitions})
+        ],
+    )
     count = sum(len(state.transitions) for state in states)
     plural = "s" if len(states) > 1 else ""
-    left.set_title(
-        f"modules, {len(states)} state{plural}, {count} transitions; numbers of transitions as in the list",
-        loc="left", fontsize=10, color=SOFT,
-    )  # fmt: skip
+    about = (
+        f"modules, {len(states)} state{plural}, {count} transitions; numbers of transitions as in the list"
+    )
+    figure, axes = figure_with_list(title, about, diagram.size, _list(states), letters=_WIDTH)
+    diagram.draw(axes, "bold ring: state 0, in which every episode begins")
     return figure
 
 
@@ -74,40 +71,18 @@ def _tree(subtrees: tuple[State, ...], title: str) -> "Figure":
     return figure
 
 
-def _circle(axes: "Axes", states: tuple[State, ...]) -> None:
-    from matplotlib.patches import Circle, FancyArrowPatch
+def _numbers(state: State, target: int) -> str:
+    """Return the numbers of the transitions that lead to a state."""
+    return ", ".join(str(k) for k, one in enumerate(state.transitions, 1) if one.target == target)
 
-    places = [place_of(index, len(states)) for index in range(len(states))]
+
+def _list(states: tuple[State, ...]) -> list[list[str]]:
+    """Return the lines of each state."""
+    blocks = []
     for index, state in enumerate(states):
-        for target in sorted({one.target for one in state.transitions}):
-            numbers = [str(k) for k, one in enumerate(state.transitions, 1) if one.target == target]
-            path, label = loop(places[index]) if target == index else arc(places[index], places[target])
-            arrow: dict[str, Any] = {"arrowstyle": "-|>", "mutation_scale": 14, "linewidth": 1.4}
-            axes.add_patch(FancyArrowPatch(path=path, color=COLORS[0], alpha=0.75, zorder=2, **arrow))
-            axes.text(
-                *label, ", ".join(numbers), ha="center", va="center", fontsize=9, color=INK, zorder=6,
-                bbox={"boxstyle": "round,pad=0.15", "facecolor": PAPER, "edgecolor": "none", "alpha": 0.85},
-            )  # fmt: skip
-    for index, (place, state) in enumerate(zip(places, states, strict=True)):
-        line = 2.6 if index == 0 else 1.4
-        axes.add_patch(Circle(place, RADIUS, facecolor=PAPER, edgecolor=INK, zorder=5, linewidth=line))
-        text: dict[str, Any] = {"ha": "center", "color": INK, "zorder": 7}
-        axes.text(*place, str(index), va="center", fontsize=13, fontweight="bold", **text)
-        below = (place[0], place[1] - RADIUS - 0.05)
-        axes.text(*below, state.behaviour.replace("_", "-"), va="top", fontsize=9.5, **text)
-    axes.set_xlim(-1.75, 1.75)
-    axes.set_ylim(-1.75, 1.75)
-    axes.set_aspect("equal", anchor="N")
-    axes.axis("off")
-    words = "bold ring: state 0, in which every episode begins"
-    axes.text(0, -1.72, words, ha="center", fontsize=9, color=SOFT)
-
-
-def _list(states: tuple[State, ...]) -> list[str]:
-    lines = []
-    for index, state in enumerate(states):
-        lines.append(f"state {index}: {words_of(state)}")
+        lines = textwrap.wrap(f"state {index}: {words_of(state)}", _WIDTH, subsequent_indent="      ")
         for k, one in enumerate(state.transitions, 1):
             text = f"{k} {words_of(one)}"
             lines += textwrap.wrap(text, _WIDTH, initial_indent="  ", subsequent_indent="      ")
-    return lines
+        blocks.append(lines)
+    return blocks
