@@ -75,9 +75,11 @@ def _titles(figure: "Figure", upper: "Axes", run: "Run") -> None:
     """Say above and below what is drawn."""
     experiment = run.experiment
     method: str = experiment.method.kind  # type: ignore[attr-defined] # every kind's options have it
+    kind: str = experiment.controller.kind
+    article = "an" if kind[0] in "aeiou" else "a"
     failed = sum(one.failed for one in run.history)
     figure.suptitle(
-        one_line(f"{experiment.label}: {method} evolves a {experiment.controller.kind} controller"),
+        one_line(f"{experiment.label}: {method} evolves {article} {kind} controller"),
         x=0.012, ha="left", fontsize=14, fontweight="bold", color=INK, parse_math=False,
     )  # fmt: skip
     upper.set_title(
