@@ -212,9 +212,9 @@ class Run:
     def state(self) -> State:
         """The state of the run.
 
-        done: the budget is used or the target reached; stopped: a callback or a closed output ended it; interrupted: Ctrl-C did;
-        killed: it ended without writing an outcome; failed: no server, a full disk, ..; running: a process
-        works on it.
+        done: the budget is used or the target reached; stopped: a callback or a closed output ended it;
+        interrupted: Ctrl-C did; killed: it ended without writing an outcome; failed: no server, a full disk,
+        ..; running: a process works on it.
         """
         outcome: Any = self.sessions[-1].outcome if self.sessions else None
         if outcome is None:
