@@ -5,7 +5,9 @@ use std::time::{Duration, Instant};
 use mqtt_protocol_core::mqtt::connection::{Event as CoreEvent, TimerKind};
 use mqtt_protocol_core::mqtt::packet::{Packet, Property};
 use mqtt_protocol_core::mqtt::prelude::*;
-use mqtt_protocol_core::mqtt::result_code::{ConnectReasonCode, ConnectReturnCode};
+use mqtt_protocol_core::mqtt::result_code::{
+    ConnectReasonCode, ConnectReturnCode, PubackReasonCode,
+};
 
 use super::messages::Publish;
 use super::{Granted, Incoming, MOST_AWAITED, QoS, Received, Session};
@@ -94,11 +96,17 @@ impl Session {
                 }
                 Packet::V5_0Puback(puback) => {
                     let topic = self.acknowledged(puback.packet_id());
-                    if let Some(topic) = topic
-                        && let Some(code) = puback.reason_code()
-                        && code.is_failure()
-                    {
-                        received(Received::Denied(topic.into(), code.to_string()));
+                    match (topic, puback.reason_code()) {
+                        (Some(topic), Some(code @ PubackReasonCode::NotAuthorized)) => {
+                            received(Received::Denied(topic.into(), code.to_string()));
+                        }
+                        // A quota that is used up, for instance: another time it may go well.
+                        (Some(topic), Some(code)) if code.is_failure() => {
+                            log::warn!(
+                                "{topic:?}: the broker did not distribute a message ({code})"
+                            );
+                        }
+                        _ => {}
                     }
                 }
                 Packet::V3_1_1Puback(puback) => {

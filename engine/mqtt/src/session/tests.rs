@@ -165,12 +165,16 @@ fn a_broker_that_denies_a_topic_is_heard() {
     // The first on each topic has QoS 1.
     let (qos, id) = send(&mut session, "a");
     assert_eq!(qos, 1);
-    assert_eq!(send(&mut session, "b").0, 1);
+    let (qos, other) = send(&mut session, "b");
+    assert_eq!(qos, 1);
     assert_eq!(send(&mut session, "a").0, 0);
-    let id = id.unwrap();
     let mut answers = Vec::new();
-    let puback = [0x40, 4, id[0], id[1], 0x87, 0];
-    session.receive(&puback, &mut Vec::new(), &mut |it| answers.push(it));
+    // Not authorized; a quota that is used up may be free another time.
+    for (id, code) in [(id, 0x87), (other, 0x97)] {
+        let id = id.unwrap();
+        let puback = [0x40, 4, id[0], id[1], code, 0];
+        session.receive(&puback, &mut Vec::new(), &mut |it| answers.push(it));
+    }
     assert!(
         matches!(&answers[..], [Received::Denied(topic, _)] if topic == "a"),
         "{answers:?}"

@@ -61,13 +61,13 @@ impl Machine {
         std::mem::take(&mut self.stepped)
     }
 
-    /// Whether a message on a topic may have an episode begun or stepped.
+    /// Whether a message on a topic may have an episode begun.
     #[must_use]
-    pub fn may_step(&self, topic: &str) -> bool {
+    pub fn may_begin(&self, topic: &str) -> bool {
         !matches!(self.state, State::Working(_))
             && matches!(
                 self.topics.parse(topic),
-                Some(Topic::Control | Topic::Parameters | Topic::Actuator | Topic::ToServer)
+                Some(Topic::Control | Topic::Parameters | Topic::ToServer)
             )
     }
 

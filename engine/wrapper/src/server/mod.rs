@@ -329,7 +329,7 @@ impl SimulationServer {
                 Event::Message(message) => {
                     if let Some(progress) = &self.progress
                         && !self.is_marked
-                        && self.machine.may_step(message.topic())
+                        && self.machine.may_begin(message.topic())
                     {
                         progress.stepping();
                         self.is_marked = true;
