@@ -86,9 +86,11 @@ def test_the_watch_names_a_server_that_is_reserved_for_a_tool_that_was_killed(
     tool.signal(signal.SIGKILL)
     tool.wait()
     killed = until(watcher, "the killed tool's end", lambda view: not view["tools"] and view["abandoned"])
-    assert killed["abandoned"] == 1
+    assert killed["abandoned"] == [1]
     lines.until(
-        lambda program: any("server 1 is reserved for" in line for line in program.lines), "the words", 10
+        lambda program: any("server 1 is still reserved for" in line for line in program.lines),
+        "the words",
+        10,
     )
 
 

@@ -1,7 +1,7 @@
 """The state of a broker's peers: servers, tools and blocking servers, collected from their messages."""
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -88,8 +88,10 @@ class View:
     broker_lost: str | None
     """Why there is no connection to the broker; None while there is one."""
 
-    abandoned: ServerRow | None = None
-    """A server that is reserved for a tool that is gone; None if there is none."""
+    abandoned: Sequence[ServerRow] = ()
+    """Servers that are reserved for a tool that has ended, or that has never sent its status."""
+    gone: Collection[str] = ()
+    """Names of tools that have ended."""
 
     @property
     def blocking(self) -> ServerRow | None:
@@ -108,7 +110,7 @@ class View:
             "blocking": None
             if blocking is None
             else {"server": blocking.server, "silent": blocking.silent, "words": words(blocking)},
-            "abandoned": None if self.abandoned is None else self.abandoned.server,
+            "abandoned": [server.server for server in self.abandoned],
             "broker_lost": self.broker_lost,
         }
 
@@ -177,14 +179,14 @@ class Watch:
                     use=use.get(server, {}),
                 )
             )
-        return View(rows, tools, self._broker_lost, self._abandoned(rows))
+        self._gone &= {row.tool for row in rows if row.tool is not None}
+        return View(rows, tools, self._broker_lost, self._abandoned(rows), frozenset(self._gone))
 
-    def _abandoned(self, rows: Sequence[ServerRow]) -> ServerRow | None:
-        """Return a server that is reserved for a tool that has left, or that has never sent its status."""
+    def _abandoned(self, rows: Sequence[ServerRow]) -> list[ServerRow]:
         listened = self._clock() - self._since > STALE
         known = {tool.status["tool"] for tool in self._tools.values()}
         held = (row for row in rows if row.state == "busy" and row.tool is not None and row.tool not in known)
-        return next((row for row in held if row.tool in self._gone or listened), None)
+        return [row for row in held if row.tool in self._gone or listened]
 
 
 def _by_server(tools: Sequence[ToolRow]) -> tuple[dict[int, list[Json]], dict[int, Json]]:

@@ -66,11 +66,15 @@ def tool_cells(tool: ToolRow) -> tuple[str, ...]:
     return (status["tool"], status.get("run") or "-", how_far, evaluations, tool.waits_for or "-")
 
 
-def left_behind(server: ServerRow) -> str:
-    """Say that a server is reserved for a tool that is gone."""
+def left_behind(server: ServerRow, view: View) -> str:
+    """Say that a server is reserved for a tool that has ended, as far as that is known."""
+    if server.tool in view.gone:
+        why, free = "has ended", "it becomes free"
+    else:
+        why, free = "sends no status", "if that has ended, it becomes free"
     return (
-        f"server {server.server} is reserved for {server.tool}, which has ended, or sends no status; "
-        "if it has ended, the server is free after its --step-timeout (60 s by default)"
+        f"server {server.server} is still reserved for {server.tool}, which {why}; {free} after the server's "
+        "--step-timeout (default 60 s)"
     )
 
 
@@ -83,8 +87,9 @@ def headline(view: View, broker: str) -> tuple[str, str]:
     alone = next((tool for tool in view.tools if tool.waits_for), None)
     if alone is not None:
         return f"{alone.status['tool']}: {alone.waits_for}", "bold yellow"
-    if view.abandoned is not None:
-        return left_behind(view.abandoned), "bold yellow"
+    if view.abandoned:
+        first, *more = view.abandoned
+        return left_behind(first, view) + (f" (+{len(more)})" if more else ""), "bold yellow"
     count = len(view.servers)
     return f"{count} server{'s' if count != 1 else ''}, none blocking", "dim"
 
@@ -168,8 +173,8 @@ class Lines:
             # Repeated with each doubling of the silence, not each second.
             doubled = int(blocking.silent).bit_length()
             now[f"waited for {doubled}"] = words(blocking)
-        elif view.abandoned is not None:
-            now["waited for a tool"] = left_behind(view.abandoned)
+        for server in view.abandoned:
+            now[f"waited for the tool of {server.server}"] = left_behind(server, view)
         for key, said in now.items():
             if self._last.get(key) != said and not (key.startswith("waited") and key in self._last):
                 self._say(said if key == "broker" or key.startswith("waited") else f"{key}: {said}")

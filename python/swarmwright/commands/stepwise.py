@@ -37,9 +37,9 @@ _SURPLUS = 0.05
 """Seconds in which the answer to a reset comes that seems to be the end of the episode before."""
 _PART, _LONGEST_LOOK, _LOOK_AT_END = 0.02, 0.002, 0.0002
 """Share of a step's time, and seconds at most, in which a second answer is waited for; and seconds at the end
-of an episode at least."""
-_TRIED = 10
-"""The first episodes, in which this is waited for; later what is there already is noticed."""
+of one of the first episodes at least."""
+_TRIED = 5
+"""In so many episodes, at the start and after a second answer, one is waited for after short steps, too."""
 _END = b'"done"'
 _GOODBYE = 2.0
 """Seconds that a process has to end when its standard input is closed."""
@@ -75,9 +75,10 @@ class Dialogue:
         self._rest = bytearray()
         self._searched = 0
         self._warned = False
-        self._at_once = False
-        """Whether the last episode ended with the answer to its reset."""
-        self._at_once_count = 0
+        self._close_look = _TRIED
+        """In how many episodes a second answer is waited for."""
+        self._is_suspect = False
+        """Whether there was one in the last of them."""
         self.printed = Printed(0)
 
     def reset(self, parameters: Mapping[str, Any], seed: int) -> dict[str, Any]:
@@ -97,16 +98,13 @@ class Dialogue:
             self._begin()
         self._watch.begin_again()
         self._episodes += 1
+        self._close_look = max(self._close_look - 1, 0)
+        self._is_suspect = self._is_suspect and self._close_look > 0
         try:
             answer = self.ask(message)
             if fresh or answer.get("done") is not True:
-                self._at_once = answer.get("done") is True
                 return answer
-            # Where the episodes before ended at once, too, it has nothing to do with them.
-            wait = not self._at_once or self._warned or self._at_once_count < _TRIED
-            self._at_once_count += 1
-            self._at_once = True
-            if not self._has_surplus(_SURPLUS if wait else 0.0):
+            if not self._has_surplus(_SURPLUS if self._close_look else 0.0):
                 return answer
             # What came is the end of the episode before, said twice.
             self._end_for_surplus()
@@ -131,14 +129,13 @@ class Dialogue:
             patience = min((time.monotonic() - began) * _PART, _LONGEST_LOOK)
             patience = patience if patience >= _LOOK_AT_END else 0.0
             is_end = answer.get("done") is True
-            if is_end and self._episodes <= _TRIED:
+            if is_end and self._close_look:
                 patience = max(patience, _LOOK_AT_END)
-            if self._warned:
+            if self._is_suspect:
                 patience = _LONGEST_LOOK
             surplus = bool(patience) and "reset" not in message and self._has_surplus(patience)
             # An end that is said twice changes nothing; its process is ended before the next episode.
             if surplus and not (is_end and _END in self._rest.split(b"\n")[0]):
-                self._warned = True
                 self._refuse_surplus()
             return answer
         except BaseException as error:
@@ -151,6 +148,7 @@ class Dialogue:
         if not patience and not self._rest and not self._answers.poll(0):
             return False
         deadline = time.monotonic() + patience
+        has_read = False
         while True:
             while (line := self._next_line()) is not None:
                 if line.lstrip().startswith(b"{"):
@@ -159,14 +157,16 @@ class Dialogue:
                 self.printed.take(line)
             if self._rest.lstrip().startswith(b"{"):
                 return True
-            if self._ended is not None:
-                return False
             left = max(deadline - time.monotonic(), 0.0)
+            # Of what is printed without end, the rest is read when an answer is waited for.
+            if self._ended is not None or (has_read and not left):
+                return False
             # Not by poll, whose times are whole milliseconds.
             if not select.select([self._pipes[1]], [], [], left)[0]:
                 return False
             data = os.read(self._pipes[1], _PIECE)
             self._rest += data
+            has_read = True
             if not data:
                 return False
 
@@ -176,6 +176,7 @@ class Dialogue:
         line = self._next_line()
         if line is not None:
             self._checked(line)
+        self._close_look, self._is_suspect = _TRIED, True
         raise CommandFailure(f"answered a message twice: {text}")
 
     def _surplus(self) -> str:
@@ -183,13 +184,14 @@ class Dialogue:
 
     def _end_for_surplus(self) -> None:
         """End a process whose next answers would be those to earlier messages."""
+        self._close_look, self._is_suspect = _TRIED, True
         if not self._warned:
             self._warned = True
             _log.warning(
-                "the command answered again after the end of an episode (%s); it is started anew for each "
-                "further episode where it does so%s",
+                "the command sent another answer after the end of an episode (%s), so its process is "
+                "replaced; it will be wherever that happens%s",
                 self._surplus(),
-                "" if _END in self._rest else "; the fitness of this episode may be wrong",
+                "" if _END in self._rest else "; the fitness of the episode that has ended may be wrong",
             )
         self.abandon()
 

@@ -28,3 +28,11 @@ def _places() -> tuple[Path, ...]:
     """Folders of Swarmwright and of Python."""
     python = {sysconfig.get_path(name) for name in ("stdlib", "platstdlib")}
     return (Path(__file__).parents[1], *(Path(place) for place in sorted(python) if place))
+
+
+def words_of(error: BaseException) -> str:
+    """Return what an exception says; its own code may fail, too."""
+    try:
+        return str(error)
+    except Exception as other:  # noqa: BLE001 - a user's code may fail in any way
+        return f"its text cannot be made: {type(other).__name__}"

@@ -1,6 +1,7 @@
 """Budgets of a run: generations, evaluations, seconds; the first that is used up ends it."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, Self, get_args
 
@@ -9,6 +10,13 @@ if TYPE_CHECKING:
 
 Limit = Literal["generations", "evaluations", "seconds"]
 LIMITS: tuple[Limit, ...] = get_args(Limit)
+
+
+def sets_limit(options: Mapping[str, object]) -> bool:
+    """Whether options of a method that are set have a limit: it takes the place of all that there were."""
+    return any(options.get(limit) is not None for limit in LIMITS)
+
+
 Ended = Literal["generations", "evaluations", "seconds", "target"]
 """What ended a run that is done."""
 

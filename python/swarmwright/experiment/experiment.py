@@ -16,7 +16,7 @@ from swarmwright.core.flatten import flat
 from swarmwright.core.html import facts
 from swarmwright.core.simulation_names import SimulationName, is_command
 from swarmwright.core.yaml import Source, dump, read
-from swarmwright.experiment.budget import LIMITS, Budget
+from swarmwright.experiment.budget import LIMITS, Budget, sets_limit
 from swarmwright.experiment.document import Faults, Requirements, Timeouts, Validate
 from swarmwright.experiment.fitness import FitnessExpression
 from swarmwright.experiment.fitting import check_fits
@@ -262,7 +262,7 @@ class Experiment:
         for name, change in changes.items():
             old = values.get(name)
             if isinstance(old, dict) and isinstance(change, Mapping):
-                if name == "method" and any(change.get(limit) is not None for limit in LIMITS):
+                if name == "method" and sets_limit(change):
                     old = {key: value for key, value in old.items() if key not in LIMITS}
                 starts_anew = "kind" in change and change["kind"] != old.get("kind")
                 merged = dict(change) if starts_anew else {**old, **change}

@@ -11,7 +11,7 @@ from swarmwright.core.arguments import text as argument
 from swarmwright.core.errors import InputError
 from swarmwright.core.problems import shown
 from swarmwright.core.yaml import Path_, Source, dotted_path, parse
-from swarmwright.experiment.budget import LIMITS
+from swarmwright.experiment.budget import LIMITS, sets_limit
 from swarmwright.experiment.document import DEFAULT_KINDS
 from swarmwright.experiment.parameter_files import resolve
 from swarmwright.experiment.robots import mission_of, written_out
@@ -137,8 +137,8 @@ def apply(source: Source, settings: Iterable[Setting], *, new_budget: bool = Tru
 
 def _drop_limits(source: Source, settings: Iterable[Setting]) -> None:
     """Drop the limits of the file where settings have one, so that it means the same for any file."""
-    given = any(
-        one.path in [("method", name) for name in LIMITS] and one.value is not None for one in settings
+    given = sets_limit(
+        {one.path[1]: one.value for one in settings if len(one.path) == 2 and one.path[0] == "method"}
     )
     method = source.values.get("method")
     if given and isinstance(method, dict):

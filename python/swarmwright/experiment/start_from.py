@@ -99,21 +99,24 @@ def genomes_of(start_from: Sequence[Entry], representation: Representation) -> G
             genome = np.array(entry.get("genome", entry["weights"]), dtype=np.float32)
         except (ValueError, TypeError) as error:
             raise InputError(f"{name}: its weights are not numbers") from error
-        if genome.shape != (representation.genome_size,) or not np.isfinite(genome).all():
+        if genome.shape != (representation.genome_size,):
             raise InputError(
                 f"{name}: has {genome.size} genes; the controllers of this experiment have "
                 f"{representation.genome_size}"
             )
+        if not np.isfinite(genome).all():
+            raise InputError(f"{name}: has a gene that is not finite")
         weights = representation.weights(genome[np.newaxis])[0]
         if weights.tobytes() != np.array(entry["weights"], dtype=np.float32).tobytes():
             if "genome" not in entry:
                 raise InputError(
-                    f"{name}: holds what a genome of the kind {architecture['kind']} means and not the "
-                    "genome itself, so evolution cannot start from it; name the folder of its run"
+                    f"{name}: has values of a controller of the kind {architecture['kind']}, but not its "
+                    "genome, from which evolution starts; name the folder of its run, or its best.json"
                 )
             raise InputError(
-                f"{name}: its genes mean other values in this experiment, whose controller has other "
-                "options, such as ranges; take those that it was evolved with"
+                f"{name}: its genome gives other values in this experiment than the file has: the options of "
+                "the controller, such as ranges, are others than those that it was evolved with, or the file "
+                "was edited"
             )
         rows.append(genome)
     return np.stack(rows)

@@ -21,7 +21,7 @@ _ECMASCRIPT = (
     "undefined NaN Infinity"
 )
 """Words that name no variable in the data model, in strict mode or a module."""
-_SCXML = "_event _sessionid _name _ioprocessors _x In"
+_SCXML = "In"  # its other names begin with underscores, which are taken off
 # Conditions are read back as expressions of Python, so its words are none of a sensor either.
 _RESERVED = frozenset(f"{_ECMASCRIPT} {_SCXML}".split()) | frozenset(keyword.kwlist)
 

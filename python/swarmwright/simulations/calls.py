@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Generic, NoReturn, TypeVar
 
 from swarmwright import _engine
 from swarmwright.core.errors import EpisodeError, InputError, SimulationError
-from swarmwright.core.tracebacks import is_installed
+from swarmwright.core.tracebacks import is_installed, words_of
 from swarmwright.core.tracebacks import shown as shown_path
 
 _STACK = 8000
@@ -94,7 +94,7 @@ class Calls(Generic[Made]):
         else:
             mine = [frame for frame in frames if frame.filename == file] or frames
         where = f" ({shown_path(mine[-1].filename)}:{mine[-1].lineno})" if mine else ""
-        words = _words(error)
+        words = words_of(error)
         return f"{method}: {type(error).__name__}{': ' if words else ''}{words}{where}"
 
     def _fail(self, reason: str, error: BaseException | None = None) -> NoReturn:
@@ -139,14 +139,6 @@ def short(value: Any) -> str:  # noqa: ANN401 - any object
         text = " ".join(repr(value).split())
         return text if len(text) <= 60 else f"{text[:57]}..."
     return f"a {type(value).__name__}"
-
-
-def _words(error: BaseException) -> str:
-    """Return what an exception says; its own code may fail, too."""
-    try:
-        return str(error)
-    except Exception as other:  # noqa: BLE001 - a user's code may fail in any way
-        return f"its text cannot be made: {type(other).__name__}"
 
 
 def _traceback(error: BaseException) -> str:

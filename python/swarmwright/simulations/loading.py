@@ -3,6 +3,7 @@
 import importlib
 import importlib.util
 import sys
+import threading
 import traceback
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
@@ -12,6 +13,7 @@ from types import ModuleType
 from swarmwright.core.errors import InputError, SwarmwrightError
 from swarmwright.core.simulation_names import SimulationName
 from swarmwright.core.suggestions import did_you_mean
+from swarmwright.core.tracebacks import words_of
 from swarmwright.simulations import isolation
 from swarmwright.simulations.base import Described, Simulation
 from swarmwright.simulations.batches import BatchSimulation
@@ -29,6 +31,9 @@ from swarmwright.user_code.permission import require_command, require_copy
 
 _stamps: dict[str, dict[Path, tuple[int, int] | None]] = {}
 """Path of a file -> that and its neighbours as they were when it was imported."""
+
+_importing: dict[str, int] = {}
+"""Path of a file that is being imported -> the thread that does it."""
 
 _looked_in: set[str] = set()
 """Folders that were added to `sys.path` here."""
@@ -197,7 +202,7 @@ def _file(path: Path) -> ModuleType:
     if key in files and _stamps.get(key, {}) != _stamped(_stamps.get(key, {})):
         _forget(key)
     if key not in files:
-        if f"{FROM_FILE}{path}" in sys.modules:
+        if _importing.get(key) == threading.get_ident():
             raise ImportError(
                 "the file is named as a simulation while it is imported; put what starts a run under "
                 '`if __name__ == "__main__":`'
@@ -205,7 +210,11 @@ def _file(path: Path) -> ModuleType:
         with _explained(key):
             walk = Walk.of_file(path)
         _without_stale_bytecode(walk.files.values())
-        files[key] = _executed(path, walk.hidden())
+        _importing[key] = threading.get_ident()
+        try:
+            files[key] = _executed(path, walk.hidden())
+        finally:
+            _importing.pop(key, None)
         _stamps[key] = _stamped(walk.files.values())
     return files[key]
 
@@ -318,5 +327,6 @@ def _failure(name: str, error: BaseException) -> str:
     if isinstance(error, SwarmwrightError | ImportError):  # which says what is wrong with the file's own line
         frames = [frame for frame in frames if frame.filename == name] or frames
     place = f"{frames[-1].filename}:{frames[-1].lineno}" if frames else name
-    words = f": {error}" if str(error).strip() else ""
+    said = words_of(error)
+    words = f": {said}" if said.strip() else ""
     return f"{place}: {type(error).__name__} while it is imported{words}"

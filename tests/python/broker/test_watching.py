@@ -70,25 +70,25 @@ def test_a_server_whose_tool_has_ended_is_named(watch: Watch) -> None:
     watch.update(presence(1, "ready", None))
     watch.update(presence(2))
     watch.update(status(work(2, 0.2)))
-    assert watch.view().abandoned is None
+    assert not watch.view().abandoned
     # Its last will.
+    watch.update(presence(3))
     watch.update(status(state="left"))
-    abandoned = watch.view().abandoned
-    assert abandoned is not None
-    assert (abandoned.server, abandoned.tool) == (2, TOOL)
-    assert watch.view().record()["abandoned"] == 2
+    assert [(row.server, row.tool) for row in watch.view().abandoned] == [(2, TOOL), (3, TOOL)]
+    assert watch.view().gone == {TOOL}
+    assert watch.view().record()["abandoned"] == [2, 3]
     # It had only lost its connection.
     watch.update(status(work(2, 0.1)))
-    assert watch.view().record()["abandoned"] is None
+    assert watch.view().record()["abandoned"] == []
 
 
 def test_a_server_is_reserved_for_a_tool_that_was_never_heard(watch: Watch, clock: Clock) -> None:
     watch.update(presence(1))
-    assert watch.view().abandoned is None
+    assert not watch.view().abandoned
     clock.now += STALE + 0.1
-    assert watch.view().abandoned is not None
+    assert watch.view().abandoned
     watch.update(presence(1, "ready", None))
-    assert watch.view().abandoned is None
+    assert not watch.view().abandoned
 
 
 def test_nobody_blocks_while_everything_moves(watch: Watch) -> None:

@@ -67,11 +67,18 @@ def test_the_headline_says_what_matters_most() -> None:
 
 def test_a_server_that_is_reserved_for_a_tool_that_was_killed(capsys: pytest.CaptureFixture[str]) -> None:
     held = ServerRow(4, "busy", ["minisim"], "ada")
-    view = View([held], [], None, held)
-    words = "server 4 is reserved for ada, which has ended, or sends no status"
-    assert headline(view, "b")[0].startswith(words)
+    words = "server 4 is still reserved for ada, which sends no status"
+    assert headline(View([held], [], None, [held]), "b")[0].startswith(words)
+    other = ServerRow(5, "busy", ["minisim"], "ada")
+    view = View([held, other], [], None, [held, other], {"ada"})
+    assert headline(view, "b")[0].startswith(
+        "server 4 is still reserved for ada, which has ended; it becomes"
+    )
+    assert headline(view, "b")[0].endswith("(+1)")
     Lines(Output(), "b").show(view)
-    assert words in capsys.readouterr().out
+    shown = capsys.readouterr().out
+    assert "server 4 is still reserved" in shown
+    assert "server 5 is still reserved" in shown
 
 
 def test_lines_are_printed_for_what_has_changed(capsys: pytest.CaptureFixture[str]) -> None:

@@ -173,7 +173,7 @@ def test_an_end_that_is_said_twice_is_not_that_of_the_next_episode(
 ) -> None:
     genomes = np.random.default_rng(4).normal(size=(8, 2))
     fitness = evaluate(twice(traced, end=True), genomes)
-    assert "answered again after the end of an episode" in caplog.text
+    assert "sent another answer after the end of an episode" in caplog.text
     assert (fitness < 0).any()
     assert fitness.tolist() == evaluate(twice(traced), genomes).tolist()
 

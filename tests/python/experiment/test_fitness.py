@@ -330,3 +330,22 @@ def test_the_record_holds_the_metrics_and_replay_gives_the_same_fitness(tmp_path
         result = CliRunner().invoke(program, ["replay", str(run.path), "--json", "--episode", str(episode)])
         assert result.exit_code == 0, result.output
         assert json.loads(result.output.splitlines()[-1])["fitness"] == best.episodes[episode]
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("caught\n  - 0.5 * arrived\n", 1.0),
+        ("caught * 2  # of those that were caught\n+ arrived * 100", 204.0),
+        ("min(caught, # the fewer\n arrived)", 2.0),
+        ("caught\r\n+ arrived", 4.0),
+        ("caught\narrived", "is not a valid expression"),
+        ("caught)\n+ (arrived", "is not a valid expression"),
+    ],
+)
+def test_an_expression_of_several_lines(text: str, expected: float | str) -> None:
+    if isinstance(expected, str):
+        with pytest.raises(ExpressionError, match=expected):
+            FitnessExpression(text)
+    else:
+        assert value(text, caught=2.0, arrived=2.0) == expected

@@ -109,11 +109,11 @@ def test_genes_that_are_not_weights_are_kept_too(tmp_path: Path) -> None:
     assert own.start_from is not None
     assert own.start_from[0]["genome"] == next_one.start_from[0]["genome"]  # type: ignore[index]
     run.best.controller.save(tmp_path / "without.json")
-    with pytest.raises(InputError, match="start from it; name the folder of its run"):
+    with pytest.raises(InputError, match="evolution starts; name the folder of its run"):
         Experiment.from_mapping({**tuned, "start_from": str(tmp_path / "without.json")})
     wider = {"kind": "parameter_set", "parameters": {"maxSteps": {"type": "integer", "range": [5, 400]}}}
     for start in (run.path, run.path / "best.json"):
-        with pytest.raises(InputError, match="its genes mean other values"):
+        with pytest.raises(InputError, match="its genome gives other values"):
             Experiment.from_mapping({**tuned, "controller": wider, "start_from": str(start)})
 
 

@@ -16,7 +16,7 @@ from swarmwright.core.problems import shown
 from swarmwright.core.registry import Registry
 from swarmwright.core.suggestions import did_you_mean
 from swarmwright.core.yaml import Source, read
-from swarmwright.experiment.budget import LIMITS
+from swarmwright.experiment.budget import LIMITS, sets_limit
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.methods import METHODS
 from swarmwright.plug_ins import REGISTRIES
@@ -242,7 +242,8 @@ def _kept(
     known = dict(registry.get(kind).options_model.model_fields)
     if section == "method" and METHODS.get(kind).by_instance:
         known.pop("generations")  # of a race they are its instances
-    if section == "method" and any(changes.get(f"method.{limit}") is not None for limit in LIMITS):
+    given = {key.removeprefix("method."): change for key, change in changes.items()}
+    if section == "method" and sets_limit(given):
         for limit in LIMITS:
             known.pop(limit, None)
     return {
