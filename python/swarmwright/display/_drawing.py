@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from swarmwright.core.plain_figures import plain
+from swarmwright.core.state_colors import state_color
 from swarmwright.display import _robots
 from swarmwright.display._bodies import Bodies
 from swarmwright.display._episode import Recording
@@ -21,7 +22,6 @@ from swarmwright.display._look import (
     Looks,
     agent_size,
     rgb,
-    state_color,
     value_colors,
 )
 from swarmwright.display._scene import Scene

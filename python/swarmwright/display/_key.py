@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from swarmwright.core.state_colors import state_color
 from swarmwright.display._bodies import Bodies
 from swarmwright.display._episode import Recording
 from swarmwright.display._look import (
@@ -16,7 +17,6 @@ from swarmwright.display._look import (
     floor_color,
     floors,
     label,
-    state_color,
     value_colors,
 )
 from swarmwright.display._scene import Scale, Scene

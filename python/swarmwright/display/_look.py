@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmwright.core.state_colors import STATE_COLORS, state_color
 from swarmwright.display._bodies import Bodies
 from swarmwright.display._scene import Patch, Scene, Style
 
@@ -42,25 +43,8 @@ FLOOR = {"light": ("#2E2E2E", "#D0D0C9", "#FFFFFF"), "dark": ("#000000", "#3D444
 """Black, middle grey and white floor on a light and a dark ground, such that robots show on all."""
 VALUES = ("#440154", "#3B528B", "#21918C", "#5EC962", "#FDE725")
 """From the least to the greatest value (viridis)."""
-MORE_LIGHT = {
-    "state-8": "#221188",
-    "state-9": "#BB55FF",
-    "state-10": "#AAEE77",
-    "state-11": "#663300",
-    "state-12": "#DD2244",
-    "state-13": "#881177",
-    "state-14": "#DDCC99",
-    "state-15": "#0033FF",
-    "state-16": "#EEDD00",
-    "state-17": "#773355",
-    "state-18": "#446633",
-    "state-19": "#DD9955",
-    "state-20": "#AA77EE",
-    "state-21": "#FF77DD",
-    "state-22": "#2255BB",
-    "state-23": "#00EEDD",
-}
-"""Colours of further states of controllers on a light ground, as far apart from all others as there are."""
+MORE_LIGHT = {f"state-{state}": color for state, color in enumerate(STATE_COLORS) if state >= 8}
+"""Colours of further states of controllers on a light ground."""
 MORE_DARK = {
     "state-8": "#6611FF",
     "state-9": "#3355CC",
@@ -225,12 +209,6 @@ class Looks:
             "obstacle": (12.0, 1.6),
         }.get(look[0], (40.0, 2.5))
         return Marker(self.color(look), SHAPES[self._looks[look].shape][0], size, layer)
-
-
-def state_color(state: int) -> str:
-    """Return the colour of a state of controllers on a light ground, as '#0072B2'."""
-    name = STATES[state % len(STATES)]
-    return LIGHT.get(name) or MORE_LIGHT[name]
 
 
 def css(own: Mapping[str, tuple[str, str]] | None = None) -> str:

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmwright.core.state_colors import state_color
 from swarmwright.display._bodies import Bodies, scene_of
-from swarmwright.display._look import BORDER, lightened, mixed, rgb, state_color
+from swarmwright.display._look import BORDER, lightened, mixed, rgb
 from swarmwright.display._scene import Scene
 
 SIGNS = "0123456789abcdefghijklmnopqrstuvwxyz"

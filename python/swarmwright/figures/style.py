@@ -21,12 +21,6 @@ if TYPE_CHECKING:
 INK, SOFT, PAPER, GRID, EDGE = "#22303c", "#5b6875", "#ffffff", "#e3e7eb", "#9aa5b1"
 # Okabe and Ito's palette, safe for colour-blind readers; yellow, too light for lines, comes last.
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#B8A900")
-STATE_COLORS = (
-    "#0072B2", "#E69F00", "#009E73", "#CC79A7", "#D55E00", "#56B4E9", "#B59A00", "#8C8C8C",
-    "#221188", "#BB55FF", "#AAEE77", "#663300", "#DD2244", "#881177", "#DDCC99", "#0033FF",
-    "#EEDD00", "#773355", "#446633", "#DD9955", "#AA77EE", "#FF77DD", "#2255BB", "#00EEDD",
-)  # fmt: skip
-"""Colours of the states of machines, those that pages and films of episodes give them."""
 DASHES = ("-", "--", ":", "-.")
 AXES = {"evaluations": "evaluations", "generations": "generation (from 0)"}
 """What an axis over these is called."""

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from swarmwright.core.state_colors import STATE_COLORS, state_color
 from swarmwright.display import Body, Recording, Scene
 from swarmwright.display._drawing import Picture
 from swarmwright.display._look import (
@@ -24,7 +25,6 @@ from swarmwright.display._look import (
     css,
     palette,
     rgb,
-    state_color,
 )
 from swarmwright.display._look import STATES as OF_CONTROLLERS
 from swarmwright.display.files import save
@@ -104,6 +104,8 @@ def test_states_have_colours_that_are_told_apart() -> None:
         for one, other in combinations(colors, 2):
             assert np.linalg.norm(seen(one, SIGHT) - seen(other, SIGHT)) > 15, (one, other)
     assert [state_color(state) for state in (0, 8, len(OF_CONTROLLERS))] == ["#0072B2", "#221188", "#0072B2"]
+    # The first ones are also the page's colours of bodies.
+    assert [(LIGHT | MORE_LIGHT)[name] for name in OF_CONTROLLERS] == list(STATE_COLORS)
     style = css()
     for name in MORE_LIGHT:
         assert style.count(f"--{name}: {MORE_LIGHT[name].lower()};") == 1

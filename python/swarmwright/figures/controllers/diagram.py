@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.figures.style import INK, PAPER, SOFT, STATE_COLORS, new_figure
+from swarmwright.core.state_colors import state_color
+from swarmwright.figures.style import INK, PAPER, SOFT, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -313,11 +314,6 @@ class Diagram:
 def _width(label: str) -> float:
     """Return how wide the box of a label is, at most."""
     return len(label) * _LETTER + 2 * _PAD
-
-
-def state_color(state: int) -> str:
-    """Return the colour of a state, the one that it has in pictures of episodes."""
-    return STATE_COLORS[state % len(STATE_COLORS)]
 
 
 def _short(name: str) -> str:

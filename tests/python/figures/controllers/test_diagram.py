@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from matplotlib.colors import to_hex
 from matplotlib.patches import Circle, FancyArrowPatch
 
-from swarmwright.display._look import STATES, state_color
+from swarmwright.core.state_colors import state_color
 from swarmwright.figures.controllers import figure
 from swarmwright.figures.controllers.diagram import Arrow, Diagram, Node, figure_with_list
-from swarmwright.figures.style import STATE_COLORS
 from tests.python.export.specifications import modules
 from tests.python.figures.controllers.test_figures import machine
 
@@ -82,10 +82,9 @@ def test_both_ways_between_two_states_are_apart(made: tuple[list[Node], list[Arr
 
 
 def test_states_have_the_colours_of_episodes() -> None:
-    assert [state_color(state) for state in range(len(STATES))] == list(STATE_COLORS)
     drawn = figure(modules(16, 4, 2))
-    rings = [circle.get_edgecolor() for circle in drawn.findobj(Circle)]
-    assert len(set(rings)) == 16
+    rings = [to_hex(circle.get_edgecolor()).upper() for circle in drawn.findobj(Circle)]
+    assert rings == [state_color(state) for state in range(16)]
 
 
 def test_many_transitions_are_a_matrix_with_numbers() -> None:
