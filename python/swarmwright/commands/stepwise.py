@@ -124,23 +124,35 @@ class Dialogue:
             began = time.monotonic()
             self._write(f"{_ENCODER.encode(message)}\n".encode())
             answer = self._checked(self._line())
-            # A second answer comes right after the first one. The wait is to be short beside the step, and
-            # the shortest wait of the system is about 0.1 ms.
-            patience = min((time.monotonic() - began) * _PART, _LONGEST_LOOK)
-            patience = patience if patience >= _LOOK_AT_END else 0.0
-            is_end = answer.get("done") is True
-            if is_end and self._close_look:
-                patience = max(patience, _LOOK_AT_END)
-            if self._is_suspect:
-                patience = _LONGEST_LOOK
-            surplus = bool(patience) and "reset" not in message and self._has_surplus(patience)
-            # An end that is said twice changes nothing; its process is ended before the next episode.
-            if surplus and not (is_end and _END in self._rest.split(b"\n")[0]):
-                self._refuse_surplus()
+            if "reset" not in message:
+                self._look_for_surplus(time.monotonic() - began, is_end=answer.get("done") is True)
             return answer
         except BaseException as error:
             self.abandon(0.0 if not isinstance(error, CommandFailure) else 0.5)
             raise
+
+    def _look_for_surplus(self, seconds: float, *, is_end: bool) -> None:
+        """Look for a second answer, which comes right after the first one.
+
+        Args:
+            seconds: that the first one took, beside which the wait is to be short.
+            is_end: whether that was the end of the episode.
+        """
+        patience = min(seconds * _PART, _LONGEST_LOOK)
+        if self._is_suspect:
+            patience = _LONGEST_LOOK
+        elif is_end and self._close_look:
+            patience = max(patience, _LOOK_AT_END)
+        # The shortest wait of the system is about 0.1 ms; without one, the next message finds the answer.
+        if patience < _LOOK_AT_END or not self._has_surplus(patience):
+            return
+        # An end that is said twice changes nothing; its process is ended before the next episode.
+        if not (is_end and self._is_end_again()):
+            self._refuse_surplus()
+
+    def _is_end_again(self) -> bool:
+        """Whether the surplus is the end of an episode."""
+        return _END in self._rest.split(b"\n")[0]
 
     def _has_surplus(self, patience: float = 0.0) -> bool:
         """Whether there is an answer although nothing was asked."""
@@ -191,7 +203,7 @@ class Dialogue:
                 "the command sent another answer after the end of an episode (%s), so its process is "
                 "replaced; it will be wherever that happens%s",
                 self._surplus(),
-                "" if _END in self._rest else "; the fitness of the episode that has ended may be wrong",
+                "" if self._is_end_again() else "; the fitness of the episode that has ended may be wrong",
             )
         self.abandon()
 

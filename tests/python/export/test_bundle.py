@@ -268,6 +268,16 @@ def test_what_was_changed_is_noticed(
     assert change is not _comment or "c" not in found.forms
 
 
+def bundled(others: dict[str, Any], place: Path) -> swarmwright.Run:
+    """A run beside its bundle, which has the controller in Python alone."""
+    experiment = swarmwright.Experiment.from_mapping({**MINISIM, **others})
+    run = swarmwright.optimize(experiment, out=place.parent / "run")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(EXPORTERS, "names", lambda: ["python"])
+        export_bundle(run, place)
+    return run
+
+
 @pytest.mark.parametrize(
     "others",
     [
@@ -276,12 +286,7 @@ def test_what_was_changed_is_noticed(
     ],
 )
 def test_all_evaluations_of_a_fitness_are_in_it(others: dict[str, Any], tmp_path: Path) -> None:
-    run = swarmwright.optimize(
-        swarmwright.Experiment.from_mapping({**MINISIM, **others}), out=tmp_path / "run"
-    )
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(EXPORTERS, "names", lambda: ["python"])
-        export_bundle(run, tmp_path / "all.zip")
+    run = bundled(others, tmp_path / "all.zip")
     files = read(tmp_path / "all.zip")
     evaluation = json.loads(files["evaluation.json"])
     results = [*(part["episodes"] for part in evaluation["earlier"]), evaluation["episodes"]]
@@ -302,12 +307,7 @@ def test_all_evaluations_of_a_fitness_are_in_it(others: dict[str, Any], tmp_path
 
 def test_a_fitness_that_other_candidates_decide_on_is_not_verified(tmp_path: Path) -> None:
     others = {"ranking": {"kind": "race", "episodes": 8}, "validate": {"episodes": 0}}
-    run = swarmwright.optimize(
-        swarmwright.Experiment.from_mapping({**MINISIM, **others}), out=tmp_path / "run"
-    )
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(EXPORTERS, "names", lambda: ["python"])
-        export_bundle(run, tmp_path / "raced.zip")
+    bundled(others, tmp_path / "raced.zip")
     found = verify_bundle(tmp_path / "raced.zip")
     assert found.ok, found.problems
     assert found.unverified == {"fitness": "its ranking makes it of more than these episodes"}

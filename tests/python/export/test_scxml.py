@@ -1,7 +1,6 @@
 """Finite-state machines as SCXML."""
 
 import json
-import shutil
 import subprocess
 from dataclasses import replace
 from pathlib import Path
@@ -72,7 +71,6 @@ def test_reserved_words_are_no_names(tmp_path: Path) -> None:
     assert Scxml().run(tmp_path, "walker", sequences).tobytes() == sequences.actuators.tobytes()
 
 
-@pytest.mark.skipif(shutil.which("node") is None, reason="node is not installed")
 def test_no_reserved_word_of_ecmascript_is_left() -> None:
     from swarmwright.scxml import _write
 
