@@ -188,10 +188,11 @@ class Episode:
         """What it looks like; y points up, metres or cells. Raises EngineError when there is nothing to show."""
     def scene_arrays(self) -> SceneArrays:
         """The same as arrays, for swarms of thousands."""
-    def machine_states(self) -> NDArray[np.uint32] | None:
-        """(agents,), the state in which the state machine of each makes its next step; None for other kinds.
+    def machine_states(self) -> NDArray[np.int32] | None:
+        """(agents,), the state in which the state machine of each makes its next step; None where none has any.
 
-        Agents after the last one that has acted are left out: they are in state 0.
+        -1 for agents of a team whose controllers have no states. Agents after the last one have not acted: they
+        are in state 0, or have none where the last one has none.
         """
     def text(self, columns: int, color: bool, rows: int = 24, unicode: bool = True) -> str:
         """The scene as at most `rows` lines of at most `columns` characters."""
@@ -271,7 +272,7 @@ class RemoteEpisode:
     def step_observed(self) -> tuple[NDArray[np.uint32], NDArray[np.float32], NDArray[np.float32]]: ...
     def scene(self) -> SceneFields: ...
     def scene_arrays(self) -> SceneArrays: ...
-    def machine_states(self) -> NDArray[np.uint32] | None: ...
+    def machine_states(self) -> NDArray[np.int32] | None: ...
     def text(self, columns: int, color: bool, rows: int = 24, unicode: bool = True) -> str: ...
     def close(self) -> None:
         """End it on the server, where it has not ended, and leave the broker."""

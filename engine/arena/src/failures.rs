@@ -98,10 +98,9 @@ impl Failure {
 
     /// Whether it is there in a tick, from 1: the start, at 0 s.
     fn active(&self, tick: u32) -> bool {
-        let (_, at, until) = self.scope();
-        // In tenths of seconds, as whole numbers.
-        let now = f64::from(tick - 1);
-        (at * 10.0).round() <= now && until.is_none_or(|until| now < (until * 10.0).round())
+        let (.., until) = self.scope();
+        self.active_by(tick)
+            && until.is_none_or(|until| f64::from(tick - 1) < (until * 10.0).round())
     }
 
     fn check(&self) -> Result<(), (&'static str, String)> {
@@ -167,6 +166,7 @@ impl Failure {
     /// Whether it begins in one of the ticks from 1 to `last`.
     fn active_by(&self, last: u32) -> bool {
         let (_, at, _) = self.scope();
+        // In tenths of seconds, as whole numbers.
         (at * 10.0).round() < f64::from(last)
     }
 

@@ -112,6 +112,16 @@ pub(super) struct Mission {
     pub factors: Vec<f64>,
 }
 
+/// How to write a field of a mission, where a complaint is that it is missing.
+fn example_of_missing(reason: &str) -> Option<&'static str> {
+    match reason.strip_prefix("missing field `")?.strip_suffix('`')? {
+        "walls" => Some("walls: {rectangle: [4, 3]}"),
+        "start" => Some("start: {disc: {radius: 1}}"),
+        "fitness" => Some("fitness: order, the name of a metric"),
+        _ => None,
+    }
+}
+
 impl Mission {
     /// The mission of the parameter `mission`: the name of a built-in one, or an object.
     pub(super) fn read(value: Option<&Value>) -> Result<Self, ParameterError> {
@@ -121,15 +131,7 @@ impl Mission {
             Some(object @ Value::Object(_)) => {
                 let text = swarmwright_values::read(object);
                 checks::check(text.map_err(|mut mismatch| {
-                    let examples = [
-                        ("walls", "walls: {rectangle: [4, 3]}"),
-                        ("start", "start: {disc: {radius: 1}}"),
-                        ("fitness", "fitness: order, the name of a metric"),
-                    ];
-                    let missing = examples
-                        .iter()
-                        .find(|(field, _)| mismatch.reason == format!("missing field `{field}`"));
-                    if let Some((_, example)) = missing {
+                    if let Some(example) = example_of_missing(&mismatch.reason) {
                         mismatch.reason += "; for instance ";
                         mismatch.reason += example;
                     }

@@ -64,6 +64,20 @@ impl Architecture {
         }
     }
 
+    /// Whether it is a state machine or a tree, whose state is known; not a team, whose groups may be.
+    pub fn has_states(&self) -> bool {
+        of_kind!(self, kind => kind.current(&[0.0])).is_some()
+    }
+
+    /// The state in which an agent begins; none for one whose controller has no states.
+    pub(crate) fn first_state(&self, agent: u32) -> Option<u32> {
+        let own = match self.team() {
+            Some(team) => &*team.group_of(agent)?.0.controller,
+            None => self,
+        };
+        own.has_states().then_some(0)
+    }
+
     /// The machine, if it has modules in Python: then this crate does not compute it.
     pub fn in_python(&self) -> Option<&PythonModules> {
         match self {

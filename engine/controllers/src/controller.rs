@@ -131,6 +131,11 @@ impl Controller {
         }
     }
 
+    /// Whatever it is but its weights.
+    pub(crate) fn architecture(&self) -> &Architecture {
+        &self.architecture
+    }
+
     /// The specification: architecture and weights, without any state.
     pub fn specification(&self) -> Specification {
         Specification::of(&self.architecture, &self.weights[self.own.clone()])

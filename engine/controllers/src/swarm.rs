@@ -43,13 +43,38 @@ impl SwarmControllers {
         }
     }
 
-    /// The state in which the state machine of each agent makes its next step, by agent; none for other kinds of
-    /// controllers. Agents that have not acted yet, after the last of those that have, are left out: state 0.
+    /// The state in which the state machine of each agent makes its next step, by agent; -1 for agents of a team whose
+    /// controllers have no states. None where no agent's controller has any.
+    ///
+    /// Agents after the last of the list have not acted yet: they are in state 0, or have none where the last one has none.
     #[must_use]
-    pub fn machine_states(&self) -> Option<Vec<u32>> {
-        let first = self.prototype.current()?;
-        let controllers = self.controllers.iter().map(Option::as_ref);
-        let state = |one: Option<&Controller>| one.map_or(Some(first), Controller::current);
-        controllers.map(state).collect()
+    pub fn machine_states(&self) -> Option<Vec<i32>> {
+        let architecture = self.prototype.architecture();
+        let Some(team) = architecture.team() else {
+            return architecture.has_states().then(|| self.states_of(0));
+        };
+        let groups = &team.groups;
+        if !groups.iter().any(|group| group.controller.has_states()) {
+            return None;
+        }
+        // All agents, or up to the first one of the group that has all others.
+        let counts = groups.iter().map(|group| group.agents.unwrap_or(1));
+        Some(self.states_of(counts.fold(0, u32::saturating_add)))
+    }
+
+    /// States of all that have acted, and of `least` agents.
+    fn states_of(&self, least: u32) -> Vec<i32> {
+        let architecture = self.prototype.architecture();
+        let state = |agent: usize| {
+            let current = match self.controllers.get(agent) {
+                Some(Some(controller)) => controller.current(),
+                _ => architecture.first_state(u32::try_from(agent).ok()?),
+            };
+            i32::try_from(current?).ok()
+        };
+        let agents = self.controllers.len().max(least as usize);
+        (0..agents)
+            .map(|agent| state(agent).unwrap_or(-1))
+            .collect()
     }
 }

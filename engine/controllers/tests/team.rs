@@ -2,7 +2,9 @@
 #![allow(clippy::unwrap_used, clippy::panic)] // helpers of tests
 
 use serde_json::{Value, json};
-use swarmwright_controllers::{Architecture, Controller, ControllerError, KINDS, Specification};
+use swarmwright_controllers::{
+    Architecture, Controller, ControllerError, KINDS, Specification, SwarmControllers,
+};
 
 fn layered(sensors: usize, actuators: usize) -> Value {
     json!({"version": 1, "kind": "layered", "sensors": sensors, "actuators": actuators, "hidden": [],
@@ -62,6 +64,33 @@ fn a_team_itself_steers_nobody_and_has_so_many_agents() {
     let message = whole.of_agent(5).unwrap_err().to_string();
     assert!(message.contains("agent 5 belongs to no group"), "{message}");
     assert!(message.contains("5 agents, from 0 to 4"), "{message}");
+}
+
+#[test]
+fn states_of_a_team_are_those_of_its_machines() {
+    // Two states, one sensor without thresholds, no actuators but one: from 0 to 1, and back.
+    let machine = json!({"version": 1, "kind": "mealy_fsm", "sensors": 1, "actuators": 1, "states": 2,
+        "thresholds": [[]]});
+    let team = |first: &Value, last: &Value, weights: &[f32]| {
+        let document = json!({"version": 1, "kind": "team", "weights": weights, "groups": [
+            {"name": "first", "agents": 2, "controller": first},
+            {"name": "last", "agents": null, "controller": last}]});
+        let specification: Specification = document.to_string().parse().unwrap();
+        SwarmControllers::new(Controller::new(&specification))
+    };
+    let network = layered(1, 1);
+    let mut swarm = team(&network, &machine, &[0.0, 0.5, 1.0, 0.5, 0.0, 0.5]);
+    assert_eq!(swarm.machine_states(), Some(vec![-1, -1, 0]));
+    for agent in [0, 4] {
+        swarm.of(agent).unwrap().step(&[0.0], &mut [0.0]).unwrap();
+    }
+    assert_eq!(swarm.machine_states(), Some(vec![-1, -1, 0, 0, 1]));
+    let mut swarm = team(&machine, &network, &[1.0, 0.5, 0.0, 0.5, 0.0, 0.5]);
+    assert_eq!(swarm.machine_states(), Some(vec![0, 0, -1]));
+    swarm.of(1).unwrap().step(&[0.0], &mut [0.0]).unwrap();
+    assert_eq!(swarm.machine_states(), Some(vec![0, 1, -1]));
+    let none = team(&network, &network, &[0.0; 4]);
+    assert_eq!(none.machine_states(), None);
 }
 
 #[test]

@@ -166,7 +166,7 @@ impl PyRemoteEpisode {
         arrays_of(py, self.shown()?)
     }
 
-    fn machine_states<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray1<u32>>>> {
+    fn machine_states<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray1<i32>>>> {
         let states = self.there()?.machine_states();
         Ok(states.map(|states| states.into_pyarray(py)))
     }

@@ -197,7 +197,7 @@ impl PyEpisode {
         scene_arrays(py, self.0.simulation())
     }
 
-    fn machine_states<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray1<u32>>> {
+    fn machine_states<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray1<i32>>> {
         Some(self.0.machine_states()?.into_pyarray(py))
     }
 

@@ -277,9 +277,8 @@ impl Episode {
         Ok(())
     }
 
-    /// The state in which the state machine of each agent makes its next step, by agent; none for other kinds of
-    /// controllers. Agents that have not acted yet, after the last of those that have, are left out: state 0.
-    pub fn machine_states(&self) -> Option<Vec<u32>> {
+    /// The state of each agent's state machine, see [`SwarmControllers::machine_states`].
+    pub fn machine_states(&self) -> Option<Vec<i32>> {
         self.agents.controllers.machine_states()
     }
 

@@ -168,6 +168,7 @@ class Picture:
             agents = bodies.agents()
             known = np.flatnonzero((agents >= 0) & (agents < self._states.shape[1]))
             now = self._states[min(time, len(self._states) - 1), agents[known]]
+            known, now = known[now >= 0], now[now >= 0]
             colors[known] = (
                 np.array([rgb(state_color(state)) for state in range(len(STATES))])[now % len(STATES)] / 255
             )
@@ -302,7 +303,7 @@ def _paths(scenes: "Sequence[Scene]") -> "dict[int, NDArray[np.float64]]":
     return {int(body): np.stack([xs[:, k], ys[:, k]], axis=1) for k, body in enumerate(moving)}
 
 
-def _state_names(states: "NDArray[np.uint8]", names: "Sequence[str]") -> list[str]:
+def _state_names(states: "NDArray[np.int16]", names: "Sequence[str]") -> list[str]:
     """Return what legends call the states of controllers."""
     count = max(int(states.max(initial=0)) + 1, len(names))
     given = [*names, *([""] * (count - len(names)))]

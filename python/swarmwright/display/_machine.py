@@ -30,6 +30,20 @@ def groups_of(specification: Mapping[str, Any]) -> list[dict[str, Any]] | None:
     return found or None
 
 
+def state_names(specification: Mapping[str, Any]) -> list[str]:
+    """Return what the states of a controller are called; those of a team's groups are joined with a slash."""
+    if is_team(specification):
+        machines = [group["machine"] for group in groups_of(specification) or ()]
+    else:
+        machines = [machine_of(specification, -1)]
+    most = max((len(machine["states"]) for machine in machines), default=0)
+    names = []
+    for index in range(most):
+        named = (machine["states"][index]["name"] for machine in machines if index < len(machine["states"]))
+        names.append(" / ".join(dict.fromkeys(name for name in named if name)))
+    return names
+
+
 def has_states(specification: Mapping[str, Any]) -> bool:
     """Whether a controller is a state machine that is known and not too large to be drawn."""
     states = specification["states"] if specification.get("kind") == "mealy_fsm" else 0

@@ -11,6 +11,7 @@ from swarmwright.core.state_colors import state_color
 from swarmwright.display._bodies import Bodies, scene_of
 from swarmwright.display._look import BORDER, lightened, mixed, rgb
 from swarmwright.display._scene import Scene
+from swarmwright.display._trace import states_of
 
 SIGNS = "0123456789abcdefghijklmnopqrstuvwxyz"
 """What stands for states 0, 1, .. on a map without colours; the last one also for all after it."""
@@ -31,9 +32,7 @@ def with_states(text: str, episode: Any, columns: int, *, color: bool, unicode: 
     scene = Scene.of(episode.scene()) if arrays is None else scene_of(arrays())
     bodies = Bodies.of(scene.bodies)
     agents = bodies.agents()
-    # Agents that have not acted yet are in state 0.
-    states = np.zeros(max(int(agents.max(initial=-1)) + 1, len(known)), dtype=np.int64)
-    states[: len(known)] = known
+    states = states_of(known, int(agents.max(initial=-1)) + 1)
     of_body = np.where(agents >= 0, states[agents] if len(states) else -1, -1)
     lines = text.rstrip("\n").split("\n")
     _mark(lines, scene, bodies, of_body, color=color)
@@ -41,7 +40,7 @@ def with_states(text: str, episode: Any, columns: int, *, color: bool, unicode: 
     return "\n".join([*lines, _legend(counts, columns, color=color, unicode=unicode)])
 
 
-def _mark(lines: list[str], scene: Scene, bodies: Bodies, states: NDArray[np.int64], *, color: bool) -> None:
+def _mark(lines: list[str], scene: Scene, bodies: Bodies, states: NDArray[np.int_], *, color: bool) -> None:
     """Change the characters of agents on the map, which is framed and begins in the second line."""
     upright = _FRAMES.get(lines[1][:1]) if len(lines) > 3 else None
     if upright is None:

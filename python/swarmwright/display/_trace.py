@@ -13,19 +13,31 @@ MOST_NUMBERS = 30_000_000
 """Sensors and actuators that are kept of an episode: 120 MB. With more agents, those of the first ones."""
 
 
+MOST_STATE = 254
+"""Largest number of a state that is kept; it also stands for those after it."""
+
+
+def states_of(known: NDArray[np.int32], agents: int) -> NDArray[np.int32]:
+    """Return the states of so many agents: those that are known, and of agents that have not acted yet."""
+    states = np.zeros(max(agents, len(known)), dtype=np.int32)
+    states[len(known) :] = -1 if len(known) and known[-1] < 0 else 0
+    states[: len(known)] = known
+    return states
+
+
 @dataclass(frozen=True)
 class Trace:
     """What is known of each agent at each step; S steps, A agents that are kept, the first ones.
 
     sensors: (S, A, sensors), what they sensed before a step; NaN for those that did not act. actuators:
     (S, A, actuators), what they did in it. states: (S + 1, all agents), the state in which the state machine
-    of each makes its next step; None for controllers without states. metrics: names -> (S + 1,), NaN where
-    they are not known.
+    of each makes its next step, 254 at most; -1 for agents whose controller has no states; None where none
+    has any. metrics: names -> (S + 1,), NaN where they are not known.
     """
 
     sensors: NDArray[np.float32]
     actuators: NDArray[np.float32]
-    states: NDArray[np.uint8] | None
+    states: NDArray[np.int16] | None
     metrics: dict[str, NDArray[np.float64]]
 
 
@@ -36,7 +48,7 @@ class Tracer:
         self._episode = episode
         self._names = list(metrics)
         self._steps: list[tuple[NDArray[np.uint32], NDArray[np.float32], NDArray[np.float32]]] = []
-        self._states: list[NDArray[np.uint32]] = []
+        self._states: list[NDArray[np.int32]] = []
         self._metrics: list[list[float]] = []
         self._kept = 0
         self._note()
@@ -81,9 +93,9 @@ class Tracer:
             for into, values in zip(kept, numbers, strict=True):
                 into[index, who] = values
         everyone = max((len(states) for states in self._states), default=0)
-        states = np.zeros((len(self._states), everyone), dtype=np.uint8)
+        states = np.zeros((len(self._states), everyone), dtype=np.int16)
         for index, now in enumerate(self._states):
-            states[index, : len(now)] = np.minimum(now, 255)
+            states[index] = np.minimum(states_of(now, everyone), MOST_STATE)
         over_time = np.array(self._metrics, dtype=np.float64).reshape(len(self._metrics), len(self._names))
         metrics = {name: over_time[:, index] for index, name in enumerate(self._names)}
         return Trace(kept[0], kept[1], states if self._states else None, metrics)

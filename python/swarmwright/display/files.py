@@ -9,7 +9,7 @@ from swarmwright.core.errors import InputError
 from swarmwright.core.teams import is_team
 from swarmwright.display._caption import Caption
 from swarmwright.display._episode import Recording
-from swarmwright.display._machine import has_states, machine_of
+from swarmwright.display._machine import groups_of, has_states, state_names
 from swarmwright.display._part import Part
 from swarmwright.display._shown import Shown
 
@@ -54,7 +54,7 @@ def save(
         if len(shows) != 1:
             raise InputError(f"{path}: several episodes are shown beside each other by a page, FILE.html")
         specification, shows = shows[0].controller, shows[0].recording
-        names = [state["name"] for state in machine_of(specification, -1)["states"]]
+        names = state_names(specification)
     module = import_module(f"swarmwright.display.{_WRITERS[ending]}")
     with warnings.catch_warnings():
         # A message in a script that the font lacks is shown as boxes.
@@ -73,10 +73,10 @@ def _check_states(parts: Sequence[Part]) -> None:
         return
     controller = parts[0].controller
     kind = controller.get("kind")
-    if is_team(controller):
-        why = "those of a team's controllers are not recorded"
-    elif kind is None or has_states(controller):
+    if kind is None or has_states(controller) or groups_of(controller):
         why = "this episode does not say them"
+    elif is_team(controller):
+        why = "no controller of this team has any"
     else:
         why = f"a controller of the kind {kind} has none"
     raise InputError(

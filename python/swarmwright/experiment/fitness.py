@@ -128,8 +128,8 @@ class JudgedEpisode:
         """Move on by one step; agents, what they sensed and what they did."""
         return self._episode.step_observed()
 
-    def machine_states(self) -> NDArray[np.uint32] | None:
-        """The state of each agent's state machine; None for other controllers."""
+    def machine_states(self) -> NDArray[np.int32] | None:
+        """The state of each agent's state machine, -1 where it has none; None for other controllers."""
         return self._episode.machine_states()
 
     def metrics(self, names: list[str]) -> list[float]:

@@ -16,6 +16,7 @@ from swarmwright.experiment.document import DEFAULT_KINDS
 from swarmwright.experiment.parameter_files import resolve
 from swarmwright.experiment.robots import mission_of, written_out
 from swarmwright.methods import METHODS
+from swarmwright.rankings import RankingOptions
 from swarmwright.simulations import catalogue
 
 _PART = re.compile(r'"(?P<quoted>[^"]+)"|(?P<plain>[^.\[\]"=]+)|\[(?P<index>\d+)\]')
@@ -148,13 +149,18 @@ def _drop_limits(source: Source, settings: Iterable[Setting]) -> None:
 
 
 def _start_anew(source: Source, setting: Setting) -> None:
-    """Drop the options of a section that gets another kind: they are another kind's. A budget is kept."""
+    """Drop the options of a section that gets another kind: they are another kind's.
+
+    A budget is kept, and what all rankings have.
+    """
     section = setting.path[0]
     new = setting.value or DEFAULT_KINDS[section]
     old = source.values.get(section)
     kind = old.get("kind", DEFAULT_KINDS[section]) if isinstance(old, Mapping) else DEFAULT_KINDS[section]
     if new != kind or not isinstance(old, Mapping):
-        names = _kept_limits(new) if section == "method" and isinstance(old, Mapping) else []
+        names = _kept_limits(new) if section == "method" else [*RankingOptions.model_fields]
+        if section == "controller" or not isinstance(old, Mapping):
+            names = []
         kept = {name: old[name] for name in names if name in old}
         source.values[section] = kept
         _forget(source, (section,), but=[(section,), *((section, name) for name in kept)])

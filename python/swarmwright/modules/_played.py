@@ -72,7 +72,7 @@ class PlayedEpisode:
         agents, sensors, actuators = (np.concatenate(part) for part in zip(*parts, strict=True))
         return agents, sensors, actuators
 
-    def machine_states(self) -> NDArray[np.uint32]:
+    def machine_states(self) -> NDArray[np.int32]:
         """Return the state of each agent that has acted."""
         return self._robots.states
 

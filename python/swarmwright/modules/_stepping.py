@@ -36,9 +36,9 @@ class Robots:
         self._acted = 0
 
     @property
-    def states(self) -> NDArray[np.uint32]:
+    def states(self) -> NDArray[np.int32]:
         """The state of each robot of the only episode that has acted, (robots,)."""
-        return self._swarm.current[: self._acted].astype(np.uint32)
+        return self._swarm.current[: self._acted].astype(np.int32)
 
     def step(self) -> tuple[NDArray[np.uint32], NDArray[np.float32], NDArray[np.float32]]:
         """Go on by one step; return the agents that acted, their sensors and their actuators.

@@ -31,12 +31,16 @@ def test_endings_may_be_capitals(crossing: Any, tmp_path: Path) -> None:
         assert picture.format == "PNG"
 
 
+NETWORKS = {**TEAM, "groups": TEAM["groups"][1:2], "weights": NETWORK["weights"]}
+
+
 @pytest.mark.parametrize("ending", FORMATS)
 @pytest.mark.parametrize(
     ("controller", "why"),
     [
         (NETWORK, "a controller of the kind layered has none"),
-        (TEAM, "those of a team's controllers are not recorded"),
+        (TEAM, "this episode does not say them"),
+        (NETWORKS, "no controller of this team has any"),
         (MODULES, "this episode does not say them"),
         ({}, "this episode does not say them"),
     ],

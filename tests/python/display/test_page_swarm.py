@@ -93,7 +93,7 @@ def swarm(robots: int = 6, *, steps: int = STEPS, values: bool = False) -> Recor
         )  # fmt: skip
     sensors = np.zeros((steps, min(robots, 100), 9), np.float32)
     sensors[:, :, 4] = np.linspace(0, 1, steps)[:, None]
-    states = np.repeat(np.arange(steps + 1)[:, None] // 10 % 2, robots, axis=1).astype(np.uint8)
+    states = np.repeat(np.arange(steps + 1)[:, None] // 10 % 2, robots, axis=1).astype(np.int16)
     trace = Trace(
         sensors, np.ones((*sensors.shape[:2], 2), np.float32), states, {"on_goal": np.arange(steps + 1.0)}
     )
@@ -256,7 +256,7 @@ def test_groups_of_a_team_have_their_machines(browser: Chrome, tmp_path: Path) -
     open_page(browser, tmp_path, Part(without, "", TEAM))
     group = Select(browser.find_element(By.ID, "group"))
     assert [option.text for option in group.options] == ["scouts", "carriers"]
-    assert text(browser, "which") == "states of a team are not recorded"
+    assert text(browser, "which") == "the states of agents are not recorded"
 
     def shown() -> tuple[int, int]:
         numbers = browser.find_elements(By.CSS_SELECTOR, "#diagram .number")
@@ -280,10 +280,44 @@ def test_groups_of_a_team_have_their_machines(browser: Chrome, tmp_path: Path) -
     assert errors(browser) == []
 
 
+def test_states_of_a_team_are_those_of_each_group(browser: Chrome, tmp_path: Path) -> None:
+    recording = swarm(7)
+    assert recording.trace is not None
+    assert recording.trace.states is not None
+    states = recording.trace.states.copy()
+    states[:, 2:5] = -1
+    recording = replace(recording, trace=replace(recording.trace, states=states))
+    open_page(browser, tmp_path, Part(recording, "", TEAM))
+
+    def numbers() -> list[str]:
+        return [number.text for number in browser.find_elements(By.CSS_SELECTOR, "#diagram .number")]
+
+    browser.execute_script("player.go(0)")
+    assert (text(browser, "which"), numbers()) == ("agents in each state", ["2", "0"])
+    browser.execute_script("player.go(10)")
+    assert numbers() == ["0", "2"]
+    Select(browser.find_element(By.ID, "group")).select_by_value("carriers")
+    assert numbers() == ["0", "2"]
+    browser.execute_script("player.follow(0, 1)")
+    assert text(browser, "which") == "of agent 1"
+    assert numbers() == ["0", "1"], "the number of the state that it is in"
+    assert browser.execute_script("return player.inspector.hasStates();")
+    browser.execute_script("player.follow(0, 3)")
+    assert not browser.execute_script("return player.inspector.hasStates();"), "a network"
+    assert text(browser, "which") == "agents in each state", "of the group that is shown"
+    colors = Select(browser.find_element(By.ID, "colors"))
+    assert [option.get_attribute("value") for option in colors.options] == ["state", "controller"]
+    colors.select_by_value("controller")
+    counts = browser.execute_script("return player.legend.states.map(({ count }) => count.textContent);")
+    assert counts == ["0", "4"], "not the network's agents"
+    assert text(browser, "legend").count("controller in state") == 2
+    assert errors(browser) == []
+
+
 def test_sixteen_states_have_colours_of_their_own(browser: Chrome, tmp_path: Path) -> None:
     recording = swarm(16)
     assert recording.trace is not None
-    states = np.tile(np.arange(16, dtype=np.uint8), (STEPS + 1, 1))
+    states = np.tile(np.arange(16, dtype=np.int16), (STEPS + 1, 1))
     recording = replace(recording, trace=replace(recording.trace, states=states))
     open_page(browser, tmp_path, Part(recording, "", modules(16, 4, 16)), shown=Shown(labels=False))
     colors = browser.execute_script(

@@ -85,6 +85,18 @@ def test_a_method_of_another_kind_keeps_the_budget(
     )
 
 
+def test_a_ranking_of_another_kind_keeps_its_episodes_and_seeds(file: Path) -> None:
+    file.write_text(file.read_text() + "ranking: {episodes: 12, seeds: new, failed: stop, level: 0.3}\n")
+    race = Experiment.load(file, ["ranking.kind=race"])
+    found = race.to_mapping()["ranking"]
+    assert (found["kind"], found["episodes"], found["seeds"], found["failed"]) == ("race", 12, "new", "stop")
+    assert found["level"] == 0.05, "another level than that of an aggregate"
+    for order in (["ranking.kind=race", "ranking.episodes=8"], ["ranking.episodes=8", "ranking.kind=race"]):
+        assert Experiment.load(file, order).ranking.episodes == 8
+    with pytest.raises(InputError, match=r"ranking\.episodes=3: 3 leaves nothing to race for"):
+        Experiment.load(file, ["ranking.kind=race", "ranking.episodes=3"])
+
+
 def test_a_budget_that_is_kept_is_reported_where_it_stands(file: Path) -> None:
     file.write_text(file.read_text().replace("generations: 4", "generations: none"))
     with pytest.raises(InputError, match=r"my\.yaml:\d+: method\.generations: "):

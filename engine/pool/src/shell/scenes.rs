@@ -466,9 +466,9 @@ impl SceneEpisode {
         self.missing
     }
 
-    /// The state of each agent's state machine, as far as agents have acted; none for other controllers.
+    /// The state of each agent's state machine, see [`SwarmControllers::machine_states`].
     #[must_use]
-    pub fn machine_states(&self) -> Option<Vec<u32>> {
+    pub fn machine_states(&self) -> Option<Vec<i32>> {
         self.controllers.machine_states()
     }
 

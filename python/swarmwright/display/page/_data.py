@@ -18,7 +18,7 @@ from swarmwright.display._part import Part
 from swarmwright.display._scene import Patch, Scene
 from swarmwright.display._shown import Shown
 from swarmwright.display._trace import Trace
-from swarmwright.display.page._machine import machine_data
+from swarmwright.display.page._machine import machine_data, states_data
 from swarmwright.display.page._series import number_kind, packed, series
 
 if TYPE_CHECKING:
@@ -86,8 +86,8 @@ def _episode(part: Part) -> dict[str, Any]:
 
     name, width, height, origin, grid and message of the world; fitness so far at each scene, and metrics by
     name, null where it is not finite; keys: scenes that are kept, `stride` apart; bodies; ground: [scene
-    from which, floor, patches, walls, lights]; and, where there are any, rays, links, trace, machine, and
-    groups of a team that have machines.
+    from which, floor, patches, walls, lights]; and, where there are any, rays, links, trace, states of
+    agents, the machine of all of them, and groups of a team that have machines.
     """
     recording = part.recording
     scenes = recording.scenes
@@ -119,7 +119,8 @@ def _episode(part: Part) -> dict[str, Any]:
         "rays": _rays(kept),
         "links": _links([scenes[key] for key in keys]),
         "trace": None if trace is None else _trace(trace, keys, part),
-        "machine": None if trace is None else machine_data(trace, keys, part),
+        "states": None if trace is None else states_data(trace, keys),
+        "machine": None if trace is None else machine_data(trace, part),
         "groups": groups_of(part.controller),
     }
 

@@ -41,8 +41,12 @@ class Inspector {
     part.timeline.hidden = !this.height();
   }
 
+  hasStates() {
+    return this.episode.stateOf(0, this.agent) >= 0;
+  }
+
   height() {
-    const machine = this.episode.machine ? ROW + 6 : 0;
+    const machine = this.hasStates() ? ROW + 6 : 0;
     return machine + this.rows.length * ROW + (machine || this.rows.length ? 4 : 0);
   }
 
@@ -61,7 +65,7 @@ class Inspector {
     const x = (scene) => this.left + (this.width * scene) / Math.max(episode.last, 1);
     c.textBaseline = "middle";
     let top = 0;
-    if (episode.machine) {
+    if (this.hasStates()) {
       this.text(c, color("soft"), "state", 0, ROW / 2, this.left - 6);
       this.band(c, color, x);
       c.textAlign = "right";

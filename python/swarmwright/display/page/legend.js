@@ -10,9 +10,10 @@ class Legend {
         if (!this.entries.has(name)) this.entries.set(name, this.add(name, look(kind, state)));
       }
     this.states = [];
-    const most = Math.max(0, ...episodes.map((one) => (one.machine ? one.machine.states.length : 0)));
+    const machines = episodes.filter((one) => one.states).flatMap((one) => one.machines);
+    const most = Math.max(0, ...machines.map(({ states }) => states.length));
     for (let state = 0; state < most; state++) {
-      const words = [...new Set(episodes.filter((one) => one.machine).map((one) => (one.machine.states[state] || {}).name))];
+      const words = [...new Set(machines.map(({ states }) => (states[state] || {}).name))];
       const only = words.length === 1 && words[0] ? `, ${words[0]}` : "";
       this.states.push(this.add(`controller in state ${state}${only}`, { shape: "circle", color: stateColor(state) }));
     }
@@ -57,11 +58,10 @@ class Legend {
   // Whether bodies of this look have other colours than the legend's.
   recolored(name, colors) {
     return this.episodes.some((episode) => {
-      if (colors === "controller" && !episode.machine) return false;
       const { value, look: looks } = episode.series;
       for (let i = 0; i < episode.count; i++) {
         if (label(...episode.bodies.looks[looks.at(0, i)]) !== name) continue;
-        return colors === "controller" ? episode.agents[i] >= 0 : value.changes(i) || !Number.isNaN(value.at(0, i));
+        return colors === "controller" ? episode.stateOf(0, episode.agents[i]) >= 0 : value.changes(i) || !Number.isNaN(value.at(0, i));
       }
       return false;
     });

@@ -107,10 +107,8 @@ class Machine {
     row.append(element("b", {}, `${index} ${states[index].words}`.replace(/^(\d+) state \d+$/, "state $1")), inner);
   }
 
-  // active: state of the agent that is followed, -1 for none. before: the one that it came from. counts: agents in each,
-  // null where it is not known in which states agents are.
+  // active: state of the agent that is followed, -1 for none. before: the one that it came from. counts: agents in each.
   show(active, before, counts) {
-    if (!counts) return;
     const all = counts.reduce((sum, count) => sum + count, 0);
     this.states.forEach(({ group, number }, index) => {
       const share = active >= 0 ? Number(index === active) : all ? counts[index] / all : 0;

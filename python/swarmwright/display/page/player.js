@@ -109,7 +109,10 @@ class Player {
     part["agent-keys"].hidden = !any((episode) => episode.bodyOf.size);
     const colors = [["state", "kind and state"]];
     if (page.scale) colors.unshift(["value", page.scale.name]);
-    if (any((episode) => episode.machine)) colors.unshift(["controller", "state of the controller"]);
+    const ofController = ["controller", "state of the controller"];
+    // In a team, kinds are told apart first.
+    if (any((episode) => episode.machine)) colors.unshift(ofController);
+    else if (any((episode) => episode.states)) colors.push(ofController);
     part.colors.append(...colors.map(([value, text]) => new Option(text, value)));
     if (colors.some(([value]) => value === page.shown.colors)) part.colors.value = page.shown.colors;
     part["colors-choice"].hidden = colors.length < 2;
@@ -146,6 +149,7 @@ class Player {
   chooseGroup(name) {
     this.part.group.value = name;
     this.drawMachine(this.drawnOf.groups.find((group) => group.name === name).machine);
+    if (this.part.now.textContent) this.describeMachine(Math.floor(this.time));
   }
 
   listen() {
@@ -356,15 +360,23 @@ class Player {
 
   describeMachine(scene) {
     const { episode, selected } = this.worlds[this.focus];
-    if (this.machine && this.drawnOf.groups) this.part.which.textContent = "states of a team are not recorded";
-    if (!this.machine || !episode.machine) return;
+    const { machine, part } = this;
+    if (!machine || !episode.machines.includes(machine.machine)) return;
+    if (!episode.states) {
+      part.which.textContent = "the states of agents are not recorded";
+      return;
+    }
     const [kept] = episode.moment(Math.min(scene, episode.last));
-    const agent = selected < 0 ? -1 : episode.agents[selected];
-    const counts = episode.machine.states.map(() => 0);
-    for (const one of episode.bodyOf.keys()) counts[episode.stateOf(kept, one)] += 1;
+    const { groups } = episode;
+    const group = groups && groups.find((one) => one.machine === machine.machine);
+    const ofGroup = (body) => !groups || episode.groupOf(body) === group;
+    const counts = machine.machine.states.map(() => 0);
+    for (const [agent, body] of episode.bodyOf) if (ofGroup(body)) counts[episode.stateOf(kept, agent)] += 1;
+    // The agent that is followed, where this is its machine.
+    const agent = selected >= 0 && ofGroup(selected) ? episode.agents[selected] : -1;
     const before = agent >= 0 && kept > 0 ? episode.stateOf(kept - 1, agent) : -1;
-    this.machine.show(agent < 0 ? -1 : episode.stateOf(kept, agent), before, counts);
-    this.part.which.textContent = agent < 0 ? "agents in each state" : `of agent ${agent}`;
+    machine.show(agent < 0 ? -1 : episode.stateOf(kept, agent), before, counts);
+    part.which.textContent = agent < 0 ? "agents in each state" : `of agent ${agent}`;
   }
 
   showButton() {

@@ -7,6 +7,8 @@ function bytes(text) {
   return found;
 }
 
+const NO_STATE = 255;
+
 // Packed numbers as an array; numbers of 1 or 2 bytes are parts of a range, the largest one is none.
 function unpack({ type, data, low, high }) {
   const buffer = bytes(data).buffer;
@@ -67,7 +69,7 @@ class Episode {
       this.count = 0;
       return;
     }
-    const { bodies, rays, links, trace, machine } = data;
+    const { bodies, rays, links, trace, states } = data;
     this.count = bodies.count;
     this.series = Object.fromEntries(Object.entries(bodies.series).map(([name, packed]) => [name, new Series(packed)]));
     this.agents = unpack(bodies.agents);
@@ -76,7 +78,7 @@ class Episode {
     this.agents.forEach((agent, body) => agent >= 0 && this.bodyOf.set(agent, body));
     this.rays = rays && Object.fromEntries(Object.entries(rays).map(([name, packed]) => [name, new Series(packed)]));
     this.links = links && { ends: unpack(links.ends), starts: unpack(links.starts) };
-    this.machine = machine && { ...machine, at: unpack(machine.at) };
+    this.states = states && { ...states, at: unpack(states.at) };
     this.trace = trace && { ...trace, values: trace.values.map(unpack) };
     this.agentCount = bodies.looks.reduce((sum, [kind], index) => sum + (kind === "agent" ? bodies.most[index] : 0), 0);
     this.directed = [...this.series.heading.base].some((heading) => !Number.isNaN(heading)) || this.series.heading.width > 0;
@@ -99,11 +101,18 @@ class Episode {
     return !Number.isNaN(this.series.x.at(kept, body)) && !Number.isNaN(this.series.y.at(kept, body));
   }
 
-  // The number of the state of an agent's state machine; none without one.
+  // The number of the state of an agent's state machine; -1 without one.
   stateOf(kept, agent) {
-    const { machine } = this;
-    if (!machine || agent < 0) return -1;
-    return agent < machine.agents ? machine.at[kept * machine.agents + agent] : 0;
+    const { states } = this;
+    if (!states || agent < 0) return -1;
+    const state = agent < states.agents ? states.at[kept * states.agents + agent] : 0;
+    return state === NO_STATE ? -1 : state;
+  }
+
+  // The state machines of its agents: that of all, or those of the groups of a team.
+  get machines() {
+    if (this.groups) return this.groups.map(({ machine }) => machine);
+    return this.machine ? [this.machine] : [];
   }
 
   // The group of a team that a body belongs to, by its kind or state, else by its number; none for one without a machine.
