@@ -20,6 +20,7 @@ from swarmwright.display._look import (
     value_colors,
 )
 from swarmwright.display._scene import Scale, Scene
+from swarmwright.display._trace import states_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -97,7 +98,7 @@ class Key:
         handles: list[Any] = []
         others = _valued(recording) if self.scale is not None else set()
         if self._states:
-            others = {look for scene in recording.scenes for look in _looks_of_agents(scene)}
+            others = {look for scene in recording.scenes for look in _looks_with_states(recording, scene)}
         for look in looks.all():
             if look in others:
                 handles.append(mark(label(*look), FIELD, "o", 9, INK))
@@ -150,6 +151,13 @@ def _valued(recording: Recording) -> set[tuple[str, str]]:
     return found
 
 
-def _looks_of_agents(scene: Scene) -> set[tuple[str, str]]:
+def _looks_with_states(recording: Recording, scene: Scene) -> set[tuple[str, str]]:
+    """Return the kinds and states of agents whose controllers have states, which give them their colours."""
+    assert recording.trace is not None
+    assert recording.trace.states is not None
     bodies = Bodies.of(scene.bodies)
-    return {bodies.looks[index] for index in np.unique(bodies.look[bodies.agents() >= 0])}
+    states = states_of(recording.trace.states[-1], int(bodies.agents().max(initial=-1)) + 1)
+    agents = bodies.agents()
+    with_states = agents >= 0
+    with_states[with_states] = states[agents[with_states]] >= 0
+    return {bodies.looks[index] for index in np.unique(bodies.look[with_states])}

@@ -17,7 +17,7 @@ MOST_STATE = 254
 """Largest number of a state that is kept; it also stands for those after it."""
 
 
-def states_of(known: NDArray[np.int32], agents: int) -> NDArray[np.int32]:
+def states_of(known: NDArray[np.signedinteger[Any]], agents: int) -> NDArray[np.int32]:
     """Return the states of so many agents: those that are known, and of agents that have not acted yet."""
     states = np.zeros(max(agents, len(known)), dtype=np.int32)
     states[len(known) :] = -1 if len(known) and known[-1] < 0 else 0

@@ -1,5 +1,6 @@
 """Pictures of robots with headings on a floor with colours, and what their legends say."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ from PIL import Image
 from swarmwright import InputError
 from swarmwright.display import Bodies, Part, Recording, Scene, Shown, Style
 from swarmwright.display._drawing import Picture
-from swarmwright.display._look import FLOOR, LIGHT, Looks, lightened, rgb, value_colors
+from swarmwright.display._look import FIELD, FLOOR, INK, LIGHT, Looks, lightened, rgb, value_colors
 from swarmwright.display.files import save
 from tests.python.display.test_page_swarm import MODULES, swarm
 
@@ -69,6 +70,34 @@ def test_robots_have_the_colour_of_their_controllers_state(step: int, color: str
     others = 300
     assert count(image, LIGHT[color]) > others
     assert (count(image, LIGHT["free"]) > others) == (color == "free")
+
+
+def test_kinds_of_a_team_without_states_keep_their_colours() -> None:
+    recording = swarm()
+    assert recording.trace is not None
+    assert recording.trace.states is not None
+    scenes = []
+    for scene in recording.scenes:
+        found = Bodies.of(scene.bodies)
+        names = ["scouts"] * 3 + ["carriers"] * 3
+        bodies = Bodies(found.x, found.y, state=names, radius=0.05, heading=0.0)
+        scenes.append(replace(scene, bodies=bodies))
+    states = recording.trace.states.copy()
+    states[:, 3:] = -1
+    recording = replace(recording, scenes=tuple(scenes), trace=replace(recording.trace, states=states))
+    picture = Picture(
+        recording, dpi=100, shown=Shown(trails=False, colors="controller"), state_names=["a", "b"]
+    )
+    edges = {
+        handle.get_label(): handle.get_markeredgecolor() == INK and handle.get_markerfacecolor() == FIELD
+        for handle in picture._key._handles
+        if handle.get_label().startswith("agent")
+    }
+    assert edges == {"agent, scouts": True, "agent, carriers": False}
+    image = picture.image(recording.scenes[5], 5.0).crop((0, 0, 700, 600))
+    carriers = "#" + "".join(f"{round(255 * part):02X}" for part in picture._colors["agent", "carriers"])
+    assert count(image, carriers) > 200
+    assert count(image, LIGHT["free"]) > 200, "state 0"
 
 
 def test_values_are_colours_with_a_range(tmp_path: Path) -> None:
