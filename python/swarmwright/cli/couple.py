@@ -59,5 +59,6 @@ def command(
         output.write_bytes(data)
     except OSError as error:
         raise InputError(f"{output}: cannot be written: {error.strerror}") from error
-    said.text(f"{output}: {', '.join(files)}; {len(connections)} connections")
+    plural = "" if len(connections) == 1 else "s"
+    said.text(f"{output}: {', '.join(files)}; {len(connections)} connection{plural}")
     said.json({"file": str(output), "components": list(files), "connections": list(connections)})

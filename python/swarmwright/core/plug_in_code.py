@@ -117,7 +117,8 @@ def numbers(
     """
 
     def wrong(found: str) -> PlugInError:
-        sizes = ", ".join("any" if size is None else str(size) for size in shape)
+        many = "1 or more" if some else "any"
+        sizes = ", ".join(many if size is None else str(size) for size in shape)
         return PlugInError(
             f"{place(owner, method)}: returned {found}; expected {what}: an array of {np.dtype(dtype)} with "
             f"the shape ({sizes}{',' * (len(shape) == 1)})"

@@ -5,6 +5,10 @@ from dataclasses import dataclass
 from typing import Any, Self
 
 
+_LONGEST = 24
+"""Letters of a name; of a longer one the beginning is drawn."""
+
+
 @dataclass(frozen=True)
 class Names:
     """Names of a controller's inputs and outputs."""
@@ -24,5 +28,5 @@ class Names:
 
 def _fitting(names: Sequence[str], what: str, count: int) -> tuple[str, ...]:
     if len(names) == count:
-        return tuple(names)
+        return tuple(name if len(name) <= _LONGEST else f"{name[: _LONGEST - 1]}…" for name in names)
     return tuple(f"{what} {index}" for index in range(count))

@@ -148,8 +148,10 @@ def _labels(axes: "Axes", places: list[list[tuple[float, float]]], names: Names)
     text: dict[str, Any] = {"va": "center", "fontsize": 10.5, "color": INK, "parse_math": False}
     for (x, y), name in zip(places[0], names.sensors, strict=True):
         axes.text(x - 0.24, y, name, ha="right", **text)
+    # Arrows between outputs may be behind them.
+    ground = {"facecolor": PAPER, "edgecolor": "none", "pad": 1.5, "alpha": 0.85}
     for (x, y), name in zip(places[-1], names.actuators, strict=True):
-        axes.text(x + 0.32, y, name, ha="left", **text)
+        axes.text(x + 0.32, y, name, ha="left", zorder=6, bbox=ground, **text)
 
 
 def _legend(figure: "Figure", unit: float, bias_unit: float, recurrent: bool) -> None:

@@ -114,6 +114,20 @@ def test_sensors_and_actuators_have_the_simulations_names() -> None:
     )
 
 
+def test_long_names_are_shortened(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    long = [f"{index}{'x' * 80}" for index in range(14)]
+    simulation = {"sensor_names": long[:4], "actuator_names": long}
+    for specification in (
+        network("fully_meshed", 4, 2, 14, iterations=2),
+        network("layered", 4, [40], 14),  # matrices
+        machine(2, [[0.5]] * 4, [[index % 2, *[0.5] * 14] for index in range(32)]),
+    ):
+        drawn = figure(specification, simulation=simulation)
+        assert f"1{'x' * 22}…" in said(drawn)
+        assert "x" * 23 not in said(drawn)
+        written(drawn, tmp_path, caplog)
+
+
 def test_strong_weights_are_wide_and_signs_have_colours() -> None:
     from matplotlib.collections import LineCollection
 
