@@ -4,8 +4,9 @@ use crate::common;
 
 use std::time::Duration;
 
-use common::{Extended, Line, Net, Party, server, tool, tool_in_mode, work};
+use common::{Alone, Extended, Line, Net, Party, refusal, server, tool, tool_in_mode, work};
 use swarmwright_pool::Mode;
+use swarmwright_protocol::RefusalKind;
 
 const SEEDS: [u64; 1] = [3];
 const CANDIDATES: usize = 57;
@@ -98,4 +99,64 @@ fn servers_that_are_broken_from_the_start_fail_every_candidate() {
     let start = net.now;
     assert!(net.finish(index).iter().all(|fitness| fitness.is_nan()));
     assert!(net.now - start < Duration::from_secs(5));
+}
+
+#[test]
+fn servers_that_refuse_everything_end_the_work() {
+    let mut net = Net::new(3);
+    let (index, servers) = begin(&mut net, 1, 1);
+    for party in servers {
+        if let Party::Extended(server) = &mut net.parties[party] {
+            server.refusal = refusal(RefusalKind::Failed, "my disk is full");
+        }
+    }
+    let (start, patience) = (net.now, Duration::from_secs(10));
+    let reason = loop {
+        net.turn();
+        let now = net.now;
+        if let Some(reason) = net.tool(index).undecided(patience, now) {
+            break reason;
+        }
+        assert!(now - start < Duration::from_secs(120), "{:?}", net.warnings);
+    };
+    assert!(
+        reason.contains("no server has succeeded with anything for a long time")
+            && reason.contains("my disk is full"),
+        "{reason}"
+    );
+    assert!(net.now - start > patience, "it may be cured meanwhile");
+}
+
+#[test]
+fn silence_that_ends_with_the_connection_is_not_held_against_servers() {
+    let patience = Duration::from_secs(10);
+    let mut tool = Alone::new(work(3, &SEEDS));
+    tool.answer(1, None);
+    tool.pass(40);
+    // Longer than a step may take, and some of the time for which silent servers are waited for.
+    for _ in 0..300 {
+        tool.pass(100);
+    }
+    assert!(tool.machine.undecided(patience, tool.now).is_none());
+    tool.reconnect();
+    for _ in 0..300 {
+        tool.pass(100);
+        assert_eq!(tool.machine.undecided(patience, tool.now), None);
+    }
+    assert!(tool.machine.unserved(tool.now) >= patience);
+    // Silent servers without such a reason are given up.
+    tool.answer(1, None);
+    tool.pass(40);
+    let end = tool.now + Duration::from_secs(120);
+    let reason = loop {
+        tool.pass(100);
+        if let Some(reason) = tool.machine.undecided(patience, tool.now) {
+            break reason;
+        }
+        assert!(tool.now < end, "{:?}", tool.warnings);
+    };
+    assert!(
+        reason.contains("no server has succeeded with anything"),
+        "{reason}"
+    );
 }

@@ -6,7 +6,7 @@ use crate::common;
 use std::time::Duration;
 
 use common::{Alone, Line, Net, Party, SEEDS, server, tool, undisturbed, work};
-use serde_json::Value;
+use serde_json::{Value, json};
 
 /// The hashes of the messages that end an episode, those after `known`, in their order.
 fn ends(tool: &Alone, known: usize) -> Vec<Value> {
@@ -107,5 +107,27 @@ fn a_server_that_goes_on_with_the_episode_is_free_at_once() {
         assert_eq!(net.finish(index), undisturbed(7));
         let waited = net.now - start;
         assert!(waited < Duration::from_secs(6), "{waited:?}");
+    }
+}
+
+#[test]
+fn a_server_that_does_not_say_for_whom_it_is_busy_keeps_its_episode() {
+    for holder in [None, Some("b")] {
+        let mut presence = json!({"version": 1, "server": 1, "state": "busy", "simulations": ["line"],
+            "capabilities": {"dimensions": 2, "max_agents": 5}, "since": "2026-01-01T00:00:00Z"});
+        if let Some(holder) = holder {
+            presence["tool"] = holder.into();
+        }
+        let mut tool = Alone::new(work(3, &SEEDS));
+        tool.answer(1, None);
+        tool.pass(40);
+        let hash = tool.last("parameters");
+        // Its parameters came, and its `control` has not yet.
+        tool.hear("swarmwright/v1/presence/1", &presence);
+        tool.pass(300);
+        tool.sense(&hash);
+        let (kept, acts) = (ends(&tool, 0).is_empty(), tool.on("actuator").count());
+        assert_eq!(kept, holder.is_none(), "{:?}", tool.warnings);
+        assert_eq!(acts, usize::from(holder.is_none()));
     }
 }

@@ -87,9 +87,10 @@ class Timeouts(Options):
     """For a broker that does not answer at the start, for example because it is started at the same time.
     Refused credentials and certificates are reported at once. The option `--wait` takes precedence."""
     discovery: float = Field(default=_WAIT["discovery"], gt=0, le=86_400)
-    """For a fitting simulation server, at the start and when all are gone, and for a broker that is not
-    reachable meanwhile: then the run ends, and can be resumed. Servers that the run starts itself have as
-    long, and at least 30 s, to import the simulation and connect."""
+    """For a fitting simulation server at the start. When all are gone during a run, or the broker is not
+    reachable, the run waits for as long, or for `step` where that is longer; then it ends, and can be
+    resumed. Servers that the run starts itself have as long, and at least 30 s, to import the simulation and
+    connect."""
     step: float = Field(default=_WAIT["step"], gt=0, le=86_400)
     """For a simulation server's next message, before the episode is given to another server. In offloaded
     mode the next message is the result."""

@@ -9,7 +9,7 @@ use crate::scheduler::queue::blame::Blame;
 use crate::scheduler::queue::blame::{Resolved, Verdict};
 use crate::scheduler::queue::piece::Piece;
 
-/// How many times as long it is waited where a server that may be sound is silent.
+/// How many times as long it is waited where a server may be sound, but is silent or does nothing of what it should do.
 const SILENCE_FACTOR: u32 = 4;
 /// What servers said that have been away for so long counts for nothing: longer than another tool has one in its turn.
 const ABSENCE_TIMEOUT: Duration = Duration::from_secs(30);
@@ -174,10 +174,12 @@ impl Scheduler {
         self.give_up(piece, quarantined, now);
     }
 
-    /// Notes since when all servers have been broken.
+    /// Notes since when no server has been of use.
     pub(super) fn judge(&mut self, now: Instant) {
         let health = self.fleet.health();
-        let hope = |(id, slot): (u64, &Slot)| !health.is_broken(id) && !slot.silent;
+        let hope = |(id, slot): (u64, &Slot)| {
+            !health.is_broken(id) && !health.is_useless(id) && !slot.silent
+        };
         if self.fleet.slots().any(hope) || self.finished() {
             self.outlook.some_work();
         } else if !self.fleet.is_empty() {
@@ -193,18 +195,19 @@ impl Scheduler {
             return Some(told.to_owned());
         }
         let since = self.outlook.broken_since()?;
+        // How long there has been no server at all is counted elsewhere.
+        if self.fleet.is_empty() {
+            return None;
+        }
         let health = self.fleet.health();
-        let is_silent = |(id, _): (u64, &Slot)| !health.is_broken(id);
-        let patience = if self.fleet.slots().any(is_silent) {
-            patience * SILENCE_FACTOR
+        let may_be_sound = |(id, _): (u64, &Slot)| !health.is_broken(id);
+        let (patience, told) = if self.fleet.slots().any(may_be_sound) {
+            let told = "no server has succeeded with anything for a long time";
+            (patience * SILENCE_FACTOR, told)
         } else {
-            patience
+            (patience, "all servers fail what was evaluated before")
         };
-        (now.saturating_duration_since(since) >= patience).then(|| {
-            format!(
-                "all servers fail what was evaluated before: {}",
-                self.describe()
-            )
-        })
+        (now.saturating_duration_since(since) >= patience)
+            .then(|| format!("{told}: {}", self.describe()))
     }
 }

@@ -138,6 +138,8 @@ impl Scheduler {
             self.fleet.left_behind().add(server, Some(hash));
         }
         self.fleet.clear();
+        // What kept servers silent was the connection.
+        self.outlook.some_work();
         let jobs = self.in_flight.jobs();
         let reason = "the connection to the broker broke";
         self.fail_jobs(jobs, reason, Blame::Broker, now);

@@ -11,7 +11,7 @@ pub(crate) struct Outlook {
     refused_at: Option<Instant>,
     /// Two servers do not agree, and nothing tells which one is wrong.
     disagreement: Option<String>,
-    /// Since when all servers have failed what succeeded before.
+    /// Since when all servers have been silent, or have failed whatever they were given.
     broken_since: Option<Instant>,
     /// Servers whose success is awaited, and that are not there: since when.
     absent: BTreeMap<u64, Instant>,
@@ -58,12 +58,12 @@ impl Outlook {
         self.disagreement.as_deref()
     }
 
-    /// Not all servers are broken.
+    /// A server may be of use.
     pub fn some_work(&mut self) {
         self.broken_since = None;
     }
 
-    /// All servers fail what succeeded before.
+    /// All servers are silent, or fail whatever they are given.
     pub fn all_broken(&mut self, now: Instant) {
         self.broken_since.get_or_insert(now);
     }

@@ -41,6 +41,12 @@ impl Scheduler {
         self.fleet.back_off(server, reason, now);
     }
 
+    /// The same of a server that no other tool has: what it does not do is in vain.
+    pub(super) fn failed_in_vain(&mut self, server: u64, reason: &str, now: Instant) {
+        self.fleet.failed_in_vain(server);
+        self.failed(server, reason, now);
+    }
+
     /// Work that brought no result is queued again, or has failed.
     ///
     /// Where several evaluations were sent together it is unknown which one was to blame: smaller parts are tried until

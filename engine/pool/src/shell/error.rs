@@ -34,7 +34,7 @@ pub enum PoolError {
     /// The broker was lost, and did not come back in time: whether a server fits is not known.
     #[error(
         "the broker on {url} was not reachable {outages}, so no server could be found or used; check that it runs, and that \
-         this machine reaches it; timeouts.discovery says for how long a run waits for it"
+         this machine reaches it; the longer one of timeouts.discovery and timeouts.step says for how long a run waits for it"
     )]
     BrokerLost {
         /// The broker.

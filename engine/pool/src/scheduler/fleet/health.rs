@@ -8,6 +8,8 @@ const FIRST_PAUSE: Duration = Duration::from_secs(1);
 const LONGEST_PAUSE: Duration = Duration::from_secs(60);
 /// A server that fails so many candidates and succeeds with none is in doubt.
 const FEW: usize = 3;
+/// After so many failures without a success nothing more is hoped for from a server, although it goes on getting work.
+const MANY: u32 = 4;
 
 /// What is remembered of one id.
 #[derive(Debug, Clone, Default)]
@@ -25,6 +27,8 @@ struct Past {
     broken: u32,
     /// Requests that it has refused since it succeeded with anything, as if another tool had it.
     taken: u32,
+    /// How often it was silent, refused what it should do or answered wrongly since it succeeded with anything.
+    in_vain: u32,
 }
 
 /// The past of all ids.
@@ -89,12 +93,24 @@ impl Health {
         past.taken
     }
 
+    /// A server was silent, refused what it should do, or answered wrongly.
+    pub fn failed_in_vain(&mut self, id: u64) {
+        let past = self.pasts.entry(id).or_default();
+        past.in_vain = past.in_vain.saturating_add(1);
+    }
+
+    /// Whether a server has failed so often, and succeeded with nothing since, that there is no hope.
+    pub fn is_useless(&self, id: u64) -> bool {
+        self.pasts.get(&id).is_some_and(|past| past.in_vain >= MANY)
+    }
+
     /// A server succeeded with something.
     pub fn succeeded(&mut self, id: u64) {
         if let Some(past) = self.pasts.get_mut(&id) {
             past.failed.clear();
             past.broken = 0;
             past.taken = 0;
+            past.in_vain = 0;
         }
     }
 

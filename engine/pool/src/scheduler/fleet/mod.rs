@@ -208,6 +208,11 @@ impl Fleet {
         }
     }
 
+    /// A server was silent, refused what it should do, or answered wrongly.
+    pub fn failed_in_vain(&mut self, id: u64) {
+        self.health.failed_in_vain(id);
+    }
+
     /// A server refused a request, as another tool had it. Returns how many it has refused so since it succeeded with anything.
     pub fn refused_as_taken(&mut self, id: u64) -> u32 {
         self.health.refused_as_taken(id)

@@ -262,6 +262,7 @@ impl Fleet {
             .and_then(|announced| announced.instance.clone());
         let state = presence.state;
         let elsewhere = state == State::Busy && presence.tool.as_deref() != Some(tool);
+        let unnamed = presence.tool.is_none();
         let holder = presence
             .tool
             .clone()
@@ -306,6 +307,9 @@ impl Fleet {
                 self.slots.remove(&id);
                 (None, false)
             }
+            // Which tool has it is not said: perhaps this one, whose parameters came, and whose `control` has not yet. Where
+            // it is another one, the episode does not begin in time.
+            State::Busy if elsewhere && unnamed => (None, false),
             State::Busy if elsewhere => {
                 // Requests are answered whichever tool has the server; steps would be waited for in vain.
                 let is_episode = |job: &Job| matches!(job, Job::Episode(_));

@@ -264,7 +264,7 @@ impl Scheduler {
         self.outbox
             .warn(format!("{reason}; the work is tried again elsewhere"));
         self.let_go(server);
-        self.failed(server, reason, now);
+        self.failed_in_vain(server, reason, now);
         let jobs = match self.fleet.slot(server) {
             Some(slot) => slot.jobs.clone(),
             None => Vec::new(),

@@ -342,7 +342,7 @@ impl Scheduler {
             } else {
                 Blame::Answer
             };
-            self.failed(server, &reason, now);
+            self.failed_in_vain(server, &reason, now);
             self.fail_episode(&hash, &reason, blame, now);
         }
     }
