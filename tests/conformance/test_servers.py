@@ -104,7 +104,7 @@ CASES = {
         served("gymnasium:CartPole-v1"), skipped=UNSEEN | {"S1.6", "S2.5", "S4.1", "S4.2", "S4.3"}
     ),
     "pettingzoo": Case(
-        served("pettingzoo:mpe2.simple_spread_v3"), {"max_cycles": 8}, skipped=UNSEEN | {"S9.5"}
+        served("pettingzoo:mpe2.simple_spread_v3"), {"max_cycles": 8}, skipped=UNSEEN | {"S1.6", "S9.5"}
     ),
     "python": Case(served(f"{ROOT}/tests/python/simulations/minisim.py:Minisim"), MANY, skipped=UNSEEN),
     "numpy": Case(served(f"{ROOT}/tests/python/simulations/minisim_batch.py:Minisim"), MANY, skipped=UNSEEN),

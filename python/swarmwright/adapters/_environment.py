@@ -1,16 +1,20 @@
 """What adapters of libraries of environments have in common."""
 
+import math
 import os
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, nullcontext
 from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.core.errors import InputError, explained
+from swarmwright.core.errors import InputError, SimulationError, explained
 from swarmwright.simulations.base import Simulation
+from swarmwright.simulations.calls import short
 from swarmwright.simulations.groups import Group
+from swarmwright.simulations.isolation import Apart
 
 _ARRAY = "rgb_array"
 """The render mode that gives pictures as arrays."""
@@ -32,6 +36,8 @@ class Environment(Simulation):
     """What its constructor gets; parameters of an experiment are added."""
     adapted: ClassVar[str] = ""
     """The name from which the class was made; empty for a user-written class."""
+    apart: ClassVar[Apart | None] = None
+    """The modules of a run's copy, of which the environment is."""
     most_steps: ClassVar[int] = 10_000
     """An episode that the environment does not end is ended after so many."""
     rendering: ClassVar[bool] = False
@@ -46,6 +52,20 @@ class Environment(Simulation):
     @abstractmethod
     def make(self, options: dict[str, Any]) -> Any:  # noqa: ANN401 - types of libraries
         """Return a new environment. Raises any exception when there is none with these options."""
+
+    def described_with(self, parameters: dict[str, Any]) -> Self:
+        """Return this object with what it announces with these parameters: ranges may depend on them.
+
+        Raises InputError where they do not fit.
+        """
+        self._start(parameters)
+        return self
+
+    @contextmanager
+    def _modules(self) -> Iterator[None]:
+        """Let modules that `make` imports be the copies of a run, where the environment is of one."""
+        with nullcontext() if self.apart is None else self.apart.entered():
+            yield
 
     @classmethod
     def unshown(cls) -> str | None:
@@ -112,7 +132,8 @@ class Environment(Simulation):
         label = f"{type(self).__name__} {self.environment}"
         try:
             rendering = {"render_mode": _ARRAY} if self.rendering else {}
-            made = self.make({**self.options, **parameters, **rendering})
+            with self._modules():
+                made = self.make({**self.options, **parameters, **rendering})
         except InputError:
             raise
         except Exception as error:  # libraries raise various exceptions
@@ -155,6 +176,47 @@ def _render_modes(env: Any) -> list[str]:  # noqa: ANN401 - types of libraries
 def environment_seed(seed: int) -> int:
     """Return 32 bits of a seed, as many as all environments take; smaller ones stay as they are."""
     return (seed ^ seed >> 32) & 0xFFFF_FFFF
+
+
+def check_step(environment: str, returned: Any, old: str) -> None:  # noqa: ANN401 - whatever it returns
+    """Raise SimulationError where `step` did not return five values; old: which interface has four."""
+    if isinstance(returned, tuple) and len(returned) == 5:
+        return
+    found = f"{len(returned)} values" if isinstance(returned, tuple) else short(returned)
+    raise SimulationError(f"{environment}: step returned {found}, {expected_of_step(old)}")
+
+
+def expected_of_step(old: str) -> str:
+    """Return in words what `step` has to return; old: which interface has four values."""
+    return f"expected (observation, reward, terminated, truncated, info); {old} has four, with done alone"
+
+
+def one_number(environment: str, reward: Any) -> float:  # noqa: ANN401 - whatever an environment returns
+    """Return a reward as one number. Raises SimulationError for several, as in multi-objective tasks."""
+    if isinstance(reward, int | float | np.integer | np.floating):
+        return float(reward)
+    try:
+        given = np.asarray(reward)
+    except (TypeError, ValueError):  # ragged
+        given = np.empty((), object)
+    if given.dtype.kind not in "biuf":
+        raise SimulationError(f"{environment}: its reward is {short(reward)}, expected a number")
+    if given.size != 1:
+        raise SimulationError(
+            f"{environment}: its reward has {given.size} numbers, a fitness is one; weigh them in "
+            "a custom class whose make() adds a wrapper such as mo_gymnasium.wrappers.LinearReward"
+        )
+    return float(given.item())
+
+
+def single(environment: str, reward: Any, step: int) -> float:  # noqa: ANN401 - as above
+    """Return the reward of a step, from 1 on. Raises SimulationError as above, or where it is not finite."""
+    value = one_number(environment, reward)
+    if not math.isfinite(value):
+        raise SimulationError(
+            f"{environment}: its reward is {value} in step {step}, expected a finite number"
+        )
+    return value
 
 
 def total(rewards: NDArray[np.float64]) -> float:

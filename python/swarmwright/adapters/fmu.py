@@ -9,9 +9,9 @@ from swarmwright.commands.fmu_definition import ATTACHMENT, FmuOptions
 from swarmwright.commands.output import Printed
 from swarmwright.commands.stepwise import Start
 from swarmwright.core.errors import EpisodeError
+from swarmwright.core.ranges import Range
 from swarmwright.core.simulation_names import SimulationName
 from swarmwright.fmu.layout import AGENT
-from swarmwright.simulations.parameters import Parameter
 
 
 class FmuSimulation(CommandSimulation):
@@ -21,22 +21,21 @@ class FmuSimulation(CommandSimulation):
         self._definition = FmuOptions.of(self.adapted)
         known = self._definition.description.variables
         self.metrics = list(self._definition.columns)
-        self.parameters = {
-            name: Parameter(one.start, one.unit) for name, one in self._definition.parameters.items()
-        }
+        self.parameters = dict(self._definition.announced)
         self.max_agents = self._definition.count
         super().__init__()
-        channels = {which: self._definition.channels(which) for which in ("sensors", "actuators")}
-        names = {which: [one.variable for one in found] for which, found in channels.items()}
-        units = {
-            which: [
-                "" if one.range is not None else one.unit or known[one.variable.replace(AGENT, "1")].unit
-                for one in found
-            ]
-            for which, found in channels.items()
-        }
-        self.sensor_names, self.actuator_names = names["sensors"], names["actuators"]
-        self.sensor_units, self.actuator_units = units["sensors"], units["actuators"]
+        for which in ("sensors", "actuators"):
+            names, units, ranges = [], [], []
+            for one in self._definition.channels(which):
+                unit = one.unit or known[one.variable.replace(AGENT, "1")].unit
+                names.append(one.variable)
+                # A scaled number has no unit itself, only what it stands for has.
+                units.append("" if one.range is not None else unit)
+                ranges.append(None if one.range is None else Range(*one.range, unit))
+            if which == "sensors":
+                self.sensor_names, self.sensor_units, self.sensor_ranges = names, units, ranges
+            else:
+                self.actuator_names, self.actuator_units, self.actuator_ranges = names, units, ranges
         self.frame_seconds = self._definition.size
 
     @classmethod

@@ -3,17 +3,30 @@
 Source: https://gymnasium.farama.org
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any
 
 import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.adapters._environment import Environment, environment_seed
+from swarmwright.adapters._environment import (
+    Environment,
+    check_step,
+    environment_seed,
+    expected_of_step,
+    one_number,
+    single,
+)
 from swarmwright.adapters._spaces import actuators, sensors
 from swarmwright.core.errors import InputError, SimulationError, explained
 from swarmwright.simulations.calls import short
+from swarmwright.simulations.isolation import Apart
+
+_OLD = "Gym before 0.26"
+_registered: dict[Apart, dict[str, Any]] = {}
+"""What the modules of runs' copies have registered."""
 
 
 class Gymnasium(Environment):
@@ -62,9 +75,9 @@ class Gymnasium(Environment):
 
     def step(self, actions: NDArray[np.float32]) -> NDArray[np.float64]:
         """Go on by one step."""
-        seen, reward, terminated, truncated, _ = self.env.step(self._act(actions[0].astype(float)))
-        self._reward += self._single(reward)
+        seen, reward, terminated, truncated, _ = self._stepped(self._act(actions[0].astype(float)))
         self._steps += 1
+        self._reward += single(self.environment, reward, self._steps)
         self._terminated = bool(terminated)
         self._over = bool(terminated or truncated) or self._steps >= self.most_steps
         return self._read(seen)[None]
@@ -81,6 +94,24 @@ class Gymnasium(Environment):
         """Return the metrics."""
         return {"steps": self._steps, "terminated": float(self._terminated)}
 
+    @contextmanager
+    def _modules(self) -> Iterator[None]:
+        """Let the copies of a run register environments that others in this process do not see."""
+        with super()._modules():
+            if self.apart is None:
+                yield
+                return
+            others = dict(gymnasium.registry)
+            gymnasium.registry.update(_registered.get(self.apart, {}))
+            try:
+                yield
+            finally:
+                _registered[self.apart] = {
+                    name: one for name, one in gymnasium.registry.items() if others.get(name) is not one
+                }
+                gymnasium.registry.clear()
+                gymnasium.registry.update(others)
+
     def _try_reward(self) -> None:
         """Make a step, to see that rewards are numbers. Raises InputError where they are not."""
         if self.env.render_mode == "human":  # nothing is shown before an episode
@@ -88,26 +119,32 @@ class Gymnasium(Environment):
         for _ in range(2):  # the environment checker fails on several rewards
             try:
                 self.env.reset(seed=0)
-                _, reward, _, _, _ = self.env.step(self._act(np.zeros(self.actuators)))
+                returned = self.env.step(self._act(np.zeros(self.actuators)))
             except Exception:  # noqa: BLE001, S112 - an episode that fails says so itself, with its line
                 continue
             try:
-                self._single(reward)
+                check_step(self.environment, returned, _OLD)
+                one_number(self.environment, returned[1])
             except SimulationError as error:
                 raise InputError(f"{type(self).__name__} {error}") from None
             return
 
-    def _single(self, reward: Any) -> float:  # noqa: ANN401 - whatever an environment returns
-        """Return a reward as one number. Raises SimulationError for several, as in multi-objective tasks."""
-        if np.ndim(reward) == 0 or np.size(reward) == 1:
-            return float(np.asarray(reward, float).item())
-        raise SimulationError(
-            f"{self.environment}: its reward has {np.size(reward)} numbers, a fitness is one; weigh them in "
-            "a custom class whose make() adds a wrapper such as mo_gymnasium.wrappers.LinearReward"
-        )
+    def _stepped(self, action: Any) -> tuple[Any, ...]:  # noqa: ANN401 - of the space's type
+        """Make a step of the environment; return the five values. Raises SimulationError for others."""
+        try:
+            returned: tuple[Any, ...] = self.env.step(action)
+        except ValueError as error:
+            # Gymnasium's wrappers unpack what the environment returns.
+            if "values to unpack (expected 5" not in str(error):
+                raise
+            raise SimulationError(f"{self.environment}: {error}: step: {expected_of_step(_OLD)}") from error
+        check_step(self.environment, returned, _OLD)
+        return returned
 
     def _sizes(self) -> tuple[int, int]:
-        seen = sensors(self.env.observation_space, f"{self.environment}: observation_space")
-        done = actuators(self.env.action_space, f"{self.environment}: action_space")
+        # An environment that declares none may not have the attributes either.
+        seen = sensors(getattr(self.env, "observation_space", None), f"{self.environment}: observation_space")
+        done = actuators(getattr(self.env, "action_space", None), f"{self.environment}: action_space")
         self._read, self._act = seen.read, done.act
+        self.sensor_ranges, self.actuator_ranges = seen.ranges, done.ranges
         return seen.width, done.width

@@ -4,6 +4,7 @@ Source: https://pettingzoo.farama.org/api/parallel/
 """
 
 import re
+from collections.abc import Iterable, Mapping
 from importlib import import_module
 from itertools import groupby
 from typing import Any
@@ -11,9 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.adapters._environment import Environment, environment_seed, total
+from swarmwright.adapters._environment import Environment, check_step, environment_seed, single, total
 from swarmwright.adapters._spaces import actuators, sensors
-from swarmwright.core.errors import InputError, SimulationError
+from swarmwright.core.errors import InputError, SimulationError, explained
+from swarmwright.core.ranges import common
+from swarmwright.simulations.calls import short
 from swarmwright.simulations.groups import Group
 
 
@@ -28,7 +31,9 @@ class PettingZoo(Environment):
     follow each other and have the same spaces; `controller: {kind: team}` gives each a controller, and the
     metrics `reward_adversary`, .. are their mean sums of rewards. With any other controller all are steered
     by the same one, and each has as many sensors and actuators as the one with the most: sensors that one
-    lacks are 0, and actuators that it lacks do nothing. An agent that the environment drops acts no more.
+    lacks are 0, and actuators that it lacks do nothing. An agent that the environment drops, or flags as
+    terminated or truncated, acts no more, and gets no more rewards. A parameter may change how many agents
+    there are, as long as all of them have the same spaces; `max_agents` is therefore not declared.
     """
 
     padded = True
@@ -52,9 +57,18 @@ class PettingZoo(Environment):
     def reset(self, parameters: dict[str, Any], seed: int) -> NDArray[np.float64]:
         """Go to the start of an episode."""
         self._start(parameters)
-        seen, _ = self.env.reset(seed=environment_seed(seed))
+        begun = self.env.reset(seed=environment_seed(seed))
+        # A dictionary of two agents would be unpacked as well.
+        if not (isinstance(begun, tuple) and len(begun) == 2 and isinstance(begun[0], Mapping)):
+            raise SimulationError(
+                f"{self.environment}: reset returned {short(begun)}, expected (observations, infos), both "
+                "dicts by agent; early versions of PettingZoo return the observations alone: "
+                "return (observations, {})"
+            )
+        seen, _ = begun
         self._rewards = np.zeros(len(self._agents))
         self._steps = 0
+        self._ended: set[str] = set()
         return self._rows(seen)
 
     def step(self, actions: NDArray[np.float32]) -> NDArray[np.float64]:
@@ -63,19 +77,27 @@ class PettingZoo(Environment):
         for name in self.env.agents:
             act = self._spaces[name][1]
             given[name] = act.act(actions[self._agents[name]][: act.width].astype(float))
-        seen, rewards, _, _, _ = self.env.step(given)
-        for name, reward in rewards.items():
-            self._rewards[self._agents[name]] += reward
+        returned = self.env.step(given)
+        check_step(self.environment, returned, "PettingZoo in its first versions")
+        seen, rewards, *flags, _ = returned
         self._steps += 1
+        self._check_known(rewards)
+        for name, reward in rewards.items():
+            if name not in self._ended:
+                self._rewards[self._agents[name]] += single(self.environment, reward, self._steps)
+        seen = {name: observation for name, observation in seen.items() if name not in self._ended}
+        flagged = {name for ends in flags for name, ended in ends.items() if ended}
+        # One that leaves the environment is gone, and comes back if the environment has it again.
+        self._ended = {name for name in self.env.agents if name in self._ended or name in flagged}
         return self._rows(seen)
 
     def acting(self) -> list[int]:
-        """Return the agents that are in the environment."""
-        return [self._agents[name] for name in self.env.agents]
+        """Return the agents that are in the environment, and not flagged as terminated or truncated."""
+        return [self._agents[name] for name in self.env.agents if name not in self._ended]
 
     def done(self) -> bool:
         """Return whether no agent is left, or the episode has had all its steps."""
-        return not self.env.agents or self._steps >= self.most_steps
+        return len(self._ended) == len(self.env.agents) or self._steps >= self.most_steps
 
     def fitness(self) -> float:
         """Return the mean over agents of the sum of rewards."""
@@ -92,17 +114,29 @@ class PettingZoo(Environment):
 
     def _rows(self, seen: dict[str, Any]) -> NDArray[np.float64]:
         """Return what agents sense, (agents, sensors), 0 for those that are gone."""
-        strangers = [name for name in (*seen, *self.env.agents) if name not in self._agents]
-        if strangers:
-            raise SimulationError(
-                f"{self.environment}: agent {strangers[0]!r} is not among its possible_agents, "
-                f"{', '.join(self._agents)}; a swarm has the same agents all the time"
-            )
+        self._check_known((*seen, *self.env.agents))
         rows = np.zeros((len(self._agents), self.sensors))
         for name, observation in seen.items():
             read = self._spaces[name][0]
             rows[self._agents[name], : read.width] = read.read(observation)
         return rows
+
+    def _check_known(self, names: Iterable[str]) -> None:
+        """Raise SimulationError for an agent that is not among the possible ones."""
+        for name in names:
+            if name not in self._agents:
+                raise SimulationError(
+                    f"{self.environment}: agent {name!r} is not among its possible_agents, "
+                    f"{', '.join(self._agents)}; a swarm has the same agents all the time"
+                )
+
+    def _space(self, kind: str, agent: str) -> tuple[Any, str]:
+        """Return a space of an agent, and where it is. Raises InputError where the environment cannot."""
+        where = f"{self.environment}: {kind}({agent!r})"
+        try:
+            return getattr(self.env, kind)(agent), where
+        except Exception as error:  # whatever the environment raises
+            raise InputError(f"{where}: {explained(error)}") from error
 
     def _sizes(self) -> tuple[int, int]:
         names = getattr(self.env, "possible_agents", None)
@@ -113,12 +147,11 @@ class PettingZoo(Environment):
         self._agents = {name: index for index, name in enumerate(names)}
         self._spaces = {
             name: (
-                sensors(self.env.observation_space(name), f"{self.environment}: observation_space({name!r})"),
-                actuators(self.env.action_space(name), f"{self.environment}: action_space({name!r})"),
+                sensors(*self._space("observation_space", name)),
+                actuators(*self._space("action_space", name)),
             )
             for name in names
         }
-        self.max_agents = len(names)
         self.groups = type(self).groups or self._kinds()  # a class may say what it means
         if type(self).metrics is PettingZoo.metrics:
             self.metrics = PettingZoo.metrics | {
@@ -126,6 +159,8 @@ class PettingZoo(Environment):
                 for group in self.groups
             }
         both = self._spaces.values()
+        self.sensor_ranges = common([seen.ranges for seen, _ in both])
+        self.actuator_ranges = common([act.ranges for _, act in both])
         return max(seen.width for seen, _ in both), max(act.width for _, act in both)
 
     def _kinds(self) -> dict[str, Group]:
@@ -137,7 +172,13 @@ class PettingZoo(Environment):
             if not kind or kind in made or len(widths) != 1:
                 return {}
             ((sensors_, actuators_),) = widths
-            made[kind] = Group(agents=len(spaces), sensors=sensors_, actuators=actuators_)
+            made[kind] = Group(
+                agents=len(spaces),
+                sensors=sensors_,
+                actuators=actuators_,
+                sensor_ranges=common([seen.ranges for seen, _ in spaces]),
+                actuator_ranges=common([act.ranges for _, act in spaces]),
+            )
         return made if len(made) > 1 else {}
 
 

@@ -18,6 +18,7 @@ from swarmwright.commands.process import found
 from swarmwright.commands.ros_definition import ATTACHMENT, DOMAINS, RosOptions
 from swarmwright.commands.stepwise import Start
 from swarmwright.core.errors import EpisodeError, InputError
+from swarmwright.core.ranges import Range
 from swarmwright.core.simulation_names import SimulationName
 
 
@@ -35,6 +36,11 @@ class RosSimulation(CommandSimulation):
         super().__init__()
         self.sensor_names = [one.sensor for one in self._definition.sensors]
         self.actuator_names = [one.actuator for one in self._definition.actuators]
+        self.sensor_ranges = [
+            Range.scaled(1 / one.scale, -one.offset / one.scale) if one.scale else None
+            for one in self._definition.sensors
+        ]
+        self.actuator_ranges = [Range.scaled(one.scale, one.offset) for one in self._definition.actuators]
 
     @classmethod
     def _options(cls) -> CommandOptions:

@@ -6,7 +6,7 @@ learning, DARS 2022, https://github.com/proroklab/VectorizedMultiAgentSimulator.
 
 import warnings
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 import torch
@@ -14,7 +14,9 @@ import vmas
 from numpy.typing import NDArray
 
 from swarmwright.adapters._environment import environment_seed
+from swarmwright.adapters._spaces import ranges
 from swarmwright.core.errors import InputError, explained
+from swarmwright.core.ranges import common
 from swarmwright.simulations.batches import BatchSimulation
 
 
@@ -36,16 +38,18 @@ class Vmas(BatchSimulation):
     lanes = 512
 
     def __init__(self) -> None:
-        env = self._make(1, {})
-        self.sensors, self.actuators = self._sizes(env)
-        self._env = env
-        self._made_of: tuple[int, dict[str, Any]] = (1, {})
+        self._be_made(1, {})
+        self.sensors, self.actuators = self._sizes(self._env)
+
+    def described_with(self, parameters: dict[str, Any]) -> Self:
+        """Return this object with what it announces with these parameters. Raises InputError."""
+        self._be_made(1, parameters)
+        return self
 
     def reset(self, parameters: dict[str, Any], seeds: NDArray[np.uint64]) -> NDArray[np.float64]:
         """Go to the start of an episode for each seed."""
         if (len(seeds), parameters) != self._made_of:
-            self._env = self._make(len(seeds), parameters)
-            self._made_of = (len(seeds), dict(parameters))
+            self._be_made(len(seeds), parameters)
             if self._sizes(self._env) != (self.sensors, self.actuators):
                 raise InputError(
                     f"{', '.join(parameters)}: changes what agents sense; put it into the simulation's name, "
@@ -82,6 +86,12 @@ class Vmas(BatchSimulation):
         """Return the mean over agents of the sum of rewards."""
         return self._rewards
 
+    def _be_made(self, episodes: int, parameters: dict[str, Any]) -> None:
+        """Have a scenario for so many episodes. Raises InputError."""
+        self._env = self._make(episodes, parameters)
+        self._made_of = (episodes, dict(parameters))
+        self.actuator_ranges = common([ranges(*_middle_and_half(one)) for one in self._env.action_space])
+
     def _make(self, episodes: int, parameters: dict[str, Any]) -> Any:  # noqa: ANN401 - a type of VMAS
         given = {"max_steps": 100, **self.options, **parameters}
         try:
@@ -116,6 +126,11 @@ class Vmas(BatchSimulation):
 
 def _scaled(actions: NDArray[np.float32], space: Any) -> NDArray[np.float32]:  # noqa: ANN401 - one of gym's
     """Scale -1..1 to the range of each actuator, (episodes, actuators)."""
-    middle, half = (space.high + space.low) / 2, (space.high - space.low) / 2
+    middle, half = _middle_and_half(space)
     scaled: NDArray[np.float32] = np.clip(middle + half * actions, space.low, space.high)
     return scaled
+
+
+def _middle_and_half(space: Any) -> tuple[NDArray[np.float32], NDArray[np.float32]]:  # noqa: ANN401 - one of gym's
+    """Return the middle of each actuator's range and half its width."""
+    return (space.high + space.low) / 2, (space.high - space.low) / 2

@@ -84,10 +84,12 @@ def command(
     from swarmwright.runs.code import check
     from swarmwright.runs.transfer import at_end
     from swarmwright.runs.validation import is_due
+    from swarmwright.store.lock import check_free
 
     output = Output(as_json=as_json)
     show_warnings()
     opened = Run.open(run)
+    check_free(opened.path)
     # Report errors before anything is printed or started.
     asked = prolonged(opened, opened.experiment, settings, generations=generations)
     edited = check(opened, asked, accept_changed_code=accept_changed_code, simulation=simulation)

@@ -1,6 +1,5 @@
 """What an experiment says of an FMU as its simulation: `simulation: {fmu: model.fmu, ..}`."""
 
-import math
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -8,33 +7,31 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BeforeValidator, Field, WithJsonSchema, field_validator, model_validator
 
+from swarmwright.commands import fmu_checks
 from swarmwright.commands.definition import METRIC_NAME, CommandOptions, Definition
+from swarmwright.commands.fmu_checks import MOST
+from swarmwright.commands.fmu_parameters import FmuParameter
 from swarmwright.commands.reductions import Reduction
-from swarmwright.core.errors import InputError
 from swarmwright.core.options import Options
 from swarmwright.core.problems import shown
 from swarmwright.core.simulation_names import SimulationName
-from swarmwright.core.suggestions import did_you_mean
 from swarmwright.core.yaml import Path_
 from swarmwright.fmu.description import (
     NEEDS,
-    STRUCTURAL,
     Description,
     Variable,
-    flat,
     is_installed,
     place,
     runs_here,
 )
 from swarmwright.fmu.layout import AGENT, Layout, layout
-from swarmwright.fmu.ssp import ENDING, VERSION, Algorithm, described
+from swarmwright.fmu.ssp import VERSION, Algorithm, described
+from swarmwright.fmu.values import takes_seeds
 
 ATTACHMENT = "fmu.json"
 """What the program reads, in the folder of an instance."""
 _STEPS = 100
 _MOST_STEPS = 2**31
-MOST = 1000
-"""Variables of an FMU that are taken without being named."""
 
 
 class Channel(Options):
@@ -154,8 +151,9 @@ class FmuOptions(Definition):
     """Start values of variables that no parameter sets, by name. Of an array of FMI 3.0: a list of all its
     values, row by row, or a list of rows. Structural parameters set the sizes of arrays."""
     seed: str | None = Field(default=None, min_length=1)
-    """The parameter or input that gets the episode's seed, modulo 2^31. Default: the parameter `seed`, if
-    there is one; else all episodes are the same."""
+    """The parameter or input that gets the episode's seed, modulo 2^31, or modulo 2^7 to 2^16 where it is an
+    integer of FMI 3.0 of 8 or 16 bits. Default: the parameter `seed`, if it is a number; else all episodes
+    are the same."""
     metrics: dict[str, str] = Field(default={})
     """Metrics of an episode, name -> what is made of a variable's values after the steps: last, first, mean,
     sum, min, max, std or count, or with a variable of another name mean(variable). Those of several agents
@@ -258,10 +256,10 @@ class FmuOptions(Definition):
                 for one in self.description.of_causality(causality)
                 if one.name != self.seeded
             ]
-        parts = [part for one in given for part in self._expanded(one, causality)]
-        return parts if which == "sensors" else [self._ranged(one) for one in parts]
+        parts = [part for one in given for part in self.expanded(one, causality)]
+        return parts if which == "sensors" else [self.ranged(one) for one in parts]
 
-    def _expanded(self, channel: Channel, causality: str) -> list[Channel]:
+    def expanded(self, channel: Channel, causality: str) -> list[Channel]:
         """Return the channels of the variables of a terminal, and of the elements of an array."""
         known = self.description
         names = [channel.variable]
@@ -285,12 +283,13 @@ class FmuOptions(Definition):
             return [f"{name[:-1]}{rest}" for rest in row] or [name]
         return [name]
 
-    def _ranged(self, channel: Channel) -> Channel:
+    def ranged(self, channel: Channel) -> Channel:
+        """Return an actuator with the range of its variable, unless it has one."""
         variable = self.description.variables.get(channel.variable.replace(AGENT, "1"))
         if channel.range is not None or variable is None:
             return channel
         low, high = variable.minimum, variable.maximum
-        factor, offset = self._conversion(channel) or (1.0, 0.0)
+        factor, offset = self.conversion(channel) or (1.0, 0.0)
         if low is None or high is None or not low < high:
             return channel
         limits = sorted(factor * one + offset for one in (low, high))
@@ -298,7 +297,7 @@ class FmuOptions(Definition):
             return channel
         return Channel(variable=channel.variable, unit=channel.unit, range=(limits[0], limits[1]))
 
-    def _conversion(self, channel: Channel) -> tuple[float, float] | None:
+    def conversion(self, channel: Channel) -> tuple[float, float] | None:
         """Return factor and offset from the FMU's unit of a variable to that of a channel; None for none."""
         variable = self.description.variables.get(channel.variable.replace(AGENT, "1"))
         if not channel.unit or variable is None or channel.unit == variable.unit:
@@ -317,7 +316,7 @@ class FmuOptions(Definition):
     def seeded(self) -> str | None:
         """The variable that gets the episode's seed."""
         known = self.description.variables.get("seed")
-        by_name = known is not None and known.causality == "parameter" and known.is_number
+        by_name = known is not None and known.causality == "parameter" and takes_seeds(known)
         return self.seed or ("seed" if by_name else None)
 
     @property
@@ -358,15 +357,20 @@ class FmuOptions(Definition):
 
     @property
     def parameters(self) -> dict[str, Variable]:
-        """What experiments can set."""
+        """What experiments can set; not `seed`, which is the name of the episode's."""
         return {
             one.name: one
             for one in self.description.variables.values()
             if one.causality == "parameter"
             and not one.is_array
             and one.count == 1
-            and one.name not in {*self.start, self.seeded}
+            and one.name not in {*self.start, self.seeded, "seed"}
         }
+
+    @property
+    def announced(self) -> dict[str, FmuParameter]:
+        """The parameters, as the simulation declares them."""
+        return {name: FmuParameter.of(one) for name, one in self.parameters.items()}
 
     def named(self) -> Iterator[tuple[str, Sequence[str]]]:
         """See `Definition`."""
@@ -422,80 +426,12 @@ class FmuOptions(Definition):
         return {
             "variable": channel.variable,
             "range": channel.range,
-            "convert": self._conversion(channel),
+            "convert": self.conversion(channel),
         }
 
     def problems(self) -> list[tuple[Path_, str]]:
         """See `Definition`."""
-        try:
-            known = self.description
-        except InputError as error:
-            return [(("fmu",), str(error))]
-        found: list[tuple[Path_, str]] = []
-        if not runs_here(known):
-            found.append((("fmu",), self.no_library))
-        if self.algorithm is not None and known.version != VERSION:
-            found.append((("algorithm",), f"is for systems of FMUs ({ENDING}); {self.fmu} is one FMU"))
-        if self.solver is not None and known.exchange is None:
-            found.append((("solver",), f"{self.fmu} is for co-simulation only, and has its own solver"))
-        if known.only_once and self.agents > 1 and not self.is_one:
-            found.append(
-                (("agents",), f"{self.fmu} allows one instance in a process only, not {self.agents}")
-            )
-        found += self._of_channels(known, "sensors")
-        found += self._of_channels(known, "actuators")
-        numbers = [one.name for one in known.variables.values() if one.is_number]
-        for name in self.metrics:
-            problem = self._problem(known, self.columns[name].column, numbers)
-            if problem is not None:
-                found.append((("metrics", name), problem))
-        names = list(known.variables)
-        for name in [*self.start, *([] if self.seed is None else [self.seed])]:
-            key: Path_ = ("start", name) if name in self.start else ("seed",)
-            variable = known.variables.get(name)
-            if variable is None:
-                found.append((key, _unknown(self.fmu, name, names)))
-            else:
-                problem = self._unstartable(variable, self.start.get(name))
-                if problem is not None:
-                    found.append((key, problem))
-        return found
-
-    def _unstartable(self, variable: Variable, value: Any) -> str | None:  # noqa: ANN401 - None for a seed
-        """Return what is wrong with a start value of a variable."""
-        about = f"{variable.name} of {self.fmu}"
-        if variable.count > 1:
-            whole = variable.name.rpartition("[")[0]
-            return f"{about} is one element of an array; write the start of the whole array {whole} as a list"
-        if not variable.is_array:
-            if isinstance(value, list):
-                return f"{about} is one value, not a list"
-            if variable.causality == STRUCTURAL and self.description.version == VERSION:
-                return (
-                    f"{about} is a structural parameter, which is settable for one FMU alone, not in an SSP"
-                )
-            if variable.causality == STRUCTURAL and (type(value) is not int or value < 1):
-                return (
-                    f"{about} is a structural parameter, expected a whole number from 1, not {shown(value)}"
-                )
-            return None
-        shape = " x ".join(map(str, variable.shape))
-        count = math.prod(variable.shape)
-        wanted = f"{about} has the shape {shape}"
-        if not isinstance(value, list):
-            return f"{wanted}; expected a list of {count} values, not {shown(value)}"
-        values = flat(value)
-        if len(values) != count:
-            return f"{wanted}, {count} values row by row, but {len(values)} are given"
-        if (
-            value
-            and isinstance(value[0], list)
-            and any(not isinstance(row, list) or len(row) * variable.shape[0] != count for row in value)
-        ):
-            return f"{wanted}; expected {variable.shape[0]} rows of {count // variable.shape[0]} values each"
-        kind = str if variable.type == "String" else (int, float)
-        wrong = next((one for one in values if not isinstance(one, kind)), None)
-        return None if wrong is None else f"{about} is of the type {variable.type}, not {shown(wrong)}"
+        return fmu_checks.problems(self)
 
     @property
     def no_library(self) -> str:
@@ -505,77 +441,6 @@ class FmuOptions(Definition):
             f"{self.file}: has no library for this machine, {' or '.join(place())}; there is: {there}. "
             "`fmpy compile FILE` makes one where the FMU holds its source in C"
         )
-
-    def _of_channels(
-        self, known: Description, which: Literal["sensors", "actuators"]
-    ) -> Iterator[tuple[Path_, str]]:
-        numbers = [one.name for one in known.variables.values() if one.is_number]
-        given = self.sensors if which == "sensors" else self.actuators
-        causality = "output" if which == "sensors" else "input"
-        for index, channel in enumerate(given or ()):
-            parts = self._expanded(channel, causality)
-            if not parts:
-                yield (which, index), self._empty(known, channel.terminal, causality)
-            for part in parts:
-                problem = self._problem(known, part.variable, numbers)
-                if problem is None and which == "actuators":
-                    problem = self._unsettable(known, part.variable)
-                problem = problem or self._unconvertible(known, part)
-                if problem is not None:
-                    yield (which, index), problem
-                    break
-        count = len(self.channels(which))
-        if given is None and count > MOST:
-            what = "outputs" if which == "sensors" else "inputs"
-            yield (which,), f"is missing: {self.fmu} has {count:,} {what}; name those that are {which}"
-        if not count and (which == "sensors" or given is None):
-            what = "an output" if which == "sensors" else "an input"
-            yield (which,), f"is missing: {self.fmu} has no variable that is {what} and a number"
-
-    def _problem(self, known: Description, name: str, numbers: Sequence[str]) -> str | None:
-        """Return what is wrong with a variable whose values are read."""
-        for one in {name.replace(AGENT, str(agent)) for agent in (1, self.agents)}:
-            variable = known.variables.get(one)
-            if variable is None:
-                return _unknown(self.fmu, one, numbers)
-            if not variable.is_number:
-                kind = "an array" if variable.is_array else f"of the type {variable.type}"
-                return f"{one} of {self.fmu} is {kind}, not one number"
-        return None
-
-    def _empty(self, known: Description, terminal: str, causality: str) -> str:
-        """Return what is wrong with a terminal that has no variables."""
-        if terminal in known.terminals:
-            return f"the terminal {terminal} of {self.fmu} has no {causality}"
-        names = list(known.terminals)
-        hint = did_you_mean(terminal, names) or f"; there is: {', '.join(names) or 'none'}"
-        return f"{self.fmu} has no terminal {terminal!r}{hint}"
-
-    def _unconvertible(self, known: Description, channel: Channel) -> str | None:
-        variable = known.variables[channel.variable.replace(AGENT, "1")]
-        if not channel.unit or channel.unit == variable.unit or self._conversion(channel) is not None:
-            return None
-        if not variable.unit:
-            return f"unit: {variable.name} of {self.fmu} has no unit, so {channel.unit} cannot be converted"
-        others = list(known.conversions.get(variable.unit, {}))
-        hint = did_you_mean(channel.unit, others) or f"; there is: {', '.join(others) or 'none'}"
-        return (
-            f"unit: {self.fmu} does not define how {variable.unit}, the unit of {variable.name}, is "
-            f"converted to {channel.unit!r}{hint}"
-        )
-
-    def _unsettable(self, known: Description, name: str) -> str | None:
-        causality = known.variables[name.replace(AGENT, "1")].causality
-        if causality == "input":
-            return None
-        inputs = ", ".join(one.name for one in known.of_causality("input")) or "none"
-        return f"{name} of {self.fmu} is no input, but of the causality {causality}; inputs: {inputs}"
-
-
-def _unknown(file: str, name: str, names: Sequence[str]) -> str:
-    few = ", ".join(names[:20]) + (", .." if len(names) > 20 else "")
-    hint = did_you_mean(name, list(names)) or f"; there is: {few or 'none'}"
-    return f"{file} has no variable {name!r}{hint}"
 
 
 def missing(options: FmuOptions) -> str | None:

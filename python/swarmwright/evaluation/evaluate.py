@@ -169,6 +169,8 @@ def episode(
     with open_backend(
         experiment, broker=broker, servers=servers, visual=visual, most=1, controller=specification
     ) as backend:
+        if isinstance(backend, PythonBackend):
+            backend.tell = lambda *_: None  # the error below says why the episode failed
         if controller is None:
             representation = experiment.representation(backend.sensors, backend.actuators)
             genome = representation.initial(Stream(experiment.seed, "initial"))

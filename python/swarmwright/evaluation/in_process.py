@@ -155,7 +155,12 @@ class PythonBackend(InProcessBackend):
 
     def __init__(self, experiment: Experiment, metrics: Sequence[str] = ()) -> None:
         super().__init__(experiment, metrics)
-        self._host = hosted(load(experiment.simulation), _tell)
+        self.tell: Callable[[str, str], None] = _tell
+        """Gets (reason, traceback) of a failure, once for each reason."""
+        self._host = hosted(load(experiment.simulation), self._report)
+
+    def _report(self, reason: str, stack: str) -> None:
+        self.tell(reason, stack)
 
     def evaluator(self, architecture: dict[str, Any]) -> None:
         """Return None: code in Python is evaluated by Python."""

@@ -65,14 +65,26 @@ def unknown(simulation: str, names: Iterable[str]) -> Iterator[tuple[str, str]]:
 def _refusals(
     simulation: str, fixed: Mapping[str, Any], evolved: Mapping[str, Parameter]
 ) -> Iterator[tuple[Path_, str]]:
-    for name, value, values in _corners(fixed, evolved):
+    told = set()  # one that is wrong by itself is so beside each value of the others
+    for name, _, values in _corners(fixed, evolved):
         problem = catalogue.parameters_problem(simulation, values)
-        if problem is not None:
-            reason = problem.removeprefix(f"parameter {name}: ")
-            hint, one = "", evolved[name]
-            if isinstance(one, RealParameter) and value not in _limits(one):
-                hint = "; for a parameter of integers write type: integer"
-            yield (*_AT, name), f"{catalogue.title(simulation)} refuses {value!r}: {reason}{hint}"
+        if problem is None:
+            continue
+        wrong, reason = _named(problem, name, evolved)
+        refused = values[wrong]
+        if (wrong, repr(refused)) in told:
+            continue
+        told.add((wrong, repr(refused)))
+        hint, one = "", evolved[wrong]
+        if isinstance(one, RealParameter) and refused not in _limits(one):
+            hint = "; for a parameter of integers write type: integer"
+        yield (*_AT, wrong), f"{catalogue.title(simulation)} refuses {refused!r}: {reason}{hint}"
+
+
+def _named(problem: str, name: str, evolved: Mapping[str, Parameter]) -> tuple[str, str]:
+    """Return the parameter that a simulation says is wrong, the one that was changed by default, and why."""
+    place, _, reason = problem.removeprefix("parameter ").partition(": ")
+    return (place, reason) if reason and place in evolved else (name, problem)
 
 
 def _corners(

@@ -4,11 +4,12 @@ import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from swarmwright.core.arguments import mapping, number
 from swarmwright.core.errors import InputError
+from swarmwright.core.yaml import dotted_path
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.robots import DEFAULT, robot_of
 from swarmwright.experiment.settings import key_path
@@ -24,13 +25,19 @@ class Range:
     path: tuple[str, ...]
     low: float
     high: float
+    given: str = field(default="vary: ", compare=False)
+    """What precedes it in messages: where it was given."""
+
+    def __str__(self) -> str:
+        """Return where it was given, key and values: `--vary parameters.speedDefenders=0.4..0.8`."""
+        return f"{self.given}{dotted_path(self.path)}={self.low}..{self.high}"
 
     @classmethod
     def parse(cls, text: str) -> "Range":
         """Read `parameters.speedDefenders=0.4..0.8`. Raises InputError."""
         try:
             path, rest = key_path(text)
-            return cls(path, *_ends(rest)).checked()
+            return cls(path, *_ends(rest), given="--vary ").checked()
         except InputError as error:
             raise InputError(f"--vary {text}: {error}") from None
 

@@ -117,7 +117,10 @@ class PseudoReality:
         try:
             return experiment.with_settings(settings)
         except InputError as error:
-            raise InputError(str(error).replace("--set ", f"{self.name}, model {model}: ")) from error
+            words = str(error)
+            for one, setting in zip(self.ranges, settings, strict=True):
+                words = words.replace(f"--set {setting}", str(one))
+            raise InputError(words.replace("--set ", f"{self.name}, model {model}: ")) from error
 
 
 Target = OtherSimulation | PseudoReality
@@ -153,7 +156,9 @@ def _ranges(experiment: Experiment) -> list[Range]:
     options = experiment.validate
     if options.pseudo_reality:
         require_e_pucks(experiment)
-    return [*(E_PUCKS if options.pseudo_reality else ()), *ranges_of(options.vary)]
+    # Messages begin with the key already.
+    vary = [dataclasses.replace(one, given="") for one in ranges_of(options.vary)]
+    return [*(E_PUCKS if options.pseudo_reality else ()), *vary]
 
 
 def unfit(name: str, there: Experiment, here: Experiment) -> str | None:

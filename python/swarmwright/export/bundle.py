@@ -23,7 +23,7 @@ from swarmwright.core.teams import TEAM
 from swarmwright.export import EXPORTERS
 from swarmwright.export._base import Exporter, Files, file_bytes
 from swarmwright.export.sequences import Sequences
-from swarmwright.export.subject import Subject, subject_of
+from swarmwright.export.subject import Channel, Subject, subject_of
 from swarmwright.export.text import check_prefix, decimals
 from swarmwright.export.verification import Verification, verify
 from swarmwright.runs.instances import instances
@@ -42,6 +42,8 @@ LICENSE = "LICENSE.txt"
 MAPPING = "mapping.yaml"
 _DATE = (1980, 1, 1, 0, 0, 0)  # the earliest that an archive can hold: the same files are the same archive
 _ABSOLUTE_CLASS = re.compile(r"(?:[/\\]|[A-Za-z]:).*\.py:[^\W\d]\w*")
+_ABOUT = ("names", "units", "ranges")
+"""What the manifest has of the description of sensors and of actuators."""
 _LARGEST = 1 << 20
 """Bytes of a license or a mapping."""
 _PERMISSION = """\
@@ -254,13 +256,13 @@ def _manifest(run: "Run", bundle: Bundle, prefix: str, files: Files) -> str:
         "facts": subject.facts,
         "description": {
             key: list(subject.description[key])
-            for key in ("sensor_names", "sensor_units", "actuator_names", "actuator_units")
+            for key in (f"{which}_{about}" for which in ("sensor", "actuator") for about in _ABOUT)
             if key in subject.description
         },
         "episodes": {"count": subject.episode_count, "reason": _anywhere(subject.reason, run.path)},
         "ranges": dict(subject.ranges),
-        "sensors": [vars(channel) for channel in subject.sensors] if subject.steers else [],
-        "actuators": [vars(channel) for channel in subject.actuators] if subject.steers else [],
+        "sensors": [_channel(one) for one in subject.sensors] if subject.steers else [],
+        "actuators": [_channel(one) for one in subject.actuators] if subject.steers else [],
         "forms": {
             **{form: {"verified": found.to_mapping()} for form, found in bundle.verified.items()},
             **{form: {"unverified": reason} for form, reason in bundle.unverified.items()},
@@ -272,6 +274,11 @@ def _manifest(run: "Run", bundle: Bundle, prefix: str, files: Files) -> str:
         },
     }
     return _json(values)
+
+
+def _channel(channel: Channel) -> dict[str, Any]:
+    values = {"name": channel.name, "unit": channel.unit, "limits": channel.limits}
+    return values if channel.range is None else {**values, "range": channel.range._asdict()}
 
 
 def _json(values: Mapping[str, Any]) -> str:

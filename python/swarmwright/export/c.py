@@ -119,6 +119,7 @@ def _header(subject: Subject, values: dict[str, str], *, loaded: bool = False) -
             **values,
             "sensors": str(len(subject.sensors)),
             "actuators": str(len(subject.actuators)),
+            "conversion": c_family.conversion(subject),
             "sensor_enum": c_family.enumeration(subject.sensors, f"{upper}_SENSOR_", "SENSOR"),
             "actuator_enum": c_family.enumeration(subject.actuators, f"{upper}_ACTUATOR_", "ACTUATOR"),
             "state": made.state,

@@ -139,8 +139,15 @@ def enumeration(channels: list[Channel], begin: str, what: str) -> str:
     for index, (name, channel) in enumerate(zip(names, channels, strict=True)):
         about = f"{plain(channel.name)}{f' in {plain(channel.unit)}' if channel.unit else ''}"
         comma = "," if index + 1 < len(channels) else ""
-        lines.append(f"    {begin}{name} = {index}{comma} /* {about}, {channel.limits} */")
+        lines.append(f"    {begin}{name} = {index}{comma} /* {about}, {plain(channel.limits)} */")
     return "\n".join(lines)
+
+
+def conversion(subject: Subject) -> str:
+    """Return a comment on how values become numbers of the controller; empty where none is scaled."""
+    if not subject.conversion:
+        return ""
+    return "\n".join(["/*", *(f" * {line}" for line in subject.conversion), " */"])
 
 
 def defined(table: Table, begin: str, flash: str) -> str:
@@ -152,7 +159,7 @@ def assignments(channels: list[Channel], begin: str, what: str, array: str) -> s
     """Return a line for each sensor that a person fills in."""
     names = identifiers((channel.name for channel in channels), what)
     lines = [
-        f"    {array}[{begin}{name}] = 0.0f; /* {plain(channel.name)}: {channel.limits} */"
+        f"    {array}[{begin}{name}] = 0.0f; /* {plain(channel.name)}: {plain(channel.limits)} */"
         for name, channel in zip(names, channels, strict=True)
     ]
     return "\n".join(lines)
@@ -162,7 +169,8 @@ def uses(channels: list[Channel], begin: str, what: str) -> str:
     """Return a line for each actuator that a person fills in."""
     names = identifiers((channel.name for channel in channels), what)
     lines = [
-        f"    Serial.println(actuators[{begin}{name}], 6); /* {plain(channel.name)}: {channel.limits} */"
+        f"    Serial.println(actuators[{begin}{name}], 6);"
+        f" /* {plain(channel.name)}: {plain(channel.limits)} */"
         for name, channel in zip(names, channels, strict=True)
     ]
     return "\n".join(lines)

@@ -77,6 +77,7 @@ def _header(subject: Subject, values: dict[str, str]) -> str:
             **values,
             "sensor_count": values["sensors"],
             "actuator_count": values["actuators"],
+            "conversion": c_family.conversion(subject),
             "sensor_enum": c_family.enumeration(subject.sensors, "SENSOR_", "SENSOR"),
             "actuator_enum": c_family.enumeration(subject.actuators, "ACTUATOR_", "ACTUATOR"),
             "arithmetic": render("c_arithmetic.txt", values).rstrip() if made.kernel else "",

@@ -9,7 +9,7 @@ from swarmwright.export import EXPORTERS
 from swarmwright.export.subject import Subject, subject_of
 from swarmwright.export.text import check_prefix
 from swarmwright.export.verification import Verification, verify
-from swarmwright.export.writing import write
+from swarmwright.export.writing import check_case, write
 
 if TYPE_CHECKING:
     from swarmwright.runs.run import Run
@@ -61,8 +61,9 @@ def export_controller(
         force: write over files that were not exported by Swarmwright.
 
     Raises:
-        InputError: there is no such candidate, group or form, the prefix is not an identifier, a file is in
-            the way, or a program that verification needs is not installed.
+        InputError: there is no such candidate, group or form, the prefix is not an identifier, or differs
+            in case only from that of files there, a file is in the way, or a program that verification needs
+            is not installed.
         RunError: what was written does not compile or run.
     """
     from swarmwright.runs.run import Run  # noqa: PLC0415 - with figures and more
@@ -72,7 +73,9 @@ def export_controller(
     opened = run if isinstance(run, Run) else Run.open(run)
     subject = subject_of(opened, generation, candidate, group)
     files = exporter.files(subject, prefix)
-    written = write(files, Path(output if output is not None else prefix), force=force)
+    folder = Path(output if output is not None else prefix)
+    check_case(files, folder, prefix)
+    written = write(files, folder, force=force)
     found = _verify(exporter, subject, prefix, files) if verify else None
     return Exported(written, subject, found)
 

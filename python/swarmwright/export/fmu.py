@@ -143,7 +143,7 @@ class Fmu(Exporter):
                 "fmiVersion": self.fmi,
                 "modelName": prefix,
                 ("instantiationToken" if three else "guid"): token,
-                "description": "; ".join(f"{name}: {text}" for name, text in subject.facts) or prefix,
+                "description": _about(subject) or prefix,
                 "generationTool": f"Swarmwright {__version__}",
                 "variableNamingConvention": "structured",
                 **({} if three else {"numberOfEventIndicators": "0"}),
@@ -253,6 +253,11 @@ def _unit(channel: Channel) -> dict[str, str]:
     return {"unit": unit} if unit else {}
 
 
+def _about(subject: Subject) -> str:
+    said = [f"{name}: {text}" for name, text in subject.facts]
+    return "; ".join([*said, " ".join(subject.conversion)] if subject.conversion else said)
+
+
 def _words(channel: Channel) -> str:
     return f"{channel.name}, {channel.limits}"
 
@@ -303,7 +308,14 @@ def _documentation(subject: Subject, prefix: str, variables: _Variables, fmi: st
     )
     return render(
         "fmu_documentation.txt",
-        {"p": escape(prefix), "fmi": fmi, "rows": rows, "origin": origin, "period": repr(_period(subject))},
+        {
+            "p": escape(prefix),
+            "fmi": fmi,
+            "rows": rows,
+            "origin": origin,
+            "period": repr(_period(subject)),
+            "conversion": f"<p>{'<br>'.join(subject.conversion)}</p>" if subject.conversion else "",
+        },
     )
 
 

@@ -92,6 +92,7 @@ def model(subject: Subject, graph: Graph, name: str, words: str) -> bytes:
         **dict(subject.facts),
         "sensors": ", ".join(_channel(one) for one in subject.sensors),
         "actuators": ", ".join(_channel(one) for one in subject.actuators),
+        **({"conversion": " ".join(subject.conversion)} if subject.conversion else {}),
         "numbers_at_once": str(graph.numbers_at_once),
     }
     helper.set_model_props(whole, properties)

@@ -53,10 +53,13 @@ def proxy_model(experiment: Experiment, address: Address, agents: int | None = N
     seed = int(parameters.get("seed", 0)) % 2**64
     period = 1.0
     groups: Sequence[DeclaredGroup] = ()
+    ranges: dict[str | None, Mapping[str, Any]] = {}
     if catalogue.is_described(simulation):
         groups = catalogue.groups(simulation, dict(parameters))
         description: Mapping[str, Any] = catalogue.description(simulation, dict(parameters))
         known = parameters_of(description, base)
+        names: list[str | None] = [one.name for one in groups]
+        ranges = {name: catalogue.ranges(simulation, dict(parameters), name) for name in names or [None]}
     else:
         description = _announced(experiment, address)
         known = parameters_of({"parameters": {name: _told(value) for name, value in base.items()}}, base)
@@ -76,6 +79,7 @@ def proxy_model(experiment: Experiment, address: Address, agents: int | None = N
         [*_connection(catalogue.title(simulation), address), *known],
         dimensions=experiment.requirements.dimensions,
         groups=groups,
+        ranges=ranges,
     )
 
 

@@ -33,6 +33,7 @@ def modules(subject: Subject, prefix: str, numbers: Numbers, dialect: dict[str, 
             **values,
             **dialect,
             "imports": "\n".join(filter(None, [dialect["imports"], code.imports])),
+            "conversion": "\n".join(f"# {line}" for line in subject.conversion),
             "sensor_names": _names(subject.sensors),
             "actuator_names": _names(subject.actuators),
             "numbers": code.numbers,
@@ -52,7 +53,7 @@ def _names(channels: list[Channel]) -> str:
     lines = []
     for channel in channels:
         unit = f"in {one_line(channel.unit)} " if channel.unit else ""
-        lines.append(f"    {quoted(channel.name)},  # {unit}{channel.limits}")
+        lines.append(f"    {quoted(channel.name)},  # {unit}{one_line(channel.limits)}")
     return "\n".join(lines)
 
 

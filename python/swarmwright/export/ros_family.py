@@ -26,6 +26,10 @@ _SHARED = (
 """Sources that are the same for every controller and both."""
 _OWN = "exported"
 """What a file of the package is called."""
+_SCALING = """\
+# Where a comment below has a range, -1 to 1 for LOW to HIGH, scale and offset convert between it and -1 to 1:
+# change them where the topic has another unit.
+#"""
 
 
 def values_of(subject: Subject, prefix: str) -> dict[str, str]:
@@ -76,6 +80,7 @@ def mapping(subject: Subject) -> str:
             "mark": MARK,
             "facts": facts(subject, "#   "),
             "begin": _begin(subject),
+            "scaling": _SCALING if subject.conversion else "",
             "rate": f"{rate:g}".ljust(24),
             "sensors": _entries("sensor", subject.sensors, subject.topics.get("sensors", ())),
             "actuators": _entries("actuator", subject.actuators, subject.topics.get("actuators", ())),
@@ -109,9 +114,24 @@ def _entries(kind: str, channels: Sequence[Channel], known: Sequence[Mapping[str
     for name, channel in zip(unique_names(channels), channels, strict=True):
         begin = f"  - {kind}: {in_json(json.dumps(name, ensure_ascii=False))}"
         unit = f"{one_line(channel.unit)}, " if channel.unit else ""
-        values = {"topic": "", "type": "", "field": "", **by_name.get(name, {})}
-        lines.append(f"{begin:<30}# {unit}{channel.limits}")
+        values = {"topic": "", "type": "", "field": "", **by_name.get(name, _scaling(kind, channel))}
+        lines.append(f"{begin:<30}# {unit}{one_line(channel.limits)}")
         for key, value in values.items():
             if key != kind and not (key == "field" and value == "" and name in by_name):
-                lines.append(f"    {key}: {json.dumps(value)}")
+                shown = _number(value) if isinstance(value, float) else json.dumps(value)
+                lines.append(f"    {key}: {shown}")
     return "\n".join(lines)
+
+
+def _scaling(kind: str, channel: Channel) -> dict[str, float]:
+    """Return factor and summand of a sensor or actuator that the simulation scaled, in its unit."""
+    if channel.range is None:
+        return {}
+    scale, offset = channel.range.from_value if kind == "sensor" else channel.range.to_value
+    return {"scale": scale, "offset": offset + 0.0}
+
+
+def _number(value: float) -> str:
+    """Return a number that readers of YAML 1.1, too, take for one: an exponent needs a point before it."""
+    text = repr(value)
+    return text.replace("e", ".0e") if "e" in text and "." not in text else text

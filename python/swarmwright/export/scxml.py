@@ -10,6 +10,7 @@ from swarmwright import scxml
 from swarmwright.export._base import Exporter, Files, facts, not_exported
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Subject
+from swarmwright.export.text import plain
 
 
 class Scxml(Exporter):
@@ -23,6 +24,10 @@ class Scxml(Exporter):
             raise not_exported(subject, self.form, ["mealy_fsm"])
         names = [[one.name for one in channels] for channels in (subject.sensors, subject.actuators)]
         lines = facts(subject, "").splitlines()
+        if subject.conversion:
+            channels = [*subject.sensors, *subject.actuators]
+            lines += [plain(f"{one.name}: {one.limits}") for one in channels if one.range is not None]
+            lines += subject.conversion
         return {f"{prefix}.scxml": scxml.scxml_of(subject.specification, names[0], names[1], lines)}
 
     def run(self, folder: Path, prefix: str, sequences: Sequences) -> NDArray[np.float32]:

@@ -10,6 +10,7 @@ import numpy as np
 from swarmwright import _engine
 from swarmwright.core.errors import InputError, engine_errors
 from swarmwright.core.groups import DeclaredGroup
+from swarmwright.core.ranges import ranges_of
 from swarmwright.core.suggestions import did_you_mean
 from swarmwright.export.fmu_parts import named, unit_name
 from swarmwright.simulations import catalogue
@@ -69,6 +70,8 @@ class Model:
     """Of a proxy: number of spatial dimensions of the servers that are looked for."""
     groups: Sequence[DeclaredGroup] = ()
     """Kinds of agents in the order of the agents, where they differ."""
+    ranges: Mapping[str | None, Mapping[str, Any]] = field(default_factory=dict)
+    """What -1 and 1 of sensors and actuators stand for, see `catalogue.ranges`: by group, or all by None."""
 
     @classmethod
     def of(cls, title: str, parameters: Mapping[str, Any]) -> "Model":
@@ -147,16 +150,16 @@ class Model:
                 "output",
                 "Whether the actuators of the agent count in the next step",
             )
-            for index, (name, text, unit) in enumerate(self._channels("sensor", group)):
-                full = f"agent[{agent + 1}].{name}"
-                yield Variable(full, first + 1 + index, "single", "output", text, unit=unit)
-            for index, (name, text, unit) in enumerate(self._channels("actuator", group)):
+            for index, (name, text, unit, of_range) in enumerate(self._channels("sensor", group)):
+                full, about = f"agent[{agent + 1}].{name}", f"{text}{of_range}"
+                yield Variable(full, first + 1 + index, "single", "output", about, unit=unit)
+            for index, (name, text, unit, of_range) in enumerate(self._channels("actuator", group)):
                 full, reference = f"agent[{agent + 1}].{name}", first + 1 + most["sensor"] + index
-                about = f"{text}, -1 to 1"
+                about = f"{text}{of_range or ', -1 to 1'}"
                 yield Variable(full, reference, "single", "input", about, 0.0, unit, (-1.0, 1.0))
 
-    def _channels(self, which: str, group: DeclaredGroup | None) -> list[tuple[str, str, str]]:
-        """Return name, text and unit of an agent's sensors or actuators."""
+    def _channels(self, which: str, group: DeclaredGroup | None) -> list[tuple[str, str, str, str]]:
+        """Return name, text and unit of an agent's sensors or actuators, and what -1 to 1 stand for."""
         if group is None:
             count = self.description[f"{which}s"]
             names, units = self.description[f"{which}_names"], self.description[f"{which}_units"]
@@ -166,7 +169,16 @@ class Model:
         if len(texts) != count:
             texts = [f"{which} {index + 1}" for index in range(count)]
         known = [unit_of(unit) for unit in units] if len(units) == count else [""] * count
-        return list(zip(named(f"{which}s", texts), texts, known, strict=True))
+        given = self.ranges.get(None if group is None else group.name, {}).get(f"{which}_ranges", ())
+        ranges = ranges_of(given, count) or (None,) * count
+        about = [
+            (unit, "") if one is None else ("", f", {one._replace(unit=one.unit or unit).scaled_words}")
+            for one, unit in zip(ranges, known, strict=True)
+        ]
+        return [
+            (name, text, *rest)
+            for name, text, rest in zip(named(f"{which}s", texts), texts, about, strict=True)
+        ]
 
 
 def unit_of(words: str) -> str:

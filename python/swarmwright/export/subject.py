@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from swarmwright.commands.ros_definition import RosOptions
 from swarmwright.core.errors import InputError, RunError, SwarmwrightError, engine_errors
+from swarmwright.core.ranges import CONVERSION, Range, ranges_of
 from swarmwright.core.simulation_names import SimulationName
 from swarmwright.export.groups import Member, member_of
 from swarmwright.export.sequences import Sequences, random_sequences
@@ -38,9 +39,11 @@ class Channel:
     name: str
     """The simulation's own, any text: each form quotes it."""
     unit: str
-    """As the name; empty where it is not known."""
+    """As the name; empty where it is not known, and where the value is scaled: the range has it then."""
     limits: str
-    """Between which values it lies."""
+    """Between which values it lies, and what they stand for: any text, as the name."""
+    range: Range | None = None
+    """What -1 and 1 stand for, of a value that is scaled; see `Range` for the conversion."""
 
 
 @dataclass(frozen=True)
@@ -87,20 +90,31 @@ class Subject:
         """The sensors, in their order; their limits are those seen in the recorded episodes."""
         seen = self.episodes.sensors if self.episodes is not None and len(self.episodes) else None
         found = []
-        for index, (name, unit) in enumerate(self._channels("sensor")):
+        for index, (name, unit, stands_for) in enumerate(self._channels("sensor")):
             limits = "any finite number"
             if seen is not None:
                 low, high = (float(f"{one:.4g}") for one in (seen[:, index].min(), seen[:, index].max()))
                 limits = f"{low + 0.0:g} to {high + 0.0:g} in the recorded episodes"
-            found.append(Channel(name, unit, limits))
+            if stands_for is not None:
+                limits = f"{stands_for.scaled_words}, scaled: {limits}"
+            found.append(Channel(name, unit, limits, stands_for))
         return found
 
     @cached_property
     def actuators(self) -> list[Channel]:
         """The actuators, in their order."""
-        return [Channel(name, unit, "-1 to 1") for name, unit in self._channels("actuator")]
+        return [
+            Channel(name, unit, "-1 to 1" if stands_for is None else stands_for.scaled_words, stands_for)
+            for name, unit, stands_for in self._channels("actuator")
+        ]
 
-    def _channels(self, what: str) -> list[tuple[str, str]]:
+    @property
+    def conversion(self) -> tuple[str, ...]:
+        """Lines that say how values become numbers of the controller; none where none is scaled."""
+        return CONVERSION if any(one.range is not None for one in [*self.sensors, *self.actuators]) else ()
+
+    def _channels(self, what: str) -> list[tuple[str, str, Range | None]]:
+        """Return name, unit and range of each. Raises ValueError for ranges of a bundle that are none."""
         count = int(self.specification[f"{what}s"])
         names = list(self.description.get(f"{what}_names", ()))
         units = list(self.description.get(f"{what}_units", ()))
@@ -108,7 +122,13 @@ class Subject:
             names = [f"{what} {index}" for index in range(count)]
         if len(units) != count:
             units = [""] * count
-        return [(str(name), str(unit)) for name, unit in zip(names, units, strict=True)]
+        ranges = ranges_of(self.description.get(f"{what}_ranges", ()), count) or (None,) * count
+        return [
+            (str(name), str(unit), None)
+            if stands_for is None
+            else (str(name), "", stands_for._replace(unit=stands_for.unit or str(unit)))
+            for name, unit, stands_for in zip(names, units, ranges, strict=True)
+        ]
 
     @cached_property
     def golden(self) -> Sequences:
@@ -223,26 +243,30 @@ def _parameter_set(run: "Run", chosen: "Choice", facts: tuple[tuple[str, str], .
 
 
 def _described(run: "Run", part: Member | None) -> Mapping[str, Any]:
-    """Return the description of a built-in simulation, or of robots with ROS.
+    """Return the description of a built-in simulation, of robots with ROS or of an FMU, where it is known.
 
     Of no other: that may execute code.
     """
     simulation = run.experiment.simulation
-    is_ros = SimulationName.parse(simulation).prefix == SimulationName.ROS
-    if not (is_ros or catalogue.built_in(simulation)):
+    prefix = SimulationName.parse(simulation).prefix
+    if prefix not in (SimulationName.ROS, SimulationName.FMU) and not catalogue.built_in(simulation):
         return {}
-    return _of_part(run, catalogue.description(simulation, run.experiment.parameters), part)
+    try:
+        return _of_part(simulation, run.experiment.parameters, part)
+    except SwarmwrightError:  # the FMU is gone, which is the reason that is named
+        return {}
 
 
-def _of_part(run: "Run", description: Mapping[str, Any], part: Member | None) -> Mapping[str, Any]:
-    """Return a simulation's description with the names of the sensors and actuators of a group."""
+def _of_part(simulation: str, parameters: dict[str, Any], part: Member | None) -> Mapping[str, Any]:
+    """Return a simulation's description with ranges, and with names and ranges of a group for its own."""
+    description = catalogue.description(simulation, parameters)
     if part is None:
-        return description
-    groups = catalogue.groups(run.experiment.simulation, run.experiment.parameters)
-    for one in groups:
+        return {**description, **catalogue.ranges(simulation, parameters)}
+    for one in catalogue.groups(simulation, parameters):
         if one.name == part.name:
             names = {"sensor_names": list(one.sensor_names), "actuator_names": list(one.actuator_names)}
-            return {**description, **names, "sensor_units": [], "actuator_units": []}
+            ranges = catalogue.ranges(simulation, parameters, part.name)
+            return {**description, **names, "sensor_units": [], "actuator_units": [], **ranges}
     return description
 
 
@@ -263,7 +287,7 @@ def _recorded(
         if done > _STEPS:
             break
     played = replay.experiment
-    description = _of_part(run, catalogue.description(played.simulation, played.parameters), part)
+    description = _of_part(played.simulation, played.parameters, part)
     of = chosen.specification if part is None else part.specification
     width = (int(of["sensors"]), int(of["actuators"]))
     first = np.zeros(done, np.bool_)

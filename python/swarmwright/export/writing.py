@@ -45,6 +45,26 @@ def write(files: Files, folder: Path, *, force: bool = False) -> list[Path]:
     return paths
 
 
+def check_case(files: Files, folder: Path, prefix: str) -> None:
+    """Raise InputError where files of another prefix are there that differs in case only.
+
+    Include guards, macros and enumerations are in capitals, so a program could not have both controllers;
+    some systems would have one file for both.
+    """
+    for path in (folder / name for name in files):
+        if not path.name.startswith(prefix) or not path.parent.is_dir():
+            continue
+        for other in sorted(path.parent.iterdir()):
+            is_other = other.name != path.name and other.name.lower() == path.name.lower()
+            if is_other and other.is_file() and _ours(other):
+                there = other.name[: len(prefix)]
+                raise InputError(
+                    f"prefix: {prefix!r} differs from {there!r} of {other}, which is there already, in upper "
+                    "and lower case only, and names in capitals would be the same; name another --prefix or "
+                    f"--output, or write over those files with --prefix {there}"
+                )
+
+
 def _swapped(path: Path, content: str | bytes) -> bool:
     """Return whether a module for Python would replace one for MicroPython, or the other way round."""
     new, old = (_first_line(one) for one in (file_bytes(content), path.read_bytes()))

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree as ET
 
 from swarmwright.core.errors import InputError, explained
 from swarmwright.fmu.conversions import conversions, inverse_units
@@ -55,6 +56,8 @@ class Variable:
     """Of an element: its place in the array, row by row."""
     count: int = 1
     """Of an element: how many the array has."""
+    items: tuple[int, ...] = ()
+    """Of an enumeration: the values that it can have."""
 
     @property
     def is_number(self) -> bool:
@@ -158,7 +161,9 @@ def _described(file: Path, _changed: int, given: tuple[tuple[str, int], ...]) ->
         with zipfile.ZipFile(file) as archive:
             places = [Path(name).parts for name in archive.namelist()]
             found = read_model_description(str(file), validate=False)
-            inverse = inverse_units(archive.read("modelDescription.xml"))
+            text = archive.read("modelDescription.xml")
+            _add_limits(found.modelVariables, text)
+            inverse = inverse_units(text)
             terminals = terminals_of(archive.read(TERMINALS)) if TERMINALS in archive.namelist() else {}
     except Exception as error:  # noqa: BLE001 - whatever a broken file leads to
         raise InputError(f"{file}: is not an FMU: {explained(error)[:_MOST_FAULTS]}") from None
@@ -201,6 +206,17 @@ def _described(file: Path, _changed: int, given: tuple[tuple[str, int], ...]) ->
     )
 
 
+def _add_limits(variables: Any, text: bytes) -> None:  # noqa: ANN401 - FMPy has no types
+    """Give unsigned integers of FMI 3.0 their min and max, which FMPy reads for the other types only."""
+    root = ET.fromstring(text)  # noqa: S314 - expat limits entities
+    unsigned = {
+        one.get("name"): one for one in root.iterfind("ModelVariables/*") if one.tag.startswith("UInt")
+    }
+    for one in variables:
+        if one.name in unsigned:
+            one.min, one.max = unsigned[one.name].get("min"), unsigned[one.name].get("max")
+
+
 def _exchange(found: Any) -> Exchange | None:  # noqa: ANN401 - FMPy has no types
     if found.modelExchange is None:
         return None
@@ -239,6 +255,13 @@ def _variable(found: Any) -> Variable:  # noqa: ANN401 - FMPy has no types
         getattr(found, name) if getattr(found, name) is not None else getattr(found.declaredType, name, None)
         for name in ("min", "max")
     )
+    items = _items(found)
+    if items:  # an actuator's range, unless the enumeration is limited to some
+        low, high = (
+            limit if known is None else known for known, limit in ((low, items[0]), (high, items[-1]))
+        )
+    elif found.type.startswith("UInt") and high is not None:
+        low = low or "0"
     is_array = bool(found.dimensions)
     start = None if is_array else _start(found.type, found.start)
     return Variable(
@@ -251,7 +274,14 @@ def _variable(found: Any) -> Variable:  # noqa: ANN401 - FMPy has no types
         _number(low),
         _number(high),
         is_array,
+        items=items,
     )
+
+
+def _items(found: Any) -> tuple[int, ...]:  # noqa: ANN401 - FMPy has no types
+    """Return the values of an enumeration in their order; none where the FMU does not define them."""
+    listed = () if found.declaredType is None else found.declaredType.items
+    return tuple(sorted(int(one.value) for one in listed)) if found.type == "Enumeration" else ()
 
 
 def _start(kind: str, text: Any) -> Any:  # noqa: ANN401 - as in the file

@@ -54,7 +54,8 @@ class ExchangeInstance(Instance):
         super().begin(start, time, stop)
         self._begin, self._now, self._made = time, time, 0
         self._ended = False
-        self._given: list[float] | None = None
+        self._given: dict[tuple[str, ...], list[float]] = {}
+        """By the names of variables: each agent in this instance sets its own."""
         self._failed: FMICallException | None = None
         self._next_event: float | None = None
         self._update()
@@ -119,9 +120,9 @@ class ExchangeInstance(Instance):
 
     def put(self, variables: Sequence[Variable], values: Sequence[float]) -> None:
         """Set the inputs; others than before are an event."""
-        given = list(values)
-        if given != self._given and not self._ended:
-            self._given = given
+        names, given = tuple(one.name for one in variables), list(values)
+        if given != self._given.get(names) and not self._ended:
+            self._given[names] = given
             self._event(lambda: super(ExchangeInstance, self).put(variables, values))
 
     def step(self, time: float, size: float) -> bool:

@@ -15,10 +15,13 @@ from fmpy.fmi3 import FMU3Slave
 from fmpy.logging import addLoggerProxy
 
 from swarmwright.fmu.description import STRUCTURAL, Description, Variable, flat
+from swarmwright.fmu.values import native
 
-_DISCARD, _FATAL = 2, 4
+_OK, _WARNING, _DISCARD, _FATAL = 0, 1, 2, 4
 _MOST_PLANS = 10_000
 """Lists of variables of which it is remembered how they are set and got; three for each agent."""
+_MOST_WARNINGS = 1000
+"""Of an instance, that are printed: an FMU may have one in each step."""
 _STATUS = {_DISCARD: "that it is not done", 3: "an error", _FATAL: "a fatal error"}
 
 
@@ -57,7 +60,7 @@ class Instance:
     ) -> None:
         self._description = description
         self._two = description.version == "2.0"
-        self._last, self._messages = "", log
+        self._last, self._messages, self._warnings = "", log, 0
         self._plans: dict[int, _Plan] = {}
         arguments = {
             "guid": description.token,
@@ -81,10 +84,11 @@ class Instance:
     def _make(self) -> None:
         try:
             if self._two:
-                self._fmu.instantiate(callbacks=self._callbacks())
+                self._fmu.instantiate(callbacks=self._callbacks(), loggingOn=True)
             else:
                 self._fmu.instantiate(
-                    logMessage=lambda _environment, status, _category, text: self._log(status, text)
+                    loggingOn=True,
+                    logMessage=lambda _environment, status, _category, text: self._log(status, text),
                 )
         except Exception as error:
             raise FmuError(self._explained("the FMU cannot be instantiated", error)) from error
@@ -100,11 +104,20 @@ class Instance:
         return made
 
     def _log(self, status: int, text: bytes | None) -> None:
-        said = (text or b"").decode(errors="replace").strip()
-        if status and said:
-            self._last = said
-        if self._messages is not None:
-            self._messages.write(f"{said}\n")
+        """Take a message. Logging is on: without, some FMUs do not say why a call fails."""
+        if status == _OK or not text:
+            return
+        said = text.decode(errors="replace").strip()
+        self._last = said or self._last
+        if self._messages is None:
+            return
+        if status == _WARNING:
+            self._warnings += 1
+            if self._warnings > _MOST_WARNINGS:
+                return
+        self._messages.write(f"{said}\n")
+        if self._warnings == _MOST_WARNINGS and status == _WARNING:
+            self._messages.write("other warnings of this FMU are left out\n")
 
     def _explained(self, what: str, error: Exception) -> str:
         self.is_corrupted |= isinstance(error, FMICallException) and error.status == _FATAL
@@ -151,12 +164,8 @@ class Instance:
         if variable.count > 1:
             self._put_elements([variable], [value])
             return
-        kind = self._kind(variable)
-        if kind == "Boolean":
-            value = bool(value)
-        elif not variable.is_real and variable.type != "String":
-            value = round(value)
-        function = getattr(self._fmu, f"set{kind}")
+        value = native(variable, value)
+        function = getattr(self._fmu, f"set{self._kind(variable)}")
         self._called(f"{variable.name} = {value}", function, [variable.reference], [value])
 
     def get(self, variable: Variable) -> float:
@@ -184,8 +193,7 @@ class Instance:
 
     def _put_array(self, variable: Variable, whole: Sequence[Any]) -> None:
         function = getattr(self._fmu, f"set{self._kind(variable)}")
-        as_they_are = variable.is_real or variable.type == "String"
-        values = list(whole) if as_they_are else [round(one) for one in whole]
+        values = list(whole) if variable.is_real else [native(variable, one) for one in whole]
         self._called(variable.name, function, [variable.reference], values)
 
     def put(self, variables: Sequence[Variable], values: Sequence[float]) -> None:

@@ -15,10 +15,10 @@ from swarmwright.fmu.description import Variable
 from swarmwright.fmu.instances import FmuError, Instance, unpacked
 from swarmwright.fmu.layout import AGENT
 from swarmwright.fmu.ssp import VERSION, described, system_of
+from swarmwright.fmu.values import driven, seed_of
 from swarmwright.ros.expression import Expression
 from swarmwright.ros.reductions import FUNCTIONS, mean
 
-_SEEDS = 2**31
 _GIVE_UP_S = 1.0
 
 
@@ -77,10 +77,11 @@ class Episodes:
 
     def reset(self, parameters: Mapping[str, Any], seed: int) -> dict[str, Any]:
         """Begin an episode; return the answer."""
-        start = {**self._attachment["start"], **parameters}
+        given = {name: value for name, value in parameters.items() if value is not None}
+        start = {**self._attachment["start"], **given}
         if self._attachment["seed"] is not None:
             name = self._attachment["seed"]
-            start[name] = seed if self._known.variables[name].type == "UInt64" else seed % _SEEDS
+            start[name] = seed_of(self._known.variables[name], seed)
         self._begin = self._known.start_time
         self._made = 0
         self._values: list[list[list[float]]] = []
@@ -94,8 +95,8 @@ class Episodes:
         channels = self._attachment["actuators"]
         for row, (instance, variables) in zip(actuators, self._actuators, strict=True):
             values = [
-                _from_unit(one, value if one["range"] is None else _from_share(one["range"], value))
-                for value, one in zip(row, channels, strict=False)
+                driven(variable, share, _of_actuator(one, share))
+                for share, one, variable in zip(row, channels, variables, strict=False)
             ]
             instance.put(variables, values)
         time = self._begin + self._made * self._size
@@ -195,6 +196,11 @@ def _in_unit(channel: Mapping[str, Any], value: float) -> float:
 def _from_unit(channel: Mapping[str, Any], value: float) -> float:
     """Return the FMU's value of one in the unit of a mapping."""
     return value if channel["convert"] is None else (value - channel["convert"][1]) / channel["convert"][0]
+
+
+def _of_actuator(channel: Mapping[str, Any], share: float) -> float:
+    """Return the FMU's value of an actuator, which is -1 to 1 where there is a range."""
+    return _from_unit(channel, share if channel["range"] is None else _from_share(channel["range"], share))
 
 
 def _share(limits: Sequence[float], value: float) -> float:

@@ -14,6 +14,7 @@ from swarmwright.core.suggestions import did_you_mean
 from swarmwright.fmu import description as fmus
 from swarmwright.fmu.description import Description, Variable, place, runs_here
 from swarmwright.fmu.units import Unit, units_of
+from swarmwright.fmu.values import expected, fits
 
 Algorithm = Literal["jacobi", "gauss_seidel"]
 """How the components of a system are stepped."""
@@ -235,9 +236,14 @@ def _value(variable: Variable, text: str, name: str) -> Any:  # noqa: ANN401 - o
     try:
         if variable.type == "Boolean":
             return {"true": True, "1": True, "false": False, "0": False}[text]
-        return float(text) if variable.is_real else int(text)
+        value = float(text) if variable.is_real else int(text)
     except (KeyError, ValueError):
         raise InputError(f"{name}: the value {text!r} is not of the type {variable.type}") from None
+    if not fits(variable, value):
+        raise InputError(
+            f"{name}: the value {text!r} is not of the type {variable.type}, expected {expected(variable)}"
+        )
+    return value
 
 
 def _flat(file: Path, system: System) -> Description:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import ast
 import math
 import operator
+import warnings
 from typing import Any, Callable, Mapping
 
 _BINARY: dict[type, Callable[[float, float], float]] = {
@@ -39,7 +40,7 @@ class Expression:
 
     def __init__(self, text: str) -> None:
         self.text = text
-        self._root = ast.parse(text.strip(), mode="eval").body
+        self._root = _parsed(text.strip())
 
     def __call__(self, values: Mapping[str, float]) -> float:
         """Return its value; 1 and 0 are true and false. Raises ArithmeticError and ValueError for none."""
@@ -85,6 +86,19 @@ class Expression:
                 return False
             left = right
         return True
+
+
+def _parsed(text: str) -> Any:
+    """Return the tree of a text, several lines of which are read as in `experiment/expression.py`."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            return ast.parse(text, mode="eval").body
+        except SyntaxError:
+            lines = text.splitlines()
+            if len(lines) < 2:
+                raise
+            return ast.parse("\n".join(["(", *lines, ")"]), mode="eval").body
 
 
 def _power(base: float, exponent: int) -> float:

@@ -17,7 +17,7 @@ from swarmwright.core.simulation_names import SimulationName, is_environment, is
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.runs import edits
 from swarmwright.simulations import catalogue
-from swarmwright.simulations.names import absolute, name_of
+from swarmwright.simulations.names import absolute, environment_held, environment_in, name_of
 from swarmwright.user_code import notices
 from swarmwright.user_code.changes import choose, difference, near, present, summary
 from swarmwright.user_code.copying import FOLDER, Copy, Kept, digest_of, with_modules
@@ -42,7 +42,9 @@ def parts_of(experiment: Experiment) -> list[Part]:
     parts = [_original(part) for part in of_plug_ins(experiment)]
     if not is_python(simulation):
         return parts
-    held = Copy.holding(Path(SimulationName.parse(simulation).place).absolute())
+    held = environment_held(simulation) or Copy.holding(
+        Path(SimulationName.parse(simulation).place).absolute()
+    )
     part = choose(*held).part if held is not None else of_simulation(simulation)
     return parts if part is None else [part, *parts]
 
@@ -149,7 +151,7 @@ def used_for(run: "Run", generation: int | None = None, simulation: str | type |
             )
         for kept in copy.parts.values():
             _tell(copy, kept)
-        experiment = _with_modules(experiment, copy)
+        experiment = _with_environment(_with_modules(experiment, copy), copy)
     if copy is not None and "simulation" in copy.parts and _is_copied(experiment.simulation):
         kept = copy.parts["simulation"]
         name = SimulationName.parse(experiment.simulation).in_file(copy.place(kept).absolute())
@@ -166,6 +168,14 @@ def used_for(run: "Run", generation: int | None = None, simulation: str | type |
                 f"{near(Path(experiment.simulation))} is used as it is now"
             )
     return experiment
+
+
+def _with_environment(experiment: Experiment, copy: Copy) -> Experiment:
+    """Return the experiment with the copy of its environment, where the original has changed or is gone."""
+    kept = copy.parts.get("simulation")
+    if kept is None or not _is_environment_copied(kept) or not choose(copy, kept).copied:
+        return experiment
+    return dataclasses.replace(experiment, simulation=environment_in(copy, kept))
 
 
 def _redefined(run: "Run", simulation: str) -> str | None:
@@ -271,7 +281,7 @@ def continuation(
         if named is None:
             _check_trusted(run, experiment, copy)
         used = [part for part in now.values() if part is not None]
-        return Continuation(named or experiment, used, copy, copy.version, notes)
+        return Continuation(named or _with_environment(experiment, copy), used, copy, copy.version, notes)
     if not accept_changed_code:
         raise InputError(
             f"{_told_of(run, copy, changed)}\nGenerations that different code evaluated cannot be compared. "
@@ -355,7 +365,7 @@ def _check_trusted(run: "Run", experiment: Experiment, copy: Copy | None, *, acc
     if copy is not None and "simulation" in copy.parts:
         kept = copy.parts["simulation"]
         require_copy(copy, kept, choose(copy, kept))
-        if accepted or _is_copied(experiment.simulation):
+        if accepted or _is_copied(experiment.simulation) or _is_environment_copied(kept):
             return
     _check_there(run, experiment.simulation)
     require_named(experiment.simulation)
@@ -396,6 +406,8 @@ def _tell(copy: Copy, kept: Kept) -> None:
         return
     if kept.in_file and is_plug_in(kept.name):
         notices.copy_is_used(copy, kept, now)
+    elif _is_environment_copied(kept):
+        notices.copy_is_used(copy, kept, now, f"; --simulation {kept.component} takes it as it is now")
     elif is_plug_in(kept.name) or is_environment(kept.component):
         notices.say(
             f"{near(copy.run)}: {_what(kept)}: {summary(kept, now)} since; the current version is used"
@@ -416,8 +428,14 @@ def _what(kept: Kept) -> str:
 
 
 def _is_copied(simulation: str) -> bool:
-    """Whether an experiment's simulation is a run's copy."""
-    return Copy.holding(Path(SimulationName.parse(simulation).place)) is not None
+    """Whether an experiment's simulation is a class or a command in a run's copy."""
+    parsed = SimulationName.parse(simulation)
+    return not parsed.is_environment and Copy.holding(Path(parsed.place)) is not None
+
+
+def _is_environment_copied(kept: Kept) -> bool:
+    """Whether a component is an environment that can be made from its copy."""
+    return SimulationName.parse(kept.component).library in {"gymnasium", "pettingzoo"}
 
 
 def _keeps(simulation: str) -> bool:

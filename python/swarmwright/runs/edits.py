@@ -1,6 +1,7 @@
 """Edits of a run's experiment.yaml. The file documents the run, which does not read it."""
 
 import dataclasses
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -49,13 +50,17 @@ def changes(run: "Run") -> tuple[list[Change], Experiment]:
         return [], run.experiment
     written = Experiment._checked(read(file), file, ask=False)
     # A missing key means its default in both.
-    before, now = flat(run.experiment.to_mapping()), flat(written.to_mapping())
-    found = [
-        Change(key, before.get(key, _NOTHING), now.get(key, _NOTHING))
-        for key in dict.fromkeys([*before, *now])
-        if before.get(key, _NOTHING) != now.get(key, _NOTHING)
+    return differences(run.experiment.to_mapping(), written.to_mapping()), written
+
+
+def differences(recorded: Mapping[str, Any], now: Mapping[str, Any]) -> list[Change]:
+    """Return the keys in which two experiments differ."""
+    before, after = flat(dict(recorded)), flat(dict(now))
+    return [
+        Change(key, before.get(key, _NOTHING), after.get(key, _NOTHING))
+        for key in dict.fromkeys([*before, *after])
+        if before.get(key, _NOTHING) != after.get(key, _NOTHING)
     ]
-    return found, written
 
 
 def said(run: "Run") -> str | None:

@@ -38,6 +38,11 @@ class Described(ABC):
     """Units of an agent's sensors, one for each, such as m or rad, for exported controllers."""
     actuator_units: Sequence[str] = ()
     """Units of an agent's actuators, in the same way."""
+    sensor_ranges: Sequence[tuple[float, float] | tuple[float, float, str] | None] = ()
+    """For exported controllers: what -1 and 1 of an agent's sensors stand for, where values are scaled, one
+    for each: (low, high) in its unit, or (low, high, unit); None for values that are what they are."""
+    actuator_ranges: Sequence[tuple[float, float] | tuple[float, float, str] | None] = ()
+    """What -1 and 1 of an agent's actuators stand for, in the same way."""
     parameters: Mapping[str, Any] = {}
     """What can be set in an experiment: name -> default, or name -> Parameter(default, description, ..).
 
@@ -131,9 +136,11 @@ class Simulation(Described):
         """Return how well it went, more is better, finite; asked when the episode has ended."""
 
     def measure(self) -> Mapping[str, float]:
-        """Return the metrics of the episode, all that `metrics` names, finite.
+        """Return the metrics of the episode, all that `metrics` names.
 
-        Asked when the episode has ended, only where an experiment wants them.
+        Asked when the episode has ended, only where an experiment wants them. A metric may be NaN or
+        infinite, where there is nothing to measure; the episode fails only where the fitness is computed from
+        it.
         """
         return {}
 

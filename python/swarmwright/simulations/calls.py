@@ -1,6 +1,7 @@
 """Calls of a user's code: what it raises is explained, and reported once."""
 
 import contextlib
+import inspect
 import os
 import sys
 import traceback
@@ -88,6 +89,11 @@ class Calls(Generic[Made]):
         What came from an environment of another library is reported with the last line of user code.
         """
         frames = traceback.extract_tb(error.__traceback__)[1:]
+        if isinstance(error, TypeError) and all(frame.filename == __file__ for frame in frames):
+            # Not raised in the method: it cannot be called in this way.
+            return self._not_called(method, error)
+        if isinstance(error, SimulationError):  # of an adapter, which says what is wrong
+            return f"{method}: {words_of(error)}"
         file = getattr(sys.modules.get(self._kind.__module__), "__file__", None)
         if self._kind.__module__.startswith("swarmwright.adapters."):
             mine = [frame for frame in frames if not is_installed(frame.filename)] or frames
@@ -96,6 +102,26 @@ class Calls(Generic[Made]):
         where = f" ({shown_path(mine[-1].filename)}:{mine[-1].lineno})" if mine else ""
         words = words_of(error)
         return f"{method}: {type(error).__name__}{': ' if words else ''}{words}{where}"
+
+    def _not_called(self, method: str, error: TypeError) -> str:
+        """What was raised because a method takes other arguments, or is none, and where it is defined."""
+        found = self._kind if method == "__init__" else getattr(self._object, method)
+        code = getattr(inspect.unwrap(getattr(self._kind, method)), "__code__", None)
+        file = getattr(sys.modules.get(self._kind.__module__), "__file__", None)
+        place = ""
+        if code is not None:
+            place = f" ({shown_path(code.co_filename)}:{code.co_firstlineno})"
+        elif file is not None:
+            place = f" ({shown_path(file)})"
+        what = f"TypeError: {words_of(error)}" if callable(found) else f"{short(found)} is no method"
+        return f"{method}: {what}{place}; expected {self._signature(method)}"
+
+    def _signature(self, method: str) -> str:
+        """How a method has to be defined: as in the base class that declares it."""
+        declared = [vars(one)[method] for one in self._kind.__mro__[:-1] if method in vars(one)]
+        if method == "__init__" or not declared:
+            return f"{method}(self)"
+        return f"{method}({', '.join(inspect.signature(declared[-1]).parameters)})"
 
     def _fail(self, reason: str, error: BaseException | None = None) -> NoReturn:
         """Report and raise."""

@@ -148,6 +148,34 @@ def description(simulation: str, parameters: dict[str, Any] | None = None) -> di
     return {**announced, "title": title(simulation)}
 
 
+def ranges(
+    simulation: str, parameters: dict[str, Any], group: str | None = None
+) -> dict[str, list[list[Any] | None]]:
+    """Return what -1 and 1 of sensors and actuators stand for, where a simulation scales them.
+
+    `sensor_ranges` and `actuator_ranges`, one [low, high, unit] or None for each, of the agents of a group
+    where it is named; nothing for a simulation that has no ranges. Those of an environment of another library
+    may depend on parameters, and it is made with these.
+    Raises InputError for a class that cannot be loaded, and for parameters that an environment refuses.
+    """
+    if _engine_title(simulation) is not None:
+        return {}
+    from swarmwright.core.ranges import ranges_of
+    from swarmwright.simulations.description import describe
+
+    kind, found = _load(simulation), _python_description(simulation)
+    given = {name: value for name, value in parameters.items() if name != "seed"}
+    if given and hasattr(kind, "described_with"):
+        found = describe(kind().described_with(given), kind.__name__)
+    of = found if group is None else found.groups[group]
+    made = {}
+    for which in ("sensor", "actuator"):
+        named = ranges_of(getattr(of, f"{which}_ranges"), getattr(of, f"{which}s"))
+        if any(named):
+            made[f"{which}_ranges"] = [None if one is None else list(one) for one in named]
+    return made
+
+
 @cache
 def _announced(title: str) -> "Description":
     with engine_errors():

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from swarmwright.core.errors import InputError
+from swarmwright.core.ranges import Range, ranges_of
 from swarmwright.simulations.base import Described
 from swarmwright.simulations.batches import BatchSimulation
 from swarmwright.simulations.groups import Group
@@ -34,6 +35,8 @@ class Description:
     actuator_names: tuple[str, ...]
     sensor_units: tuple[str, ...]
     actuator_units: tuple[str, ...]
+    sensor_ranges: tuple[Range | None, ...]
+    actuator_ranges: tuple[Range | None, ...]
     parameters: Mapping[str, Parameter]
     metrics: Mapping[str, str]
     copies: bool
@@ -98,6 +101,12 @@ def describe(simulation: Described | Any, where: str = "") -> Description:  # no
     def channels(name: str, count: int) -> tuple[str, ...]:
         return _channels(where, name, getattr(simulation, name, ()), count)
 
+    def ranges(name: str, count: int) -> tuple[Range | None, ...]:
+        try:
+            return ranges_of(getattr(simulation, name, ()), count)
+        except ValueError as error:
+            raise InputError(f"{where}.{name}: {error}") from None
+
     return Description(
         title=title,
         dimensions=_count(where, "dimensions", simulation.dimensions, least=0),
@@ -108,6 +117,8 @@ def describe(simulation: Described | Any, where: str = "") -> Description:  # no
         actuator_names=channels("actuator_names", actuators),
         sensor_units=channels("sensor_units", sensors),
         actuator_units=channels("actuator_units", actuators),
+        sensor_ranges=ranges("sensor_ranges", sensors),
+        actuator_ranges=ranges("actuator_ranges", actuators),
         parameters=parameters,
         metrics=_metrics(where, simulation.metrics),
         copies=bool(simulation.copies),

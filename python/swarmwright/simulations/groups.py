@@ -2,11 +2,12 @@
 
 import operator
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from swarmwright.core.errors import InputError
 from swarmwright.core.groups import DeclaredGroup
+from swarmwright.core.ranges import ranges_of
 from swarmwright.simulations.parameters import Parameter
 
 _LARGEST = 1_000_000
@@ -30,6 +31,14 @@ class Group:
     """Names of an agent's sensors, one for each, or none at all."""
     actuator_names: Sequence[str] = ()
     """Names of an agent's actuators, in the same way."""
+    sensor_ranges: Sequence[tuple[float, float] | tuple[float, float, str] | None] = field(
+        default=(), compare=False
+    )
+    """What -1 and 1 of an agent's sensors stand for, see `Simulation`."""
+    actuator_ranges: Sequence[tuple[float, float] | tuple[float, float, str] | None] = field(
+        default=(), compare=False
+    )
+    """What -1 and 1 of an agent's actuators stand for, in the same way."""
 
     def __post_init__(self) -> None:
         """Take NumPy's integers for Python's."""
@@ -80,6 +89,10 @@ def _check(one: Any, parameters: Mapping[str, Parameter], at: str) -> None:  # n
             raise InputError(f"{at}.{key}: {number!r} found, expected an integer from 1 to {_LARGEST}")
         if names and len(names) != number:
             raise InputError(f"{at}.{key[:-1]}_names: {len(names)} found, expected {number}")
+        try:
+            ranges_of(getattr(one, f"{key[:-1]}_ranges"), number)
+        except ValueError as error:
+            raise InputError(f"{at}.{key[:-1]}_ranges: {error}") from None
     if isinstance(one.agents, str):
         if one.agents not in parameters:
             known = ", ".join(parameters) or "none"

@@ -137,7 +137,7 @@ class Host(Calls[Simulation | BatchSimulation]):
                 self._fail(f"measure: {short(dict(returned))} returned, which lacks {name!r}")
             values.append(_number(returned[name]))
             if math.isnan(values[-1]) and not isinstance(returned[name], float | np.floating):
-                self._fail(f"measure: {name!r} is {short(returned[name])}, expected a finite number")
+                self._fail(f"measure: {name!r} is {short(returned[name])}, expected a number")
         return values
 
     def scene(self) -> "SceneFields | None":

@@ -18,7 +18,7 @@ from swarmwright.simulations import isolation
 from swarmwright.simulations.base import Described, Simulation
 from swarmwright.simulations.batches import BatchSimulation
 from swarmwright.simulations.hosts import Kind
-from swarmwright.simulations.names import FROM_FILE, files
+from swarmwright.simulations.names import FROM_FILE, environment_held, files
 from swarmwright.simulations.physics import Physics
 from swarmwright.user_code import trust
 from swarmwright.user_code.changes import choose
@@ -41,6 +41,9 @@ _looked_in: set[str] = set()
 _digests: dict[str, tuple[ModuleType, str]] = {}
 """Path of a file -> its module, and the SHA-256 of the source of that."""
 
+_environments: dict[str, type[Simulation]] = {}
+"""Name of an environment in a run's copy -> its class."""
+
 serving = False
 """Whether this process is a simulation server, which imports a module only for its class."""
 
@@ -58,6 +61,9 @@ def load(name: str, folder: Path | None = None) -> Kind:
     Raises InputError: there is no such file, module, class or environment, or importing it fails.
     """
     parsed = SimulationName.parse(name)
+    held = environment_held(name)
+    if held is not None:
+        return _kept_environment(name, *held)
     if parsed.is_environment or parsed.is_command:
         if parsed.file is not None:
             name = _kept_command(parsed.in_file(((folder or Path()) / parsed.file).absolute()))
@@ -108,6 +114,27 @@ def _kept_command(name: str) -> str:
         if choice.copied and choice.instead is not None:
             copy_is_used(copy, kept, choice.instead)
     return name if choice.copied else parsed.in_file(choice.part.origin)
+
+
+def _kept_environment(name: str, copy: Copy, kept: Kept) -> type[Simulation]:
+    """Return the class of an environment whose modules are a run's copy, which it imports."""
+    if name not in _environments:
+        if not serving:  # else the process that started this server has asked
+            require_copy(copy, kept, choose(copy, kept))
+        base = importlib.import_module("swarmwright.adapters").simulation(kept.component)
+        attributes = {
+            "adapted": name,
+            "apart": isolation.Apart(copy.folder / kept.name, _top(kept.digests)),
+            "__module__": base.__module__,
+            "__doc__": base.__doc__,
+        }
+        _environments[name] = type(base.__name__, (base,), attributes)
+    return _environments[name]
+
+
+def _top(places: Iterable[str]) -> set[str]:
+    """Return the modules and packages at the top of a folder of modules."""
+    return {one.partition("/")[0].partition(".")[0] for one in places}
 
 
 def code_in(path: Path) -> tuple[ModuleType, str]:
@@ -171,9 +198,7 @@ def _kept(copy: Copy, kept: Kept) -> ModuleType:
     if choice.instead is not None and not serving:
         copy_is_used(copy, kept, choice.instead)
     places = [one for one in kept.digests if kept.module is not None or one != kept.main]
-    apart = isolation.Apart(
-        copy.folder / kept.name, {one.partition("/")[0].partition(".")[0] for one in places}
-    )
+    apart = isolation.Apart(copy.folder / kept.name, _top(places))
     if kept.module is not None and "." in kept.module:
         with apart.entered():
             files[place] = _module(kept.module)

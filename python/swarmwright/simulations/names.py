@@ -4,11 +4,12 @@ import os
 import sys
 from pathlib import Path
 from types import ModuleType
+from urllib.parse import quote, unquote
 
 from swarmwright.core.errors import InputError
 from swarmwright.core.simulation_names import SimulationName
 from swarmwright.user_code.copying import FOLDER as CODE
-from swarmwright.user_code.copying import beside
+from swarmwright.user_code.copying import Copy, Kept, beside
 
 FROM_FILE = "swarmwright simulation "
 """Begins the name of modules that are named by their file."""
@@ -47,6 +48,25 @@ def of_run(name: str, run: Path) -> str:
             if path.is_file():
                 return parsed.in_file(path)
     return absolute(name, run)
+
+
+def environment_in(copy: Copy, kept: Kept) -> str:
+    """Return the name of an environment whose module is a run's copy: with its file in place of the module.
+
+    `gymnasium:/runs/a/code/1/simulation/maze.py:Maze-v0`
+    """
+    parsed = SimulationName.parse(kept.component)
+    environment = f":{parsed.place.rpartition(':')[2]}" if parsed.library == "gymnasium" else ""
+    options = f"?{parsed.query}" if parsed.query else ""
+    return f"{parsed.library}:{quote(str(copy.place(kept).absolute()))}{environment}{options}"
+
+
+def environment_held(name: str) -> tuple[Copy, Kept] | None:
+    """Return the copy that an environment is named by, and the component; None for any other name."""
+    parsed = SimulationName.parse(name)
+    if parsed.library not in {"gymnasium", "pettingzoo"} or not parsed.place.startswith("/"):
+        return None
+    return Copy.holding(Path(unquote(parsed.place)))
 
 
 def name_of(kind: type) -> str:

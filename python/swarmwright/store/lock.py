@@ -42,9 +42,7 @@ class Lock:
             except BlockingIOError:
                 if time.monotonic() > deadline:
                     file.close()
-                    raise InputError(
-                        f"{folder}: another process works on this run; wait for it, or stop it"
-                    ) from None
+                    raise _taken(folder) from None
                 time.sleep(_PATIENCE / 10)
             except OSError as error:
                 file.close()
@@ -60,6 +58,16 @@ class Lock:
             if _is_still(self._file, self._path):
                 self._path.unlink()
         self._file.close()
+
+
+def check_free(folder: Path) -> None:
+    """Raise InputError where a process works on the run now."""
+    if is_locked(folder):
+        raise _taken(folder)
+
+
+def _taken(folder: Path) -> InputError:
+    return InputError(f"{folder}: another process works on this run; wait for it, or stop it")
 
 
 def is_locked(folder: Path) -> bool:

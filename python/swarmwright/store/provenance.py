@@ -28,7 +28,9 @@ def recorded(experiment: "Experiment", copy: Copy | None) -> dict[str, Any]:
 
         values["controller"] = with_modules(values["controller"], file_of)
     kept = None if copy is None else copy.parts.get("simulation")
-    if copy is not None and kept is not None and not is_environment(kept.component):
+    if kept is not None and is_environment(kept.component):
+        values["simulation"] = kept.component
+    elif copy is not None and kept is not None:
         place = copy.place_in_run(kept)
         name = SimulationName.parse(SimulationName.parse(kept.component).in_file(place))
         if name.is_command:

@@ -13,15 +13,27 @@ class Parallel:
     """A parallel environment of two agents that fails as it is told to.
 
     trouble: raise, more (a third agent appears), shape (the observation grows), assert (in the constructor,
-    without a word), none. extra: more agents like b.
+    without a word), flags (agents that have ended are flagged, and stay), alone (reset returns observations
+    alone), four (step returns four values), all (a reward of `__all__`), none. extra: more agents like b.
+    alike: agents have names of one kind. reward: instead of a number.
     """
 
     possible_agents = ["a", "b"]  # noqa: RUF012
 
-    def __init__(self, trouble: str = "none", size: int = 2, agents: bool = True, extra: int = 0) -> None:
+    def __init__(
+        self,
+        trouble: str = "none",
+        size: int = 2,
+        agents: bool = True,
+        extra: int = 0,
+        alike: bool = False,
+        reward: Any = None,
+    ) -> None:
         assert trouble != "assert"
         self.possible_agents = [*self.possible_agents, *(f"b_{number}" for number in range(extra))]
-        self.trouble, self.size = trouble, size
+        if alike:
+            self.possible_agents = [f"c_{number}" for number in range(2 + extra)]
+        self.trouble, self.size, self.reward = trouble, size, reward
         if not agents:
             self.possible_agents = []
 
@@ -35,7 +47,7 @@ class Parallel:
         self.agents = list(self.possible_agents)
         self.random = np.random.default_rng(seed)
         self.left = 6
-        return self.seen(), {}
+        return self.seen() if self.trouble == "alone" else (self.seen(), {})
 
     def step(self, actions: dict[str, Any]) -> Any:
         assert set(actions) == set(self.agents)
@@ -44,13 +56,22 @@ class Parallel:
             raise ValueError("the wheels came off")
         if self.trouble == "more" and self.left == 3:
             self.agents.append("c")
-        if self.left == 2:
+        if self.left == 2 and "b" in self.agents and self.trouble != "flags":
             self.agents.remove("b")
-        rewards = {name: float(self.left) for name in actions}
+        rewards: dict[str, Any] = {name: float(self.left) for name in actions}
+        if self.reward is not None:
+            rewards = dict.fromkeys(actions, np.array(self.reward))
+        if self.trouble == "all":
+            rewards["__all__"] = 1.0
         seen = self.seen()
+        if self.trouble == "flags":
+            # b is flagged in a single step, as its observation is nothing later.
+            seen = {name: None if name == "b" and self.left < 2 else one for name, one in seen.items()}
+            truncated = dict.fromkeys(self.agents, self.left == 0)
+            return seen, rewards, {"a": False, "b": self.left == 2}, truncated, {}
         if not self.left:
             self.agents = []
-        return seen, rewards, {}, {}, {}
+        return (seen, rewards, {}, {}) if self.trouble == "four" else (seen, rewards, {}, {}, {})
 
     def seen(self) -> dict[str, Any]:
         grown = self.trouble == "shape" and self.left == 3
@@ -103,5 +124,26 @@ class Several(Failing):
         return seen, np.ones(3 if self.steps > self.first else 1) * reward, *rest
 
 
+class Odd(Failing):
+    """Is not as Gymnasium says: values says how many `step` returns; reward and seen are returned."""
+
+    def __init__(self, values: int = 5, reward: Any = 1.0, seen: Any = 0, late: bool = False) -> None:
+        super().__init__(endless=True)
+        self.values, self.reward, self.seen, self.late = values, reward, seen, late
+
+    def step(self, action: Any) -> Any:
+        _, reward, *rest = super().step(action)
+        odd = self.steps > 2 or not self.late
+        return (self.seen, self.reward if odd else reward, *rest)[: self.values]
+
+
+class Nowhere(gymnasium.Env[Any, Any]):
+    """Has no spaces."""
+
+
+# A wrapper of Gymnasium unpacks what is returned, the environment itself does not.
+gymnasium.register("Odd-v0", entry_point="broken:Odd", disable_env_checker=True, order_enforce=False)
+gymnasium.register("Limited-v0", entry_point="broken:Odd", disable_env_checker=True, max_episode_steps=9)
+gymnasium.register("Nowhere-v0", entry_point="broken:Nowhere", disable_env_checker=True)
 gymnasium.register("Several-v0", entry_point="broken:Several")
 gymnasium.register("Failing-v0", entry_point="broken:Failing")

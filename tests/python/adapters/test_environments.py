@@ -11,6 +11,7 @@ from mpe2 import simple_spread_v3
 
 from swarmwright import Controller, Experiment, InputError, RunError, adapters, optimize, simulate
 from swarmwright.adapters.gymnasium import Gymnasium
+from swarmwright.simulations import catalogue
 from tests.python.records import same_record
 
 SPREAD = "pettingzoo:mpe2.simple_spread_v3"
@@ -154,6 +155,63 @@ def test_a_parameter_that_changes_the_number_of_agents_of_a_group() -> None:
         simulate(one, servers="in-process")
 
 
+def test_agents_that_are_flagged_are_gone() -> None:
+    """Also where the environment goes on to name them: b ends after the fourth step, a after the sixth."""
+    one = experiment("pettingzoo:broken?trouble=flags")
+    assert simulate(one, servers="in-process") == (15 + 14) / 2
+    assert simulate(one.replace(fitness="steps"), servers="in-process") == 6
+
+
+def test_a_parameter_that_changes_the_number_of_agents_alone(tmp_path: Path) -> None:
+    one = experiment("pettingzoo:broken?alike=true", parameters={"extra": 3}, fitness="best - worst")
+    assert simulate(one, servers="in-process") == 0
+    for mode in ("stepwise", "batched", "offloaded"):
+        run = optimize(one.replace(mode=mode), servers=1, out=tmp_path / mode)
+        assert run.best.fitness == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        (
+            "pettingzoo:broken?trouble=alone",
+            r"reset: broken: reset returned {.*expected \(observations, infos\)",
+        ),
+        (
+            "pettingzoo:broken?trouble=four",
+            r"broken: step returned 4 values, expected \(observation, reward, ter",
+        ),
+        ("pettingzoo:broken?trouble=all", "broken: agent '__all__' is not among its possible_agents, a, b"),
+        ("pettingzoo:broken?reward=[1,2]", "step: broken: its reward has 2 numbers, a fitness is one"),
+        (
+            "pettingzoo:broken?reward='2.5'",
+            r"step: broken: its reward is array\('2.5'.*\), expected a number",
+        ),
+        (
+            "gymnasium:broken:Odd-v0?reward=NaN&late=true",
+            "step: broken:Odd-v0: its reward is nan in step 3, expected a finite number$",
+        ),
+        (
+            "gymnasium:broken:Odd-v0?reward=None&late=true",
+            "broken:Odd-v0: its reward is None, expected a number",
+        ),
+        ("gymnasium:broken:Odd-v0?reward='2.5'&late=true", "its reward is '2.5', expected a number"),
+        ("gymnasium:broken:Odd-v0?seen=3", r"observation_space: the observation 3 is not in Discrete\(3\)$"),
+        (
+            "gymnasium:broken:Limited-v0?values=4",
+            r"expected 5, got 4\): step: expected \(observation, reward",
+        ),
+    ],
+)
+def test_what_an_environment_returns_wrongly_is_said(name: str, words: str) -> None:
+    with pytest.raises(RunError, match=words):
+        simulate(experiment(name), servers="in-process")
+
+
+def test_a_reward_in_an_array() -> None:
+    assert simulate(experiment("pettingzoo:broken?reward=[2.0]"), servers="in-process") == (6 * 2 + 4 * 2) / 2
+
+
 def test_an_endless_episode_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Gymnasium, "most_steps", 50)
     assert simulate(experiment("gymnasium:broken:Failing-v0?endless=true"), servers="in-process") == 50
@@ -189,6 +247,12 @@ def test_an_endless_episode_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:
             "gymnasium:broken:Several-v0",
             r"Gymnasium broken:Several-v0: its reward has 3 numbers, .* mo_gymnasium.wrappers.LinearReward",
         ),
+        (
+            "gymnasium:broken:Odd-v0?values=4",
+            r"Odd-v0: step returned 4 values, expected .* Gym before 0.26 has",
+        ),
+        ("gymnasium:broken:Odd-v0?reward=None", "Odd-v0: its reward is None, expected a number"),
+        ("gymnasium:broken:Nowhere-v0", "Nowhere-v0: observation_space: is missing"),
     ],
 )
 def test_what_does_not_exist_is_said_before_the_run(name: str, words: str) -> None:
@@ -216,11 +280,14 @@ def test_parameters_that_change_the_agents() -> None:
         ),
         (
             "pettingzoo:broken?trouble=more",
-            "PettingZoo.step: SimulationError: broken: agent 'c' is not among its possible_agents, a, b",
+            "PettingZoo.step: broken: agent 'c' is not among its possible_agents, a, b",
         ),
-        ("pettingzoo:broken?trouble=shape", r"PettingZoo.step: ValueError: .*\(3,\)"),
+        (
+            "pettingzoo:broken?trouble=shape",
+            r"PettingZoo.step: broken: observation_space\('a'\): .* of the shape \(3,\) is not in Box\(2,\)$",
+        ),
         ("gymnasium:broken:Failing-v0", r"LinAlgError: Singular matrix \(.*broken.py:\d+\)"),
-        ("gymnasium:broken:Several-v0?first=3", "Gymnasium.step: SimulationError: .* reward has 3 numbers"),
+        ("gymnasium:broken:Several-v0?first=3", "Gymnasium.step: .* reward has 3 numbers"),
         ("gymnasium:broken:Several-v0?start=1", r"Gymnasium.reset: AssertionError \(.*broken.py:\d+\)"),
     ],
 )
@@ -245,3 +312,45 @@ def test_a_reset_that_returns_the_observation_alone() -> None:
         RunError, match=r"old: reset returned array\(.*expected \(observation, info\), info a"
     ):
         Old().reset({}, 1)
+
+
+class Reach(gymnasium.Env[Any, Any]):
+    """One whose bounds depend on a parameter."""
+
+    def __init__(self, reach: float = 3.0) -> None:
+        self.observation_space = gymnasium.spaces.Box(-reach, reach, (1,), np.float64)
+        self.action_space = gymnasium.spaces.Box(0.0, 2 * reach, (1,), np.float64)
+
+    def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[Any, dict[str, Any]]:  # noqa: ARG002
+        return np.zeros(1), {}
+
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        return np.asarray(action), 1.0, True, False, {}
+
+
+class OfReach(Gymnasium):
+    """The environment above."""
+
+    environment = "reach"
+
+    def make(self, options: dict[str, Any]) -> Any:
+        return Reach(**options)
+
+
+def test_ranges_are_those_of_the_parameters() -> None:
+    name = f"{__file__}:OfReach"
+    for parameters, reach in (({}, 3.0), ({"seed": 5}, 3.0), ({"reach": 8.0, "seed": 5}, 8.0)):
+        assert catalogue.ranges(name, parameters) == {
+            "sensor_ranges": [[-reach, reach, ""]],
+            "actuator_ranges": [[0.0, 2 * reach, ""]],
+        }
+    found = catalogue.ranges("gymnasium:Pendulum-v1", {})
+    assert found == {"sensor_ranges": [None, None, [-8, 8, ""]], "actuator_ranges": [[-2, 2, ""]]}
+    assert catalogue.ranges("minisim", {}) == {}
+
+
+def test_ranges_of_groups() -> None:
+    name = "pettingzoo:mpe2.simple_tag_v3?continuous_actions=true"
+    found = catalogue.ranges(name, {}, "adversary")
+    assert found == {"actuator_ranges": [[0, 1, ""]] * 5}
+    assert catalogue.ranges(name, {}) == found

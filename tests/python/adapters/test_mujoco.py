@@ -13,6 +13,7 @@ import pytest
 from swarmwright import Experiment, InputError, optimize, simulate
 from swarmwright.adapters.mujoco import Quadrotors, Rovers
 from swarmwright.adapters.mujoco._arena import Arena
+from swarmwright.simulations.description import describe
 from tests.python.records import same_record
 
 QUARTER = np.pi / 2
@@ -209,3 +210,24 @@ def test_a_film_where_nothing_can_be_drawn(tmp_path: Path, drawn_by: str) -> Non
     assert film.stderr.startswith(f"Error: MuJoCo cannot draw here (MUJOCO_GL={drawn_by}; ")
     assert "install OSMesa (Debian's package libosmesa6)" in film.stderr
     assert film.stderr.count("\n") == 1
+
+
+class Lidar(Rovers):
+    """One with a sensor more, whose names are not those of its base class."""
+
+    sensors = Rovers.sensors + 1
+
+
+def test_sensors_and_actuators_have_names_and_what_they_stand_for() -> None:
+    rovers = describe(Rovers())
+    assert (len(rovers.sensor_names), rovers.sensor_names[2]) == (12, "range 90 degrees")
+    assert rovers.sensor_names[8:] == ("bearing cosine", "bearing sine", "distance", "speed")
+    assert rovers.actuator_names == ("left wheel", "right wheel")
+    assert rovers.actuator_ranges == ((-0.5, 0.5, "m/s"),) * 2
+    assert (rovers.sensor_ranges[10], rovers.sensor_ranges[11]) == (None, (-0.5, 0.5, "m/s"))
+    quadrotors = describe(Quadrotors())
+    assert quadrotors.sensor_names[7:] == ("range 315 degrees", "velocity x", "velocity y")
+    assert quadrotors.actuator_units == quadrotors.sensor_units[8:] == ("m/s", "m/s")
+    own = describe(Lidar())
+    assert (own.sensor_names, own.sensor_ranges) == ((), ())
+    assert own.actuator_names == rovers.actuator_names

@@ -1,11 +1,15 @@
 """Spaces as sensors and actuators: every value comes back, nothing leaves its bounds."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from gymnasium import spaces
 
 from swarmwright import InputError
 from swarmwright.adapters._spaces import actuators, sensors
+from swarmwright.core.errors import SimulationError
+from swarmwright.core.ranges import Range
 
 
 def test_bounded_numbers_are_scaled_and_others_stay() -> None:
@@ -15,8 +19,91 @@ def test_bounded_numbers_are_scaled_and_others_stay() -> None:
     read = sensors(box, "x").read
     assert read([-4.0, -7.0, 2.5, 5.0, 9.0]).tolist() == [-1.0, -7.0, -0.5, 5.0, 9.0]
     act = actuators(box, "x").act
-    assert act(np.ones(5)).tolist() == [4.0, 1.0, 10.0, 5.0, 1.0]
-    assert act(-np.ones(5)).tolist() == [-4.0, -1.0, 0.0, 5.0, -1.0]
+    assert act(np.ones(5)).tolist() == [4.0, 2.0, 10.0, 5.0, 1.0]
+    assert act(-np.ones(5)).tolist() == [-4.0, 0.0, 0.0, 5.0, -1.0]
+
+
+def test_numbers_with_one_bound_reach_the_2_next_to_it() -> None:
+    box = spaces.Box(np.array([0.0, 5.0, -np.inf]), np.array([np.inf, np.inf, -7.0]), dtype=np.float64)
+    act = actuators(box, "x").act
+    values = [act(np.full(3, number)).tolist() for number in (-1.0, 0.0, 1.0)]
+    assert values == [[0.0, 5.0, -9.0], [1.0, 6.0, -8.0], [2.0, 7.0, -7.0]]
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "kind"),
+    [
+        (0, 3, np.int64),
+        (-2, 2, np.int64),
+        (0, 1, np.uint8),
+        (-128, 127, np.int8),
+        (0, 255, np.uint8),
+        (4, 4, np.int32),
+    ],
+)
+def test_integers_have_bins_of_the_same_width(low: int, high: int, kind: Any) -> None:
+    box = spaces.Box(low, high, (1,), kind)
+    act = actuators(box, "x").act
+    rows = (np.arange(25_600) + 0.5) / 12_800 - 1
+    actions = [act(np.array([number])) for number in rows]
+    assert all(map(box.contains, actions))
+    values, counts = np.unique(actions, return_counts=True)
+    assert values.tolist() == list(range(low, high + 1))
+    assert counts.max() - counts.min() <= 1
+    assert [act(np.array([end])).tolist() for end in (-1.0, 1.0)] == [[low], [high]]
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "kind", "ends"),
+    [
+        (-(2**63), 2**63 - 1, np.int64, (-1, 1)),
+        (0, 2**64 - 1, np.uint64, (0, 2)),
+        (2**63 + 5, 2**64 - 1, np.uint64, (2**63 + 5, 2**63 + 7)),
+        (2**63 - 2, 2**63 - 1, np.int64, (2**63 - 2, 2**63 - 1)),
+        (-(2**63), 7, np.int64, (5, 7)),
+    ],
+)
+def test_integers_with_limits_of_64_bits(low: int, high: int, kind: Any, ends: tuple[int, int]) -> None:
+    box = spaces.Box(np.array([low], kind), np.array([high], kind), dtype=kind)
+    act = actuators(box, "x").act
+    actions = [act(np.array([end])) for end in (-1.0, 1.0)]
+    assert tuple(action.tolist()[0] for action in actions) == ends
+    assert all(map(box.contains, actions))
+
+
+@pytest.mark.parametrize(
+    ("space", "seen", "words"),
+    [
+        (
+            spaces.Box(-1, 1, (2,)),
+            np.array([0.5]),
+            r"array\(\[0.5\]\) of the shape \(1,\) is not in Box\(2,\)",
+        ),
+        (spaces.Box(-1, 1, (2,)), "text", "'text' is not in"),
+        (spaces.Box(-1, 1, (2,)), [[1.0], [1.0, 2.0]], "is not in"),
+        (spaces.Discrete(3), -1, r"-1 is not in Discrete\(3\)"),
+        (spaces.Discrete(3), 3, "3 is not in"),
+        (spaces.Discrete(3, start=2), 1, "1 is not in"),
+        (spaces.Discrete(3), 1.5, "1.5 is not in"),
+        (spaces.Discrete(3), None, "None is not in"),
+        (spaces.Discrete(3), float("inf"), "inf is not in"),
+        (spaces.MultiDiscrete([3, 3]), np.array([3, 0]), r"is not in MultiDiscrete\(\[3 3\]\)"),
+        (spaces.MultiDiscrete([3, 3]), np.array([0, -1]), "is not in"),
+        (spaces.MultiDiscrete([3, 3]), np.array([1]), "is not in"),
+        (spaces.MultiBinary(2), [0, 2], r"is not in MultiBinary\(2\)"),
+        (spaces.MultiBinary(2), [0], "is not in"),
+        (spaces.Dict({"a": spaces.Discrete(2)}), {"b": 1}, r"{'b': 1} is not in Dict"),
+        (spaces.Dict({"a": spaces.Discrete(2)}), {"a": 2}, r"2 is not in Discrete\(2\)"),
+        (spaces.Tuple([spaces.Discrete(2)]), (), r"\(\) is not in Tuple"),
+    ],
+)
+def test_an_observation_that_is_not_in_its_space(space: Any, seen: Any, words: str) -> None:
+    with pytest.raises(SimulationError, match=f"^x.*: the observation .*{words}"):
+        sensors(space, "x").read(seen)
+
+
+def test_numbers_may_exceed_their_bounds() -> None:
+    assert sensors(spaces.Box(-1, 1, (2,)), "x").read([3.0, -4.0]).tolist() == [3.0, -4.0]
 
 
 def test_pictures_are_flattened() -> None:
@@ -79,3 +166,20 @@ def test_what_has_no_fixed_size_is_refused() -> None:
         sensors(spaces.Dict({"a": spaces.Text(5)}), "x")
     with pytest.raises(InputError, match="x: a Dict space cannot be steered by actuators"):
         actuators(spaces.Dict({"a": spaces.Discrete(5)}), "x")
+
+
+def test_what_scaled_numbers_stand_for() -> None:
+    box = spaces.Box(np.array([-4.0, -np.inf, 0.0, -1.0]), np.array([4.0, 2.0, 10.0, 1.0]), dtype=np.float64)
+    scaled = (Range(-4, 4), None, Range(0, 10), None)
+    assert sensors(box, "x").ranges == scaled
+    assert actuators(box, "x").ranges == (Range(-4, 4), Range(0, 2), Range(0, 10), None)
+    both = spaces.Dict({"a": spaces.Discrete(2), "b": box, "c": spaces.MultiBinary(2)})
+    assert sensors(both, "x").ranges == (None, None, *scaled, None, None)
+    for choices in (spaces.Discrete(3), spaces.MultiDiscrete([2, 4]), spaces.MultiBinary(2)):
+        made = actuators(choices, "x")
+        assert made.ranges == (None,) * made.width
+        assert sensors(choices, "x").ranges == (None,) * sensors(choices, "x").width
+    whole = actuators(spaces.Box(2, 5, (1,), np.int64), "x")
+    assert whole.ranges == (Range(1.5, 5.5),)
+    for number in np.linspace(-0.99, 0.99, 50):
+        assert whole.act(np.array([number])).tolist() == [round(1.5 + (number + 1) / 2 * 4)]

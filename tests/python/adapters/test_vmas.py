@@ -1,11 +1,14 @@
 """VMAS's scenarios, where it is installed: it brings gigabytes, so it is not among what tests need."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from swarmwright import Experiment, InputError, adapters, evaluate, optimize
+from swarmwright.simulations import catalogue
+from swarmwright.simulations.loading import load
 from swarmwright.testing import check_batch_simulation
 from tests.python.records import same_record
 
@@ -53,3 +56,11 @@ def test_parameters_that_the_scenario_does_not_know() -> None:
     one = Experiment.from_mapping({"simulation": "vmas:navigation", "parameters": {"n_agent": 3}})
     with pytest.raises(InputError, match=r"n_agent: Vmas navigation: .* not used by the scenario"):
         evaluate(one, np.ones((1, one.genome_size), np.float32), servers="in-process")
+
+
+def test_ranges_are_those_of_the_action_spaces() -> None:
+    made: Any = load("vmas:navigation")()
+    limits = list(zip(made._env.action_space[0].low, made._env.action_space[0].high, strict=True))
+    expected = [None if one == (-1, 1) else [*one, ""] for one in limits]
+    found = catalogue.ranges("vmas:navigation", {"max_steps": 5})
+    assert found.get("actuator_ranges", [None] * made.actuators) == expected

@@ -11,6 +11,7 @@ import pytest
 
 from swarmwright import Experiment, InputError, Run, optimize
 from swarmwright.cli._main import run as swarmwright
+from swarmwright.store.lock import Lock
 
 
 def program(*arguments: str, **variables: str) -> "subprocess.CompletedProcess[str]":
@@ -27,6 +28,35 @@ def test_closed_standard_output(finished: Run) -> None:
             ["/bin/sh", "-c", f"{words} {closed}"], capture_output=True, text=True, timeout=60, check=False
         )
         assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+def test_a_run_that_another_process_works_on_is_not_resumed(finished: Run) -> None:
+    """Nothing is printed before that is said."""
+    lock = Lock(finished.path)
+    try:
+        done = program("resume", str(finished.path), "--generations", "9")
+    finally:
+        lock.close()
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == (
+        f"swarmwright: {finished.path}: another process works on this run; wait for it, or stop it\n"
+    )
+
+
+@pytest.mark.parametrize("servers", ["in-process", "1"])
+def test_a_failed_episode_is_explained_once(servers: str, tmp_path: Path) -> None:
+    (tmp_path / "failing.py").write_text(
+        "from swarmwright import Simulation\n\n\n"
+        "class Failing(Simulation):\n"
+        "    sensors = actuators = 1\n"
+        "    step = done = fitness = lambda self, *_: True\n"
+        "    def reset(self, parameters, seed):\n"
+        "        raise ValueError('no start')\n"
+    )
+    (tmp_path / "failing.yaml").write_text(f"simulation: failing.py:Failing\nservers: {servers}\n")
+    done = program("simulate", str(tmp_path / "failing.yaml"))
+    assert done.returncode == 1
+    assert done.stderr.count("ValueError: no start") == 1, done.stderr
 
 
 def test_settings_of_matplotlib_do_not_count(finished: Run, tmp_path: Path) -> None:

@@ -76,7 +76,10 @@ def test_a_terminal_shows_how_far_it_is(run: str, tmp_path: Path, command: tuple
     [
         ((), "nothing to transfer to: name simulations with --to, or parameters with --vary KEY=LOW..HIGH."),
         (("--vary", "speed"), "--vary speed: write KEY=VALUE"),
-        (("--vary", "parameters.speedDefender=0..1"), "did you mean 'speedDefenders'?"),
+        (
+            ("--vary", "parameters.speedDefender=0..1"),
+            "--vary parameters.speedDefender=0..1: unknown parameter of minisim; did you mean",
+        ),
         ((*SLOWER, "--out", "loss.jpg"), "loss.jpg: figures end with .png, .svg or .pdf"),
         ((*SLOWER, "--csv", "loss.txt"), "loss.txt: the table of a transfer ends with .csv"),
         ((*SLOWER, "--out", "nowhere/loss.png"), "there is no folder 'nowhere'"),

@@ -234,3 +234,36 @@ def test_a_real_number_for_a_parameter_of_integers(tmp_path: Path) -> None:
     assert found.startswith(f"{file}:7: controller.parameters.maxSteps: minisim refuses 18.7"), found
     assert found.endswith("; for a parameter of integers write type: integer"), found
     assert "\n" not in found
+
+
+def test_the_parameter_that_is_wrong_is_named(tmp_path: Path) -> None:
+    """Once, also where it is wrong beside each value of the others."""
+    (tmp_path / "world.py").write_text(
+        "from swarmwright import Simulation\n"
+        "class World(Simulation):\n"
+        "    sensors = actuators = 0\n"
+        "    parameters = {'big': False, 'k': 2, 'level': 1}\n"
+        "    metrics = ['score']\n"
+        "    def reset(self, parameters, seed): pass\n"
+        "    def step(self, actuators): pass\n"
+        "    def done(self): return True\n"
+        "    def fitness(self): return 0.0\n"
+    )
+    file = tmp_path / "evolved.yaml"
+    file.write_text(
+        "simulation: world.py:World\n"
+        "fitness: score\n"
+        "controller:\n"
+        "  kind: parameter_set\n"
+        "  parameters:\n"
+        "    k: {type: integer, range: [1, 9]}\n"
+        "    big: {type: integer, range: [0, 1]}\n"
+        "    level: {type: real, range: [0, 5]}\n"
+    )
+    with pytest.raises(InputError) as raised:
+        Experiment.load(file)
+    found = str(raised.value).replace(f"{file}:", "").splitlines()
+    assert [line.partition(" refuses ")[0] for line in found] == ["7: controller.parameters.big: world"] * 2
+    assert [line.partition(" refuses ")[2] for line in found] == [
+        f"{value}: {value} found, expected a boolean" for value in (0, 1)
+    ]

@@ -135,6 +135,7 @@ from swarmwright import Simulation
 class Odd(Simulation):
     title, sensors, actuators = "odd", 2, 1
     sensor_names, actuator_names = ["gr\u00f6\u00dfe", 'a\\\\, "b"'], ["heading"]
+    sensor_units, sensor_ranges, actuator_ranges = ["m", "m"], [(0, 10), None], [(-30, 30, "rad/s")]
 
     def reset(self, parameters, seed):
         self.numbers, self.left = np.random.default_rng(seed), 4
@@ -169,6 +170,18 @@ def test_where_the_run_was_is_not_in_it(program: Any, tmp_path: Path) -> None:
     assert (tmp_path / "one.zip").read_bytes() == (tmp_path / "another.zip").read_bytes()
     files = read(tmp_path / "one.zip")
     assert json.loads(files["evaluation.json"])["experiment"]["simulation"] == "odd.py:Odd"
+    manifest = json.loads(files["manifest.json"])
+    assert manifest["sensors"][0]["range"] == {"low": 0, "high": 10, "unit": "m"}
+    assert "range" not in manifest["sensors"][1]
+    assert manifest["actuators"] == [
+        {
+            "name": "heading",
+            "unit": "",
+            "limits": "-1 to 1 for -30 to 30 rad/s",
+            "range": {"low": -30, "high": 30, "unit": "rad/s"},
+        }
+    ]
+    assert b"-1 to 1 for 0 to 10 m, scaled: " in files["c/controller.h"]
     assert not [name for name, data in files.items() if str(tmp_path).encode() in data]
     assert next(csv.reader(io.StringIO(files["episodes.csv"].decode()))) == [
         "begins", "gr\u00f6\u00dfe", 'a\\, "b"', "heading",

@@ -200,6 +200,22 @@ def test_what_was_exported_is_written_over(program: Any, minisim: Run, tmp_path:
     assert "0 of generation 0" in (tmp_path / "controller" / "controller.h").read_text()
 
 
+def test_prefixes_that_differ_in_case_only_are_refused(program: Any, minisim: Run, tmp_path: Path) -> None:
+    """Guards and enumerations are in capitals: a program could not have both headers."""
+    export = ("export", str(minisim.path), "--output", str(tmp_path / "robot"), "--to")
+    assert program(*export, "c", "--prefix", "leader").returncode == 0
+    before = sorted((tmp_path / "robot").rglob("*"))
+    refused = program(*export, "c", "--prefix", "Leader")
+    assert refused.returncode == 2
+    assert "prefix: 'Leader' differs from 'leader' of " in refused.stderr
+    assert "or write over those files with --prefix leader" in refused.stderr
+    assert sorted((tmp_path / "robot").rglob("*")) == before
+    for prefix in ("leader", "leaders"):
+        assert program(*export, "c", "--prefix", prefix).returncode == 0
+    (tmp_path / "robot" / "follower.h").write_text("/* of a person */")
+    assert program(*export, "c", "--prefix", "Follower").returncode == 0
+
+
 def test_both_dialects_of_python_need_names_of_their_own(program: Any, minisim: Run, tmp_path: Path) -> None:
     export = ("export", str(minisim.path), "--output", str(tmp_path / "robot"), "--to")
     assert program(*export, "python").returncode == 0

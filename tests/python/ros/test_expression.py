@@ -54,3 +54,30 @@ def test_chains_and_functions() -> None:
     assert Expression("1 < a < 3 < b")(values) == 1.0
     assert Expression("sqrt(b) + min(a, b)")(values) == 5.0
     assert math.isclose(Expression("a / b")(values), 2 / 9)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "a > 3\nor b > 8\n",
+        "  a > 3  # far\n    or b > 8  # or heavy\n",
+        "# the end\na > 3 or b > 8",
+        "a > 3 or \\\n  b > 8",
+        "(a > 3) # one )\nor (b > 8)",
+        "a > 3 or b > 8 # two \u2028 parts",
+    ],
+)
+def test_several_lines_and_comments(text: str) -> None:
+    """They are checked as fitness expressions, and have the same values here."""
+    values = {"a": 2.0, "b": 9.0}
+    reference = FitnessExpression(text)
+    expected, _ = reference(np.zeros(1), np.array([[values[name] for name in reference.metrics]]))
+    assert Expression(text)(values) == expected[0] == 1.0
+
+
+@pytest.mark.parametrize("text", ["a) + (b", "a +", "a\n+"])
+def test_brackets_are_not_completed(text: str) -> None:
+    with pytest.raises(ValueError, match="is not a valid expression"):
+        FitnessExpression(text)
+    with pytest.raises(SyntaxError):
+        Expression(text)

@@ -74,6 +74,8 @@ def test_an_object_in_the_place_of_a_class() -> None:
         ("sensor_names", ["x"], "Walk.sensor_names: 1 names found, expected 2"),
         ("sensor_units", ["m"], "Walk.sensor_units: 1 units found, expected 2"),
         ("sensor_names", "xy", "Walk.sensor_names: 'xy' found, expected a list of 2 names"),
+        ("sensor_ranges", [(0, 1)], "Walk.sensor_ranges: 1 ranges found, expected 2"),
+        ("actuator_ranges", [(1, 1)], r"Walk.actuator_ranges: \(1, 1\) found, expected \(low, high\)"),
         ("actuator_names", [1], r"Walk.actuator_names: \[1\] found, expected text only"),
         (
             "determinism",

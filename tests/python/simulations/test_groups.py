@@ -183,6 +183,7 @@ def test_what_a_class_declares_is_checked() -> None:
         ({"a": (1, 1)}, r"groups\['a'\]: \(1, 1\) found"),
         ([1], "expected names with Group"),
         ({"a": Group(1, 2, 1, sensor_names=["x"])}, "sensor_names: 1 found, expected 2"),
+        ({"a": Group(1, 2, 1, sensor_ranges=[(0, 1)])}, "sensor_ranges: 1 ranges found, expected 2"),
     ]:
         kind = type("Wrong", (Pursuit,), {"groups": groups})
         with pytest.raises(InputError, match=message):

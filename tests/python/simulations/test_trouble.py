@@ -56,7 +56,7 @@ TROUBLE = [
 MEASURE = [
     ("measure", r"Walk.measure: {'left': 0} returned, which lacks 'steps'"),
     ("measure text", r"Walk.measure: 'left' returned, expected a mapping from names to numbers"),
-    ("measure nan", r"Walk.measure: 'steps' is None, expected a finite number"),
+    ("measure nan", r"Walk.measure: 'steps' is None, expected a number"),
 ]
 
 
@@ -155,6 +155,48 @@ def test_a_failure_is_reported_once_with_its_traceback() -> None:
     assert 'raise LookupError("no start")' in trace
     acting, rows, done = host.reset({})  # it goes on
     assert (acting.tolist(), rows.shape, done) == ([0, 1], (2, 2), False)
+
+
+class OtherArguments(Walk):
+    """Its methods take other arguments than they get."""
+
+    def reset(self, parameters: Any) -> Any:  # type: ignore[override]
+        return super().reset(parameters, 1)
+
+
+class NoMethods(Walk):
+    """One of its methods is none."""
+
+    done = False  # type: ignore[assignment]
+
+
+class Needing(Walk):
+    """Is made with an argument."""
+
+    def __init__(self, _number: int) -> None: ...
+
+
+def test_methods_with_other_arguments_are_named_with_what_is_expected() -> None:
+    here = r"\(.*test_trouble.py:\d+\)"
+    for kind, words in (
+        (
+            OtherArguments,
+            rf"reset: TypeError: .* but 3 were given {here}; expected reset\(self, parameters, seed\)$",
+        ),
+        (NoMethods, r"done: False is no method \(.*test_trouble.py\); expected done\(self\)$"),
+        (Needing, rf"__init__: TypeError: .*'_number' {here}; expected __init__\(self\)$"),
+    ):
+        with pytest.raises(RunError, match=rf"^{kind.__name__}.{words}"):
+            Host(kind).reset({})
+
+
+def test_a_type_error_within_a_method_has_its_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    def step(self: Walk, actions: Any) -> Any:  # noqa: ARG001
+        return len(None)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(Walk, "step", step)
+    with pytest.raises(RunError, match=r"Walk.step: TypeError: .*has no len\(\) \(.*test_trouble.py:\d+\)$"):
+        simulate(experiment(""), servers="in-process")
 
 
 def test_ctrl_c_in_a_users_code_ends_the_work(monkeypatch: pytest.MonkeyPatch) -> None:

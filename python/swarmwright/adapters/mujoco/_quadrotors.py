@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.adapters.mujoco._robots import SECTORS, Numbers, Robots
+from swarmwright.adapters.mujoco._robots import RANGES, SECTORS, Numbers, Robots
 from swarmwright.simulations.parameters import Parameter
 
 _GRAVITY = 9.81
@@ -50,6 +50,10 @@ class Quadrotors(Robots):
     title = "mujoco quadrotors"
     sensors = SECTORS + 2
     actuators = 2
+    sensor_names = (*RANGES, "velocity x", "velocity y")
+    actuator_names = ("velocity x", "velocity y")
+    sensor_units = (*("",) * SECTORS, "m/s", "m/s")  # 1 is 1 m/s
+    actuator_units = ("m/s", "m/s")
     parameters = {  # noqa: RUF012 - as in the base class
         **Robots.parameters,
         "view": Parameter(

@@ -18,6 +18,8 @@ PILLAR = 0.25
 """Radius of pillars that are placed by the seed, metres."""
 SECTORS, RAYS = 8, 3
 """Range sensors around a robot, and the rays of each, of which the nearest hit counts."""
+RANGES = tuple(f"range {360 * sector // SECTORS} degrees" for sector in range(SECTORS))
+"""Names of range sensors: counterclockwise from straight ahead, or from x."""
 _SEEN = np.array([1, 0, 0, 1, 0, 0], np.uint8)
 """Groups of geoms that range sensors see: all but the floor (1), and what hangs on robots (2)."""
 
@@ -81,6 +83,14 @@ class Robots(Simulation):
     """Opacity of the walls in pictures."""
 
     _made_of: dict[str, Any] | None = None
+
+    def __init_subclass__(cls) -> None:
+        """Forget names, units and ranges of inherited sensors or actuators where a class has others."""
+        super().__init_subclass__()
+        for which in ("sensor", "actuator"):
+            for about in ("names", "units", "ranges"):
+                if f"{which}s" in cls.__dict__ and f"{which}_{about}" not in cls.__dict__:
+                    setattr(cls, f"{which}_{about}", ())
 
     @abstractmethod
     def robot(self, number: int) -> str:

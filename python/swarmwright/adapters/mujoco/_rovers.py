@@ -6,10 +6,12 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.adapters.mujoco._robots import SECTORS, Numbers, Robots
+from swarmwright.adapters.mujoco._robots import RANGES, SECTORS, Numbers, Robots
 
 _FASTEST = 10.0
 """Radians per second of a wheel: half a metre per second."""
+_SPEED = 0.5
+"""Metres per second of a rover whose wheels do that."""
 _ROVER = """
 <body name="robot{i}" pos="0 0 0.051">
   <freejoint/>
@@ -45,6 +47,10 @@ class Rovers(Robots):
     title = "mujoco rovers"
     sensors = SECTORS + 4
     actuators = 2
+    sensor_names = (*RANGES, "bearing cosine", "bearing sine", "distance", "speed")
+    actuator_names = ("left wheel", "right wheel")
+    sensor_ranges = (*(None,) * (SECTORS + 3), (-_SPEED, _SPEED, "m/s"))
+    actuator_ranges = ((-_SPEED, _SPEED, "m/s"), (-_SPEED, _SPEED, "m/s"))
     metrics = {  # noqa: RUF012 - as in the base class
         "distance": "Mean distance of rovers from their middle at the end, metres.",
         "touching": "Share of rovers that touch anything but the floor, mean over the episode.",
@@ -90,7 +96,7 @@ class Rovers(Robots):
         bearing = np.arctan2(way[:, 1], way[:, 0]) - headings
         speed = (self.data.qvel[self._speeds] * ahead).sum(axis=1)
         side = max(self.arena.width, self.arena.depth)
-        rest = (np.cos(bearing), np.sin(bearing), np.hypot(way[:, 0], way[:, 1]) / side, speed / 0.5)
+        rest = (np.cos(bearing), np.sin(bearing), np.hypot(way[:, 0], way[:, 1]) / side, speed / _SPEED)
         return np.column_stack([self.near(headings), *rest])
 
     @property

@@ -16,6 +16,7 @@ from swarmwright.launchers._entries import Entries
 from swarmwright.optimization.loop import OnGeneration
 from swarmwright.optimization.optimize import optimize, resume
 from swarmwright.runs.code import changed_code, check_trusted
+from swarmwright.runs.edits import differences
 from swarmwright.runs.run import Run
 from swarmwright.store import FILE
 from swarmwright.store.folder import check_folder
@@ -48,9 +49,11 @@ class Task:
             check_folder(self.folder)
             return None
         run = Run.open(self.folder)
-        if _same(run.experiment) != _same(self.experiment):
+        differing = differences(_values(run.experiment), _values(self.experiment))
+        if differing:
             raise InputError(
-                f"{self.folder}: holds a run of another experiment; name another folder for the results (out)"
+                f"{self.folder}: holds a run of another experiment: {', '.join(map(str, differing))}; name "
+                "another folder for the results (out)"
             )
         changed = changed_code(run, self.experiment)
         if changed is not None:
@@ -77,7 +80,8 @@ def tasks(sweep: Sweep) -> list[Task]:
     ]
 
 
-def _same(experiment: Experiment) -> str:
+def _values(experiment: Experiment) -> dict[str, Any]:
+    """Return the keys of an experiment that have to be the same in a run of it."""
     values: dict[str, Any] = {
         key: value for key, value in experiment.to_mapping().items() if key not in _NO_MATTER
     }
@@ -87,7 +91,8 @@ def _same(experiment: Experiment) -> str:
         values["simulation"] = parsed.in_file(SimulationName.DEFINITION)
     elif parsed.file is not None:  # the same file in any folder: `changed_code` compares its content
         values["simulation"] = parsed.in_file(parsed.file.name)
-    return json.dumps(values, sort_keys=True, default=str)
+    found: dict[str, Any] = json.loads(json.dumps(values, default=str))  # tuples are lists
+    return found
 
 
 def reason(error: Exception) -> str:

@@ -232,7 +232,7 @@ def test_mistakes_with_arrays_and_solvers(models: Path) -> None:
         ({"start": {"speed": 1.0}}, r"speed of .* has the shape 3 x 2; expected a list of 6 values, not 1"),
         ({"start": {"speed": [1.0] * 4}}, "has the shape 3 x 2, 6 values row by row, but 4 are given"),
         ({"start": {"speed": [[1, 2, 3], [4, 5, 6]]}}, "expected 3 rows of 2 values each"),
-        ({"start": {"speed": [1, 2, 3, 4, 5, "a"]}}, "speed of .* is of the type Float64, not 'a'"),
+        ({"start": {"speed": [1, 2, 3, 4, 5, "a"]}}, "of the type Float64, expected a number, not 'a'"),
         ({"sensors": ["place[4,1]"]}, r"has no variable 'place\[4,1\]'"),
         (
             {"agents": 4, "sensors": ["place[{agent}]"], "actuators": ["speed[{agent}]"]},

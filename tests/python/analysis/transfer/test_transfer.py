@@ -150,7 +150,7 @@ def test_another_simulator_on_a_broker(any_broker: str, foreign: Callable[..., A
         ({}, "nothing to transfer to"),
         ({"to": ["minisin"]}, "^minisin: simulation: unknown simulation 'minisin'; did you mean 'minisim"),
         ({"to": ["emergency_exit"]}, "name a file"),
-        ({"vary": {"parameters.speed": (0, 1)}}, "^pseudo-reality, model 0: parameters.speed=.*unknown"),
+        ({"vary": {"parameters.speed": (0, 1)}}, "^vary: parameters.speed=0..1: unknown"),
     ],
 )
 def test_mistakes_are_found_before_anything_is_evaluated(

@@ -197,7 +197,7 @@ def test_a_finished_run_can_get_one(tmp_path: Path) -> None:
         ({"vary": {"parameters.speedDefenders": 3}}, "must be the lowest and the highest value"),
         (
             {"vary": {"parameters.speedy": [0, 1]}},
-            r"noisy\.yaml:\d+: validate\.vary: pseudo-reality, model 0",
+            r"noisy\.yaml:\d+: validate\.vary: parameters\.speedy=0\.\.1: unknown parameter",
         ),
         ({"vary": {"method.step": [0, 1]}}, "only parameters of the simulation can be varied"),
         ({"pseudo_reality": True}, r"noisy\.yaml:\d+: validate\.pseudo_reality: .*ranges are known"),
