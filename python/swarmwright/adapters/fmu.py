@@ -3,6 +3,7 @@
 import json
 from typing import Any
 
+from swarmwright.adapters._fmu_parameters import announced
 from swarmwright.adapters.command import CommandSimulation
 from swarmwright.commands.definition import CommandOptions
 from swarmwright.commands.fmu_definition import ATTACHMENT, FmuOptions
@@ -21,7 +22,7 @@ class FmuSimulation(CommandSimulation):
         self._definition = FmuOptions.of(self.adapted)
         known = self._definition.description.variables
         self.metrics = list(self._definition.columns)
-        self.parameters = dict(self._definition.announced)
+        self.parameters = dict(announced(self._definition))
         self.max_agents = self._definition.count
         super().__init__()
         for which in ("sensors", "actuators"):

@@ -10,7 +10,6 @@ from pydantic import BeforeValidator, Field, WithJsonSchema, field_validator, mo
 from swarmwright.commands import fmu_checks
 from swarmwright.commands.definition import METRIC_NAME, CommandOptions, Definition
 from swarmwright.commands.fmu_checks import MOST
-from swarmwright.commands.fmu_parameters import FmuParameter
 from swarmwright.commands.reductions import Reduction
 from swarmwright.core.options import Options
 from swarmwright.core.problems import shown
@@ -366,11 +365,6 @@ class FmuOptions(Definition):
             and one.count == 1
             and one.name not in {*self.start, self.seeded, "seed"}
         }
-
-    @property
-    def announced(self) -> dict[str, FmuParameter]:
-        """The parameters, as the simulation declares them."""
-        return {name: FmuParameter.of(one) for name, one in self.parameters.items()}
 
     def named(self) -> Iterator[tuple[str, Sequence[str]]]:
         """See `Definition`."""

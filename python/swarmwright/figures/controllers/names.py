@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Self
 
-
 _LONGEST = 24
 """Letters of a name; of a longer one the beginning is drawn."""
 

@@ -10,6 +10,7 @@ import pytest
 from pythonfmu.builder import FmuBuilder
 
 from swarmwright import Experiment, InputError, optimize
+from swarmwright.adapters._fmu_parameters import announced
 from swarmwright.commands.fmu_definition import FmuOptions
 from swarmwright.fmu.description import described
 from swarmwright.fmu.instances import FmuError, Instance, unpacked
@@ -192,7 +193,7 @@ def test_mistakes(files: Path, name: str, values: dict[str, Any], said: str) -> 
 
 def test_parameters_have_the_limits_of_their_types(files: Path) -> None:
     """0 and 1 of a parameter set are a boolean."""
-    known = FmuOptions(fmu=str(files / "Switches.fmu")).announced
+    known = announced(FmuOptions(fmu=str(files / "Switches.fmu")))
     assert {name: one.kind for name, one in known.items()} == {
         "gain": "number", "count": "integer", "on": "boolean", "label": "string",
     }  # fmt: skip
@@ -210,7 +211,7 @@ def test_parameters_have_the_limits_of_their_types(files: Path) -> None:
     ):
         with pytest.raises(InputError, match=f"{name}: {said}"):
             filled_in(known, {name: value})
-    items = FmuOptions(fmu=str(files / "Types3.fmu")).announced
+    items = announced(FmuOptions(fmu=str(files / "Types3.fmu")))
     assert set(items) == {"first"}
     with pytest.raises(InputError, match="first: 3 found, expected one of -2, 1, 4"):
         filled_in(items, {"first": 3})

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import Any
 
+from swarmwright.commands.fmu_definition import FmuOptions
 from swarmwright.fmu.description import Variable
 from swarmwright.fmu.values import expected, fits, native
 from swarmwright.simulations.parameters import Parameter
@@ -45,3 +46,8 @@ class FmuParameter(Parameter):
         if value is None or isinstance(value, str):
             return value
         return float(value) if self.variable.is_real else native(self.variable, value)
+
+
+def announced(definition: FmuOptions) -> dict[str, FmuParameter]:
+    """Return the parameters of an FMU, as its simulation declares them."""
+    return {name: FmuParameter.of(one) for name, one in definition.parameters.items()}
