@@ -61,9 +61,12 @@ class Lock:
 
 
 def check_free(folder: Path) -> None:
-    """Raise InputError where a process works on the run now."""
-    if is_locked(folder):
-        raise _taken(folder)
+    """Raise InputError where a process works on the run, and does not end at once."""
+    deadline = time.monotonic() + _PATIENCE
+    while is_locked(folder):
+        if time.monotonic() > deadline:
+            raise _taken(folder)
+        time.sleep(_PATIENCE / 10)
 
 
 def _taken(folder: Path) -> InputError:
