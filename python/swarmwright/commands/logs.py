@@ -156,7 +156,8 @@ def _agent(name: str, file: Path | bytes, _wanted: Collection[str]) -> Iterator[
 
 
 def _json_lines(name: str, file: Path | bytes, _wanted: Collection[str]) -> Iterator[Row]:
-    for number, line in enumerate(_text(name, file).splitlines(), 1):
+    # Text in JSON may have other ends of lines, such as U+2028, within it.
+    for number, line in enumerate(_text(name, file).split("\n"), 1):
         if line.strip():
             yield f"{name}:{number}", _object(f"{name}:{number}", _parsed(f"{name}:{number}", line))
 
@@ -173,12 +174,17 @@ def _parsed(place: str, text: str) -> Any:  # noqa: ANN401 - any JSON value
         return json.loads(text)
     except ValueError as error:
         raise CommandFailure(f"{place}: is not valid JSON: {error}; was the log cut off?") from None
+    except RecursionError:
+        raise CommandFailure(f"{place}: is JSON that is nested too deeply") from None
 
 
 def _object(place: str, value: Any) -> dict[str, Any]:  # noqa: ANN401 - any JSON value
     if not isinstance(value, dict):
         raise CommandFailure(f"{place}: holds no object, {{..}}")
-    return dict(flat(value))
+    try:
+        return dict(flat(value))
+    except RecursionError:
+        raise CommandFailure(f"{place}: is JSON that is nested too deeply") from None
 
 
 def flat(values: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:

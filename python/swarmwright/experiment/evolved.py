@@ -65,18 +65,18 @@ def unknown(simulation: str, names: Iterable[str]) -> Iterator[tuple[str, str]]:
 def _refusals(
     simulation: str, fixed: Mapping[str, Any], evolved: Mapping[str, Parameter]
 ) -> Iterator[tuple[Path_, str]]:
-    told = set()  # one that is wrong by itself is so beside each value of the others
+    found: dict[tuple[str, str], tuple[Any, str]] = {}
     for name, _, values in _corners(fixed, evolved):
         problem = catalogue.parameters_problem(simulation, values)
         if problem is None:
             continue
         wrong, reason = _named(problem, name, evolved)
-        refused = values[wrong]
-        if (wrong, repr(refused)) in told:
-            continue
-        told.add((wrong, repr(refused)))
+        # One that is wrong by itself is so beside each value of the others.
+        found.setdefault((wrong, repr(values[wrong])), (values[wrong], reason))
+    for (wrong, _), (refused, reason) in found.items():
         hint, one = "", evolved[wrong]
-        if isinstance(one, RealParameter) and refused not in _limits(one):
+        # Where a limit is refused as well, that the number between them has a fraction is not what is wrong.
+        if isinstance(one, RealParameter) and all((wrong, repr(end)) not in found for end in _limits(one)):
             hint = "; for a parameter of integers write type: integer"
         yield (*_AT, wrong), f"{catalogue.title(simulation)} refuses {refused!r}: {reason}{hint}"
 

@@ -22,6 +22,8 @@ SECTIONS = ("problem", "method", "representation", "ranking")
 _TO_FILL_IN = re.compile("-[A-Z_]+-")
 """The placeholder of a value in the templates of FREVO's evaluation scripts."""
 _MOST_NODES = 10_000
+_DIGITS = len(str(_MOST_NODES))
+"""Of a number that may be small enough; Python refuses to read one with thousands."""
 _ROOT = "frevo"
 """The outermost element."""
 
@@ -168,9 +170,10 @@ def attribute_number(element: Element, name: str) -> float:
 def attribute_count(element: Element, name: str) -> int:
     """Return an attribute that counts or numbers nodes; raise InputError for others."""
     text = element.attribute(name)
-    if not text.isascii() or not text.isdigit() or int(text[:9]) > _MOST_NODES:
+    digits = text.lstrip("0") if text.isascii() and text.isdigit() else "x"
+    if digits == "x" or len(digits) > _DIGITS or int(digits or 0) > _MOST_NODES:
         raise element.error(f"{name} {text[:40]!r} found, expected a whole number of at most {_MOST_NODES}")
-    return int(text)
+    return int(digits or 0)
 
 
 def members(root: Element) -> Iterator[Element]:

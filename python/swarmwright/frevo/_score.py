@@ -17,6 +17,8 @@ from swarmwright.frevo._networks import Network, networks
 from swarmwright.frevo._problem import problem_parameters
 from swarmwright.frevo._representations import RELU, SIGMOID
 
+_MOST_EPISODES = 100_000
+"""As in experiments."""
 _NEAT = (
     "NEAT: children share their genes with their parents in FREVO, whose mutations change both: a network in "
     "the file may be another one than that which got the fitness. Weights are rounded to 32 bits"
@@ -92,6 +94,10 @@ def score(path: str | Path, *, field: str | Path | None = None) -> Scores:
     notes += _notes(session.representation)
     first: int = parameters.pop("seed", 0)
     episodes = next(line.value for line in ranking if line.key == "episodes")
+    if episodes > _MOST_EPISODES:
+        raise session.problem.error(
+            "NumberofEvaluations", f"{episodes} found, expected a whole number of at most {_MOST_EPISODES}"
+        )
     results = np.empty((len(found), episodes))
     try:
         with engine_errors():

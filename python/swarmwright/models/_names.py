@@ -1,9 +1,9 @@
 """Names of a model and names of a simulation: the same one, written differently."""
 
-import re
 from collections.abc import Iterable
 from typing import Any
 
+from swarmwright.core.alike import alike, folded
 from swarmwright.core.suggestions import did_you_mean
 from swarmwright.simulations import catalogue
 
@@ -13,15 +13,10 @@ AGENTS = ("numAgents", "robots")
 """Parameters of built-in simulations with the number of agents."""
 
 
-def folded(name: str) -> str:
-    """Return a name without case and signs: `numAgents`, `num_agents` and `Num Agents` are the same."""
-    return re.sub(r"[^a-z0-9]", "", name.lower())
-
-
 def title_of(names: Iterable[str]) -> str | None:
     """Return the built-in simulation that has one of these names; None for no one."""
-    by_folded = {folded(title): title for title in catalogue.titles()}
-    return next((by_folded[folded(name)] for name in names if folded(name) in by_folded), None)
+    titles = list(catalogue.titles())
+    return next((titles[found[0]] for name in names if (found := alike(name, titles))), None)
 
 
 class Known:
@@ -38,15 +33,22 @@ class Known:
         return None if self.description is None else (self.description["parameters"] or None)
 
     def name(self, name: str) -> str | None:
-        """Return what the simulation calls a parameter; None if it has none like it."""
-        known = self.parameters
-        if known is None:
+        """Return what the simulation calls a parameter; None if it has none like it, or several."""
+        if self.parameters is None:
             return name
-        by_folded = {folded(one): one for one in known}
+        found = self._like(name)
+        return found[0] if len(found) == 1 else None
+
+    def is_ambiguous(self, name: str) -> bool:
+        """Whether the simulation has several parameters that a name may stand for."""
+        return len(self._like(name)) > 1
+
+    def _like(self, name: str) -> list[str]:
+        known = list(self.parameters or ())
         for candidate in (name, *_ALIASES.get(folded(name), ())):
-            if folded(candidate) in by_folded:
-                return by_folded[folded(candidate)]
-        return None
+            if found := alike(candidate, known):
+                return [known[index] for index in found]
+        return []
 
     @property
     def agents(self) -> str | None:
@@ -56,5 +58,8 @@ class Known:
         )
 
     def missing(self, name: str) -> str:
-        """Say that there is no such parameter."""
+        """Say that there is no such parameter, or more than one."""
+        if self.is_ambiguous(name):
+            which = " or ".join(map(repr, self._like(name)))
+            return f"{name!r} may be the parameter {which} of {self.simulation}; write one of these names"
         return f"{self.simulation} has no parameter {name!r}{did_you_mean(name, self.parameters or ())}"

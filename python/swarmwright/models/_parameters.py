@@ -3,9 +3,10 @@
 from dataclasses import dataclass, field
 from typing import Any, Self
 
+from swarmwright.core.alike import alike
 from swarmwright.core.untrusted import one_line
 from swarmwright.models._model import Model
-from swarmwright.models._names import Known, folded
+from swarmwright.models._names import Known
 from swarmwright.models._parts import Optimised, Problems
 
 
@@ -27,7 +28,8 @@ class Parameters:
 
         evolved: whether its optimised parameters are evolved; else they keep the simulation's defaults.
 
-        Raises InputError when an optimised parameter is none of the simulation's, or two are the same one.
+        Raises InputError when an optimised parameter is none of the simulation's, two are the same one, or a
+        name may stand for several.
         """
         found = cls()
         found._take_properties(model, known)
@@ -40,14 +42,22 @@ class Parameters:
         return found
 
     def _take_properties(self, model: Model, known: Known) -> None:
+        problems = Problems()
+        named = [(one.name, one.place) for one in model.properties]
+        if known.agents is None:
+            named += [(one.name, one.place) for one in model.members]
+        for name, place in named:
+            if known.is_ambiguous(name):
+                problems.add(place, known.missing(name))
+        problems.stop()
         for one in model.properties:
-            name = known.name(one.name)
-            if name is None:
+            own = known.name(one.name)
+            if own is None:
                 self.left_out.append(
                     f"{one_line(one.name)} = {one_line(str(one.value))}: {known.missing(one.name)}"
                 )
             else:
-                self.fixed[name] = one.value, f"{one.name}, {one.place.file.name}:{one.place.line}"
+                self.fixed[own] = one.value, f"{one.name}, {one.place.file.name}:{one.place.line}"
 
     def _take_members(self, model: Model, known: Known) -> None:
         if not model.members:
@@ -82,9 +92,14 @@ class Parameters:
 
     def _take_optimised(self, model: Model, known: Known) -> None:
         problems = Problems()
-        members = {folded(member.name): member for member in model.members}
+        names = [member.name for member in model.members]
         for one in model.optimised:
-            member = members.get(folded(one.name))
+            found = alike(one.name, names)
+            if len(found) > 1:
+                which = " or ".join(repr(names[index]) for index in found)
+                problems.add(one.place, f"{one.name!r} may be the agents {which}; write one of these names")
+                continue
+            member = model.members[found[0]] if found else None
             name = known.name(one.name)
             if member is not None and len(model.members) == 1:
                 name = known.agents or name  # the number of agents is what is optimised

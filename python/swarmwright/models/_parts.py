@@ -8,6 +8,8 @@ from typing import Any
 from swarmwright.core.errors import InputError
 from swarmwright.scxml import StateMachine
 
+_LARGEST_INTEGER = 1 << 24
+
 
 @dataclass(frozen=True)
 class Place:
@@ -48,14 +50,16 @@ class Optimised:
 
     @property
     def whole(self) -> bool:
-        """Whether the simulation gets whole numbers."""
-        return self.scale == 1 and isinstance(self.low, int) and isinstance(self.high, int)
+        """Whether the simulation gets whole numbers, of which each is a 32-bit float."""
+        largest = max(abs(self.low), abs(self.high)) * self.scale
+        whole = isinstance(self.low, int) and isinstance(self.high, int) and self.scale.is_integer()
+        return whole and largest <= _LARGEST_INTEGER
 
     @property
     def range(self) -> list[int | float]:
         """Lowest and highest number that the simulation gets."""
         if self.whole:
-            return [self.low, self.high]
+            return [int(bound * self.scale) for bound in (self.low, self.high)]
         return [float(f"{bound * self.scale:.9g}") for bound in (self.low, self.high)]
 
 

@@ -9,6 +9,7 @@ from xml.sax.saxutils import escape, unescape
 
 from swarmwright import scxml
 from swarmwright.core import json_source
+from swarmwright.core.alike import alike
 from swarmwright.core.errors import InputError
 from swarmwright.core.files import read_bytes
 from swarmwright.export.scxml import Scxml
@@ -17,7 +18,7 @@ from swarmwright.export.writing import write
 from swarmwright.models import sysml
 from swarmwright.models._files import files_of
 from swarmwright.models._files import load as load_part
-from swarmwright.models._names import Known, folded
+from swarmwright.models._names import Known
 from swarmwright.models._parts import Optimised, Part
 from swarmwright.runs.run import Run
 
@@ -26,6 +27,15 @@ CANDIDATE = "candidate.json"
 _LARGEST = 1 << 28
 _COMMENT = re.compile(r"<!--.*?-->|<!\[CDATA\[.*?\]\]>", re.DOTALL)
 _TAG = re.compile(r"<(?:[\w.-]+:)?(SwarmMember|swarmMember|propentry)\b(?:[^>\"']|\"[^\"]*\"|'[^']*')*>")
+
+_STARTS = {
+    b"\xef\xbb\xbf": "utf-8",
+    b"\xff\xfe": "utf-16-le",
+    b"\xfe\xff": "utf-16-be",
+    b"<\0": "utf-16-le",
+    b"\0<": "utf-16-be",
+}
+_DECLARED = re.compile(rb"<\?xml[^>]*?\sencoding\s*=\s*[\"']([A-Za-z][\w.-]*)")
 
 Values = dict[str, Any]
 """What the simulation gets, by the name that it has for each."""
@@ -91,7 +101,7 @@ def _only_member(parts: list[Part]) -> str | None:
 def _value(values: Values, known: Known, name: str, alone: str | None) -> Any:  # noqa: ANN401 - a number or text
     """Return the value of a parameter, or of the number of members; None where it was not evolved."""
     own = known.name(name)
-    if alone is not None and folded(name) == folded(alone):
+    if alone is not None and alike(name, [alone]):
         own = known.agents or own
     return values.get(own) if own is not None else None
 
@@ -130,14 +140,20 @@ def _optimised(part: Part, value: Callable[[str], Any]) -> str | None:
         one = by_name[entry["name"].strip()]
         number = value(one.name)
         if number is not None:
-            entry["value"] = number if one.whole else float(f"{number / one.scale:.9g}")
+            exact = one.whole and number % one.scale == 0
+            entry["value"] = int(number // one.scale) if exact else float(f"{number / one.scale:.9g}")
             found = True
     return json.dumps(document, indent=2, ensure_ascii=False) + "\n" if found else None
 
 
-def _tags(path: Path, value: Callable[[str], Any]) -> str:
-    """Return XML in which attributes have other values; all else stays as it is."""
-    text = read_bytes(path, _LARGEST).decode("utf-8-sig")
+def _tags(path: Path, value: Callable[[str], Any]) -> bytes:
+    """Return XML in which attributes have other values; all else stays as it is, the encoding too."""
+    data = read_bytes(path, _LARGEST)
+    encoding = _encoding(data)
+    try:
+        text = data.decode(encoding)
+    except (LookupError, UnicodeDecodeError):
+        raise InputError(f"{path}: is not in the encoding {encoding}, which it should have") from None
     hidden = [match.span() for match in _COMMENT.finditer(text)]
 
     def replaced(match: re.Match[str]) -> str:
@@ -148,7 +164,20 @@ def _tags(path: Path, value: Callable[[str], Any]) -> str:
         found = None if name is None else value(name.strip())
         return match[0] if found is None else _with(match[0], set_, str(found))
 
-    return _TAG.sub(replaced, text)
+    # An encoding may lack characters of a value; XML has them by number.
+    return _TAG.sub(replaced, text).encode(encoding, "xmlcharrefreplace")
+
+
+def _encoding(data: bytes) -> str:
+    """Return the encoding of XML by its first bytes, or as its declaration says.
+
+    A mark at the beginning is a character of these encodings, which stays in the text.
+    """
+    for start, encoding in _STARTS.items():
+        if data.startswith(start):
+            return encoding
+    declared = _DECLARED.match(data)
+    return "utf-8" if declared is None else declared[1].decode("ascii")
 
 
 def _pattern(name: str) -> re.Pattern[str]:

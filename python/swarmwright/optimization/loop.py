@@ -477,7 +477,7 @@ class Loop:
     def _check(self, fitness: Fitness, generation: int, results: Results) -> None:
         failed = np.flatnonzero(np.isnan(fitness))
         if len(failed) == len(fitness) >= self._method.contenders:
-            raise RunError(f"every candidate of generation {generation} failed{_why(results)}")
+            raise RunError(f"every candidate of generation {generation} failed{_why(results, self._ranking)}")
         if len(failed) and self._ranking.options.failed == "stop":
             raise RunError(
                 f"candidate {failed[0]} of generation {generation} failed, and ranking.failed says stop"
@@ -536,9 +536,12 @@ def strayed(reader: StoreReader, generation: int) -> str:
     )
 
 
-def _why(results: Results) -> str:
+def _why(results: Results, ranking: Ranking) -> str:
     """Return why candidates failed none of whose episodes did; empty where another reason is known."""
-    if results.journal.errors or not np.isfinite(results.fitness).all():
+    failed = ~np.isfinite(results.fitness)
+    if isinstance(ranking, Race):  # those that were dropped went through some of their episodes only
+        failed &= np.arange(failed.shape[1]) < ranking.ran(results.fitness)[:, np.newaxis]
+    if results.journal.errors or failed.any():
         return ""
     return (
         ": all of their episodes worked, but what the ranking makes of them is no finite number, such as a "

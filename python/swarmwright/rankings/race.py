@@ -10,11 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from swarmwright.core import statistics
 from swarmwright.core.race_tests import Test, survivors
 from swarmwright.rankings._base import Ranking, RankingOptions
 from swarmwright.typing import Fitness
 
 Episodes = NDArray[np.float64]
+_MOST = sys.float_info.max
 Rounds = Generator[tuple[NDArray[np.intp], slice], Episodes, Fitness]
 """Yields candidates and the episodes that they go through, takes what came out; returns their fitness."""
 
@@ -95,7 +97,8 @@ class Race(Ranking):
             failed[alive[~whole]] = True
             alive, done = alive[whole], upto
             if done < count and len(alive) > 1:
-                alive = alive[survivors(episodes[alive, :done].T, options.test, options.level)]
+                scores = _compared(episodes[alive, :done].T, options.test)
+                alive = alive[survivors(scores, options.test, options.level)]
         return self._fitness(episodes, length, failed)
 
     def score(self, episodes: Episodes, genomes: NDArray[np.float32] | None = None) -> Fitness:  # noqa: ARG002
@@ -123,7 +126,7 @@ class Race(Ranking):
         # Those that were left may all have failed in the end.
         longest = int(length[~failed].max(initial=0))
         leading = ~failed & (length == longest)
-        with np.errstate(over="ignore", invalid="ignore"):  # what overflows has failed
+        with np.errstate(over="ignore"):  # of what is cut off at the largest number
             reference = _mean(episodes[leading, :longest]) if longest else np.empty(0)
             least = np.inf
             for upto in sorted(set(length[~failed].tolist()), reverse=True):
@@ -132,11 +135,10 @@ class Race(Ranking):
                 if leading[rows[0]]:
                     values = own
                 else:
-                    easier = reference - _mean(episodes[leading, :upto])
-                    values = np.minimum(own + _mean(easier[np.newaxis])[0], _below(least))
+                    easier = np.clip(reference - _mean(episodes[leading, :upto]), -_MOST, _MOST)
+                    values = np.clip(own + _mean(easier[np.newaxis])[0], -_MOST, _below(least))
                 fitness[rows] = values + 0.0
                 least = min(least, float(np.min(values)))
-        fitness[~np.isfinite(fitness)] = np.nan
         return fitness
 
     def _score(self, episodes: Sequence[Sequence[float]]) -> Fitness:
@@ -146,10 +148,25 @@ class Race(Ranking):
 
 def _below(value: float) -> float:
     """Return the next smaller number; of the least one, and of what is not finite, the same."""
-    return max(math.nextafter(value, -math.inf), -sys.float_info.max) if math.isfinite(value) else value
+    return max(math.nextafter(value, -math.inf), -_MOST) if math.isfinite(value) else value
+
+
+def _compared(scores: Episodes, test: Test) -> Episodes:
+    """Return scores whose differences are finite, in a t-test their squares, too.
+
+    What a test finds does not depend on a factor, which is a power of two and therefore exact.
+    """
+    most = 1000 if test == "friedman" else 400
+    exponent = int(np.frexp(np.abs(scores).max())[1])
+    found: Episodes = np.ldexp(scores, most - exponent) if exponent > most else scores
+    return found
 
 
 def _mean(rows: Episodes) -> Fitness:
     """Return the mean of each row, added one after the other."""
-    found: Fitness = np.add.accumulate(rows, axis=1)[:, -1] / rows.shape[1]
+    with np.errstate(over="ignore", invalid="ignore"):
+        found: Fitness = np.add.accumulate(rows, axis=1)[:, -1] / rows.shape[1]
+    # Where the sum is too large, the mean is not.
+    for row in np.flatnonzero(~np.isfinite(found) & np.isfinite(rows).all(axis=1)):
+        found[row] = statistics.mean(rows[row].tolist())
     return found

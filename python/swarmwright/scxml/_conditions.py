@@ -21,6 +21,9 @@ _DEEPEST = 100
 _LARGEST = float(np.finfo(np.float32).max)
 _WORDS = {"&&": " and ", "||": " or ", "!==": "!=", "===": "==", "true": " True ", "false": " False "}
 _WORD = re.compile(r"&&|\|\||!==|!=|===|!|\btrue\b|\bfalse\b")
+_STRING = re.compile(r"'[^']*'|\"[^\"]*\"")
+_NEGATION = re.compile(r"!\s*\(")
+_COMPARISON = re.compile(r"\s*(?:[<>]|[=!]=)")
 _BINARY: dict[type[ast.operator], Callable[[float, float], float]] = {
     ast.Add: operator.add,
     ast.Sub: operator.sub,
@@ -72,6 +75,14 @@ def parse(text: str) -> ast.expr:
     """Return an expression as a tree. Raises ConditionError where it is none."""
     if len(text) > _LONGEST:
         raise ConditionError(f"has {len(text)} characters; at most {_LONGEST} are possible")
+    plain_text = _STRING.sub(lambda found: found[0][0] + " " * (len(found[0]) - 2) + found[0][0], text)
+    if "#" in plain_text:
+        raise ConditionError(f"{text!r}: # begins no comment here, and is no operator; leave it out")
+    if (negated := _negated_and_compared(plain_text)) is not None:
+        raise ConditionError(
+            f"{text!r}: {negated} is negated first, and then compared; write all that is negated in "
+            "brackets, !(x > 0.5)"
+        )
     if re.search(r"!(?![=\s(]|\s+\()", text):
         raise ConditionError(f"{text!r}: write what is negated in brackets, !(..)")
     plain = _WORD.sub(lambda found: _WORDS.get(found[0], found[0] if found[0] == "!=" else " not "), text)
@@ -81,6 +92,24 @@ def parse(text: str) -> ast.expr:
             return ast.parse(plain.strip(), mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError):
         raise ConditionError(f"{text!r} is not a valid expression") from None
+
+
+def _negated_and_compared(text: str) -> str | None:
+    """Return a negation in brackets that a comparison follows, which Python would negate; None for none.
+
+    ECMAScript compares the negation, true or false, with what follows.
+
+    text: without what is inside of strings.
+    """
+    for found in _NEGATION.finditer(text):
+        depth = 0
+        for end in range(found.end() - 1, len(text)):
+            depth += (text[end] == "(") - (text[end] == ")")
+            if not depth:
+                if _COMPARISON.match(text, end + 1):
+                    return text[found.start() : end + 1]
+                break
+    return None
 
 
 def constant(node: ast.expr, constants: Mapping[str, float], depth: int = 0) -> float:

@@ -2,12 +2,14 @@
 
 import ast
 import re
+import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+from swarmwright.core.alike import alike
 from swarmwright.core.errors import InputError
 from swarmwright.core.suggestions import unknown
 from swarmwright.scxml._chart import Assignment, Event, State, Transition
@@ -22,6 +24,7 @@ from swarmwright.scxml._conditions import (
 )
 from swarmwright.scxml._steps import Edge, matches
 from swarmwright.scxml._table import table
+from swarmwright.scxml._write import identifiers
 
 EVENT = "step"
 """The event of each control step, at which sensors have new values."""
@@ -77,9 +80,9 @@ class StateMachine:
         ).specification()
 
 
-def folded(name: str) -> str:
-    """Return a name as it is compared: `goal x`, `goal_x` and `goalX` are the same."""
-    return re.sub(r"[^a-z0-9]", "", name.lower())
+def in_expression(name: str) -> str:
+    """Return a name as Python's parser gives it, in Unicode's form NFKC."""
+    return unicodedata.normalize("NFKC", name)
 
 
 class _Resolved:
@@ -89,11 +92,12 @@ class _Resolved:
         self.machine = machine
         self.sensors, self.actuators = sensors, actuators
         self.problems: list[str] = []
-        assigned = {folded(name) for name in machine.assigned}
+        self.exported = self._exported()
+        self.first = self._first_numbers()
         self.constants = {
-            name: value
+            in_expression(name): value
             for name, value in machine.declared.items()
-            if value is not None and folded(name) not in assigned
+            if value is not None and name not in self.first
         }
         self.all = {one.name: one for one in machine.root.all()}
         self.given = self._given()
@@ -124,18 +128,40 @@ class _Resolved:
         edges = {id(one): self._edge(state, one) for state in states for one in state.all_transitions}
         return edges, self._outputs()
 
+    def _exported(self) -> dict[str, dict[str, int]]:
+        """Return what identifiers stand for, of sensors and of actuators, in a file that was exported.
+
+        Such a file declares each identifier that the export makes of the names; others have none.
+        """
+        words = identifiers([*self.sensors, *self.actuators], list(self.machine.states))
+        if not set(words) <= set(self.machine.declared):
+            return {}
+        count = len(self.sensors)
+        return {
+            "sensor": {word: index for index, word in enumerate(words[:count])},
+            "actuator": {word: index for index, word in enumerate(words[count:])},
+        }
+
+    def _first_numbers(self) -> dict[str, float]:
+        """Return the data that are first numbers of actuators: named as what is assigned, or like it."""
+        assigned = self.machine.assigned
+        # What is declared itself has no other data that are only like it.
+        others = [name for name in assigned if name not in self.machine.declared]
+        return {
+            name: value
+            for name, value in self.machine.declared.items()
+            if value is not None and (name in assigned or alike(name, others))
+        }
+
     def _initial(self) -> list[tuple[str, float]]:
         """Return the numbers that declared actuators have before anything is assigned."""
-        found = []
-        for name, value in self.machine.declared.items():
-            if value is not None and name not in self.constants:
-                if abs(value) > 1:
-                    self.problems.append(
-                        f"{self.machine.path}: <data>: {name} is {value:g}, expected -1 to 1, the range of "
-                        "an actuator"
-                    )
-                found.append((name, value))
-        return found
+        for name, value in self.first.items():
+            if abs(value) > 1:
+                self.problems.append(
+                    f"{self.machine.path}: <data>: {name} is {value:g}, expected -1 to 1, the range of "
+                    "an actuator"
+                )
+        return list(self.first.items())
 
     def _stop(self) -> None:
         if self.problems:
@@ -147,15 +173,15 @@ class _Resolved:
         for state in self.machine.root.all():
             for one in state.actions:
                 if isinstance(one, Assignment):
-                    number = self._numbered(one.actuator)
-                    if number < 0:
+                    number = self._number(one.actuator, self.actuators, "actuator", one.line)
+                    if number is None:
                         self._unknown(one.line, "actuator", one.actuator, self.actuators)
-                    found[id(one)] = (number, one.value)
+                    found[id(one)] = (-1 if number is None else number, one.value)
         return found
 
     def _numbered(self, actuator: str) -> int:
         """Return the number of an actuator, -1 for none."""
-        number = self._number(actuator, self.actuators, "actuators")
+        number = self._number(actuator, self.actuators, "actuator")
         return -1 if number is None else number
 
     def _edge(self, source: State, one: Transition) -> Edge:
@@ -187,7 +213,7 @@ class _Resolved:
                 return True
             if any(matches(event, given) for given in self.given):
                 continue
-            number = self._number(event, self.sensors, "sensors")
+            number = self._number(event, self.sensors, "sensor", one.line)
             if number is None:
                 self._unknown(one.line, "event", event, ["step", *sorted(self.given), *self.sensors])
             else:
@@ -208,7 +234,7 @@ class _Resolved:
     def _sensor(self, line: int, node: ast.expr) -> int | None:
         match node:
             case ast.Name(id=name) if name not in self.constants:
-                number = self._number(name, self.sensors, "sensors")
+                number = self._number(name, [in_expression(one) for one in self.sensors], "sensor", line)
                 if number is None:
                     self._unknown(line, "sensor", name, self.sensors)
                 return 0 if number is None else number
@@ -226,12 +252,26 @@ class _Resolved:
                 return 0
         return None
 
-    def _number(self, name: str, names: list[str], what: str) -> int | None:
-        indexed = re.fullmatch(rf"{what}?\[(\d{{1,6}})\]", name)
+    def _number(self, name: str, names: list[str], what: str, line: int | None = None) -> int | None:
+        """Return the number of a sensor or an actuator; None for none.
+
+        what: `sensor` or `actuator`. line: where an ambiguous name is reported, the first of them is taken.
+        """
+        indexed = re.fullmatch(rf"{what}s?\[(\d{{1,6}})\]", name)
         if indexed is not None and int(indexed[1]) < len(names):
             return int(indexed[1])
-        by_folded = {folded(one): index for index, one in enumerate(names)}
-        return by_folded.get(folded(name))
+        exported = self.exported.get(what, {})
+        if name in exported:
+            return exported[name]
+        found = alike(name, names)
+        if len(found) > 1 and line is not None:
+            written = self.sensors if what == "sensor" else self.actuators
+            which = " or ".join(repr(written[index]) for index in found)
+            instead = " or ".join(f"{what}s[{index}]" for index in found)
+            self.problems.append(
+                f"{self.machine.path}:{line}: the {what} {name!r} may be {which}; write {instead}"
+            )
+        return found[0] if found else None
 
     def _unknown(self, line: int, what: str, name: str, names: list[str]) -> None:
         self.problems.append(f"{self.machine.path}:{line}: {unknown(what, name, names)}")

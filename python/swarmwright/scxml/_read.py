@@ -11,12 +11,18 @@ from swarmwright.core.xml import Element
 from swarmwright.core.xml import read as read_xml
 from swarmwright.scxml._chart import Action, Assignment, Event, State, Transition
 from swarmwright.scxml._conditions import ConditionError, constant, parse
-from swarmwright.scxml._machine import EVENT, StateMachine
+from swarmwright.scxml._machine import EVENT, StateMachine, in_expression
 from swarmwright.scxml._steps import matches
 
 _BARE = re.compile(rb"<state\s*>")
 _LARGEST = 1 << 28
 _IGNORED = frozenset({"log"})
+_NAMESPACE = "http://www.w3.org/2005/07/scxml"
+_EDITORS = frozenset({"http://www.qt.io/2015/02/scxml-ext"})
+"""Namespaces of what editors note for themselves, which is ignored wherever it is."""
+_ACTING = frozenset({"onentry", "onexit", "transition"})
+"""Elements in which those of other namespaces may be actions."""
+_DATA = '<data id="NAME" expr="0.5"/>'
 _INSTEAD = {
     "invoke": 'actions of ROS are not computed by controllers; assign actuators: <assign location="heading" '
     'expr="0.5"/>',
@@ -53,6 +59,45 @@ def read(path: Path) -> StateMachine:
     return _Reader(path, root).machine()
 
 
+class _Namespaces:
+    """Elements without the prefixes of their namespaces, and without those that are not SCXML's."""
+
+    def __init__(self, root: Element) -> None:
+        # Whatever the outermost element's namespace is, files without the usual one are read as well.
+        self.own = {_NAMESPACE, self._named(root, {}), ""}
+        self.problems: list[str] = []
+        self._take(root, {}, "")
+
+    @staticmethod
+    def _declared(element: Element, known: dict[str, str]) -> dict[str, str]:
+        """Return the namespaces inside of an element, by prefix; the default one has none."""
+        found = {
+            key.removeprefix("xmlns").removeprefix(":"): value
+            for key, value in element.attributes.items()
+            if key == "xmlns" or key.startswith("xmlns:")
+        }
+        return {**known, **found} if found else known
+
+    def _named(self, element: Element, known: dict[str, str]) -> str:
+        """Return an element's namespace; empty for none, or for a prefix that is not declared."""
+        prefix = element.tag.rpartition(":")[0]
+        return self._declared(element, known).get(prefix, "")
+
+    def _take(self, element: Element, known: dict[str, str], inside: str) -> bool:
+        """Whether an element is kept, without its prefix; inside: the name of the one around it."""
+        namespace = self._named(element, known)
+        if namespace not in self.own:
+            if inside in _ACTING and namespace not in _EDITORS:
+                self.problems.append(
+                    str(element.error(f"what elements of {namespace} do is not known here; leave it out"))
+                )
+            return False
+        element.tag = element.tag.rpartition(":")[2]
+        spaces = self._declared(element, known)
+        element.children = [one for one in element.children if self._take(one, spaces, element.tag)]
+        return True
+
+
 def _not_closed(path: Path) -> str | None:
     """Return what is wrong with a file in which `<state>` stands for `</state>`; None for another one."""
     data = read_bytes(path, _LARGEST)
@@ -69,7 +114,7 @@ def _not_closed(path: Path) -> str | None:
 class _Reader:
     def __init__(self, path: Path, root: Element) -> None:
         self.root = root
-        self.problems: list[str] = []
+        self.problems = _Namespaces(root).problems
         self.states: dict[str, State] = {}
         top = State("", root.line, "scxml", None, 0)
         self.machine_ = StateMachine(path, root.attributes.get("name", ""), top)
@@ -100,21 +145,47 @@ class _Reader:
                 self.problem(element, 'found inside <datamodel>; expected <data id="NAME"/>')
             elif name in self.machine_.declared:
                 self.problem(element, f"duplicate id {name!r}; keep one")
-            elif "expr" in element.attributes:
-                self.machine_.declared[name] = self._number(element, "expr")
+            elif (other := self._same_in_expressions(name)) is not None:
+                self.problem(
+                    element, f"the ids {other!r} and {name!r} are the same in an expression; rename one"
+                )
             else:
-                self.machine_.declared[name] = None
+                self.machine_.declared[name] = self._declared(element)
+
+    def _same_in_expressions(self, name: str) -> str | None:
+        """Return a declared name that an expression does not tell from this one."""
+        own = in_expression(name)
+        return next((one for one in self.machine_.declared if in_expression(one) == own), None)
+
+    def _declared(self, element: Element) -> float | None:
+        """Return the number of a `<data>`, in its attribute or inside; None where it has none."""
+        text = element.text.strip()
+        if "src" in element.attributes:
+            self.problem(element, f"src: is not supported; write the number, {_DATA}")
+        elif element.children:
+            self.problem(element, f"<{element.children[0].tag}> found inside; expected a number, {_DATA}")
+        elif "expr" in element.attributes and text:
+            self.problem(element, f"has both the attribute expr and {text[:40]!r} inside; keep one")
+        elif "expr" in element.attributes:
+            return self._number(element, "expr")
+        elif text:
+            return self._value(element, text, "content")
+        return None
 
     def _number(self, element: Element, attribute: str) -> float:
         text = element.attributes.get(attribute)
-        known = {name: value for name, value in self.machine_.declared.items() if value is not None}
         if text is None:
             self.problem(element, f"the attribute {attribute} is missing")
             return 0.0
+        return self._value(element, text, attribute)
+
+    def _value(self, element: Element, text: str, what: str) -> float:
+        declared = self.machine_.declared.items()
+        known = {in_expression(name): value for name, value in declared if value is not None}
         try:
             return constant(parse(text), known)
         except ConditionError as error:
-            self.problem(element, f"{attribute}: {error}")
+            self.problem(element, f"{what}: {error}")
             return 0.0
 
     def _inside(self, parent: State, element: Element) -> None:

@@ -267,3 +267,11 @@ def test_the_parameter_that_is_wrong_is_named(tmp_path: Path) -> None:
     assert [line.partition(" refuses ")[2] for line in found] == [
         f"{value}: {value} found, expected a boolean" for value in (0, 1)
     ]
+
+
+def test_integers_are_proposed_only_where_both_limits_are_accepted() -> None:
+    with pytest.raises(InputError) as raised:
+        experiment({"maxSteps": {"type": "real", "range": [0, 30]}})
+    found = str(raised.value).splitlines()
+    assert [line.partition("refuses ")[2].partition(":")[0] for line in found][:1] == ["0.0"]
+    assert "write type: integer" not in str(raised.value)

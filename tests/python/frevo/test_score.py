@@ -181,3 +181,24 @@ def test_a_candidate_is_saved_as_a_controller(data: Path, program: Any, tmp_path
         refused = program("score", file, *wrong)
         assert refused.returncode == 2
         assert answer in refused.stderr
+
+
+@pytest.mark.parametrize("episodes", ["100001", "10000000000000", "1" + "0" * 25])
+def test_too_many_evaluations_are_refused_before_memory_is_taken(edited: Edited, episodes: str) -> None:
+    path = edited(
+        "emergency_exit_random.zre",
+        ('key="NumberofEvaluations" type="INT" value="10"', f'key="NumberofEvaluations" value="{episodes}"'),
+    )
+    with pytest.raises(InputError, match=f"NumberofEvaluations: {episodes} found, expected .* most 100000"):
+        frevo.score(path)
+
+
+@pytest.mark.parametrize("zeros", [1, 9, 5000])
+def test_leading_zeros_do_not_matter_in_counts(edited: Edited, zeros: int) -> None:
+    path = edited("emergency_exit_random.zre", ('input_nodes="10"', f'input_nodes="{"0" * zeros}10"'))
+    assert frevo.score(path).max_difference == 0
+    wrong = edited("emergency_exit_random.zre", ('input_nodes="10"', f'input_nodes="{"0" * zeros}10001"'))
+    with pytest.raises(
+        InputError, match=r"input_nodes '0.*' found, expected a whole number of at most 10000"
+    ):
+        frevo.score(wrong)

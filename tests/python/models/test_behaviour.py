@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from swarmwright import Controller, InputError, Run, models, optimize, simulate
+from swarmwright import Controller, Experiment, InputError, Run, export_controller, models, optimize, simulate
 from tests.python.models.conftest import Edited
 
 WALK = """<scxml xmlns="http://www.w3.org/2005/07/scxml" version="1.0" initial="approach" name="walk">
@@ -95,3 +95,53 @@ def test_the_command_line(program: Any, edited: Edited, tmp_path: Path) -> None:
     assert again.returncode == 2
     assert "'drawn.controller.json' exists and is not written over" in again.stderr
     assert not (tmp_path / "drawn.yaml").exists()
+
+
+SIMULATION = """
+from swarmwright import Simulation
+
+
+class Lab(Simulation):
+    title = "lab"
+    sensors = 2
+    sensor_names = ["light+", "light-"]
+    actuators = 1
+    actuator_names = ["κινητήρας"]
+    max_agents = 1
+
+    def reset(self, parameters, seed):
+        self.steps, self.sum = 0, 0.0
+        return [[0.3, -0.3]]
+
+    def step(self, actions):
+        self.steps += 1
+        self.sum += float(actions[0, 0]) * self.steps
+        return [[0.1 * self.steps - 0.3, 0.5 - 0.2 * self.steps]]
+
+    def done(self):
+        return self.steps >= 5
+
+    def fitness(self):
+        return self.sum
+"""
+
+
+def test_an_exported_behaviour_is_imported_with_the_same_sensors(tmp_path: Path) -> None:
+    (tmp_path / "lab.py").write_text(SIMULATION, encoding="utf-8")
+    experiment = Experiment.from_mapping(
+        {
+            "simulation": f"{tmp_path / 'lab.py'}:Lab",
+            "controller": {"kind": "mealy_fsm", "states": 2, "levels": [[-0.1, 0.2], 1]},
+            "method": {"population": 8, "generations": 2},
+        }
+    )
+    run = Run.open(optimize(experiment, out=tmp_path / "run").path)
+    export_controller(run, to="scxml", output=tmp_path / "exported")
+    imported = models.load(
+        [tmp_path / "exported" / "controller.scxml"],
+        target=tmp_path / "x.yaml",
+        simulation=f"{tmp_path / 'lab.py'}:Lab",
+    )
+    (text,) = imported.files.values()
+    assert json.loads(text)["thresholds"] == run.best.controller.specification["thresholds"]
+    assert simulate(experiment, Controller(json.loads(text))) == run.best.fitness

@@ -7,6 +7,11 @@ import numpy as np
 import pytest
 
 from swarmwright import InputError, evaluate, models
+from swarmwright.models._files import load as load_part
+from swarmwright.models._model import Model
+from swarmwright.models._names import Known
+from swarmwright.models._parameters import Parameters
+from swarmwright.simulations.names import absolute
 from tests.python.models.conftest import Edited
 
 
@@ -199,3 +204,50 @@ def test_the_command_line(program: Any, drawn: list[Path], tmp_path: Path) -> No
     assert run.returncode == 0, run.stderr
     (tmp_path / "empty").mkdir()
     assert "no file with the ending" in program("import", "empty").stderr
+
+
+def test_letters_of_other_scripts_are_no_signs(edited: Edited) -> None:
+    paths = [
+        edited("problem.xml"),
+        edited("parameters.json", ("maxSteps", "Απόσταση")),
+        edited("swarm.xml", ("Agent", "Ρομπότ")),
+    ]
+    with pytest.raises(InputError, match="minisim has no parameter 'Απόσταση'"):
+        models.load(paths)
+    paths = [
+        edited("problem.xml", ("minisim.Minisim", "lab.Lab")),
+        edited("parameters.json", ("avoidance", "βάρος"), ("maxSteps", "ρυθμός")),
+        edited("swarm.xml", ("Agent", "ρομπότ")),
+    ]
+    experiment = models.load(paths).experiment
+    assert experiment.parameters["ρομπότ"] == 3
+    assert list(experiment.controller.parameters) == ["βάρος", "ρυθμός"]
+    assert experiment.requirements.max_agents == 3
+
+
+def test_names_of_several_parameters_are_refused(edited: Edited, tmp_path: Path) -> None:
+    (tmp_path / "lab.py").write_text(
+        "from swarmwright import Simulation\n"
+        "class Lab(Simulation):\n"
+        "    sensors = actuators = 0\n"
+        "    parameters = {'light+': 1.0, 'light-': 1.0, 'speed': 1.0}\n"
+        "    def reset(self, parameters, seed): pass\n"
+        "    def step(self, actuators): pass\n"
+        "    def done(self): return True\n"
+        "    def fitness(self): return 0.0\n"
+    )
+    simulation = f"{tmp_path / 'lab.py'}:Lab"
+    changes = ('"steps" type="INT" value="25"', '"light" type="INT" value="25"')
+    words = "'light' may be the parameter 'light\\+' or 'light-' of .*; write one of these names"
+    known = Known(absolute(simulation))
+    assert [known.name(one) for one in ("light-", "Speed", "light", "+")] == ["light-", "speed", None, None]
+    with pytest.raises(InputError, match=words):
+        Parameters.of(Model.of([load_part(edited("problem.xml", changes))]), known, evolved=False)
+    part = load_part(edited("parameters.json", ("maxSteps", "light")))
+    with pytest.raises(InputError, match=words):
+        Parameters.of(Model.of([part]), known, evolved=True)
+    twice = ('number="3"/>', 'number="3"/><SwarmMember name="A-gent" launchFile="b" number="2"/>')
+    files = edited("parameters.json", ("maxSteps", "a gent")), edited("swarm.xml", twice)
+    parts = [load_part(file) for file in files]
+    with pytest.raises(InputError, match="'a gent' may be the agents 'Agent' or 'A-gent'"):
+        Parameters.of(Model.of(parts), known, evolved=True)

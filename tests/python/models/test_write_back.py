@@ -8,6 +8,7 @@ import pytest
 
 from swarmwright import InputError, Run, models, optimize
 from swarmwright.core.xml import read as read_xml
+from swarmwright.models import _files as models_files
 from tests.python.models.conftest import Edited
 from tests.python.models.test_behaviour import WALK
 
@@ -82,3 +83,63 @@ def test_the_command_line(program: Any, drawn: list[Path], tmp_path: Path) -> No
         wrong = program("export", "run", *arguments)
         assert wrong.returncode == 2
         assert "--model writes into a folder" in wrong.stderr
+
+
+@pytest.mark.parametrize(
+    ("encoding", "declared", "mark"),
+    [
+        ("iso-8859-1", "ISO-8859-1", b""),
+        ("windows-1252", "windows-1252", b""),
+        ("utf-16-le", "UTF-16", b"\xff\xfe"),
+        ("utf-16-be", "UTF-16", b"\xfe\xff"),
+        ("utf-8", "UTF-8", b"\xef\xbb\xbf"),
+        ("utf-8", None, b""),
+    ],
+)
+def test_xml_keeps_its_encoding(
+    edited: Edited, tmp_path: Path, encoding: str, declared: str | None, mark: bytes
+) -> None:
+    problem, parameters = edited("problem.xml"), edited("parameters.json")
+    head = "" if declared is None else f'<?xml version="1.0" encoding="{declared}"?>'
+    text = problem.read_text().partition("?>")[2].replace("Maximum", "Größtmögliche").replace("\n", "\r\n")
+    problem.write_bytes(mark + (head + text).encode(encoding))
+    run = evolved([problem, parameters], tmp_path)
+    models.write_back(run, [problem], output=tmp_path / "back")
+    written = (tmp_path / "back" / "problem.xml").read_bytes()
+    steps = run.best.controller.parameters["maxSteps"]
+    assert written == problem.read_bytes().replace('"25"'.encode(encoding), f'"{steps}"'.encode(encoding))
+    assert models.load([tmp_path / "back" / "problem.xml", parameters]).experiment.simulation == "minisim"
+
+
+def test_characters_that_an_encoding_lacks_are_written_by_number(tmp_path: Path) -> None:
+    from swarmwright.models._write_back import _tags
+
+    path = tmp_path / "problem.xml"
+    head = '<?xml version="1.0" encoding="ISO-8859-1"?>'
+    path.write_text(f'{head}<p><propentry key="höhe" value="1"/></p>', encoding="latin-1")
+    (tmp_path / "back.xml").write_bytes(_tags(path, lambda name: "λ" if name == "höhe" else None))
+    root = read_xml(tmp_path / "back.xml")
+    assert root.children[0].attributes == {"key": "höhe", "value": "λ"}
+
+
+def test_a_whole_scale_keeps_whole_numbers(edited: Edited, tmp_path: Path) -> None:
+    paths = [
+        edited("problem.xml"),
+        edited("parameters.json", ('15, "max": 30, "scale": 1}', '1, "max": 3, "scale": "10"}')),
+    ]
+    run = evolved(paths, tmp_path)
+    options = run.experiment.controller.model_dump()["parameters"]["maxSteps"]
+    assert (options["type"], options["range"]) == ("integer", [10, 30])
+    steps = run.best.controller.parameters["maxSteps"]
+    assert isinstance(steps, int)
+    models.write_back(run, paths[1:], output=tmp_path / "back")
+    written = json.loads((tmp_path / "back" / "parameters.json").read_text())["parameters"][1]
+    assert written["value"] == steps / 10
+    assert isinstance(written["value"], int) == (steps % 10 == 0)
+
+
+def test_scales_whose_numbers_are_too_large_for_integers_are_real(edited: Edited) -> None:
+    parameters = edited("parameters.json", ('"max": 50, "scale": "0.1"', '"max": 50, "scale": 1e6'))
+    (one, _) = models_files.load(parameters).optimised
+    assert not one.whole
+    assert one.range == [0.0, 5e7]

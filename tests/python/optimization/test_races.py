@@ -315,3 +315,30 @@ def test_repeating_compares_the_episodes_that_were_run(
     assert swarmwright(["evaluate", str(run.path), *which]) == 0
     words = f"It was dropped from the race after {counts[dropped]} of 12 episodes, which are compared."
     assert words in capsys.readouterr().out
+
+
+def test_candidates_that_were_dropped_do_not_hide_that_the_ranking_failed() -> None:
+    from swarmwright.evaluation.base import Results
+    from swarmwright.optimization.loop import _why
+    from swarmwright.rankings.race import Race, RaceOptions
+    from swarmwright.store import Journal
+
+    ranking = Race(RaceOptions(episodes=6, first_test=3))
+    episodes = np.add.outer([4.0, 3.0, 2.0, 1.0], np.zeros(6))
+    episodes[ranking.ran(episodes)[:, np.newaxis] <= np.arange(6)] = np.nan
+    assert np.isnan(episodes).any()
+    metrics = np.empty((4, 6, 0))
+    assert "all of their episodes worked" in _why(Results(episodes, metrics, Journal()), ranking)
+    episodes[0, 1] = np.inf
+    assert _why(Results(episodes, metrics, Journal()), ranking) == ""
+
+
+def test_huge_fitness_does_not_end_a_race(tmp_path: Path) -> None:
+    file = tmp_path / "fails.py"
+    huge = "return 1.7e308 * (1 if self.result > 1 else -1)\n"
+    file.write_text("FROM, ABOVE = 10**9, 0\n" + BROKEN.replace("return self.result\n", huge))
+    values = {"simulation": f"{file}:Fails", "servers": "local", "ranking": RACE["ranking"]}
+    raced = Experiment.from_mapping({**values, "method": {"population": 6, "generations": 1}})
+    run = Run.open(optimize(raced, out=tmp_path / "run").path)
+    assert run.history[0].failed == 0
+    assert np.isfinite(run.best.fitness)

@@ -130,3 +130,20 @@ def test_who_was_dropped_has_not_the_fitness_of_one_that_was_not() -> None:
     assert _below(-sys.float_info.max) == -sys.float_info.max
     assert _below(np.inf) == np.inf
     assert _below(-np.inf) == -np.inf
+
+
+@pytest.mark.parametrize("test", ["friedman", "t", "t_holm", "t_bonferroni"])
+@pytest.mark.parametrize("count", [1, 2, 6])
+def test_huge_fitness_is_no_failure(test: str, count: int) -> None:
+    ranking = race(8, test=test, first_test=3)
+    huge = np.random.default_rng(3).uniform(1.6e308, sys.float_info.max, (count, 8))
+    for values in (huge, -huge, huge * np.where(np.arange(8) % 2, 1, -1)):
+        assert np.isfinite(ranking.score(values)).all()
+        assert np.isfinite(ranking.score(values * 2.0**-10)).all()
+    apart = np.vstack([huge, -huge])
+    fitness = ranking.score(apart)
+    assert np.isfinite(fitness).all()
+    assert fitness[:count].min() > fitness[count:].max()
+    assert ranking.ran(apart)[count:].tolist() == ranking.ran(apart * 2.0**-700)[count:].tolist()
+    failing = np.where(np.arange(8) == 1, np.nan, huge)
+    assert np.isnan(ranking.score(failing)).all()

@@ -280,3 +280,149 @@ def test_conditions_are_exact_at_every_float32(tmp_path: Path) -> None:
                 machine.reset()
                 found = machine(np.array([value, 0], np.float32)).tolist()[0]
                 assert found == holds(float(value), bound), (bound, sign, value)
+
+
+def named_machine(
+    folder: Path, condition: str, actuator: str = "speed", data: str = ""
+) -> scxml.StateMachine:
+    states = (
+        f'<state id="a"><transition event="step" cond={quoteattr(condition)} target="b"/></state>'
+        f'<state id="b"><onentry><assign location={quoteattr(actuator)} expr="1"/></onentry></state>'
+    )
+    path = folder / "machine.scxml"
+    head = '<scxml xmlns="http://www.w3.org/2005/07/scxml" version="1.0">'
+    path.write_text(f"{head}<datamodel>{data}</datamodel>{states}</scxml>", encoding="utf-8")
+    return scxml.read(path)
+
+
+@pytest.mark.parametrize(
+    ("condition", "sensors", "index"),
+    [
+        ("απόσταση > 0.5", ["ταχύτητα", "Απόσταση"], 1),
+        ("höhe > 0.5", ["höhe", "hühe"], 0),
+        ("hühe > 0.5", ["höhe", "hühe"], 1),
+        ("a_b > 0.5", ["a b", "a_b"], 1),
+        ("goalX > 0.5", ["goal y", "goal x"], 1),
+        ("sensors[1] > 0.5", ["light+", "light-"], 1),
+    ],
+)
+def test_names_stand_for_one_sensor(tmp_path: Path, condition: str, sensors: list[str], index: int) -> None:
+    made = named_machine(tmp_path, condition).specification(sensors, ["speed"])
+    assert [len(ends) for ends in made["thresholds"]] == [int(one == index) for one in range(2)]
+
+
+def test_ambiguous_names_are_refused(tmp_path: Path) -> None:
+    machine = named_machine(tmp_path, "light > 0.5", "motor")
+    with pytest.raises(InputError) as caught:
+        machine.specification(["light+", "light-"], ["motor 1", "motor-", "motor+"])
+    told = str(caught.value)
+    assert "the sensor 'light' may be 'light+' or 'light-'; write sensors[0] or sensors[1]" in told
+    assert "the actuator 'motor' may be 'motor-' or 'motor+'; write actuators[1] or" in told
+    with pytest.raises(InputError, match="unknown sensor 'höhe'"):
+        named_machine(tmp_path, "höhe > 0.5").specification(["hühe", "hohe"], ["speed"])
+    # Python's parser makes the second of the first, U+00B5 and U+03BC.
+    with pytest.raises(InputError, match="the sensor 'μ' may be 'µ' or 'μ'"):
+        named_machine(tmp_path, "µ > 0.5").specification(["µ", "μ"], ["speed"])
+    with pytest.raises(InputError, match="the ids 'µ' and 'μ' are the same in an expression"):
+        named_machine(tmp_path, "µ > 0.5", data='<data id="µ"/><data id="μ"/>')
+
+
+NAMES = [
+    ["light+", "light-", "light"],
+    ["goal x", "goal-x", "Goal X"],
+    ["a1 1", "a 11", "a11"],
+    ["x", "x_2", "x 2"],
+    ["a b", "a_b", "a_b_2"],
+    ["true", "state0", "In"],
+    ["απόσταση", "ταχύτητα", "höhe"],
+    ["+", "-", "*"],
+]
+
+
+@pytest.mark.parametrize("names", NAMES)
+def test_what_was_exported_is_read_by_the_names_of_the_simulation(tmp_path: Path, names: list[str]) -> None:
+    drawn = np.random.default_rng(1)
+    table = [[drawn.integers(0, 2), *drawn.uniform(-1, 1, 2)] for _ in range(2 * 12)]
+    made = {
+        "version": 1,
+        "kind": "mealy_fsm",
+        "sensors": 3,
+        "actuators": 2,
+        "states": 2,
+        "thresholds": [[0.25], [-0.5, 0.5], [0.75]],
+        "weights": [float(np.float32(one)) for row in table for one in row],
+    }
+    actuators = ["motor+", "motor-"]
+    path = tmp_path / "exported.scxml"
+    path.write_text(scxml.scxml_of(made, names, actuators), encoding="utf-8")
+    machine = scxml.read(path)
+    assert machine.specification(names, actuators) == machine.specification()
+    first, second = Controller(made), Controller(machine.specification(names, actuators))
+    for sensors in drawn.uniform(-1, 1, (300, 3)).astype(np.float32):
+        assert first(sensors).tolist() == second(sensors).tolist()
+
+
+def test_data_may_have_their_value_inside(tmp_path: Path) -> None:
+    data = '<data id="near">\n  0.25 * 2\n</data><data id="speed">-0.5</data>'
+    made = named_machine(tmp_path, "left > near", data=data).specification(["left"], ["speed"])
+    assert made["thresholds"] == [[0.5]]
+    assert Controller(made)([0.0]).tolist() == [-0.5]
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        ('<data id="near" src="near.json"/>', "<data>: src: is not supported; write the number, <data id="),
+        ('<data id="near" expr="1">2</data>', "<data>: has both the attribute expr and '2' inside; keep one"),
+        ('<data id="near"><x/></data>', "<data>: <x> found inside; expected a number"),
+        ('<data id="near">far away</data>', "<data>: content: 'far away' is not a valid expression"),
+    ],
+)
+def test_other_values_of_data_are_refused(tmp_path: Path, data: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        named_machine(tmp_path, "left > near", data=data)
+
+
+@pytest.mark.parametrize(
+    ("condition", "message"),
+    [
+        ("left > 0.5 # && right > 0", "# begins no comment here"),
+        ("!(left > 0.5) == true", r"!\(left > 0.5\) is negated first, and then compared"),
+        ("right > 0 && !( (left) ) < 0.5", r"!\( \(left\) \) is negated first"),
+        ("!(left) !== 1", "is negated first"),
+    ],
+)
+def test_what_ecmascript_reads_otherwise_is_refused(tmp_path: Path, condition: str, message: str) -> None:
+    with pytest.raises(InputError, match=f"cond: .*{message}"):
+        named_machine(tmp_path, condition)
+
+
+def test_a_sign_in_a_string_and_negated_comparisons_are_read(tmp_path: Path) -> None:
+    made = named_machine(tmp_path, "!(left > 0.5) && (right < 0 || !(In('#)')))")
+    with pytest.raises(InputError, match=r"unknown state '#\)'"):
+        made.specification(SENSORS, ["speed"])
+
+
+PREFIXED = """<sc:scxml xmlns:sc="http://www.w3.org/2005/07/scxml" xmlns:qt="{space}" version="1.0">
+  <sc:datamodel><sc:data id="near" expr="0.5"/></sc:datamodel>
+  <qt:editorinfo initialGeometry="1"/>
+  <sc:state id="a">
+    <sc:transition event="step" cond="left &gt; near" target="b">{inside}</sc:transition>
+  </sc:state>
+  <sc:state id="b"><sc:onentry><sc:assign location="speed" expr="1"/></sc:onentry></sc:state>
+</sc:scxml>"""
+QT, OTHER = "http://www.qt.io/2015/02/scxml-ext", "http://example.org/robots"
+
+
+def test_prefixes_and_notes_of_editors_do_not_matter(tmp_path: Path) -> None:
+    path = tmp_path / "machine.scxml"
+    path.write_text(PREFIXED.format(space=QT, inside='<qt:editorinfo movePoint="1;2"/>'))
+    made = scxml.read(path).specification(["left"], ["speed"])
+    assert (made["states"], made["thresholds"]) == (2, [[0.5]])
+    path.write_text(path.read_text().replace("sc:", "").replace("xmlns:sc", "xmlns"))
+    assert scxml.read(path).specification(["left"], ["speed"]) == made
+    path.write_text(PREFIXED.format(space=OTHER, inside=""))
+    assert scxml.read(path).specification(["left"], ["speed"]) == made
+    path.write_text(PREFIXED.format(space=OTHER, inside="<qt:drive/>"))
+    with pytest.raises(InputError, match=r":5: <qt:drive>: what elements of http://example.org/robots do"):
+        scxml.read(path)
