@@ -1,6 +1,6 @@
 //! The controllers of the agents of one episode.
 
-use crate::{Controller, ControllerError};
+use crate::{Controller, ControllerError, TeamGroup};
 
 /// A controller for each agent, made when the agent first acts: in a team that of its group, otherwise the same for all.
 #[derive(Debug, Clone)]
@@ -57,9 +57,13 @@ impl SwarmControllers {
         if !groups.iter().any(|group| group.controller.has_states()) {
             return None;
         }
-        // All agents, or up to the first one of the group that has all others.
-        let counts = groups.iter().map(|group| group.agents.unwrap_or(1));
-        Some(self.states_of(counts.fold(0, u32::saturating_add)))
+        // Up to the first agent of the last groups of which all have states, or none has.
+        let has_states = |group: &TeamGroup| group.controller.has_states();
+        let last = groups.last().is_some_and(has_states);
+        let others = groups.iter().rposition(|group| has_states(group) != last);
+        let before = groups.iter().take(others.map_or(0, |index| index + 1));
+        let counts = before.map(|group| group.agents.unwrap_or(0));
+        Some(self.states_of(counts.fold(1, u32::saturating_add)))
     }
 
     /// States of all that have acted, and of `least` agents.

@@ -1,10 +1,12 @@
 //! Servers that fail whatever they get: they are found out, and what they failed is evaluated elsewhere.
+#![allow(clippy::panic, reason = "a test")]
 
 use crate::common;
 
 use std::time::Duration;
 
 use common::{Alone, Extended, Line, Net, Party, refusal, server, tool, tool_in_mode, work};
+use serde_json::json;
 use swarmwright_pool::Mode;
 use swarmwright_protocol::RefusalKind;
 
@@ -159,4 +161,98 @@ fn silence_that_ends_with_the_connection_is_not_held_against_servers() {
         reason.contains("no server has succeeded with anything"),
         "{reason}"
     );
+}
+
+/// Waits for an episode of a server that answers each discovery once.
+fn given(tool: &mut Alone) -> serde_json::Value {
+    let before = tool.on("parameters").count();
+    let mut asked = 0;
+    for _ in 0..3000 {
+        if tool.on("parameters").count() > before {
+            return tool.last("parameters");
+        }
+        let now = tool.on("discovery").count();
+        if now > asked {
+            asked = now;
+            tool.answer(1, None);
+        }
+        tool.pass(100);
+    }
+    panic!("{:?}", tool.warnings);
+}
+
+/// Four silent episodes of one server, which answers discovery after each.
+fn in_vain_four_times() -> Alone {
+    let mut tool = Alone::new(work(3, &SEEDS));
+    for _ in 0..4 {
+        given(&mut tool);
+        // Silent for longer than a step may take.
+        for _ in 0..105 {
+            tool.pass(100);
+        }
+    }
+    tool
+}
+
+#[test]
+fn a_server_that_failed_often_may_finish_its_episode() {
+    let mut tool = in_vain_four_times();
+    let hash = given(&mut tool);
+    let begun = tool.now;
+    for _ in 0..1000 {
+        tool.sense(&hash);
+        tool.pass(100);
+        let told = tool.machine.undecided(Duration::from_secs(10), tool.now);
+        assert_eq!(
+            told,
+            None,
+            "{:?} after the episode began, {} answers",
+            tool.now - begun,
+            tool.on("actuator").count()
+        );
+    }
+}
+
+#[test]
+fn a_server_that_is_started_anew_is_tried_again() {
+    let mut tool = in_vain_four_times();
+    tool.machine
+        .receive("swarmwright/v1/presence/1", b"", false, tool.now);
+    tool.collect();
+    // Its user repairs it, in less than `step`, the time that a run waits for servers by default.
+    for _ in 0..500 {
+        tool.pass(100);
+        assert_eq!(
+            tool.machine.undecided(Duration::from_secs(10), tool.now),
+            None
+        );
+    }
+    tool.answer(1, None);
+    assert_eq!(
+        tool.machine.undecided(Duration::from_secs(10), tool.now),
+        None,
+        "at its first answer"
+    );
+}
+
+#[test]
+fn a_server_that_works_for_a_tool_without_a_name_is_waited_for() {
+    let presence = json!({"version": 1, "server": 1, "state": "busy", "simulations": ["line"],
+        "capabilities": {"dimensions": 2, "max_agents": 5}, "since": "2026-01-01T00:00:00Z"});
+    let mut tool = Alone::new(work(3, &SEEDS));
+    given(&mut tool);
+    tool.hear("swarmwright/v1/presence/1", &presence);
+    let begun = tool.now;
+    // Its episode takes two minutes.
+    for _ in 0..1200 {
+        tool.pass(100);
+        let told = tool.machine.undecided(Duration::from_secs(10), tool.now);
+        assert_eq!(
+            told,
+            None,
+            "after {:?}; {:?}",
+            tool.now - begun,
+            tool.warnings
+        );
+    }
 }

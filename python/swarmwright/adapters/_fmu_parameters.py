@@ -13,7 +13,7 @@ _KINDS = {"Boolean": "boolean", "String": "string"}
 
 @dataclass(frozen=True)
 class FmuParameter(Parameter):
-    """A parameter with the type and the limits of its variable; 0 and 1 are booleans, too.
+    """A parameter within the limits of its variable's type; 0 and 1 are booleans, too.
 
     With 0 and 1 a parameter set evolves a boolean, since it has numbers and texts.
     """

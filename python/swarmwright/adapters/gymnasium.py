@@ -3,6 +3,7 @@
 Source: https://gymnasium.farama.org
 """
 
+import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
@@ -101,16 +102,22 @@ class Gymnasium(Environment):
             if self.apart is None:
                 yield
                 return
-            others = dict(gymnasium.registry)
+            others, before = dict(gymnasium.registry), set(sys.modules)
             gymnasium.registry.update(_registered.get(self.apart, {}))
             try:
                 yield
             finally:
-                _registered[self.apart] = {
-                    name: one for name, one in gymnasium.registry.items() if others.get(name) is not one
+                own = {
+                    name: one
+                    for name, one in gymnasium.registry.items()
+                    if others.get(name) is not one and _is_own(one, self.apart, before)
                 }
-                gymnasium.registry.clear()
-                gymnasium.registry.update(others)
+                _registered[self.apart] = own
+                for name in own:
+                    if name in others:
+                        gymnasium.registry[name] = others[name]
+                    else:
+                        del gymnasium.registry[name]
 
     def _try_reward(self) -> None:
         """Make a step, to see that rewards are numbers. Raises InputError where they are not."""
@@ -148,3 +155,15 @@ class Gymnasium(Environment):
         self._read, self._act = seen.read, done.act
         self.sensor_ranges, self.actuator_ranges = seen.ranges, done.ranges
         return seen.width, done.width
+
+
+def _is_own(one: Any, apart: Apart, before: set[str]) -> bool:  # noqa: ANN401 - an EnvSpec
+    """Return whether a copy has registered an environment, and not a package that it was first to import.
+
+    Packages that were there before have registered theirs already, so that a new one of them is a variant
+    that the copy makes; before: the modules that were there.
+    """
+    entry = one.entry_point or one.vector_entry_point
+    module = entry.partition(":")[0] if isinstance(entry, str) else getattr(entry, "__module__", None)
+    top = str(module).partition(".")[0]
+    return top in apart.names or top in before

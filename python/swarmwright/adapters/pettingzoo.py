@@ -77,19 +77,21 @@ class PettingZoo(Environment):
         for name in self.env.agents:
             act = self._spaces[name][1]
             given[name] = act.act(actions[self._agents[name]][: act.width].astype(float))
+        # Some environments go on to give rewards and observations to those that they dropped.
+        alive = {name for name in self.env.agents if name not in self._ended}
         returned = self.env.step(given)
         check_step(self.environment, returned, "PettingZoo in its first versions")
         seen, rewards, *flags, _ = returned
         self._steps += 1
-        self._check_known(rewards)
+        self._check_known((*rewards, *seen))
         for name, reward in rewards.items():
-            if name not in self._ended:
+            if name in alive:
                 self._rewards[self._agents[name]] += single(self.environment, reward, self._steps)
-        seen = {name: observation for name, observation in seen.items() if name not in self._ended}
         flagged = {name for ends in flags for name, ended in ends.items() if ended}
         # One that leaves the environment is gone, and comes back if the environment has it again.
         self._ended = {name for name in self.env.agents if name in self._ended or name in flagged}
-        return self._rows(seen)
+        read = alive.union(name for name in self.env.agents if name not in self._ended)
+        return self._rows({name: observation for name, observation in seen.items() if name in read})
 
     def acting(self) -> list[int]:
         """Return the agents that are in the environment, and not flagged as terminated or truncated."""

@@ -253,8 +253,10 @@ def _described(run: "Run", part: Member | None) -> Mapping[str, Any]:
         return {}
     try:
         return _of_part(simulation, run.experiment.parameters, part)
-    except SwarmwrightError:  # the FMU is gone, which is the reason that is named
-        return {}
+    except SwarmwrightError:
+        if prefix != SimulationName.FMU:
+            raise
+        return {}  # the FMU is gone, which is the reason that is named
 
 
 def _of_part(simulation: str, parameters: dict[str, Any], part: Member | None) -> Mapping[str, Any]:

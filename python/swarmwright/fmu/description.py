@@ -281,7 +281,10 @@ def _variable(found: Any) -> Variable:  # noqa: ANN401 - FMPy has no types
 def _items(found: Any) -> tuple[int, ...]:  # noqa: ANN401 - FMPy has no types
     """Return the values of an enumeration in their order; none where the FMU does not define them."""
     listed = () if found.declaredType is None else found.declaredType.items
-    return tuple(sorted(int(one.value) for one in listed)) if found.type == "Enumeration" else ()
+    values = [one.value for one in listed]
+    if found.type != "Enumeration" or None in values:  # FMI requires values, but FMPy reads it without
+        return ()
+    return tuple(sorted(map(int, values)))
 
 
 def _start(kind: str, text: Any) -> Any:  # noqa: ANN401 - as in the file

@@ -41,7 +41,7 @@ def expected(variable: Variable) -> str | None:
 
 
 def fits(variable: Variable, value: Any) -> bool:  # noqa: ANN401 - any value of a file
-    """Whether one value is of a variable's type and within its limits; 0 and 1 are booleans, too."""
+    """Whether one value is of a variable's type, within the limits of its type; 0 and 1 are booleans, too."""
     if variable.type == "String":
         return isinstance(value, str)
     if variable.type == "Boolean":

@@ -6,8 +6,10 @@ They were checked when the experiment was read; here they are computed where Swa
 from __future__ import annotations
 
 import ast
+import io
 import math
 import operator
+import tokenize
 import warnings
 from typing import Any, Callable, Mapping
 
@@ -98,7 +100,22 @@ def _parsed(text: str) -> Any:
             lines = text.splitlines()
             if len(lines) < 2:
                 raise
-            return ast.parse("\n".join(["(", *lines, ")"]), mode="eval").body
+            bracketed = "\n".join(["(", *lines, ")"])
+            root = ast.parse(bracketed, mode="eval").body
+            if _closes_early(bracketed):
+                raise
+            return root
+
+
+def _closes_early(bracketed: str) -> bool:
+    """Whether the first bracket is closed before the last line."""
+    depth = 0
+    for token in tokenize.generate_tokens(io.StringIO(bracketed).readline):
+        if token.type == tokenize.OP:
+            depth += (token.string in "([{") - (token.string in ")]}")
+            if depth == 0:
+                return token.start[0] < len(bracketed.splitlines())
+    return False
 
 
 def _power(base: float, exponent: int) -> float:

@@ -6,6 +6,7 @@ import os
 import sys
 import traceback
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, ClassVar, Generic, NoReturn, TypeVar
 
 from swarmwright import _engine
@@ -15,6 +16,8 @@ from swarmwright.core.tracebacks import shown as shown_path
 
 _STACK = 8000
 """Characters of a traceback that are kept, of its end, which has the exception."""
+
+_ADAPTERS = Path(__file__).parents[1] / "adapters"
 
 _REMEMBERED = 100
 """Different failures that are reported, so that each is reported once."""
@@ -92,7 +95,8 @@ class Calls(Generic[Made]):
         if isinstance(error, TypeError) and all(frame.filename == __file__ for frame in frames):
             # Not raised in the method: it cannot be called in this way.
             return self._not_called(method, error)
-        if isinstance(error, SimulationError):  # of an adapter, which says what is wrong
+        of_adapter = bool(frames) and Path(frames[-1].filename).is_relative_to(_ADAPTERS)
+        if of_adapter and isinstance(error, SimulationError):  # the adapter says what is wrong
             return f"{method}: {words_of(error)}"
         file = getattr(sys.modules.get(self._kind.__module__), "__file__", None)
         if self._kind.__module__.startswith("swarmwright.adapters."):

@@ -166,7 +166,13 @@ def ranges(
     kind, found = _load(simulation), _python_description(simulation)
     given = {name: value for name, value in parameters.items() if name != "seed"}
     if given and hasattr(kind, "described_with"):
-        found = describe(kind().described_with(given), kind.__name__)
+        made_with = kind()
+        try:
+            found = describe(made_with.described_with(given), kind.__name__)
+        finally:
+            env: Any = getattr(made_with, "env", None)
+            if hasattr(env, "close"):
+                env.close()
     of = found if group is None else found.groups[group]
     made = {}
     for which in ("sensor", "actuator"):

@@ -28,7 +28,8 @@ class Apart:
 
     def __init__(self, folder: Path, names: set[str]) -> None:
         self._folder = folder
-        self._names = names
+        self.names = names
+        """Of the modules and packages that are the folder's."""
         self._modules: dict[str, ModuleType] = {}
         self._inside = False
         self.builtins = {**vars(builtins), "__import__": self._import}
@@ -72,7 +73,7 @@ class Apart:
         self, name: str, path: Sequence[str] | None = None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
         """Find a module of the folder, as `sys.meta_path` asks for it."""
-        if name.partition(".")[0] not in self._names:
+        if name.partition(".")[0] not in self.names:
             return None
         spec = PathFinder.find_spec(name, [str(self._folder)] if path is None else path, target)
         if spec is not None and isinstance(spec.loader, SourceFileLoader):
@@ -81,7 +82,7 @@ class Apart:
 
     def _taken(self) -> dict[str, ModuleType]:
         """Take all modules of these names out of `sys.modules`."""
-        names = [name for name in sys.modules if name.partition(".")[0] in self._names]
+        names = [name for name in sys.modules if name.partition(".")[0] in self.names]
         return {name: sys.modules.pop(name) for name in names}
 
     def _import(
@@ -92,7 +93,7 @@ class Apart:
         fromlist: Sequence[str] = (),
         level: int = 0,
     ) -> ModuleType:
-        if level == 0 and name.partition(".")[0] not in self._names:
+        if level == 0 and name.partition(".")[0] not in self.names:
             return __import__(name, globals, locals, fromlist, level)
         with self.entered():
             return __import__(name, globals, locals, fromlist, level)

@@ -6,6 +6,8 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
+from swarmwright.core.errors import SimulationError
+
 SPACE = spaces.Box(-1, 1, (2,), np.float32)
 
 
@@ -13,9 +15,10 @@ class Parallel:
     """A parallel environment of two agents that fails as it is told to.
 
     trouble: raise, more (a third agent appears), shape (the observation grows), assert (in the constructor,
-    without a word), flags (agents that have ended are flagged, and stay), alone (reset returns observations
-    alone), four (step returns four values), all (a reward of `__all__`), none. extra: more agents like b.
-    alike: agents have names of one kind. reward: instead of a number.
+    without a word), flags (agents that have ended are flagged, and stay), dropped (agents that are gone have
+    rewards and observations all the same), alone (reset returns observations alone), four (step returns four
+    values), all (a reward of `__all__`), refused (SimulationError), none. extra: more agents like b. alike:
+    agents have names of one kind. reward: instead of a number.
     """
 
     possible_agents = ["a", "b"]  # noqa: RUF012
@@ -54,6 +57,8 @@ class Parallel:
         self.left -= 1
         if self.trouble == "raise" and self.left == 3:
             raise ValueError("the wheels came off")
+        if self.trouble == "refused" and self.left == 3:
+            raise SimulationError("the wheels came off")
         if self.trouble == "more" and self.left == 3:
             self.agents.append("c")
         if self.left == 2 and "b" in self.agents and self.trouble != "flags":
@@ -64,6 +69,9 @@ class Parallel:
         if self.trouble == "all":
             rewards["__all__"] = 1.0
         seen = self.seen()
+        if self.trouble == "dropped":
+            rewards = dict.fromkeys(self.possible_agents, float(self.left))
+            seen = {name: np.ones(self.size) for name in self.possible_agents}
         if self.trouble == "flags":
             # b is flagged in a single step, as its observation is nothing later.
             seen = {name: None if name == "b" and self.left < 2 else one for name, one in seen.items()}

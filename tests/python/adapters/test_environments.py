@@ -12,6 +12,7 @@ from mpe2 import simple_spread_v3
 from swarmwright import Controller, Experiment, InputError, RunError, adapters, optimize, simulate
 from swarmwright.adapters.gymnasium import Gymnasium
 from swarmwright.simulations import catalogue
+from swarmwright.simulations.loading import load
 from tests.python.records import same_record
 
 SPREAD = "pettingzoo:mpe2.simple_spread_v3"
@@ -162,6 +163,18 @@ def test_agents_that_are_flagged_are_gone() -> None:
     assert simulate(one.replace(fitness="steps"), servers="in-process") == 6
 
 
+def test_agents_that_are_dropped_get_and_sense_nothing_more() -> None:
+    """Also where the environment goes on to give rewards and observations to all that are possible."""
+    kind: Any = load("pettingzoo:broken?trouble=dropped")
+    zoo = kind()
+    zoo.reset({}, 1)
+    felt = []
+    while not zoo.done():
+        felt.append(zoo.step(np.zeros((2, 3), np.float32)).any(axis=1).tolist())
+    assert felt == [[True, True]] * 4 + [[True, False]] * 2
+    assert zoo.fitness() == (15 + 14) / 2
+
+
 def test_a_parameter_that_changes_the_number_of_agents_alone(tmp_path: Path) -> None:
     one = experiment("pettingzoo:broken?alike=true", parameters={"extra": 3}, fitness="best - worst")
     assert simulate(one, servers="in-process") == 0
@@ -279,6 +292,10 @@ def test_parameters_that_change_the_agents() -> None:
             r"PettingZoo.step: ValueError: the wheels came off \(.*broken.py:\d+\)",
         ),
         (
+            "pettingzoo:broken?trouble=refused",
+            r"PettingZoo.step: SimulationError: the wheels came off \(.*broken.py:\d+\)",
+        ),
+        (
             "pettingzoo:broken?trouble=more",
             "PettingZoo.step: broken: agent 'c' is not among its possible_agents, a, b",
         ),
@@ -317,7 +334,11 @@ def test_a_reset_that_returns_the_observation_alone() -> None:
 class Reach(gymnasium.Env[Any, Any]):
     """One whose bounds depend on a parameter."""
 
+    open = 0
+    """How many there are that are not closed."""
+
     def __init__(self, reach: float = 3.0) -> None:
+        Reach.open += 1
         self.observation_space = gymnasium.spaces.Box(-reach, reach, (1,), np.float64)
         self.action_space = gymnasium.spaces.Box(0.0, 2 * reach, (1,), np.float64)
 
@@ -327,11 +348,15 @@ class Reach(gymnasium.Env[Any, Any]):
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         return np.asarray(action), 1.0, True, False, {}
 
+    def close(self) -> None:
+        Reach.open -= 1
+
 
 class OfReach(Gymnasium):
     """The environment above."""
 
     environment = "reach"
+    made_of = Reach
 
     def make(self, options: dict[str, Any]) -> Any:
         return Reach(**options)
@@ -347,6 +372,18 @@ def test_ranges_are_those_of_the_parameters() -> None:
     found = catalogue.ranges("gymnasium:Pendulum-v1", {})
     assert found == {"sensor_ranges": [None, None, [-8, 8, ""]], "actuator_ranges": [[-2, 2, ""]]}
     assert catalogue.ranges("minisim", {}) == {}
+
+
+def test_environments_of_ranges_are_closed() -> None:
+    name = f"{__file__}:OfReach"
+    catalogue.ranges(name, {})
+    kind: Any = load(name)
+    reach = kind.made_of
+    before = reach.open
+    catalogue.ranges(name, {"reach": 8.0})
+    with pytest.raises(InputError, match="unexpected keyword argument"):
+        catalogue.ranges(name, {"far": 8.0})
+    assert reach.open == before
 
 
 def test_ranges_of_groups() -> None:

@@ -271,6 +271,19 @@ def test_a_failed_candidate(tmp_path: Path) -> None:
     assert "random sequences" in (tmp_path / "out" / "controller_test.c").read_text()
 
 
+def test_a_description_that_cannot_be_had_is_no_reason_to_go_without(
+    minisim: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """That an FMU is gone is one."""
+
+    def refused(*_: Any) -> Any:
+        raise InputError("not to be had")
+
+    monkeypatch.setattr("swarmwright.export.subject._of_part", refused)
+    with pytest.raises(InputError, match="not to be had"):
+        subject_of(minisim)
+
+
 def test_a_simulation_that_only_servers_have(
     minisim: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

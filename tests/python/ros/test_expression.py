@@ -75,7 +75,7 @@ def test_several_lines_and_comments(text: str) -> None:
     assert Expression(text)(values) == expected[0] == 1.0
 
 
-@pytest.mark.parametrize("text", ["a) + (b", "a +", "a\n+"])
+@pytest.mark.parametrize("text", ["a) + (b", "a) or (\nb", "a +", "a\n+"])
 def test_brackets_are_not_completed(text: str) -> None:
     with pytest.raises(ValueError, match="is not a valid expression"):
         FitnessExpression(text)

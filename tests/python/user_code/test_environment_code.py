@@ -10,6 +10,8 @@ import gymnasium
 import pytest
 
 from swarmwright import Experiment, InputError, Run, optimize, repeat, resume, simulate
+from swarmwright.adapters.gymnasium import Gymnasium
+from swarmwright.simulations.isolation import Apart
 from swarmwright.simulations.names import environment_held
 from swarmwright.user_code import trust
 from tests.python.records import same_record
@@ -160,6 +162,49 @@ def test_the_copy_of_another_user_is_not_executed_unasked(
             action(Run.open("received"))
     assert "maze" not in sys.modules
     assert repeat(Run.open("received", trust=True)).same
+
+
+THIRD = """
+import gymnasium
+from gymnasium.envs.classic_control import CartPoleEnv
+
+
+class Third(CartPoleEnv):
+    pass
+
+
+gymnasium.register("Third-v0", entry_point=Third)
+gymnasium.register("Late-v0", entry_point="third_party:Third")
+"""
+WRAPPED = """
+import gymnasium
+import third_party
+
+gymnasium.register("Variant-v0", entry_point="gymnasium.envs.classic_control:CartPoleEnv")
+gymnasium.register("Maze-v0", entry_point=lambda: gymnasium.make("Third-v0"))
+"""
+
+
+def test_what_a_copy_imports_stays_registered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A package is imported once in a process, and registers its environments once."""
+    (tmp_path / "third_party.py").write_text(THIRD)
+    monkeypatch.syspath_prepend(tmp_path)
+    made = []
+    try:
+        for number in "12":
+            (tmp_path / number).mkdir()
+            (tmp_path / number / "maze.py").write_text(WRAPPED)
+            apart = Apart(tmp_path / number, {"maze"})
+            made.append(type("Copy", (Gymnasium,), {"environment": "maze:Maze-v0", "apart": apart}))
+            assert made[-1]().sensors == 4
+        for name in ("Third-v0", "Late-v0"):
+            gymnasium.make(name).close()
+        assert made[0]().sensors == 4
+        assert {"Maze-v0", "Variant-v0"}.isdisjoint(gymnasium.registry)
+    finally:
+        sys.modules.pop("third_party", None)
+        for name in ("Third-v0", "Late-v0"):
+            gymnasium.registry.pop(name, None)
 
 
 @pytest.mark.parametrize(

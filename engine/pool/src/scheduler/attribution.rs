@@ -174,13 +174,17 @@ impl Scheduler {
         self.give_up(piece, quarantined, now);
     }
 
+    /// Whether a server may be of use.
+    fn any_hope(&self) -> bool {
+        let health = self.fleet.health();
+        self.fleet
+            .slots()
+            .any(|(id, slot)| !health.is_broken(id) && !health.is_useless(id) && !slot.silent)
+    }
+
     /// Notes since when no server has been of use.
     pub(super) fn judge(&mut self, now: Instant) {
-        let health = self.fleet.health();
-        let hope = |(id, slot): (u64, &Slot)| {
-            !health.is_broken(id) && !health.is_useless(id) && !slot.silent
-        };
-        if self.fleet.slots().any(hope) || self.finished() {
+        if self.any_hope() || self.finished() {
             self.outlook.some_work();
         } else if !self.fleet.is_empty() {
             self.outlook.all_broken(now);
@@ -195,13 +199,18 @@ impl Scheduler {
             return Some(told.to_owned());
         }
         let since = self.outlook.broken_since()?;
+        let health = self.fleet.health();
+        // What a server is at may be its first success.
+        let at_work = |(id, slot): (u64, &Slot)| {
+            !slot.jobs.is_empty() && !slot.silent && !health.is_broken(id)
+        };
         // How long there has been no server at all is counted elsewhere.
-        if self.fleet.is_empty() {
+        let slots = || self.fleet.slots();
+        if self.fleet.is_empty() || self.any_hope() || slots().any(at_work) {
             return None;
         }
-        let health = self.fleet.health();
         let may_be_sound = |(id, _): (u64, &Slot)| !health.is_broken(id);
-        let (patience, told) = if self.fleet.slots().any(may_be_sound) {
+        let (patience, told) = if slots().any(may_be_sound) {
             let told = "no server has succeeded with anything for a long time";
             (patience * SILENCE_FACTOR, told)
         } else {

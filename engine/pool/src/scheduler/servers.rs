@@ -67,6 +67,9 @@ impl Scheduler {
         }
         let id = presence.server;
         let lost = presence.state == State::Lost && self.fleet.slot(id).is_some();
+        if presence.state == State::Busy {
+            self.busy(id, presence.tool.as_deref(), now);
+        }
         let (ended, discover) = self.fleet.present(presence, &self.config.tool);
         if lost && ended.as_ref().is_some_and(|ended| ended.jobs.is_empty()) {
             self.ledger.attribution_mut().server_lost(None, now);

@@ -3,6 +3,7 @@
 import contextlib
 import io
 import tempfile
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +41,15 @@ TYPES = """<?xml version="1.0" encoding="UTF-8"?>
 <Enumeration name="first" valueReference="9" causality="parameter" variability="fixed" declaredType="Gear"
  start="1"/>
 </ModelVariables><ModelStructure/></fmiModelDescription>"""
+
+GEARS = """<?xml version="1.0" encoding="UTF-8"?>
+<fmiModelDescription fmiVersion="2.0" modelName="Gears" guid="gears">
+<CoSimulation modelIdentifier="gears"/>
+<TypeDefinitions><SimpleType name="Gear"><Enumeration><Item name="slow" value="1"/><Item name="fast"/>
+</Enumeration></SimpleType></TypeDefinitions>
+<ModelVariables><ScalarVariable name="gear" valueReference="0" causality="input">
+<Enumeration declaredType="Gear" start="1"/></ScalarVariable></ModelVariables>
+<ModelStructure/></fmiModelDescription>"""
 
 PULL = """<?xml version="1.0" encoding="UTF-8"?>
 <fmiModelDescription fmiVersion="3.0" modelName="Pull" instantiationToken="pull">
@@ -135,6 +145,12 @@ def test_an_enumeration_has_its_items(files: Path) -> None:
     """Of -2, 1 and 4 the nearest one, where -1 to 1 is -2 to 4."""
     found = set_by(files / "Types3.fmu", "gear", -1.0, -0.6, -0.4, 0.0, 0.4, 0.6, 1.0)
     assert [one for (one,) in found] == [-2.0, -2.0, 1.0, 1.0, 1.0, 4.0, 4.0]
+
+
+def test_an_enumeration_whose_items_have_no_values_has_none(tmp_path: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "gears.fmu", "w") as archive:
+        archive.writestr("modelDescription.xml", GEARS)
+    assert described(tmp_path / "gears.fmu").variables["gear"].items == ()
 
 
 def test_a_seed_fits_its_type(files: Path) -> None:

@@ -29,6 +29,8 @@ struct Past {
     taken: u32,
     /// How often it was silent, refused what it should do or answered wrongly since it succeeded with anything.
     in_vain: u32,
+    /// The process that this is of, where it says so.
+    instance: Option<String>,
 }
 
 /// The past of all ids.
@@ -91,6 +93,23 @@ impl Health {
         let past = self.pasts.entry(id).or_default();
         past.taken += 1;
         past.taken
+    }
+
+    /// A server is there: what another process did under its id in vain counts for nothing.
+    pub fn is_there(&mut self, id: u64, instance: Option<&str>) {
+        if let Some(past) = self.pasts.get_mut(&id)
+            && past.instance.as_deref() != instance
+        {
+            past.in_vain = 0;
+            past.instance = instance.map(str::to_owned);
+        }
+    }
+
+    /// A server's process has ended.
+    pub fn has_ended(&mut self, id: u64) {
+        if let Some(past) = self.pasts.get_mut(&id) {
+            past.in_vain = 0;
+        }
     }
 
     /// A server was silent, refused what it should do, or answered wrongly.

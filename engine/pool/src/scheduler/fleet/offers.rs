@@ -107,6 +107,7 @@ impl Fleet {
         self.unfit.remove(&id);
         self.refusals.remove(&id);
         self.note_sizes(id, &message.capabilities);
+        self.health.is_there(id, instance.as_deref());
         self.slots.insert(
             id,
             Slot {
@@ -273,6 +274,9 @@ impl Fleet {
             seen.retain(|(instance, _)| instance != announced);
         }
         self.presences.insert(id, presence);
+        if state == State::Lost {
+            self.health.has_ended(id);
+        }
         if state == State::Lost || elsewhere {
             self.left_behind.remove(id);
         }
@@ -307,8 +311,7 @@ impl Fleet {
                 self.slots.remove(&id);
                 (None, false)
             }
-            // Which tool has it is not said: perhaps this one, whose parameters came, and whose `control` has not yet. Where
-            // it is another one, the episode does not begin in time.
+            // Which tool has it is not said: perhaps this one, whose parameters came, and whose `control` has not yet.
             State::Busy if elsewhere && unnamed => (None, false),
             State::Busy if elsewhere => {
                 // Requests are answered whichever tool has the server; steps would be waited for in vain.
@@ -324,6 +327,7 @@ impl Fleet {
     /// A server left in good order. Returns the jobs that it had.
     pub fn left(&mut self, id: u64) -> Vec<Job> {
         self.presences.remove(&id);
+        self.health.has_ended(id);
         self.left_behind.remove(id);
         self.on_own_topic.remove(&id);
         self.unfit.remove(&id);

@@ -26,6 +26,8 @@ pub(crate) struct Episode {
     refused: Option<(Instant, String)>,
     /// Its server said that it is free, though it had not begun: until when it may still begin.
     vacant: Option<Instant>,
+    /// Its server is busy and does not say for whom, though it had not begun: until when it may still begin.
+    unnamed: Option<Instant>,
     /// The last round of discovery before its first sensors came.
     begun_in: Option<u64>,
     /// Its server, which is to be at it, answered a later round: until when messages of before may still come, and which
@@ -68,6 +70,7 @@ impl Episode {
             heard: now,
             refused: None,
             vacant: None,
+            unnamed: None,
             begun_in: None,
             deserted: None,
             backed_up: false,
@@ -180,6 +183,22 @@ impl Episode {
         self.steps() > 0
     }
 
+    /// Its server is busy: for this tool, or until then it may show that it is.
+    pub fn server_is_busy(&mut self, until: Option<Instant>) {
+        match until {
+            Some(until) if !self.begun() => {
+                self.unnamed.get_or_insert(until);
+            }
+            Some(_) => (),
+            None => self.unnamed = None,
+        }
+    }
+
+    /// Until when its server, which is busy for nobody knows whom, may still begin.
+    pub fn unnamed_until(&self) -> Option<Instant> {
+        self.unnamed.filter(|_| !self.begun())
+    }
+
     /// Until when its server, which said that it is free, may still begin.
     pub fn vacant_until(&self) -> Option<Instant> {
         self.vacant.filter(|_| !self.begun())
@@ -195,7 +214,7 @@ impl Episode {
             silent
         };
         let refused = self.refused.as_ref().map(|(at, _)| *at + AFTER_REFUSAL);
-        let earlier = [refused, self.vacant_until()];
+        let earlier = [refused, self.vacant_until(), self.unnamed_until()];
         earlier.into_iter().flatten().fold(silent, Instant::min)
     }
 

@@ -26,8 +26,8 @@ struct Ended {
 
 /// What was taken back of one server.
 pub(crate) enum Dropped {
-    Episode(String, Episode),
-    Request(u64, Request),
+    Episode(String, Box<Episode>),
+    Request(u64, Box<Request>),
 }
 
 pub(crate) struct InFlight {
@@ -93,11 +93,11 @@ impl InFlight {
         match job {
             Job::Episode(hash) => {
                 let episode = self.end_episode(&hash, false)?;
-                Some(Dropped::Episode(hash, episode))
+                Some(Dropped::Episode(hash, Box::new(episode)))
             }
             Job::Request(number) => {
                 let request = self.requests.remove(&number)?;
-                Some(Dropped::Request(number, request))
+                Some(Dropped::Request(number, Box::new(request)))
             }
         }
     }
@@ -232,13 +232,21 @@ impl InFlight {
 
     /// Those that their servers have not begun by now although they are free, each with its server.
     pub fn vacant_episodes(&self, now: Instant) -> Vec<(String, u64)> {
+        self.over_at(Episode::vacant_until, now)
+    }
+
+    /// Those that their servers, which are busy, have not begun by now, each with its server.
+    pub fn taken_episodes(&self, now: Instant) -> Vec<(String, u64)> {
+        self.over_at(Episode::unnamed_until, now)
+    }
+
+    fn over_at(&self, end: fn(&Episode) -> Option<Instant>, now: Instant) -> Vec<(String, u64)> {
         let episodes = self.episodes.iter();
-        let vacant = episodes.filter(|(_, one)| one.vacant_until().is_some_and(|at| at <= now));
-        let mut vacant: Vec<(String, u64)> = vacant
-            .map(|(hash, one)| (hash.clone(), one.server))
-            .collect();
-        vacant.sort();
-        vacant
+        let over = episodes.filter(|(_, one)| end(one).is_some_and(|at| at <= now));
+        let mut over: Vec<(String, u64)> =
+            over.map(|(hash, one)| (hash.clone(), one.server)).collect();
+        over.sort();
+        over
     }
 
     /// Those whose time is over.

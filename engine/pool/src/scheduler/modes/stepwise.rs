@@ -19,6 +19,9 @@ use crate::scheduler::{Action, Scheduler};
 
 /// By how much a message may come later than one that was published after it, on another topic.
 const OVERTAKEN: Duration = Duration::from_millis(250);
+/// How long a server may be busy for nobody knows whom before it is another tool's. It says for whom once it has this
+/// tool's control message.
+const UNNAMED: Duration = Duration::from_secs(2);
 /// Characters of a foreign title that are told, at most.
 const MOST_TITLE: usize = 200;
 /// Where the hash is looked for in a message that is too large, bytes.
@@ -288,6 +291,28 @@ impl Scheduler {
         }
     }
 
+    /// A server is busy for this tool, or does not say for whom.
+    pub(crate) fn busy(&mut self, id: u64, tool: Option<&str>, now: Instant) {
+        let until = match tool {
+            None => Some(now + UNNAMED),
+            Some(tool) if tool == self.config.tool => None,
+            Some(_) => return,
+        };
+        for run in self.in_flight.episodes_of(id) {
+            run.server_is_busy(until);
+        }
+    }
+
+    /// Episodes that their servers, busy for nobody knows whom, have not begun: another tool has these.
+    fn taken_episodes(&mut self, now: Instant) {
+        for (hash, server) in self.in_flight.taken_episodes(now) {
+            self.fleet.remove(server);
+            let reason = format!("server {server} is taken by another optimization tool");
+            self.fail_episode(&hash, &reason, Blame::None, now);
+            self.dispatch(now);
+        }
+    }
+
     /// Episodes that their servers have not begun although they are free.
     fn vacant_episodes(&mut self, now: Instant) {
         for (hash, server) in self.in_flight.vacant_episodes(now) {
@@ -310,6 +335,7 @@ impl Scheduler {
 
     /// Episodes whose servers have been silent for too long, or sent nothing better after a refusal.
     pub(crate) fn late_episodes(&mut self, now: Instant) {
+        self.taken_episodes(now);
         self.vacant_episodes(now);
         for hash in self.in_flight.late_episodes(&self.config, now) {
             let Some(run) = self.in_flight.episode_mut(&hash) else {
