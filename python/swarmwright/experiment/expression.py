@@ -5,11 +5,8 @@ expression is ever executed as Python.
 """
 
 import ast
-import io
 import math
 import operator
-import tokenize
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NoReturn
@@ -18,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.core.suggestions import did_you_mean
+from swarmwright.ros.expression import parsed
 
 LONGEST = 1000
 """Characters of an expression, at most."""
@@ -39,40 +37,14 @@ def parse(text: str) -> ast.expr:
     if len(text) > LONGEST:
         raise ExpressionError(f"has {len(text)} characters; at most {LONGEST} are possible")
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            return _parsed(text.strip())
+        tree: ast.expr = parsed(text.strip())
+        return tree
     except SyntaxError as error:
         message = str(error.msg).split(". Perhaps")[0]
         place = f" (column {error.offset})" if error.offset else ""
         raise ExpressionError(f"{_shortened(text)!r} is not a valid expression: {message}{place}") from None
     except (ValueError, RecursionError, MemoryError):
         raise ExpressionError(f"{_shortened(text)!r} is not a valid expression") from None
-
-
-def _parsed(text: str) -> ast.expr:
-    """Return the tree of a text, which may have several lines, as YAML has them with "|", and comments."""
-    try:
-        return ast.parse(text, mode="eval").body
-    except SyntaxError:
-        if len(text.splitlines()) < 2:
-            raise
-        bracketed = "\n".join(["(", *text.splitlines(), ")"])
-        tree = ast.parse(bracketed, mode="eval").body
-        if _closes_early(bracketed):
-            raise
-        return tree
-
-
-def _closes_early(bracketed: str) -> bool:
-    """Whether the first bracket is closed before the last line."""
-    depth = 0
-    for token in tokenize.generate_tokens(io.StringIO(bracketed).readline):
-        if token.type == tokenize.OP:
-            depth += (token.string in "([{") - (token.string in ")]}")
-            if depth == 0:
-                return token.start[0] < len(bracketed.splitlines())
-    return False
 
 
 # What may stand in an expression; each line is one IEEE operation, or chooses among numbers.

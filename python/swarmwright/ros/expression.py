@@ -42,7 +42,7 @@ class Expression:
 
     def __init__(self, text: str) -> None:
         self.text = text
-        self._root = _parsed(text.strip())
+        self._root = parsed(text.strip())
 
     def __call__(self, values: Mapping[str, float]) -> float:
         """Return its value; 1 and 0 are true and false. Raises ArithmeticError and ValueError for none."""
@@ -90,21 +90,23 @@ class Expression:
         return True
 
 
-def _parsed(text: str) -> Any:
-    """Return the tree of a text, several lines of which are read as in `experiment/expression.py`."""
+def parsed(text: str) -> Any:
+    """Return the tree of a text, which may have several lines, as YAML has them with "|", and comments.
+
+    Raises SyntaxError.
+    """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
             return ast.parse(text, mode="eval").body
         except SyntaxError:
-            lines = text.splitlines()
-            if len(lines) < 2:
+            if len(text.splitlines()) < 2:
                 raise
-            bracketed = "\n".join(["(", *lines, ")"])
-            root = ast.parse(bracketed, mode="eval").body
+            bracketed = "\n".join(["(", *text.splitlines(), ")"])
+            tree = ast.parse(bracketed, mode="eval").body
             if _closes_early(bracketed):
                 raise
-            return root
+            return tree
 
 
 def _closes_early(bracketed: str) -> bool:
