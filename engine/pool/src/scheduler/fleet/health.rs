@@ -96,7 +96,7 @@ impl Health {
     }
 
     /// A server is there: what another process did under its id in vain counts for nothing.
-    pub fn is_there(&mut self, id: u64, instance: Option<&str>) {
+    pub fn note_instance(&mut self, id: u64, instance: Option<&str>) {
         if let Some(past) = self.pasts.get_mut(&id)
             && past.instance.as_deref() != instance
         {
@@ -106,7 +106,7 @@ impl Health {
     }
 
     /// A server's process has ended.
-    pub fn has_ended(&mut self, id: u64) {
+    pub fn process_ended(&mut self, id: u64) {
         if let Some(past) = self.pasts.get_mut(&id) {
             past.in_vain = 0;
         }

@@ -107,7 +107,7 @@ impl Fleet {
         self.unfit.remove(&id);
         self.refusals.remove(&id);
         self.note_sizes(id, &message.capabilities);
-        self.health.is_there(id, instance.as_deref());
+        self.health.note_instance(id, instance.as_deref());
         self.slots.insert(
             id,
             Slot {
@@ -275,7 +275,7 @@ impl Fleet {
         }
         self.presences.insert(id, presence);
         if state == State::Lost {
-            self.health.has_ended(id);
+            self.health.process_ended(id);
         }
         if state == State::Lost || elsewhere {
             self.left_behind.remove(id);
@@ -327,7 +327,7 @@ impl Fleet {
     /// A server left in good order. Returns the jobs that it had.
     pub fn left(&mut self, id: u64) -> Vec<Job> {
         self.presences.remove(&id);
-        self.health.has_ended(id);
+        self.health.process_ended(id);
         self.left_behind.remove(id);
         self.on_own_topic.remove(&id);
         self.unfit.remove(&id);
