@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from swarmwright import Run
+    from swarmwright.runs.elites import Elites
     from swarmwright.store.verification import Verified
 
 _WARNINGS = 10  # shown at most
@@ -63,11 +64,63 @@ def list_table(output: Output, runs: list[dict[str, Any]]) -> None:
         )
         for facts in runs
     ]
-    shown_rows = [tuple(map(one_line, row)) for row in (heading, *rows)]
-    widths = [max(len(row[column]) for row in shown_rows) for column in range(len(heading))]
+    _table(output, [heading, *rows])
+
+
+def _table(output: Output, rows: list[tuple[str, ...]]) -> None:
+    """Print rows, the heading first, aligned."""
+    shown_rows = [tuple(map(one_line, row)) for row in rows]
+    widths = [max(len(row[column]) for row in shown_rows) for column in range(len(rows[0]))]
     for row in shown_rows:
         cells = (cell.ljust(width) for cell, width in zip(row, widths, strict=True))
         output.text("  ".join(cells).rstrip())
+
+
+def list_elites(output: Output, elites: "Elites", limit: int, offset: float) -> None:
+    """Print the elites of a run as a table, the best first; limit: rows, 0 for all."""
+    output.text(elites_line(elites, offset))
+    heading = ("generation", "candidate", "fitness", *elites.goals)
+    found = elites.candidates[: limit or None]
+    rows = [
+        (
+            str(one.generation),
+            str(one.candidate),
+            f"{one.fitness + 0.0:.6g}",
+            *(f"{value + 0.0:.6g}" for value in one.metrics.values()),
+        )
+        for one in found
+    ]
+    if rows:
+        _table(output, [heading, *rows])
+    if len(found) < len(elites.candidates):
+        output.text(f".. and {len(elites.candidates) - len(found):,} more: --limit 0 shows all")
+
+
+def elites_facts(elites: "Elites", offset: float) -> dict[str, Any]:
+    """Return what `--json` says of elites."""
+    return {
+        "kind": elites.kind,
+        "goals": elites.goals,
+        "cells": None if elites.grid is None else elites.grid.cells,
+        "coverage": elites.coverage,
+        "qd_score": elites.qd_score(offset),
+        "elites": [one._asdict() for one in elites.candidates],
+    }
+
+
+def elites_line(elites: "Elites", offset: float = 0.0) -> str:
+    """Return a sentence on how many elites there are."""
+    count = len(elites.candidates)
+    if elites.grid is None:
+        goals = ", ".join(f"{name} ({goal}d)" for name, goal in elites.goals.items())
+        who = "1 candidate that is" if count == 1 else f"{count:,} candidates that are"
+        return f"The front has {who} not dominated in fitness, {one_line(goals)}."
+    cells, share = elites.grid.cells, 100 * (elites.coverage or 0.0)
+    less = f" (offset {offset:g})" if offset else ""
+    return (
+        f"The archive has elites in {count:,} of {cells:,} cells (coverage {share:.3g} %), QD score "
+        f"{elites.qd_score(offset):.6g}{less}."
+    )
 
 
 def describe(output: Output, run: "Run") -> None:
@@ -187,10 +240,17 @@ def _summary(output: Output, run: "Run", facts: dict[str, Any]) -> None:
 
 
 def saved_lines(run: "Run") -> Iterator[str]:
-    """Yield a line: how many episodes races saved, or how many candidates a slow simulation evaluated."""
+    """Yield lines on what a run has beside its best candidate.
+
+    How many elites there are, how many episodes races saved, how many candidates a slow simulation
+    evaluated.
+    """
     from swarmwright.experiment.targets import slow_of
     from swarmwright.rankings.race import RaceOptions
+    from swarmwright.runs.elites import has_elites
 
+    if run.generations and has_elites(run):
+        yield f"{elites_line(run.elites)[:-1]}: `swarmwright runs elites {run.path}` lists them."
     if isinstance(run.experiment.ranking, RaceOptions):
         every, saved = run.evaluations * run.experiment.ranking.episodes, run.episodes_saved
         share = 100 * saved / max(every, 1)

@@ -62,6 +62,60 @@ def show(run: Path, as_json: bool) -> None:
     describe(Output(as_json=as_json), Run.open(run))
 
 
+@command.command(
+    "elites",
+    cls=Command,
+    example="swarmwright runs elites runs/arena-1\n"
+    "swarmwright runs elites runs/arena-1 --limit 0 --plot archive.png\n"
+    "swarmwright runs elites runs/arena-1 --json",
+)
+@click.argument("run", type=ExistingPath(folder=True), metavar="RUN")
+@click.option(
+    "--limit",
+    type=click.IntRange(min=0),
+    default=20,
+    show_default=True,
+    metavar="N",
+    help="List the N with the best fitness, 0: all. --json has all.",
+)
+@click.option(
+    "--plot",
+    "file",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE",
+    help="Draw the archive as a heat map, or the front: .png, .svg or .pdf.",
+)
+@click.option(
+    "--offset",
+    type=float,
+    default=0.0,
+    show_default=True,
+    metavar="FITNESS",
+    help="Worst possible fitness, which the QD score subtracts from that of each elite.",
+)
+@json_option
+def elites(run: Path, limit: int, file: Path | None, offset: float, as_json: bool) -> None:
+    """List the elites of RUN: the archive of map_elites, or the front of nsga2.
+
+    With each elite come its generation and candidate, by which `evaluate`, `replay`, `draw` and `export`
+    take it.
+    """
+    from swarmwright import Run
+    from swarmwright.cli._runs import elites_facts, list_elites
+
+    output = Output(as_json=as_json)
+    found = Run.open(run).elites
+    if file is not None:
+        found.plot(file)
+    output.json(
+        {"run": str(run), **elites_facts(found, offset), "picture": None if file is None else str(file)}
+    )
+    if not as_json:
+        list_elites(output, found, limit, offset)
+        if file is not None:
+            output.text(f"The figure is in {file}")
+
+
 @command.command("diff", cls=Command, example="swarmwright runs diff runs/minisim-1 runs/minisim-1-2")
 @click.argument("one", type=ExistingPath(folder=True), metavar="RUN")
 @click.argument("other", type=ExistingPath(folder=True), metavar="RUN")

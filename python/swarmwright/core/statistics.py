@@ -6,6 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 
+import numpy as np
+from numpy.typing import NDArray
+
 from swarmwright import _engine
 from swarmwright.typing import Fitness
 
@@ -65,6 +68,15 @@ def mean(values: Sequence[float]) -> float:
         scaled = math.fsum(value * _SMALLER for value in values) / len(values)
         # Rounding may lead out of the values, whose largest may be the largest number.
         return min(max(scaled, min(values) * _SMALLER), max(values) * _SMALLER) / _SMALLER
+
+
+def means(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the means over episodes, as `mean`, without those that are not finite: (n, e, k) to (n, k)."""
+    if values.shape[1] == 1:
+        return np.where(np.isfinite(values[:, 0]), values[:, 0], np.nan)
+    rows = values.transpose(0, 2, 1)
+    found = [[mean([one for one in of if math.isfinite(one)]) for of in row] for row in rows.tolist()]
+    return np.array(found, dtype=np.float64).reshape(rows.shape[:2])
 
 
 _SMALLER = 2.0**-64

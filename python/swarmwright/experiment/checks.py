@@ -8,6 +8,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from swarmwright.core import suggestions
 from swarmwright.core.errors import InputError
 from swarmwright.core.options import Options
 from swarmwright.core.plug_in_code import is_plug_in
@@ -148,8 +149,8 @@ def _check_reevaluation(checked: Checked, report: Report) -> None:
     if ranking.reevaluate and not METHODS.get(kind).keeps_members:
         report(
             ("ranking", "reevaluate"),
-            f"{kind} keeps no members from one generation to the next, so there are none to evaluate again; "
-            "leave the key out, or take a method that does, such as nnga",
+            f"{kind} keeps no members from one generation to the next that could be evaluated again; leave "
+            "the key out, or take a method that does, such as nnga",
         )
 
 
@@ -197,6 +198,27 @@ def _check_metrics(checked: Checked, report: Report) -> None:
             f"{METRIC} is what the ranking {ranking.kind} calls the fitness in the slow simulation; give the "  # type: ignore[attr-defined] # every kind's options have it
             "simulation's metric another name",
         )
+
+
+def _check_needed_metrics(checked: Checked, known: list[str] | None, title: str, report: Report) -> None:
+    """Check that the metrics that the method needs beside fitness are named, and exist.
+
+    known: those of the simulation; None where only its servers know them.
+    """
+    method = checked.get("method")
+    if not isinstance(method, MethodOptions):
+        return
+    kind: str = method.kind  # type: ignore[attr-defined] # every kind's options have it
+    option = METHODS.get(kind).metrics_option
+    if option is None:
+        return
+    names = method.needed_metrics
+    if not names:
+        there = "the simulation's metrics" if known is None else f"the metrics of {title}: {', '.join(known)}"
+        report(("method", option), f"is missing; name at least one of {there}")
+    for name in names:
+        if known is not None and name not in known:
+            report(("method", option, name), suggestions.unknown("metric", name, known))
 
 
 def _as_written(path: Path_, message: str, values: Any) -> Path_:  # noqa: ANN401 - any values of a file
@@ -372,6 +394,7 @@ def _fill_in(checked: Checked, here: bool, report: Report) -> None:
     """Write out what a simulation that can be asked announces; check that the file does not contradict it."""
     if not here:
         checked["requirements"] = checked["requirements"] or Requirements(dimensions=2)
+        _check_needed_metrics(checked, None, "", report)
         return
     try:
         announced = catalogue.description(checked["simulation"], checked["parameters"])
@@ -393,8 +416,9 @@ def _fill_in(checked: Checked, here: bool, report: Report) -> None:
             "sensors are 0); use parameter_set",
         )
     checked["requirements"] = checked["requirements"] or Requirements(dimensions=announced["dimensions"])
+    known = list(announced["metrics"])
+    _check_needed_metrics(checked, known, announced["title"], report)
     if checked["fitness"] is not None:
-        known = list(announced["metrics"])
         problem = FitnessExpression(checked["fitness"]).unknown(known, announced["title"])
         if problem is not None:
             report(("fitness",), problem)

@@ -57,6 +57,11 @@ class MethodOptions(Options):
         return values
 
     @property
+    def needed_metrics(self) -> tuple[str, ...]:
+        """Names of the metrics that the method needs beside fitness, see `Method.metrics`. Default: none."""
+        return ()
+
+    @property
     def generation_limit(self) -> int | None:
         """How many generations there may be, None for any number."""
         return (
@@ -112,6 +117,9 @@ class Method(SteadyState):
     spreads_evaluations: ClassVar[bool] = False
     """Whether what it asks for depends on `evaluations` of the options from the start, so that a run with
     more of them would be another one."""
+    metrics_option: ClassVar[str | None] = None
+    """The option, a mapping by their names, that says which metrics the method needs; experiments must have
+    it."""
     libraries: ClassVar[tuple[str, ...]] = ()
     """Packages that the method computes with, besides NumPy; the record of a run names their versions."""
     generational_because: ClassVar[str] = "it learns from whole generations"
@@ -136,6 +144,9 @@ class Method(SteadyState):
         """Whether the target is reached; not in steady state."""
         self.start: Genomes = np.empty((0, representation.genome_size), dtype=np.float32)
         """Genomes to start from, (k, genome_size); none unless `start_from` was called."""
+        self.metrics: NDArray[np.float64] = np.empty((0, len(options.needed_metrics)))
+        """Metrics of those told last, `needed_metrics` of the options in their order, (n, metrics): means
+        over the episodes of each; NaN where no episode had one."""
         self._asked: Genomes | None = None
         self._begin_steady_state()
 
@@ -265,20 +276,43 @@ class Method(SteadyState):
         """
         return np.empty((0, self.representation.genome_size), dtype=np.float32)
 
-    def tell(self, fitness: Fitness, kept: Fitness | None = None) -> None:
+    def tell(
+        self,
+        fitness: Fitness,
+        kept: Fitness | None = None,
+        metrics: NDArray[np.float64] | None = None,
+    ) -> None:
         """Take the fitness of the genomes asked for last: float64, (n,), in their order; NaN = failed.
 
-        kept: new fitness of the members that `kept` returned, (k,), if they were evaluated again. Raises
-        InputError when nothing was asked for or the number of values is another.
+        Args:
+            fitness: of each.
+            kept: new fitness of the members that `kept` returned, (k,), if they were evaluated again.
+            metrics: (n, metrics), where `needed_metrics` of the options names any.
+
+        Raises InputError when nothing was asked for, or the number of values is another.
         """
         self._check_operation("generational", "ask_next and tell_next")
         if self._asked is None:
             raise InputError("there is nothing to tell: ask for genomes first")
         values = _checked(fitness, len(self._asked), "asked were")
+        self._take(metrics, len(values))
         if kept is not None:
             self._rescore(_checked(kept, len(self.kept()), "kept are"))
         self._tell(self._asked, values)
         self.passed(values)
+
+    def _take(self, metrics: NDArray[np.float64] | None, count: int) -> None:
+        """Keep the metrics of what is told. Raises InputError when they are missing."""
+        needed = self.options.needed_metrics
+        if not needed:
+            return
+        if metrics is None:
+            names = ", ".join(needed)
+            raise InputError(f"{self.kind} needs metrics: tell(fitness, metrics=...), with columns {names}")
+        values = np.asarray(metrics, dtype=np.float64)
+        if values.shape != (count, len(needed)):
+            raise InputError(f"metrics has the shape {values.shape}; expected {(count, len(needed))}")
+        self.metrics = values
 
     def passed(self, values: Fitness) -> None:
         """Count a generation whose fitness, (n,), it has been told, be it by `tell` or within the engine."""

@@ -16,7 +16,7 @@ import numpy as np
 from swarmwright import _engine
 from swarmwright.core.errors import InputError, RunError
 from swarmwright.core.plug_in_code import is_plug_in, numbers
-from swarmwright.core.statistics import Summary, figures_of, summarize
+from swarmwright.core.statistics import Summary, figures_of, means, summarize
 from swarmwright.core.untrusted import one_line
 from swarmwright.evaluation.base import Backend, Controllers, Progress, Results
 from swarmwright.experiment.budget import Ended, Limit
@@ -27,7 +27,12 @@ from swarmwright.optimization.ahead import Ahead, Produced, can_be_ahead
 from swarmwright.optimization.checks import check_plug_ins, check_seeds
 from swarmwright.optimization.memory import LARGE, candidates, progress
 from swarmwright.optimization.raced import race
-from swarmwright.optimization.two_simulations import TwoSimulations, descriptor_columns, evaluate_both
+from swarmwright.optimization.two_simulations import (
+    TwoSimulations,
+    descriptor_columns,
+    evaluate_both,
+    needed_columns,
+)
 from swarmwright.rankings._base import Ranking
 from swarmwright.rankings._slow import SlowRanking
 from swarmwright.rankings.race import Race
@@ -126,6 +131,7 @@ class Loop:
         self._method: Method = experiment.new_method(representation)
         self._ranking: Ranking = experiment.new_ranking()
         self._descriptor = descriptor_columns(self._ranking, experiment)
+        self._needed = needed_columns(self._ranking, experiment)
         self._first_seed = experiment.first_seed
         self._representation = representation
         check_plug_ins(self._method, self._ranking, representation)
@@ -447,7 +453,8 @@ class Loop:
             fitness = self._ranking.score(results.fitness, genomes)
         self._check(fitness, number, results)
         kept = fitness[self._asked :] if self._ranking.options.reevaluate else None
-        self._method.tell(fitness[: self._asked], kept)
+        needed = means(results.metrics[: self._asked, :, self._needed]) if self._needed else None
+        self._method.tell(fitness[: self._asked], kept, needed)
         if self._method.by_instance:
             fitness = self._method.told_means
         return self._told(number, seeds, Produced.of(genomes, results, fitness, self._population_fitness()))

@@ -136,11 +136,14 @@ def open_simulations(
     keys name servers or a broker.
     """
     target = slow_of(experiment)
+    ranking = experiment.new_ranking()
+    metrics = _beside_fitness(ranking, experiment)
     if target is None:
-        with open_backend(experiment, broker=broker, servers=servers, wait=wait, earlier=earlier) as backend:
+        with open_backend(
+            experiment, broker=broker, servers=servers, wait=wait, metrics=metrics, earlier=earlier
+        ) as backend:
             yield backend
         return
-    ranking = experiment.new_ranking()
     assert isinstance(ranking, SlowRanking)
     code = target.code(experiment)
     if code is not None:
@@ -159,7 +162,7 @@ def open_simulations(
                 broker=broker,
                 servers=servers,
                 wait=wait,
-                metrics=ranking.descriptor,
+                metrics=metrics,
                 earlier=earlier,
             )
         )
@@ -200,10 +203,23 @@ def _place(experiment: Experiment, broker: str | None, servers: Servers | None) 
 
 def descriptor_columns(ranking: Ranking, experiment: Experiment) -> list[int]:
     """Return which of the stored metrics a ranking needs, in its order."""
-    if not isinstance(ranking, SlowRanking):
-        return []
-    names = metrics_of(experiment.fitness_expression, ranking.descriptor)
-    return [names.index(name) for name in ranking.descriptor]
+    return _columns(ranking.descriptor if isinstance(ranking, SlowRanking) else (), ranking, experiment)
+
+
+def needed_columns(ranking: Ranking, experiment: Experiment) -> list[int]:
+    """Return which of the stored metrics the method needs, in its order."""
+    return _columns(experiment.method.needed_metrics, ranking, experiment)
+
+
+def _beside_fitness(ranking: Ranking, experiment: Experiment) -> tuple[str, ...]:
+    """Return the metrics that are evaluated for the ranking and for the method."""
+    descriptor = ranking.descriptor if isinstance(ranking, SlowRanking) else ()
+    return (*descriptor, *experiment.method.needed_metrics)
+
+
+def _columns(wanted: Sequence[str], ranking: Ranking, experiment: Experiment) -> list[int]:
+    names = metrics_of(experiment.fitness_expression, _beside_fitness(ranking, experiment))
+    return [names.index(name) for name in wanted]
 
 
 def evaluate_both(

@@ -30,6 +30,7 @@ from swarmwright.user_code.trust import trusting
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from swarmwright.runs.elites import Elites
     from swarmwright.runs.page import ReplayPage
     from swarmwright.runs.post_evaluation import PostEvaluation
     from swarmwright.runs.transfer.transferred import Transferred
@@ -291,6 +292,13 @@ class Run:
         It is that of the last generation in the store, which goes on from those of all generations before.
         """
         return self.store.digest()
+
+    @cached_property
+    def elites(self) -> "Elites":
+        """The archive of `map_elites`, or the front of `nsga2`. Raises InputError for other methods."""
+        from swarmwright.runs.elites import of_run
+
+        return of_run(self)
 
     @checked
     def export(self, path: str | Path) -> None:

@@ -10,12 +10,18 @@ import pytest
 
 from swarmwright import Experiment, InputError, optimize
 from swarmwright.methods import METHODS
+from tests.python.methods.needed import method_of
 
 
 @pytest.mark.parametrize("kind", sorted(METHODS.built_in))
 def test_a_run_with_every_method(kind: str, tmp_path: Path) -> None:
     experiment = Experiment.from_mapping(
-        {"simulation": "minisim", "servers": "local", "method": {"kind": kind, "generations": 4}, "seed": 3}
+        {
+            "simulation": "minisim",
+            "servers": "local",
+            "method": method_of(kind, generations=4),
+            "seed": 3,
+        }
     )
     runs = [optimize(experiment, out=tmp_path / name) for name in ("one", "other")]
     one, other = (run.record for run in runs)

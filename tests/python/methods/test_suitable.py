@@ -12,6 +12,7 @@ from swarmwright.representations import REPRESENTATIONS
 from swarmwright.representations.layered import Layered, LayeredOptions
 from swarmwright.testing._samples import Choices
 from tests.python.methods.functions import new
+from tests.python.methods.needed import method_of
 
 COMPUTING = ["cma_es", "de", "evostick", "openai_es", "pgpe", "pso", "sep_cma_es", "snes", "xnes"]
 
@@ -51,7 +52,7 @@ def test_an_experiment_is_refused_with_file_and_line(kind: str, tmp_path: Any) -
 @pytest.mark.usefixtures("table")
 @pytest.mark.parametrize("kind", sorted(set(METHODS.built_in) - set(COMPUTING)))
 def test_methods_that_leave_variation_to_the_representation_take_it(kind: str) -> None:
-    experiment = Experiment.from_mapping({"simulation": "minisim", "method": {"kind": kind}})
+    experiment = Experiment.from_mapping({"simulation": "minisim", "method": method_of(kind)})
     assert len(experiment.new_method(experiment.representation()).ask()) > 0
 
 

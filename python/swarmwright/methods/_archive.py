@@ -1,0 +1,161 @@
+"""What quality diversity and multi-objective optimization keep: elites of cells, and fronts."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmwright.typing import Fitness
+
+Values = NDArray[np.float64]
+"""Of each candidate (a row) several values (columns)."""
+
+
+@dataclass(frozen=True)
+class Axis:
+    """A measure by which an archive is divided into cells."""
+
+    low: float
+    high: float
+    bins: int
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Cells of an archive: the range of each measure is divided into bins of the same width."""
+
+    axes: tuple[Axis, ...]
+    """The measures, in order; at least one."""
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Bins of each measure."""
+        return tuple(one.bins for one in self.axes)
+
+    @property
+    def cells(self) -> int:
+        """How many there are."""
+        return math.prod(self.shape)
+
+    def cells_of(self, measures: Values) -> NDArray[np.int64]:
+        """Return the cells of candidates, (n,), from 0; -1 where a measure is not finite.
+
+        Values beyond the range of a measure belong to its first or last bin. The last measure counts fastest.
+
+        Args:
+            measures: (n, measures).
+        """
+        known: NDArray[np.bool_] = np.logical_and.reduce(np.isfinite(measures), axis=1)
+        bins = np.array(self.shape)
+        low = np.array([one.low for one in self.axes])
+        width = np.array([one.high - one.low for one in self.axes])
+        places = (np.where(known[:, np.newaxis], measures, low) - low) / width * bins
+        indices = np.clip(np.floor(places), 0, bins - 1).astype(np.int64)
+        found = np.zeros(len(measures), dtype=np.int64)
+        for axis, size in enumerate(self.shape):
+            found = found * size + indices[:, axis]
+        return np.where(known, found, -1)
+
+
+class Elites:
+    """The best candidate of each cell, by its number; of equally good ones the earliest stays."""
+
+    def __init__(self, grid: Grid) -> None:
+        self.grid = grid
+        self._found: dict[int, tuple[float, int]] = {}
+
+    def __len__(self) -> int:
+        """Return how many cells have an elite."""
+        return len(self._found)
+
+    def add(self, numbers: Sequence[int], fitness: Fitness, measures: Values) -> list[tuple[int, int]]:
+        """Add candidates, one after the other; return (cell, row) of those that are elites afterwards.
+
+        Those whose fitness or measures are not finite are left out.
+
+        Args:
+            numbers: of the candidates, n of them.
+            fitness: (n,).
+            measures: (n, measures).
+        """
+        new: dict[int, int] = {}
+        cells = self.grid.cells_of(measures).tolist()
+        rows = zip(numbers, cells, fitness.tolist(), strict=True)
+        for row, (number, cell, value) in enumerate(rows):
+            if cell < 0 or not math.isfinite(value):
+                continue
+            if cell not in self._found or value > self._found[cell][0]:
+                self._found[cell] = value, number
+                new[cell] = row
+        return sorted(new.items())
+
+    @property
+    def cells(self) -> list[int]:
+        """Cells that have an elite, in order."""
+        return sorted(self._found)
+
+    @property
+    def numbers(self) -> list[int]:
+        """Numbers of the elites, in the order of `cells`."""
+        return [self._found[cell][1] for cell in self.cells]
+
+    @property
+    def fitness(self) -> Fitness:
+        """Their fitness."""
+        return np.array([self._found[cell][0] for cell in self.cells])
+
+
+def dominates(values: Values) -> NDArray[np.bool_]:
+    """Return which rows dominate which, (n, n): as good in every column and better in one; more is better.
+
+    A row with a value that is not finite dominates nothing, and is dominated by all that are finite.
+    """
+    finite: NDArray[np.bool_] = np.logical_and.reduce(np.isfinite(values), axis=1)
+    known = np.where(finite[:, np.newaxis], values, 0.0)
+    at_least = np.ones((len(values), len(values)), dtype=bool)
+    better = np.zeros_like(at_least)
+    for column in known.T:
+        at_least &= column[:, np.newaxis] >= column
+        better |= column[:, np.newaxis] > column
+    both = finite[:, np.newaxis] & finite
+    return np.where(both, at_least & better, finite[:, np.newaxis] & ~finite)
+
+
+def ranks(values: Values, last: int | None = None) -> NDArray[np.int64]:
+    """Return the front of each row, (n,): 0 for those that no row dominates, then 1, and so on.
+
+    last: number of the last front that is looked for; the rows behind it have -1. Default: all.
+
+    Source: the non-dominated sorting of Deb, Pratap, Agarwal and Meyarivan, "A fast and elitist
+    multiobjective genetic algorithm: NSGA-II", IEEE Transactions on Evolutionary Computation 6(2), 2002.
+    """
+    relation = dominates(values)
+    left = relation.sum(axis=0)
+    found = np.full(len(values), -1, dtype=np.int64)
+    front = 0
+    while (found < 0).any() and (last is None or front <= last):
+        now = (left == 0) & (found < 0)
+        found[now] = front
+        left = left - relation[now].sum(axis=0)
+        front += 1
+    return found
+
+
+def crowding(values: Values) -> Values:
+    """Return the crowding distance of each row of one front, (n,): infinite at the ends of each column.
+
+    Source: as `ranks`.
+    """
+    count = len(values)
+    found = np.zeros(count)
+    for column in values.T:
+        order = np.argsort(column, kind="stable")
+        ordered = column[order]
+        found[order[[0, -1]]] = np.inf
+        # Halves, so that the difference of two huge values is finite.
+        width = ordered[-1] / 2 - ordered[0] / 2
+        if count > 2 and width > 0:
+            found[order[1:-1]] += (ordered[2:] / 2 - ordered[:-2] / 2) / width
+    return found

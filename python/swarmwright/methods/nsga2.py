@@ -1,0 +1,127 @@
+"""NSGA-II: several objectives, and the best trade-offs between them."""
+
+from typing import ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from swarmwright.methods._archive import Values, crowding, ranks
+from swarmwright.methods._base import Method, MethodOptions
+from swarmwright.representations._base import Representation
+from swarmwright.typing import Fitness, Genomes
+
+
+class Nsga2Options(MethodOptions):
+    """Multi-objective: the trade-offs between fitness and further metrics."""
+
+    kind: Literal["nsga2"] = "nsga2"
+    population: int = Field(default=100, ge=4, le=4_000)
+    """Members, and children in each generation."""
+    objectives: dict[str, Literal["maximize", "minimize"]] = Field(default={}, max_length=8)
+    """Metrics that are objectives beside the fitness, which is maximized: `objectives: {energy: minimize}`. A
+    candidate's value is the mean of the metric over its episodes. Required in experiments."""
+    crossover: float = Field(default=0.9, ge=0, le=1)
+    """Probability of a child of two members, by the representation's crossover, which is then mutated; the
+    others are mutated copies of one."""
+    severity: float = Field(default=0.2, ge=0, le=1000)
+    """Size of mutations, as a share of the initial range of weights and biases."""
+    probability: float = Field(default=0.2, ge=0, le=1)
+    """Probability of a gene to be changed by a mutation."""
+
+    @property
+    def needed_metrics(self) -> tuple[str, ...]:
+        """Names of the metrics that are objectives."""
+        return tuple(self.objectives)
+
+    def values(self, fitness: Fitness, metrics: Values) -> Values:
+        """Return what is maximized, (n, 1 + objectives): fitness (n,), then metrics (n, objectives)."""
+        signs = [1.0 if goal == "maximize" else -1.0 for goal in self.objectives.values()]
+        return np.column_stack([fitness, metrics * np.array(signs)])
+
+
+class Nsga2(Method):
+    """Members and their children are sorted by fronts of trade-offs, and within one by how isolated they are.
+
+    Parents win a tournament of two: the one in the better front, or else the more isolated one. Variation is
+    that of the representation. The result is the front of all evaluations that no other one dominates:
+    `swarmwright runs elites RUN`.
+
+    Source: Deb, Pratap, Agarwal and Meyarivan, "A fast and elitist multiobjective genetic algorithm:
+    NSGA-II", IEEE Transactions on Evolutionary Computation 6(2), 2002. It varies numbers by simulated binary
+    crossover and polynomial mutation; here the representation does, so that any controller can be evolved.
+    """
+
+    kind: ClassVar[str] = "nsga2"
+    options_model = Nsga2Options
+    options: Nsga2Options
+    start_as = "members"
+    metrics_option = "objectives"
+
+    def __init__(self, options: Nsga2Options, representation: Representation, *, seed: int) -> None:
+        super().__init__(options, representation, seed=seed)
+        self._members: Genomes = np.empty((0, representation.genome_size), dtype=np.float32)
+        self._fitness: Fitness = np.empty(0)
+        self._values: Values = np.empty((0, 1 + len(options.objectives)))
+        self._ranks: NDArray[np.int64] = np.empty(0, dtype=np.int64)
+        self._crowding: Values = np.empty(0)
+
+    @property
+    def budget(self) -> int:
+        """Number of evaluations of the whole run."""
+        return self.options.population * self.options.generations
+
+    @property
+    def population_fitness(self) -> Fitness:
+        """Fitness of the members."""
+        return self._fitness.copy()
+
+    def _ask(self) -> Genomes:
+        options = self.options
+        candidates = np.arange(options.population)
+        if not len(self._members):
+            return self.initials(candidates.tolist())
+        parents = self._tournaments(self.streams("nsga2.choose", candidates).integers(len(self._members), 4))
+        children = self._members[parents[:, 0]]
+        crossed = np.flatnonzero(self.streams("nsga2.cross", candidates).units(1)[:, 0] < options.crossover)
+        if len(crossed):
+            children[crossed] = self.representation.crossovers(
+                children[crossed],
+                self._members[parents[crossed, 1]],
+                self.streams("nsga2.crossover", crossed),
+            )
+        return self.representation.mutations(
+            children,
+            self.streams("nsga2.mutate", candidates),
+            severity=options.severity,
+            probability=options.probability,
+        )
+
+    def _tournaments(self, drawn: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return the winners of pairs: (n, 4) members to (n, 2)."""
+        ones, others = drawn[:, 0::2], drawn[:, 1::2]
+        better = self._ranks[others] < self._ranks[ones]
+        isolated = (self._ranks[others] == self._ranks[ones]) & (
+            self._crowding[others] > self._crowding[ones]
+        )
+        return np.where(better | isolated, others, ones)
+
+    def _tell(self, genomes: Genomes, fitness: Fitness) -> None:
+        metrics = self.metrics if self.options.objectives else np.empty((len(genomes), 0))
+        members = np.concatenate([self._members, genomes])
+        values = np.concatenate([self._values, self.options.values(fitness, metrics)])
+        every = np.concatenate([self._fitness, fitness])
+        fronts = ranks(values)
+        kept: list[int] = []
+        distances = np.zeros(len(values))
+        for front in range(int(fronts.max()) + 1):
+            rows = np.flatnonzero(fronts == front)
+            distances[rows] = crowding(np.where(np.isfinite(values[rows]), values[rows], 0.0))
+            left = self.options.population - len(kept)
+            if len(rows) > left:
+                rows = np.sort(rows[np.argsort(-distances[rows], kind="stable")[:left]])
+            kept.extend(rows.tolist())
+            if len(kept) == self.options.population:
+                break
+        self._members, self._values, self._fitness = members[kept], values[kept], every[kept]
+        self._ranks, self._crowding = fronts[kept], distances[kept]

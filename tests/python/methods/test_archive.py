@@ -1,0 +1,90 @@
+"""Archives and fronts, against what their definitions say."""
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from pymoo.operators.survival.rank_and_crowding.metrics import calc_crowding_distance
+from pymoo.util.nds.non_dominated_sorting import NonDominatedSorting
+
+from swarmwright.methods._archive import Axis, Elites, Grid, crowding, ranks
+
+GRID = Grid((Axis(0.0, 1.0, 4), Axis(-10.0, 10.0, 3)))
+
+
+def random(seed: int, *shape: int) -> NDArray[np.float64]:
+    return np.random.default_rng(seed).random(shape)
+
+
+def test_cells_divide_the_ranges_and_what_lies_beyond_belongs_to_the_ends() -> None:
+    measures = np.array(
+        [[0.0, -10.0], [0.249, -3.4], [0.25, -3.3], [1.0, 10.0], [-5.0, 99.0], [1e300, -1e300], [0.5, 0.0]]
+    )
+    assert GRID.cells == 12
+    assert GRID.cells_of(measures).tolist() == [0, 0, 4, 11, 2, 9, 7]
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_a_measure_that_is_not_finite_has_no_cell(value: float) -> None:
+    assert GRID.cells_of(np.array([[0.1, value], [value, 0.0]])).tolist() == [-1, -1]
+
+
+@pytest.mark.parametrize("part", [1, 7, 100])
+def test_an_archive_has_the_best_of_each_cell_and_of_equal_ones_the_first(part: int) -> None:
+    measures = random(1, 700, 2) * [1.0, 20.0] - [0.0, 10.0]
+    fitness = np.round(random(2, 700) * 20)
+    fitness[::13] = np.nan
+    elites = Elites(GRID)
+    for first in range(0, 700, part):
+        rows = slice(first, first + part)
+        elites.add(range(first, min(first + part, 700)), fitness[rows], measures[rows])
+    cells = GRID.cells_of(measures)
+    expected = {}
+    for number in range(700):
+        cell = int(cells[number])
+        if np.isfinite(fitness[number]) and fitness[number] > fitness[expected.get(cell, 0)]:
+            expected[cell] = number
+        elif np.isfinite(fitness[number]):
+            expected.setdefault(cell, number)
+    assert dict(zip(elites.cells, elites.numbers, strict=True)) == expected
+    assert elites.fitness.tolist() == [fitness[expected[cell]] for cell in elites.cells]
+
+
+def test_what_is_reported_as_new_is_what_is_in_the_archive_afterwards() -> None:
+    elites = Elites(Grid((Axis(0.0, 1.0, 1),)))
+    assert elites.add([5, 6, 7], np.array([1.0, 3.0, 2.0]), np.zeros((3, 1))) == [(0, 1)]
+    assert elites.add([8, 9], np.array([3.0, np.nan]), np.zeros((2, 1))) == []
+    assert (elites.numbers, elites.fitness.tolist(), len(elites)) == ([6], [3.0], 1)
+
+
+@pytest.mark.parametrize("columns", [1, 2, 3, 5])
+@pytest.mark.parametrize("steps", [3, 1000])
+def test_fronts_are_those_of_pymoo(columns: int, steps: int) -> None:
+    values = np.round(random(columns, 150, columns) * steps)
+    expected = np.empty(150, dtype=int)
+    for number, front in enumerate(NonDominatedSorting().do(-values)):
+        expected[front] = number
+    assert ranks(values).tolist() == expected.tolist()
+    assert (ranks(values, last=0) == 0).tolist() == (expected == 0).tolist()
+
+
+def test_rows_that_are_not_finite_come_last() -> None:
+    values = np.array([[1.0, np.nan], [-1e308, -1e308], [np.inf, 5.0], [0.0, 0.0]])
+    assert ranks(values).tolist() == [2, 1, 2, 0]
+
+
+@pytest.mark.parametrize("columns", [2, 3])
+def test_crowding_distances_are_those_of_pymoo(columns: int) -> None:
+    values = random(columns, 60, columns)
+    # pymoo divides by the number of objectives, and filters rows that are equal.
+    expected = calc_crowding_distance(-values) * columns
+    np.testing.assert_allclose(crowding(values), expected, rtol=1e-12)
+
+
+def test_crowding_of_huge_values_is_finite_but_for_the_ends() -> None:
+    found = crowding(np.array([[-1.7e308], [0.0], [1.7e308], [1e308]]))
+    assert np.isinf(found).tolist() == [True, False, True, False]
+    assert crowding(np.ones((4, 2))).tolist() == [math.inf, 0.0, 0.0, math.inf]
+    assert all(one >= 0 for one, _ in pairwise(found))

@@ -1,0 +1,157 @@
+"""MAP-Elites: what it asks for, and that it fills its archive."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from swarmwright import InputError
+from swarmwright.methods import METHODS
+from swarmwright.methods._archive import Elites
+from swarmwright.methods.map_elites import MapElites
+from swarmwright.typing import Genomes
+from tests.python.methods.functions import new, sphere, ten_genes
+
+MEASURES = {"x": {"range": [-5, 5], "bins": 20}, "y": {"range": [-5, 5], "bins": 20}}
+
+
+def evolved(seed: int = 1, generations: int = 60, **options: Any) -> MapElites:
+    """Illuminate the sphere: measures are the first two genes, fitness is the distance of the others."""
+    method = new(
+        "map_elites", seed=seed, population=50, generations=generations, measures=MEASURES, **options
+    )
+    assert isinstance(method, MapElites)
+    while not method.done:
+        points = method.ask().astype(np.float64)
+        method.tell(-sphere(points[:, 2:]), metrics=points[:, :2])
+    return method
+
+
+def at_random(seed: int, generations: int = 60) -> Elites:
+    """The archive that random search fills with as many evaluations."""
+    options = METHODS.get("map_elites").options_model.model_validate({"measures": MEASURES})
+    elites = Elites(options.grid)  # type: ignore[attr-defined] # of MapElitesOptions
+    method = new("random_search", seed=seed, population=50, generations=generations)
+    while not method.done:
+        points = method.ask().astype(np.float64)
+        fitness = -sphere(points[:, 2:])
+        elites.add(range(len(points)), fitness, points[:, :2])
+        method.tell(fitness)
+    return elites
+
+
+@pytest.mark.parametrize("variation", ["line", "mutation"])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_it_fills_more_cells_than_random_search_and_with_better_candidates(variation: str, seed: int) -> None:
+    found, rest = evolved(seed, variation=variation).elites, at_random(seed)
+    assert len(found) > 2 * len(rest)
+    ours = dict(zip(found.cells, found.fitness.tolist(), strict=True))
+    theirs = dict(zip(rest.cells, rest.fitness.tolist(), strict=True))
+    shared = sorted(ours.keys() & theirs.keys())
+    assert len(shared) > 100
+    assert np.mean([ours[cell] for cell in shared]) > np.mean([theirs[cell] for cell in shared]) + 1.0
+
+
+def test_the_first_generations_are_random_as_those_of_every_method() -> None:
+    method = new("map_elites", population=8, initial=20, measures=MEASURES)
+    other = new("random_search", population=8)
+    for _ in range(3):
+        asked = method.ask()
+        assert asked.tobytes() == other.ask().tobytes()
+        method.tell(asked[:, 0], metrics=asked[:, :2])
+        other.tell(asked[:, 0])
+    assert method.ask().tobytes() != other.ask().tobytes()
+
+
+def test_genes_stay_within_bounds() -> None:
+    class Bounded(type(ten_genes())):  # type: ignore[misc] # a class that is looked up
+        @property
+        def bounds(self) -> tuple[Any, Any]:
+            return np.full(10, -3.0), np.full(10, 3.0)
+
+    base = ten_genes()
+    subject = Bounded(base.options, sensors=9, actuators=1)
+    method = new("map_elites", subject=subject, population=40, step=5.0, line=5.0, measures=MEASURES)
+    for _ in range(5):
+        asked = method.ask()
+        assert np.abs(asked).max() <= 3.0
+        method.tell(asked[:, 0], metrics=asked[:, :2])
+
+
+def test_candidates_without_fitness_or_measures_are_no_parents() -> None:
+    method = new("map_elites", population=6, variation="mutation", severity=0.0, measures=MEASURES)
+    asked = method.ask()
+    fitness = np.array([np.nan, 1, 2, 3, 4, 5])
+    metrics = asked[:, :2].astype(np.float64)
+    metrics[2:5, 0] = [np.nan, np.inf, -np.inf]
+    method.tell(fitness, metrics=metrics)
+    parents = {row.tobytes() for row in asked[[1, 5]]}
+    assert {row.tobytes() for row in method.ask()} <= parents
+    assert sorted(method.population_fitness.tolist()) == [1, 5]
+
+
+def test_without_any_elite_it_goes_on_at_random() -> None:
+    method = new("map_elites", population=4, measures=MEASURES)
+    asked = method.ask()
+    method.tell(np.full(4, np.nan), metrics=np.full((4, 2), np.nan))
+    assert np.isnan(method.population_fitness).all()
+    assert method.ask().tobytes() != asked.tobytes()
+
+
+def test_telling_it_needs_metrics_of_the_right_shape() -> None:
+    method = new("map_elites", population=4, measures=MEASURES)
+    method.ask()
+    with pytest.raises(
+        InputError, match=r"map_elites needs metrics: tell\(fitness, metrics=\.\.\.\), with columns x, y"
+    ):
+        method.tell(np.zeros(4))
+    with pytest.raises(InputError, match=r"metrics has the shape \(4, 3\); expected \(4, 2\)"):
+        method.tell(np.zeros(4), metrics=np.zeros((4, 3)))
+    method.tell(np.zeros(4), metrics=np.zeros((4, 2)))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (
+            {"measures": {"x": {"range": [1, 1]}}},
+            r"range must be \[low, high\] with low < high, not \[1, 1\]",
+        ),
+        ({"measures": {"x": {"range": [-1e308, 1e308]}}}, "range must be"),
+        ({"measures": {"x": {"range": [0, 1, 2]}}}, "at most 2 items"),
+        (
+            {"measures": {name: {"range": [0, 1], "bins": 200} for name in "abc"}},
+            "measures make 8,000,000 cells, more than 1,000,000; use fewer bins",
+        ),
+    ],
+)
+def test_wrong_measures(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValidationError, match=message):
+        METHODS.get("map_elites").options_model.model_validate(options)
+
+
+def test_the_same_seed_gives_the_same_archive() -> None:
+    def stored(method: MapElites) -> list[tuple[int, int, float]]:
+        elites = method.elites
+        return list(zip(elites.cells, elites.numbers, elites.fitness.tolist(), strict=True))
+
+    assert stored(evolved(3, 10)) == stored(evolved(3, 10))
+    assert stored(evolved(3, 10)) != stored(evolved(4, 10))
+
+
+def test_genes_that_are_choices_are_mutated() -> None:
+    class Choices(type(ten_genes())):  # type: ignore[misc] # a class that is looked up
+        continuous = False
+
+        def mutations(self, parents: Genomes, *_: Any, **options: float) -> Genomes:
+            assert options == {"severity": 0.3, "probability": 0.3}
+            return parents + 1
+
+    subject = Choices(ten_genes().options, sensors=9, actuators=1)
+    method = new("map_elites", subject=subject, population=5)
+    first = method.ask()
+    method.tell(first[:, 0])
+    assert {row.tobytes() for row in method.ask()} == {(first[first[:, 0].argmax()] + 1).tobytes()}
+    with pytest.raises(InputError, match=r"method\.variation: line needs genes that are numbers"):
+        new("map_elites", subject=subject, variation="line")

@@ -1,0 +1,208 @@
+"""Runs with several objectives and with quality diversity, from the experiment to their elites."""
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from swarmwright import Experiment, InputError, Run, optimize, repeat, resume
+from swarmwright.core.statistics import mean
+from tests.python.records import same_record
+
+BASE: dict[str, Any] = {
+    "simulation": "minisim",
+    "parameters": {"numAgents": 3, "numDefenders": 2, "placement": "random", "maxSteps": 12},
+    "ranking": {"episodes": 3},
+    "servers": "local",
+    "seed": 5,
+}
+MEASURES = {"steps": {"range": [0, 12], "bins": 6}, "distance": {"range": [0, 30], "bins": 5}}
+ARCHIVE = {
+    **BASE,
+    "method": {"kind": "map_elites", "population": 20, "generations": 8, "measures": MEASURES},
+}
+FRONT = {
+    **BASE,
+    "fitness": "arrived - caught",
+    "method": {
+        "kind": "nsga2",
+        "population": 12,
+        "generations": 8,
+        "objectives": {"steps": "minimize", "distance": "minimize"},
+    },
+}
+
+
+@pytest.fixture(scope="module", params=["archive", "front"])
+def run(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Run:
+    values = ARCHIVE if request.param == "archive" else FRONT
+    return optimize(Experiment.from_mapping(values), out=tmp_path_factory.mktemp("elites") / request.param)
+
+
+def means_of(run: Run) -> list[tuple[float, ...]]:
+    """Fitness and the metrics of the method, of each evaluation, by the columns of the record."""
+    names = run.experiment.method.needed_metrics
+    episodes = run.experiment.ranking.episodes
+    columns = [[run.record[f"{name}_{episode}"] for episode in range(episodes)] for name in names]
+    return [
+        (float(value), *(mean([float(one[row]) for one in of]) for of in columns))
+        for row, value in enumerate(run.record.fitness)
+    ]
+
+
+def test_the_elites_are_those_that_the_record_has(run: Run) -> None:
+    rows = means_of(run)
+    found = run.elites
+    got = {(one.fitness, *one.metrics.values()) for one in found.candidates}
+    if found.kind == "archive":
+        best: dict[tuple[int, int], tuple[float, ...]] = {}
+        for row in rows:
+            cell = min(int(row[1] // 2), 5), min(int(row[2] // 6), 4)
+            if cell not in best or row[0] > best[cell][0]:
+                best[cell] = row
+        assert got == set(best.values())
+        assert found.coverage == len(best) / 30
+        assert found.qd_score(-7.0) == pytest.approx(sum(row[0] + 7 for row in best.values()))
+    else:
+        costs = [(-row[0], row[1], row[2]) for row in rows]
+        kept = {
+            row
+            for row, cost in zip(rows, costs, strict=True)
+            if not any(
+                other != cost and all(a <= b for a, b in zip(other, cost, strict=True)) for other in costs
+            )
+        }
+        assert got == kept
+        assert found.coverage is found.qd_score() is None
+    assert len(found.candidates) == len(got) > 2
+    order = [one.fitness for one in found.candidates]
+    assert order == sorted(order, reverse=True)
+    assert found.values().shape == (len(got), 3)
+
+
+def test_each_elite_can_be_evaluated_again(run: Run) -> None:
+    for one in run.elites.candidates[:3]:
+        again = repeat(run, generation=one.generation, candidate=one.candidate)
+        assert again.same
+        assert mean(again.repeated.tolist()) == one.fitness
+
+
+def test_records_are_the_same_on_servers_and_after_a_break(run: Run, tmp_path: Path) -> None:
+    def stops(generation: Any) -> bool:
+        return bool(generation.generation < 3)
+
+    other = optimize(run.experiment, stops, servers=2, out=tmp_path / "other")
+    assert other.generations == 4
+    other = resume(other, generations=run.experiment.method.generations, servers=1)
+    same_record(other, run)
+    assert other.elites == run.elites
+
+
+def test_the_figure_of_the_population_is_that_of_the_elites(tmp_path: Path) -> None:
+    run = optimize(Experiment.from_mapping(ARCHIVE), out=tmp_path / "run")
+    fitness = [one.fitness for one in run.elites.candidates]
+    assert run.history[-1].mean == mean(fitness)
+    assert run.history[-1].best == max(fitness) == run.best.fitness
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+@pytest.mark.parametrize("kind", ["map_elites", "nsga2"])
+def test_figures(kind: str, count: int, tmp_path: Path) -> None:
+    names = ["steps", "distance", "arrived"][:count]
+    method: dict[str, Any] = {"kind": kind, "population": 10, "generations": 2}
+    if kind == "map_elites":
+        method["measures"] = {name: {"range": [0, 20], "bins": 4} for name in names}
+    else:
+        method["objectives"] = dict.fromkeys(names, "maximize")
+    run = optimize(Experiment.from_mapping({**BASE, "method": method}), out=tmp_path / "run")
+    figure = run.elites.plot(tmp_path / "elites.png")
+    assert (tmp_path / "elites.png").stat().st_size > 5000
+    texts = [text for axes in figure.axes for text in (axes.get_xlabel(), axes.get_ylabel())]
+    assert sum(text.startswith("fitness") for text in texts) == 1
+    for name in names[:2]:
+        assert any(text.startswith(name) for text in texts)
+    with pytest.raises(InputError, match=r"figures end with"):
+        run.elites.plot(tmp_path / "elites.txt")
+
+
+def test_a_race_of_an_archive_takes_the_episodes_that_there_are(tmp_path: Path) -> None:
+    values = {**ARCHIVE, "ranking": {"kind": "race", "episodes": 8}}
+    run = optimize(Experiment.from_mapping(values), out=tmp_path / "run")
+    assert run.episodes_saved > 0
+    assert all(math.isfinite(value) for one in run.elites.candidates for value in one.metrics.values())
+
+
+def test_other_methods_have_no_elites(finished: Run) -> None:
+    with pytest.raises(InputError, match=r"was made by nnga, which has one objective and no archive"):
+        _ = finished.elites
+
+
+@pytest.mark.parametrize(
+    ("method", "message"),
+    [
+        (
+            {"kind": "map_elites"},
+            r"x\.yaml:4: method\.measures: is missing; name at least one of the metrics of ",
+        ),
+        (
+            {"kind": "nsga2"},
+            r"method\.objectives: is missing; .* of minisim: arrived, caught, distance, steps",
+        ),
+        (
+            {"kind": "nsga2", "objectives": {"step": "minimize"}},
+            r"x\.yaml:7: method\.objectives\.step: unknown metric 'step'; did you mean 'steps'\? there is: ",
+        ),
+        (
+            {"kind": "nsga2", "objectives": {"steps": "least"}},
+            r"method\.objectives\.steps: must be .*minimize",
+        ),
+        (
+            {"kind": "map_elites", "measures": {"steps": {"bins": 3}}},
+            r"method\.measures\.steps\.range: is missing",
+        ),
+        (
+            {"kind": "map_elites", "measures": MEASURES, "operation": "steady_state"},
+            r"method\.operation: map_elites cannot work in steady state: it learns from whole generations",
+        ),
+    ],
+)
+def test_mistakes_are_found_in_the_file(method: dict[str, Any], message: str, tmp_path: Path) -> None:
+    lines = ["simulation: minisim", "# a comment", "ranking: {episodes: 2}", "method:"]
+    for key, value in method.items():
+        if key == "objectives":
+            lines += [f"  {key}:", *(f"    {name}: {goal}" for name, goal in value.items())]
+        else:
+            lines.append(f"  {key}: {json.dumps(value)}")
+    (tmp_path / "x.yaml").write_text("\n".join(lines) + "\n")
+    with pytest.raises(InputError, match=message):
+        Experiment.load(tmp_path / "x.yaml")
+
+
+def test_reevaluation_is_refused() -> None:
+    with pytest.raises(InputError, match=r"ranking\.reevaluate: map_elites keeps no members"):
+        Experiment.from_mapping({**ARCHIVE, "ranking": {"episodes": 2, "reevaluate": True}})
+
+
+def test_the_command(program: Any, tmp_path: Path) -> None:
+    optimize(Experiment.from_mapping(ARCHIVE), out=tmp_path / "archive")
+    found = Run.open(tmp_path / "archive").elites
+    result = program("runs", "elites", "archive", "--limit", "2", "--plot", "a.png", "--offset", "-9")
+    assert result.returncode == 0, result.stderr
+    head, names, first, second, more, picture = result.stdout.splitlines()
+    count = len(found.candidates)
+    assert head.startswith(f"The archive has elites in {count} of 30 cells (coverage ")
+    assert head.endswith(f"QD score {found.qd_score(-9):.6g} (offset -9).")
+    assert names.split() == ["generation", "candidate", "fitness", "steps", "distance"]
+    assert first.split()[:2] == [str(found.candidates[0].generation), str(found.candidates[0].candidate)]
+    assert float(second.split()[2]) == pytest.approx(found.candidates[1].fitness, rel=1e-5)
+    assert more == f".. and {count - 2} more: --limit 0 shows all"
+    assert picture == "The figure is in a.png"
+    assert (tmp_path / "a.png").exists()
+    values = json.loads(program("runs", "elites", "archive", "--json").stdout)
+    assert (values["kind"], values["cells"], len(values["elites"])) == ("archive", 30, count)
+    assert values["elites"][0]["metrics"] == found.candidates[0].metrics
+    assert f"  the archive has elites in {count} of 30 cells" in program("runs", "show", "archive").stdout
+    assert np.isfinite(values["qd_score"])
