@@ -213,6 +213,9 @@ def _check_needed_metrics(checked: Checked, known: list[str] | None, title: str,
     if option is None:
         return
     names = method.needed_metrics
+    if known is not None and not known:
+        report(("method", option), f"{title} reports no metrics, which {kind} needs beside the fitness")
+        return
     if not names:
         there = "the simulation's metrics" if known is None else f"the metrics of {title}: {', '.join(known)}"
         report(("method", option), f"is missing; name at least one of {there}")

@@ -181,6 +181,23 @@ def test_mistakes_are_found_in_the_file(method: dict[str, Any], message: str, tm
         Experiment.load(tmp_path / "x.yaml")
 
 
+def test_a_simulation_without_metrics_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "bare.py").write_text(
+        "from swarmwright import Simulation\n"
+        "class Bare(Simulation):\n"
+        "    sensors, actuators = 1, 1\n"
+        "    def reset(self, parameters, seed): return [[0.0]]\n"
+        "    def step(self, actuators): return [[0.0]]\n"
+        "    def done(self): return True\n"
+        "    def fitness(self): return 0.0\n"
+    )
+    (tmp_path / "x.yaml").write_text("simulation: bare.py:Bare\nmethod: {kind: map_elites}\n")
+    with pytest.raises(
+        InputError, match=r"method\.measures: bare reports no metrics, which map_elites needs"
+    ):
+        Experiment.load(tmp_path / "x.yaml")
+
+
 def test_reevaluation_is_refused() -> None:
     with pytest.raises(InputError, match=r"ranking\.reevaluate: map_elites keeps no members"):
         Experiment.from_mapping({**ARCHIVE, "ranking": {"episodes": 2, "reevaluate": True}})
