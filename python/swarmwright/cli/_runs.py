@@ -96,15 +96,15 @@ def list_elites(output: Output, elites: "Elites", limit: int, offset: float) -> 
         output.text(f".. and {len(elites.candidates) - len(found):,} more: --limit 0 shows all")
 
 
-def elites_facts(elites: "Elites", offset: float) -> dict[str, Any]:
-    """Return what `--json` says of elites."""
+def elites_facts(elites: "Elites", offset: float = 0.0) -> dict[str, Any]:
+    """Return what `--json` says of elites, but for themselves."""
     return {
         "kind": elites.kind,
         "goals": elites.goals,
+        "count": len(elites.candidates),
         "cells": None if elites.grid is None else elites.grid.cells,
         "coverage": elites.coverage,
         "qd_score": elites.qd_score(offset),
-        "elites": [one._asdict() for one in elites.candidates],
     }
 
 
@@ -126,6 +126,7 @@ def elites_line(elites: "Elites", offset: float = 0.0) -> str:
 def describe(output: Output, run: "Run") -> None:
     """Print a summary of a run."""
     from swarmwright.runs.code import remarks
+    from swarmwright.runs.elites import has_elites
 
     facts = facts_of(run)
     servers = [share._asdict() for share in run.store.servers()]
@@ -145,6 +146,7 @@ def describe(output: Output, run: "Run") -> None:
         | {
             "best": best,
             "ended": run.ended,
+            "elites": elites_facts(run.elites) if run.generations and has_elites(run) else None,
             "episodes_saved": run.episodes_saved,
             "unseen": None if unseen is None else unseen_facts(unseen),
             "validation": None if validation is None else validation_facts(validation),

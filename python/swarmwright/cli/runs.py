@@ -108,7 +108,12 @@ def elites(run: Path, limit: int, file: Path | None, offset: float, as_json: boo
     if file is not None:
         found.plot(file)
     output.json(
-        {"run": str(run), **elites_facts(found, offset), "picture": None if file is None else str(file)}
+        {
+            "run": str(run),
+            **elites_facts(found, offset),
+            "elites": [one._asdict() for one in found.candidates],
+            "picture": None if file is None else str(file),
+        }
     )
     if not as_json:
         list_elites(output, found, limit, offset)

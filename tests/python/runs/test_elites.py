@@ -222,4 +222,8 @@ def test_the_command(program: Any, tmp_path: Path) -> None:
     assert (values["kind"], values["cells"], len(values["elites"])) == ("archive", 30, count)
     assert values["elites"][0]["metrics"] == found.candidates[0].metrics
     assert f"  the archive has elites in {count} of 30 cells" in program("runs", "show", "archive").stdout
-    assert np.isfinite(values["qd_score"])
+    shown = json.loads(program("runs", "show", "archive", "--json").stdout)["elites"]
+    assert shown == {
+        name: value for name, value in values.items() if name not in {"run", "elites", "picture"}
+    }
+    assert np.isfinite(shown["qd_score"])
