@@ -41,7 +41,7 @@ def test_an_archive_has_the_best_of_each_cell_and_of_equal_ones_the_first(part: 
         rows = slice(first, first + part)
         elites.add(range(first, min(first + part, 700)), fitness[rows], measures[rows])
     cells = GRID.cells_of(measures)
-    expected = {}
+    expected: dict[int, int] = {}
     for number in range(700):
         cell = int(cells[number])
         if np.isfinite(fitness[number]) and fitness[number] > fitness[expected.get(cell, 0)]:

@@ -7,13 +7,19 @@ import pytest
 from pydantic import ValidationError
 
 from swarmwright import InputError
-from swarmwright.methods import METHODS
+from swarmwright.methods import METHODS, Method
 from swarmwright.methods._archive import Elites
 from swarmwright.methods.map_elites import MapElites
 from swarmwright.typing import Genomes
 from tests.python.methods.functions import new, sphere, ten_genes
 
 MEASURES = {"x": {"range": [-5, 5], "bins": 20}, "y": {"range": [-5, 5], "bins": 20}}
+
+
+def told(method: Method, genomes: Genomes) -> None:
+    """Tell it that the first two genes are the measures, and the first one the fitness."""
+    points = genomes.astype(np.float64)
+    method.tell(points[:, 0], metrics=points[:, :2] if method.options.needed_metrics else None)
 
 
 def evolved(seed: int = 1, generations: int = 60, **options: Any) -> MapElites:
@@ -59,8 +65,8 @@ def test_the_first_generations_are_random_as_those_of_every_method() -> None:
     for _ in range(3):
         asked = method.ask()
         assert asked.tobytes() == other.ask().tobytes()
-        method.tell(asked[:, 0], metrics=asked[:, :2])
-        other.tell(asked[:, 0])
+        told(method, asked)
+        told(other, asked)
     assert method.ask().tobytes() != other.ask().tobytes()
 
 
@@ -76,7 +82,7 @@ def test_genes_stay_within_bounds() -> None:
     for _ in range(5):
         asked = method.ask()
         assert np.abs(asked).max() <= 3.0
-        method.tell(asked[:, 0], metrics=asked[:, :2])
+        told(method, asked)
 
 
 def test_candidates_without_fitness_or_measures_are_no_parents() -> None:
@@ -151,7 +157,7 @@ def test_genes_that_are_choices_are_mutated() -> None:
     subject = Choices(ten_genes().options, sensors=9, actuators=1)
     method = new("map_elites", subject=subject, population=5)
     first = method.ask()
-    method.tell(first[:, 0])
+    told(method, first)
     assert {row.tobytes() for row in method.ask()} == {(first[first[:, 0].argmax()] + 1).tobytes()}
     with pytest.raises(InputError, match=r"method\.variation: line needs genes that are numbers"):
         new("map_elites", subject=subject, variation="line")
