@@ -300,6 +300,8 @@ class Stream:
         """`count` multiples of 2**-53, uniform in [0, 1)."""
     def uniform(self, border: NDArray[np.float64]) -> NDArray[np.float64]:
         """A number for each border b >= 0, uniform in [-b, b)."""
+    def normals(self, count: int) -> NDArray[np.float64]:
+        """`count` numbers of the standard normal distribution, see `Streams.normals`."""
     def integer(self, below: int) -> int:
         """An integer, uniform in 0 .. below - 1, without bias. Raises InputError unless 1 <= below <= 2**64."""
     def integers(self, below: int, count: int) -> list[int]:

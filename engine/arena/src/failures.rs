@@ -133,14 +133,15 @@ impl Failure {
         (share * robots as f64).round() as usize
     }
 
-    /// Checks that something can happen in an episode of so many ticks, to so many robots; a share of 0 says itself that
-    /// nothing does.
+    /// Checks that something can happen to these robots in an episode of so many ticks; a share and a loss of 0 say
+    /// themselves that nothing does.
     pub(super) fn check_effect(
         &self,
         ticks: u32,
-        robots: usize,
+        team: &Team,
     ) -> Result<(), (&'static str, String)> {
         let (share, at, _) = self.scope();
+        let robots = team.count(self.robots());
         if !self.active_by(ticks) {
             return Err((
                 "at",
@@ -157,6 +158,24 @@ impl Failure {
                     "{share} of {robots} {} is less than half a robot: expected 0, or at least {:.4}",
                     if robots == 1 { "robot" } else { "robots" },
                     0.5 / robots as f64
+                ),
+            ));
+        }
+        let silences = match self {
+            Self::Mute { .. } => share > 0.0,
+            Self::Loss { loss, .. } => *loss > 0.0,
+            _ => false,
+        };
+        if silences && !team.sends(self.robots()) {
+            let robots = match self.robots() {
+                Some(name) => format!("of the robots {name:?} none has"),
+                None => "no robot has".to_owned(),
+            };
+            return Err((
+                "kind",
+                format!(
+                    "there are no messages to lose, as {robots} the sensor range_and_bearing; leave the failure out, \
+                     or give the robots this sensor"
                 ),
             ));
         }
@@ -324,5 +343,22 @@ impl<L: Lanes> Failing<L> {
                 _ => None,
             });
         losses.reduce(either)
+    }
+}
+
+impl Failing<f32> {
+    /// What scenes call a robot that fails in a tick; of several failures that which takes the most.
+    pub(super) fn state(&self, tick: u32, robot: usize) -> Option<&'static str> {
+        let befallen = self.befallen.iter().filter(|(failure, masks)| {
+            failure.active(tick) && masks.get(robot).is_some_and(|mask| mask.any())
+        });
+        let states = befallen.filter_map(|(failure, _)| match failure {
+            Failure::Stop { .. } => Some((0, "stopped")),
+            Failure::Blind { .. } => Some((1, "blind")),
+            Failure::Mute { .. } => Some((2, "mute")),
+            Failure::Slow { .. } => Some((3, "slow")),
+            Failure::Loss { .. } => None,
+        });
+        states.min().map(|(_, state)| state)
     }
 }

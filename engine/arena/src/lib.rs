@@ -122,6 +122,21 @@ impl Arena {
         Ok(())
     }
 
+    /// The value of a metric, before the end that of an episode which ends now: only those who watch ask then.
+    fn value(&self, index: usize) -> f64 {
+        let mission = &self.settings.mission;
+        let now = |tally: &Tally<f32>| {
+            let (_, metric) = &mission.metrics[index];
+            let (bodies, colors) = (&self.swarm.bodies, &self.swarm.colors);
+            tally.now(metric, bodies, &mission.place, colors)
+        };
+        match self.tallies.get(index) {
+            Some(tally) if self.swarm.tick >= self.settings.ticks => tally.values[0],
+            Some(tally) => now(tally),
+            None => now(&Tally::new()),
+        }
+    }
+
     /// Measures.
     fn count(&mut self) {
         let mission = &self.settings.mission;
@@ -254,23 +269,12 @@ impl Simulation for Arena {
     }
 
     fn fitness(&self) -> f64 {
-        self.settings
-            .mission
-            .fitness(|metric| self.tallies[metric].values[0])
+        self.settings.mission.fitness(|metric| self.value(metric))
     }
 
     fn metrics(&self) -> Vec<f64> {
-        let mission = &self.settings.mission;
-        let (bodies, colors) = (&self.swarm.bodies, &self.swarm.colors);
-        let others = mission.metrics[mission.counted..]
-            .iter()
-            .map(|(_, metric)| {
-                let mut tally = Tally::new();
-                tally.update(metric, bodies, &mission.place, colors, true);
-                tally.values[0]
-            });
-        let counted = self.tallies.iter().map(|tally| tally.values[0]);
-        counted.chain(others).collect()
+        let metrics = 0..self.settings.mission.metrics.len();
+        metrics.map(|index| self.value(index)).collect()
     }
 
     fn evaluate(

@@ -1,5 +1,7 @@
 //! What the arena looks like.
 
+use std::borrow::Cow;
+
 use super::links::both;
 use super::objects::{Form, corners, distance as to_object};
 use super::place::{Face, Place, Shape, Spot};
@@ -17,8 +19,8 @@ const MOST_IN_DETAIL: usize = 1000;
 const AROUND_LIGHT: f32 = 0.1;
 /// Corners of an object that is a disc.
 const CORNERS: u16 = 48;
-/// The radius of a coloured lamp in pictures, metres.
-const LAMP: f32 = 0.015;
+/// The radius of a coloured lamp, and of a coloured spot of a wall, in pictures, metres.
+const SPOT: f32 = 0.015;
 /// Of objects.
 const COLOR: &str = "#e69f00";
 /// Ends of faces that are so near, metres, are one corner.
@@ -27,8 +29,6 @@ const SAME: f32 = 1e-4;
 /// The scene of an episode in the only lane.
 pub(super) fn scene(settings: &Settings, swarm: &Swarm<f32>) -> Scene {
     let (place, team) = (&settings.mission.place, &settings.team);
-    // Robots of several kinds have a look by their kind.
-    let several = team.groups().len() > 1;
     let [low, high] = shown(place);
     let shifted = |points: Vec<[f32; 2]>| -> Vec<[f32; 2]> {
         let shift = |[x, y]: [f32; 2]| [x - low[0], y - low[1]];
@@ -42,10 +42,7 @@ pub(super) fn scene(settings: &Settings, swarm: &Swarm<f32>) -> Scene {
         x: swarm.bodies.x[index].0 - low[0],
         y: swarm.bodies.y[index].0 - low[1],
         radius: team.robot(index).radius,
-        state: match led(swarm, index) {
-            "" if several => team.groups()[team.group(index)].name.clone().into(),
-            lit => lit.into(),
-        },
+        state: state(team, swarm, index),
         heading: Some(swarm.bodies.heading[index].0 * std::f32::consts::PI),
         ..Body::default()
     });
@@ -110,32 +107,33 @@ pub(super) fn scene(settings: &Settings, swarm: &Swarm<f32>) -> Scene {
         let [x, y, _] = light.at;
         light.color.map(|color| Spot { at: [x, y], color })
     });
-    let spots: Vec<Spot> = lamps.chain(place.spots.iter().copied()).collect();
-    scene.bodies.extend(spots.iter().map(|spot| Body {
-        kind: "lamp".into(),
-        x: spot.at[0] - low[0],
-        y: spot.at[1] - low[1],
-        state: spot.color.name().into(),
-        radius: LAMP,
-        ..Body::default()
-    }));
+    let lamps: Vec<Spot> = lamps.collect();
+    for (kind, spots) in [("lamp", &lamps), ("wall", &place.spots)] {
+        scene.bodies.extend(spots.iter().map(|spot| Body {
+            kind: kind.into(),
+            x: spot.at[0] - low[0],
+            y: spot.at[1] - low[1],
+            state: spot.color.name().into(),
+            radius: SPOT,
+            ..Body::default()
+        }));
+    }
     for color in LedColor::ALL {
-        let things = spots
-            .iter()
-            .any(|spot| spot.color == color)
-            .then_some("lamp");
+        let any = |spots: &[Spot]| spots.iter().any(|spot| spot.color == color);
         let painted = place.objects.iter().any(|kind| kind.color == Some(color));
-        for (kind, shape) in things
-            .map(|kind| (kind, "circle"))
-            .into_iter()
-            .chain(painted.then_some(("object", "diamond")))
-        {
-            scene.styles.push(Style {
-                kind: kind.to_owned(),
-                state: color.name().to_owned(),
-                color: color.shown().to_owned(),
-                shape: shape.to_owned(),
-            });
+        for (there, kind, shape) in [
+            (any(&lamps), "lamp", "circle"),
+            (any(&place.spots), "wall", "square"),
+            (painted, "object", "diamond"),
+        ] {
+            if there {
+                scene.styles.push(Style {
+                    kind: kind.to_owned(),
+                    state: color.name().to_owned(),
+                    color: color.shown().to_owned(),
+                    shape: shape.to_owned(),
+                });
+            }
         }
     }
     if !place.objects.is_empty() {
@@ -146,7 +144,9 @@ pub(super) fn scene(settings: &Settings, swarm: &Swarm<f32>) -> Scene {
             ..Style::default()
         });
     }
-    scene.lights.extend(place.lights.iter().map(|light| Light {
+    // One of intensity 0 sheds no light: cameras alone see its colour.
+    let shining = place.lights.iter().filter(|light| light.intensity > 0.0);
+    scene.lights.extend(shining.map(|light| Light {
         x: light.at[0] - low[0],
         y: light.at[1] - low[1],
         intensity: light.intensity,
@@ -155,6 +155,23 @@ pub(super) fn scene(settings: &Settings, swarm: &Swarm<f32>) -> Scene {
         look(&mut scene, team, place, swarm);
     }
     scene
+}
+
+/// What tells a robot from others: the colour of its LEDs, or else its kind, where there are several, and how it fares.
+fn state(team: &Team, swarm: &Swarm<f32>, index: usize) -> Cow<'static, str> {
+    let lit = led(swarm, index);
+    if !lit.is_empty() {
+        return lit.into();
+    }
+    let state = swarm.state(index);
+    match team.groups() {
+        [_] => state.unwrap_or_default().into(),
+        groups => {
+            let kind = Some(groups[team.group(index)].name.as_str());
+            let words: Vec<_> = kind.into_iter().chain(state).collect();
+            words.join(", ").into()
+        }
+    }
 }
 
 /// The colour of a robot's LEDs; empty where they are off.

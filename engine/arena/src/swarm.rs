@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use swarmwright_controllers::functions::lanes::{cos_pi, sin_pi};
-use swarmwright_lanes::{Int, Lanes, MOST_LANES, Number, number};
+use swarmwright_lanes::{Int, Lanes, MOST_LANES, Mask, Number, number};
 
 use super::battery;
 use super::camera;
@@ -371,6 +371,17 @@ impl Swarm<f32> {
     pub(super) fn aim(&self, robot: usize) -> ([f32; 2], f32) {
         let velocity = self.contacts.aim[robot].map(|number| number.0);
         (velocity, self.bodies.spin[robot].0)
+    }
+
+    /// What scenes call a robot that cannot do all, or that holds something.
+    pub(super) fn state(&self, robot: usize) -> Option<&'static str> {
+        let charge = self.senses.charges.get(robot);
+        if charge.is_some_and(|charge| charge.0 <= 0.0) {
+            return Some("empty");
+        }
+        let holds = self.bodies.objects.held_by(robot).any();
+        let failing = self.failing.state(self.tick, robot);
+        failing.or(holds.then_some("holds an object"))
     }
 
     /// All are elsewhere, `seconds` later.

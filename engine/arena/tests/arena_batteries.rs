@@ -42,7 +42,7 @@ fn sensed(arena: &Arena) -> [f32; 2] {
     numbers
 }
 
-/// Where the first robot is, and the colour that it shows.
+/// Where the first robot is, and the colour that it shows, or how it fares.
 fn first(arena: &Arena) -> ([f32; 2], String) {
     let scene = arena.scene().unwrap();
     let body = scene
@@ -97,7 +97,7 @@ fn a_robot_without_charge_stands_dark_and_is_not_heard() {
             assert_eq!(shows, "green");
             assert!(way > 0.01, "{tick}: {way}");
         } else {
-            assert_eq!(shows, "");
+            assert_eq!(shows, "empty");
             assert_eq!(sensed(&arena)[1], 0.0);
         }
         if tick < 15 {
@@ -122,7 +122,7 @@ fn a_battery_charges_on_its_patch_also_when_it_is_empty() {
         assert_eq!(sensed(&off)[0], 0.0);
     }
     assert_eq!(first(&on).1, "green");
-    assert_eq!(first(&off).1, "");
+    assert_eq!(first(&off).1, "empty");
 }
 
 #[test]

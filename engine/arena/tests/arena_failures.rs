@@ -76,6 +76,48 @@ fn a_share_stops_and_goes_on() {
     }
 }
 
+/// How scenes call the robots.
+fn states(arena: &Arena) -> Vec<String> {
+    let bodies = arena.scene().unwrap().bodies.into_iter();
+    bodies.map(|body| body.state.into_owned()).collect()
+}
+
+#[test]
+fn scenes_say_which_robots_fail_and_how() {
+    let mut stopping = arena(
+        &json!([{"kind": "stop", "share": 0.3, "at": 1, "until": 2}]),
+        20,
+        4,
+    );
+    for tick in 1..30 {
+        let turned = turns(&mut stopping);
+        let states = states(&stopping);
+        match tick {
+            // The first substep of a tick still turns as in the tick before.
+            1 | 10 | 20 => continue,
+            11..20 => {
+                for (turn, state) in turned.iter().zip(&states) {
+                    let expected = if turn.abs() < 1e-3 { "stopped" } else { "" };
+                    assert_eq!(state, expected, "tick {tick}");
+                }
+                assert!(states.iter().any(|state| !state.is_empty()));
+            }
+            _ => assert!(states.iter().all(String::is_empty), "tick {tick}"),
+        }
+    }
+    let of = |failures: &Value| states(&arena(failures, 4, 1));
+    let slow = json!({"kind": "slow", "share": 1, "factor": 0.5});
+    assert_eq!(of(&json!([slow])), ["slow"; 4]);
+    let mute = json!({"kind": "mute", "share": 1});
+    assert_eq!(of(&json!([slow, mute])), ["mute"; 4]);
+    let blind = json!({"kind": "blind", "share": 0.5});
+    let mut some = of(&json!([mute, blind]));
+    some.sort();
+    assert_eq!(some, ["blind", "blind", "mute", "mute"]);
+    let loss = json!({"kind": "loss", "loss": 1});
+    assert_eq!(of(&json!([loss])), [""; 4], "no robot of its own fails");
+}
+
 #[test]
 fn other_seeds_and_other_failures_have_other_robots() {
     let stopped = |failures: &Value, seed: u64| {
@@ -204,6 +246,50 @@ fn failures_without_an_effect_are_refused() {
         {"kind": "loss", "loss": 0},
     ]);
     assert_eq!(of(possible), Ok(()));
+}
+
+#[test]
+fn robots_without_messages_lose_none() {
+    let deaf = json!({"radius": 0.05, "sensors": [{"kind": "compass"}],
+        "drive": {"kind": "holonomic", "max_speed": 0.2, "max_turn": 0}});
+    let of = |robots: Value, robot: Option<&Value>, failure: Value| {
+        let mut parameters = json!({"robots": robots, "failures": [failure]});
+        if let Some(robot) = robot {
+            parameters["robot"] = robot.clone();
+        }
+        let refused = Arena::default().reset(parameters.as_object().unwrap());
+        refused.map_err(|error| error.to_string())
+    };
+    for failure in [
+        json!({"kind": "mute", "share": 0.5}),
+        json!({"kind": "loss", "loss": 0.5}),
+    ] {
+        let refused = of(json!(4), Some(&deaf), failure);
+        assert_eq!(
+            refused.unwrap_err(),
+            "parameter failures[0].kind: there are no messages to lose, as no robot has the sensor range_and_bearing; \
+             leave the failure out, or give the robots this sensor"
+        );
+    }
+    for failure in [
+        json!({"kind": "mute", "share": 0}),
+        json!({"kind": "loss", "loss": 0}),
+        json!({"kind": "blind", "share": 0.5}),
+    ] {
+        assert_eq!(of(json!(4), Some(&deaf), failure), Ok(()));
+    }
+    let kinds = json!([{"name": "deaf", "count": 2, "robot": deaf}, {"name": "e-puck", "count": 2, "robot": "e-puck-rm1.1"}]);
+    let mute = |robots: &str| json!({"kind": "mute", "share": 1, "robots": robots});
+    let refused = of(kinds.clone(), None, mute("deaf")).unwrap_err();
+    assert!(
+        refused.contains("as of the robots \"deaf\" none has"),
+        "{refused}"
+    );
+    assert_eq!(of(kinds.clone(), None, mute("e-puck")), Ok(()));
+    assert_eq!(
+        of(kinds, None, json!({"kind": "loss", "loss": 0.5})),
+        Ok(())
+    );
 }
 
 #[test]

@@ -154,6 +154,66 @@ fn general_metrics_follow_from_positions() {
 }
 
 #[test]
+fn metrics_so_far_are_those_of_an_episode_that_ends_now() {
+    let metrics = json!({
+        "order": {"kind": "order", "when": "end"},
+        "speed": {"kind": "speed", "when": "end"},
+        "mean_speed": {"kind": "speed", "when": "mean"},
+        "covered": {"kind": "covered_share", "radius": 0.1, "when": "end"},
+        "east": {"kind": "robots_on", "patch": "east", "when": "end", "share": true},
+        "ticks_east": {"kind": "robots_on", "patch": "east"},
+        "most": {"kind": "most_robots_on", "patches": ["east", "west"], "when": "end"},
+        "boxes": {"kind": "objects_on", "patch": "north", "when": "end"},
+        "away": {"kind": "object_distance", "patch": "east", "when": "end"},
+        "until": {"kind": "time_until", "patch": "east", "at_least": 0.5},
+        "crossings": {"kind": "crossings_south", "patch": "north"},
+        "area": {"kind": "largest_group_area", "link": 0.35, "disc": 0.1, "within": 1},
+        "distance": {"kind": "mean_distance", "radius": 1, "most": 2, "outside": ["east"]},
+        "inside": {"kind": "mean_distance_inside", "patch": "north", "most": 2},
+        "rim": {"kind": "mean_distance_rim", "patch": "east", "near": 0.2, "most": 1},
+    });
+    let begin = |duration: f64| {
+        let mission = json!({
+            "walls": {"rectangle": [4, 3]},
+            "floor": {"patches": [
+                {"name": "west", "circle": {"center": [-0.6, 0], "radius": 0.3}, "color": "black"},
+                {"name": "east", "circle": {"center": [0.6, 0], "radius": 0.3}, "color": "white"},
+                {"name": "north", "rectangle": {"x": [-1, 1], "y": [0, 1]}, "color": 0.5},
+            ]},
+            "objects": [{"name": "box", "mass": 0.2, "radius": 0.05, "center": [0.1, 0.1]}],
+            "start": {"rectangle": {"x": [-0.8, 0.8], "y": [-0.6, 0.6]}},
+            "metrics": metrics,
+            "fitness": {"offset": 1.9, "factors": {"distance": -1, "rim": -1, "order": 10, "mean_speed": 2}},
+        });
+        let parameters = json!({"mission": mission, "robots": 12, "duration": duration, "seed": 4});
+        let mut arena = Arena::default();
+        arena.reset(parameters.as_object().unwrap()).unwrap();
+        arena
+    };
+    let step = |arena: &mut Arena| arena.step(&[1.0, 0.9].repeat(arena.acting().len()));
+    let found = |arena: &Arena| -> Vec<u64> {
+        let fitness = [arena.fitness()];
+        let numbers = fitness.into_iter().chain(arena.metrics());
+        numbers.map(f64::to_bits).collect()
+    };
+    let (mut watched, mut never_asked) = (begin(2.0), begin(2.0));
+    let mut different = 0;
+    for tick in 1..=20 {
+        let mut short = begin(f64::from(tick) / 10.0);
+        while !short.done() {
+            step(&mut short);
+        }
+        assert_eq!(found(&watched), found(&short), "tick {tick}");
+        different += usize::from(tick < 20 && watched.fitness() < 10.0);
+        step(&mut watched);
+        step(&mut never_asked);
+    }
+    assert!(different > 10, "the order counts before the end, too");
+    assert!(watched.done());
+    assert_eq!(found(&watched), found(&never_asked));
+}
+
+#[test]
 fn order_and_speeds_belong_together() {
     for seed in 0..20 {
         let arena = driven(&json!({}), 3, seed);

@@ -53,6 +53,12 @@ impl PyStream {
         numbers.into_pyarray(py)
     }
 
+    fn normals<'py>(&mut self, py: Python<'py>, count: usize) -> Bound<'py, PyArray1<f64>> {
+        let mut numbers: Vec<f64> = vec![0.0; count];
+        self.0.normals(&mut numbers);
+        numbers.into_pyarray(py)
+    }
+
     fn integer(&mut self, below: u128) -> PyResult<u64> {
         Ok(self.0.integer(limit(below)?))
     }

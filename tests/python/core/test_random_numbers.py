@@ -86,6 +86,21 @@ def test_many_streams_are_the_streams() -> None:
         many[4]
 
 
+@pytest.mark.parametrize("count", [0, 1, 2, 7])
+@pytest.mark.parametrize("used", [0, 3])
+def test_normal_numbers_of_a_stream_are_those_of_many(count: int, used: int) -> None:
+    def streams() -> Streams:
+        many = Streams(5, "test", 2, range(3))
+        many.units(used)
+        return many
+
+    alone, many = list(streams()), streams()
+    assert [one.normals(count).tolist() for one in alone] == many.normals(count).tolist()
+    assert alone[0].normals(count).shape == (count,)
+    many.normals(count)
+    assert [one.raw(2).tolist() for one in alone] == [one.raw(2).tolist() for one in many]
+
+
 @pytest.mark.parametrize("below", [0, 2**64 + 1])
 def test_there_must_be_something_to_draw(below: int) -> None:
     with pytest.raises(_engine.InputError, match="below"):

@@ -204,6 +204,27 @@ impl Metric {
         }
     }
 
+    /// Whether it counts what grippers hold.
+    pub(in super::super) fn is_of_grippers(&self) -> bool {
+        matches!(self, Self::ObjectsHeld { .. })
+    }
+
+    /// Whether it is measured at the end alone.
+    pub(super) fn at_end(&self) -> bool {
+        match self {
+            Self::RobotsOn { when, .. }
+            | Self::MostRobotsOn { when, .. }
+            | Self::ObjectsOn { when, .. }
+            | Self::ObjectsHeld { when, .. }
+            | Self::ObjectDistance { when, .. } => *when == When::End,
+            Self::LargestGroupArea { .. }
+            | Self::MeanDistance { .. }
+            | Self::MeanDistanceInside { .. }
+            | Self::MeanDistanceRim { .. } => true,
+            others => others.when() == Some(When::End),
+        }
+    }
+
     /// When it is measured; none for those that need every tick, or the last one, in a way of their own.
     pub(super) fn when(&self) -> Option<When> {
         match self {

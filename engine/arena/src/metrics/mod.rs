@@ -315,6 +315,27 @@ impl<L: Lanes> Tally<L> {
     }
 }
 
+impl Tally<f32> {
+    /// The value that the only lane would have if the episode ended now. What is counted so far stays as it is.
+    pub(super) fn now(
+        &self,
+        metric: &Metric,
+        bodies: &Bodies<f32>,
+        place: &Place,
+        colors: &[Number<f32>],
+    ) -> f64 {
+        match metric {
+            Metric::CrossingsSouth { .. } => self.values[0].max(0.0),
+            _ if metric.at_end() => {
+                let mut tally = Self::new();
+                tally.update(metric, bodies, place, colors, true);
+                tally.values[0]
+            }
+            _ => self.values[0],
+        }
+    }
+}
+
 /// The positions of the robots of a lane.
 fn points<L: Lanes>(bodies: &Bodies<L>, lane: usize) -> Vec<[f32; 2]> {
     let of = |number: &Number<L>| {
