@@ -1,5 +1,6 @@
 """Servers through SSH: the same record, nothing left behind, errors with their words."""
 
+import hashlib
 import os
 import signal
 import subprocess
@@ -12,6 +13,7 @@ from typing import Any
 import pytest
 
 from swarmwright import Experiment, InputError, RunError, optimize
+from swarmwright.launchers import Code
 from swarmwright.testing import check_launcher
 from tests.conftest import PROGRAM, environment
 from tests.paced_simulation import written
@@ -76,11 +78,17 @@ def test_code_travels_once_and_the_record_is_the_same(machine: Machine, tmp_path
     made = experiment(machine, name, files=["maps/*.json"])
     here = optimize(made, out=tmp_path / "here", servers="in-process", progress=False)
     copies = machine.folder / "cache" / "code"
-    for folder in ("first", "second"):
+    times = []
+    for folder in ("first", "second", "third"):
         same_record(optimize(made, out=tmp_path / folder, progress=False), here)
         assert ": far is 9\n" in (tmp_path / folder / "servers.log").read_text()
         (copied,) = copies.iterdir()
-        assert (copied / "maps" / "hall.json").exists()
+        times.append(copied.stat().st_mtime_ns)  # it travels once
+        if folder == "second":
+            assert times[0] == times[1]
+            other = Code.of({"gather.py": SIMULATION.replace("-abs", "abs").encode()})
+            copied.write_bytes(other.archive)  # what was altered is not used
+    assert copied.name == f"{hashlib.sha256(copied.read_bytes()).hexdigest()}.tar.gz"
     assert not list((machine.folder / "cache" / "run").iterdir())
     until(lambda: machine.servers() == [])
 

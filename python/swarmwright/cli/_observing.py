@@ -131,4 +131,4 @@ def observed_servers(output: Output, wanted: Observing) -> "Iterator[tuple[Log, 
 
 def _say(output: Output, log: Log, url: str) -> None:
     log.write("info", "metrics_offered", url=url)
-    output.text(f"Figures for Prometheus are at {url}")
+    output.text(f"Metrics for Prometheus are at {url}")

@@ -16,7 +16,6 @@ from swarmwright.cli._log import Log, log_options
 from swarmwright.cli._options import ExistingPath, Prefix, WholeNumber, json_option
 from swarmwright.cli._output import Output
 from swarmwright.cli._reloading import hangups, reload
-from swarmwright.cli._signals import Terminated
 
 Port = WholeNumber(0, 65535)
 
@@ -161,11 +160,11 @@ def command(
     log_size: int | None,
     as_json: bool,
 ) -> int:
-    """Run the MQTT broker until Ctrl-C, or write the files that a broker needs.
+    """Run an MQTT broker, or write the files that one needs.
 
-    Without a password file, every client that can reach the broker may use it. Therefore it listens on the
-    loopback address only, and to other machines only with a password file and TLS; a Unix socket is for users
-    who may write to its file. On SIGHUP it reads its files again.
+    It runs until Ctrl-C. Without a password file, every client that can reach the broker may use it.
+    Therefore it listens on the loopback address only, and to other machines only with a password file and
+    TLS; a Unix socket is for users who may write to its file. On SIGHUP it reads its files again.
     """
     output = Output(as_json=as_json)
     if folder is not None or add_user is not None:
@@ -221,7 +220,9 @@ def command(
         )
         try:
             where = dict.fromkeys(url for url in (broker.url, broker.socket_url) if url)
-            output.text(f"The broker listens on {' and '.join(where)} (Ctrl-C stops it)")
+            # Its URL is the one for this machine.
+            all_of_them = "all addresses of this machine, here " if _is_any(host) and broker.url else ""
+            output.text(f"The broker listens on {all_of_them}{' and '.join(where)} (Ctrl-C stops it)")
             listening = {"event": "listening", "url": broker.url, "port": broker.port or None}
             output.json({**listening, **({"socket": broker.socket_url} if socket_file else {})})
             lines.write("info", "listening", url=broker.url)
@@ -230,8 +231,8 @@ def command(
                 if hung_up.wait(0.5):
                     hung_up.clear()
                     reload(broker, output, lines)
-        except Terminated:
-            lines.write("info", "stopped")  # SIGTERM is how a service is asked to end
+        except KeyboardInterrupt:  # Ctrl-C or SIGTERM is how it is asked to end
+            lines.write("info", "stopped")
         finally:
             broker.stop()
     return 0
@@ -266,6 +267,14 @@ def _check_exposure(host: str, *, users: Path | None, certificate: Path | None) 
     raise click.UsageError(
         f"'{host}' can be reached from other machines. {' '.join(reasons)} Or listen on 127.0.0.1."
     )
+
+
+def _is_any(host: str) -> bool:
+    """Whether a host means all addresses of this machine."""
+    try:
+        return ipaddress.ip_address(host or "0.0.0.0").is_unspecified  # noqa: S104 - nothing is bound
+    except ValueError:
+        return False
 
 
 def _loopback(host: str) -> bool:

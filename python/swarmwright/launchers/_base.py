@@ -67,8 +67,8 @@ class LauncherOptions(Options):
     """Folder on the servers' machines that holds the code of a custom simulation. Default: the code is
     packed and copied there."""
     files: list[str] = Field(default=[])
-    """Further files that the simulation reads, copied with its code: paths or patterns such as maps/*.json,
-    relative to the file of the simulation."""
+    """Further files that the simulation reads, copied with its code, and kept with the run: paths or patterns
+    such as maps/*.json, relative to the folder of its file."""
     environment: dict[str, str] = Field(default={})
     """Further environment variables of the servers."""
     start_timeout: float = Field(default=120.0, gt=0, le=86_400)

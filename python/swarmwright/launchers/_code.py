@@ -6,6 +6,7 @@ import io
 import tarfile
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Self
 
@@ -43,6 +44,11 @@ class Code:
                 entry.size, entry.mode = len(data), mode
                 archive.addfile(entry, io.BytesIO(data))
         return cls(digest.hexdigest(), packed.getvalue())
+
+    @cached_property
+    def sha256(self) -> str:
+        """SHA-256 of the archive, in hexadecimal, by which a copy of it is compared."""
+        return hashlib.sha256(self.archive).hexdigest()
 
     def unpack(self, folder: Path) -> None:
         """Write the files into a folder, which is made. Raises OSError."""

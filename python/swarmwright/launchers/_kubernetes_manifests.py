@@ -180,7 +180,12 @@ def _script(servers: Sequence[int], options: "KubernetesOptions", specification:
     return "\n".join(
         [
             *([unpack] if travels else []),
-            *prepared(options, specification.variables(FILES, code), code or CODE),
+            *prepared(
+                options,
+                specification.variables(FILES),
+                shlex.quote(code or CODE),
+                None if code is None else shlex.quote(code),
+            ),
             f"set -- {shlex.join(map(str, servers))}",
             'shift "$JOB_COMPLETION_INDEX"',
             "server=$1",

@@ -18,13 +18,34 @@ class RemoteOptions(LauncherOptions):
     """Lines of shell that are run before it, such as `module load swarmwright`."""
 
 
-def prepared(options: RemoteOptions, variables: Mapping[str, str], folder: str) -> list[str]:
-    """Return lines of shell that set what the program needs; `folder` becomes the working folder."""
+def prepared(
+    options: RemoteOptions, variables: Mapping[str, str], folder: str, code: str | None = None
+) -> list[str]:
+    """Return lines of shell that set what the program needs.
+
+    Args:
+        options: of the launcher.
+        variables: of the environment, without the code.
+        folder: becomes the working folder; a word of shell.
+        code: where modules are looked for first; a word of shell. After it come the folders that the option
+            `environment` names, else those that the setup, or the image, has set.
+    """
+    given = variables.get("PYTHONPATH")
     lines = [f"export {name}={shlex.quote(value)}" for name, value in sorted(variables.items())]
+    if code is not None and given:
+        lines.append(f"export PYTHONPATH={code}:{shlex.quote(given)}")
+    elif code is not None:
+        lines.append(f'export PYTHONPATH={code}"${{PYTHONPATH:+:$PYTHONPATH}}"')
     setup = [] if options.setup is None else [options.setup]
     # Of another account, or another broker, where the environment is passed on.
     others = "unset SWARMWRIGHT_BROKER SWARMWRIGHT_USERNAME SWARMWRIGHT_PASSWORD SWARMWRIGHT_PASSWORD_FILE"
-    return [*setup, f"{others} SWARMWRIGHT_CA_FILE", *lines, f"cd {shlex.quote(folder)} || exit 1"]
+    return [*setup, f"{others} SWARMWRIGHT_CA_FILE", *lines, f"cd {folder} || exit 1"]
+
+
+def unpacked(archive: str, folder: str) -> str:
+    """Return the line of shell that unpacks code into a folder of one server; both are words of shell."""
+    # Of a job that was begun again, the folder is there.
+    return f"rm -rf {folder} && mkdir -p {folder} && tar -xzof {archive} -C {folder} || exit 1"
 
 
 def called(options: RemoteOptions, specification: Specification, server: int) -> str:

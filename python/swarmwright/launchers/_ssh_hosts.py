@@ -11,7 +11,7 @@ from pathlib import PurePosixPath
 from typing import TYPE_CHECKING, Any
 
 from swarmwright.launchers._base import Health
-from swarmwright.launchers._remote import called, prepared
+from swarmwright.launchers._remote import called, prepared, unpacked
 from swarmwright.launchers._specification import Specification
 
 if TYPE_CHECKING:
@@ -44,7 +44,8 @@ class _Machine:
     connection: Any = None
     slots: int = 0
     home: str = ""
-    code: str | None = None
+    archive: str | None = None
+    """File with the code there."""
     used: set[int] = field(default_factory=set)
     problem: str | None = None
     again_at: float = 0.0
@@ -139,7 +140,7 @@ class Hosts:
             await self._ask(
                 machine, f"command -v {shlex.split(self._options.command)[0]}", self._no_program()
             )
-            machine.code = await self._copy_code(machine)
+            machine.archive = await self._copy_code(machine)
         except _Unusable as error:
             machine.problem = str(error)
         except TimeoutError:
@@ -183,25 +184,26 @@ class Hosts:
         return str(result.stdout)
 
     async def _copy_code(self, machine: _Machine) -> str | None:
-        """Copy the code where it is not yet; return its folder, which machines may share."""
+        """Copy the code where it is not yet, or was changed; return its file, which machines may share."""
         code = self._specification.code
         if code is None:
-            return self._options.code
+            return None
         base = str(PurePosixPath(machine.home, self._options.folder, "code"))
-        folder, part = f"{base}/{code.digest}", f"{base}/{self._token}-{machine.number}.part"
+        file, part = f"{base}/{code.sha256}.tar.gz", f"{base}/{self._token}-{machine.number}.part"
+        if await self._digest(machine, file) == code.sha256:
+            return file
         async with machine.connection.start_sftp_client() as files:
-            if await files.isdir(folder):
-                return folder
-            await files.makedirs(part, exist_ok=True)
-            async with files.open(f"{part}/code.tar.gz", "wb") as archive:
+            await files.makedirs(base, exist_ok=True)
+            async with files.open(part, "wb") as archive:
                 await archive.write(code.archive)
-        quoted = shlex.quote(part)
-        await self._ask(
-            machine,
-            f"cd {quoted} && tar -xzf code.tar.gz && rm code.tar.gz && "
-            f"(mv -T {quoted} {shlex.quote(folder)} 2> /dev/null || rm -rf {quoted})",
-        )
-        return folder
+        await self._ask(machine, f"mv -f {shlex.quote(part)} {shlex.quote(file)}")
+        return file
+
+    async def _digest(self, machine: _Machine, file: str) -> str:
+        """Return the SHA-256 of a file; empty where there is none, or no program that computes it."""
+        hashed = f"{{ sha256sum || shasum -a 256; }} < {shlex.quote(file)}"
+        said = await self._ask(machine, f"( {hashed} ) 2> /dev/null || true")
+        return next(iter(said.split("\n")[-2:]), "").partition(" ")[0]
 
     def _assign(self) -> None:
         """Give waiting servers to free slots."""
@@ -266,13 +268,19 @@ class Hosts:
 
     def _script(self, machine: _Machine, server: int, folder: str) -> str:
         """Return what runs a server until it ends or standard input does, with the connection."""
-        variables = self._specification.variables(folder, machine.code)
-        quoted = shlex.quote(folder)
+        quoted, option = shlex.quote(folder), self._options.code
+        code = None if option is None else shlex.quote(option)
+        unpack = []
+        if machine.archive is not None:
+            # What the simulation writes there, no other server finds.
+            code = f"{quoted}/code"
+            unpack = [unpacked(shlex.quote(machine.archive), code)]
         return "\n".join(
             [
                 f"trap 'rm -rf {quoted}' EXIT",
                 "trap '' HUP",
-                *prepared(self._options, variables, machine.code or folder),
+                *unpack,
+                *prepared(self._options, self._specification.variables(folder), code or quoted, code),
                 "exec 3<&0",
                 f"{called(self._options, self._specification, server)} < /dev/null 3<&- &",
                 "server=$!",

@@ -1,6 +1,6 @@
 """Servers as processes of this machine, which are watched, and started again when they crash or hang."""
 
-import queue
+from collections import deque
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -8,11 +8,16 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from swarmwright.launchers._base import Health, Launcher, LauncherError, LauncherOptions
 from swarmwright.launchers._specification import Specification
-from swarmwright.supervision import Output, Supervisor
+from swarmwright.supervision import Event, Output, Supervisor
 from swarmwright.supervision.supervisor import News
 
 if TYPE_CHECKING:
     from swarmwright import _engine
+
+
+_WARNINGS = {"warning", "waiting", "lost"}
+"""Events of servers that say what is wrong with them."""
+_KEPT = 5
 
 
 class ProcessOptions(LauncherOptions):
@@ -36,7 +41,7 @@ class Process(Launcher):
     def __init__(self, options: ProcessOptions, specification: Specification) -> None:
         super().__init__(options, specification)
         self._output = Output()
-        self._news: queue.SimpleQueue[News] = queue.SimpleQueue()
+        self._warnings: dict[int, deque[str]] = {}
         self._folder: TemporaryDirectory[str] | None = None
         self._supervisor: Supervisor | None = None
 
@@ -50,7 +55,7 @@ class Process(Launcher):
         self._supervisor = Supervisor(
             [],
             output=self._output,
-            tell=self._news.put,
+            tell=self._hear,
             step_timeout=self.specification.step_timeout,
             environment=self.specification.variables(str(here)),
         )
@@ -79,11 +84,12 @@ class Process(Launcher):
             self._supervisor.remove(servers)
 
     def logs(self, server: int, lines: int = 20) -> Sequence[str]:
-        """Return the last lines of a process that has ended for good."""
+        """Return the last lines of a process, and of what it reports, such as a refusal of its broker."""
         if self._supervisor is None:
             return ()
         found = [one for one in self._supervisor.given_up() if one.server == server]
-        return found[0].words.split("\n")[-lines:] if found else ()
+        printed = found[0].words.split("\n") if found else self._supervisor.printed(server)
+        return [*printed, *self._warnings.get(server, ())][-lines:]
 
     def log_to(self, file: Path) -> None:
         """Write what the servers print to a file."""
@@ -103,6 +109,13 @@ class Process(Launcher):
         """Report the ends of processes to a pool."""
         if self._supervisor is not None:
             self._supervisor.attach(None if pool is None else pool.watch(servers))
+
+    def _hear(self, news: News) -> None:
+        if isinstance(news, Event) and news.report.get("event") in _WARNINGS:
+            words = news.report.get("message") or news.report.get("reason")
+            kept = self._warnings.setdefault(news.server, deque(maxlen=_KEPT))
+            if words and words not in kept:
+                kept.append(str(words))
 
     def _settings(self, server: int) -> dict[str, Any]:
         specification = self.specification

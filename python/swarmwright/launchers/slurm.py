@@ -17,7 +17,7 @@ from pydantic import Field
 
 from swarmwright.core.errors import InputError
 from swarmwright.launchers._base import Health, Launcher, LauncherError
-from swarmwright.launchers._remote import RemoteOptions, called, prepared
+from swarmwright.launchers._remote import RemoteOptions, called, prepared, unpacked
 from swarmwright.launchers._specification import Specification
 
 ANSWER = 60.0
@@ -26,8 +26,13 @@ LEAVE = 60.0
 """Seconds that cancelled jobs have to leave the queue."""
 BEFORE_LIMIT = 30
 """Seconds before its time limit at which a server is asked to end."""
+ARCHIVE = "code.tar.gz"
 _WAITING = {"PENDING", "CONFIGURING", "REQUEUED", "REQUEUE_HOLD", "REQUEUE_FED", "SPECIAL_EXIT", "SUSPENDED"}
 _RUNNING = {"RUNNING", "COMPLETING", "STAGE_OUT", "SIGNALING", "RESIZING", "STOPPED"}
+
+
+class _RefusedError(LauncherError):
+    """A program of Slurm ended with an error."""
 
 
 class SlurmOptions(RemoteOptions):
@@ -78,9 +83,8 @@ class Slurm(Launcher):
         self._token = secrets.token_hex(4)
         self._jobs: dict[int, str] = {}
         self._ended: dict[int, str] = {}
-        base = Path(options.folder).expanduser()
-        self._folder = base / "run" / self._token
-        self._code = None if specification.code is None else base / "code" / specification.code.digest
+        self._folder = Path(options.folder).expanduser() / "run" / self._token
+        self._may_have_jobs = False
 
     @property
     def name(self) -> str:
@@ -100,13 +104,8 @@ class Slurm(Launcher):
             for name, data in self.specification.files().items():
                 (self._folder / name).touch(0o600)
                 (self._folder / name).write_bytes(data)
-            if self._code is not None and not self._code.exists():
-                part = self._code.with_name(f"{self._token}.part")
-                self.specification.code.unpack(part)  # type: ignore[union-attr] # there is code
-                try:
-                    part.rename(self._code)
-                except OSError:  # another run was faster
-                    shutil.rmtree(part)
+            if self.specification.code is not None:
+                (self._folder / ARCHIVE).write_bytes(self.specification.code.archive)
         except OSError as error:
             raise LauncherError(
                 f"{error.filename or self._folder}: cannot be written: {error.strerror}; name a folder "
@@ -115,11 +114,20 @@ class Slurm(Launcher):
 
     def start(self, servers: Sequence[int]) -> None:
         """Submit an array with a task for each server."""
-        job = self._slurm("sbatch", *self._arguments(len(servers)), script=self._script(servers))
+        job = self._submit(self._arguments(len(servers)), self._script(servers))
         number = job.strip().partition(";")[0]
         if not number.isdecimal():
             raise LauncherError(f"sbatch answered {job.strip()!r} where the number of a job was expected")
         self._jobs |= {server: f"{number}_{index}" for index, server in enumerate(servers)}
+
+    def _submit(self, arguments: Sequence[str], script: str) -> str:
+        before, self._may_have_jobs = self._may_have_jobs, True
+        try:
+            return self._slurm("sbatch", *arguments, script=script)
+        except _RefusedError as error:
+            # A controller that did not answer in time may have taken the job.
+            self._may_have_jobs = before or "timed out" in str(error).lower()
+            raise
 
     def health(self) -> Mapping[int, Health]:
         """Ask squeue for the jobs."""
@@ -148,17 +156,23 @@ class Slurm(Launcher):
         return ()
 
     def close(self) -> None:
-        """Cancel all jobs, and wait until they have left the queue."""
+        """Cancel all jobs, and wait until they have left the queue; remove what they have read."""
         if not self._folder.exists():
             return
+        try:
+            if self._may_have_jobs:
+                self._cancel_all()
+        finally:
+            shutil.rmtree(self._folder, ignore_errors=True)
+
+    def _cancel_all(self) -> None:
         self._slurm("scancel", "--quiet", f"--name={self.name}", f"--user={getpass.getuser()}")
         deadline = time.monotonic() + LEAVE
         while left := [job for job, state, _ in self._listed() if state in _WAITING | _RUNNING]:
             if time.monotonic() > deadline:
                 raise LauncherError(f"the jobs {', '.join(left)} were cancelled and are still in the queue")
             time.sleep(0.2)
-        self._jobs = {}
-        shutil.rmtree(self._folder, ignore_errors=True)
+        self._jobs, self._may_have_jobs = {}, False
 
     def _listed(self) -> list[tuple[str, str, str]]:
         """Return id, state and reason of all jobs of this run, also of those that have ended recently."""
@@ -201,14 +215,21 @@ class Slurm(Launcher):
         ]
 
     def _script(self, servers: Sequence[int]) -> str:
-        code = self.options.code if self._code is None else str(self._code)
-        variables = self.specification.variables(str(self._folder), code)
+        folder, option = shlex.quote(str(self._folder)), self.options.code
+        code = None if option is None else shlex.quote(option)
+        unpack = []
+        if self.specification.code is not None:
+            # What the simulation writes there, no other server finds.
+            code = f'{folder}/"code-${{SLURM_ARRAY_JOB_ID}}_$SLURM_ARRAY_TASK_ID"'
+            unpack = [unpacked(f"{folder}/{ARCHIVE}", code)]
+        variables = self.specification.variables(str(self._folder))
         marked = called(self.options, self.specification, 0).replace("--id 0", '--id "$server"')
         return "\n".join(
             [
                 "#!/bin/sh",
                 f"servers={shlex.quote(' '.join(map(str, servers)))}",
-                *prepared(self.options, variables, code or str(self._folder)),
+                *unpack,
+                *prepared(self.options, variables, code or folder, code),
                 'server=$(echo $servers | cut -d " " -f $((SLURM_ARRAY_TASK_ID + 1)))',
                 f"exec {marked}",
                 "",
@@ -233,7 +254,7 @@ class Slurm(Launcher):
         except OSError as error:
             raise LauncherError(f"{command[0]}: {error.strerror}") from error
         if result.returncode != 0:
-            raise LauncherError(
+            raise _RefusedError(
                 result.stderr.strip() or f"{command[0]} ended with status {result.returncode}"
             )
         return result.stdout

@@ -7,7 +7,7 @@ uses the copy and says so.
 """
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,7 +18,7 @@ from swarmwright.experiment.experiment import Experiment
 from swarmwright.runs import edits
 from swarmwright.simulations import catalogue
 from swarmwright.simulations.names import absolute, environment_held, environment_in, name_of
-from swarmwright.user_code import notices
+from swarmwright.user_code import data_files, notices
 from swarmwright.user_code.changes import choose, difference, near, present, summary
 from swarmwright.user_code.copying import FOLDER, Copy, Kept, digest_of, with_modules
 from swarmwright.user_code.parts import Part, is_plug_in, of_plug_ins, of_simulation
@@ -33,8 +33,11 @@ if TYPE_CHECKING:
 _INSTEAD = "; --simulation FILE:Class takes another one"
 
 
-def parts_of(experiment: Experiment) -> list[Part]:
+def parts_of(experiment: Experiment, patterns: Sequence[str] | None = None) -> list[Part]:
     """Return the source that an experiment is run with, as far as a run keeps a copy of it.
+
+    patterns: of files that the simulation reads; default: those that the experiment names, which must be
+    there.
 
     Raises InputError when a file cannot be read.
     """
@@ -46,7 +49,18 @@ def parts_of(experiment: Experiment) -> list[Part]:
         Path(SimulationName.parse(simulation).place).absolute()
     )
     part = choose(*held).part if held is not None else of_simulation(simulation)
-    return parts if part is None else [part, *parts]
+    if part is None:
+        return parts
+    if patterns is None:
+        patterns = _patterns(experiment)
+        data_files.named(data_files.home_of(part), patterns)
+    return [data_files.with_data(part, patterns), *parts]
+
+
+def _patterns(experiment: Experiment) -> list[str]:
+    """Return the patterns of files that are copied with a simulation's code."""
+    entries = experiment.servers if isinstance(experiment.servers, tuple) else ()
+    return list(dict.fromkeys(file for one in entries if one.code is None for file in one.files))
 
 
 def _original(part: Part) -> Part:
@@ -161,7 +175,8 @@ def used_for(run: "Run", generation: int | None = None, simulation: str | type |
         if _keeps(experiment.simulation):
             known = ""
             if run.code:
-                same = _is_version(run, _version(run, generation), parts_of(experiment))
+                parts = parts_of(experiment, _patterns(experiment))
+                same = _is_version(run, _version(run, generation), parts)
                 known = " any more, which has not changed" if same else " any more, which HAS changed"
             notices.say(
                 f"{run.path}: holds no copy of its simulation's code{known}; "
@@ -231,6 +246,8 @@ class Continuation:
     """Of that copy, also when it has yet to be made."""
     notes: list[str]
     """What was changed deliberately, for the record."""
+    edited: tuple[str, ...] = ()
+    """In words, what of it was edited in the code of plug-ins, which make the candidates."""
 
 
 def continuation(
@@ -258,7 +275,7 @@ def continuation(
             _check_trusted(run, experiment, copy)
         experiment = named or experiment
         _check_there(run, experiment.simulation)
-        parts = parts_of(experiment)
+        parts = parts_of(experiment, _patterns(run.experiment) if run.code else None)
         if run.code:
             return _without_copy(run, experiment, parts, accept_changed_code=accept_changed_code)
         if parts:
@@ -270,7 +287,7 @@ def continuation(
             notes.append(f"code is kept from generation {first} on")
         return Continuation(experiment, parts, None, 1, notes)
     now = {
-        name: of_simulation(named.simulation)
+        name: _with_data_of(of_simulation(named.simulation), kept)
         if named is not None and name == "simulation"
         else present(copy, kept)
         for name, kept in copy.parts.items()
@@ -303,7 +320,12 @@ def continuation(
     if named is None and "simulation" in changed and not is_environment(experiment.simulation):
         named = _with(experiment, _name(experiment, changed["simulation"]))
     version = max(run.code) + 1
-    return Continuation(named or experiment, parts, None, version, notes)
+    edited = (summary(copy.parts[name], part) for name, part in changed.items() if is_plug_in(name))
+    return Continuation(named or experiment, parts, None, version, notes, tuple(dict.fromkeys(edited)))
+
+
+def _with_data_of(part: Part | None, kept: Kept) -> Part | None:
+    return None if part is None else data_files.with_data(part, kept.patterns)
 
 
 def _without_copy(
@@ -332,9 +354,10 @@ def changed_code(run: "Run", experiment: Experiment) -> str | None:
     copy = copy_of(run)
     if copy is None:
         return _redefined(run, experiment.simulation)
+    kept = copy.parts.get("simulation")
     now = {
         part.name: _as_kept(copy.parts[part.name], part)
-        for part in parts_of(experiment)
+        for part in parts_of(experiment, kept.patterns if kept is not None else ())
         if part.name in copy.parts
     }
     changed = {name: part for name, part in now.items() if not _is_same(copy.parts[name], part)}

@@ -124,7 +124,7 @@ def _kept_environment(name: str, copy: Copy, kept: Kept) -> type[Simulation]:
         base = importlib.import_module("swarmwright.adapters").simulation(kept.component)
         attributes = {
             "adapted": name,
-            "apart": isolation.Apart(copy.folder / kept.name, _top(kept.digests)),
+            "apart": isolation.Apart(copy.folder / kept.name, _top(set(kept.digests) - kept.data)),
             "__module__": base.__module__,
             "__doc__": base.__doc__,
         }
@@ -197,7 +197,8 @@ def _kept(copy: Copy, kept: Kept) -> ModuleType:
         return _file(part.origin) if part.module is None else _module(part.module)
     if choice.instead is not None and not serving:
         copy_is_used(copy, kept, choice.instead)
-    places = [one for one in kept.digests if kept.module is not None or one != kept.main]
+    code = [one for one in kept.digests if one not in kept.data]
+    places = [one for one in code if kept.module is not None or one != kept.main]
     apart = isolation.Apart(copy.folder / kept.name, _top(places))
     if kept.module is not None and "." in kept.module:
         with apart.entered():

@@ -97,6 +97,11 @@ class Process:
         for thread in self._threads:
             thread.start()
 
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """The last lines that it has written."""
+        return tuple(self._lines)
+
     def _read_output(self) -> None:
         stream = self.process.stdout or self.process.stderr
         assert stream is not None

@@ -13,8 +13,11 @@ _OUTSIDE = {signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGHUP}
 
 _FATAL = "Fatal Python error"
 _THREAD = re.compile(r"(Current thread|Thread) 0x")
+_LATE = re.compile(r"(.+?)((?:Current thread|Thread) 0x[0-9a-f]+.* \(most recent call first\):)")
+"""The first line of a stack behind what was written without the end of a line, such as a question."""
 _FRAME = re.compile(r'\s+File "(?P<file>[^"]+)", line (?P<line>\d+) in (?P<name>.+)')
-_HOST = str(Path(__file__).parents[1] / "simulations" / "host.py")
+_OURS = Path(__file__).parents[1]
+_HOST = str(_OURS / "simulations" / "host.py")
 
 
 def signal_name(number: int) -> str:
@@ -60,7 +63,7 @@ class ServerExit:
         """In which function and line of the user's code: ` in step (gather.py:12)`; empty when unknown."""
         frames = [match for line in self.stack if (match := _FRAME.fullmatch(line))]
         mine = [frame for frame in frames if not is_installed(frame["file"])] or frames
-        if not mine:
+        if not mine or Path(mine[0]["file"]).is_relative_to(_OURS):  # which only waits, for whatever it is
             return ""
         return f" in {mine[0]['name']} ({shown(mine[0]['file'])}:{mine[0]['line']})"
 
@@ -76,8 +79,15 @@ class ServerExit:
         return f"simulation server {self.server} {self.how}" + (f":\n{words}" if words else "")
 
 
+def _parts(line: str) -> Sequence[str]:
+    """Return what was written, and the first line of a stack behind it, where there are both."""
+    match = _LATE.fullmatch(line)
+    return (line,) if match is None else match.groups()
+
+
 def split(lines: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Divide what a process wrote last into its own lines and the stack that Python's faulthandler wrote."""
+    lines = [part for line in lines for part in _parts(line)]
     begins = [index for index, line in enumerate(lines) if line.startswith(_FATAL) or _THREAD.match(line)]
     if not begins:
         return tuple(lines), ()

@@ -149,6 +149,12 @@ class Supervisor:
             places = self._places.values()
             return [place.last for place in places if place.given_up and place.last is not None]
 
+    def printed(self, server: int) -> tuple[str, ...]:
+        """Return the last lines of a server that runs."""
+        place = self._places.get(server)
+        process = None if place is None else place.process
+        return () if process is None else process.lines
+
     def all_given_up(self) -> bool:
         """Whether no server is left."""
         return len(self.given_up()) == len(self._places)

@@ -11,6 +11,7 @@ from pathlib import Path
 from swarmwright.core.errors import InputError
 from swarmwright.core.simulation_names import SimulationName, is_command, is_environment
 from swarmwright.user_code.copying import Copy, Kept, beside
+from swarmwright.user_code.data_files import with_data
 from swarmwright.user_code.parts import Part, Source, is_plug_in, of_plug_in, of_simulation
 
 LINES = 60
@@ -24,6 +25,12 @@ def present(copy: Copy, kept: Kept) -> Part | None:
     A file is looked for where it was seen from the run folder, then in and beside the run folder, then where
     it was: of several candidates the nearest file is meant. Raises InputError when it cannot be read.
     """
+    part = _code(copy, kept)
+    return None if part is None else with_data(part, kept.patterns)
+
+
+def _code(copy: Copy, kept: Kept) -> Part | None:
+    """Return the source without the files that it reads."""
     if is_plug_in(kept.name) and not kept.in_file:
         try:
             return of_plug_in(kept.name, kept.component)
@@ -45,7 +52,7 @@ def present(copy: Copy, kept: Kept) -> Part | None:
 
 def _present_command(copy: Copy, kept: Kept) -> Part | None:
     """Return a command's files where they are now: its definition is the run's, only these can change."""
-    others = set(kept.digests) - {kept.main}
+    others = set(kept.digests) - {kept.main} - kept.data
     for path in _places(copy.run, kept):
         with suppress(InputError):
             part = of_simulation(SimulationName.parse(kept.component).in_file(path))
@@ -68,14 +75,16 @@ class Choice:
 def choose(copy: Copy, kept: Kept) -> Choice:
     """Take what is there now where it is what was copied, else the copy.
 
-    Data files that the code reads lie beside the former only. Raises InputError when the copy was changed.
+    Of files that the code reads, the copy has only those that the experiment names. Raises InputError when
+    the copy was changed.
     """
     now = present(copy, kept)
     if now is not None and now.digests == dict(kept.digests):
         return Choice(now, copied=False, instead=None)
     folder = copy.folder / kept.name
     files = {place: Source(folder / place, copy.read(kept, place)) for place in kept.digests}
-    part = Part(kept.name, kept.component, kept.main, kept.module, files, frozenset())
+    names = kept.name, kept.component, kept.main, kept.module
+    part = Part(*names, files, frozenset(), kept.data, kept.patterns)
     return Choice(part, copied=True, instead=now)
 
 
@@ -123,9 +132,15 @@ def summary(kept: Kept, part: Part) -> str:
     before, after = (SimulationName.parse(one.component).label for one in (kept, part))
     if before != after:
         words.append(f"class {after} instead of {before}")
-    words += [f"{place} is not imported any more" for place in kept.digests if place not in now]
     words += [
-        f"{near(part.files[place].origin)} is imported now" for place in now if place not in kept.digests
+        f"{place} {'is gone' if place in kept.data else 'is not imported any more'}"
+        for place in kept.digests
+        if place not in now
+    ]
+    words += [
+        f"{near(part.files[place].origin)} {'is new' if place in part.data else 'is imported now'}"
+        for place in now
+        if place not in kept.digests
     ]
     return ", ".join(words)
 

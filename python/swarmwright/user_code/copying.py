@@ -38,6 +38,10 @@ class Kept:
     """Where the main file was, absolute."""
     beside: str
     """Where it was, seen from the run folder."""
+    data: frozenset[str] = frozenset()
+    """Places of the files that it reads and does not import."""
+    patterns: tuple[str, ...] = ()
+    """By which the experiment named them."""
 
     @property
     def in_file(self) -> bool:
@@ -72,6 +76,7 @@ class Copy:
                 "origin": str(part.origin),
                 "beside": os.path.relpath(part.origin, run.resolve()),
                 "sha256": part.digests,
+                **({"patterns": part.patterns, "data": sorted(part.data)} if part.patterns else {}),
             }
         text = json.dumps({"version": version, "parts": described}, indent=2, ensure_ascii=False)
         (copy.folder / _MANIFEST).write_text(f"{text}\n", encoding="utf-8")
@@ -155,6 +160,8 @@ def _kept(name: str, described: Mapping[str, Any]) -> Kept:
         digests={_inside(place): str(digest) for place, digest in described["sha256"].items()},
         origin=Path(described["origin"]),
         beside=str(described["beside"]),
+        data=frozenset(map(str, described.get("data", ()))),
+        patterns=tuple(map(str, described.get("patterns", ()))),
     )
 
 

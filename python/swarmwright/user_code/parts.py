@@ -50,6 +50,10 @@ class Part:
     """By their place below a folder of modules."""
     packages: frozenset[str]
     """Installed packages that it imports, by the names by which they are imported."""
+    data: frozenset[str] = frozenset()
+    """Those of `files` that it reads and does not import, see `data_files`."""
+    patterns: tuple[str, ...] = ()
+    """By which an experiment names them."""
 
     @property
     def digests(self) -> dict[str, str]:
@@ -160,7 +164,9 @@ def part_of(what: str, name: str) -> str:
 
 def of_plug_ins(experiment: Any) -> list[Part]:  # noqa: ANN401 - an Experiment, which is above this
     """Return the sources of all plug-ins that an experiment uses."""
-    names = [(section, getattr(experiment, section).kind) for section in SECTIONS]
+    sections = ((section, getattr(experiment, section)) for section in SECTIONS)
+    # What is not installed here has no source, and needs none where its run is only read.
+    names = [(name, options.kind) for name, options in sections if not getattr(options, "unavailable", False)]
     for what, name in getattr(experiment.controller, "plug_ins", ()):
         names.append((part_of(what, name), name))
     found = (of_plug_in(*one) for one in names)

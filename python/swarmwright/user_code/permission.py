@@ -22,6 +22,9 @@ def remember(parts: Iterable[Part]) -> None:
         if part.name == "simulation" or part.in_file:
             trust.remember(part.digests, str(part.origin))
             trust.remember(_own(part), str(part.origin))
+            # What is asked for where there is no copy.
+            code = {place: one for place, one in _own(part).items() if place not in part.data}
+            trust.remember(code, str(part.origin))
 
 
 def require_copy(copy: Copy, kept: Kept, choice: Choice) -> None:

@@ -261,3 +261,17 @@ def test_a_log_that_grows_is_bounded(start: Any, tmp_path: Path) -> None:
     broker.terminate()
     assert broker.wait(20) == 0
     assert json.loads(log.read_text().splitlines()[-1])["event"] == "stopped"
+
+
+def test_all_addresses_are_called_so(start: Any, program: Any) -> None:
+    assert program("broker", "--init", "lab", "--host", "localhost", "--iterations", "1000").returncode == 0
+    files = [
+        ("users", "passwords"),
+        ("access", "acl"),
+        ("certificate", "broker.pem"),
+        ("key", "broker-key.pem"),
+    ]
+    given = [word for name, file in files for word in (f"--{name}", f"lab/{file}")]
+    process = start("broker", "--host", "0.0.0.0", "--port", "0", *given)
+    said = process.stdout.readline()
+    assert said.startswith("The broker listens on all addresses of this machine, here mqtts://127.0.0.1:")

@@ -1,10 +1,11 @@
 """Code of a custom simulation in one piece."""
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from swarmwright import InputError
+from swarmwright import Experiment, InputError, optimize
 from swarmwright.evaluation.launched.packing import packed
 from swarmwright.launchers import Code
 from swarmwright.launchers.process import ProcessOptions
@@ -47,6 +48,17 @@ def test_built_in_simulations_have_no_code() -> None:
     assert packed("minisim", [], ProcessOptions()) == ("minisim", [], None)
     with pytest.raises(InputError, match="servers: code: the simulation is installed"):
         packed("minisim", [], ProcessOptions(code="/opt"))
+
+
+@pytest.mark.parametrize(("options", "key"), [({"code": "/opt"}, "code"), ({"files": ["a.json"]}, "files")])
+def test_servers_on_this_machine_refuse_what_has_no_effect(
+    tmp_path: Path, options: dict[str, Any], key: str
+) -> None:
+    made = Experiment.from_mapping(
+        {"simulation": "minisim", "servers": {"launcher": "process", **options}, "validate": False}
+    )
+    with pytest.raises(InputError, match=f"servers: {key}: .*; leave it out"):
+        optimize(made, out=tmp_path / "run", progress=False)
 
 
 def test_each_module_travels_with_what_it_imports(tmp_path: Path) -> None:

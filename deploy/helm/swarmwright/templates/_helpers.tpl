@@ -67,11 +67,23 @@ securityContext: {{- toYaml .Values.securityContext | nindent 2 }}
 {{ required "credentials is missing: the name of a Secret with the files of `swarmwright broker --init`; see values.yaml" .Values.credentials }}
 {{- end -}}
 
+{{/* The account of a role, as `swarmwright broker --init --prefix` names it. */}}
+{{- define "swarmwright.account" -}}
+{{- $stem := regexReplaceAll "[^\\w.-]+" .root.Values.prefix "-" -}}
+{{ if $stem }}{{ $stem }}-{{ end }}{{ .role }}
+{{- end -}}
+
+{{/* An argument, which --set may have made a number. */}}
+{{- define "swarmwright.word" -}}
+{{ if kindIs "string" . }}{{ . | quote }}{{ else }}{{ toJson . | quote }}{{ end }}
+{{- end -}}
+
 {{/* How a role reaches the broker. */}}
 {{- define "swarmwright.environment" -}}
+{{- $account := include "swarmwright.account" . -}}
 - {name: HOME, value: /tmp}
 - {name: SWARMWRIGHT_BROKER, value: "mqtts://{{ include "swarmwright.broker" .root }}:{{ .root.Values.broker.port }}"}
-- {name: SWARMWRIGHT_USERNAME, value: {{ .role }}}
-- {name: SWARMWRIGHT_PASSWORD_FILE, value: /etc/swarmwright/{{ .role }}.password}
+- {name: SWARMWRIGHT_USERNAME, value: {{ $account | quote }}}
+- {name: SWARMWRIGHT_PASSWORD_FILE, value: "/etc/swarmwright/{{ $account }}.password"}
 - {name: SWARMWRIGHT_CA_FILE, value: /etc/swarmwright/ca.pem}
 {{- end -}}

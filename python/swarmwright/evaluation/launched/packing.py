@@ -5,15 +5,14 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from swarmwright.core.errors import InputError
-from swarmwright.core.simulation_names import SimulationName, is_python
+from swarmwright.core.simulation_names import SimulationName, is_command, is_python
 from swarmwright.launchers import Code, LauncherOptions
-from swarmwright.user_code import trust
+from swarmwright.simulations.names import environment_held
+from swarmwright.user_code import data_files, trust
 from swarmwright.user_code.changes import choose
-from swarmwright.user_code.copying import Copy
+from swarmwright.user_code.copying import Copy, Kept
 from swarmwright.user_code.parts import Part, of_simulation
 
-LARGEST = 1 << 28
-"""Bytes of all files."""
 _FOLDER = "modules/"
 """Of the code of modules, in that of the servers."""
 
@@ -42,11 +41,8 @@ def packed(
         names.append(parsed.in_file(f"{folder}{part.main}"))
         files.update({f"{folder}{place}": source.data for place, source in part.files.items()})
     size = sum(map(len, files.values()))
-    if size > LARGEST:
-        raise InputError(
-            f"servers: files: {size >> 20} MiB are more than {LARGEST >> 20}; copy them to the servers' "
-            "machines and name their folder with the option code"
-        )
+    if size > data_files.LARGEST:
+        raise data_files.too_large(size)
     travels = files and options.code is None
     return name, names, Code.of(files, programs) if travels else None
 
@@ -64,44 +60,64 @@ def _simulation(
 
     in_files: whether there is code of modules besides.
     """
-    part = of_simulation(simulation) if is_python(simulation) else None
+    name, part = _source(simulation) if is_python(simulation) else (simulation, None)
     if part is None:
         _refuse_files(options, in_files=in_files)
         return simulation, {}, set()
-    parsed = SimulationName.parse(simulation)
-    name = parsed.in_file(part.main) if parsed.file is not None else simulation
     if options.code is not None:
         return name, {}, set()
     files = {place: source.data for place, source in part.files.items()}
     programs = {place for place, source in part.files.items() if os.access(source.origin, os.X_OK)}
-    home = part.origin.parents[len(Path(part.main).parts) - 1]
-    for path in _beside(home, options.files):
-        files.setdefault(path.relative_to(home).as_posix(), _read(path))
+    home = data_files.home_of(part)
+    for path in data_files.named(home, options.files):
+        files.setdefault(path.relative_to(home).as_posix(), data_files.read(path))
     return name, files, programs
 
 
+def _source(simulation: str) -> tuple[str, Part | None]:
+    """Return what a simulation is called where its code is the working folder, and its source.
+
+    Of a run's copy that is the original, as long as it is the same: files that the run does not keep are
+    beside it.
+    """
+    parsed = SimulationName.parse(simulation)
+    environment = environment_held(simulation)
+    if environment is not None:
+        copy, kept = environment
+        return kept.component, choose(copy, kept).part
+    held = None if parsed.file is None else Copy.holding(parsed.file.absolute())
+    part = of_simulation(simulation) if held is None or _is_other(simulation, held[1]) else choose(*held).part
+    if part is None or parsed.file is None:
+        return simulation, part
+    return parsed.in_file(part.main if part.module is None else part.module), part
+
+
+def _is_other(simulation: str, kept: Kept) -> bool:
+    """Whether a command is another one than the run's, whose files it uses."""
+    if not is_command(simulation):
+        return False
+    now = of_simulation(simulation)
+    return now is None or now.digests.get(kept.main) != kept.digests[kept.main]
+
+
+def check_here(simulation: str, options: LauncherOptions) -> None:
+    """Raise InputError for options about copied code, which servers on this machine do not use."""
+    if options.code is not None:
+        raise InputError(
+            f"servers: code: servers of {options.launcher} run on this machine, with the simulation's own "
+            "files; leave it out"
+        )
+    if not is_python(simulation):
+        _refuse_files(options, in_files=False)
+
+
 def _refuse_files(options: LauncherOptions, *, in_files: bool) -> None:
+    """Raise InputError when files or code are named, and there is no code that could be copied.
+
+    in_files: whether there is code of modules.
+    """
     if options.files or (options.code is not None and not in_files):
         key = "files" if options.files else "code"
         raise InputError(
             f"servers: {key}: the simulation is installed, so no code of it is copied; leave it out"
         )
-
-
-def _beside(home: Path, patterns: Sequence[str]) -> list[Path]:
-    found: set[Path] = set()
-    for pattern in patterns:
-        if Path(pattern).is_absolute() or ".." in Path(pattern).parts:
-            raise InputError(f"servers: files: {pattern} must lie in {home}, beside the simulation")
-        matches = [path for path in home.glob(pattern) if path.is_file()]
-        if not matches:
-            raise InputError(f"servers: files: there is no file {pattern} in {home}")
-        found.update(matches)
-    return sorted(found)
-
-
-def _read(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise InputError(f"servers: files: {path}: cannot be read: {error.strerror}") from error

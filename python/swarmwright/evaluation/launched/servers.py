@@ -72,6 +72,7 @@ class Entry:
     """Until when they are counted."""
     is_spent: bool = False
     told: str = ""
+    is_told_starting: bool = False
     words: list[str] = field(default_factory=list)
     """How servers ended, without having been on the broker."""
 
@@ -352,6 +353,7 @@ class LaunchedServers:
             if health.state == "ended" or late:
                 self._ended(entry, server, late=late)
         self._tell_waiting(entry, now)
+        self._tell_starting(entry, now)
         self._scale(entry, now)
         missing = entry.wanted - len(entry.servers)
         if entry.given_up is None and missing > 0 and now >= entry.again_at:
@@ -393,9 +395,8 @@ class LaunchedServers:
         words = one.health.reason or "ended"
         if late:
             words = (
-                f"runs, but has not reached {entry.launcher.specification.broker} within "
-                f"{entry.options.start_timeout:g} s; servers need a way to this address, see the options "
-                "broker_host and start_timeout"
+                f"runs, but is not on {entry.launcher.specification.broker} after "
+                f"{entry.options.start_timeout:g} s; {self._needed(entry)}"
             )
         text = "\n".join([f"server {server} {words}", *printed])
         pause = 0.0
@@ -443,6 +444,42 @@ class LaunchedServers:
         if told != entry.told:
             entry.told = told
             _log.warning("%s: %s", entry.name, told)
+
+    def _tell_starting(self, entry: Entry, now: float) -> None:
+        """Say what is waited for when servers run, and the first one is not on the broker soon."""
+        late = [
+            server
+            for server, one in entry.servers.items()
+            if one.health.state == "running" and not one.was_ready and now - one.since >= SOON
+        ]
+        if self._present or entry.is_told_starting or not late:
+            return
+        entry.is_told_starting = True
+        lines: list[str] = []
+        for server in late:
+            with suppress(LauncherError):
+                lines += [line for line in entry.launcher.logs(server, LINES) if line.strip()]
+        began = (
+            f"{entry.name}: no server is on {entry.launcher.specification.broker} yet, {len(late)} started; "
+            f"each has {entry.options.start_timeout:g} s for that"
+        )
+        if lines:
+            began += f"; {self._needed(entry)}. They print:"
+        _log.warning("%s", "\n".join([began, *dict.fromkeys(lines[-LINES:])]))
+
+    def _needed(self, entry: Entry) -> str:
+        """Say what servers need to come to the broker."""
+        needed = "servers need a way to this address, see the options broker_host and start_timeout"
+        username, file = entry.launcher.specification.username, entry.options.credentials
+        if username is None or self.access.servers:
+            return needed
+        account = (
+            f"with the account {username} of {file}"
+            if file is not None
+            else f"with the account of this process, {username}; the option credentials names their own, "
+            "such as the file server.env of `swarmwright broker --init`"
+        )
+        return f"{needed}, and the rights of a server there: they log in {account}"
 
     def _start(self, entry: Entry, count: int) -> None:
         """Start servers. Raises LauncherError."""

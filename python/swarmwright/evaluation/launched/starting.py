@@ -14,7 +14,7 @@ from swarmwright.core.errors import InputError
 from swarmwright.core.server_use import ServerUse, ServerUses
 from swarmwright.core.simulation_names import is_python
 from swarmwright.evaluation.launched.access import Access, Credentials, embedded, own_address
-from swarmwright.evaluation.launched.packing import packed
+from swarmwright.evaluation.launched.packing import check_here, packed
 from swarmwright.evaluation.launched.servers import Entry, LaunchedServers
 from swarmwright.evaluation.module_code import names_of
 from swarmwright.experiment.experiment import Experiment
@@ -115,7 +115,9 @@ def _specification(
     modules: Sequence[str],
 ) -> Specification:
     simulation, code = experiment.simulation, None
-    if not here:
+    if here:
+        check_here(simulation, options)
+    else:
         simulation, modules, code = packed(simulation, modules, options)
     own = _credentials(options) if host is None else None
     credentials = own or access.servers.get(name, Credentials())

@@ -7,7 +7,8 @@ from typing import Any
 
 import pytest
 
-from swarmwright import Experiment, InputError, Run, optimize, resume
+from swarmwright import Experiment, InputError, Run, RunError, _engine, optimize, resume
+from swarmwright.broker.mosquitto import write_configuration
 from swarmwright.core.server_use import ServerUse
 from swarmwright.evaluation.launched import scaling, servers
 from swarmwright.evaluation.launched.access import embedded
@@ -120,3 +121,40 @@ def test_more_servers_than_the_embedded_broker_admits_are_refused(tmp_path: Path
     made = experiment(tmp_path, 2).replace(servers={"launcher": "process", "count": 4_001})
     with pytest.raises(InputError, match=r"4001 servers are too many for the embedded broker"):
         optimize(made, out=tmp_path / "run", progress=False)
+
+
+@pytest.mark.timeout(120)
+def test_servers_that_their_broker_refuses_are_reported_soon_with_its_words(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    lab = tmp_path / "lab"
+    write_configuration(lab, given=["localhost"], port=8883, prefixes=(), iterations=1000)
+    broker = _engine.Broker(
+        port=0,
+        users=str(lab / "passwords"),
+        access=str(lab / "acl"),
+        certificate=str(lab / "broker.pem"),
+        key=str(lab / "broker-key.pem"),
+    )
+    monkeypatch.setattr(servers, "SOON", 2.0)
+    monkeypatch.setenv("SWARMWRIGHT_USERNAME", "tool")
+    monkeypatch.setenv("SWARMWRIGHT_PASSWORD_FILE", str(lab / "tool.password"))
+    monkeypatch.setenv("SWARMWRIGHT_CA_FILE", str(lab / "ca.pem"))
+    url = broker.url.replace("127.0.0.1", "localhost")
+    made = experiment(tmp_path, 2, start_timeout=6.0)
+    hint = (
+        r"they log in with the account of this process, tool; the option credentials names their own"
+        r"(.|\n)*does not let user .tool. publish"
+    )
+    try:
+        with pytest.raises(RunError, match=rf"runs, but is not on {url} after 6 s(.|\n)*{hint}"):
+            optimize(made, out=tmp_path / "run", broker=url, progress=False)
+        soon = rf"process: no server is on {url} yet, 1 started; each has 6 s(.|\n)*{hint}"
+        assert re.search(soon, caplog.text)
+        # With an account of its own, the server comes.
+        caplog.clear()
+        given = {"launcher": "process", "credentials": str(lab / "server.env")}
+        optimize(made.replace(servers=given), out=tmp_path / "run", broker=url, progress=False)
+        assert "no server is on" not in caplog.text
+    finally:
+        broker.stop()
