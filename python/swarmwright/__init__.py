@@ -39,6 +39,7 @@ Overview:
     export_controller           a controller as C, C++, Python, MicroPython or ONNX, for robots
     export_bundle, verify_bundle  an archive to hand over, with proof; its check
     evaluate, simulate, repeat  the fitness of given genomes; one episode; one evaluation again
+    evaluate_episodes           the fitness and the metrics of given genomes in each episode
     Episodes, environments      episodes that your code steers; as environments of PettingZoo and Gymnasium
     Simulation, BatchSimulation, CommandSimulation, Parameter   base classes of custom simulations
     Group                       agents of one kind in a custom simulation
@@ -64,7 +65,7 @@ if TYPE_CHECKING:
     from swarmwright.analysis.transfer.result import Transfer
     from swarmwright.analysis.transfer.transfer import transfer
     from swarmwright.evaluation.episodes import Episodes
-    from swarmwright.evaluation.evaluate import evaluate, simulate
+    from swarmwright.evaluation.evaluate import EvaluatedEpisodes, evaluate, evaluate_episodes, simulate
     from swarmwright.experiment.experiment import Experiment
     from swarmwright.export.bundle import Bundle, export_bundle
     from swarmwright.export.bundle_verification import BundleVerification, verify_bundle
@@ -91,6 +92,7 @@ __all__ = [
     "Comparison",
     "Controller",
     "Episodes",
+    "EvaluatedEpisodes",
     "Experiment",
     "Exported",
     "Generation",
@@ -112,6 +114,7 @@ __all__ = [
     "compare",
     "environments",
     "evaluate",
+    "evaluate_episodes",
     "export_bundle",
     "export_controller",
     "optimize",
@@ -133,6 +136,7 @@ _LAZY = {
     "Comparison": "analysis.comparison",
     "Controller": "representations.controller",
     "Episodes": "evaluation.episodes",
+    "EvaluatedEpisodes": "evaluation.evaluate",
     "Experiment": "experiment.experiment",
     "Exported": "export.exporting",
     "Generation": "optimization.optimize",
@@ -148,6 +152,7 @@ _LAZY = {
     "Validation": "runs.validation",
     "compare": "analysis.comparison",
     "evaluate": "evaluation.evaluate",
+    "evaluate_episodes": "evaluation.evaluate",
     "export_bundle": "export.bundle",
     "export_controller": "export.exporting",
     "optimize": "optimization.optimize",

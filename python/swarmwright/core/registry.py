@@ -1,6 +1,8 @@
 """Components by name: built in ones, and those that other packages announce as entry points."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
 from functools import cached_property
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
@@ -30,6 +32,7 @@ class Registry(Generic[Component]):
         self.built_in = dict(built_in)
         self._base = base
         self._loaded: dict[str, type[Component]] = {}
+        self._stand_in: ContextVar[type[Component] | None] = ContextVar(f"stand_in {what}", default=None)
 
     @cached_property
     def _announced(self) -> dict[str, list[EntryPoint]]:
@@ -48,8 +51,26 @@ class Registry(Generic[Component]):
         Raises InputError for an unknown kind, one that two packages claim, or one that cannot be imported.
         """
         if kind not in self._loaded:
-            self._loaded[kind] = self._load(kind)
+            try:
+                self._loaded[kind] = self._load(kind)
+            except InputError:
+                stand_in = self._stand_in.get()
+                if stand_in is None:
+                    raise
+                return stand_in
         return self._loaded[kind]
+
+    @contextmanager
+    def lenient(self, stand_in: type[Component]) -> Iterator[None]:
+        """Within the block, `get` returns `stand_in` in the place of a component that is not to be had here.
+
+        For what was made with it elsewhere, and can be read without.
+        """
+        token = self._stand_in.set(stand_in)
+        try:
+            yield
+        finally:
+            self._stand_in.reset(token)
 
     def module(self, kind: str) -> str | None:
         """Return the module that holds a plug-in, None for what is built in. Raises InputError as `get`."""

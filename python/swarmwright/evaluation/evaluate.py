@@ -1,7 +1,9 @@
 """Evaluating genomes and controllers without optimization."""
 
 import logging
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,12 +15,15 @@ from swarmwright.core.plug_in_code import reported
 from swarmwright.core.random_numbers import Stream
 from swarmwright.core.simulation_names import is_python
 from swarmwright.core.untrusted import one_line
-from swarmwright.evaluation.base import HERE, Controllers, Progress, Servers
+from swarmwright.evaluation.base import HERE, Controllers, Progress, Results, Servers
 from swarmwright.evaluation.in_process import PythonBackend
+from swarmwright.evaluation.metrics import asked_for
 from swarmwright.evaluation.opening import is_here, open_backend
 from swarmwright.evaluation.prepared import check_finite, check_size, prepared
+from swarmwright.evaluation.seeds import seeds_of
 from swarmwright.experiment.evolved import unknown
 from swarmwright.experiment.experiment import Experiment
+from swarmwright.rankings._slow import SlowOptions
 from swarmwright.representations.controller import Controller
 from swarmwright.simulations import catalogue
 from swarmwright.store import Journal
@@ -35,15 +40,28 @@ def evaluate(
     experiment: Experiment,
     genomes: ArrayLike,
     *,
+    generation: int = 0,
     broker: str | None = None,
     servers: Servers | None = None,
     on_progress: Progress | None = None,
 ) -> NDArray[np.float64]:
     """Return the fitness of genomes, as the experiment's ranking makes it of their episodes.
 
+    For optimizers of other libraries, which ask for genomes and are told their fitness:
+
+        for generation in range(200):
+            genomes = optimizer.ask()
+            optimizer.tell(genomes, evaluate(experiment, genomes, generation=generation))
+
+    `ranking.reevaluate` has no effect: which genomes are evaluated again is up to the caller, since it is the
+    method of a run that knows the members that stay.
+
     Args:
         experiment: simulation, controller and ranking count; the method does not.
         genomes: float32, (candidates, experiment.genome_size), finite.
+        generation: whose seeds the episodes have, from 0 on. With `ranking.seeds: new` each generation has
+            others, `parameters.seed + generation * episodes` and the following ones; with `same` all have
+            those of generation 0.
         broker: as in `optimize`.
         servers: as in `optimize`.
         on_progress: as in `optimize`.
@@ -53,42 +71,124 @@ def evaluate(
         warns of the reason. It does not depend on where it was computed.
 
     Raises:
-        InputError: the genomes have another shape or are not finite, or the experiment cannot be run as it
-            is.
+        InputError: the genomes have another shape or are not finite, there is no such generation, the ranking
+            needs a second simulation (multi_fidelity, transferability), or the experiment cannot be run as
+            it is.
         RunError: no broker or no fitting server.
     """
     instance("experiment", experiment, Experiment, "Experiment.load(file)")
+    _check_ranking(experiment, generation)
     rows = _rows(genomes)
     if is_here(experiment, broker, servers):
         alone = prepared(experiment)
         if alone is not None:
-            return alone.scores(rows, on_progress)
-    with reported():
-        return _evaluated(experiment, rows, broker, servers, on_progress)
+            return alone.scores(rows, on_progress, generation)
+    found = _evaluated(experiment, rows, generation, (), broker, servers, on_progress)
+    return found.fitness
+
+
+@dataclass(frozen=True, kw_only=True)
+class EvaluatedEpisodes:
+    """What came out of the episodes of some genomes, in their order."""
+
+    fitness: NDArray[np.float64]
+    """(candidates,) as the ranking makes it; NaN where an episode failed."""
+    episodes: NDArray[np.float64]
+    """(candidates, episodes) fitness of each; NaN where it failed."""
+    metrics: NDArray[np.float64]
+    """(candidates, episodes, metrics); NaN where the episode failed."""
+    names: tuple[str, ...]
+    """Of the metrics: those that the experiment's fitness needs, then the others that were asked for."""
+    seeds: tuple[int, ...]
+    """Simulation seed of each episode."""
+
+
+@checked
+def evaluate_episodes(
+    experiment: Experiment,
+    genomes: ArrayLike,
+    *,
+    metrics: Sequence[str] | Literal["all"] = (),
+    generation: int = 0,
+    broker: str | None = None,
+    servers: Servers | None = None,
+    on_progress: Progress | None = None,
+) -> EvaluatedEpisodes:
+    """Return fitness and metrics of genomes in each episode, for optimizers that need more than `evaluate`.
+
+    Methods of quality diversity take descriptors from the metrics, those with several objectives the
+    objectives; `found.metrics.mean(axis=1)` has a row for each genome.
+
+    Args:
+        experiment: as in `evaluate`.
+        genomes: as in `evaluate`.
+        metrics: names of metrics to be measured beside those that the fitness needs; "all": those that the
+            simulation announces.
+        generation: as in `evaluate`.
+        broker: as in `optimize`.
+        servers: as in `optimize`.
+        on_progress: as in `optimize`.
+
+    Raises:
+        InputError: as in `evaluate`; or there is no such metric.
+        RunError: no broker or no fitting server.
+    """
+    instance("experiment", experiment, Experiment, "Experiment.load(file)")
+    _check_ranking(experiment, generation)
+    asked = asked_for(experiment, metrics)
+    return _evaluated(experiment, _rows(genomes), generation, asked, broker, servers, on_progress)
+
+
+def _check_ranking(experiment: Experiment, generation: int) -> None:
+    """Raise InputError where fitness is not made of episodes in one simulation, or for no generation."""
+    if generation < 0:
+        raise InputError(f"generation: must be at least 0, not {generation}")
+    if isinstance(experiment.ranking, SlowOptions):
+        kind: str = experiment.ranking.kind  # type: ignore[attr-defined] # every kind's options have it
+        raise InputError(
+            f"{experiment.place('ranking')}{kind} needs a second simulation, and earlier generations, which "
+            "only optimize() has; take another ranking: experiment.replace(ranking={'kind': 'absolute'})"
+        )
 
 
 def _evaluated(
     experiment: Experiment,
     rows: NDArray[np.float32],
+    generation: int,
+    metrics: Sequence[str],
     broker: str | None,
     servers: Servers | None,
     on_progress: Progress | None,
-) -> NDArray[np.float64]:
+) -> EvaluatedEpisodes:
     check_finite(rows)
-    _warn_of_edits(experiment)
-    ranking = experiment.new_ranking()
-    seeds = ranking.seeds(experiment.first_seed)
-    most = max(len(rows), 1) * len(seeds)
-    with open_backend(experiment, broker=broker, servers=servers, most=most) as backend:
-        representation = experiment.representation(backend.sensors, backend.actuators)
-        check_size(rows, representation.genome_size)
-        if not len(rows):
-            return np.empty(0)
-        results = backend.evaluate(Controllers.of(representation, rows), seeds, on_progress or _silent)
-    if not isinstance(backend, PythonBackend):  # which has told
-        for reason in list(dict.fromkeys(results.journal.errors))[:_MOST_TOLD]:
-            _log.warning("an episode failed: %s", one_line(reason))
-    return ranking.score(results.fitness)
+    with reported():
+        _warn_of_edits(experiment)
+        ranking = experiment.new_ranking()
+        seeds = seeds_of(ranking, experiment.first_seed, generation)
+        most = max(len(rows), 1) * len(seeds)
+        with open_backend(experiment, broker=broker, servers=servers, most=most, metrics=metrics) as backend:
+            representation = experiment.representation(backend.sensors, backend.actuators)
+            check_size(rows, representation.genome_size)
+            if len(rows):
+                controllers = Controllers.of(representation, rows)
+                results = backend.evaluate(controllers, seeds, on_progress or _silent)
+            else:
+                results = _nothing(len(seeds), len(backend.metrics))
+        if not isinstance(backend, PythonBackend):  # which has told
+            for reason in list(dict.fromkeys(results.journal.errors))[:_MOST_TOLD]:
+                _log.warning("an episode failed: %s", one_line(reason))
+        return EvaluatedEpisodes(
+            fitness=ranking.score(results.fitness) if len(rows) else np.empty(0),
+            episodes=results.fitness + 0.0,
+            metrics=results.metrics + 0.0,
+            names=backend.metrics,
+            seeds=tuple(seeds),
+        )
+
+
+def _nothing(episodes: int, metrics: int) -> Results:
+    """Return the results of no candidates."""
+    return Results(np.empty((0, episodes)), np.empty((0, episodes, metrics)), Journal())
 
 
 @checked

@@ -12,6 +12,7 @@ from swarmwright.core.errors import InputError, engine_errors
 from swarmwright.core.processes import use_threads
 from swarmwright.evaluation.base import Progress
 from swarmwright.evaluation.opening import open_backend
+from swarmwright.evaluation.seeds import seeds_of
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.rankings import RANKINGS
 from swarmwright.rankings.absolute import Absolute
@@ -28,22 +29,27 @@ class Prepared(NamedTuple):
 
     evaluator: _engine.Evaluator
     genome_size: int
+    ranking: Absolute
+    first_seed: int
+    """`parameters.seed`"""
     seeds: Sequence[int]
-    """Of the episodes."""
-    aggregate: str
-    level: float
+    """Of the episodes of generation 0."""
 
-    def scores(self, genomes: NDArray[np.float32], on_progress: Progress | None) -> Fitness:
-        """Return the fitness of genomes, (candidates, genome_size).
+    def scores(
+        self, genomes: NDArray[np.float32], on_progress: Progress | None, generation: int = 0
+    ) -> Fitness:
+        """Return the fitness of genomes, (candidates, genome_size), on the seeds of a generation.
 
         Raises InputError for genomes of another shape or that are not finite, and for an experiment that
         cannot be run; RunError in a process that was forked from one that used the engine.
         """
         check_size(genomes, self.genome_size)
+        seeds = seeds_of(self.ranking, self.first_seed, generation) if generation else self.seeds
+        options = self.ranking.options
         use_threads()
         try:
             with engine_errors():
-                return self.evaluator.scores(genomes, self.seeds, self.aggregate, self.level, on_progress)
+                return self.evaluator.scores(genomes, seeds, options.aggregate, options.level, on_progress)
         except InputError:
             check_finite(genomes)
             raise
@@ -99,8 +105,7 @@ def _prepare(experiment: Experiment) -> Prepared | None:
     genes_are_weights = type(representation).weights is Representation.weights
     if evaluator is None or type(ranking) is not Absolute or not genes_are_weights:
         return None
-    options = ranking.options
-    return Prepared(evaluator, representation.genome_size, seeds, options.aggregate, options.level)
+    return Prepared(evaluator, representation.genome_size, ranking, experiment.first_seed, seeds)
 
 
 def check_size(genomes: NDArray[np.float32], genome_size: int) -> None:

@@ -22,8 +22,9 @@ from swarmwright.experiment.fitness import FitnessExpression
 from swarmwright.experiment.fitting import check_fits
 from swarmwright.experiment.settings import ANNOUNCED, apply, parse_settings, restricted
 from swarmwright.experiment.start_from import genomes_of
+from swarmwright.experiment.unavailable import UnavailableOptions, copies, method_of, require
 from swarmwright.launchers._entries import Entries, written
-from swarmwright.methods import METHODS, Method, MethodOptions
+from swarmwright.methods import Method, MethodOptions
 from swarmwright.rankings import RANKINGS, Ranking, RankingOptions
 from swarmwright.rankings._slow import SlowOptions
 from swarmwright.representations import REPRESENTATIONS, Representation
@@ -122,7 +123,7 @@ class Experiment:
         source = apply(Source("", values=self.to_mapping()), parsed, new_budget=only is None)
         if ask:
             check_fits(self, source)
-        changed = self._checked(source, None, ask=ask)
+        changed = self._checked(source, None, ask=ask, lenient=self._is_read)
         object.__setattr__(changed, "path", self.path)
         return changed
 
@@ -153,7 +154,7 @@ class Experiment:
         for key, value in source.values.items():
             both = key == "parameters" and isinstance(value, Mapping)
             values[key] = {**values.get(key, {}), **value} if both else value
-        return self._checked(dataclasses.replace(source, values=values), None, ask=ask)
+        return self._checked(dataclasses.replace(source, values=values), None, ask=ask, lenient=self._is_read)
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any]) -> Self:
@@ -161,13 +162,18 @@ class Experiment:
 
         Raises InputError with every problem.
         """
+        return cls._from(values)
+
+    @classmethod
+    def _from(cls, values: Mapping[str, Any], *, lenient: bool = False) -> Self:
+        """Make an experiment of plain values; see `from_mapping`, and `check` for `lenient`."""
         simulation = mapping("values", values, "{'simulation': 'minisim'}").get("simulation")
         if isinstance(simulation, type):
             values = {**values, "simulation": name_of(simulation)}
         elif hasattr(simulation, "reset"):
             kind = type(simulation).__name__
             raise InputError(f"simulation: is an object of the class {kind}; give the class itself, {kind}")
-        return cls._checked(Source("", values=_plain(values)), None)
+        return cls._checked(Source("", values=_plain(values)), None, lenient=lenient)
 
     @classmethod
     def unasked(cls, values: Mapping[str, Any], folder: Path | None = None) -> Self:
@@ -189,19 +195,30 @@ class Experiment:
         try:
             experiment = cls.unasked(store.experiment(), folder)
         except InputError as error:
+            needed = [one for one in ("controller", "ranking") if f"{one}.kind: unknown " in str(error)]
+            copied = "".join(
+                f"; the run used the module {module}, of which {place} is a copy: install its package"
+                for module, place in copies(folder, needed)
+            )
             raise InputError(
-                f"{folder}: the experiment in {store.file.name} cannot be used: {error}"
+                f"{folder}: the experiment in {store.file.name} cannot be used: {error}{copied}"
             ) from error
         object.__setattr__(experiment, "path", folder / "experiment.yaml")
         return experiment
 
     @classmethod
     def _checked(
-        cls, source: Source, path: Path | None, *, ask: bool = True, folder: Path | None = None
+        cls,
+        source: Source,
+        path: Path | None,
+        *,
+        ask: bool = True,
+        folder: Path | None = None,
+        lenient: bool = False,
     ) -> Self:
         from swarmwright.experiment.validation import check  # noqa: PLC0415 - takes long, not for reading attributes
 
-        checked = cls(**check(source, ask=ask, folder=folder), path=path)
+        checked = cls(**check(source, ask=ask, folder=folder, lenient=lenient), path=path)
         if not (checked.validate.transfers or isinstance(checked.ranking, SlowOptions)):
             return checked
         from swarmwright.experiment.targets import resolved  # noqa: PLC0415 - it imports this module
@@ -254,6 +271,8 @@ class Experiment:
         (generations, evaluations or seconds) takes the place of all three: `replace(method={"evaluations":
         2000})` has no limit of generations. None takes a key back to its default: `replace(broker=None,
         parameters={"agents": None})`.
+
+        Raises InputError with every problem, a line each.
         """
         values = self.to_mapping()
         if changes.get("simulation", self.simulation) != self.simulation:
@@ -272,7 +291,7 @@ class Experiment:
                 values.pop(name, None)
             else:
                 values[name] = change.model_dump() if hasattr(change, "model_dump") else change
-        changed = self.from_mapping(values)
+        changed = self._from(values, lenient=self._is_read)
         object.__setattr__(changed, "path", self.path)
         return changed
 
@@ -313,6 +332,11 @@ class Experiment:
                 if found is not None and not other:
                     return source.place((key,))
         return f"{key}: "
+
+    @property
+    def _is_read(self) -> bool:
+        """Whether it is that of a run whose method is not installed here."""
+        return isinstance(self.method, UnavailableOptions)
 
     @property
     def steers(self) -> bool:
@@ -370,9 +394,13 @@ class Experiment:
         return made
 
     def new_method(self, representation: Representation) -> Method:
-        """Return the method, at its start."""
-        kind: str = self.method.kind  # type: ignore[attr-defined] # every kind's options have it
-        method = METHODS.get(kind)(self.method, representation, seed=self.seed)
+        """Return the method, at its start.
+
+        Raises InputError when the method cannot evolve the representation or start from the given
+        controllers, or when the experiment is that of a run whose method is not installed here.
+        """
+        require(self.method, None if self.path is None else self.path.parent)
+        method = method_of(self.method)(self.method, representation, seed=self.seed)
         if self.start_from is not None:
             try:
                 method.start_from(genomes_of(self.start_from, representation))
@@ -383,7 +411,10 @@ class Experiment:
         return method
 
     def new_ranking(self) -> Ranking:
-        """Return the ranking."""
+        """Return the ranking.
+
+        Raises InputError when it is a plug-in that cannot be imported any more.
+        """
         kind: str = self.ranking.kind  # type: ignore[attr-defined] # every kind's options have it
         return RANKINGS.get(kind)(self.ranking)
 

@@ -1,6 +1,7 @@
 """From what a file says to checked options: all problems at once, each with its place."""
 
 from collections.abc import Callable, Mapping
+from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from swarmwright.experiment.checks import Checked, Report, check_values
 from swarmwright.experiment.document import DEFAULT_KINDS
 from swarmwright.experiment.parameter_files import resolve
 from swarmwright.experiment.start_from import entries
+from swarmwright.experiment.unavailable import UnavailableMethod
 from swarmwright.launchers._entries import entries_of, names_launchers
 from swarmwright.plug_ins import REGISTRIES
 from swarmwright.simulations import catalogue
@@ -22,13 +24,14 @@ from swarmwright.store import FILE
 from swarmwright.user_code import permission
 
 
-def check(source: Source, *, ask: bool = True, folder: Path | None = None) -> Checked:
+def check(source: Source, *, ask: bool = True, folder: Path | None = None, lenient: bool = False) -> Checked:
     """Check what a file (or mapping) says.
 
     Args:
         source: the file.
         ask: whether a simulation that is named by its class may be imported, to be asked what it announces.
         folder: that paths are relative to; default: the file's.
+        lenient: whether its method need not be installed, as that of a run that is only read.
 
     Raise InputError with every problem, a line each, in the file's order.
     """
@@ -42,6 +45,8 @@ def check(source: Source, *, ask: bool = True, folder: Path | None = None) -> Ch
         found = "is empty" if source.values is None else f"holds {shown(source.values)}"
         begins = "an experiment is a mapping that begins like 'simulation: minisim'"
         report((), f"{found}; {begins}{_importable(source)}")
+    elif "experiment" in source.values and "simulation" not in source.values:
+        report((), "is a sweep file, which 'swarmwright sweep' runs; an experiment names its simulation")
     else:
         # A section left empty ("method:") means its defaults.
         values = {key: value for key, value in source.values.items() if not (value is None and key in _EMPTY)}
@@ -50,8 +55,9 @@ def check(source: Source, *, ask: bool = True, folder: Path | None = None) -> Ch
         values = _with_controllers(source, values, report)
         values = _with_modules(source, values, folder, report)
         values = _with_launchers(source, values, folder, report)
-        checked = check_values(values, here, _in_files(files, report), ask=ask)
-        if ask and checked.get("method") is not None:  # a run can be read without
+        with REGISTRIES["method"].lenient(UnavailableMethod) if lenient or not ask else nullcontext():
+            checked = check_values(values, here, _in_files(files, report), ask=ask)
+        if ask and not lenient and checked.get("method") is not None:  # a run can be read without
             missing = REGISTRIES["method"].get(checked["method"].kind).missing()
             if missing is not None:
                 report(("method", "kind"), missing)

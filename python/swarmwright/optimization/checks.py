@@ -51,16 +51,3 @@ def _check_bounds(representation: Representation, size: int) -> None:
                 f"{place(representation, name)}: of gene {gene} the lower limit, {low[gene]:g}, is not "
                 f"below the upper one, {high[gene]:g}"
             )
-
-
-def check_seeds(ranking: Ranking, seeds: Any) -> list[int]:  # noqa: ANN401 - whatever a plug-in returns
-    """Return the seeds of the episodes. Raises PlugInError when a plug-in returns something else."""
-    if not is_plug_in(type(ranking)):
-        return list(seeds)
-    ok = isinstance(seeds, list | tuple | range | np.ndarray) and len(seeds) > 0
-    if not ok or not all(isinstance(one, int | np.integer) and 0 <= one < 2**63 for one in seeds):
-        raise PlugInError(
-            f"{place(ranking, 'seeds')}: returned {one_line(repr(seeds)[:100])}; expected a list of the "
-            "seeds of the episodes, integers, at least one"
-        )
-    return [int(seed) for seed in seeds]

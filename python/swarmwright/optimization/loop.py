@@ -6,7 +6,7 @@ A resumed run passes through the stored generations by the same code as a new on
 import logging
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -14,19 +14,22 @@ from typing import NamedTuple
 import numpy as np
 
 from swarmwright import _engine
-from swarmwright.core.errors import InputError, RunError
-from swarmwright.core.plug_in_code import is_plug_in, numbers
+from swarmwright.core.errors import InputError, PlugInError, RunError
+from swarmwright.core.plug_in_code import is_plug_in, numbers, place
 from swarmwright.core.statistics import Summary, figures_of, means, summarize
 from swarmwright.core.untrusted import one_line
 from swarmwright.evaluation.base import Backend, Controllers, Progress, Results
+from swarmwright.evaluation.seeds import check_seeds
 from swarmwright.experiment.budget import Ended, Limit
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.methods import Method
 from swarmwright.methods._search import SearchMethod
 from swarmwright.optimization.ahead import Ahead, Produced, can_be_ahead
-from swarmwright.optimization.checks import check_plug_ins, check_seeds
+from swarmwright.optimization.checks import check_plug_ins
 from swarmwright.optimization.memory import LARGE, candidates, progress
 from swarmwright.optimization.raced import race
+from swarmwright.optimization.rate import Rate
+from swarmwright.optimization.strayed import StrayedError, strayed
 from swarmwright.optimization.two_simulations import (
     TwoSimulations,
     descriptor_columns,
@@ -62,7 +65,8 @@ class Generation:
     seconds: float
     """Since the start, or since the run was resumed."""
     evaluations_per_second: float
-    """In this generation."""
+    """Over about the last two seconds, or since the generation before where that is longer ago; at most since
+    the start."""
     seconds_left: float
     """Estimate for the rest of the budget."""
     waiting_for: str
@@ -144,7 +148,7 @@ class Loop:
         self._best_seen = -np.inf
         self._waiting_for = ""
         self._started: float | None = None  # the clock of this session, from `run` on
-        self._latest = 0.0
+        self._rate = Rate(0.0, 0)
         self._resumed_at = 0  # told to the method before this session
         self._stored = 0  # generations
         self._budget = experiment.budget
@@ -202,11 +206,16 @@ class Loop:
         """Packages that the method computes with."""
         return self._method.libraries
 
-    def replay(self, reader: StoreReader) -> None:
+    def replay(self, reader: StoreReader, edited: Sequence[str] = ()) -> None:
         """Go through the generations in a store, without evaluating anything, to where it ends.
 
         The method is asked and told as before, so that it continues in the same state. Raises
-        RunError when it asks for other genomes: another version of a library that the method is made of.
+        RunError when it asks for other genomes: another version of a library that the method is made of, or
+        its code was edited.
+
+        Args:
+            reader: of the store.
+            edited: in words, what was edited in the code of plug-ins since the run, and accepted.
         """
         for evaluated in reader.generations():
             if self._method.done:
@@ -214,8 +223,12 @@ class Loop:
                     f"{reader.file}: holds more generations than its experiment has; it was changed by hand"
                 )
             if not self._again(evaluated):
-                raise RunError(strayed(reader, evaluated.generation))
+                raise self._strayed(reader, evaluated.generation, edited)
         self._continue_from(reader)
+
+    def _strayed(self, reader: StoreReader, generation: int, edited: Sequence[str]) -> StrayedError:
+        """Return the error for a generation that comes out differently."""
+        return strayed(reader, generation, (self._method, self._representation, self._ranking), edited)
 
     def _again(self, evaluated: Evaluated) -> bool:
         """Tell the method a generation that is stored; return whether it is what the method asks for."""
@@ -253,7 +266,8 @@ class Loop:
         Return how it ended: done, stopped or interrupted. Raises KeyboardInterrupt when there is no
         generation to keep, and RunError when evaluations are not possible.
         """
-        self._started = self._latest = time.monotonic()
+        self._started = time.monotonic()
+        self._rate = Rate(self._started, self._evaluations)
         try:
             try:
                 stopped = self._continue(backend, on_generation, on_progress)
@@ -390,10 +404,7 @@ class Loop:
         if on_generation is None:
             return True
         self._store.keep()  # what is reported is kept, even when the process is killed
-        now = time.monotonic()
-        generation = self._report(evaluated.summary, now - self._latest, len(evaluated.genomes))
-        self._latest = now
-        return goes_on(on_generation(generation))
+        return goes_on(on_generation(self._report(evaluated.summary)))
 
     @contextmanager
     def _kept(self, generation: int, journal: Journal) -> Iterator[None]:
@@ -464,9 +475,15 @@ class Loop:
         found = self._method.population_fitness
         if not is_plug_in(type(self._method)):
             return found
-        what = "fitness, (members,)"
+        what = "fitness, (members,), NaN for members that failed"
         name = "population_fitness"
-        return numbers(self._method, name, found, (None,), what, finite=False, some=False, dtype=np.float64)
+        made = numbers(self._method, name, found, (None,), what, finite=False, dtype=np.float64)
+        if np.isinf(made).any():
+            raise PlugInError(
+                f"{place(self._method, name)}: returned an infinite fitness; a member that failed, or has "
+                "no fitness yet, has NaN"
+            )
+        return made
 
     def _told(self, number: int, seeds: list[int], found: Produced) -> Told:
         """Return a generation that the method has been told of."""
@@ -503,7 +520,7 @@ class Loop:
             self._best_so_far = value
             self._leader = self._evaluations + found.leader
 
-    def _report(self, summary: Summary, seconds: float, evaluated: int) -> Generation:
+    def _report(self, summary: Summary) -> Generation:
         elapsed = self._elapsed()
         budget, share = self._budget.nearest(
             summary.generation + 1, summary.evaluations, self._before + elapsed
@@ -521,7 +538,7 @@ class Loop:
             failed=summary.failed,
             evaluations=summary.evaluations,
             seconds=elapsed,
-            evaluations_per_second=evaluated / max(seconds, 1e-9),
+            evaluations_per_second=self._rate.after(time.monotonic(), summary.evaluations),
             seconds_left=seconds_left,
             waiting_for=self._waiting_for,
             budget=budget,
@@ -531,16 +548,6 @@ class Loop:
     def _whole(self) -> int:
         """Return how many candidates are evaluated in the whole run, at most."""
         return min(self._method.budget, self._budget.evaluations or _MOST, _MOST)
-
-
-def strayed(reader: StoreReader, generation: int) -> str:
-    """Return the message for a generation that comes out differently when a run is resumed."""
-    versions = reader.sessions()[0].versions
-    with_what = ", ".join(f"{name} {version}" for name, version in versions.items())
-    return (
-        f"{reader.file}: the run cannot continue: generation {generation} comes out differently here. It was "
-        f"begun with {with_what}; use these versions, on a machine of the same kind"
-    )
 
 
 def _why(results: Results, ranking: Ranking) -> str:

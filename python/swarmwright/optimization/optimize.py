@@ -20,15 +20,16 @@ from swarmwright.core.processes import use_threads
 from swarmwright.core.yaml import dotted_path
 from swarmwright.evaluation.base import Backend, Progress, Servers
 from swarmwright.experiment.experiment import ELSEWHERE, Experiment
-from swarmwright.methods import METHODS
+from swarmwright.experiment.unavailable import method_of, require
 from swarmwright.optimization.loop import Generation, Loop, OnGeneration
 from swarmwright.optimization.memory import check_memory, stored
 from swarmwright.optimization.notebook_progress import shown
 from swarmwright.optimization.steady_state import SteadyLoop
+from swarmwright.optimization.strayed import StrayedError
 from swarmwright.optimization.two_simulations import TwoSimulations, open_simulations
 from swarmwright.representations import Representation
 from swarmwright.runs import edits, picture
-from swarmwright.runs.code import continuation, copy_of, parts_of
+from swarmwright.runs.code import Continuation, continuation, copy_of, parts_of
 from swarmwright.runs.folders import default_folder, is_run, remove_run
 from swarmwright.runs.run import Run
 from swarmwright.runs.transfer import at_end
@@ -195,8 +196,8 @@ def resume(
         InputError: there is no such run, its store is damaged or of another version, another process works on
             it, fewer generations are asked for than there are, or its code or its experiment.yaml was
             changed.
-        RunError: as in `optimize`; or the method, with the versions installed here, does not come to the same
-            candidates again.
+        RunError: as in `optimize`; or the method, with the versions installed here or with changed code that
+            was accepted, does not come to the same candidates again.
     """
     folder = run.path if isinstance(run, Run) else path_of("run", run, "a run folder")
     run = Run.open(folder, trust=trust)
@@ -242,12 +243,22 @@ def _continue(
             at_end.allow(wanted, run)
         experiment = prolonged(run, edited, settings, **budget)
         changed = experiment != run.experiment
-        loop = _new_loop(experiment, experiment.representation(), store)
-        loop.replay(reader)
         ended = reader.sessions()[-1].outcome in {"done", "stopped"}
         asked = not ended or experiment.validate != run.experiment.validate
-        if loop.done and not is_due(experiment, reader, changed=asked):
-            if not ended:
+        finished = run.state == "done" and experiment.budget == run.experiment.budget
+        code: Continuation | None = None
+        if not finished:
+            # Whoever resumes a run with edited code is told so, rather than what follows from it.
+            check_memory(experiment, experiment.representation())
+            code = continuation(
+                run, experiment, accept_changed_code=accept_changed_code, simulation=simulation
+            )
+        loop: Loop | None = None
+        if not finished or is_due(experiment, reader, changed=asked):  # else the method has no part in it
+            loop = _new_loop(experiment, experiment.representation(), store)
+            loop.replay(reader, () if code is None else code.edited)
+        if loop is None or (loop.done and not is_due(experiment, reader, changed=asked)):
+            if loop is not None and not ended:
                 # It was killed between its last generation and its end: only the end is missing.
                 store.begin("nothing was left to evaluate", loop.libraries)
                 store.conclude("done")
@@ -258,12 +269,15 @@ def _continue(
                 )
             store.save_best(experiment.representation())
             return
-        check_memory(experiment, experiment.representation())
-        code = continuation(run, experiment, accept_changed_code=accept_changed_code, simulation=simulation)
+        if code is None:
+            check_memory(experiment, experiment.representation())
+            code = continuation(
+                run, experiment, accept_changed_code=accept_changed_code, simulation=simulation
+            )
         for note in notes:
             say(f"{run.path}: goes on with {note}")
         if code.experiment.controller != experiment.controller:  # other files of modules
-            loop = _with_changed_modules(run, experiment, code.experiment, store, reader)
+            loop = _with_changed_modules(run, experiment, code, store, reader)
         experiment, notes = code.experiment, [*notes, *code.notes]
         earlier = reader.server_use()
         backend = stack.enter_context(open_simulations(experiment, earlier=earlier, **where))
@@ -286,9 +300,10 @@ def _continue(
 
 
 def _with_changed_modules(
-    run: Run, before: Experiment, now: Experiment, store: StoreWriter, reader: StoreReader
+    run: Run, before: Experiment, code: Continuation, store: StoreWriter, reader: StoreReader
 ) -> Loop:
     """Return the loop with behaviours and conditions whose changed code was accepted."""
+    now = code.experiment
     representations = before.representation(), now.representation()
     limits = zip(*(one.bounds for one in representations), strict=True)
     if not all(np.array_equal(one, other) for one, other in limits):
@@ -297,7 +312,7 @@ def _with_changed_modules(
             "so that its genomes mean other machines; start a new run"
         )
     changed = _new_loop(now, representations[1], store)
-    changed.replay(reader)
+    changed.replay(reader, code.edited)
     return changed
 
 
@@ -323,6 +338,8 @@ def _how_to_go_on(error: RunError, folder: Path | None) -> str | None:
     done = 0
     with suppress(InputError):
         done = len(StoreReader(folder).history())
+    if done and isinstance(error, StrayedError):
+        return f"the results of {done} generation{'s' if done > 1 else ''} are kept"
     if done:
         kept = f"the results of {done} generation{'s' if done > 1 else ''} are kept, and"
         # Corrected code of a plug-in is not the code that the run began with.
@@ -402,6 +419,7 @@ def prolonged(
 
     Raises InputError when something else is changed, or the budget is less than the run has.
     """
+    require(experiment.method, run.path)
     # Neither imports the class: it may not be the one with which the run continues.
     new = experiment.with_settings(
         settings, only=ELSEWHERE | {"method"}, reason="a run goes on with what it has", ask=False
@@ -419,7 +437,7 @@ def prolonged(
     old = experiment.method
     if new.method.model_dump(exclude=set(limits)) != old.model_dump(exclude=set(limits)):
         raise InputError("method: only its budget can be changed: generations, evaluations, seconds")
-    method = METHODS.get(old.kind)  # type: ignore[attr-defined] # every kind's options have it
+    method = method_of(old)
     if method.spreads_evaluations and limits["evaluations"] != experiment.budget.evaluations:
         raise InputError(
             "method.evaluations: cannot be changed, because the method has planned the whole run with them; "

@@ -14,11 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.core.errors import RunError
 from swarmwright.evaluation.base import Backend, Controllers, Progress, Results, weights_of
 from swarmwright.experiment.budget import Ended
 from swarmwright.optimization.ahead import Produced
-from swarmwright.optimization.loop import Loop, OnGeneration, Told, strayed
+from swarmwright.optimization.loop import Loop, OnGeneration, Told
 from swarmwright.store import Journal, StoreReader
 from swarmwright.typing import Genome, Genomes
 
@@ -48,18 +47,18 @@ class SteadyLoop(Loop):
         self._journal = Journal()
         self._over = False  # the time is over
 
-    def replay(self, reader: StoreReader) -> None:
+    def replay(self, reader: StoreReader, edited: Sequence[str] = ()) -> None:
         """Go through the generations in a store; see `Loop.replay`."""
         for evaluated in reader.generations():
             rows = zip(evaluated.made(), evaluated.episodes, evaluated.metrics, strict=True)
             for genome, episodes, metrics in rows:
                 self._ask_all()
                 if not self._flying or self._flying[0].tobytes() != genome.tobytes():
-                    raise RunError(strayed(reader, evaluated.generation))
+                    raise self._strayed(reader, evaluated.generation, edited)
                 self._tell_first(episodes, metrics)
             again = self._told_part()
             if again.found.fitness.tobytes() != evaluated.fitness.tobytes():
-                raise RunError(strayed(reader, evaluated.generation))
+                raise self._strayed(reader, evaluated.generation, edited)
         self._continue_from(reader)
 
     def _ask_all(self) -> list[Genome]:

@@ -7,7 +7,7 @@ import numpy as np
 
 from swarmwright.core.statistics import mean
 from swarmwright.experiment.experiment import Experiment
-from swarmwright.methods import METHODS
+from swarmwright.experiment.unavailable import method_of
 from swarmwright.rankings.absolute import Absolute
 from swarmwright.store import Evaluation
 
@@ -17,8 +17,7 @@ if TYPE_CHECKING:
 
 def by_instance(experiment: Experiment) -> bool:
     """Return whether a generation is an instance, and a candidate's fitness the mean of several."""
-    kind: str = experiment.method.kind  # type: ignore[attr-defined] # every kind's options have it
-    return METHODS.get(kind).by_instance
+    return method_of(experiment.method).by_instance
 
 
 def instances(run: "Run", one: Evaluation) -> list[Evaluation]:

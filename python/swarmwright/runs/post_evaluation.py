@@ -9,17 +9,16 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.core.arguments import checked, instance, listed, text
+from swarmwright.core.arguments import checked, instance
 from swarmwright.core.errors import InputError, RunError
 from swarmwright.core.statistics import Estimate, estimate, quantile
-from swarmwright.core.suggestions import unknown
 from swarmwright.core.untrusted import one_line
 from swarmwright.evaluation.base import Backend, Controllers, Progress, Results, Servers
+from swarmwright.evaluation.metrics import asked_for
 from swarmwright.evaluation.opening import open_backend
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.rankings import Ranking
 from swarmwright.runs.code import used_for
-from swarmwright.simulations import catalogue
 from swarmwright.typing import Genomes
 
 if TYPE_CHECKING:
@@ -44,7 +43,10 @@ class PostEvaluation:
     seeds: list[int]
     """Simulation seed of each episode."""
     seen: int
-    """How many of these seeds the run had used as well."""
+    """How many of these seeds the evolution of the run had used as well."""
+    validated: int = 0
+    """How many of these seeds the run's own validation had used as well: there, the results are no further
+    evidence."""
     episodes: NDArray[np.float64]
     """(episodes,) fitness of each, NaN where it failed."""
     ranking: Ranking
@@ -89,6 +91,7 @@ class PostEvaluation:
             "failed": self.failed,
             "seed": self.seeds[0],
             "seeds_of_the_run": self.seen,
+            "seeds_of_the_validation": self.validated,
             "mean": self.mean.mean,
             "standard_deviation": self.mean.standard_deviation,
             "standard_error": self.mean.standard_error,
@@ -162,8 +165,9 @@ def post_evaluate(
         candidate: as in `Run.evaluation`; without both, the best of the run.
         generation: as in `Run.evaluation`.
         episodes: how many, from 1 on.
-        seed: simulation seed of the first episode, the next ones follow; default: seeds that the run did not
-            use, the same ones for every run whose `parameters.seed` is the same.
+        seed: simulation seed of the first episode, the next ones follow; default: held-out seeds, which the
+            evolution of the run did not use. They are the same for every run whose `parameters.seed` is the
+            same, and for its validation; for fresh ones, name another seed.
         experiment: instead of the run's, with other parameters, say; the controller's sizes are the same.
         broker: as in `optimize`.
         servers: as in `optimize`.
@@ -184,6 +188,7 @@ def post_evaluate(
         raise InputError(f"episodes: must be at least 1, not {episodes}")
     evaluation = run.evaluation(candidate, generation)
     used = run.store.used_seeds()
+    validated = set((run.store.validation() or {}).get("seeds", ()))
     if seed is None:
         seeds = unseen_seeds(run.experiment.first_seed, used, episodes)
     elif not 0 <= seed <= 2**63 - episodes:
@@ -191,7 +196,7 @@ def post_evaluate(
     else:
         seeds = list(range(seed, seed + episodes))
     experiment = experiment or used_for(run, evaluation.generation)
-    asked = _asked(experiment, metrics)
+    asked = asked_for(experiment, metrics)
     with open_backend(experiment, broker=broker, servers=servers, most=len(seeds), metrics=asked) as backend:
         results = evaluated(experiment, backend, evaluation.genome[np.newaxis], seeds, on_progress)
         names = backend.metrics
@@ -202,30 +207,11 @@ def post_evaluate(
         recorded=evaluation.fitness,
         seeds=seeds,
         seen=len(used.intersection(seeds)),
+        validated=len(validated.intersection(seeds)),
         episodes=results.fitness[0] + 0.0,
         ranking=experiment.new_ranking(),
         metrics=dict(zip(names, results.metrics[0].T + 0.0, strict=True)),
     )
-
-
-def _asked(experiment: Experiment, metrics: Sequence[str]) -> list[str]:
-    """Return the names of the metrics that are asked for. Raises InputError for one that is not there."""
-    if metrics != "all":
-        listed("metrics", metrics, "names of metrics")
-        metrics = [text("metrics", name, "a list of names") for name in metrics]
-    if not catalogue.is_described(experiment.simulation):
-        if metrics == "all":
-            raise InputError(
-                f"metrics: those of {experiment.label}, which is not here, are not known; give their names"
-            )
-        return list(metrics)
-    there = list(catalogue.description(experiment.simulation, experiment.parameters)["metrics"])
-    if metrics == "all":
-        return there
-    for name in metrics:
-        if name not in there:
-            raise InputError(f"metrics: {unknown('metric', name, there)}")
-    return list(metrics)
 
 
 def unseen_seeds(first: int, used: set[int], count: int, begin: int | None = None) -> list[int]:

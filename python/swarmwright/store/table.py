@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.core.errors import InputError
+from swarmwright.core.suggestions import did_you_mean
 from swarmwright.store.blocks import Record
 
 Column = NDArray[Any]
@@ -46,14 +47,19 @@ class RecordTable(Record, dict[str, Column]):
         Record.__init__(self, **vars(record))
         object.__setattr__(self, "_metrics", tuple(metrics))
 
+    @property
+    def metric_names(self) -> tuple[str, ...]:
+        """Names of the metrics, in the order of the last axis of `metrics`."""
+        names: tuple[str, ...] = self.__dict__["_metrics"]
+        return names
+
     def _filled(self) -> None:
         if dict.__len__(self):
             return
         episodes = range(self.episodes.shape[1])
         columns = {"generation": self.generation, "candidate": self.candidate, "fitness": self.fitness}
         columns |= {f"episode_{episode}": self.episodes[:, episode] for episode in episodes}
-        metrics: tuple[str, ...] = self.__dict__["_metrics"]
-        for index, name in enumerate(map(column_of, metrics)):
+        for index, name in enumerate(map(column_of, self.metric_names)):
             columns |= {f"{name}_{episode}": self.metrics[:, episode, index] for episode in episodes}
         genes = np.ascontiguousarray(self.genomes.T)
         columns |= {f"g{gene}": column for gene, column in enumerate(genes)}
@@ -62,6 +68,19 @@ class RecordTable(Record, dict[str, Column]):
     def __getitem__(self, name: str) -> Column:
         self._filled()
         return dict.__getitem__(self, name)
+
+    def __missing__(self, name: str) -> Column:
+        """Raise KeyError, and say which columns there are: a metric has one for each episode."""
+        episodes, genes = self.episodes.shape[1], self.genomes.shape[1]
+        names = [_numbered(f"{one}_", episodes) for one in ("episode", *map(column_of, self.metric_names))]
+        others = [one for one in dict.keys(self) if not (one.startswith("g") and one[1:].isdecimal())]
+        known = ", ".join(["generation", "candidate", "fitness", *names, _numbered("g", genes)])
+        raise KeyError(f"no column {name!r}{did_you_mean(str(name), others) or ';'} there is: {known}")
+
+    def get(self, name: str, default: Any = None, /) -> Any:  # noqa: ANN401 - as in `dict`
+        """Return a column, or the default where there is no such one."""
+        self._filled()
+        return dict.get(self, name, default)
 
     def __contains__(self, name: object) -> bool:
         self._filled()
@@ -103,3 +122,8 @@ class RecordTable(Record, dict[str, Column]):
         """Say how much there is."""
         evaluations, genes = self.genomes.shape
         return f"<Record: {evaluations} evaluations, {self.episodes.shape[1]} episodes each, {genes} genes>"
+
+
+def _numbered(name: str, count: int) -> str:
+    """Return the names of columns that are numbered from 0 on."""
+    return f"{name}0" if count == 1 else f"{name}0 .. {name}{count - 1}"

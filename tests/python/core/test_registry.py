@@ -100,7 +100,6 @@ def test_a_method_of_another_package(plugins: Path, monkeypatch: pytest.MonkeyPa
     registry = fresh_registry()
     assert registry.names() == sorted({*METHODS.built_in, "plugin_climb"})
     monkeypatch.setitem(REGISTRIES, "method", registry)
-    monkeypatch.setattr("swarmwright.experiment.experiment.METHODS", registry)
     monkeypatch.setattr("swarmwright.testing._methods.METHODS", registry)
     check_method("plugin_climb")
     experiment = Experiment.from_mapping(

@@ -9,7 +9,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swarmwright import Controller, Experiment, InputError, RunError, evaluate, optimize, simulate
+from swarmwright import (
+    Controller,
+    Experiment,
+    InputError,
+    RunError,
+    evaluate,
+    evaluate_episodes,
+    optimize,
+    simulate,
+)
 from swarmwright.core.random_numbers import Stream
 from swarmwright.evaluation.base import Controllers
 from swarmwright.evaluation.opening import open_backend
@@ -60,6 +69,84 @@ def test_episodes_have_their_own_seeds() -> None:
 
 def test_nothing_to_evaluate() -> None:
     assert evaluate(MINISIM, np.empty((0, 49))).shape == (0,)
+    found = evaluate_episodes(MINISIM, np.empty((0, 49)), metrics=["steps"])
+    assert (found.fitness.shape, found.episodes.shape, found.metrics.shape) == ((0,), (0, 3), (0, 3, 1))
+
+
+@pytest.mark.parametrize("fitness", [None, "-distance"])  # by the engine alone, and with a part in Python
+def test_generations_have_the_seeds_of_a_run(fitness: str | None, tmp_path: Path) -> None:
+    experiment = MINISIM.replace(
+        fitness=fitness, method={"population": 5, "generations": 3}, ranking={"seeds": "new"}
+    )
+    run = optimize(experiment, out=tmp_path / "run")
+    for generation in range(3):
+        of_it = run.record.generation == generation
+        again = evaluate(experiment, run.record.genomes[of_it], generation=generation)
+        assert again.tobytes() == run.record.fitness[of_it].tobytes()
+    same = MINISIM.replace(fitness=fitness)
+    rows = genomes(3)
+    assert evaluate(same, rows, generation=7).tobytes() == evaluate(same, rows).tobytes()
+
+
+@pytest.mark.parametrize(
+    ("generation", "words"),
+    [
+        (-1, "generation: must be at least 0, not -1"),
+        (2**62, r"generation: \d+ is too large, as seeds must be below 2\*\*63"),
+        (1.5, "generation: must be an integer, not 1.5"),
+    ],
+)
+def test_generations_that_there_are_not(generation: Any, words: str) -> None:
+    experiment = MINISIM.replace(ranking={"seeds": "new"})
+    for function in (evaluate, evaluate_episodes):
+        with pytest.raises(InputError, match=words):
+            function(experiment, genomes(1), generation=generation)
+
+
+@pytest.mark.parametrize(("kind", "options"), [("multi_fidelity", {}), ("transferability", {"threshold": 1})])
+def test_rankings_with_a_second_simulation_are_refused(kind: str, options: dict[str, Any]) -> None:
+    slow = {"name": "slow", "parameters": {"seed": 3}}
+    experiment = MINISIM.replace(ranking={"kind": kind, "slow": slow, **options})
+    for function in (evaluate, evaluate_episodes):
+        with pytest.raises(InputError, match=rf"^ranking: {kind} needs a second simulation, .*'absolute'"):
+            function(experiment, genomes(1))
+
+
+def test_episodes_and_their_metrics_are_those_of_a_run(tmp_path: Path) -> None:
+    experiment = MINISIM.replace(
+        fitness="arrived - 0.01 * steps",
+        method={"population": 5, "generations": 2},
+        ranking={"seeds": "new", "aggregate": "worst"},
+    )
+    run = optimize(experiment, out=tmp_path / "run")
+    second = run.record.generation == 1
+    found = evaluate_episodes(experiment, run.record.genomes[second], metrics=["distance"], generation=1)
+    assert found.fitness.tobytes() == run.record.fitness[second].tobytes()
+    assert found.episodes.tobytes() == run.record.episodes[second].tobytes()
+    assert list(found.names) == [*run.metrics, "distance"]
+    assert found.metrics[:, :, :2].tobytes() == run.record.metrics[second].tobytes()
+    assert list(found.seeds) == run.seeds(1)
+
+
+def test_metrics_do_not_depend_on_where_they_are_measured() -> None:
+    here, there = (evaluate_episodes(MINISIM, genomes(4), metrics="all", servers=one) for one in ("local", 1))
+    assert set(here.names) == {"arrived", "caught", "distance", "steps"}
+    assert here.names == there.names
+    assert here.metrics.tobytes() == there.metrics.tobytes()
+    assert here.fitness.tobytes() == there.fitness.tobytes() == evaluate(MINISIM, genomes(4)).tobytes()
+
+
+@pytest.mark.parametrize(
+    ("metrics", "words"),
+    [
+        (["distanze"], "metrics: unknown metric 'distanze'; did you mean 'distance'"),
+        ("distance", r"metrics: must be a list of names of metrics, not 'distance'; write \['distance'\]"),
+        ([1], "metrics: must be a list of names, not 1"),
+    ],
+)
+def test_metrics_that_there_are_not(metrics: Any, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        evaluate_episodes(MINISIM, genomes(1), metrics=metrics)
 
 
 @pytest.mark.parametrize(

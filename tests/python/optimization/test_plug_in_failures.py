@@ -142,6 +142,64 @@ def test_a_method_that_raises_keeps_what_was_computed(install: Install, tmp_path
     assert resume(tmp_path / "run", accept_changed_code=True).generations == 4
 
 
+OTHERS = ("return self.initials(range(4))", "return self.initials(range(3))")
+RANDOM = (
+    "return self.initials(range(4))",
+    "return np.random.default_rng().random((4, self.representation.genome_size))",
+)
+
+
+def test_edited_code_is_named_before_what_follows_from_it(install: Install, tmp_path: Path) -> None:
+    run = optimize(install()(), lambda one: one.generation < 1, out=tmp_path / "run")
+    install(*OTHERS)
+    with pytest.raises(
+        InputError, match=r"method draw has changed since .*owned\.py was edited(.|\n)*-.*range\(4"
+    ):
+        resume(run)
+    with pytest.raises(RunError, match="generation 0 comes out differently here, since the code") as caught:
+        resume(run, accept_changed_code=True)
+    assert "has changed: owned.py was edited. Restore what was edited" in str(caught.value)
+    assert str(caught.value).endswith("start a new run; the results of 2 generations are kept")
+    assert list(Run.open(run.path).code) == [1], "what did not fit is not kept"
+    install()
+    assert resume(run).generations == 4
+
+
+@pytest.mark.parametrize("operation", ["generational", "steady_state"])
+def test_a_method_that_is_not_deterministic(operation: str, install: Install, tmp_path: Path) -> None:
+    old, new = RANDOM
+    if operation == "steady_state":
+        old, new = "self.initial_of(index)", "self.initial_of(index) * np.random.default_rng().random()"
+    experiment = install(old, new, operation=operation, in_flight=2)
+    run = optimize(experiment(), lambda one: one.generation < 1, out=tmp_path / "run")
+    with pytest.raises(RunError, match="generation 0 comes out differently here: the method draw") as caught:
+        resume(run)
+    assert "`swarmwright.testing.check_method('draw')` finds out why" in str(caught.value)
+    assert "swarmwright resume" not in str(caught.value)
+    assert "numpy" not in str(caught.value)
+
+
+def test_versions_that_differ_are_named_and_no_others(
+    install: Install, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = optimize(install(*RANDOM)(), lambda _: False, out=tmp_path / "run")
+    recorded = run.sessions[0].versions
+    monkeypatch.setattr(
+        "swarmwright.optimization.strayed.versions", lambda _: {**recorded, "numpy": "0.1", "sqlite": "2"}
+    )
+    with pytest.raises(RunError) as caught:
+        resume(run)
+    assert f"It was begun with numpy {recorded['numpy']} (here 0.1); use these" in str(caught.value)
+
+
+def test_a_finished_run_does_not_need_its_method(install: Install, tmp_path: Path) -> None:
+    run = optimize(install()(), out=tmp_path / "run")
+    install(*OTHERS)
+    assert resume(run).digest == run.digest
+    with pytest.raises(InputError, match="method draw has changed"):
+        resume(run, generations=5)
+
+
 def test_the_command_line_says_it_without_a_traceback(
     install: Install, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -165,6 +223,9 @@ def test_the_command_line_says_it_without_a_traceback(
         ("self.initials(range(4))", "self.initials(range(4)) * np.nan", r"Draw\._ask .*nan at \[0, 0\]"),
         ("self.initials(range(4))", "[['a']]", r"Draw\._ask .*a list of <U1 instead of numbers"),
         ("return self._scores", "return 'good'", r"Draw\.population_fitness \(owned\.py:\d+\): ret"),
+        ("return self._scores", "return self._scores[:0]", r"Draw\.population_fitness .*the shape \(0,\); "),
+        ("return self._scores", "return -np.inf * self._scores",
+         r"Draw\.population_fitness \(owned\.py:\d+\): returned an infinite fitness; .* has NaN"),
         ("return 4 *", "return 'x' *", r"Draw\.budget \(owned\.py:\d+\): is 'xxxx', expected .*integer"),
         ("super().initial(stream)", "[1, 2]", r"Net\.initial \(owned\.py:\d+\): .*the shape \(2,\)"),
         ("super().initial(stream)", "self.bias", r"Net\.initial: AttributeError: .*\(owned\.py:\d+\)"),

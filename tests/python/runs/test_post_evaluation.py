@@ -51,6 +51,16 @@ def test_any_candidate_is_evaluated_in_other_episodes(tmp_path: Path) -> None:
         post_evaluate(run, seed=-1)
 
 
+def test_it_knows_which_seeds_the_validation_used(tmp_path: Path) -> None:
+    run = run_of(tmp_path, validate={"episodes": 20})
+    assert run.validation is not None
+    by_default = post_evaluate(run, episodes=30)
+    assert set(by_default.seeds) > set(run.validation.seeds)
+    assert (by_default.seen, by_default.validated) == (0, 20)
+    assert post_evaluate(run, episodes=5, seed=by_default.seeds[-1] + 1).validated == 0
+    assert post_evaluate(run_of(tmp_path, validate=False), episodes=20).validated == 0
+
+
 @pytest.mark.parametrize(
     ("ranking", "expected"),
     [

@@ -143,6 +143,19 @@ def test_it_is_told_how_it_went(finished: Run) -> None:
     assert list(finished.events()) == []
 
 
+def test_columns_of_the_record_by_name(tmp_path: Path) -> None:
+    run = optimize(EXPERIMENT.replace(fitness="-distance", ranking={"episodes": 2}), out=tmp_path / "run")
+    record = Run.open(run.path).record
+    assert record.metric_names == ("distance",) == tuple(run.metrics)
+    assert record.get("distance_1") is record["distance_1"]
+    assert record["distance_1"].tolist() == record.metrics[:, 1, 0].tolist()
+    assert record.get("distance") is None
+    assert record.get("distance", 5) == 5
+    known = "generation, candidate, fitness, episode_0 .. episode_1, distance_0 .. distance_1, g0 .. g"
+    with pytest.raises(KeyError, match=f"no column 'distance'; did you mean 'distance_0'. there is: {known}"):
+        _ = record["distance"]
+
+
 def test_the_seeds_are_recorded(finished: Run) -> None:
     assert finished.seeds(3) == [0, 1]
     with pytest.raises(InputError, match="holds the generations 0 to 3, not 4"):

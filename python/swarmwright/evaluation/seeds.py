@@ -1,0 +1,36 @@
+"""Which seeds the episodes of an evaluation have."""
+
+from typing import Any
+
+import numpy as np
+
+from swarmwright.core.errors import InputError, PlugInError
+from swarmwright.core.plug_in_code import is_plug_in, place
+from swarmwright.core.untrusted import one_line
+from swarmwright.rankings import Ranking
+
+
+def check_seeds(ranking: Ranking, seeds: Any) -> list[int]:  # noqa: ANN401 - whatever a plug-in returns
+    """Return the seeds of the episodes. Raises PlugInError when a plug-in returns something else."""
+    if not is_plug_in(type(ranking)):
+        return list(seeds)
+    ok = isinstance(seeds, list | tuple | range | np.ndarray) and len(seeds) > 0
+    if not ok or not all(isinstance(one, int | np.integer) and 0 <= one < 2**63 for one in seeds):
+        raise PlugInError(
+            f"{place(ranking, 'seeds')}: returned {one_line(repr(seeds)[:100])}; expected a list of the "
+            "seeds of the episodes, integers, at least one"
+        )
+    return [int(seed) for seed in seeds]
+
+
+def seeds_of(ranking: Ranking, first: int, generation: int) -> list[int]:
+    """Return the seeds of a generation that a caller names.
+
+    first: `parameters.seed`. Raises InputError for a generation that has none, PlugInError as `check_seeds`.
+    """
+    if generation < 0:
+        raise InputError(f"generation: must be at least 0, not {generation}")
+    seeds = check_seeds(ranking, ranking.seeds(first, generation))
+    if max(seeds) >= 2**63:
+        raise InputError(f"generation: {generation} is too large, as seeds must be below 2**63")
+    return seeds

@@ -1,0 +1,108 @@
+"""Methods of runs that are not installed here: the runs can be read and evaluated, but not resumed."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import ClassVar, NoReturn
+
+from pydantic import ConfigDict
+
+from swarmwright.core.errors import InputError
+from swarmwright.methods import Method, MethodOptions
+from swarmwright.plug_ins import REGISTRIES
+from swarmwright.representations import Representation
+from swarmwright.typing import Fitness, Genomes
+from swarmwright.user_code.copying import FOLDER, Copy
+
+
+class UnavailableOptions(MethodOptions):
+    """Options of a method that is not known here, as they were recorded."""
+
+    model_config = ConfigDict(extra="allow")
+
+    unavailable: ClassVar[bool] = True
+    kind: str
+
+
+class UnavailableMethod(Method):
+    """In the place of a method that is not installed here: nothing of its options can be checked."""
+
+    kind: ClassVar[str] = "unavailable"
+    options_model = UnavailableOptions
+    keeps_members = True
+    steady_state = True
+
+    def __init__(self, options: MethodOptions, representation: Representation, *, seed: int) -> None:  # noqa: ARG002
+        require(options, None)
+
+    @classmethod
+    def problems(cls, options: MethodOptions, representation: Representation | None) -> dict[str, str]:  # noqa: ARG003
+        """Return nothing."""
+        return {}
+
+    @classmethod
+    def no_start(cls, options: MethodOptions, count: int) -> str | None:  # noqa: ARG003
+        """Return None: it has started."""
+        return None
+
+    @property
+    def budget(self) -> int:
+        """Not known."""
+        raise NotImplementedError
+
+    @property
+    def population_fitness(self) -> Fitness:
+        """Not known."""
+        raise NotImplementedError
+
+    def _ask(self) -> Genomes:
+        raise NotImplementedError
+
+    def _tell(self, genomes: Genomes, fitness: Fitness) -> None:
+        raise NotImplementedError
+
+
+def method_of(options: MethodOptions) -> type[Method]:
+    """Return the class of a method by its options; a stand-in where these were read without it."""
+    if isinstance(options, UnavailableOptions):
+        return UnavailableMethod
+    kind: str = options.kind  # type: ignore[attr-defined] # every kind's options have it
+    return REGISTRIES["method"].get(kind)
+
+
+def require(options: MethodOptions, folder: Path | None) -> None:
+    """Raise InputError for the options of a method that is not installed here.
+
+    folder: of the run, whose copy of the method's code is named.
+    """
+    if not isinstance(options, UnavailableOptions):
+        return
+    if options.kind not in REGISTRIES["method"].names():
+        _refuse(options.kind, f"no package that is installed here has the method {options.kind!r}", folder)
+    try:
+        REGISTRIES["method"].get(options.kind)
+    except InputError as error:
+        _refuse(options.kind, str(error), folder)
+    raise InputError(
+        f"method.kind: {options.kind!r} has been installed since the run was opened; open it again"
+    )
+
+
+def _refuse(kind: str, reason: str, folder: Path | None) -> NoReturn:
+    found = [] if folder is None else copies(folder, ["method"])
+    copied = "".join(
+        f"; the run used its module {module}, of which {place} is a copy" for module, place in found
+    )
+    raise InputError(
+        f"method.kind: {reason}{copied}. Install the package that provides {kind!r}: resuming the run needs "
+        "the method, everything else does not"
+    )
+
+
+def copies(folder: Path, sections: Sequence[str]) -> Sequence[tuple[str, Path]]:
+    """Return what the last version of a run's copy has of sections that are plug-ins: modules, and places."""
+    versions = sorted(int(one.name) for one in (folder / FOLDER).glob("*") if one.name.isdecimal())
+    copy = Copy.of(folder, versions[-1]) if versions else None
+    if copy is None:
+        return []
+    kept = [copy.parts[section] for section in sections if section in copy.parts]
+    return [(one.module or one.main, copy.place(one)) for one in kept]

@@ -1,0 +1,77 @@
+"""Why a run cannot continue whose generations come out differently when it is resumed."""
+
+import platform
+from collections.abc import Mapping, Sequence
+
+from swarmwright.core.errors import RunError
+from swarmwright.core.plug_in_code import is_plug_in
+from swarmwright.methods import Method
+from swarmwright.rankings import Ranking
+from swarmwright.representations import Representation
+from swarmwright.store import StoreReader
+from swarmwright.store.provenance import versions
+
+Component = Method | Ranking | Representation
+_SORTS: Mapping[type, str] = {Method: "method", Representation: "representation", Ranking: "ranking"}
+_NO_PART = {"sqlite"}
+"""Recorded with the others, but nothing is computed with it."""
+
+
+class StrayedError(RunError):
+    """A generation comes out differently: resuming again does not help."""
+
+
+def strayed(
+    reader: StoreReader, generation: int, components: Sequence[Component], edited: Sequence[str] = ()
+) -> StrayedError:
+    """Return the error for a generation that comes out differently when a run is resumed.
+
+    Args:
+        reader: of the run.
+        generation: the first one that does.
+        components: what the generation was made with.
+        edited: in words, what was edited in the code of plug-ins since the run, and accepted.
+    """
+    return StrayedError(
+        f"{reader.file}: the run cannot continue: generation {generation} comes out differently here"
+        f"{_why(reader, components, edited)}"
+    )
+
+
+def _why(reader: StoreReader, components: Sequence[Component], edited: Sequence[str]) -> str:
+    if edited:
+        return (
+            f", since the code that made it has changed: {', '.join(edited)}. Restore what was edited (the "
+            f"run's copy is in {reader.file.parent / 'code'}), or start a new run"
+        )
+    first = reader.sessions()[0]
+    then = {name: one for name, one in first.versions.items() if ":" not in name and name not in _NO_PART}
+    now = versions([*then])
+    others = [
+        f"{name} {one} (here {now.get(name, 'it is not installed')})"
+        for name, one in then.items()
+        if now.get(name) != one
+    ]
+    if others:
+        return (
+            f". It was begun with {', '.join(others)}; use these versions, on a machine of the same kind, or "
+            "start a new run"
+        )
+    for component in components:
+        if is_plug_in(type(component)):
+            sort = next(name for base, name in _SORTS.items() if isinstance(component, base))
+            return (
+                f": the {sort} {component.kind} does not give the same {_gives(sort)} again; "
+                f"`swarmwright.testing.check_{sort}({component.kind!r})` finds out why. Start a new run"
+            )
+    elsewhere = ""
+    if first.machine != platform.platform():
+        elsewhere = f", or it needs a machine of the same kind as {first.machine}"
+    return (
+        f" although the versions are the same: the store was changed{elsewhere}; "
+        f"`swarmwright runs verify {reader.file.parent}` checks it"
+    )
+
+
+def _gives(sort: str) -> str:
+    return "fitness" if sort == "ranking" else "genomes"
