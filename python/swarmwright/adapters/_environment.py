@@ -38,7 +38,7 @@ class Environment(Simulation):
     """The name from which the class was made; empty for a user-written class."""
     apart: ClassVar[Apart | None] = None
     """The modules of a run's copy, of which the environment is."""
-    most_steps: ClassVar[int] = 10_000
+    most_steps: int = 10_000
     """An episode that the environment does not end is ended after so many."""
     rendering: ClassVar[bool] = False
     """Whether environments are made with `render_mode="rgb_array"`, see `rendered`."""

@@ -1,6 +1,7 @@
 """Episodes of a command that is stepped over its standard input and output."""
 
 import json
+import math
 from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
@@ -74,15 +75,25 @@ class SteppedEpisodes:
         return answer.get("sensors")
 
     def _results(self, answer: Mapping[str, Any]) -> dict[str, float]:
-        """Return metrics and fitness of the last answer of an episode."""
-        found = dict(answer.get("metrics") or {})
-        if "fitness" in answer:
-            found[OWN] = answer["fitness"]
+        """Return fitness and declared metrics, which may be NaN or infinite, of an episode's last answer."""
+        reported = answer.get("metrics") or {}
+        if not isinstance(reported, Mapping):
+            raise CommandFailure(f"metrics is {json.dumps(reported)[:40]}, expected {{NAME: NUMBER, ..}}")
+        found = {name: reported[name] for name in self._metrics if name in reported}
+        if OWN in answer or OWN in reported:
+            found[OWN] = answer.get(OWN, reported.get(OWN))
         for name in self._metrics:
             if name not in found:
-                there = ", ".join(found) or "none"
+                there = ", ".join(reported) or "none"
                 raise CommandFailure(f"ended the episode without the metric {name!r}; there is: {there}")
         for name, value in found.items():
-            if not (isinstance(value, bool | int | float) and np.isfinite(value)):
-                raise CommandFailure(f"{name} is {json.dumps(value)[:40]}, expected a finite number")
-        return {name: float(value) for name, value in found.items()}
+            if not isinstance(value, bool | int | float):
+                raise CommandFailure(f"{name} is {json.dumps(value)[:40]}, expected a number")
+        return {name: _float(value) for name, value in found.items()}
+
+
+def _float(number: float) -> float:
+    try:
+        return float(number)
+    except OverflowError:  # of a whole number
+        return math.inf if number > 0 else -math.inf

@@ -3,6 +3,7 @@
 import hashlib
 import itertools
 import json
+import math
 import weakref
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -19,6 +20,7 @@ from swarmwright.commands.failure import CommandFailure
 from swarmwright.commands.output import Printed
 from swarmwright.commands.placeholders import filled, filled_file
 from swarmwright.commands.process import Processes, found
+from swarmwright.commands.reductions import Reduction
 from swarmwright.commands.running import Limits, run
 from swarmwright.commands.stepwise import Start
 from swarmwright.core.errors import EpisodeError, InputError
@@ -28,7 +30,6 @@ from swarmwright.representations.controller import Controller
 from swarmwright.simulations.base import Simulation
 from swarmwright.user_code.command_sources import digest
 
-_PARAMETERS = {"yaml": "parameters.yaml", "json": "parameters.json", "ros2": "parameters.yaml"}
 _DIGITS = 12
 """Of the digest in a title."""
 
@@ -57,6 +58,8 @@ class CommandSimulation(Simulation):
     """SHA-256 of definition and files when the class was made; empty for a user-written class."""
     copies = False
     takes_controller = False
+    most_steps = None
+    """`timeout` is the limit."""
     steers_itself = True
     """Parameter sets are possible; said so that no episode is run to find out."""
     visual: ClassVar[bool] = False
@@ -97,6 +100,8 @@ class CommandSimulation(Simulation):
         )
         self._episodes = itertools.count()
         self._measured: dict[str, float] = {}
+        self._unusable: dict[str, str] = {}
+        """What is wrong with metrics that are NaN or infinite."""
 
     @classmethod
     def _options(cls) -> CommandOptions:
@@ -131,7 +136,7 @@ class CommandSimulation(Simulation):
         parameters: all of the simulation, and `seed`.
         """
         form = self.options.parameters_format
-        self._write(_PARAMETERS[form], parameter_file.text(parameters, form))
+        self._write(parameter_file.FILES[form], parameter_file.text(parameters, form))
         for name, path in self.options.files.items():
             try:
                 text = (self._here / path).read_text("utf-8")
@@ -165,8 +170,15 @@ class CommandSimulation(Simulation):
         if (self._own is None and OWN not in self._reductions) or self._asks_own:
             wanted.add(OWN)
         columns = logs.read(self._log_files(), self.options.log_format, wanted)
-        found = {name: column[-1] for name, column in columns.items()}
-        return found | {name: one.of(columns[one.column]) for name, one in self._reductions.items()}
+        plain = (set(self.metrics) | {OWN}) & set(columns)
+        reductions = {name: Reduction("last", name) for name in sorted(plain)} | self._reductions
+        for name, one in reductions.items():
+            problem = columns[one.column].problem(one.function)
+            if problem is not None and not problem.is_number:
+                raise CommandFailure(problem.text)
+            if problem is not None:
+                self._unusable[name] = problem.text
+        return {name: one.of(columns[one.column]) for name, one in reductions.items()}
 
     def getLogs(self) -> dict[str, str]:  # noqa: N802 - D6.1's name
         """Return the content of the logs, by the names of their files; `stdout` is what was printed."""
@@ -180,7 +192,7 @@ class CommandSimulation(Simulation):
     def reset(self, parameters: dict[str, Any], seed: int, controller: str | None = None) -> ArrayLike:
         """Run the episode, or begin one that is stepped; see `Simulation.reset`."""
         self.seed = seed
-        self._measured = {}
+        self._measured, self._unusable = {}, {}
         if self._stepped is not None:
             stepped, processes = self._stepped, self._ready()[1]
             return self._sensed(lambda: stepped.reset(processes, parameters, seed))
@@ -226,6 +238,17 @@ class CommandSimulation(Simulation):
 
     # How it is done.
 
+    def _check_used(self) -> None:
+        """Raise CommandFailure where the fitness is made of a number that is not finite; others may be."""
+        own = self._own if self._own_applies else None
+        used = [OWN] if own is None else [*own.metrics, *([OWN] if own.uses_own else [])]
+        for name in used:
+            value = self._measured.get(name, 0.0)
+            if not math.isfinite(value):
+                raise CommandFailure(
+                    self._unusable.get(name) or f"{name} is {value}, expected a finite number"
+                )
+
     @property
     def _asks_own(self) -> bool:
         """Whether the expression of the fitness uses what the logs call fitness."""
@@ -245,7 +268,8 @@ class CommandSimulation(Simulation):
         self.folder = instance.new_folder(name)
         for log in self.options.log:
             (self.folder / log).parent.mkdir(parents=True, exist_ok=True)
-        self._values = self._placeholders(instance, number) | {**parameters, "seed": self.seed}
+        # A parameter with the name of a placeholder is in the parameter file alone.
+        self._values = {**parameters, "seed": self.seed} | self._placeholders(instance, number)
         self._printed = Printed(self._limits.most_output, keep=STANDARD_OUTPUT in self.options.log)
         failed = True
         try:
@@ -262,6 +286,7 @@ class CommandSimulation(Simulation):
             self.setParameters({**parameters, "seed": self.seed})
             (self.runVisual if self.visual else self.run)()
             self._measured = {name: float(value) for name, value in self.readLogs().items()}
+            self._check_used()
             failed = False
         except CommandFailure as failure:
             kept = self._put_away(failed=True)
@@ -344,7 +369,7 @@ class CommandSimulation(Simulation):
             "episode": episode,
         }
         if self._stepped is None:
-            values["parameters"] = self.folder / _PARAMETERS[self.options.parameters_format]
+            values["parameters"] = self.folder / parameter_file.FILES[self.options.parameters_format]
         if self.takes_controller:
             values["controller"] = self.folder / self._controller_file
         if self.options.loads_weights:
@@ -379,7 +404,9 @@ class CommandSimulation(Simulation):
         assert self._stepped is not None
         try:
             sensors = exchange()
+            self._measured = self._stepped.measured
+            if self._stepped.done:
+                self._check_used()
         except CommandFailure as failure:
             raise self._explained(str(failure), self._stepped.abandon(), None) from None
-        self._measured = self._stepped.measured
         return np.zeros((1, self.sensors)) if sensors is None else sensors

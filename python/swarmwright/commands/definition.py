@@ -133,11 +133,12 @@ class CommandOptions(Definition):
     """What the program writes, relative to the work folder: a path, a pattern such as `agent_*.csv`, or a
     list; the rows of all are taken together. `stdout`: what it prints."""
     log_format: Literal["auto", "csv", "tsv", "agents", "jsonl", "json", "rosbag", "mcap"] = "auto"
-    """auto: by the ending of the log's name. csv and tsv have a line with the names of the columns; agents
-    are files without names, one for each agent, lines of a step, a tab and a value, of which each is a row
-    with the columns steps (how many), first and last; jsonl has an object a line; json an object, or a list
-    of objects, whose nested values have names such as pose.x; rosbag, a file or folder of ROS 1 or 2, and
-    mcap have messages, whose values are columns such as /robot_1/pose.position.x."""
+    """auto: by the ending of the log's name. csv and tsv have a line with the names of the columns, before
+    which comments, lines that begin with #, may stand; agents are files without names, one for each agent,
+    lines of a step, a tab and a value, of which each is a row with the columns steps (how many), first and
+    last; jsonl has an object a line; json an object, or a list of objects, whose nested values have names
+    such as pose.x; rosbag, a file or folder of ROS 1 or 2, and mcap have messages, whose values are columns
+    such as /robot_1/pose.position.x."""
     metrics: dict[str, str] = Field(default={})
     """Metrics of an episode, name -> what is made of a column: last, first, mean, sum, min, max, std or
     count, or with a column of another name mean(column). Default: those of the fitness, each the last value

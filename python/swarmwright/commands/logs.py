@@ -7,14 +7,54 @@ import math
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from swarmwright.commands import bags
 from swarmwright.commands.failure import CommandFailure
 from swarmwright.core.suggestions import did_you_mean
 
-Columns = dict[str, list[float]]
-"""The values of each column, in the order of the rows."""
+
+class Problem(NamedTuple):
+    """Why a value cannot be used."""
+
+    text: str
+    is_number: bool
+    """Whether it is a number all the same: NaN or infinite."""
+
+
+class Column(list[float]):
+    """The values of a column, in the order of the rows; NaN for what is no number."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._first: Problem | None = None
+        self._last: Problem | None = None
+        self._strange: Problem | None = None
+        """The first value that is no number."""
+        self._infinite: Problem | None = None
+        """The first number that is not finite."""
+
+    def add(self, place: str, name: str, value: Any) -> None:  # noqa: ANN401 - whatever the log holds
+        """Take the value of a row."""
+        number, self._last = _number(place, name, value)
+        if not self:
+            self._first = self._last
+        if self._last is not None and self._last.is_number:
+            self._infinite = self._infinite or self._last
+        else:
+            self._strange = self._strange or self._last
+        self.append(number)
+
+    def problem(self, function: str) -> Problem | None:
+        """Return what is wrong with the values that a reduction is made of, None for nothing."""
+        if function == "count":
+            return None
+        if function in {"first", "last"}:
+            return self._first if function == "first" else self._last
+        return self._strange or self._infinite
+
+
+Columns = dict[str, Column]
 Row = tuple[str, Mapping[str, Any]]
 """Where a row stands, `log.csv:3`, and its values by column."""
 
@@ -32,6 +72,7 @@ _FORMATS = {
 Reader = Callable[[str, Path | bytes, Collection[str]], Iterator[Row]]
 """Takes a log's name and path or content, and which columns are wanted."""
 _SHOWN = 12
+_LONGEST_LINE = 60
 _WORDS = {"true": 1.0, "false": 0.0}
 
 
@@ -63,10 +104,9 @@ def read(files: Mapping[str, Path | bytes], formats: str, wanted: Collection[str
         formats: `auto`, or the format of all.
         wanted: names of columns.
 
-    Raises CommandFailure for a file that is cut off or cannot be read, a column that is missing, and a value
-    that is not a finite number.
+    Raises CommandFailure for a file that is cut off or cannot be read, and a column that is missing.
     """
-    columns: Columns = {name: [] for name in wanted}
+    columns: Columns = {name: Column() for name in wanted}
     seen: dict[str, None] = {}
     for name, file in files.items():
         reader = _READERS[format_of(name, formats)]
@@ -75,7 +115,7 @@ def read(files: Mapping[str, Path | bytes], formats: str, wanted: Collection[str
                 seen.setdefault(column)
             for column in wanted:
                 if column in row:
-                    columns[column].append(_number(place, column, row[column]))
+                    columns[column].add(place, column, row[column])
     if not seen:
         raise CommandFailure(f"{', '.join(files)}: has no rows")
     for column, values in columns.items():
@@ -87,17 +127,18 @@ def read(files: Mapping[str, Path | bytes], formats: str, wanted: Collection[str
     return columns
 
 
-def _number(place: str, column: str, value: Any) -> float:  # noqa: ANN401 - whatever the log holds
+def _number(place: str, column: str, value: Any) -> tuple[float, Problem | None]:  # noqa: ANN401 - as above
+    """Return a value as a number, NaN if it is none, and what is wrong with it."""
     try:
         number = _WORDS.get(value.strip().lower(), math.nan) if isinstance(value, str) else float(value)
         if isinstance(value, str) and math.isnan(number):
             number = float(value)
     except (TypeError, ValueError, OverflowError):
         shown = repr(value) if len(repr(value)) < 40 else f"{repr(value)[:37]}..."
-        raise CommandFailure(f"{place}: {column} is {shown}, expected a number") from None
+        return math.nan, Problem(f"{place}: {column} is {shown}, expected a number", is_number=False)
     if not math.isfinite(number):
-        raise CommandFailure(f"{place}: {column} is {number}, expected a finite number")
-    return number
+        return number, Problem(f"{place}: {column} is {number}, expected a finite number", is_number=True)
+    return number, None
 
 
 def _text(name: str, file: Path | bytes) -> str:
@@ -111,30 +152,90 @@ def _text(name: str, file: Path | bytes) -> str:
 
 
 def _table(delimiter: str) -> Reader:
-    def rows(name: str, file: Path | bytes, _wanted: Collection[str]) -> Iterator[Row]:
-        text = _text(name, file)
-        first = text.partition("\n")[0]
-        sign = ";" if delimiter == "," and ";" in first and "," not in first else delimiter
-        lines = csv.reader(io.StringIO(text), delimiter=sign)
-        header: list[str] | None = None
+    def rows(name: str, file: Path | bytes, wanted: Collection[str]) -> Iterator[Row]:
+        names, before, text = _header(_text(name, file), delimiter, wanted)
+        lines = csv.reader(io.StringIO(text), delimiter=_sign(names or text, delimiter))
+        header = None if names is None else _named_once(name, _words(names, delimiter), wanted)
         try:
             for line in lines:
                 if not line or (len(line) == 1 and not line[0].strip()):
                     continue
+                place = f"{name}:{before + lines.line_num}"
                 if header is None:
-                    header = [word.strip().removeprefix("#").strip() for word in line]
+                    names = ",".join(line)
+                    header = _named_once(name, [_word(word) for word in line], wanted)
                     continue
-                place = f"{name}:{lines.line_num}"
                 if len(line) != len(header):
                     raise CommandFailure(
                         f"{place}: has {len(line)} values, but there are {len(header)} columns; "
-                        "was the log cut off?"
+                        + ("was the log cut off?" if len(line) < len(header) else _taken(names or ""))
                     )
                 yield place, dict(zip(header, line, strict=True))
         except csv.Error as error:
-            raise CommandFailure(f"{name}:{lines.line_num}: is no table: {error}") from None
+            raise CommandFailure(f"{name}:{before + lines.line_num}: is no table: {error}") from None
 
     return rows
+
+
+def _named_once(name: str, header: list[str], wanted: Collection[str]) -> list[str]:
+    """Return the names of columns. Raises CommandFailure where a wanted one is there several times."""
+    for column in wanted:
+        if header.count(column) > 1:
+            raise CommandFailure(f"{name}: has several columns {column!r}; each needs a name of its own")
+    return header
+
+
+def _taken(names: str) -> str:
+    return f"this line was taken for their names: {names.strip()[:_LONGEST_LINE]!r}"
+
+
+def _header(text: str, delimiter: str, wanted: Collection[str]) -> tuple[str | None, int, str]:
+    """Find the names of the columns, before which a log may have comments, lines that begin with #.
+
+    Returns the line with the names where it is such a comment, how many lines stand before the rest, and the
+    rest, which else begins with the names.
+    """
+    comments: list[str] = []
+    number = start = 0
+    line = ""
+    while start < len(text):
+        end = text.find("\n", start)
+        line = text[start : end if end >= 0 else len(text)]
+        if line.strip() and not line.lstrip().startswith("#"):
+            break
+        comments += [line] if line.strip() else []
+        number, start, line = number + 1, end + 1 if end >= 0 else len(text), ""
+    rest = text[start:]
+    words = _words(line, delimiter)
+    if not comments or not set(wanted).isdisjoint(words):
+        return None, number, rest
+    for comment in reversed(comments):
+        if not set(wanted).isdisjoint(_words(comment, delimiter)):
+            return comment, number, rest
+    # None of them has a name that is wanted, which is reported with those that there are.
+    return (comments[-1] if not words or any(map(_is_number, words)) else None), number, rest
+
+
+def _sign(line: str, delimiter: str) -> str:
+    """Return what stands between values, a semicolon where there is no comma."""
+    first = line.partition("\n")[0]
+    return ";" if delimiter == "," and ";" in first and "," not in first else delimiter
+
+
+def _words(line: str, delimiter: str) -> list[str]:
+    return [_word(word) for words in csv.reader([line], delimiter=_sign(line, delimiter)) for word in words]
+
+
+def _word(word: str) -> str:
+    return word.strip().removeprefix("#").strip()
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
 
 
 def _agent(name: str, file: Path | bytes, _wanted: Collection[str]) -> Iterator[Row]:
@@ -150,7 +251,9 @@ def _agent(name: str, file: Path | bytes, _wanted: Collection[str]) -> Iterator[
         place = f"{name}:{number}"
         if len(words) != 2 or not re.fullmatch(r"\s*[+-]?\d{1,18}\s*", words[0]):
             raise CommandFailure(f"{place}: {line[:40]!r} found, expected a whole number, a tab and a number")
-        values[int(words[0])] = _number(place, "value", words[1])
+        values[int(words[0])], problem = _number(place, "value", words[1])
+        if problem is not None and not problem.is_number:
+            raise CommandFailure(problem.text)
     series = [values[step] for step in sorted(values)]
     yield name, {"steps": len(series), **({} if not series else {"first": series[0], "last": series[-1]})}
 

@@ -9,6 +9,8 @@ from swarmwright.commands.logs import flat
 from swarmwright.core.errors import InputError
 from swarmwright.core.yaml import dump, read
 
+FILES = {"yaml": "parameters.yaml", "json": "parameters.json", "ros2": "parameters.yaml"}
+"""Names of the files in the work folder, by their format."""
 _ROS2 = "ros__parameters"
 
 

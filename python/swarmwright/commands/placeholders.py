@@ -9,20 +9,20 @@ from swarmwright.core.suggestions import did_you_mean
 _NAME = r"[A-Za-z_][\w.\-/]*"
 _PLACE = re.compile(rf"\{{\{{{_NAME}\}}\}}|(?<!\$)\{{({_NAME})\}}")
 """{{name}}, which stands for {name}, or a placeholder; ${name} is a shell's variable."""
-IN_A_COMMAND = (
-    "parameters",
-    "controller",
-    "weights",
-    "log",
-    "folder",
-    "build",
-    "here",
-    "seed",
-    "episode",
-    "instance",
-    "port",
-)
-"""What can be put into a command beside the simulation's parameters."""
+IN_A_COMMAND = {
+    "parameters": "the path of the parameter file",
+    "controller": "the path of the controller's file",
+    "weights": "the path of the file with the controller's weights",
+    "log": "the path of the log",
+    "folder": "the work folder",
+    "build": "the folder of what was compiled",
+    "here": "the folder of the experiment file",
+    "seed": "the episode's seed",
+    "episode": "the number of the episode",
+    "instance": "the number of the instance",
+    "port": "a free TCP port",
+}
+"""What can be put into a command beside the simulation's parameters, and what it stands for."""
 
 
 def names_in(text: str) -> list[str]:

@@ -1,5 +1,6 @@
 """What is made of a column of a log: last, mean, ..; exact sums, the same on every machine."""
 
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -34,5 +35,10 @@ class Reduction:
         return f"{self.function}({self.column})"
 
     def of(self, column: Sequence[float]) -> float:
-        """Return its value for a column, not empty."""
-        return float(FUNCTIONS[self.function](column))
+        """Return its value for a column, not empty; NaN where numbers in it have none."""
+        if self.function not in {"first", "last", "count"} and any(map(math.isnan, column)):
+            return math.nan  # the smallest of numbers and NaN would depend on their order
+        try:
+            return float(FUNCTIONS[self.function](column))
+        except (OverflowError, ValueError):  # of numbers that are infinite, or together too large
+            return math.nan

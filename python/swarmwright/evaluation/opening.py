@@ -37,6 +37,7 @@ from swarmwright.simulations import catalogue
 from swarmwright.supervision.local_servers import LocalServers, automatic_count, processors, running_on
 from swarmwright.supervision.supervisor import START
 from swarmwright.user_code.changes import files_of
+from swarmwright.user_code.notices import say
 
 _SESSION = (
     "simulation: {} is defined in this session alone, where no server finds it; write the class to a file, "
@@ -322,6 +323,9 @@ def require_here(experiment: Experiment) -> None:
         problem = commands.missing(simulation)
         if problem is not None:
             raise InputError(f"{experiment.place('simulation')}{problem}")
+        warning = commands.without_effect(experiment)
+        if warning is not None:
+            say(f"{experiment.place('simulation')}{warning}")
     announced, wanted = catalogue.description(simulation), experiment.requirements
     title, most = announced["title"], announced.get("max_agents")
     if wanted.dimensions != announced["dimensions"]:

@@ -11,9 +11,9 @@ which candidate.
 Events are what `_engine.serve` reports, {"event": "waiting", "server", "message"} while no broker answers,
 {"event": "failure", "server", "message", "traceback"} when the code of a simulation in Python fails, and
 {"event": "error", "message"} when the server does. Standard input is a pipe from the parent: when it closes
-the parent is done or gone, however it ended, and so is this process. On SIGTERM, which schedulers send to all
-processes of a job that they preempt, the request under way is finished; then the process leaves the broker
-and ends by this signal. A second SIGTERM ends it at once.
+the parent is done or gone, however it ended, and so is this process; for simulations it is empty. On
+SIGTERM, which schedulers send to all processes of a job that they preempt, the request under way is finished;
+then the process leaves the broker and ends by this signal. A second SIGTERM ends it at once.
 """
 
 import faulthandler
@@ -42,9 +42,21 @@ PREEMPTION_GRACE = 3.0
 _LOOK = 0.01
 
 
-def _end_with_parent() -> None:
+def _take_standard_input() -> int:
+    """Return a descriptor of the pipe from the parent; standard input becomes empty.
+
+    A simulation that reads standard input, or starts a program that does, would wait for the parent's end.
+    """
+    pipe = os.dup(0)  # not inherited by programs
+    empty = os.open(os.devnull, os.O_RDONLY)
+    os.dup2(empty, 0)
+    os.close(empty)
+    return pipe
+
+
+def _end_with_parent(pipe: int) -> None:
     try:
-        while os.read(0, 1):
+        while os.read(pipe, 1):
             pass
     finally:
         os.kill(os.getpid(), signal.SIGINT)
@@ -130,7 +142,7 @@ def main() -> int:
     preemption = None
     try:
         # It may end at any time, also before this process serves.
-        threading.Thread(target=_end_with_parent, daemon=True).start()
+        threading.Thread(target=_end_with_parent, args=(_take_standard_input(),), daemon=True).start()
         settings = json.loads(sys.argv[2])
         preemption = _Preemption(settings)
         settings.pop("grace", None)

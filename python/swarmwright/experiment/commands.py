@@ -1,11 +1,12 @@
 """Experiments whose simulation is run by a command: from its mapping to a name, and whether the rest fits."""
 
 import importlib.util
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from swarmwright.commands import bags, fmu_definition, logs, process
+from swarmwright.commands import bags, fmu_definition, logs, parameter_file, process
 from swarmwright.commands.checking import definition_of_name, read_definition
 from swarmwright.commands.definition import CommandOptions
 from swarmwright.commands.fmu_definition import FmuOptions
@@ -19,11 +20,16 @@ from swarmwright.plug_ins import REGISTRIES
 from swarmwright.representations.parameter_set import ParameterSetOptions
 from swarmwright.simulations import catalogue
 
+if TYPE_CHECKING:
+    from swarmwright.experiment.experiment import Experiment
+
 Report = Callable[[Path_, str], None]
 WRONG = "command"
 """Stands for a simulation whose definition is wrong."""
 _MARGIN = 30.0
 """Seconds beside the command's own for files, and for a result's way."""
+_LARGEST_SCRIPT = 1 << 20
+"""Bytes of a file in which the name of the parameter file is looked for."""
 
 
 def name_of(
@@ -177,6 +183,66 @@ def _check_placeholders(options: CommandOptions, checked: Mapping[str, Any], rep
             if name not in known:
                 hint = did_you_mean(name, known) or f"; there is: {', '.join(known)}"
                 report(path, f"{{{name}}} is no placeholder, and no parameter has this name{hint}")
+    if options.controller != "stepwise":
+        used = {name for text in [*(text for _, text in places), *_files(options)] for name in names_in(text)}
+        given: list[Path_] = [("parameters", name) for name in checked["parameters"]]
+        given += [("controller", "parameters", name) for name in evolved]
+        for path in given:
+            name = str(path[-1])
+            if name in used and name != "seed" and name in IN_A_COMMAND:
+                report(
+                    path,
+                    f"{{{name}}} is {IN_A_COMMAND[name]} in commands, files and the environment, not this "
+                    f"parameter; rename the parameter, or do without {{{name}}}",
+                )
+
+
+def _files(options: CommandOptions) -> Iterator[str]:
+    """Yield the texts of the files that are put into the work folder, as far as they can be read."""
+    for path in options.files.values():
+        with suppress(OSError, UnicodeDecodeError):
+            yield (Path(options.folder) / path).read_text("utf-8")
+
+
+def without_effect(experiment: "Experiment") -> str | None:
+    """Return what does not reach a simulation's command, as a warning; None where all parameters do."""
+    options = definition_of_name(experiment.simulation)
+    if not isinstance(options, CommandOptions) or options.controller == "stepwise":
+        return None
+    texts = [*options.command, *options.environment.values(), *(options.compile or ()), *_files(options)]
+    used = {name for text in texts for name in names_in(text)}
+    file = parameter_file.FILES[options.parameters_format]
+    if "parameters" in used or _is_named(file, options):
+        return None
+    controller = experiment.controller
+    evolved = controller.parameters if isinstance(controller, ParameterSetOptions) else {}
+    unused = [name for name in dict.fromkeys([*experiment.parameters, *evolved, "seed"]) if name not in used]
+    if options.determinism == "bitwise" and "seed" in unused:
+        unused.remove("seed")  # declared: nothing is drawn that would need one
+    if not unused:
+        return None
+    placeholders = ", ".join(f"{{{name}}}" for name in unused)
+    verb = "does" if len(unused) == 1 else "do"
+    text = (
+        f"command: {', '.join(unused)} {verb} not reach the program, unless it reads {file} in its work "
+        f"folder; put {placeholders} into the command, or {{parameters}}, the path of that file"
+    )
+    if unused == ["seed"]:
+        text += "; a program that draws no random numbers needs none: write simulation.determinism: bitwise"
+    return text
+
+
+def _is_named(file: str, options: CommandOptions) -> bool:
+    """Whether the command, or a file that it consists of, mentions a file."""
+    if any(file in word for word in options.command):
+        return True
+    for word in {word for _, words in options.named() for word in words}:
+        with suppress(OSError, ValueError):
+            path = Path(options.folder) / word
+            small = path.is_file() and path.stat().st_size < _LARGEST_SCRIPT
+            if small and file.encode() in path.read_bytes():
+                return True
+    return False
 
 
 def _check_metrics(options: RosOptions | FmuOptions, names: list[str], note: Report) -> None:

@@ -126,7 +126,8 @@ class Faults(Options):
     audit: float = Field(default=_TREAT["audit"], ge=0, le=1)
     """The share of evaluations that are audited: repeated on another server before they count. If two servers
     disagree, a third one decides: the outvoted server is no longer used, and its evaluations are repeated.
-    Needs servers that declare their determinism: two, and three to decide."""
+    Needs servers that declare their determinism: two, and three to decide; with one server nothing is
+    audited."""
 
 
 def _episodes(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
@@ -258,7 +259,8 @@ class Document(Options):
     the class announces; 2 dimensions for any other."""
     parameters: dict[str, Any] = Field(default={})
     """Parameters of the simulation, sent as they are. Those of built-in simulations and of classes are
-    checked before the run."""
+    checked before the run. `seed` is that of the first episode, an integer from 0 to 2^62; the seeds of all
+    other episodes are counted from it."""
     sensors: int | None = Field(default=None, ge=1, le=1_000_000)
     """Sensor values of an agent. Needed only when a server does not announce them."""
     actuators: int | None = Field(default=None, ge=1, le=1_000_000)

@@ -60,6 +60,8 @@ class Described(ABC):
     """Whether one process can have several objects of this class, whose episodes are then stepped side by
     side in the mode `batched`. False for those that hold something there is only one of: a window, a robot, a
     port."""
+    most_steps: int | None = 1_000_000
+    """Steps of an episode at most: one that is not done after them has failed. None: no limit."""
     frame_seconds: float = 0.1
     """Seconds between two frames when shown."""
 

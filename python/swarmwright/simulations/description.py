@@ -18,6 +18,7 @@ from swarmwright.simulations.groups import declared as declared_groups
 from swarmwright.simulations.parameters import Parameter, declared
 
 _LARGEST = 1_000_000
+_MOST_STEPS = 10**15
 _DETERMINISMS = ("bitwise", "statistical", "none")
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
@@ -43,6 +44,7 @@ class Description:
     determinism: str | None
     tolerance: float
     lanes: int
+    most_steps: int | None
     frame_seconds: float
     takes_controller: bool
     """Whether `reset` gets the controller, which the simulation runs itself."""
@@ -88,7 +90,7 @@ def describe(simulation: Described | Any, where: str = "") -> Description:  # no
             raise InputError(
                 f"{where}.parameters[{name!r}]: default: {one.default!r} found, expected what JSON can hold"
             ) from None
-    most = simulation.max_agents
+    most, steps = simulation.max_agents, getattr(simulation, "most_steps", Described.most_steps)
     groups = declared_groups(getattr(simulation, "groups", {}), parameters, where)
     sensors, actuators = (_widest(where, simulation, groups, name) for name in ("sensors", "actuators"))
     if (sensors == 0) != (actuators == 0):
@@ -125,6 +127,7 @@ def describe(simulation: Described | Any, where: str = "") -> Description:  # no
         determinism=_determinism(where, simulation.determinism),
         tolerance=_tolerance(where, simulation.tolerance),
         lanes=_count(where, "lanes", getattr(simulation, "lanes", 1)),
+        most_steps=None if steps is None else _count(where, "most_steps", steps, most=_MOST_STEPS),
         frame_seconds=_tolerance(where, simulation.frame_seconds, "frame_seconds"),
         takes_controller=bool(getattr(simulation, "takes_controller", False)),
         groups=groups,
@@ -191,8 +194,8 @@ def _metrics(where: str, metrics: Any) -> dict[str, str]:  # noqa: ANN401 - what
     return named
 
 
-def _count(where: str, name: str, value: Any, *, least: int = 1) -> int:  # noqa: ANN401 - whatever the class says
+def _count(where: str, name: str, value: Any, *, least: int = 1, most: int = _LARGEST) -> int:  # noqa: ANN401 - whatever it says
     with suppress(TypeError):
-        if not isinstance(value, bool) and least <= operator.index(value) <= _LARGEST:
+        if not isinstance(value, bool) and least <= operator.index(value) <= most:
             return operator.index(value)
-    raise InputError(f"{where}.{name}: {value!r} found, expected an integer from {least} to {_LARGEST}")
+    raise InputError(f"{where}.{name}: {value!r} found, expected an integer from {least} to {most}")

@@ -72,6 +72,7 @@ class Host(Calls[Simulation | BatchSimulation]):
         self.steers_itself = description.steers_itself
         self.has_scenes = defines(kind, "scene")
         self._agents = 0
+        self._steps = 0  # of the episode
         self._groups: list[DeclaredGroup] = []  # of the episode
 
     def groups(self) -> list[tuple[str, int, int, int, bool]]:
@@ -96,6 +97,7 @@ class Host(Calls[Simulation | BatchSimulation]):
         refused, SimulationError when the code fails.
         """
         values, seed = self._parameters(parameters)
+        self._steps = 0
         if self.takes_controller:
             return self._seen("reset", self._call("reset", values, seed, controller), first=True)
         if isinstance(self._object, BatchSimulation):
@@ -107,7 +109,19 @@ class Host(Calls[Simulation | BatchSimulation]):
         if isinstance(self._object, BatchSimulation):
             return self._only(self.go(actions[None]))
         given = actions if self._steered else actions[:, :0]
-        return self._seen("step", self._call("step", given), first=False)
+        seen = self._seen("step", self._call("step", given), first=False)
+        self._count_step(ended=seen[2])
+        return seen
+
+    def _count_step(self, *, ended: bool) -> None:
+        """Fail an episode that seems to have no end."""
+        self._steps += 1
+        most = self.description.most_steps
+        if most is not None and self._steps >= most and not ended:
+            self._fail(
+                f"done: not true after {self._steps} steps; does it become true? An episode may have "
+                f"{self._kind.__name__}.most_steps steps, or any number where that is None"
+            )
 
     def fitness(self) -> float:
         """Return the fitness. Raises SimulationError when the code fails."""
@@ -175,12 +189,15 @@ class Host(Calls[Simulation | BatchSimulation]):
         return self._started(values, seeds)
 
     def _started(self, values: dict[str, Any], seeds: NDArray[np.uint64]) -> Many:
+        self._steps = 0
         self._many = BatchChecks(self.sensors, len(seeds), self.max_agents, self._fail)
         return self._many.seen("reset", self._call("reset", values, seeds), self._call)
 
     def go(self, actions: NDArray[np.float32]) -> Many:
         """Go on by one step; actions: (episodes, agents, actuators). Raises SimulationError."""
-        return self._many.seen("step", self._call("step", actions), self._call)
+        many = self._many.seen("step", self._call("step", actions), self._call)
+        self._count_step(ended=bool(many[2].all()))
+        return many
 
     def _only(self, many: Many) -> Seen:
         """What is seen of the only episode of a BatchSimulation."""

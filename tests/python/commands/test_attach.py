@@ -1,6 +1,7 @@
 """An existing program is attached with a YAML file alone."""
 
 import json
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -21,8 +22,9 @@ from swarmwright import (
 )
 from swarmwright.evaluation.evaluate import episode
 from swarmwright.simulations import catalogue
+from swarmwright.user_code import notices
 from tests.python.cli.test_services import events
-from tests.python.commands.processes import Traced
+from tests.python.commands.processes import WELL, Traced
 from tests.python.records import same_record
 
 SIMULATOR = """
@@ -206,6 +208,46 @@ def test_placeholders_in_commands_files_and_the_environment(traced: Traced) -> N
     assert world.read_text() == "<world 0.25 {kept}>{{x}} 0</world>"
 
 
+def test_a_parameter_with_the_name_of_a_placeholder_is_in_the_file_alone(traced: Traced) -> None:
+    (traced.folder / "own.yaml").write_text("port: 7\nspeed: 0.5\n")
+    script = "test {port} -ge 1024 && sed -n 's/^port: /fitness\\n/p' parameters.yaml > log.csv"
+    assert simulate(traced.shell(script, parameters="own.yaml")) == 7
+
+
+@pytest.mark.parametrize(
+    ("script", "definition", "told"),
+    [
+        ("", {}, "weight, speed, seed do not reach the program, unless it reads parameters.yaml in its work"),
+        (": {speed};", {}, "seed does not reach .*; a program that draws no random numbers"),
+        (": {speed};", {"determinism": "bitwise"}, None),
+        (": {speed};", {"environment": {"SEED": "{seed}"}}, None),
+        (":;", {"files": ["world.sdf"]}, "^simulation: command: speed does not reach"),
+        (": {parameters};", {}, None),
+        ("cat parameters.yaml;", {}, None),
+        ("", {"parameters_format": "json"}, "unless it reads parameters.json"),
+        ("sh script;", {"sources": ["script"]}, None),
+    ],
+)
+def test_parameters_that_do_not_reach_the_program_are_told_once(
+    traced: Traced,
+    caplog: pytest.LogCaptureFixture,
+    monkeypatch: pytest.MonkeyPatch,
+    script: str,
+    definition: dict[str, Any],
+    told: str | None,
+) -> None:
+    monkeypatch.setattr(notices, "_told", set())
+    (traced.folder / "world.sdf").write_text("<world {seed}/>")
+    (traced.folder / "script").write_text("cat parameters.yaml")
+    parameters = {} if script else {"weight": 2}
+    experiment = traced.shell(f"{script} {WELL}", **definition).replace(parameters=parameters)
+    for _ in range(2):
+        simulate(experiment)
+    lines = [record.getMessage() for record in caplog.records if "reach" in record.getMessage()]
+    assert len(lines) == (told is not None)
+    assert told is None or re.search(told, lines[0])
+
+
 @pytest.mark.parametrize(
     ("log", "content"),
     [
@@ -243,6 +285,59 @@ def test_formats_of_logs(traced: Traced, log: str, content: str) -> None:
         "total": 7,
         "spread": pytest.approx(np.std([1, 4, 2])),
     }
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "# Simulator 3, release\n# seed 7\ntime,a\n1,2\n",
+        "# Simulator 3\n\n# time,a\n1,2\n",
+        "# time;a\n# in s;in m\n1;2\n",
+        '# He said, "here",\ntime,a\n\n1,2\n',
+        "time,a,time\n1,2,x\n",
+    ],
+)
+def test_comments_before_the_names_of_columns(traced: Traced, content: str) -> None:
+    (traced.folder / "content").write_text(content)
+    experiment = traced.shell(f"cp {traced.folder}/content log.csv", fitness="a")
+    assert simulate(experiment) == 2
+
+
+@pytest.mark.parametrize(
+    ("content", "metric", "result"),
+    [
+        ("a,b\n1,nan\n2,3\n", "mean(b)", None),
+        ("a,b\n1,nan\n2,3\n", "min(b)", None),
+        ("a,b\n1,2\n2,nan\n", "max(b)", None),
+        ("a,b\n1,inf\n2,-inf\n", "sum(b)", None),
+        ("a,b\n1,nan\n2,3\n", "last(b)", 3),
+        ("a,b\n1,starting\n2,3\n", "last(b)", 3),
+        ("a,b\n1,3\n2,ended\n", "first(b)", 3),
+        ("a,b\n1,starting\n2,nan\n", "count(b)", 2),
+    ],
+)
+def test_a_metric_without_a_value_counts_where_the_fitness_uses_it(
+    traced: Traced, content: str, metric: str, result: float | None
+) -> None:
+    (traced.folder / "content").write_text(content)
+
+    def run(fitness: str) -> float:
+        metrics = {"a": "last", "b": metric}
+        return simulate(traced.shell(f"cp {traced.folder}/content log.csv", fitness=fitness, metrics=metrics))
+
+    assert run("a") == 2
+    if result is not None:
+        assert run("b") == result
+    else:
+        with pytest.raises(RunError, match=r"log\.csv:\d: b is -?(nan|inf), expected a finite number"):
+            run("b")
+
+
+def test_a_value_that_is_no_number_is_never_a_metric(traced: Traced) -> None:
+    (traced.folder / "content").write_text("a,b\n1,2\n2,lost\n3,4\n")
+    metrics = {"a": "last", "b": "mean"}
+    with pytest.raises(RunError, match=r"log\.csv:3: b is 'lost', expected a number"):
+        simulate(traced.shell(f"cp {traced.folder}/content log.csv", fitness="a", metrics=metrics))
 
 
 def test_nested_values_in_a_log(traced: Traced) -> None:

@@ -92,6 +92,27 @@ def test_mistakes(tmp_path: Path, old: str, new: str, reason: str) -> None:
     assert reason in problem(tmp_path, old, new)
 
 
+@pytest.mark.parametrize(
+    ("where", "name"),
+    [
+        ({"command": ["cat", "--port", "{port}"]}, "port"),
+        ({"environment": {"ROS_MASTER_URI": "http://localhost:{port}"}}, "port"),
+        ({"command": ["cat", "{folder}"]}, "folder"),
+        ({"files": ["world.sdf"]}, "instance"),
+    ],
+)
+def test_a_parameter_takes_no_placeholder_s_place(tmp_path: Path, where: dict[str, Any], name: str) -> None:
+    (tmp_path / "world.sdf").write_text("<world>{instance}</world>")
+    definition = {"folder": str(tmp_path), **where}
+    with pytest.raises(InputError, match=rf"^parameters\.{name}: {{{name}}} is .*; rename the parameter, or"):
+        experiment(**definition).replace(parameters={name: 3})
+    evolved = {"kind": "parameter_set", "parameters": {name: {"type": "real", "range": [0, 5]}}}
+    with pytest.raises(InputError, match=rf"^controller\.parameters\.{name}: {{{name}}} is "):
+        experiment(**definition).replace(controller=evolved)
+    # Where the placeholder is not used, it is a name like any other.
+    assert experiment(folder=str(tmp_path)).replace(parameters={name: 3}).parameters == {name: 3}
+
+
 def test_sensors_and_actuators_are_needed_for_controllers(tmp_path: Path) -> None:
     said = problem(tmp_path, YAML[1:], "simulation: {command: x, controller: stepwise}\n")
     assert "simulation.sensors: is missing: how many sensors an agent has" in said

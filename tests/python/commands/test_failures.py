@@ -87,6 +87,11 @@ def test_hang_that_ignores_being_asked_to_end(traced: Traced) -> None:
         ("", "log.csv: has no rows"),
         ("fitness\\nnan\\n", "log.csv:2: fitness is nan, expected a finite number"),
         ("fitness\\n-inf\\n", "log.csv:2: fitness is -inf, expected a finite number"),
+        ("fitness,fitness\\n1,2\\n", "log.csv: has several columns 'fitness'; each needs a name of its own"),
+        (
+            "Simulator 3\\ntime,fitness\\n1,2\\n",
+            "2: has 2 values, but there are 1 columns; this line was taken for their names: 'Simulator 3'",
+        ),
         ("fitness\\nbad\\n", "log.csv:2: fitness is 'bad', expected a number"),
         ("time,Fitnes\\n1,2\\n", "has no column 'fitness'; did you mean 'Fitnes'\\?; there is: time, Fitnes"),
     ],

@@ -127,7 +127,10 @@ def test_another_process_after_some_episodes(traced: Traced, how: str) -> None:
         ('print(\'{"error": "no motor"}\', flush=True)', "reports: no motor"),
         ("print('{\"done\": true}', flush=True)", "without the metric 'pid'; there is: none"),
         ("print('{\"x\": true}', flush=True)", "has neither sensors nor done"),
-        ('print(\'{"done": true, "fitness": NaN, "metrics": {"pid": 1}}\', flush=True)', "fitness is NaN"),
+        (
+            'print(\'{"done": true, "fitness": NaN, "metrics": {"pid": 1}}\', flush=True)',
+            "fitness is nan, expected a finite number",
+        ),
         ("print('nothing' * 10**6)", "printed more than 1 MB"),
         ("import time; time.sleep(1000)", r"has not ended after 0\.8 s"),
         ("import subprocess; subprocess.Popen(['sleep', '1000']); sys.exit(2)", "exit status 2"),
@@ -140,6 +143,33 @@ def test_failures(traced: Traced, script: str, reason: str) -> None:
         simulate(stepped(traced, script, timeout=timeout, output=1))
     assert time.monotonic() - began < 5
     assert traced.left() == []
+
+
+@pytest.mark.parametrize(
+    ("metrics", "fitness", "result"),
+    [
+        ('{"pid": 1, "note": "well", "other": NaN}', "pid", 1),
+        ('{"pid": 1, "free": NaN}', "pid", 1),
+        ('{"pid": 1, "free": NaN}', "pid + free", "free is nan, expected a finite number"),
+        ('{"pid": NaN, "free": 1}', "pid", "pid is nan, expected a finite number"),
+        ('{"pid": 1, "free": null}', "pid", "free is null, expected a number"),
+        ("[1]", "pid", r"metrics is \[1\], expected .NAME: NUMBER, "),
+    ],
+)
+def test_metrics_are_checked_where_they_are_used(
+    traced: Traced, metrics: str, fitness: str, result: float | str
+) -> None:
+    declared = {name: "last" for name in ("pid", "free") if name in metrics + fitness}
+    script = f'print(\'{{"done": true, "metrics": {metrics}}}\', flush=True)'
+    (traced.folder / "stepped.py").write_text(STEPPED.replace("{script}", script))
+    experiment = traced.experiment(
+        [sys.executable, "stepped.py"], controller="stepwise", fitness=fitness, metrics=declared
+    )
+    if isinstance(result, str):
+        with pytest.raises(RunError, match=result):
+            simulate(experiment)
+    else:
+        assert simulate(experiment) == result
 
 
 TWICE = """

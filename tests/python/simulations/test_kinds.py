@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from swarmwright import Controller, Experiment, InputError, Run, export_controller, optimize, post_evaluate
+from swarmwright.experiment.kinds import kinds
 from swarmwright.simulations import catalogue
 from tests.python.records import same_record
 
@@ -157,3 +158,38 @@ def test_exports_name_the_kinds(run: Run, tmp_path: Path) -> None:
 def test_mistakes_say_what_and_where(changes: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
         experiment(**changes)
+
+
+def test_what_each_kind_has_is_known() -> None:
+    robots = [one | {"count": 2 + index} for index, one in enumerate(ROBOTS)]
+    wheels, floating, cars = kinds("arena", {"robots": robots})
+    assert [one.agents for one in (wheels, floating, cars)] == [2, 3, 4]
+    # All hear the longest message; what is sent and driven differs.
+    for one in (wheels, floating, cars):
+        assert None not in one.sensors
+        assert one.sensors == wheels.sensors
+    assert [name for name in wheels.actuators if name] == ["left wheel", "right wheel", "message 0"]
+    assert [name for name in floating.actuators if name] == [
+        "ahead", "left", "turn", "message 0", "message 1", "message 2",
+    ]  # fmt: skip
+    assert sum(name is not None for name in cars.actuators) == 2
+
+
+def test_kinds_with_other_sensors_have_names_of_their_own() -> None:
+    near = {"kind": "proximity", "count": 2, "range": 0.1}
+    robots = [
+        {"name": "a", "count": 1, "robot": {**heard(0), "sensors": [near, {"kind": "light", "count": 2}]}},
+        {"name": "b", "count": 2, "robot": {**heard(0), "sensors": [{"kind": "light", "count": 3}]}},
+        {"name": "c and d", "count": 2, "robot": {**heard(0), "sensors": [{"kind": "compass"}]}},
+    ]
+    for one in robots:
+        one["robot"]["drive"] = {"kind": "differential", "wheel_base": 0.06, "max_speed": 0.2}  # type: ignore[index]
+    of_a, of_b, of_c = kinds("arena", {"robots": robots})
+    assert [name for name in of_a.sensors if name] == ["proximity 0", "proximity 1", "light 0", "light 1"]
+    assert [name for name in of_b.sensors if name] == ["light 0", "light 1", "light 2"]
+    assert not {i for i, name in enumerate(of_a.sensors) if name} & {
+        i for i, name in enumerate(of_b.sensors) if name
+    }
+    assert [name for name in of_c.sensors if name]
+    assert kinds("arena", {}) == []
+    assert kinds("minisim", {}) == []

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swarmwright import Experiment, InputError, RunError, _engine, evaluate, simulate
+from swarmwright import BatchSimulation, Experiment, InputError, RunError, _engine, evaluate, simulate
 from swarmwright.evaluation.base import Controllers, Results
 from swarmwright.evaluation.opening import open_backend
 from swarmwright.simulations.host import Host
@@ -155,6 +155,71 @@ def test_a_failure_is_reported_once_with_its_traceback() -> None:
     assert 'raise LookupError("no start")' in trace
     acting, rows, done = host.reset({})  # it goes on
     assert (acting.tolist(), rows.shape, done) == ([0, 1], (2, 2), False)
+
+
+class Endless(Walk):
+    """Its end never comes."""
+
+    most_steps = 20
+    turns = False
+
+    def done(self) -> bool:
+        return self.trouble == "" and super().done()
+
+    def acting(self) -> Any:
+        return [] if self.turns else None
+
+
+class Waiting(Endless):
+    """While nobody acts, either."""
+
+    turns = True
+
+
+class EndlessTogether(BatchSimulation):
+    """One of its episodes has no end."""
+
+    title, dimensions, sensors, actuators, most_steps = "together", 1, 1, 1, 20
+
+    def reset(self, parameters: Any, seeds: Any) -> Any:  # noqa: ARG002
+        self.seeds, self.steps = seeds, 0
+        return np.zeros((len(seeds), 1, 1))
+
+    def step(self, actions: Any) -> Any:
+        self.steps += 1
+        return np.zeros(actions.shape)
+
+    def done(self) -> Any:
+        return (self.seeds > 0) & (self.steps >= 20)
+
+    def fitness(self) -> Any:
+        return np.ones(len(self.seeds))
+
+
+@pytest.mark.parametrize("kind", [Endless, Waiting, EndlessTogether])
+@pytest.mark.parametrize("mode", ["offloaded", "batched"])
+def test_an_episode_without_an_end_fails(kind: Any, mode: str) -> None:
+    values: dict[str, Any] = {"simulation": kind, "mode": mode, "method": {"population": 4}}
+    if kind is not EndlessTogether:
+        values["parameters"] = {"trouble": "endless", "steps": 20}
+    one = Experiment.from_mapping(values)
+    genomes = np.zeros((1, one.genome_size), np.float32)
+    with open_backend(one, servers="in-process" if mode == "offloaded" else 1) as backend:
+        found = backend.evaluate(Controllers.of(one.representation(), genomes), [0, 1], lambda *_: None)
+    assert np.isnan(found.fitness).tolist() == [[True, False]]
+    (reason,) = {*found.journal.errors}
+    assert reason.startswith(f"{kind.__name__}.done: not true after 20 steps; does it become true? An epis")
+
+
+def test_the_limit_of_steps_can_be_taken_away(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Walk, "most_steps", 3)
+    with pytest.raises(RunError, match=r"Walk\.done: not true after 3 steps"):
+        simulate(experiment(""), servers="in-process")
+    monkeypatch.setattr(Walk, "most_steps", None)
+    simulate(experiment(""), servers="in-process")
+    monkeypatch.setattr(Walk, "most_steps", 0)
+    with pytest.raises(InputError, match=r"Walk\.most_steps: 0 found, expected an integer from 1"):
+        Host(Walk)
 
 
 class OtherArguments(Walk):

@@ -7,6 +7,9 @@ import com.google.gson.JsonPrimitive;
 import java.math.BigDecimal;
 import java.math.BigInteger;
 import java.util.Arrays;
+import java.util.HashSet;
+import java.util.Set;
+import java.util.TreeSet;
 
 /**
  * Parameters of an episode, each read with its type, range and default.
@@ -18,6 +21,7 @@ public final class ParameterReader {
   private static final BigInteger MAX_SEED = BigInteger.ONE.shiftLeft(64).subtract(BigInteger.ONE);
 
   private final JsonObject parameters;
+  private final Set<String> asked = new HashSet<>();
 
   /** Reads from a JSON object. */
   public ParameterReader(JsonObject parameters) {
@@ -26,12 +30,29 @@ public final class ParameterReader {
 
   /** All parameters as JSON, for values that the other methods cannot read. */
   public JsonObject json() {
+    asked.addAll(parameters.keySet());
     return parameters;
   }
 
   /** Whether the experiment sets a parameter. */
   public boolean has(String name) {
-    return parameters.has(name);
+    return asked(name) != null;
+  }
+
+  /**
+   * The names that the experiment sets and that no method was asked for so far, except the seed:
+   * most likely they are misspelt. None after {@link #json}.
+   */
+  public Set<String> unread() {
+    Set<String> names = new TreeSet<>(parameters.keySet());
+    names.removeAll(asked);
+    names.remove("seed");
+    return names;
+  }
+
+  private JsonElement asked(String name) {
+    asked.add(name);
+    return parameters.get(name);
   }
 
   /** A whole number in low..high; 13.0 counts as 13. */
@@ -41,7 +62,7 @@ public final class ParameterReader {
 
   /** As {@link #integer}, for numbers beyond its range. */
   public long whole(String name, long low, long high, long absent) {
-    JsonElement value = parameters.get(name);
+    JsonElement value = asked(name);
     if (value == null) {
       return absent;
     }
@@ -58,7 +79,7 @@ public final class ParameterReader {
 
   /** The 64 bits of a seed, 0 if absent: any whole number from -2^63 to 2^64 - 1. */
   public long seed(String name) {
-    JsonElement value = parameters.get(name);
+    JsonElement value = asked(name);
     if (value == null) {
       return 0;
     }
@@ -71,7 +92,7 @@ public final class ParameterReader {
 
   /** A finite number in low..high. */
   public double number(String name, double low, double high, double absent) {
-    JsonElement value = parameters.get(name);
+    JsonElement value = asked(name);
     if (value == null) {
       return absent;
     }
@@ -84,7 +105,7 @@ public final class ParameterReader {
 
   /** A finite number of at least 0, rounded to binary32. */
   public float notNegative(String name, float absent) {
-    JsonElement value = parameters.get(name);
+    JsonElement value = asked(name);
     if (value == null) {
       return absent;
     }
@@ -97,7 +118,7 @@ public final class ParameterReader {
 
   /** A text. */
   public String text(String name, String absent) {
-    JsonElement value = parameters.get(name);
+    JsonElement value = asked(name);
     if (value == null) {
       return absent;
     }
@@ -109,7 +130,7 @@ public final class ParameterReader {
 
   /** True or false. */
   public boolean flag(String name, boolean absent) {
-    JsonElement value = parameters.get(name);
+    JsonElement value = asked(name);
     if (value == null) {
       return absent;
     }
@@ -121,7 +142,7 @@ public final class ParameterReader {
 
   /** One of several texts, the first of them if absent. */
   public String choice(String name, String... choices) {
-    JsonElement value = parameters.get(name);
+    JsonElement value = asked(name);
     if (value == null) {
       return choices[0];
     }
@@ -137,13 +158,13 @@ public final class ParameterReader {
    * absent.
    */
   public float[] position(String name, float width, float height) {
-    JsonElement value = parameters.get(name);
+    JsonElement value = asked(name);
     return value == null ? null : position(name, value, width, height);
   }
 
   /** At most {@code most} positions [[x, y], ..], as {@link #position}; null if absent. */
   public float[][] positions(String name, int most, float width, float height) {
-    JsonElement value = parameters.get(name);
+    JsonElement value = asked(name);
     if (value == null) {
       return null;
     }

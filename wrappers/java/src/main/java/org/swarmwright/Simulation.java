@@ -17,8 +17,8 @@ public interface Simulation {
   /**
    * Goes to the start of an episode.
    *
-   * @param parameters the values that the experiment sets; missing parameters take their defaults,
-   *     unknown ones are ignored
+   * @param parameters the values that the experiment sets; missing parameters take their defaults;
+   *     the server warns of those that this method does not read
    * @throws ParameterException if a value cannot be used; {@link ParameterReader} throws it, with
    *     the reason
    */

@@ -50,7 +50,12 @@ final class Batch {
    *
    * @throws Refusal if it refuses a parameter
    */
-  Batch(BatchStart start, long server, Description description, List<Simulation> simulations) {
+  Batch(
+      BatchStart start,
+      long server,
+      Description description,
+      List<Simulation> simulations,
+      Unread unread) {
     this.start = start;
     this.server = server;
     this.description = description;
@@ -61,7 +66,7 @@ final class Batch {
       ParameterReader parameters =
           new ParameterReader(Job.seeded(start.parameters, start.seeds[episode]));
       try {
-        Guard.reset(simulation, parameters);
+        Guard.reset(simulation, parameters, unread);
       } catch (ParameterException error) {
         throw new Refusal(Refusal.Kind.INVALID, error.getMessage());
       } catch (Guard.EpisodeFailed failure) {

@@ -1,5 +1,7 @@
 package org.swarmwright.server;
 
+import java.util.List;
+import org.swarmwright.Simulation;
 import org.swarmwright.extension.BatchActuators;
 import org.swarmwright.extension.BatchStart;
 import org.swarmwright.extension.Refusal;
@@ -16,6 +18,7 @@ final class Batched {
   private final Replies replies;
   private final Outbox outbox;
   private final Warnings warnings;
+  private final Unread unread;
 
   Batched(
       Identity identity,
@@ -24,7 +27,8 @@ final class Batched {
       StepTimeout timeout,
       Replies replies,
       Outbox outbox,
-      Warnings warnings) {
+      Warnings warnings,
+      Unread unread) {
     this.identity = identity;
     this.offer = offer;
     this.occupancy = occupancy;
@@ -32,6 +36,7 @@ final class Batched {
     this.replies = replies;
     this.outbox = outbox;
     this.warnings = warnings;
+    this.unread = unread;
   }
 
   /**
@@ -42,8 +47,8 @@ final class Batched {
   void start(BatchStart start, long now) {
     replies.checkTitle(start.simulation);
     replies.checkMetrics(start.metrics);
-    Batch batch =
-        new Batch(start, identity.id, offer.description(), offer.several(start.seeds.length));
+    List<Simulation> simulations = offer.several(start.seeds.length);
+    Batch batch = new Batch(start, identity.id, offer.description(), simulations, unread);
     occupancy.begin(batch, now);
     sense(now);
   }

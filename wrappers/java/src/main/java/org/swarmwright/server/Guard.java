@@ -77,10 +77,12 @@ final class Guard {
   /**
    * Resets the simulation.
    *
+   * @param unread told of the parameters that it does not read
    * @throws ParameterException if it refuses a parameter
    * @throws EpisodeFailed if it throws anything else
    */
-  static void reset(Simulation simulation, ParameterReader parameters) throws EpisodeFailed {
+  static void reset(Simulation simulation, ParameterReader parameters, Unread unread)
+      throws EpisodeFailed {
     try {
       simulation.reset(parameters);
     } catch (ParameterException error) {
@@ -88,6 +90,7 @@ final class Guard {
     } catch (Throwable error) {
       throw new EpisodeFailed(error);
     }
+    unread.check(parameters);
   }
 
   /**

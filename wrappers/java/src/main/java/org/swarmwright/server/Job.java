@@ -31,6 +31,7 @@ final class Job implements Runnable {
 
   private final Simulation simulation;
   private final Architecture architecture;
+  private final Unread unread;
   private final int candidates;
   private final int weights;
   private volatile boolean aborted;
@@ -42,10 +43,16 @@ final class Job implements Runnable {
   Refusal error;
   double seconds;
 
-  Job(Evaluate request, Simulation simulation, Architecture architecture, Long expires) {
+  Job(
+      Evaluate request,
+      Simulation simulation,
+      Architecture architecture,
+      Unread unread,
+      Long expires) {
     this.request = request;
     this.simulation = simulation;
     this.architecture = architecture;
+    this.unread = unread;
     this.expires = expires;
     weights = (int) architecture.weightCount();
     candidates = request.genomes.length / weights;
@@ -92,7 +99,7 @@ final class Job implements Runnable {
     for (int episode = 0; episode < episodes; episode++) {
       parameters[episode] = seeded(request.parameters, request.seeds[episode]);
     }
-    Rollout rollout = new Rollout(simulation, architecture, request.genomes);
+    Rollout rollout = new Rollout(simulation, architecture, request.genomes, unread);
     for (int candidate = 0; candidate < candidates; candidate++) {
       int first = candidate * weights;
       for (int episode = 0; episode < episodes && !aborted; episode++) {

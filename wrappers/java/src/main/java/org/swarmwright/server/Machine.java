@@ -51,11 +51,13 @@ final class Machine {
     presence = new PresencePublisher(identity, offer, outbox);
     idConflict = new IdConflict(identity, warnings);
     occupancy = new Occupancy(offer, discoveryReplies, presence);
-    replies = new Replies(identity.id, offer, outbox);
+    Unread unread = new Unread(outbox::notice);
+    replies = new Replies(identity.id, offer, outbox, unread);
     stepwise = new Stepwise(occupancy, timeout, replies, outbox);
     runControl =
-        new RunControl(identity, offer, occupancy, presence, stepwise, replies, outbox, warnings);
-    batched = new Batched(identity, offer, occupancy, timeout, replies, outbox, warnings);
+        new RunControl(
+            identity, offer, occupancy, presence, stepwise, replies, outbox, warnings, unread);
+    batched = new Batched(identity, offer, occupancy, timeout, replies, outbox, warnings, unread);
     offloaded = new Offloaded(occupancy, replies, outbox, warnings);
   }
 

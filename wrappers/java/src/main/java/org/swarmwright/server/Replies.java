@@ -38,16 +38,18 @@ final class Replies {
   private final long server;
   private final Offer offer;
   private final Outbox outbox;
+  private final Unread unread;
 
   /** The specification of the last valid request, which is usually that of the next one. */
   private JsonObject specification;
 
   private Architecture architecture;
 
-  Replies(long server, Offer offer, Outbox outbox) {
+  Replies(long server, Offer offer, Outbox outbox, Unread unread) {
     this.server = server;
     this.offer = offer;
     this.outbox = outbox;
+    this.unread = unread;
   }
 
   /**
@@ -118,6 +120,7 @@ final class Replies {
         request,
         offer.first(),
         wanted,
+        unread,
         limited ? (Long) (now + (long) (request.lease * 1e9)) : null);
   }
 

@@ -13,6 +13,7 @@ final class Rollout {
   private final Simulation simulation;
   private final Architecture architecture;
   private final float[] genomes;
+  private final Unread unread;
   private final float[] sensors;
   private final float[] row;
 
@@ -27,10 +28,11 @@ final class Rollout {
    *
    * @param genomes weights of all candidates
    */
-  Rollout(Simulation simulation, Architecture architecture, float[] genomes) {
+  Rollout(Simulation simulation, Architecture architecture, float[] genomes, Unread unread) {
     this.simulation = simulation;
     this.architecture = architecture;
     this.genomes = genomes;
+    this.unread = unread;
     sensors = new float[architecture.sensors()];
     row = new float[architecture.actuators()];
   }
@@ -49,7 +51,7 @@ final class Rollout {
       candidate = first;
     }
     controllers.forEach(Controller::reset);
-    Guard.reset(simulation, parameters);
+    Guard.reset(simulation, parameters, unread);
     while (!Guard.call(simulation::done)) {
       int[] acting = Guard.call(simulation::acting);
       if (acting.length > 0 && !architecture.steers()) {

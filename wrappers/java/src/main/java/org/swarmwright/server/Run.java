@@ -61,14 +61,15 @@ final class Run {
   private float[] actuators = {};
 
   /** Resets the simulation. */
-  Run(Simulation simulation, JsonObject parameters, Control control) throws Guard.EpisodeFailed {
+  Run(Simulation simulation, JsonObject parameters, Control control, Unread unread)
+      throws Guard.EpisodeFailed {
     this.simulation = simulation;
     hash = control.getSimulationHash();
     tool = control.getTool();
     reply = control.getReply();
     visual = control.getVisual();
     scenes = reply == null ? null : control.getScenes();
-    Guard.reset(simulation, new ParameterReader(parameters));
+    Guard.reset(simulation, new ParameterReader(parameters), unread);
     String title = new JsonPrimitive(simulation.description().title()).toString();
     String text = new JsonPrimitive(hash).toString();
     head = "{\"simulation\":" + title + ",\"simulation_hash\":" + text + ",\"agent\":";

@@ -32,6 +32,7 @@ final class RunControl {
   private final Replies replies;
   private final Outbox outbox;
   private final Warnings warnings;
+  private final Unread unread;
 
   /** The last parameters by hash, the newest at the end. */
   private final Map<String, JsonObject> parameters = new LinkedHashMap<>();
@@ -51,7 +52,8 @@ final class RunControl {
       Stepwise stepwise,
       Replies replies,
       Outbox outbox,
-      Warnings warnings) {
+      Warnings warnings,
+      Unread unread) {
     this.identity = identity;
     this.offer = offer;
     this.occupancy = occupancy;
@@ -60,6 +62,7 @@ final class RunControl {
     this.replies = replies;
     this.outbox = outbox;
     this.warnings = warnings;
+    this.unread = unread;
   }
 
   /** A parameters message came in, for this server or another one. */
@@ -130,7 +133,7 @@ final class RunControl {
       rememberStarted(hash);
     }
     try {
-      occupancy.begin(new Run(offer.first(), values, control), now);
+      occupancy.begin(new Run(offer.first(), values, control, unread), now);
       stepwise.proceed(now);
     } catch (Guard.EpisodeFailed failed) {
       cannotStart(control, failed.getMessage(), failed.stack, failed.invalid, now);

@@ -29,6 +29,21 @@ class MachineTest extends MachineFixture {
   }
 
   @Test
+  void parametersThatTheSimulationDoesNotReadAreToldOnce() {
+    String mine = "'server': 7, 'simulation_hash': 'e'";
+    for (int i = 0; i < 2; i++) {
+      say("parameters", mine + ", 'start': 3, 'strat': 4, 'seed': 5");
+      say("control", mine);
+      say("control", mine + ", 'run': false");
+    }
+    assertEquals(
+        List.of(
+            "warning: the parameter strat has no effect: the simulation does not read it; is it"
+                + " misspelt?"),
+        out.notices);
+  }
+
+  @Test
   void controlIsHeardOnTheOwnTopicAndOnThatOfAll() {
     String mine = "'server': 7, 'simulation_hash': 'e'";
     String own = "swarmwright/v1/server/7";
