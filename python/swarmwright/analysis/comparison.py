@@ -1,6 +1,7 @@
 """Comparison of runs: groups, their final fitness, and whether the groups differ."""
 
 import os
+import shlex
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -215,6 +216,20 @@ _DEFINITIONS = {
 """Keys by which fitness is another quantity."""
 
 
+_JUDGING = {"code", "code.simulation", "code.ranking"}
+"""Code by which fitness may be another quantity; that of methods and controllers is what is compared."""
+
+
+def _command(groups: Sequence[Group], option: str) -> str:
+    """Return the command that compares the runs otherwise; what lies beside them is not named."""
+    paths = [run.path for one in groups for run in one.runs]
+    folder = paths[0].parent
+    everything = {path.name for path in folder.iterdir() if path.is_dir()} if folder.is_dir() else set()
+    all_of_it = {path.parent for path in paths} == {folder} and everything <= {path.name for path in paths}
+    which = f"{shlex.quote(str(folder))}/*" if all_of_it and len(paths) > 1 else "RUN .."
+    return f"`swarmwright runs compare {which} {option}`"
+
+
 def _definitions(groups: Sequence[Group], *, held_out: bool) -> Iterator[str]:
     """Yield why fitness of the groups may not be comparable."""
     keys = {key for one in groups for key in one.differs}
@@ -228,15 +243,16 @@ def _definitions(groups: Sequence[Group], *, held_out: bool) -> Iterator[str]:
     if held_out:
         return
     made = {_recorded(one.runs[0]) for one in groups}
+    command = _command(groups, "--held-out")
     if len(made) > 1:
         yield (
             f"the best recorded fitness is made of different episodes ({'; '.join(sorted(made))}), and the "
-            "fewer they are, the more it is too high; --held-out compares fitness on held-out seeds"
+            f"fewer they are, the more it is too high; {command} compares fitness on held-out seeds"
         )
     elif any(_lucky(run) for one in groups for run in one.runs):
         yield (
             "the best recorded fitness is too high where fitness depends on the seed, most of all with "
-            "new seeds in each generation; --held-out compares fitness on held-out seeds"
+            f"new seeds in each generation; {command} compares fitness on held-out seeds"
         )
 
 
@@ -275,13 +291,13 @@ def _cautions(groups: Sequence[Group], at: int | None, *, held_out: bool) -> lis
     if at is None and not held_out and len(groups) > 1 and longest > 1.1 * shortest:
         found.append(
             f"the runs have {shortest:,} to {longest:,} evaluations, and each is compared at its end; "
-            f"--at {shortest} compares all after as many"
+            f"{_command(groups, f'--at {shortest}')} compares all after as many"
         )
     found += _definitions(groups, held_out=held_out)
     simulations = {shown(one.runs[0].experiment.simulation) for one in groups}
     if len(simulations) > 1:
         found.append(f"fitness of different simulations is compared: {', '.join(sorted(simulations))}")
-    if any("code" in one.differs for one in groups):
+    if any(_JUDGING & one.differs.keys() for one in groups):
         found.append(
             "fitness that different code computed is compared: `swarmwright runs show` names the files"
         )

@@ -15,8 +15,8 @@ def validation_lines(found: "Validation") -> Iterator[str]:
     best, count = found.best, len(found.seeds)
     if not found.depends_on_seed:
         yield (
-            f"Fitness does not seem to depend on the seed: {_episodes(count)} with held-out seeds came out "
-            "as those of the run."
+            f"{f'All {count:,} held-out episodes' if count > 1 else 'The held-out episode'} gave the same "
+            "fitness as in the run; fitness is taken as independent of the seed."
         )
         return
     options = best.ranking.options
@@ -49,9 +49,12 @@ def validation_lines(found: "Validation") -> Iterator[str]:
     lead = found.lead
     if lead is not None and lead.low is not None and lead.low > 0:
         ahead = found.leading
+        others = len(found.candidates) - 1
+        corrected = f", corrected for {others} candidates after Bonferroni" if others > 1 else ""
         yield (
             f"Candidate {ahead.candidate} of generation {ahead.generation} is better than the best of the "
-            f"run by {lead.mean:.2g}, 95 % interval {lead.low:.2g} to {lead.high:.2g} of the differences."
+            f"run by {lead.mean:.2g}, 95 % interval {lead.low:.2g} to {lead.high:.2g} of the differences"
+            f"{corrected}."
         )
 
 

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 @click.command(
     "draw",
     cls=Command,
+    instead={"--save": "--out {}"},
     example="swarmwright draw runs/minisim-1\n"
     "swarmwright draw runs/minisim-1 --generation 0 --out beginning.svg\n"
     "swarmwright draw best.json --simulation minisim",
@@ -45,9 +46,10 @@ def command(
     simulation: str | None,
     as_json: bool,
 ) -> None:
-    """Draw the controller of RUN or FILE: a network with its weights, the states of a state machine.
+    """Draw a controller: its network or its states.
 
-    The best candidate of a run is drawn unless another is named.
+    The controller of RUN or FILE: a network with its weights, the states of a state machine. The best
+    candidate of a run is drawn unless another is named.
     """
     from swarmwright import Controller, Run
     from swarmwright.figures import style
@@ -87,7 +89,9 @@ def _described(simulation: str | None, parameters: dict[str, Any] | None = None)
 
     if simulation is None or not catalogue.is_described(simulation):
         return None
-    return catalogue.description(simulation, parameters)
+    described = catalogue.description(simulation, parameters)
+    groups = catalogue.groups(simulation, parameters or {})
+    return {**described, "groups": [vars(one) for one in groups]}
 
 
 def _described_by_run(run: "Run", generation: int) -> dict[str, Any] | None:

@@ -13,6 +13,7 @@ from swarmwright.cli._output import Output
 @click.command(
     "plot",
     cls=Command,
+    instead={"--save": "--out {}"},
     example="swarmwright plot runs/minisim-1\n"
     "swarmwright plot runs/nnga-* runs/random-* --out comparison.svg",
 )
@@ -56,6 +57,7 @@ def command(
 
 def _draw_one(output: Output, folder: Path, file: Path, x: str) -> None:
     from swarmwright import InputError, Run
+    from swarmwright.core.formatting import counted
     from swarmwright.figures import style
     from swarmwright.figures.run import draw
     from swarmwright.runs.diversity import diversity
@@ -69,7 +71,7 @@ def _draw_one(output: Output, folder: Path, file: Path, x: str) -> None:
     spread = [float(value) for value in values]
     last = run.history[-1]
     output.text(
-        f"{run.evaluations:,} evaluations in {run.generations:,} generations: best fitness "
+        f"{counted(run.evaluations, 'evaluation')} in {counted(run.generations, 'generation')}: best fitness "
         f"{last.best_so_far + 0.0:.6g}, diversity {spread[-1]:.3g} at the end. The figure is in {file}"
     )
     output.json(

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 @click.command(
     "replay",
     cls=Command,
+    instead={"--out": "--save {}"},
     example="swarmwright replay runs/minisim-1 --speed 2\n"
     "swarmwright replay runs/minisim-1 --generation 0 --candidate 7 --save early.gif\n"
     "swarmwright replay runs/minisim-1 --save best.html\n"
@@ -77,7 +78,8 @@ if TYPE_CHECKING:
     multiple=True,
     metavar="WHICH",
     help="Another candidate that a page shows beside it, in the same episode: GENERATION:CANDIDATE of RUN, "
-    "or another run's folder, of which the best one is shown. Can be given several times.",
+    "or another run's folder, of which the best one is shown in RUN's simulation with RUN's parameters, if "
+    "its controllers fit. Can be given several times.",
 )
 @candidate_options
 @click.option(
@@ -124,10 +126,10 @@ def command(
     settings: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """Show an episode of a candidate of RUN, the best one unless another is named.
+    """Show an episode of a candidate of a run.
 
-    The simulation runs in this process, or with --broker on a server that has scenes, with the parameters and
-    the seed that the run used, unless others are given.
+    It is the best one of RUN unless another is named. The simulation runs in this process, or with --broker
+    on a server that has scenes, with the parameters and the seed that the run used, unless others are given.
     """
     if controller is not None and (generation is not None or candidate is not None):
         raise click.UsageError(
@@ -163,7 +165,7 @@ def command(
         **how,
     )
     if file is not None:
-        others = [_beside(opened, which, replay.seed, how) for which in beside]
+        others = [_beside(replay, which, how) for which in beside]
         _save(output, replay, file, speed, shown, others)
     elif as_json:
         _print_scenes(output, replay)
@@ -215,19 +217,20 @@ def _shown(parts: str, colors: Literal["auto", "state", "value", "controller"]) 
     return Shown(**{part: part in given for part in PARTS}, colors=colors)
 
 
-def _beside(run: "Run", which: str, seed: int, how: dict[str, Any]) -> "Replay":
-    """Return what `--beside` names, in the episode with the same seed."""
+def _beside(replay: "Replay", which: str, how: dict[str, Any]) -> "Replay":
+    """Return what `--beside` names, in the same episode: simulation, parameters and seed of the first one."""
     from swarmwright import Run
     from swarmwright.runs.replay import Replay
 
     numbers = re.fullmatch(r"(\d{1,18}):(\d{1,18})", which)
     if numbers is not None:
-        return Replay.of(run, generation=int(numbers[1]), candidate=int(numbers[2]), seed=seed, **how)
+        generation, candidate = int(numbers[1]), int(numbers[2])
+        return Replay.of(replay.run, generation=generation, candidate=candidate, seed=replay.seed, **how)
     if not Path(which).is_dir():
         raise click.UsageError(
             f"--beside {which}: expected GENERATION:CANDIDATE such as 0:7, or the folder of a run."
         )
-    return Replay.of(Run.open(Path(which)), seed=seed, **how)
+    return replay.beside(Run.open(Path(which)))
 
 
 def _save(
@@ -250,12 +253,12 @@ def _save(
             if others:
                 raise InputError("--beside: this simulation draws pictures, which are shown alone")
             recording = pictures = replay.pictures()
-            save_pictures(pictures, file, caption=replay.caption(), speed=speed)
+            save_pictures(pictures, file, caption=replay.caption(pictures), speed=speed)
         else:
             recording = scenes = replay.recording()
             parts = [replay.part(scenes, replay.name if others else "")]
             parts += [other.part(other.recording(), other.name) for other in others]
-            save(parts, file, caption=replay.caption(), speed=speed, shown=shown)
+            save(parts, file, caption=replay.caption(scenes), speed=speed, shown=shown)
     except OSError as error:
         raise InputError(f"{file}: cannot be written: {error.strerror or error}") from error
     output.text(f"{replay.outcome(recording.fitness)} {_what(file)} is in {file}")

@@ -1,4 +1,4 @@
-"""Durations and p-values as text."""
+"""Durations, counts and p-values as text."""
 
 import math
 
@@ -15,6 +15,11 @@ def duration(seconds: float) -> str:
     if whole < 3600:
         return f"{whole // 60} min {whole % 60:02} s"
     return f"{whole // 3600} h {whole % 3600 // 60:02} min"
+
+
+def counted(count: int, noun: str) -> str:
+    """Return how many there are of something: 1 generation, 2,000 generations."""
+    return f"{count:,} {noun}{'' if count == 1 else 's'}"
 
 
 def p_value(value: float) -> str:

@@ -13,3 +13,17 @@ class DeclaredGroup:
     actuators: int
     sensor_names: tuple[str, ...] = ()
     actuator_names: tuple[str, ...] = ()
+
+
+Names = tuple[str | None, ...]
+"""Of numbers that are recorded for all agents; None for one that a kind does not have."""
+
+
+@dataclass(frozen=True)
+class Kind:
+    """Agents that have the same of the sensors and actuators of all."""
+
+    name: str
+    agents: int
+    sensors: Names
+    actuators: Names

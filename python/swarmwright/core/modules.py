@@ -421,14 +421,27 @@ def mapping_of(states: Sequence[State]) -> dict[str, Any]:
 
 def _words(name: str, parameters: Mapping[str, float]) -> str:
     values = ", ".join(f"{key} {value:.4g}" for key, value in parameters.items())
-    return name.replace("_", " ") + (f" ({values})" if values else "")
+    return name + (f" ({values})" if values else "")
+
+
+def name_of(behaviour: str) -> str:
+    """Return what a behaviour is called in drawings and texts: anti-phototaxis."""
+    return behaviour.replace("_", "-")
+
+
+def _behaviour_words(state: State) -> str:
+    return _words(name_of(state.behaviour), state.parameters)
+
+
+def _condition_words(transition: Transition) -> str:
+    return _words(transition.condition.replace("_", " "), transition.parameters)
 
 
 def words_of(part: State | Transition) -> str:
     """Return a state's behaviour or a transition's condition in words, with its parameters."""
     if isinstance(part, State):
-        return _words(part.behaviour, part.parameters)
-    return f"to state {part.target}: {_words(part.condition, part.parameters)}"
+        return _behaviour_words(part)
+    return f"to state {part.target}: {_condition_words(part)}"
 
 
 def as_text(states: Sequence[State]) -> str:
@@ -442,9 +455,9 @@ def as_text(states: Sequence[State]) -> str:
 
 def as_diagram(states: Sequence[State], language: Literal["dot", "mermaid"]) -> str:
     """Return a machine as text of Graphviz (`dot`) or of Mermaid."""
-    labels = [_words(state.behaviour, state.parameters) for state in states]
+    labels = [_behaviour_words(state) for state in states]
     edges = [
-        (index, one.target, _words(one.condition, one.parameters))
+        (index, one.target, _condition_words(one))
         for index, state in enumerate(states)
         for one in state.transitions
     ]
@@ -462,7 +475,7 @@ def as_diagram(states: Sequence[State], language: Literal["dot", "mermaid"]) -> 
 def condition_words(subtree: State) -> str:
     """Return the condition of a subtree in words, with its parameters."""
     (one,) = subtree.transitions
-    return _words(one.condition, one.parameters)
+    return _condition_words(one)
 
 
 def tree_text(subtrees: Sequence[State]) -> str:

@@ -67,7 +67,9 @@ MORE_DARK = {
 STATES = ("free", "exit", "good", "other-1", "defender", "other-2", "other-3", "lost", *MORE_LIGHT)
 """Colours of the states of controllers, in their order; more states have them again."""
 OTHERS = ("other-1", "other-2", "other-3", "other-4")
-"""Colours of unknown kinds and states, in the order in which they are seen."""
+"""Colours of unknown kinds and states, in the order in which they are seen; terminals have these alone."""
+_UNKNOWN = (*OTHERS, *MORE_LIGHT)
+"""The same with those of more kinds and states."""
 
 SHAPES = {
     "circle": ("o", "M1 0A1 1 0 1 1-1 0A1 1 0 1 1 1 0Z"),
@@ -164,7 +166,7 @@ class Looks:
             strangers = len(self._shapes) - len({kind for kind, _ in KNOWN})
             self._shapes[kind] = _FREE_SHAPES[strangers % len(_FREE_SHAPES)]
         if color is None:
-            color = OTHERS[self._unknown % len(OTHERS)]
+            color = _UNKNOWN[self._unknown % len(_UNKNOWN)]
             self._unknown += 1
         self._looks[kind, state] = Look(shape or self._shapes[kind], color)
 
@@ -185,7 +187,7 @@ class Looks:
     def color(self, look: tuple[str, str]) -> str:
         """Return the colour of a kind and state on a light ground, as '#0072B2'."""
         name = self._looks[look].color
-        return LIGHT[name] if name in LIGHT else self.own[name][0]
+        return self.own[name][0] if name in self.own else (LIGHT | MORE_LIGHT)[name]
 
     def plain(self) -> dict[str, dict[str, str]]:
         """Return label -> shape and name of the colour, in the order in which they are seen."""
@@ -270,12 +272,12 @@ def floor_words(grey: float, names: Iterable[str]) -> str:
     return f"{color} ({given})" if given else color
 
 
-def floors(scene: Scene) -> dict[float, str]:
-    """Return what legends call the floor and its parts, by grey value."""
-    parts = ([] if scene.floor is None else [whole(scene)]) + list(scene.patches)
+def floors(*scenes: Scene) -> dict[float, str]:
+    """Return what legends call the floor and its parts in all of some scenes, by grey value."""
     named: dict[float, list[str]] = {}
-    for part in parts:
-        named.setdefault(round(float(part.grey), 3), []).append(part.name)
+    for scene in scenes:
+        for part in ([] if scene.floor is None else [whole(scene)]) + list(scene.patches):
+            named.setdefault(round(float(part.grey), 3), []).append(part.name)
     return {grey: floor_words(grey, names) for grey, names in sorted(named.items())}
 
 
@@ -318,10 +320,11 @@ def palette(
 ) -> list[int]:
     """Every colour of a picture with its shades, as red, green, blue, red, ... (0..255); at most 256.
 
-    own: colours of styles. grounds: colours of the floor. values: whether bodies are coloured by values.
-    states: how many states of controllers give bodies their colours.
+    own: colours of bodies, beside those of kinds that are known. grounds: colours of the floor. values:
+    whether bodies are coloured by values. states: how many states of controllers give bodies their colours.
     """
-    grounds, own = list(grounds)[:24], list(own)[:16]
+    known = set(LIGHT.values())
+    grounds, own = list(grounds)[:24], [color for color in own if color not in known][:24]
     further = [state_color(state) for state in range(min(states, len(STATES)))]
     shaded: Sequence[str] = list(dict.fromkeys([*LIGHT.values(), INK, BORDER, *own, *further]))
     exact = [PAPER, FIELD, GRID, mixed(GRID, FIELD, 0.5), *grounds]

@@ -5,7 +5,15 @@ from typing import Any
 
 import numpy as np
 
-from swarmwright.core.modules import State, condition_words, is_modules, is_tree, states_of, words_of
+from swarmwright.core.modules import (
+    State,
+    condition_words,
+    is_modules,
+    is_tree,
+    name_of,
+    states_of,
+    words_of,
+)
 from swarmwright.core.teams import is_team, parts_of
 
 _MOST_STATES = 64
@@ -62,9 +70,7 @@ def machine_of(specification: Mapping[str, Any], highest: int) -> dict[str, Any]
         if is_tree(specification):
             return _tree(found)
         return {
-            "states": [
-                {"name": state.behaviour.replace("_", "-"), "words": words_of(state)} for state in found
-            ],
+            "states": [{"name": name_of(state.behaviour), "words": words_of(state)} for state in found],
             "transitions": [
                 (index, one.target, words_of(one).partition(": ")[2])
                 for index, state in enumerate(found)
@@ -93,7 +99,7 @@ def _tree(subtrees: Sequence[State]) -> dict[str, Any]:
         "form": "tree",
         "states": [
             {
-                "name": one.behaviour.replace("_", "-"),
+                "name": name_of(one.behaviour),
                 "words": words_of(one),
                 "condition": condition_words(one),
             }

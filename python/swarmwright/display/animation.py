@@ -37,7 +37,7 @@ def write(
     # One palette, without dithering: still areas stay the same from frame to frame, nothing flickers.
     colors = Image.new("P", (1, 1))
     looks = Looks(recording.scenes)
-    own = [light for light, _ in looks.own.values()]
+    own = list(dict.fromkeys(looks.color(look) for look in looks.all()))
     greys = {floor_color(grey) for scene in recording.scenes for grey in floors(scene)}
     valued = scale_of(recording) is not None
     colors.putpalette(palette(own, sorted(greys), values=valued, states=picture.states))

@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from swarmwright.core.formatting import counted
 from swarmwright.core.plain_figures import plain
 from swarmwright.core.untrusted import one_line
 from swarmwright.figures.style import (
@@ -83,7 +84,8 @@ def _titles(figure: "Figure", upper: "Axes", run: "Run") -> None:
         x=0.012, ha="left", fontsize=14, fontweight="bold", color=INK, parse_math=False,
     )  # fmt: skip
     upper.set_title(
-        f"{run.evaluations:,} evaluations in {run.generations:,} generations, seed {experiment.seed}"
+        f"{counted(run.evaluations, 'evaluation')} in {counted(run.generations, 'generation')}, "
+        f"seed {experiment.seed}"
         + (f", {failed:,} failed" if failed else ""),
         loc="left", fontsize=10.5, color=SOFT,
     )  # fmt: skip

@@ -34,7 +34,7 @@ class ReplayPage:
         return cls(
             replay.title,
             recording.fitness,
-            page([replay.part(recording)], caption=replay.caption(), speed=speed),
+            page([replay.part(recording)], caption=replay.caption(recording), speed=speed),
         )
 
     @checked

@@ -1,15 +1,19 @@
 """Episodes of runs, played again."""
 
+import dataclasses
+import json
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from swarmwright import _engine
 from swarmwright.core.errors import InputError, engine_errors
+from swarmwright.core.flatten import flat
 from swarmwright.display import Caption, Part, Playable, Recording, record
 from swarmwright.experiment.fitness import JudgedEpisode
+from swarmwright.experiment.kinds import kinds
 from swarmwright.experiment.settings import refuse_seed
 from swarmwright.modules._played import PlayedEpisode
 from swarmwright.representations.controller import Controller, controller_words
@@ -22,6 +26,12 @@ if TYPE_CHECKING:
     from swarmwright.display.pictures import PictureRecording
     from swarmwright.experiment.experiment import Experiment
     from swarmwright.runs.run import Run
+
+
+_MOST_CHANGED = 6
+"""Changed parameters that a page lists."""
+_LONGEST = 40
+"""Characters of a value there."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +52,8 @@ class Replay:
     """The run's, or with other parameters."""
     broker: str | None = None
     """Where a server computes it; None in this process."""
+    other: "Run | None" = None
+    """The run that the controller is a candidate of, where that is another one."""
 
     @classmethod
     def of(
@@ -100,6 +112,38 @@ class Replay:
             )
         played_seed = seeds[number] if number is not None else seed or 0
         return cls(run, played, chosen, controller, number, played_seed, experiment, broker)
+
+    def beside(self, other: "Run") -> Self:
+        """Return the same episode with the best candidate of another run.
+
+        Raises InputError when its controllers do not fit the simulation of this one.
+        """
+        chosen = choose(other)
+        controller = Controller(chosen.specification)
+        self._check_fits(controller, other)
+        return dataclasses.replace(self, controller=controller, choice=chosen, source=None, other=other)
+
+    def _check_fits(self, controller: Controller, other: "Run") -> None:
+        here = f"{self.experiment.label} as {self.run.path} has it"
+        advice = f"; show it alone: swarmwright replay {other.path}"
+        if self.broker is not None and controller.in_python:
+            raise InputError(
+                f"{other.path}: behaviours and conditions in Python are shown in this process alone; leave "
+                f"the broker out{advice}"
+            )
+        if controller.parameters:  # they steer no agents
+            if controller.parameters.keys() != self.controller.parameters.keys():
+                raise InputError(
+                    f"{other.path}: its controllers are parameters of {other.experiment.label}, others than "
+                    f"those of {self.run.path}{advice}"
+                )
+            return
+        if self.broker is not None:
+            return  # what the simulation has there, its servers know
+        try:
+            dataclasses.replace(self, controller=controller).engine_episode()
+        except InputError as error:
+            raise InputError(f"{other.path}: does not fit {here}: {error}{advice}") from error
 
     @property
     def pictured(self) -> bool:
@@ -174,7 +218,7 @@ class Replay:
     @property
     def name(self) -> str:
         """The run and the candidate, where several are shown beside each other."""
-        return f"{self.run.path.name}: {self._who}"
+        return f"{(self.other or self.run).path.name}: {self._who}"
 
     def part(self, recording: Recording, name: str = "") -> Part:
         """Return a recording of the episode with what is known of its controller."""
@@ -185,7 +229,8 @@ class Replay:
         sensors, actuators = (
             (described["sensor_names"], described["actuator_names"]) if described is not None else ((), ())
         )
-        return Part(recording, name, self.controller.specification, sensors, actuators)
+        of = kinds(self.experiment.simulation, self.experiment.parameters) if described is not None else ()
+        return Part(recording, name, self.controller.specification, sensors, actuators, of)
 
     @property
     def title(self) -> str:
@@ -230,6 +275,26 @@ class Replay:
         mine, runs = self.experiment, self.run.experiment
         return (mine.parameters, mine.fitness) == (runs.parameters, runs.fitness)
 
+    def _simulated(self, recording: "Recording | PictureRecording | None") -> Iterator[tuple[str, str]]:
+        """Yield the title of what was simulated: the message that all scenes have."""
+        if not isinstance(recording, Recording):
+            return
+        first, last = recording.scenes[0].message, recording.scenes[-1].message
+        if first and first == last and len(recording.scenes) > 1:
+            mission = catalogue.built_in(self.experiment.simulation) == catalogue.ARENA
+            yield ("mission" if mission else "scene", first)
+
+    def _changed(self) -> Iterator[tuple[str, str]]:
+        """Yield what is not as in the run."""
+        mine, runs = self.experiment, self.run.experiment
+        changed = list(_differing(mine.parameters, runs.parameters))
+        if changed:
+            more = [f"and {len(changed) - _MOST_CHANGED} more"] if len(changed) > _MOST_CHANGED else []
+            yield ("changed parameters", ", ".join([*changed[:_MOST_CHANGED], *more]))
+        if mine.fitness != runs.fitness:
+            own = "the simulation's"
+            yield ("changed fitness", f"{mine.fitness or own} (in the run {runs.fitness or own})")
+
     def identity(self) -> dict[str, Any]:
         """Return what is played as plain values, for `--json`."""
         choice = self.choice
@@ -242,16 +307,37 @@ class Replay:
             "controller": str(self.source) if self.source else None,
         }
 
-    def caption(self) -> Caption:
-        """Return the title and the facts of the experiment that are beside a picture."""
+    def caption(self, recording: "Recording | PictureRecording | None" = None) -> Caption:
+        """Return the title and the facts of the experiment that are beside a picture.
+
+        recording: of the episode, which says what was simulated and what came out.
+        """
         experiment = self.run.experiment
-        facts = [("controller", controller_words(self.controller.specification)), *_origin(experiment)]
+        facts = [*self._simulated(recording), *self._changed()]
+        facts += [("controller", controller_words(self.controller.specification)), *_origin(experiment)]
         if self.choice is not None:
             value = f"{self.choice.fitness + 0.0:.6g}"
             episodes = f" ({self.choice.made_of})" if self.choice.made_of else ""
             facts.append(("fitness of the candidate", f"{value}{episodes}"))
+        if recording is not None and (self.choice is None or recording.fitness != self.choice.fitness):
+            facts.append(("fitness of this episode", f"{recording.fitness + 0.0:.6g}"))
         facts.append(("simulation seed", str(self.seed)))
         return Caption(self.title, tuple(facts))
+
+
+def _differing(now: Mapping[str, Any], before: Mapping[str, Any]) -> Iterator[str]:
+    """Yield parameters that are not as they were, as words."""
+    now, before = ({key: one for key, one in flat(of).items() if key != "seed"} for of in (now, before))
+
+    def short(values: Mapping[str, Any], key: str) -> str:
+        if key not in values:
+            return "not given"
+        text = values[key] if isinstance(values[key], str) else json.dumps(values[key], default=str)
+        return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…"
+
+    for key in dict.fromkeys([*now, *before]):
+        if key not in now or key not in before or now[key] != before[key]:
+            yield f"{key} {short(now, key)} (in the run {short(before, key)})"
 
 
 def _origin(experiment: "Experiment") -> list[tuple[str, str]]:

@@ -200,7 +200,10 @@ class Run:
 
     @property
     def unseen(self) -> "PostEvaluation | None":
-        """The best candidate on held-out seeds: `validation.best`; None where fitness depends on no seed."""
+        """The candidate with the best recorded fitness, evaluated on held-out seeds: `validation.best`.
+
+        None where it has not been, or fitness depends on no seed.
+        """
         validation = self.validation
         return None if validation is None or not validation.depends_on_seed else validation.best
 
@@ -307,7 +310,7 @@ class Run:
         `.csv`: generation, candidate, fitness, episode_0, .. (its episodes' fitness), then metrics if there
         are any (name_0, ..), then g0, .. (its genome). A metric that is called like another column, such as
         episode, is metric_episode. `.parquet`: the same with lists in the columns
-        episodes and genome and in those of the metrics; this needs `pip install swarmwright[parquet]`.
+        episodes and genome and in those of the metrics; this needs `pip install 'swarmwright[parquet]'`.
         Raises InputError when the file cannot be written.
         """
         write_table(self.store, Path(path))

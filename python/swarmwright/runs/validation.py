@@ -87,13 +87,16 @@ class Validation:
     def lead(self) -> Estimate | None:
         """How much `leading` is better than `best`, of the same episodes; None where they are the same one.
 
-        None also where an episode failed, so that they cannot be compared one by one.
+        The interval is one of as many as there are other candidates: `leading` is chosen among them, and the
+        luckiest of equal ones would often seem better otherwise. None also where an episode failed, so that
+        they cannot be compared one by one.
         """
         ahead, best = self.leading, self.best
         if ahead is best or ahead.failed or best.failed:
             return None
         samples = (one.ranking.samples(one.measured) for one in (ahead, best))
-        return estimate([one - other for one, other in zip(*samples, strict=True)])
+        differences = [one - other for one, other in zip(*samples, strict=True)]
+        return estimate(differences, of=len(self.candidates) - 1)
 
     @property
     def seeds(self) -> list[int]:

@@ -258,7 +258,13 @@ def test_luck_with_seeds_is_noted(tmp_path: Path) -> None:
     search = {"kind": "random_search", "population": 60, "generations": 1}
     validated = noisy(tmp_path, "same", method=search)
     (note,) = [note for note in compare(validated).notes if words in note]
-    assert note.endswith("--held-out compares fitness on held-out seeds")
+    # A whole command: a sweep, and Python, have no such option.
+    assert note.endswith(
+        f"`swarmwright runs compare {tmp_path}/* --held-out` compares fitness on held-out seeds"
+    )
+    (tmp_path / "another").mkdir()
+    (note,) = [note for note in compare(validated).notes if words in note]
+    assert "`swarmwright runs compare RUN .. --held-out`" in note
     assert words not in str(compare(validated, held_out=True))
 
 

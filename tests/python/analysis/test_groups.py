@@ -1,6 +1,12 @@
+import warnings
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
+from swarmwright import compare
 from swarmwright.analysis.groups import group
+from swarmwright.user_code.copying import Copy, digest_of
+from swarmwright.user_code.parts import Part
 from tests.python.analysis.runs import KnownRun, runs
 
 
@@ -83,3 +89,115 @@ def test_a_run_counts_once(tmp_path: Path) -> None:
     longer = KnownRun(tmp_path / "longer", [[0.0] * 9], seed=1)
     groups, notes = group([one, longer])
     assert groups[0].runs == (longer,)
+
+
+def mission(title: str, **changes: Any) -> dict[str, Any]:
+    spot = {"name": "spot", "circle": {"center": [0, 0], "radius": 0.3}, "color": "black"}
+    return {
+        "title": title, "walls": {"rectangle": [2, 2]}, "floor": {"color": "grey", "patches": [spot]},
+        "start": {"disc": {"radius": 0.8}}, "robots": 4, "duration": 5,
+        "metrics": {"inside": {"kind": "robots_on", "patch": "spot", "when": "end"}},
+        "fitness": {"offset": 0, "factors": {"inside": 1}}, **changes,
+    }  # fmt: skip
+
+
+def in_arena(path: Path, name: str, **parameters: Any) -> KnownRun:
+    return KnownRun(path / name, [[1.0]], simulation="arena", parameters=parameters)
+
+
+def labels(*some: KnownRun) -> list[str]:
+    return [one.label for one in group(some)[0]]
+
+
+def test_missions_and_robots_with_names_stand_for_what_differs_in_them(tmp_path: Path) -> None:
+    homing = in_arena(tmp_path, "homing", mission="homing")
+    one = in_arena(tmp_path, "one", mission=mission("One spot"))
+    assert labels(homing, one) == ["mission Homing", "mission One spot"]
+    returns = {"trips": {"kind": "returns", "sources": ["spot"], "nest": "spot"}}
+    other = mission("Two", metrics=returns, fitness={"offset": 1, "factors": {"trips": 1}})
+    assert labels(one, in_arena(tmp_path, "other", mission=other)) == ["mission One spot", "mission Two"]
+    own = {"radius": 0.04, "drive": {"kind": "differential", "wheel_base": 0.06, "max_speed": 0.1},
+           "sensors": [{"kind": "proximity", "count": 3, "range": 0.2}]}  # fmt: skip
+    fitted = in_arena(tmp_path, "own", mission="homing", robot=own)
+    named = in_arena(tmp_path, "named", mission="homing", robot="e-puck-rm1.2")
+    assert labels(fitted, named) == ["robot of its own", "robot e-puck-rm1.2"]
+
+
+def test_missions_with_one_name_are_told_apart_by_what_differs(tmp_path: Path) -> None:
+    short, long = (
+        in_arena(tmp_path, str(length), mission=mission("A", duration=length)) for length in (5, 9)
+    )
+    assert labels(short, long) == ["duration 5", "duration 9"]
+    other = in_arena(tmp_path, "other", mission=mission("B"))
+    assert labels(short, long, other) == ["mission A, duration 5", "mission A, duration 9", "mission B"]
+
+
+def test_kinds_within_parameters_have_their_names(tmp_path: Path) -> None:
+    one = in_arena(tmp_path, "one", mission=mission("A"))
+    kind = {"inside": {"kind": "robots_on", "patch": "spot", "when": "mean"}}
+    assert labels(one, in_arena(tmp_path, "mean", mission=mission("A", metrics=kind))) == [
+        "when end", "when mean",
+    ]  # fmt: skip
+    nowhere = {"inside": {"kind": "most_robots_on", "patches": ["spot"], "when": "end"}}
+    found = labels(one, in_arena(tmp_path, "away", mission=mission("A", metrics=nowhere)))
+    assert found == ["mission.metrics.inside.kind robots_on", "mission.metrics.inside.kind most_robots_on"]
+
+
+def test_groups_with_long_names_are_numbered_and_explained(tmp_path: Path) -> None:
+    many = {"maxSteps": 20, "mapWidth": 15, "mapHeight": 17, "numAgents": 3, "numDefenders": 2}
+    more = {"placement": "random", "speedDefenders": 0.5, "speedAgents": 0.5}
+    groups, notes = group(
+        [KnownRun(tmp_path / "a", [[1.0]]), KnownRun(tmp_path / "b", [[1.0]], parameters=many | more)]
+    )
+    assert all(one.label.startswith(f"group {number}: ") for number, one in enumerate(groups, 1))
+    assert max(len(one.label) for one in groups) < 80
+    assert "group 2 has" in notes[1]
+    assert all(name in notes[1] for name in many)
+    figure = compare([run for one in groups for run in one.runs]).figure()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # that the layout does not work out
+        figure.canvas.draw()
+    (legend,) = figure.legends
+    assert legend.get_window_extent().y1 < figure.axes[0].get_window_extent().y0
+
+
+class Coded(KnownRun):
+    """A run with a copy of its code: part -> source."""
+
+    def __init__(self, path: Path, parts: Mapping[str, str], **changes: Any) -> None:
+        super().__init__(path, [[1.0]], **changes)
+        found = []
+        for part, source in parts.items():
+            file = path.parent / f"{path.name}-{part}" / "mine.py"
+            file.parent.mkdir()
+            file.write_text(source)
+            found.append(Part.of_file(part, f"{file}:Mine", file))
+        path.mkdir()
+        Copy.write(path, 1, found)
+        self._code = {1: digest_of({part.name: part.digests for part in found})}
+
+    @property
+    def code(self) -> dict[int, str]:
+        return self._code
+
+
+def test_code_tells_groups_apart_only_where_it_differs_in_one_component(tmp_path: Path) -> None:
+    built_in = KnownRun(tmp_path / "a", [[1.0]])
+    climbing = Coded(tmp_path / "b", {"method": "x = 1"}, method={"kind": "random_search"})
+    groups, _ = group([built_in, climbing])
+    assert [one.label for one in groups] == ["nnga", "random_search"]
+    assert all(list(one.differs) == ["method.kind"] for one in groups)
+    edited = Coded(tmp_path / "c", {"method": "x = 2"}, method={"kind": "random_search"}, seed=5)
+    groups, _ = group([climbing, edited])
+    assert [one.label.rpartition(" ")[0] for one in groups] == ["code of the method"] * 2
+    same = Coded(tmp_path / "d", {"method": "x = 1"}, method={"kind": "random_search"}, seed=6)
+    assert len(group([climbing, same])[0]) == 1
+
+
+def test_without_the_copies_it_is_known_whether_code_differs(tmp_path: Path) -> None:
+    some = [Coded(tmp_path / name, {"method": "x = 1"}, seed=seed) for seed, name in enumerate("ab")]
+    other = Coded(tmp_path / "c", {"method": "x = 2"}, seed=5)
+    (tmp_path / "a" / "code" / "1" / "manifest.json").unlink()
+    groups, _ = group([*some, other])
+    assert [len(one.runs) for one in groups] == [2, 1]
+    assert all(list(one.differs) == ["code"] for one in groups)

@@ -1,4 +1,5 @@
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -201,6 +202,38 @@ def test_several_candidates_stand_on_a_page(program: Any, run: str, tmp_path: Pa
         assert wrong.returncode == 2
         assert words in wrong.stderr
         assert not (tmp_path / "x.html").exists()
+
+
+def test_another_run_stands_beside_it_in_the_same_episode(program: Any, run: str, tmp_path: Path) -> None:
+    (tmp_path / "longer.yaml").write_text(EXPERIMENT.replace("maxSteps: ", "maxSteps: 1"))
+    assert program("optimize", "longer.yaml", "--out", "longer").returncode == 0
+    lengths = [Run.open(tmp_path / name).experiment.parameters["maxSteps"] for name in (run, "longer")]
+    assert lengths[0] < lengths[1]
+    result = program("replay", run, "--beside", "longer", "--save", "both.html")
+    assert result.returncode == 0, result.stderr
+    page = (tmp_path / "both.html").read_text(encoding="utf-8")
+    data = json.loads(page.partition('id="episode">')[2].partition("</script>")[0])
+    assert all(len(episode["fitness"]) <= lengths[0] + 1 for episode in data["episodes"])
+    assert [episode["name"].partition(":")[0] for episode in data["episodes"]] == ["result", "longer"]
+    (tmp_path / "arena.yaml").write_text(ARENA)
+    assert program("optimize", "arena.yaml", "--out", "arena").returncode == 0
+    wrong = program("replay", run, "--beside", "arena", "--save", "x.html")
+    assert wrong.returncode == 2
+    assert "arena: does not fit minisim as result has it: controller.sensors: 9, but" in wrong.stderr
+    assert "show it alone: swarmwright replay arena" in wrong.stderr
+
+
+def test_a_page_says_what_is_not_as_in_the_run(program: Any, run: str, tmp_path: Path) -> None:
+    assert program("replay", run, "--save", "same.html").returncode == 0
+    same = (tmp_path / "same.html").read_text(encoding="utf-8")
+    assert "changed parameters" not in same
+    assert "fitness of this episode" not in same
+    changes = ("--set", "parameters.maxSteps=3", "--set", "fitness=100 + distance")
+    assert program("replay", run, *changes, "--save", "other.html").returncode == 0
+    facts = (tmp_path / "other.html").read_text(encoding="utf-8").partition('<dl class="facts">')[2]
+    assert "<dt>changed parameters</dt><dd>maxSteps 3 (in the run" in facts
+    assert "<dt>changed fitness</dt><dd>100 + distance (in the run the simulation&#x27;s)" in facts
+    assert re.search(r"<dt>fitness of this episode</dt><dd>1\d\d", facts), "100 and the distance"
 
 
 def test_what_a_picture_shows_can_be_chosen(program: Any, run: str, tmp_path: Path) -> None:

@@ -18,6 +18,21 @@ def test_quantiles_of_student_are_those_of_scipy() -> None:
         assert student_t(freedom) == pytest.approx(float(stdtrit(freedom, 0.975)), rel=2e-13)
 
 
+def test_quantiles_for_several_are_those_of_scipy() -> None:
+    for of in (2, 4, 19, 999):
+        for freedom in [*range(1, 300), 999, 1000, 10**5]:
+            expected = float(stdtrit(freedom, 1 - 0.025 / of))
+            assert student_t(freedom, of) == pytest.approx(expected, rel=1e-10), (of, freedom)
+
+
+def test_of_several_intervals_all_are_wider() -> None:
+    ends = [estimate([1.0, 2.0, 3.0, 6.0], of=of) for of in (1, 2, 4)]
+    assert ends[0] == estimate([1.0, 2.0, 3.0, 6.0])
+    lows = [one.low or 0.0 for one in ends]
+    assert lows == sorted(lows, reverse=True)
+    assert len(set(lows)) == 3
+
+
 def test_a_confidence_interval() -> None:
     found = estimate([1.0, 2.0, 3.0, 6.0])
     assert (found.mean, found.standard_error) == (3.0, math.sqrt(14 / 12))

@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from swarmwright.core.state_colors import STATE_COLORS, state_color
-from swarmwright.display import Body, Recording, Scene
+from swarmwright.display import Body, Patch, Recording, Scene
 from swarmwright.display._drawing import Picture
 from swarmwright.display._look import (
     DARK,
@@ -23,6 +23,7 @@ from swarmwright.display._look import (
     SHAPES,
     Looks,
     css,
+    floors,
     palette,
     rgb,
 )
@@ -67,7 +68,7 @@ def test_page_and_picture_have_the_same_colours(recording: Recording, tmp_path: 
         with Image.open(tmp_path / f"x.{ending}") as opened:
             pixels = np.asarray(opened.convert("RGB")).reshape(-1, 3)
         for name, look in data["looks"].items():
-            color = LIGHT[look["color"]]
+            color = (LIGHT | MORE_LIGHT)[look["color"]]
             assert f"--{look['color']}: {color.lower()};" in page
             assert (pixels == rgb(color)).all(axis=1).sum() > 20, (ending, name)
 
@@ -114,6 +115,33 @@ def test_states_have_colours_that_are_told_apart() -> None:
     assert len(shades) <= 256
     assert all(list(rgb(state_color(state))) in shades for state in range(16))
     assert len(palette(["#123456"] * 16, LIGHT.values(), values=True, states=64)) <= 3 * 256
+
+
+def test_many_kinds_have_colours_of_their_own(tmp_path: Path) -> None:
+    kinds = [f"kind {number}" for number in range(20)]
+    bodies = [Body("agent", 0.5 * place, 3, kind) for place, kind in enumerate(kinds)]
+    scenes = (scene(0, *bodies), scene(1, *bodies))
+    looks = Looks(scenes)
+    names = {looks[body.kind, body.state].color for body in bodies}
+    assert len(names) == len({looks.color((body.kind, body.state)) for body in bodies}) == len(kinds)
+    style = css()
+    assert all(f"--{name}: " in style for name in names)
+    save(Recording(scenes, (0.0, 1.0), 0.1), tmp_path / "x.gif")
+    with Image.open(tmp_path / "x.gif") as opened:
+        pixels = np.asarray(opened.convert("RGB")).reshape(-1, 3)
+    for body in bodies:
+        assert (pixels == rgb(looks.color((body.kind, body.state)))).all(axis=1).any(), body.state
+
+
+def test_legends_name_all_parts_of_the_floor_with_one_grey_value(tmp_path: Path) -> None:
+    """Also where they are not there at the same time, or in episodes beside each other."""
+    scenes = tuple(
+        Scene(4, 4, step, "", [], patches=[Patch(0.0, ((1, 1),), 0.5, name)])
+        for step, name in enumerate(["west", "east"])
+    )
+    assert floors(*scenes) == {0.0: "black floor (west, east)"}
+    save(Recording(scenes, (0.0, 1.0), 0.1), tmp_path / "x.html")
+    assert "black floor (west, east)" in (tmp_path / "x.html").read_text()
 
 
 def test_the_terminal_has_the_same_table(root: Path) -> None:

@@ -13,6 +13,7 @@ from selenium.webdriver.common.actions.wheel_input import ScrollOrigin
 from selenium.webdriver.common.by import By
 from selenium.webdriver.support.ui import Select
 
+from swarmwright.core.groups import Kind
 from swarmwright.core.modules import State, Transition, weights_of
 from swarmwright.display import (
     Bodies,
@@ -199,6 +200,59 @@ def test_a_click_follows_an_agent_with_its_sensors(opened: Chrome) -> None:
     press(opened, Keys.ESCAPE)
     assert not opened.find_element(By.ID, "agent").is_displayed()
     assert errors(opened) == []
+
+
+def test_an_agent_that_is_not_there_is_told(opened: Chrome) -> None:
+    base = opened.current_url.partition("#")[0]
+    opened.get(f"{base}#agent=999")
+    eventually(lambda: text(opened, "who") == "Agent 999", "the agent of the address")
+    assert text(opened, "missing") == "There is none. Agents are 0 to 5."
+    opened.get(f"{base}#agent=4")
+    eventually(lambda: text(opened, "who") == "Agent 4", "the agent of the address")
+    assert not opened.find_element(By.ID, "missing").is_displayed()
+    assert errors(opened) == []
+
+
+def test_an_agent_has_rows_of_what_its_kind_has(browser: Chrome, tmp_path: Path) -> None:
+    long = f"{'scouts and ' * 12}light 7"
+    left, right = (None,) * 5, ("left wheel", "right wheel")
+    kinds = [
+        Kind("scouts", 2, (*left, long, "ground 0", "ground 1", None), right),
+        Kind("guards", 4, (*("proximity",) * 5, *(None,) * 4), (None, "lamp")),
+    ]
+    open_page(browser, tmp_path, Part(swarm(), "", MODULES, kinds=kinds))
+    rows = "return player.inspector.rows.map(({ name, actuator }) => [name, actuator]);"
+    press(browser, "n")
+    assert browser.execute_script(rows) == [
+        [long, False], ["ground 0", False], ["ground 1", False], ["left wheel", True], ["right wheel", True],
+    ]  # fmt: skip
+    hint = "player.inspector.hint(arguments[0]); return player.part.timeline.title;"
+    state = "return player.inspector.hasStates() ? 26 : 0;"
+    above = browser.execute_script(state)
+    assert [browser.execute_script(hint, above + y) for y in (5, 25)] == [long, ""]
+    press(browser, "n", "n")
+    found = browser.execute_script(rows)
+    assert found == [["proximity", False]] * 5 + [["lamp", True]]
+    # Values are those of the rows, not of their places on the page.
+    assert browser.execute_script("return player.inspector.rows[4].values[39] > 0.9;")
+    assert errors(browser) == []
+
+
+def test_numbers_beside_the_map_are_whole_and_buttons_beside_it(browser: Chrome, tmp_path: Path) -> None:
+    recording = swarm()
+    around = tuple(replace(scene, origin=(-1, -1)) for scene in recording.scenes)
+    open_page(browser, tmp_path, Part(replace(recording, scenes=around)))
+    room = (
+        "const w = player.world; const c = w.canvas.getContext('2d'); c.font = FONT;"
+        "return [...new Ground(w).inside(1, 2, w.spacing())].every("
+        "(y) => c.measureText(words(y)).width + 6 <= w.box.left);"
+    )
+    assert browser.execute_script(room)
+    below = (
+        "const box = (one) => document.querySelector(one).getBoundingClientRect();"
+        "return box('.zoom').bottom <= box('#world').top;"
+    )
+    assert browser.execute_script(below)
 
 
 def test_the_active_state_lights_up(opened: Chrome) -> None:

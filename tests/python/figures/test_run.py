@@ -48,6 +48,17 @@ def test_the_lines_are_those_of_the_run(tmp_path: Path) -> None:
     assert any(text.get_text() == "9" for text in upper.texts)
 
 
+def test_one_is_not_called_several(tmp_path: Path) -> None:
+    for fitness, words in (
+        ([[1.0, 2.0]], "2 evaluations in 1 generation, seed 1"),
+        ([[1.0], [2.0]], "2 evaluations in 2 generations, seed 1"),
+        ([[1.0]], "1 evaluation in 1 generation, seed 1"),
+    ):
+        run = KnownRun(tmp_path, fitness)
+        upper, _ = draw(run, diversity(run)).axes
+        assert upper.get_title(loc="left") == words
+
+
 BIG = """
 from swarmwright import Simulation
 

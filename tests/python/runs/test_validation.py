@@ -4,6 +4,7 @@ import json
 import logging
 import math
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -413,6 +414,21 @@ def test_the_leading_ones_are_read_without_all_genomes(tmp_path: Path) -> None:
     found = reader.leading(12)
     assert [one.number for one in found] == np.argsort(-run.record.fitness, kind="stable")[:12].tolist()
     assert [one.fitness for one in reader.leading(1)] == [run.best.fitness]
+
+
+def test_the_luckiest_of_equal_ones_is_seldom_called_better(tmp_path: Path) -> None:
+    """Its interval is one of as many as there are others: at most one of 40 lines should be wrong."""
+    run = run_of(tmp_path, validate={"episodes": 40, "candidates": 5})
+    assert run.validation is not None
+    random = np.random.default_rng(1)
+    better = 0
+    for _ in range(400):
+        equal = [
+            replace(one, episodes=random.standard_normal(len(one.seeds))) for one in run.validation.candidates
+        ]
+        lead = replace(run.validation, candidates=equal).lead
+        better += lead is not None and lead.low is not None and lead.low > 0
+    assert better <= 400 * 0.05
 
 
 def test_of_many_equal_ones_the_first_lead(tmp_path: Path) -> None:

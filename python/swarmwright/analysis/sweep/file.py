@@ -92,6 +92,11 @@ class Sweep:
     @classmethod
     def _checked(cls, source: Source, file: Path | None, out: Path | None, settings: Iterable[str]) -> Self:
         values = source.values
+        if "simulation" in values and "experiment" not in values:
+            raise InputError(
+                f"{source.place(())}is an experiment, which 'swarmwright optimize' runs; a sweep file begins "
+                "like 'experiment: minisim.yaml'"
+            )
         for key in values:
             if key not in _KEYS:
                 raise InputError(f"{source.place((str(key),))}unknown key{did_you_mean(str(key), _KEYS)}")

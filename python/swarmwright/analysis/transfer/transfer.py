@@ -56,7 +56,8 @@ def transfer(
         candidates: how many of the best ones with different controllers, of each run. At least 1.
         random: how many random controllers beside them. At least 0.
         seeds: how many episodes, with held-out seeds, the same for all candidates and runs. At least 2.
-        seed: simulation seed of the first episode, the next ones follow; default: seeds that no run used.
+        seed: simulation seed of the first episode, the next ones follow; default: those of
+            the runs' validations, which the evolution of no run used.
         broker: of the servers that offer simulations which are not here, and of all where the run had a
             broker; not for targets whose file names servers or a broker.
         servers: as in `optimize`, likewise.

@@ -56,12 +56,12 @@ def page_data(parts: Sequence[Part], *, speed: float, shown: Shown) -> tuple[dic
     every = list(chain.from_iterable(part.recording.scenes for part in parts))
     looks = Looks(every)
     scales = [found for part in parts if (found := scale_of(part.recording)) is not None]
-    greys: dict[float, str] = {}
+    grounds: list[Scene] = []
     known: list[object] = []
     for scene in every:
         if scene.patches not in known or scene.floor not in known:
             known = [*known[-8:], scene.patches, scene.floor]
-            greys.update(floors(scene))
+            grounds.append(scene)
     data = {
         "step_seconds": max(parts[0].recording.step_size, 0.02),
         "speed": speed,
@@ -74,7 +74,7 @@ def page_data(parts: Sequence[Part], *, speed: float, shown: Shown) -> tuple[dic
             "high": max(scale.high for scale in scales),
         },
         "shown": vars(shown),
-        "floors": sorted(greys.items()),
+        "floors": sorted(floors(*grounds).items()),
         **_TABLES,
         "episodes": [_episode(part) for part in parts],
     }
@@ -231,7 +231,10 @@ def _links(scenes: Sequence[Scene]) -> dict[str, Any] | None:
 
 
 def _trace(trace: Trace, keys: Sequence[int], part: Part) -> dict[str, Any] | None:
-    """Return what agents sensed and did at the kept scenes: names, and (scenes, agents) numbers of each."""
+    """Return what agents sensed and did at the kept scenes: names, and (scenes, agents) numbers of each.
+
+    kinds: agents up to `end` that are of none before have these of the numbers alone: names, null for others.
+    """
     steps, agents, sensors = trace.sensors.shape
     width = sensors + trace.actuators.shape[2]
     if not steps or not agents or not width:
@@ -253,8 +256,19 @@ def _trace(trace: Trace, keys: Sequence[int], part: Part) -> dict[str, Any] | No
         "agents": agents,
         "sensors": sensors,
         "names": names,
+        "kinds": _kinds(part, sensors, width - sensors),
         "values": [packed(numbers[:, :, index].reshape(-1), kind) for index in range(width)],
     }
+
+
+def _kinds(part: Part, sensors: int, actuators: int) -> list[dict[str, Any]]:
+    found, end = [], 0
+    for kind in part.kinds:
+        if (len(kind.sensors), len(kind.actuators)) != (sensors, actuators):
+            return []  # not those of this episode
+        end += kind.agents
+        found.append({"name": kind.name, "end": end, "names": [*kind.sensors, *kind.actuators]})
+    return found
 
 
 def picture_data(recording: "PictureRecording", *, speed: float) -> dict[str, Any]:

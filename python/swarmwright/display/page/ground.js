@@ -67,7 +67,8 @@ class Ground {
       c.fill();
     }
     c.beginPath();
-    c.arc(px, py, 5, 0, 2 * Math.PI);
+    const lamp = Math.min(Math.max(0.5 * MARK * Math.max(camera.width, camera.height) * camera.scale, 2), 15);
+    c.arc(px, py, lamp, 0, 2 * Math.PI);
     c.fillStyle = this.color(on ? "exit" : "field");
     c.strokeStyle = this.color("soft");
     c.lineWidth = 1.2;

@@ -7,7 +7,26 @@ class Inspector {
   constructor(part) {
     this.part = part;
     part.timeline.addEventListener("pointerdown", (event) => this.scrub(event));
-    part.timeline.addEventListener("pointermove", (event) => event.buttons & 1 && this.scrub(event));
+    part.timeline.addEventListener("pointermove", (event) => {
+      if (event.buttons & 1) this.scrub(event);
+      this.hint(event.offsetY);
+    });
+  }
+
+  // The whole name of a row, where it is shortened.
+  hint(y) {
+    const row = this.rows && this.rows[Math.floor((y - (this.hasStates() ? ROW + 6 : 0)) / ROW)];
+    this.part.timeline.title = row && row.shortened ? row.name : "";
+  }
+
+  // In the place of an agent that is not there.
+  none(text) {
+    const { part } = this;
+    this.rows = [];
+    part.timeline.style.height = "0";
+    part.timeline.hidden = true;
+    part.missing.hidden = false;
+    part.missing.textContent = text;
   }
 
   scrub(event) {
@@ -25,7 +44,10 @@ class Inspector {
     this.rows = [];
     this.left = 130;
     if (trace && this.agent < trace.agents) {
-      this.rows = trace.names.map((name, index) => {
+      // What the agent's kind does not have says nothing.
+      const kind = trace.kinds.find(({ end }) => this.agent < end);
+      const named = (kind ? kind.names : trace.names).map((name, index) => [name, index]);
+      this.rows = named.filter(([name]) => name !== null).map(([name, index]) => {
         const values = Float32Array.from(episode.keys, (_, kept) => trace.values[index][kept * trace.agents + this.agent]);
         const finite = values.filter((value) => !Number.isNaN(value));
         const [low, high] = finite.reduce(([l, h], value) => [Math.min(l, value), Math.max(h, value)], [Infinity, -Infinity]);
@@ -82,12 +104,17 @@ class Inspector {
     c.stroke();
   }
 
+  // Returns whether it is shortened: in the middle, since names begin with kinds and end with numbers.
   text(c, color, text, x, y, most) {
     c.textAlign = "left";
     c.fillStyle = color;
-    let shown = text;
-    while (shown.length > 2 && c.measureText(shown).width > most) shown = `${shown.slice(0, -2)}…`;
+    let [shown, kept] = [text, text.length];
+    while (kept > 2 && c.measureText(shown).width > most) {
+      kept -= 1;
+      shown = `${text.slice(0, Math.floor(kept / 2))}…${text.slice(text.length - Math.ceil(kept / 2))}`;
+    }
     c.fillText(shown, x, y);
+    return shown !== text;
   }
 
   // The states of the controller over time.
@@ -105,9 +132,10 @@ class Inspector {
     }
   }
 
-  row(c, color, { name, values, low, high, actuator }, top, x, kept, width) {
+  row(c, color, row, top, x, kept, width) {
+    const { name, values, low, high, actuator } = row;
     const y = (value) => top + ROW - 4 - ((ROW - 7) * (value - low)) / (high - low);
-    this.text(c, color("soft"), name, 0, top + ROW / 2, this.left - 6);
+    row.shortened = this.text(c, color("soft"), name, 0, top + ROW / 2, this.left - 6);
     c.strokeStyle = color("grid");
     c.lineWidth = 1;
     c.beginPath();

@@ -45,7 +45,7 @@ class Player {
       const mark = element("span", { class: "swatch" });
       mark.style.background = `var(--${LINES[index % LINES.length]})`;
       episode.said = element("output");
-      caption.replaceChildren(mark, element("span", {}, episode.name), episode.said);
+      caption.replaceChildren(mark, element("span", { title: episode.name }, episode.name), episode.said);
       worlds.style.setProperty("--columns", this.episodes.length > 4 ? 3 : 2);
       this.view.tall = this.episodes.length > 2 ? 0.4 : 0.6;
     }
@@ -274,10 +274,20 @@ class Player {
     this.go(step === null ? this.time : step);
     const body = agent === null || !this.episode.bodyOf ? undefined : this.episode.bodyOf.get(agent);
     if (body !== undefined) this.follow(0, body);
+    else if (agent !== null && this.episode.bodyOf) this.noAgent(agent);
     if (zoom && this.world.camera) {
       this.world.camera.zoom = Math.min(Math.max(zoom, 1), LARGEST_ZOOM);
       this.show();
     }
+  }
+
+  noAgent(agent) {
+    this.follow(0, -1);
+    const { part } = this;
+    const known = [...this.episode.bodyOf.keys()];
+    part.agent.hidden = false;
+    part.who.textContent = `Agent ${agent}`;
+    this.inspector.none(known.length ? `There is none. Agents are ${Math.min(...known)} to ${Math.max(...known)}.` : "There are no agents.");
   }
 
   go(step) {

@@ -5,6 +5,7 @@ const MANY = 400; // bodies from which on they are drawn as sprites
 const MOST_TRAILS = 1500; // moving bodies up to which all have trails
 const MOST_PIECES = 60000; // of trails that fade
 const MOST_LABELS = 200;
+const MARK = 0.013; // radius of a mark, of the map's longer side
 
 class World {
   constructor(canvas, episode, changed) {
@@ -73,7 +74,12 @@ class World {
     c.font = FONT;
     const step = this.spacing();
     const [left, bottom] = this.corner();
-    const wide = (number) => c.measureText(words(number)).width;
+    // Numbers between the first and the last one may have more digits: −0.5 is wider than −1.
+    const digits = (/\.(\d+)$/.exec(words(step)) || ["", ""])[1].length;
+    const wide = (number) => {
+      const fixed = Math.abs(number) < 1e6 ? number.toFixed(digits).replace("-", "−") : words(number);
+      return Math.max(c.measureText(fixed).width, c.measureText(words(number)).width);
+    };
     const last = (corner, extent) => wide(Math.floor((corner + extent) / step) * step);
     const rows = Math.max(wide(Math.ceil(bottom / step) * step), last(bottom, height));
     return { left: Math.max(MARGIN.left, rows + 10), right: Math.max(MARGIN.right, last(left, width) / 2 + 4) };
@@ -181,11 +187,14 @@ class World {
   }
 
   radius(kind) {
-    const { grid, agentCount } = this.episode;
-    if (CELLS.has(kind)) return this.camera.scale / 2;
+    const { grid, agentCount, width, height } = this.episode;
+    const { scale } = this.camera;
+    if (CELLS.has(kind)) return scale / 2;
     const agent = Math.min(Math.max(52 / Math.sqrt(Math.max(agentCount, 1)), 2.5), 9);
-    const inCell = grid ? Math.max(this.camera.scale * 0.36, 1.5) : Infinity;
-    const r = Math.min(kind === "agent" ? Math.max(agent, grid ? inCell : 0) : 9, inCell);
+    const inCell = grid ? Math.max(scale * 0.36, 1.5) : Infinity;
+    // Marks of other things: small on small maps, and larger where the map is zoomed.
+    const mark = Math.min(Math.max(MARK * Math.max(width, height) * scale, 3), 30);
+    const r = Math.min(kind === "agent" ? Math.max(agent, grid ? inCell : 0) : mark, inCell);
     return kind === "goal" ? r * 1.2 : r;
   }
 

@@ -63,5 +63,5 @@ def figure(
     if is_team(specification):
         from swarmwright.figures.controllers.team import draw as draw_team
 
-        return draw_team(specification, title)
+        return draw_team(specification, title, simulation)
     raise InputError(f"controller: one of the kind {kind!r} cannot be drawn")

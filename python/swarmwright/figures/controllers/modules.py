@@ -4,7 +4,7 @@ import textwrap
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from swarmwright.core.modules import State, condition_words, is_tree, states_of, words_of
+from swarmwright.core.modules import State, condition_words, is_tree, name_of, states_of, words_of
 from swarmwright.figures.controllers.diagram import Arrow, Diagram, Node, figure_with_list
 from swarmwright.figures.style import COLORS, INK, PAPER, SOFT, new_figure
 
@@ -21,7 +21,7 @@ def draw(specification: Mapping[str, Any], title: str) -> "Figure":
     if is_tree(specification):
         return _tree(states, title)
     diagram = Diagram(
-        [Node(state.behaviour.replace("_", "-")) for state in states],
+        [Node(name_of(state.behaviour)) for state in states],
         [
             Arrow(index, target, _numbers(state, target))
             for index, state in enumerate(states)

@@ -5,7 +5,10 @@ from dataclasses import dataclass
 from typing import Any, Self
 
 _LONGEST = 24
-"""Letters of a name; of a longer one the beginning is drawn."""
+"""Letters of a name; of a longer one the beginning and the end are drawn.
+
+Names of several kinds of robots begin with those of the kinds, and end with the sensor's.
+"""
 
 
 @dataclass(frozen=True)
@@ -27,5 +30,12 @@ class Names:
 
 def _fitting(names: Sequence[str], what: str, count: int) -> tuple[str, ...]:
     if len(names) == count:
-        return tuple(name if len(name) <= _LONGEST else f"{name[: _LONGEST - 1]}…" for name in names)
+        return tuple(map(_short, names))
     return tuple(f"{what} {index}" for index in range(count))
+
+
+def _short(name: str) -> str:
+    if len(name) <= _LONGEST:
+        return name
+    last = _LONGEST // 2
+    return f"{name[: _LONGEST - 1 - last]}…{name[-last:]}"

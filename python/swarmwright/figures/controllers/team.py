@@ -15,15 +15,21 @@ if TYPE_CHECKING:
 _DOTS_PER_INCH = 150
 
 
-def draw(specification: Mapping[str, Any], title: str) -> "Figure":
-    """Return the figure of a `team`."""
+def draw(
+    specification: Mapping[str, Any], title: str, simulation: Mapping[str, Any] | None = None
+) -> "Figure":
+    """Return the figure of a `team`. simulation: its description, which names sensors and actuators."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     from swarmwright.figures.controllers import figure
 
     pictures: list[NDArray[np.uint8]] = []
     for name, part in parts_of(specification).items():
-        one = figure(part, title=f"{title}, {name}" if title else name)
+        one = figure(
+            part,
+            title=f"{title}, {name}" if title else name,
+            simulation=_of_group(simulation or {}, name),
+        )
         one.set_dpi(_DOTS_PER_INCH)
         canvas = FigureCanvasAgg(one)
         canvas.draw()  # type: ignore[no-untyped-call]
@@ -38,3 +44,9 @@ def draw(specification: Mapping[str, Any], title: str) -> "Figure":
         axes.imshow(picture, interpolation="lanczos")
         axes.axis("off")
     return whole
+
+
+def _of_group(simulation: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    """Return a description with the names of sensors and actuators of one group of agents."""
+    groups = simulation.get("groups") or ()
+    return next((one for one in groups if one["name"] == name), simulation)

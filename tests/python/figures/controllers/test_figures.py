@@ -115,7 +115,7 @@ def test_sensors_and_actuators_have_the_simulations_names() -> None:
 
 
 def test_long_names_are_shortened(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    long = [f"{index}{'x' * 80}" for index in range(14)]
+    long = [f"{index}{'x' * 80}y" for index in range(14)]
     simulation = {"sensor_names": long[:4], "actuator_names": long}
     for specification in (
         network("fully_meshed", 4, 2, 14, iterations=2),
@@ -123,8 +123,9 @@ def test_long_names_are_shortened(tmp_path: Path, caplog: pytest.LogCaptureFixtu
         machine(2, [[0.5]] * 4, [[index % 2, *[0.5] * 14] for index in range(32)]),
     ):
         drawn = figure(specification, simulation=simulation)
-        assert f"1{'x' * 22}…" in said(drawn)
-        assert "x" * 23 not in said(drawn)
+        # Both ends: names of kinds of robots stand before those of sensors.
+        assert f"1{'x' * 10}…{'x' * 11}y" in said(drawn)
+        assert "x" * 12 not in said(drawn)
         written(drawn, tmp_path, caplog)
 
 
@@ -303,7 +304,44 @@ def test_trees_of_modules(subtrees: int, seed: int, tmp_path: Path, caplog: pyte
     drawn = figure(specification, title="a $title")
     text = flat(drawn)
     for subtree in states_of(specification):
-        assert words_of(subtree) in text
+        assert words_of(subtree) in text.replace("- ", "-")  # where a line ends
         assert condition_words(subtree) in text
     assert f"tree of {len(states_of(specification))} subtree" in text
     written(drawn, tmp_path, caplog)
+
+
+def test_groups_of_a_team_have_names_of_their_own_sensors(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The drawings of groups are pictures in that of the team: what they were given is looked at."""
+    from swarmwright.figures import controllers
+
+    parts = {
+        "scouts": network("layered", 2, [], 1, output_range=[-1, 1]),
+        "guards": network("layered", 3, [], 1, output_range=[-1, 1]),
+    }
+    team = {
+        "kind": "team", "version": 1,
+        "groups": [
+            {"name": name, "agents": 2, "controller": {k: v for k, v in part.items() if k != "weights"}}
+            for name, part in parts.items()
+        ],
+        "weights": [weight for part in parts.values() for weight in part["weights"]],
+    }  # fmt: skip
+    simulation = {
+        "sensor_names": [], "actuator_names": [],
+        "groups": [
+            {"name": "scouts", "sensor_names": ["near", "far"], "actuator_names": ["ahead"]},
+            {"name": "guards", "sensor_names": ["a", "b", "c"], "actuator_names": ["turn"]},
+        ],
+    }  # fmt: skip
+    drawn = []
+    draw = controllers.figure
+
+    def watched(*one: Any, **named: Any) -> Any:
+        drawn.append(draw(*one, **named))
+        return drawn[-1]
+
+    monkeypatch.setattr(controllers, "figure", watched)
+    draw(team, simulation=simulation)
+    scouts, guards = map(said, drawn)
+    assert all(name in scouts for name in ("near", "far", "ahead"))
+    assert all(name in guards for name in ("a", "b", "c", "turn"))
