@@ -4,9 +4,11 @@ import json
 import sys
 import threading
 import time
+import xmlrpc.client
 from typing import Any
 
 import genpy
+import rosgraph
 import roslib.message
 import rospy
 import std_srvs.srv
@@ -68,6 +70,16 @@ class Driver:
     def set(self, name: str, value: Any) -> None:
         """Set a parameter."""
         rospy.set_param(name, value)
+
+    def node(self, begin: str) -> str:
+        """Return the name of the node whose name begins so."""
+        state = rosgraph.Master("/driver").getSystemState()
+        return str(next(one for kind in state for _, names in kind for one in names if one.startswith(begin)))
+
+    def kill(self, node: str) -> None:
+        """Tell a node to end, as `rosnode kill` does."""
+        uri = rosgraph.Master("/driver").lookupNode(node)
+        xmlrpc.client.ServerProxy(uri).shutdown("/driver", "killed by a test")
 
     def call(self, service: str) -> None:
         """Call a service without arguments."""

@@ -1,7 +1,9 @@
 """Robots of a running ROS 1 as a simulation: `simulation: {ros: 1, ..}`."""
 
+import json
 import math
 import random
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -12,8 +14,11 @@ import pytest
 
 import swarmwright
 from swarmwright import Controller, Experiment, SwarmwrightError
+from swarmwright.commands.ros_definition import PROGRAM, RosOptions
 from tests.python.commands.processes import running
 from tests.python.records import same_record
+from tests.python.ros.conversation import until
+from tests.ros1.machine import Driver, Master, end
 
 pytestmark = pytest.mark.timeout(180)
 SIMULATOR = Path(__file__).with_name("simulator.py")
@@ -164,6 +169,49 @@ def test_robots_that_move_by_themselves(tmp_path: Path) -> None:
     # A simulator's steps and those of the controllers overlap somehow.
     x, _ = driven(run.best.controller, 0, steps=10)
     assert abs(run.best.fitness - x) < 0.5
+
+
+def test_the_robot_is_stopped_when_the_node_is_told_to_end(
+    master: Master, driver: Driver, tmp_path: Path
+) -> None:
+    twist = {"topic": "cmd_vel", "type": TWIST, "field": "linear.x"}
+    options = RosOptions.model_validate(
+        {
+            "ros": 1,
+            "robots": ["killed"],
+            "sensors": [{"sensor": "light", "topic": "light", "type": "std_msgs/Float32", "timeout": 9}],
+            "actuators": [{"actuator": "speed", **twist}],
+            "step": 20.0,
+        }
+    )
+    file = tmp_path / "attachment.json"
+    file.write_text(json.dumps({**options.attachment(), "values": {}}), encoding="utf-8")
+    driver("publish", topic="/killed/light", kind="std_msgs/Float32", message={"data": 0.5})
+    program = master.workspace.start(
+        "/usr/bin/python3", str(PROGRAM), str(file), stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    )
+    assert program.stdin is not None
+    assert program.stdout is not None
+
+    def speed() -> float | None:
+        commands = driver("recorded", topic="/killed/cmd_vel")
+        return float(commands[-1]["linear"]["x"]) if commands else None
+
+    try:
+        program.stdin.write('{"reset": {"parameters": {}, "seed": 1}}\n')
+        program.stdin.flush()
+        driver("record", topic="/killed/cmd_vel", kind=TWIST)
+        assert json.loads(program.stdout.readline()) == {"sensors": [[0.5]]}
+        program.stdin.write('{"actuators": [[0.75]]}\n')
+        program.stdin.flush()
+        until(lambda: speed() == 0.75)
+        driver("kill", node=driver("node", begin=f"/swarmwright_{program.pid}_"))
+        until(lambda: speed() == 0.0, 5)
+        assert json.loads(program.stdout.readline()) == {"error": "the node was told to end"}
+    finally:
+        end(program)
+        program.stdin.close()
+        program.stdout.close()
 
 
 def test_a_command_resets_and_an_episode_ends_before_its_last_step(tmp_path: Path) -> None:

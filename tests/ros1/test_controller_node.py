@@ -12,8 +12,18 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 
-from tests.python.ros.conversation import commands, computed, engine, expected_sensors, row, until
+from tests.python.ros.conversation import (
+    assert_on_wheels,
+    commands,
+    computed,
+    engine,
+    expected_sensors,
+    on_wheels,
+    row,
+    until,
+)
 from tests.python.ros.mistakes import (
     FLOAT,
     IN_THE_FILE,
@@ -133,6 +143,116 @@ def test_the_node_computes_what_the_engine_computes(master: Master, driver: Driv
         until(lambda: len(driven(running)) > count and driven(running)[-1] == (0.0, 0.0))
 
 
+def drives(running: Running) -> bool:
+    return bool(driven(running)) and driven(running)[-1] != (0.0, 0.0)
+
+
+ANOTHER = "import rospy; rospy.init_node('swarmwright_controller'); rospy.sleep(5)"
+"""A node of the same name, which commands nothing."""
+
+
+@pytest.mark.timeout(60)
+@pytest.mark.parametrize("how", ["SIGINT", "SIGTERM", "SIGHUP", "rosnode kill", "another node"])
+def test_whatever_ends_the_node_stops_the_robot(
+    how: str, master: Master, driver: Driver, tmp_path: Path
+) -> None:
+    with node(master, driver, MAPPING, tmp_path, "ended") as running:
+        running.record("cmd_vel", TWIST)
+        running.publish(row(1))
+        until(partial(drives, running))
+        if how == "another node":
+            other = master.workspace.start("/usr/bin/python3", "-c", ANOTHER, "__ns:=ended")
+            running.process.wait(20)
+            end(other)
+        elif how == "rosnode kill":
+            driver("kill", node="/ended/swarmwright_controller")
+        else:
+            running.process.send_signal(getattr(signal, how))
+        assert running.process.wait(10) == 0
+        until(lambda: driven(running)[-1] == (0.0, 0.0), 5)
+        assert ("told to end" in running.said()) == (not how.startswith("SIG"))
+
+
+@pytest.mark.timeout(60)
+def test_a_clock_that_does_not_come_or_stands_still_stops_the_robot(
+    master: Master, driver: Driver, tmp_path: Path
+) -> None:
+    def tick(tenths: int) -> None:
+        clock = {"secs": tenths // 10, "nsecs": tenths % 10 * 10**8}
+        driver("publish", topic="/clock", kind="rosgraph_msgs/Clock", message={"clock": clock})
+
+    driver("set", name="/use_sim_time", value=True)
+    try:
+        with node(master, driver, {**MAPPING, "rate": 10}, tmp_path, "clock") as running:
+            running.record("cmd_vel", TWIST)
+            running.publish(row(1))
+            until(lambda: "stopped: nothing comes from /clock, and use_sim_time is set" in running.said())
+            until(lambda: len(driven(running)) > 2)
+            assert set(driven(running)) == {(0.0, 0.0)}
+            tenths = 1000
+            while not drives(running):
+                tenths += 1
+                tick(tenths)
+                time.sleep(0.05)
+            assert "/clock goes on" in running.said()
+            until(lambda: "stopped: /clock stands still" in running.said())
+            until(lambda: driven(running)[-1] == (0.0, 0.0))
+    finally:
+        driver("set", name="/use_sim_time", value=False)
+        driver("silence", topic="/clock")
+
+
+@pytest.mark.timeout(60)
+def test_wheels_are_a_command_and_a_sensor_may_be_random(
+    master: Master, driver: Driver, tmp_path: Path
+) -> None:
+    with node(master, driver, changed(on_wheels), tmp_path, "wheels") as running:
+        running.record("swarmwright_controller/steps", "std_msgs/Float32MultiArray")
+        running.record("cmd_vel", TWIST)
+        for index in range(4):
+            running.publish(row(index))
+            until(partial(grown, running, len(running.steps()) + 8))
+        moved = driven(running)
+        until(partial(grown, running, len(running.steps()) + 3))
+        steps = running.steps()
+        np.testing.assert_array_equal(
+            np.ascontiguousarray(steps[:, 7:]).view(np.uint32), computed(engine(), steps[:, :7])
+        )
+        assert_on_wheels(steps, moved)
+
+
+@pytest.mark.timeout(60)
+def test_messages_without_a_value_are_told_from_silence(
+    master: Master, driver: Driver, tmp_path: Path
+) -> None:
+    with node(master, driver, MAPPING, tmp_path, "blind") as running:
+        blind = row(1)
+        blind["scan"]["ranges"] = [math.nan if abs(beam - 17.5) > 12 else 1.0 for beam in range(36)]
+        running.publish(blind)
+        said = "waiting: /blind/scan: messages come, but none has a usable value within [150, 210] degrees"
+        until(lambda: said in running.said())
+
+
+@pytest.mark.timeout(60)
+def test_a_corrected_mapping_replaces_the_one_before(master: Master, tmp_path: Path) -> None:
+    said = ""
+    for name, changes in (("first", {"reset_after_silence": True}), ("corrected", {"rate": 20})):
+        file = tmp_path / f"{name}.yaml"
+        file.write_text(yaml.safe_dump({**MAPPING, **changes}), encoding="utf-8")
+        output = tmp_path / f"{name}.txt"
+        with output.open("w", encoding="utf-8") as stream:
+            process = master.workspace.start(
+                "roslaunch", "rover", "controller.launch", f"mapping:={file}", "robot:=corrected",
+                stdin=subprocess.DEVNULL, stdout=stream, stderr=subprocess.STDOUT,
+            )  # fmt: skip
+        try:
+            until(lambda output=output: "waiting for" in output.read_text(encoding="utf-8"))  # type: ignore[misc]
+            said = master.workspace.run("rosparam", "get", "/corrected/swarmwright_controller/mapping")
+        finally:
+            end(process)
+    assert yaml.safe_load(said).keys() == MAPPING.keys()
+
+
 @pytest.mark.timeout(120)
 def test_silence_stops_the_robot_until_it_ends(master: Master, driver: Driver, tmp_path: Path) -> None:
     controller = engine()
@@ -194,7 +314,7 @@ def test_a_controller_that_begins_anew_after_silence(master: Master, driver: Dri
         until(lambda: len(running.steps()) > 5)
         # A number that is none is as good as nothing.
         running.publish({"light": {"data": math.nan}})
-        until(lambda: "stopped: nothing comes from /anew/light" in running.said())
+        until(lambda: "stopped: /anew/light: messages come, but none has a usable" in running.said())
         before = len(running.steps())
         running.publish(row(2))
         until(lambda: len(running.steps()) > before + 5)

@@ -107,7 +107,8 @@ class RosOptions(Definition):
     `fitness`."""
     start: Command | None = None
     """A command that starts the simulator; each server has its own, on a ROS master (ROS 1) or in a domain
-    (ROS 2) of its own, and it ends with the server. Default: the system runs already."""
+    (ROS 2) of its own, and it ends with the server. It runs in a work folder; {here} stands for the folder of
+    the experiment file: world:={here}/world.yaml. Default: the system runs already."""
     patience: float = Field(default=5.0, gt=0, le=86_400)
     """Seconds to wait for a sensor's message or a service's answer; then the episode has failed."""
     startup: float = Field(default=30.0, gt=0, le=86_400)

@@ -58,7 +58,8 @@ class Sensor(Place):
     reduce: Literal["min", "mean"] | None = None
     """How the ranges of a scan become one number. Default: min."""
     infinite: float | None = None
-    """Value of a range where nothing is detected. Default: the sensor's largest range."""
+    """Value of a range where nothing is detected. Default: the sensor's largest range. Ranges below its
+    smallest one are no measurements."""
 
 
 class Actuator(Place):

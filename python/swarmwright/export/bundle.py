@@ -260,6 +260,8 @@ def _manifest(run: "Run", bundle: Bundle, prefix: str, files: Files) -> str:
             if key in subject.description
         },
         "episodes": {"count": subject.episode_count, "reason": _anywhere(subject.reason, run.path)},
+        "step_size": subject.step_size,
+        "topics": dict(subject.topics),
         "ranges": dict(subject.ranges),
         "sensors": [_channel(one) for one in subject.sensors] if subject.steers else [],
         "actuators": [_channel(one) for one in subject.actuators] if subject.steers else [],

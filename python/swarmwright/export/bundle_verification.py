@@ -223,7 +223,14 @@ def _subject(
                     f"actuators differ, by up to {largest:.3g}"
                 )
     return Subject(
-        specification, tuple(facts), description, episodes, int(recorded["count"]), str(recorded["reason"])
+        specification,
+        tuple(facts),
+        description,
+        episodes,
+        int(recorded["count"]),
+        str(recorded["reason"]),
+        topics=dict(manifest.get("topics", {})),
+        step_size=float(manifest.get("step_size", 0.0)),
     )
 
 

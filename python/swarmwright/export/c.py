@@ -11,7 +11,7 @@ from swarmwright.export._base import Exporter, Files, facts
 from swarmwright.export.c_code import Table, code
 from swarmwright.export.c_family import Language
 from swarmwright.export.sequences import Sequences
-from swarmwright.export.subject import Subject
+from swarmwright.export.subject import RANDOM, Subject
 from swarmwright.export.text import check_header, render
 
 LANGUAGE = Language("C", "c", "gnu11", "CC", ("cc", "gcc", "clang"), "apt install gcc")
@@ -103,6 +103,7 @@ def loaded_weights(subject: Subject) -> str:
     return "".join(f"{number:08x}\n" for number in [len(numbers), *numbers])
 
 
+_SEED = "    randomSeed(analogRead(A0)); /* a pin with nothing connected: noise */"
 _LOAD = """/*
  * Reads the numbers of the controller from a file that Swarmwright has written; call it before the first
  * step. Returns false when the file cannot be read, or is that of another controller's source.
@@ -178,4 +179,19 @@ def _sketch(subject: Subject, values: dict[str, str], sketch: str) -> str:
     upper = values["PREFIX"]
     read = c_family.assignments(subject.sensors, f"{upper}_SENSOR_", "SENSOR", "sensors")
     drive = c_family.uses(subject.actuators, f"{upper}_ACTUATOR_", "ACTUATOR")
-    return render("arduino.txt", {**values, "sketch": sketch, "read": read, "drive": drive})
+    step = subject.step_size
+    known = "a step of the simulation" if step else "a guess, for the duration of a step is not known"
+    # Seeded by noise on a pin that nothing is connected to: robots with the same numbers would act alike.
+    draws = any(one.name == RANDOM and one.range is None for one in subject.sensors)
+    return render(
+        "arduino.txt",
+        {
+            **values,
+            "sketch": sketch,
+            "period": str(round(1e6 * step) if step else 100_000),
+            "period_words": known,
+            "seed": _SEED if draws else "",
+            "read": read,
+            "drive": drive,
+        },
+    )

@@ -13,7 +13,7 @@ from swarmwright.export._base import facts
 from swarmwright.export.c_code import Table
 from swarmwright.export.programs import command, run, stepped, steps
 from swarmwright.export.sequences import Sequences
-from swarmwright.export.subject import Channel, Subject
+from swarmwright.export.subject import RANDOM, Channel, Subject
 from swarmwright.export.text import identifiers, literals, plain, render, wrapped
 
 _OPTIONS = (["-O0"], ["-O2"], ["-O3", "-march=native", "-ffp-contract=fast"])
@@ -159,10 +159,17 @@ def assignments(channels: list[Channel], begin: str, what: str, array: str) -> s
     """Return a line for each sensor that a person fills in."""
     names = identifiers((channel.name for channel in channels), what)
     lines = [
-        f"    {array}[{begin}{name}] = 0.0f; /* {plain(channel.name)}: {plain(channel.limits)} */"
+        f"    {array}[{begin}{name}] = {_value(channel)};"
+        f" /* {plain(channel.name)}: {plain(channel.limits)} */"
         for name, channel in zip(names, channels, strict=True)
     ]
     return "\n".join(lines)
+
+
+def _value(channel: Channel) -> str:
+    if channel.name == RANDOM and channel.range is None:
+        return "(float)random(16777216L) / 16777216.0f"
+    return "0.0f"
 
 
 def uses(channels: list[Channel], begin: str, what: str) -> str:

@@ -1,5 +1,6 @@
 """C++11, header only: `--to cpp`."""
 
+import re
 from pathlib import Path
 from typing import ClassVar
 
@@ -14,6 +15,10 @@ from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Subject
 from swarmwright.export.text import check_header, render
 
+_CAST = re.compile(
+    r"\((float|double|int|long|unsigned(?: long| int)?|size_t|u?int(?:8|16|32|64)_t)\)(?=[(\w])"
+)
+_OPERAND = re.compile(r"static_cast<[\w ]+>|[\w.]*(?:->\w+|::\w+)*")
 LANGUAGE = Language("C++", "cpp", "c++11", "CXX", ("c++", "g++", "clang++"), "apt install g++")
 
 
@@ -35,8 +40,8 @@ class Cpp(Exporter):
         sizes = (len(subject.sensors), len(subject.actuators))
         test = c_family.tests(subject, {**values, **c_family.harness_values(prefix, sizes, "C++")})
         return {
-            f"{prefix}.hpp": _header(subject, values),
-            f"{prefix}_test.cpp": test,
+            f"{prefix}.hpp": _with_static_casts(_header(subject, values)),
+            f"{prefix}_test.cpp": _with_static_casts(test),
             "CMakeLists.txt": cmake,
         }
 
@@ -49,6 +54,39 @@ class Cpp(Exporter):
     def self_test(self, folder: Path, prefix: str) -> str:
         """Compile and run `PREFIX_test.cpp`."""
         return c_family.self_test(folder, LANGUAGE, prefix, [])
+
+
+def _with_static_casts(text: str) -> str:
+    """Return code whose casts to numbers, which it shares with C, are those of C++ (-Wold-style-cast)."""
+    # The last one first: its operand has no casts that are still to be replaced.
+    for match in reversed(list(_CAST.finditer(text))):
+        end = _operand_end(text, match.end())
+        operand = text[match.end() : end]
+        if _closed(text, match.end()) == end:
+            operand = operand[1:-1]
+        text = f"{text[: match.start()]}static_cast<{match[1]}>({operand}){text[end:]}"
+    return text
+
+
+def _operand_end(text: str, begin: int) -> int:
+    """Return where the operand of a cast ends: a name or a bracket, with calls and indices behind it."""
+    match = _OPERAND.match(text, begin)
+    end = match.end() if match else begin
+    while text[end : end + 1] in ("(", "["):
+        end = _closed(text, end)
+    return end
+
+
+def _closed(text: str, begin: int) -> int:
+    """Return where what a bracket opens has been closed; the place itself where there is none."""
+    if text[begin] not in "([":
+        return begin
+    depth = 0
+    for at in range(begin, len(text)):
+        depth += (text[at] in "([") - (text[at] in ")]")
+        if not depth:
+            return at + 1
+    return len(text)
 
 
 def _values(subject: Subject, prefix: str) -> dict[str, str]:

@@ -9,7 +9,7 @@ from swarmwright.core.errors import InputError
 from swarmwright.core.untrusted import in_json, one_line
 from swarmwright.export._base import Files, facts
 from swarmwright.export.c import C
-from swarmwright.export.subject import Channel, Subject
+from swarmwright.export.subject import RANDOM, Channel, Subject
 from swarmwright.export.text import MARK, c_literal, quoted, render
 from swarmwright.representations.controller import controller_words
 
@@ -30,6 +30,15 @@ _SCALING = """\
 # Where a comment below has a range, -1 to 1 for LOW to HIGH, scale and offset convert between it and -1 to 1:
 # change them where the topic has another unit.
 #"""
+
+
+_WHEELS = ["left wheel", "right wheel"]
+_WHEEL_SPEED, _WHEEL_BASE = 0.12, 0.053
+"""Of the arena's e-puck: metres per second for 1, and between the wheels."""
+_WHEELS_WORDS = """
+# A robot that takes geometry_msgs/Twist needs these entries instead of the two above: the speed of the base
+# is the mean of its wheels', its turn their difference by the distance between them. Here for the e-puck of
+# the arena, 0.12 m/s for 1 and 0.053 m:"""
 
 
 def values_of(subject: Subject, prefix: str) -> dict[str, str]:
@@ -73,7 +82,11 @@ def mapping(subject: Subject) -> str:
 
     Of a controller that was evolved on robots of a ROS system it has their topics.
     """
-    rate = subject.topics.get("rate", 10)
+    step = subject.step_size
+    known = float(subject.topics.get("rate", 0)) or (1 / step if step else 0.0)
+    words = "as many as in the simulation"
+    if not known:
+        words = "10 is a guess, for the simulation names no duration of a step"
     return render(
         "ros/mapping.template.yaml",
         {
@@ -81,7 +94,9 @@ def mapping(subject: Subject) -> str:
             "facts": facts(subject, "#   "),
             "begin": _begin(subject),
             "scaling": _SCALING if subject.conversion else "",
-            "rate": f"{rate:g}".ljust(24),
+            "rate": _number(f"{known or 10:.9g}").ljust(23),
+            "rate_words": words,
+            "wheels": _wheels(subject.actuators),
             "sensors": _entries("sensor", subject.sensors, subject.topics.get("sensors", ())),
             "actuators": _entries("actuator", subject.actuators, subject.topics.get("actuators", ())),
         },
@@ -115,12 +130,36 @@ def _entries(kind: str, channels: Sequence[Channel], known: Sequence[Mapping[str
         begin = f"  - {kind}: {in_json(json.dumps(name, ensure_ascii=False))}"
         unit = f"{one_line(channel.unit)}, " if channel.unit else ""
         values = {"topic": "", "type": "", "field": "", **by_name.get(name, _scaling(kind, channel))}
-        lines.append(f"{begin:<30}# {unit}{one_line(channel.limits)}")
+        lines.append(f"{begin:<29} # {unit}{one_line(channel.limits)}")
+        if kind == "sensor" and name == RANDOM and channel.range is None and name not in by_name:
+            lines.append("    source: random")
+            continue
         for key, value in values.items():
             if key != kind and not (key == "field" and value == "" and name in by_name):
-                shown = _number(value) if isinstance(value, float) else json.dumps(value)
+                shown = _number(repr(value)) if isinstance(value, float) else json.dumps(value)
                 lines.append(f"    {key}: {shown}")
     return "\n".join(lines)
+
+
+def _wheels(actuators: Sequence[Channel]) -> str:
+    """Return an example of how the wheels of the arena's robots become a command of a base."""
+    if [one.name for one in actuators] != _WHEELS:
+        return ""
+    names = [in_json(json.dumps(name)) for name in _WHEELS]
+    entries = []
+    for field, weights, scale in (
+        ("linear.x", ("0.5", "0.5"), _WHEEL_SPEED),
+        ("angular.z", ("-1", "1"), _WHEEL_SPEED / _WHEEL_BASE),
+    ):
+        shares = ", ".join(f"{name}: {weight}" for name, weight in zip(names, weights, strict=True))
+        entries += [
+            f"#  - actuators: {{{shares}}}",
+            "#    topic: cmd_vel",
+            "#    type: geometry_msgs/Twist",
+            f"#    field: {field}",
+            f"#    scale: {scale:.6g}",
+        ]
+    return "\n".join([_WHEELS_WORDS, *entries])
 
 
 def _scaling(kind: str, channel: Channel) -> dict[str, float]:
@@ -131,7 +170,6 @@ def _scaling(kind: str, channel: Channel) -> dict[str, float]:
     return {"scale": scale, "offset": offset + 0.0}
 
 
-def _number(value: float) -> str:
+def _number(text: str) -> str:
     """Return a number that readers of YAML 1.1, too, take for one: an exponent needs a point before it."""
-    text = repr(value)
     return text.replace("e", ".0e") if "e" in text and "." not in text else text

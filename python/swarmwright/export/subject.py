@@ -28,6 +28,8 @@ _STEPS = 20_000
 """Sensor-actuator exchanges that are recorded; then the episode under way is finished, and no other begun."""
 _GOLDEN = 4_000
 """Numbers in a self-test, about."""
+RANDOM = "random"
+"""The name of a sensor that is no measurement: a new random number in each step."""
 _EPISODES_WITHOUT = 20
 """Random sequences in a self-test of a controller whose simulation cannot be run."""
 
@@ -95,6 +97,8 @@ class Subject:
             if seen is not None:
                 low, high = (float(f"{one:.4g}") for one in (seen[:, index].min(), seen[:, index].max()))
                 limits = f"{low + 0.0:g} to {high + 0.0:g} in the recorded episodes"
+            if name == RANDOM and stands_for is None:
+                limits = "a new random number from 0 to 1 in each step, another one on each robot"
             if stands_for is not None:
                 limits = f"{stands_for.scaled_words}, scaled: {limits}"
             found.append(Channel(name, unit, limits, stands_for))

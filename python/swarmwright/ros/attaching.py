@@ -13,6 +13,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Mapping
 
+from .control import ending
 from .episodes import Failure, Robots
 from .mapping import MappingError
 from .middleware import Middleware, MiddlewareError
@@ -30,7 +31,8 @@ def main(arguments: list[str]) -> int:
     definition = json.loads(Path(arguments[0]).read_text("utf-8"))
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)  # what others print does not get among answers
-    for number in (signal.SIGTERM, signal.SIGINT):
+    numbers = ending()
+    for number in numbers:
         signal.signal(number, _end)
     program = _Program(definition)
     try:
@@ -41,7 +43,7 @@ def main(arguments: list[str]) -> int:
         pass
     finally:
         try:
-            for number in (signal.SIGTERM, signal.SIGINT):
+            for number in numbers:
                 signal.signal(number, signal.SIG_IGN)
         finally:  # a signal may come before it is ignored
             program.end()
@@ -122,6 +124,7 @@ class _Program:
                 self._simulator = Simulator(definition["start"], master=definition["ros"] == 1)
             self._node = _node(definition)
             self._robots = Robots(definition, self._node, self._check)
+            self._node.before_end(self._robots.stop)
         return self._robots
 
     def _check(self) -> None:

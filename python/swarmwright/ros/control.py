@@ -8,12 +8,15 @@ from typing import Any, Callable, Protocol, Sequence
 
 from .mapping import Mapping, MappingError, read_mapping, resolved
 from .middleware import Middleware, MiddlewareError
-from .topics import Inputs, Outputs
+from .topics import Inputs, Missing, Outputs
 
 NAME = "swarmwright_controller"
 """What a node is called that runs an exported controller."""
 _SAY_EVERY_S = 10.0
+_SAY_CHANGE_S = 1.0
 _LOOK_EVERY_S = 1.0
+_STILL_S = 2.0
+_REPEAT_S = 0.5
 _STEPS_DEPTH = 1000
 _EVENTS_DEPTH = 10
 _DEEPEST = 10
@@ -57,6 +60,9 @@ class Control:
         node.subscribe("~/reset", "std_msgs/Empty", lambda _: self._reset(), _EVENTS_DEPTH, reliable=True)
         self._stopped, self._begun = True, False
         self._said = self._looked = float("-inf")
+        self._waiting = ""
+        self._seen, self._moved, self._halted = -1.0, time.monotonic(), float("-inf")
+        self._halts = False
         self._last = self._next = float("-inf")
         controller.reset()
 
@@ -70,6 +76,7 @@ class Control:
         try:
             while not ended() and not self._node.ended():
                 now = self._node.now()
+                self._watch(now)
                 if self._due(now):
                     self._cycle()
                 else:
@@ -77,6 +84,22 @@ class Control:
         finally:
             if not self._node.ended():
                 self._outputs.stop()
+
+    def _watch(self, now: float) -> None:
+        """Stop the robot while the clock of a simulation stands still: there are no cycles then."""
+        real = time.monotonic()
+        if now != self._seen:
+            if self._halts:
+                self._node.say("info", "/clock goes on")
+            self._seen, self._moved, self._halts = now, real, False
+            return
+        if real - self._moved < _STILL_S or (self._halts and real - self._halted < _REPEAT_S):
+            return
+        if not self._halts:
+            what = "/clock stands still" if now else "nothing comes from /clock, and use_sim_time is set"
+            self._node.say("warning", f"stopped: {what}")
+        self._halts, self._halted = True, real
+        self._outputs.stop()
 
     def _due(self, now: float) -> bool:
         """Return whether a cycle is to begin. Cycles that were missed are not made up for."""
@@ -93,33 +116,35 @@ class Control:
         return True
 
     def _cycle(self) -> None:
-        silent = self._inputs.silent()
-        if silent:
-            self._stop(silent)
+        missing = self._inputs.missing()
+        if missing is not None:
+            self._stop(missing)
             return
         if self._stopped:
             self._node.say("info", f"all sensors are there: the controller runs at {self._mapping.rate:g} Hz")
             if self._mapping.reset_after_silence:
                 self._controller.reset()
             self._stopped, self._begun = False, True
+        self._inputs.draw()
         sensors = list(self._inputs.values)
         actuators = self._controller.step(sensors)
         self._outputs.publish(actuators)
         self._show(sensors, actuators)
 
-    def _stop(self, silent: list[str]) -> None:
+    def _stop(self, missing: Missing) -> None:
         """Say once that sensors are silent. The robot is told in every cycle, for it may listen later."""
         if not self._begun:
-            self._say_rarely(f"waiting for {', '.join(silent)}")
+            self._say_rarely(missing.text("waiting", " for "))
             self._look()
         if not self._stopped:
-            self._node.say("warning", f"stopped: nothing comes from {', '.join(silent)}")
+            self._node.say("warning", missing.text("stopped", ": nothing comes from "))
         self._stopped = True
         self._outputs.stop()
 
     def _say_rarely(self, text: str) -> None:
-        if time.monotonic() - self._said >= _SAY_EVERY_S:
-            self._said = time.monotonic()
+        since = time.monotonic() - self._said
+        if since >= _SAY_EVERY_S or (text != self._waiting and since >= _SAY_CHANGE_S):
+            self._said, self._waiting = time.monotonic(), text
             self._node.say("info", text)
 
     def _look(self) -> None:
@@ -154,7 +179,9 @@ def drive(
     sensors: Sequence[str],
     actuators: Sequence[str],
 ) -> int:
-    """Run a controller until SIGINT or SIGTERM; return the exit status, 2 for a mistake in the mapping.
+    """Run a controller until SIGINT, SIGTERM or SIGHUP; return the exit status.
+
+    It is 2 for a mistake in the mapping.
 
     Args:
         node: in the robot's namespace; it is closed at the end.
@@ -164,7 +191,7 @@ def drive(
         actuators: its actuators, by name.
     """
     signals: list[int] = []
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in ending():
         signal.signal(number, lambda one, _: signals.append(one))
     try:
         read = read_mapping(load(mapping), sensors, actuators)
@@ -178,6 +205,15 @@ def drive(
     finally:
         node.close()
     return 0
+
+
+def ending() -> list[int]:
+    """Return the signals that end a program; a closed terminal's unless it is ignored, as by nohup."""
+    numbers: list[int] = [signal.SIGINT, signal.SIGTERM]
+    hung_up = getattr(signal, "SIGHUP", None)  # not on Windows
+    if hung_up is not None and signal.getsignal(hung_up) != signal.SIG_IGN:
+        numbers.append(hung_up)
+    return numbers
 
 
 def load(file: str) -> object:

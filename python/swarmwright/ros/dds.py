@@ -180,6 +180,9 @@ class Dds:
         stream.write(f"[{level.upper()}] [{self.name}]: {text}\n")
         stream.flush()
 
+    def before_end(self, function: Callable[[], None]) -> None:
+        """Do nothing: nothing else ends the node."""
+
     def ended(self) -> bool:
         """Return False: it ends when its program does."""
         return False

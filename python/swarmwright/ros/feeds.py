@@ -6,7 +6,7 @@ import math
 import time
 from typing import Any
 
-from .fields import binary32, number_reader
+from .fields import binary32, no_value, number_reader
 from .mapping import SensorMapping
 from .middleware import Middleware
 
@@ -37,7 +37,7 @@ class Value:
         self.came: float | None = None
         """When, on a real clock."""
         self.strange: str | None = None
-        """What came in the step and is no finite number."""
+        """What came in the step and is no finite number; empty where a message had no value."""
         self._read = number_reader(entry)
         self._single = single
 
@@ -57,7 +57,7 @@ class Value:
         value = self._read(message)
         number = value if value is None or not self._single else binary32(value)
         if number is None or not math.isfinite(number):
-            self.strange = "no number" if value is None else f"{value:g}"
+            self.strange = "" if value is None else f"{value:g}"
             return
         self.number, self.came, self.strange = number, now, None
 
@@ -120,8 +120,10 @@ class Feed:
             return f"{self.topic} has the type {other}, but the definition says {self.kind}"
         for value in self.values:
             if value.strange is not None and not value.is_there(now):
-                what = f"{value.strange} came for {seconds:g} s"
-                return f"{where}: {value.name}: {what}, expected a finite number"
+                what = f"{value.strange} came for {seconds:g} s, expected a finite number"
+                if not value.strange:
+                    what = f"messages came for {seconds:g} s, but {no_value(value.entry)}"
+                return f"{where}: {value.name}: {what}"
         names = ", ".join(value.name for value in self.values)
         if not self.publishers():
             return f"{where}: no node publishes it; {names} cannot be read"

@@ -64,7 +64,7 @@ def writers(
     """Return what writes the actuators of one topic to a message that has zeros.
 
     Args:
-        actuators: those of the topic, all of one type. What is returned takes their values in this order.
+        actuators: those of the topic, all of one type. What is returned takes all of the controller's.
 
     Raises MappingError for a type that is not known, a field that it does not have, or one that two write.
     """
@@ -81,10 +81,25 @@ def writers(
         uses.append((actuator, write))
 
     def written(message: Any, values: Sequence[float]) -> None:
-        for (actuator, write), value in zip(uses, values):
+        for actuator, write in uses:
+            value = _total(values, actuator)
             write(message, clipped(value * actuator.scale + actuator.offset, actuator.limits))
 
     return written
+
+
+def _total(values: Sequence[float], actuator: ActuatorMapping) -> float:
+    """Return the weighted sum of actuators, added one after the other."""
+    total = 0.0
+    for index, weight in actuator.terms:
+        total += weight * values[index]
+    return total
+
+
+def no_value(sensor: SensorMapping) -> str:
+    """Return what is said of messages that have nothing for a sensor."""
+    within = "" if sensor.sector is None else " within [{:g}, {:g}] degrees".format(*sensor.sector)
+    return f"none has a usable value{within}"
 
 
 def stamped(kind: str) -> bool:
@@ -123,14 +138,21 @@ def _unknown_type(place: Place, known: list[str]) -> MappingError:
 
 
 def _range(value: float, smallest: float, largest: float, sensor: SensorMapping) -> float | None:
-    """Return a range as REP 117 defines it: beyond the largest nothing is seen, NaN is no measurement."""
-    if math.isnan(value):
-        return None
-    if value > largest or math.isinf(value):
-        if value > 0:
-            return largest if sensor.infinite is None else sensor.infinite
+    """Return a range as REP 117 defines it; None for what is no measurement.
+
+    Beyond the largest nothing is seen, minus infinity is too close to be measured; NaN and other numbers
+    below the smallest are no measurements. A largest range of 0 is not known.
+    """
+    limited = largest > 0 and math.isfinite(largest)
+    if value == -math.inf:
         return smallest
-    return max(value, smallest)
+    if value == math.inf or (limited and value > largest):
+        if sensor.infinite is not None:
+            return sensor.infinite
+        return largest if limited else None
+    if math.isnan(value) or value < smallest:
+        return None
+    return value
 
 
 def _within(angle: float, sector: Interval) -> bool:

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass, replace
-from typing import Callable, Sequence, Tuple, TypeVar
+from typing import Callable, Container, Sequence, Tuple
 
 Interval = Tuple[float, float]
+
+_EXPONENT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)[eE][-+]?[0-9]+")
+"""A number that YAML 1.1, which ROS 1 reads, takes for text."""
 
 
 class MappingError(ValueError):
@@ -31,6 +35,7 @@ class SensorMapping:
     """A sensor is `clip(value * scale + offset)` in binary64, then rounded to binary32."""
 
     place: Place
+    """Without a topic where the value is drawn at random."""
     scale: float
     offset: float
     clip: Interval | None
@@ -42,16 +47,25 @@ class SensorMapping:
     """Of a laser scan, in degrees, counter-clockwise from straight ahead. None: all of it."""
     mean: bool = False
     """Of the ranges in the sector, instead of the smallest."""
+    random: bool = False
+    """A new number from 0 to 1 in each cycle."""
+    seed: int | None = None
+    """Of these numbers. None: another one at each start."""
 
 
 @dataclass(frozen=True)
 class ActuatorMapping:
-    """What is written to the field is `limits(actuator * scale + offset)`, in binary64."""
+    """What is written to the field is `limits(sum * scale + offset)`, in binary64.
+
+    The sum is that of weight * actuator over the terms.
+    """
 
     place: Place
     scale: float
     offset: float
     limits: Interval | None
+    terms: tuple[tuple[int, float], ...]
+    """Actuators, from 0, and their weights, in the controller's order."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +78,7 @@ class Mapping:
     sensors: list[SensorMapping]
     """In the controller's order."""
     actuators: list[ActuatorMapping]
-    """In the controller's order."""
+    """In the controller's order, by their first term."""
 
 
 def read_mapping(value: object, sensors: Sequence[str], actuators: Sequence[str]) -> Mapping:
@@ -85,8 +99,8 @@ def read_mapping(value: object, sensors: Sequence[str], actuators: Sequence[str]
     mapping = Mapping(
         rate,
         reset,
-        _entries(block, "sensor", sensors, lambda entry: _sensor(entry, timeout)),
-        _entries(block, "actuator", actuators, _actuator),
+        _sensors(block, sensors, timeout),
+        _actuators(block, actuators),
     )
     block.no_others()
     return mapping
@@ -106,7 +120,7 @@ def resolved(mapping: Mapping, resolve: Callable[[str], str]) -> Mapping:
 
     return replace(
         mapping,
-        sensors=[replace(one, place=full(one.place)) for one in mapping.sensors],
+        sensors=[one if one.random else replace(one, place=full(one.place)) for one in mapping.sensors],
         actuators=[replace(one, place=full(one.place)) for one in mapping.actuators],
     )
 
@@ -208,6 +222,24 @@ class _Block:
             raise self.mistake(f"{key}: the first number must be below the second")
         return low, high
 
+    def weights(self, key: str) -> dict[str, float]:
+        value = self.get(key)
+        if not isinstance(value, dict) or not value:
+            raise self.mistake(
+                f"{key}: {shown(value)} found, expected weights by name, such as {{left: 0.5, right: 0.5}}"
+            )
+        return {name: self._finite(f"{key}.{name}", weight) for name, weight in _sorted(value).items()}
+
+    def seed(self, key: str) -> int | None:
+        if not self.has(key):
+            return None
+        value = self.number(key, 0)
+        if not (0 <= value < 2**53 and value == math.floor(value)):
+            raise self.mistake(
+                f"{key}: {shown(self.get(key))} found, expected a whole number from 0 to 2^53 - 1"
+            )
+        return int(value)
+
     def no_others(self) -> None:
         for key in self._value:
             if key not in self._known:
@@ -220,6 +252,8 @@ class _Block:
                 number = float(value)
             except OverflowError:
                 number = math.inf
+        elif isinstance(value, str) and _EXPONENT.fullmatch(value):
+            number = float(value)
         if not math.isfinite(number):
             raise self.mistake(f"{key}: {shown(value)} found, expected a number")
         return number
@@ -231,6 +265,12 @@ def _place(block: _Block) -> Place:
 
 
 def _sensor(block: _Block, timeout: float) -> SensorMapping:
+    if block.has("source"):
+        source = block.text("source")
+        if source != "random":
+            raise block.mistake(f"source: '{source}' found, expected random")
+        nowhere = Place(block.where, "", "", "")
+        return SensorMapping(nowhere, 1, 0, None, timeout, random=True, seed=block.seed("seed"))
     found = SensorMapping(
         place=_place(block),
         scale=block.number("scale", 1),
@@ -249,8 +289,9 @@ def _sensor(block: _Block, timeout: float) -> SensorMapping:
     return found
 
 
-def _actuator(block: _Block) -> ActuatorMapping:
+def _actuator(block: _Block, terms: tuple[tuple[int, float], ...]) -> ActuatorMapping:
     return ActuatorMapping(
+        terms=terms,
         place=_place(block),
         scale=block.number("scale", 1),
         offset=block.number("offset", 0),
@@ -258,28 +299,58 @@ def _actuator(block: _Block) -> ActuatorMapping:
     )
 
 
-_Entry = TypeVar("_Entry")
-
-
-def _entries(
-    mapping: _Block, kind: str, names: Sequence[str], read: Callable[[_Block], _Entry]
-) -> list[_Entry]:
-    """Return entries that name the controller's sensors or actuators, in the controller's order."""
+def _listed(mapping: _Block, kind: str) -> Sequence[object]:
     listed = mapping.get(f"{kind}s")
     if not isinstance(listed, (list, tuple)):
         raise mapping.mistake(f"{kind}s: expected a list, each entry begun by '- '")
-    found: dict[str, _Entry] = {}
-    for index, value in enumerate(listed):
-        block = _Block(f"{kind}s[{index}]", value)
-        name = block.text(kind)
-        if name not in names:
-            raise block.mistake(f"the controller has no {kind} '{name}'; it has {choice(names)}")
-        block.where += f" ({name})"
-        if name in found:
-            raise block.mistake("is mapped twice")
-        found[name] = read(block)
-        block.no_others()
-    for name in names:
-        if name not in found:
+    return listed
+
+
+def _index(block: _Block, kind: str, names: Sequence[str], name: str) -> int:
+    if name not in names:
+        raise block.mistake(f"the controller has no {kind} '{name}'; it has {choice(names)}")
+    return names.index(name)
+
+
+def _check_all(kind: str, names: Sequence[str], used: Container[int]) -> None:
+    for index, name in enumerate(names):
+        if index not in used:
             raise MappingError(f"{kind}s: '{name}' is missing; every {kind} needs an entry")
-    return [found[name] for name in names]
+
+
+def _sensors(mapping: _Block, names: Sequence[str], timeout: float) -> list[SensorMapping]:
+    """Return entries that name the controller's sensors, in the controller's order."""
+    found: dict[int, SensorMapping] = {}
+    for number, value in enumerate(_listed(mapping, "sensor")):
+        block = _Block(f"sensors[{number}]", value)
+        name = block.text("sensor")
+        index = _index(block, "sensor", names, name)
+        block.where += f" ({name})"
+        if index in found:
+            raise block.mistake("is mapped twice")
+        found[index] = _sensor(block, timeout)
+        block.no_others()
+    _check_all("sensor", names, found)
+    return [found[index] for index in range(len(names))]
+
+
+def _actuators(mapping: _Block, names: Sequence[str]) -> list[ActuatorMapping]:
+    """Return entries that name one of the controller's actuators, or several with their weights."""
+    found: list[ActuatorMapping] = []
+    used: set[int] = set()
+    alone: set[int] = set()
+    for number, value in enumerate(_listed(mapping, "actuator")):
+        block = _Block(f"actuators[{number}]", value)
+        is_sum = block.has("actuators")
+        weights = block.weights("actuators") if is_sum else {block.text("actuator"): 1.0}
+        terms = tuple(sorted((_index(block, "actuator", names, name), one) for name, one in weights.items()))
+        block.where += f" ({', '.join(names[index] for index, _ in terms)})"
+        if not is_sum and terms[0][0] in alone:
+            raise block.mistake("is mapped twice")
+        if not is_sum:
+            alone.add(terms[0][0])
+        used.update(index for index, _ in terms)
+        found.append(_actuator(block, terms))
+        block.no_others()
+    _check_all("actuator", names, used)
+    return sorted(found, key=lambda one: one.terms[0][0])

@@ -122,6 +122,13 @@ class Middleware(Protocol):
     def say(self, level: str, text: str) -> None:
         """Log a line: level is `info`, `warning` or `error`."""
 
+    def before_end(self, function: Callable[[], None]) -> None:
+        """Have a function called when the node is told to end from outside, as long as it can publish.
+
+        Only ROS 1 does that: `rosnode kill`, or another node of the name. It is called in another thread,
+        and then this one can publish no more.
+        """
+
     def ended(self) -> bool:
         """Return whether the node was told to end by the middleware."""
 

@@ -116,6 +116,9 @@ class Rclpy:
         else:
             self._node.get_logger().info(text)
 
+    def before_end(self, function: Callable[[], None]) -> None:
+        """Do nothing: ROS 2 ends no node from outside."""
+
     def ended(self) -> bool:
         """Return whether ROS was shut down."""
         return self._ended or not self._node.context.ok()

@@ -43,6 +43,9 @@ class Rospy:
             raise MiddlewareError(f"cannot become a node: {error}; is ROS_IP right?") from error
         self._come: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._master = rosgraph.Master(rospy.get_name())
+        self._sending, self._ending = threading.Lock(), 0
+        self._last: Callable[[], None] | None = None
+        rospy.on_shutdown(self._end)  # called before connections are closed
 
     def resolve(self, name: str) -> str:
         """Return the full name of a topic or service. Raises ValueError, which says why it is no name."""
@@ -67,7 +70,7 @@ class Rospy:
     def publisher(self, topic: str, kind: str, depth: int = 1) -> _Publisher:  # noqa: ARG002 - nothing waits
         """Advertise a topic. Raises MiddlewareError for an unknown type."""
         full = self.resolve(topic)
-        return _Publisher(full, _message(kind, full))
+        return _Publisher(self, full, _message(kind, full))
 
     def client(self, service: str, kind: str) -> _Client:
         """Return what calls a service. Raises MiddlewareError for an unknown type."""
@@ -140,12 +143,37 @@ class Rospy:
         log = {"info": rospy.loginfo, "warning": rospy.logwarn, "error": rospy.logerr}
         log[level](text)
 
+    def before_end(self, function: Callable[[], None]) -> None:
+        """Have a function called when the node is told to end from outside, as long as it can publish."""
+        self._last = function
+
+    def _end(self) -> None:
+        if self._last is None:
+            return
+        # A command of the other thread that comes after the last one would stay in force.
+        held = self._sending.acquire(timeout=1.0)
+        self._ending = threading.get_ident()
+        if held:
+            self._sending.release()
+        self._last()
+
+    def send(self, end: Any, message: Any) -> None:
+        """Publish a message. Raises MiddlewareError when the node was told to end."""
+        if self._ending == threading.get_ident():
+            end.publish(message)
+            return
+        with self._sending:
+            if self._ending:
+                raise MiddlewareError("the node was told to end")
+            end.publish(message)
+
     def ended(self) -> bool:
         """Return whether the node was told to end, as by `rosnode kill`."""
-        return bool(rospy.is_shutdown())
+        return bool(self._ending) or bool(rospy.is_shutdown())
 
     def close(self) -> None:
         """Leave the graph, after what was published has been sent."""
+        self._last = None
         time.sleep(0.05)  # rospy has no way to wait until what was published has been sent
         rospy.signal_shutdown("done")
 
@@ -188,8 +216,8 @@ class _Subscription:
 class _Publisher:
     """A topic that is published on."""
 
-    def __init__(self, topic: str, message: Any) -> None:
-        self._topic, self._message = topic, message
+    def __init__(self, node: Rospy, topic: str, message: Any) -> None:
+        self._node, self._topic, self._message = node, topic, message
         with warnings.catch_warnings():
             # Without a queue messages are sent before a service is called that needs them.
             warnings.simplefilter("ignore")
@@ -202,7 +230,7 @@ class _Publisher:
     def publish(self, message: Any) -> None:
         """Send a message. Raises MiddlewareError for a value that its field cannot hold."""
         try:
-            self.end.publish(message)
+            self._node.send(self.end, message)
         except (rospy.ROSSerializationException, rospy.ROSException) as error:
             raise MiddlewareError(f"{self._topic}: cannot be published: {error}") from error
 

@@ -120,7 +120,7 @@ def test_every_kind_in_cpp(name: str, tmp_path: Path) -> None:
     made = subject(ALL[name])
     write(Cpp().files(made, "robot"), tmp_path)
     for compiler in ["g++", *(["clang++"] if "clang" in COMPILERS else [])]:
-        options = [*STRICT, "-std=c++11", "-fno-exceptions", "-fno-rtti"]
+        options = [*STRICT, "-Wold-style-cast", "-std=c++11", "-fno-exceptions", "-fno-rtti"]
         run([compiler, *options, "robot_test.cpp", "-o", "self_test"], tmp_path, name)
         assert run(["./self_test"], tmp_path, name) == b"ok\n"
     assert bits(Cpp(), ALL[name], tmp_path) == (0.0, 0)
@@ -321,6 +321,28 @@ def test_every_form_is_deterministic() -> None:
             assert exporter.files(subject(ALL[name]), "robot") == exporter.files(subject(ALL[name]), "robot")
 
 
+@pytest.mark.parametrize(
+    ("step", "period", "words"),
+    [(0.1, 100_000, "a step of the sim"), (1 / 30, 33_333, "a step of the sim"), (0.0, 100_000, "a guess")],
+)
+def test_the_sketch_has_the_duration_of_a_step(step: float, period: int, words: str) -> None:
+    made = replace(subject(ALL["mealy_fsm"]), step_size=step)
+    sketch = str(C().files(made, "robot")["robot_arduino/robot_arduino.ino"])
+    assert f"period = {period};" in sketch
+    assert words in sketch
+    assert "random" not in sketch
+
+
+def test_a_random_sensor_is_drawn_in_the_sketch_and_named_in_the_header() -> None:
+    description = {"sensor_names": ["a", "b", "random"]}
+    made = replace(subject(ALL["mealy_fsm"]), description=description)
+    files = {name: str(content) for name, content in C().files(made, "robot").items()}
+    sketch = files["robot_arduino/robot_arduino.ino"]
+    assert "sensors[ROBOT_SENSOR_RANDOM] = (float)random(16777216L) / 16777216.0f;" in sketch
+    assert "randomSeed(analogRead(A0));" in sketch
+    assert "random, a new random number from 0 to 1 in each step, another one on each" in files["robot.h"]
+
+
 def test_cmake_builds_and_tests_all_of_a_folder(tmp_path: Path) -> None:
     if not shutil.which("cmake"):
         pytest.skip("cmake is not installed")
@@ -337,7 +359,7 @@ def test_cmake_builds_and_tests_all_of_a_folder(tmp_path: Path) -> None:
 def test_names_cannot_leave_comments(tmp_path: Path) -> None:
     write({**C().files(nasty(), "robot"), **Cpp().files(nasty(), "robot")}, tmp_path)
     run(["gcc", "-std=c99", *STRICT, "robot.c", "robot_test.c", "-o", "c"], tmp_path, "C")
-    run(["g++", "-std=c++11", *STRICT, "robot_test.cpp", "-o", "cpp"], tmp_path, "C++")
+    run(["g++", "-std=c++11", *STRICT, "-Wold-style-cast", "robot_test.cpp", "-o", "cpp"], tmp_path, "C++")
     assert run(["./c"], tmp_path, "C") == run(["./cpp"], tmp_path, "C++") == b"ok\n"
     header = (tmp_path / "robot.h").read_text()
     assert header.isascii()

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree as ET
 
 import pytest
@@ -13,6 +14,7 @@ from swarmwright.export.ros1 import Ros1
 from swarmwright.export.subject import Subject
 from swarmwright.export.verification import verify
 from swarmwright.export.writing import write
+from swarmwright.ros.mapping import read_mapping
 from tests.python.export.specifications import network
 
 SUBJECT = Subject(
@@ -35,6 +37,8 @@ def test_the_package_has_the_controller_and_its_names() -> None:
     node = ET.fromstring(files["launch/controller.launch"]).find("group/node")
     assert node is not None
     assert (node.get("pkg"), node.get("type")) == ("rover", "swarmwright_controller")
+    # Without it, what an earlier mapping had would remain on the parameter server.
+    assert node.get("clear_params") == "true"
     mapping = yaml.safe_load(files["config/mapping.template.yaml"])
     # Names that YAML takes for truth values are text, and the same name twice is told apart.
     assert [entry["sensor"] for entry in mapping["sensors"]] == ["goal x", "goal 1", "goal 2"]
@@ -64,6 +68,52 @@ def test_it_is_written_again_beside_an_own_mapping(tmp_path: Path) -> None:
     own.write_text("rate: 5\n", encoding="utf-8")
     write(files, tmp_path)
     assert own.read_text(encoding="utf-8") == "rate: 5\n"
+
+
+def template(subject: Subject) -> tuple[dict[str, Any], str]:
+    text = str(Ros1().files(subject, "rover")["config/mapping.template.yaml"])
+    return yaml.safe_load(text), text
+
+
+@pytest.mark.parametrize(("step", "rate"), [(0.1, 10), (0.25, 4), (0.03, 33.3333333), (1e-8, 1e8)])
+def test_the_rate_is_that_of_the_simulation(step: float, rate: float) -> None:
+    mapping, text = template(replace(SUBJECT, step_size=step))
+    assert mapping["rate"] == pytest.approx(rate, rel=1e-8)
+    assert "as many as in the simulation" in text
+    assert " guess" not in text
+
+
+def test_a_rate_that_is_not_known_is_called_a_guess() -> None:
+    mapping, text = template(SUBJECT)
+    assert mapping["rate"] == 10
+    assert "10 is a guess" in text
+
+
+def test_names_of_any_length_leave_the_template_valid() -> None:
+    names = ["x" * length for length in range(14, 18)]
+    for name in names:
+        mapping, _ = template(replace(SUBJECT, description={"sensor_names": ["a", "b", name]}))
+        assert mapping["sensors"][2]["sensor"] == name
+
+
+def test_a_random_sensor_needs_no_topic_and_wheels_have_an_example() -> None:
+    description = {
+        "sensor_names": ["a", "b", "random"],
+        "actuator_names": ["left wheel", "right wheel"],
+    }
+    mapping, text = template(replace(SUBJECT, description=description))
+    assert mapping["sensors"][2] == {"sensor": "random", "source": "random"}
+    # With the example instead of the two entries above, and topics, it is a mapping.
+    begin, _, end = text.partition("actuators:\n  - ")
+    example = "\n".join(line[1:] for line in end.splitlines() if line.startswith("#  "))
+    filled = yaml.safe_load(f"{begin}actuators:\n{example}\n")
+    for entry in filled["sensors"][:2]:
+        entry.update(topic="x", type="std_msgs/Float32", field="data")
+    read = read_mapping(filled, description["sensor_names"], description["actuator_names"])
+    straight, turning = ([sum(w * v[i] for i, w in one.terms) * one.scale for one in read.actuators]
+                         for v in ((1.0, 1.0), (-1.0, 1.0)))  # fmt: skip
+    assert straight == pytest.approx([0.12, 0.0])
+    assert turning == pytest.approx([0.0, 2 * 0.12 / 0.053], rel=1e-5)
 
 
 def test_topics_on_which_a_controller_was_evolved_are_in_the_mapping() -> None:

@@ -240,6 +240,7 @@ def test_mistakes_read_the_same_in_cpp(reader: Path, tmp_path: Path) -> None:
 _LINES = {
     "numbers": "rate: 1e1\ntimeout: 1.5e-3\nsensors: .5",
     "quoted": "rate: '10'",
+    "quoted exponent": "rate: '1e-3'",
     "words": "rate: 3\nreset_after_silence: yes\nsensors: No",
     "text": 'rate: 3\nreset_after_silence: "yes"',
     "infinity": "rate: -.inf",

@@ -4,6 +4,7 @@ arm64 and armhf run under qemu, where compilers fuse multiplications and additio
 the processor of an Arduino Uno, under simavr.
 """
 
+import dataclasses
 import os
 import shutil
 from pathlib import Path
@@ -118,10 +119,13 @@ def test_avr_is_refused_by_what_needs_doubles_of_64_bits(name: str, tmp_path: Pa
 def test_the_sketch_compiles(tmp_path: Path) -> None:
     """As the Arduino IDE does it: as C++, with Arduino.h included, together with the C."""
     need("avr-g++")
-    write(C().files(subject(ALL["fully_meshed-clamp-0"]), "robot"), tmp_path)
+    description = {"sensor_names": ["a", "b", "random"]}
+    made = dataclasses.replace(subject(ALL["fully_meshed-clamp-0"]), description=description)
+    write(C().files(made, "robot"), tmp_path)
     (tmp_path / "Arduino.h").write_text(
         "struct Port { void begin(unsigned long); void println(double, int); };\nextern Port Serial;\n"
-        'extern "C" unsigned long millis(void);\nvoid setup();\nvoid loop();\n'
+        'extern "C" unsigned long micros(void);\nvoid setup();\nvoid loop();\n'
+        "long random(long);\nvoid randomSeed(unsigned long);\nint analogRead(int);\nenum { A0 = 14 };\n"
     )
     words = ["avr-g++", "-mmcu=atmega328p", "-Os", "-Wall", "-Wextra", "-Werror", "-include", "../Arduino.h"]
     folder = tmp_path / "robot_arduino"

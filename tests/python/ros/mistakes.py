@@ -15,7 +15,7 @@ MAPPING: dict[str, Any] = {
     "sensors": [
         {"sensor": "sensor 0", "topic": "scan", "type": SCAN, "sector": [-30, 30], "clip": [0, 2.5]},
         {"sensor": "sensor 1", "topic": "scan", "type": SCAN, "sector": [150, 210], "reduce": "mean",
-         "scale": 0.3, "offset": -1, "infinite": 5},
+         "scale": "3e-1", "offset": -1, "infinite": 5},  # text in YAML 1.1
         {"sensor": "sensor 2", "topic": "sonar", "type": RANGE, "field": "range", "scale": 0.1},
         {"sensor": "sensor 3", "topic": "odom", "type": ODOMETRY, "field": "yaw", "scale": 1 / math.pi},
         {"sensor": "sensor 4", "topic": "odom", "type": ODOMETRY, "field": "pose.pose.position.x"},
@@ -68,8 +68,8 @@ IN_THE_FILE: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
     ),
     "unknown-key": (
         lambda m: m["sensors"][2].update(factor=2),
-        ("sensors[2] (sensor 2): unknown key 'factor'; expected sensor, topic, type, field, scale, offset, "
-        "clip, timeout or infinite"),
+        ("sensors[2] (sensor 2): unknown key 'factor'; expected sensor, source, topic, type, field, scale, "
+        "offset, clip, timeout or infinite"),
     ),
     "unknown-key-above": (
         lambda m: m.update(frequency=2),
@@ -77,12 +77,42 @@ IN_THE_FILE: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
     ),
     "sector-of-a-sonar": (
         lambda m: m["sensors"][2].update(sector=[0, 1]),
-        ("sensors[2] (sensor 2): unknown key 'sector'; expected sensor, topic, type, field, scale, offset, "
-        "clip, timeout or infinite"),
+        ("sensors[2] (sensor 2): unknown key 'sector'; expected sensor, source, topic, type, field, scale, "
+        "offset, clip, timeout or infinite"),
     ),
     "text-for-number": (
         lambda m: m["sensors"][2].update(scale="2"),
         "sensors[2] (sensor 2): scale: 2 found, expected a number",
+    ),
+    "source": (
+        lambda m: m["sensors"].__setitem__(2, {"sensor": "sensor 2", "source": "noise"}),
+        "sensors[2] (sensor 2): source: 'noise' found, expected random",
+    ),
+    "random-with-topic": (
+        lambda m: m["sensors"][2].update(source="random"),
+        "sensors[2] (sensor 2): unknown key 'field'; expected sensor, source or seed",
+    ),
+    "seed": (
+        lambda m: m["sensors"].__setitem__(2, {"sensor": "sensor 2", "source": "random", "seed": 0.5}),
+        "sensors[2] (sensor 2): seed: 0.5 found, expected a whole number from 0 to 2^53 - 1",
+    ),
+    "no-weights": (
+        lambda m: m["actuators"][2].update(actuators=3),
+        "actuators[2]: actuators: 3 found, expected weights by name, such as {left: 0.5, right: 0.5}",
+    ),
+    "weight-of-nothing": (
+        lambda m: m["actuators"][2].update(actuators={"wheel": 1}),
+        ("actuators[2]: the controller has no actuator 'wheel'; it has actuator 0, actuator 1 or "
+        "actuator 2"),
+    ),
+    "weight": (
+        lambda m: m["actuators"][2].update(actuators={"actuator 2": "half"}),
+        "actuators[2]: actuators.actuator 2: half found, expected a number",
+    ),
+    "sum-and-one": (
+        lambda m: m["actuators"][2].update(actuators={"actuator 2": 1, "actuator 0": 1}),
+        ("actuators[2] (actuator 0, actuator 2): unknown key 'actuator'; expected actuators, topic, type, "
+        "field, scale, offset or limits"),
     ),
     "true-for-number": (
         lambda m: m["sensors"][2].update(scale=True),

@@ -77,3 +77,28 @@ def test_a_metric_that_may_be_older_is_not_awaited(nodes: tuple[Dds, Dds]) -> No
     feeds.add(Value("metric load", number(), single=False, keeps=math.inf, otherwise=0.0))
     feeds.begin()
     assert not feeds.missing()
+
+
+def test_messages_without_a_value_are_told_from_silence(nodes: tuple[Dds, Dds]) -> None:
+    node, robot = nodes
+    feeds = Feeds(node, messages=1)
+    place = Place("sensors[0]", "/scan", "sensor_msgs/LaserScan", "")
+    behind = SensorMapping(place, 1.0, 0.0, None, 1.0, sector=(150.0, 210.0))
+    feeds.add(Value("sensor behind", behind, single=True))
+    publisher = robot.publisher("/scan", "sensor_msgs/LaserScan")
+
+    def spun(holds: Callable[[], bool]) -> bool:
+        node.spin_once(0.02)
+        return holds()
+
+    until(lambda: spun(lambda: publisher.listeners() > 0))
+    feeds.begin()
+    message = publisher.new()
+    message.range_min, message.range_max, message.angle_increment = 0.1, 4.0, 1.0
+    message.ranges = [2.0, 2.0, 2.0, 0.0]
+    publisher.publish(message)
+    until(lambda: spun(lambda: feeds.all[0].count == 1))
+    assert feeds.all[0].lacking(1, time.monotonic(), 5.0) == (
+        "/scan (sensor_msgs/LaserScan): sensor behind: messages came for 5 s, but none has a usable value "
+        "within [150, 210] degrees"
+    )

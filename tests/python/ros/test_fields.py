@@ -20,7 +20,8 @@ def sensor(kind: str, field: str = "", **values: Any) -> SensorMapping:
 
 def actuator(kind: str, field: str = "", **values: Any) -> ActuatorMapping:
     place = Place("actuators[0] (a)", "/topic", kind, field)
-    return ActuatorMapping(**{"scale": 1.0, "offset": 0.0, "limits": None, **values}, place=place)
+    ready = {"scale": 1.0, "offset": 0.0, "limits": None, "terms": ((0, 1.0),), **values}
+    return ActuatorMapping(**ready, place=place)
 
 
 def scan(ranges: list[float], begin: float, step: float, low: float = 0.1, high: float = 4.0) -> Any:
@@ -68,7 +69,7 @@ def test_a_sector_has_the_beams_that_look_into_it(
         away = abs(math.atan2(math.sin(turned), math.cos(turned)))
         if abs(away - half) < 1e-5:
             return  # at an end, where rounding decides
-        if away < half and not math.isnan(value):
+        if away < half and (value >= 0.1 or value == -math.inf):
             inside.append(min(max(value, 0.1), 4.0))
     if not inside:
         assert found is None
@@ -80,7 +81,10 @@ def test_a_sector_has_the_beams_that_look_into_it(
     ("value", "infinite", "expected"),
     [
         (1.5, None, 1.5),
-        (0.01, None, 0.2),
+        (0.01, None, None),
+        (0.0, 7.0, None),
+        (-1.0, None, None),
+        (0.2, None, 0.2),
         (9.0, None, 3.0),
         (math.inf, None, 3.0),
         (math.inf, 7.0, 7.0),
@@ -93,6 +97,23 @@ def test_ranges_are_those_of_rep_117(value: float, infinite: float | None, expec
     message = SimpleNamespace(range=value, min_range=0.2, max_range=3.0)
     found = reader(sensor(RANGE, infinite=infinite))(message)
     assert found == (None if expected is None else np.float32(expected))
+
+
+@pytest.mark.parametrize("unknown", [0.0, -1.0, math.inf, math.nan])
+def test_a_largest_range_that_is_not_known_limits_nothing(unknown: float) -> None:
+    def found(value: float, infinite: float | None = None) -> float | None:
+        message = SimpleNamespace(range=value, min_range=0.2, max_range=unknown)
+        return reader(sensor(RANGE, infinite=infinite))(message)
+
+    assert (found(90.0), found(0.1), found(-math.inf)) == (90.0, None, float(np.float32(0.2)))
+    assert (found(math.inf), found(math.inf, 8.0)) == (None, 8.0)
+
+
+@given(st.lists(st.sampled_from([0.0, 0.05, math.nan, 1.0, 3.0, math.inf]), max_size=9), st.booleans())
+def test_beams_without_a_measurement_are_as_good_as_none(ranges: list[float], mean: bool) -> None:
+    read = reader(sensor(SCAN, mean=mean))
+    usable = [value for value in ranges if value >= 0.1]
+    assert read(scan(ranges, 0.0, 0.1)) == read(scan(usable, 0.0, 0.1))
 
 
 def test_yaw_and_clipping() -> None:
@@ -122,7 +143,10 @@ def test_commands_are_scaled_and_limited() -> None:
     twist = SimpleNamespace(linear=SimpleNamespace(x=0.0), angular=SimpleNamespace(z=0.0))
     kind = "geometry_msgs/Twist"
     write = writers(
-        [actuator(kind, "angular.z", scale=-1.5), actuator(kind, "linear.x", offset=0.5, limits=(0.1, 0.8))]
+        [
+            actuator(kind, "angular.z", scale=-1.5),
+            actuator(kind, "linear.x", offset=0.5, limits=(0.1, 0.8), terms=((1, 1.0),)),
+        ]
     )
     write(twist, [0.5, 0.9])
     assert (twist.linear.x, twist.angular.z) == (0.8, -0.75)
@@ -131,6 +155,14 @@ def test_commands_are_scaled_and_limited() -> None:
     assert number.data == -math.inf  # as a cast to binary32 gives it
     with pytest.raises(MappingError, match=r"actuators\[0\] \(a\): writes the same field as actuators\[0\]"):
         writers([actuator(kind, "angular.z"), actuator(kind, "angular.z")])
+
+
+@given(st.lists(st.floats(-1, 1, width=32), min_size=3, max_size=3))
+def test_a_sum_of_actuators_is_that_of_their_terms(values: list[float]) -> None:
+    number = SimpleNamespace(data=0.0)
+    terms = ((0, -1.0), (2, 1.0))
+    writers([actuator("std_msgs/Float64", scale=2.0, limits=(-1.0, 1.0), terms=terms)])(number, values)
+    assert number.data == min(max((values[2] - values[0]) * 2.0, -1.0), 1.0)
 
 
 def test_every_type_that_is_commanded_can_be_sensed() -> None:

@@ -3,6 +3,7 @@
 from contextlib import suppress
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 from hypothesis import given
@@ -10,6 +11,8 @@ from hypothesis import strategies as st
 
 from swarmwright.ros.mapping import MappingError, read_mapping, resolved, shown
 from swarmwright.ros.names import namespace_of, resolve
+from swarmwright.ros.topics import Generator
+from tests.python.ros.conversation import on_wheels
 from tests.python.ros.mistakes import ACTUATORS, IN_THE_FILE, MAPPING, SENSORS, changed
 
 
@@ -32,6 +35,40 @@ def test_both_spellings_of_a_type_are_the_same() -> None:
             entry["type"] = entry["type"].replace("/", "/msg/")
 
     assert read_mapping(changed(respelled), SENSORS, ACTUATORS) == read_mapping(MAPPING, SENSORS, ACTUATORS)
+
+
+def test_numbers_with_an_exponent_may_be_text_as_ros_1_hands_them_over() -> None:
+    mapping = read_mapping(
+        changed(lambda m: m["actuators"][1].update(scale="-1.5E+2", limits=["1e-3", "2e0"])),
+        SENSORS,
+        ACTUATORS,
+    )
+    assert (mapping.sensors[1].scale, mapping.actuators[0].scale) == (0.3, -150.0)
+    assert mapping.actuators[0].limits == (0.001, 2.0)
+    with pytest.raises(MappingError, match="scale: 1e999 found, expected a number"):
+        read_mapping(changed(lambda m: m["actuators"][1].update(scale="1e999")), SENSORS, ACTUATORS)
+
+
+def test_an_actuator_may_be_in_several_sums() -> None:
+    mapping = read_mapping(changed(on_wheels), SENSORS, ACTUATORS)
+    assert [one.terms for one in mapping.actuators] == [
+        ((0, 0.7), (1, 0.3)),
+        ((0, -1.0), (1, 1.0)),
+        ((2, 1.0),),
+    ]
+    assert mapping.actuators[0].place.where == "actuators[0] (actuator 0, actuator 1)"
+    assert (mapping.sensors[5].random, mapping.sensors[5].seed) == (True, 7)
+    assert resolved(mapping, lambda name: f"/a/{name}").sensors[5].place.topic == ""
+
+
+def test_random_numbers_repeat_with_a_seed_and_differ_without() -> None:
+    one, two = Generator(3), Generator(3)
+    drawn = [one.next() for _ in range(2000)]
+    assert drawn == [two.next() for _ in range(2000)]
+    assert [Generator(None).next() for _ in range(3)] != [Generator(None).next() for _ in range(3)]
+    assert all(0 <= value < 1 and np.float32(value) == value for value in drawn)
+    assert np.mean(drawn) == pytest.approx(0.5, abs=0.03)
+    assert np.var(drawn) == pytest.approx(1 / 12, abs=0.01)
 
 
 @pytest.mark.parametrize("name", IN_THE_FILE)

@@ -15,7 +15,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.python.ros.conversation import commands, computed, engine, expected_sensors, row, until
+from tests.python.ros.conversation import (
+    assert_on_wheels,
+    commands,
+    computed,
+    engine,
+    expected_sensors,
+    on_wheels,
+    row,
+    until,
+)
 from tests.python.ros.mistakes import IN_THE_FILE, IN_THE_TOPICS, MAPPING, RANGE, SCAN, changed
 from tests.python.ros.network import SETUP, Package, Robot, environment, node
 
@@ -81,7 +90,29 @@ def test_the_node_computes_what_the_engine_computes(
         assert running.process.poll() is None
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_wheels_are_a_command_and_a_sensor_may_be_random(kind: str, robot: Robot, tmp_path: Path) -> None:
+    with node(kind, robot, changed(on_wheels), tmp_path):
+        robot.record_all()
+        for index in range(4):
+            robot.publish(row(index))
+            until(partial(grown, robot, len(robot.steps()) + 8))
+        driven = robot.driven()
+        until(partial(grown, robot, len(robot.steps()) + 3))
+        steps = robot.steps()
+        assert_same(steps, engine())
+        assert_on_wheels(steps, driven)
+
+
+def test_messages_without_a_value_are_told_from_silence(kind: str, robot: Robot, tmp_path: Path) -> None:
+    with node(kind, robot, MAPPING, tmp_path) as running:
+        blind = row(1)
+        blind["scan"]["ranges"] = [math.nan if abs(beam - 17.5) > 12 else 1.0 for beam in range(36)]
+        robot.publish(blind)
+        said = f"waiting: {robot.name}/scan: messages come, but none has a usable value within [150, 210] deg"
+        until(lambda: said in running.said())
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_the_last_command_stops_the_robot(kind: str, number: int, robot: Robot, tmp_path: Path) -> None:
     with node(kind, robot, MAPPING, tmp_path) as running:
         robot.record_all()
@@ -167,7 +198,7 @@ def test_a_controller_that_begins_anew_after_silence(kind: str, robot: Robot, tm
         until(lambda: len(robot.steps()) > 5)
         # A number that is none is as good as nothing.
         robot.publish({"light": {"data": math.nan}})
-        until(lambda: f"stopped: nothing comes from {robot.name}/light" in running.said())
+        until(lambda: f"stopped: {robot.name}/light: messages come, but none has a us" in running.said())
         before = len(robot.steps())
         robot.publish(row(2))
         until(lambda: len(robot.steps()) > before + 5)
@@ -192,11 +223,13 @@ def test_a_stamped_command_has_the_time(kind: str, robot: Robot, tmp_path: Path)
 
 
 def test_simulated_time_is_that_of_the_clock(kind: str, robot: Robot, tmp_path: Path) -> None:
-    with node(kind, robot, {**MAPPING, "rate": 10}, tmp_path, "--use-sim-time"):
+    with node(kind, robot, {**MAPPING, "rate": 10}, tmp_path, "--use-sim-time") as running:
         robot.record_all()
         robot.publish(row(1))
-        time.sleep(1)
-        assert robot.driven() == []  # there is no time yet
+        # There is no time yet, and so no cycle.
+        until(lambda: "stopped: nothing comes from /clock, and use_sim_time is set" in running.said())
+        until(lambda: len(robot.driven()) > 2)
+        assert set(robot.driven()) == {(0.0, 0.0)}
 
         def tick(tenths: int) -> None:
             robot(
@@ -219,7 +252,8 @@ def test_simulated_time_is_that_of_the_clock(kind: str, robot: Robot, tmp_path: 
             time.sleep(0.1)
         assert len(robot.steps()) - begun == pytest.approx(tenths - first, abs=2)
         standing = len(robot.steps())
-        time.sleep(0.5)
+        until(lambda: "stopped: /clock stands still" in running.said())
+        until(lambda: robot.driven()[-1] == (0.0, 0.0))
         assert len(robot.steps()) - standing <= 1  # the simulation pauses
         assert_same(robot.steps(), engine())
         # A simulation that begins anew.

@@ -146,6 +146,13 @@ def test_a_simulator_that_does_not_start_is_noticed_at_once(tmp_path: Path) -> N
     assert time.monotonic() - began < 30
 
 
+def test_files_of_a_simulator_are_named_by_the_folder_of_the_experiment(tmp_path: Path) -> None:
+    (tmp_path / "world.yaml").write_text("the world\n", encoding="utf-8")
+    show = 'cat "${0#world:=}" >&2; exit 3'
+    said = failure(tmp_path, start=["sh", "-c", show, "world:={here}/world.yaml"], startup=60.0)
+    assert "simulation.start: sh has ended (status 3); its last output: the world" in said
+
+
 def test_robots_that_are_there_are_reset_and_their_node_gets_parameters(tmp_path: Path) -> None:
     changes: dict[str, Any] = {
         "spawn": None,

@@ -8,11 +8,8 @@
 
 namespace {
 
-std::string joined(const std::vector<std::string>& words) {
-  std::string text;
-  for (const std::string& word : words) text += (text.empty() ? "" : ", ") + word;
-  return text;
-}
+constexpr std::chrono::seconds kStill(2);
+constexpr std::chrono::milliseconds kRepeat(500);
 
 void resolve(const Graph& graph, Place& place) {
   try {
@@ -27,7 +24,9 @@ void resolve(const Graph& graph, Place& place) {
 Mapping resolved(const Graph& graph, const Value& value) {
   Mapping mapping = read_mapping(value, {exported_sensor_names, exported_sensor_names + exported_sensors},
                                  {exported_actuator_names, exported_actuator_names + exported_actuators});
-  for (SensorMapping& sensor : mapping.sensors) resolve(graph, sensor.place);
+  for (SensorMapping& sensor : mapping.sensors) {
+    if (!sensor.random) resolve(graph, sensor.place);
+  }
   for (ActuatorMapping& actuator : mapping.actuators) resolve(graph, actuator.place);
   return mapping;
 }
@@ -38,16 +37,17 @@ Control::Control(Graph& graph, Mapping mapping)
       inputs_(graph_, mapping_.sensors),
       outputs_(graph_, mapping_.actuators),
       steps_(graph_.advertise<messages::Float32MultiArray>(graph_.resolve("~/steps"), 1000)),
-      actuators_(mapping_.actuators.size()) {
+      actuators_(static_cast<std::size_t>(exported_actuators)),
+      moved_(Clock::now()) {
   // Beside the service: where ROS 2 has another implementation of DDS, topics are found, services are not.
   graph_.receive_all<messages::Empty>(graph_.resolve("~/reset"), [this](const messages::Empty&) { reset(); });
   exported_reset();
 }
 
 void Control::cycle() {
-  const std::vector<std::string> silent = inputs_.silent();
-  if (!silent.empty()) {
-    stopped(silent);
+  const Missing missing = inputs_.missing();
+  if (!missing.none()) {
+    stopped(missing);
     return;
   }
   if (stopped_) {
@@ -58,6 +58,7 @@ void Control::cycle() {
     stopped_ = false;
     begun_ = true;
   }
+  inputs_.draw();
   exported_step(inputs_.values().data(), actuators_.data());  // refuses only what Inputs has refused before
   outputs_.publish(actuators_);
   show();
@@ -70,20 +71,47 @@ void Control::reset() {
 
 void Control::look() {
   const Clock::time_point now = Clock::now();
+  watch(now);
   if (begun_ || now - looked_ < std::chrono::seconds(1)) return;
   looked_ = now;
   inputs_.check_types();
   outputs_.check_types();
 }
 
-// Says so once; the robot is told in every cycle, for it may listen later.
-void Control::stopped(const std::vector<std::string>& silent) {
-  const Clock::time_point now = Clock::now();
-  if (!begun_ && (said_ == Clock::time_point() || now - said_ >= std::chrono::seconds(10))) {
-    said_ = now;
-    graph_.info("waiting for " + joined(silent));
+// Cycles follow the clock of a simulation where there is one: where it stands still, nothing else stops the robot.
+void Control::watch(Clock::time_point now) {
+  const double seconds = graph_.seconds();
+  if (seconds != seen_) {
+    if (halts_) graph_.info("/clock goes on");
+    seen_ = seconds;
+    moved_ = now;
+    halts_ = false;
+    return;
   }
-  if (!stopped_) graph_.warn("stopped: nothing comes from " + joined(silent));
+  if (now - moved_ < kStill || (halts_ && now - halted_ < kRepeat)) return;
+  if (!halts_) {
+    graph_.warn(seconds > 0 ? "stopped: /clock stands still"
+                            : "stopped: nothing comes from /clock, and use_sim_time is set");
+  }
+  halts_ = true;
+  halted_ = now;
+  outputs_.stop();
+}
+
+// Says so once; the robot is told in every cycle, for it may listen later.
+void Control::stopped(const Missing& missing) {
+  const Clock::time_point now = Clock::now();
+  if (!begun_) {
+    const std::string text = missing.text("waiting", " for ");
+    const auto since = now - said_;
+    if (waiting_.empty() || since >= std::chrono::seconds(10) ||
+        (text != waiting_ && since >= std::chrono::seconds(1))) {
+      said_ = now;
+      waiting_ = text;
+      graph_.info(text);
+    }
+  }
+  if (!stopped_) graph_.warn(missing.text("stopped", ": nothing comes from "));
   stopped_ = true;
   outputs_.stop();
 }

@@ -27,14 +27,16 @@ class Control {
   // Begins an episode.
   void reset();
 
-  // To be called again and again outside of cycles. Throws MappingError for a topic that others use with another type:
-  // they become known only after a while.
+  // To be called again and again outside of cycles. Stops the robot while the clock of a simulation stands still, for
+  // there are no cycles then. Throws MappingError for a topic that others use with another type: they become known only
+  // after a while.
   void look();
 
  private:
   using Clock = std::chrono::steady_clock;
 
-  void stopped(const std::vector<std::string>& silent);
+  void watch(Clock::time_point now);
+  void stopped(const Missing& missing);
   void show();
 
   Graph& graph_;
@@ -45,8 +47,14 @@ class Control {
   std::vector<float> actuators_;
   bool stopped_ = true;
   bool begun_ = false;
+  std::string waiting_;
   Clock::time_point said_;
   Clock::time_point looked_;
+  // Of the clock that cycles follow.
+  double seen_ = -1;
+  Clock::time_point moved_;
+  Clock::time_point halted_;
+  bool halts_ = false;
 };
 
 // The mapping for the exported controller, with topics by their full names. Throws MappingError.

@@ -3,6 +3,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdlib>
+#include <regex>
 #include <sstream>
 
 std::string choice(const std::vector<std::string>& words) {
@@ -109,6 +111,26 @@ class Block {
     return found;
   }
 
+  // Names and numbers: {left wheel: 0.5, right wheel: 0.5}.
+  std::vector<std::pair<std::string, double>> weights(const std::string& key) {
+    const Value& value = get(key);
+    if (value.kind != Value::Kind::map || value.map.empty()) {
+      fail(key + ": " + shown(value) + " found, expected weights by name, such as {left: 0.5, right: 0.5}");
+    }
+    std::vector<std::pair<std::string, double>> found;
+    for (const auto& [name, weight] : value.map) found.emplace_back(name, finite(key + "." + name, weight));
+    return found;
+  }
+
+  std::optional<std::uint64_t> seed(const std::string& key) {
+    if (!has(key)) return std::nullopt;
+    const double value = number(key, 0);
+    if (!(value >= 0 && value < 9007199254740992.0 && value == std::floor(value))) {
+      fail(key + ": " + shown(get(key)) + " found, expected a whole number from 0 to 2^53 - 1");
+    }
+    return static_cast<std::uint64_t>(value);
+  }
+
   void no_others() const {
     for (const auto& [key, value] : value_.map) {
       (void)value;
@@ -125,10 +147,15 @@ class Block {
   }
 
   double finite(const std::string& key, const Value& value) const {
-    if (value.kind != Value::Kind::number || !std::isfinite(value.number)) {
-      fail(key + ": " + shown(value) + " found, expected a number");
+    // YAML 1.1, which ROS 1 reads, takes a number such as 1e-3 for text.
+    static const std::regex exponent("[-+]?(\\.[0-9]+|[0-9]+(\\.[0-9]*)?)[eE][-+]?[0-9]+");
+    double number = NAN;
+    if (value.kind == Value::Kind::number) number = value.number;
+    if (value.kind == Value::Kind::text && std::regex_match(value.text, exponent)) {
+      number = std::strtod(value.text.c_str(), nullptr);
     }
-    return value.number;
+    if (!std::isfinite(number)) fail(key + ": " + shown(value) + " found, expected a number");
+    return number;
   }
 
   std::string where_;
@@ -145,6 +172,14 @@ Place place(Block& block) {
 
 SensorMapping sensor(Block& block, double timeout) {
   SensorMapping found;
+  if (block.has("source")) {
+    const std::string source = block.text("source");
+    if (source != "random") block.fail("source: '" + source + "' found, expected random");
+    found.place.where = block.where();
+    found.random = true;
+    found.seed = block.seed("seed");
+    return found;
+  }
   found.place = place(block);
   found.scale = block.number("scale", 1);
   found.offset = block.number("offset", 0);
@@ -171,28 +206,86 @@ ActuatorMapping actuator(Block& block) {
   return found;
 }
 
-// Reads a list whose entries name the controller's sensors or actuators; the result is in the controller's order.
-template <typename Entry, typename Read>
-std::vector<Entry> entries(Block& mapping, const std::string& kind, const std::vector<std::string>& names, Read read) {
+std::string joined(const std::vector<std::string>& words) {
+  std::string text;
+  for (const std::string& word : words) text += (text.empty() ? "" : ", ") + word;
+  return text;
+}
+
+const Value& listed(Block& mapping, const std::string& kind) {
   const Value& list = mapping.get(kind + "s");
   if (list.kind != Value::Kind::list) mapping.fail(kind + "s: expected a list, each entry begun by '- '");
-  std::vector<std::optional<Entry>> found(names.size());
+  return list;
+}
+
+std::size_t index_of(const Block& block, const std::string& kind, const std::vector<std::string>& names,
+                     const std::string& name) {
+  const auto at = std::find(names.begin(), names.end(), name);
+  if (at == names.end()) block.fail("the controller has no " + kind + " '" + name + "'; it has " + choice(names));
+  return static_cast<std::size_t>(at - names.begin());
+}
+
+[[noreturn]] void missing(const std::string& kind, const std::string& name) {
+  throw MappingError(kind + "s: '" + name + "' is missing; every " + kind + " needs an entry");
+}
+
+// Reads a list whose entries name the controller's sensors; the result is in the controller's order.
+std::vector<SensorMapping> sensors_of(Block& mapping, const std::vector<std::string>& names, double timeout) {
+  const Value& list = listed(mapping, "sensor");
+  std::vector<std::optional<SensorMapping>> found(names.size());
   for (std::size_t i = 0; i < list.list.size(); ++i) {
-    Block block(kind + "s[" + std::to_string(i) + "]", list.list[i]);
-    const std::string name = block.text(kind);
-    const auto at = std::find(names.begin(), names.end(), name);
-    if (at == names.end()) block.fail("the controller has no " + kind + " '" + name + "'; it has " + choice(names));
+    Block block("sensors[" + std::to_string(i) + "]", list.list[i]);
+    const std::string name = block.text("sensor");
+    std::optional<SensorMapping>& entry = found[index_of(block, "sensor", names, name)];
     block.name(name);
-    std::optional<Entry>& entry = found[at - names.begin()];
     if (entry) block.fail("is mapped twice");
-    entry = read(block);
+    entry = sensor(block, timeout);
     block.no_others();
   }
-  std::vector<Entry> result;
+  std::vector<SensorMapping> result;
   for (std::size_t i = 0; i < names.size(); ++i) {
-    if (!found[i]) throw MappingError(kind + "s: '" + names[i] + "' is missing; every " + kind + " needs an entry");
+    if (!found[i]) missing("sensor", names[i]);
     result.push_back(*found[i]);
   }
+  return result;
+}
+
+// Reads a list whose entries name one of the controller's actuators, or several with their weights.
+std::vector<ActuatorMapping> actuators_of(Block& mapping, const std::vector<std::string>& names) {
+  const Value& list = listed(mapping, "actuator");
+  std::vector<ActuatorMapping> result;
+  std::vector<bool> used(names.size());
+  std::vector<bool> alone(names.size());
+  for (std::size_t i = 0; i < list.list.size(); ++i) {
+    Block block("actuators[" + std::to_string(i) + "]", list.list[i]);
+    std::vector<std::pair<std::size_t, double>> terms;
+    const bool sum = block.has("actuators");
+    if (sum) {
+      for (const auto& [name, weight] : block.weights("actuators")) {
+        terms.emplace_back(index_of(block, "actuator", names, name), weight);
+      }
+      std::sort(terms.begin(), terms.end());
+    } else {
+      terms.emplace_back(index_of(block, "actuator", names, block.text("actuator")), 1);
+    }
+    std::vector<std::string> called;
+    for (const auto& term : terms) {
+      called.push_back(names[term.first]);
+      used[term.first] = true;
+    }
+    block.name(joined(called));
+    if (!sum && alone[terms[0].first]) block.fail("is mapped twice");
+    if (!sum) alone[terms[0].first] = true;
+    result.push_back(actuator(block));
+    result.back().terms = terms;
+    block.no_others();
+  }
+  for (std::size_t i = 0; i < names.size(); ++i) {
+    if (!used[i]) missing("actuator", names[i]);
+  }
+  std::stable_sort(result.begin(), result.end(), [](const ActuatorMapping& a, const ActuatorMapping& b) {
+    return a.terms[0].first < b.terms[0].first;
+  });
   return result;
 }
 
@@ -206,9 +299,8 @@ Mapping read_mapping(const Value& value, const std::vector<std::string>& sensors
   mapping.rate = block.positive("rate", 0);
   const double timeout = block.positive("timeout", 0.5);
   mapping.reset_after_silence = block.flag("reset_after_silence");
-  mapping.sensors =
-      entries<SensorMapping>(block, "sensor", sensors, [timeout](Block& entry) { return sensor(entry, timeout); });
-  mapping.actuators = entries<ActuatorMapping>(block, "actuator", actuators, actuator);
+  mapping.sensors = sensors_of(block, sensors, timeout);
+  mapping.actuators = actuators_of(block, actuators);
   block.no_others();
   return mapping;
 }

@@ -2,6 +2,8 @@
 // What mapping.yaml says: which field of which topic is which sensor or actuator of the controller.
 #pragma once
 
+#include <cstddef>
+#include <cstdint>
 #include <optional>
 #include <stdexcept>
 #include <string>
@@ -26,20 +28,23 @@ struct Place {
 };
 
 struct SensorMapping {
-  Place place;
+  Place place;  // without a topic where the value is drawn at random
   // sensor = clip(value * scale + offset), in binary64, then rounded to binary32.
   double scale = 1;
   double offset = 0;
   std::optional<Interval> clip;
-  std::optional<double> infinite;  // the value where nothing is in range; default: the largest range
-  std::optional<Interval> sector;  // of a laser scan, in degrees, counter-clockwise from straight ahead
-  bool mean = false;               // of the ranges in the sector, instead of the smallest
-  double timeout = 0;              // s
+  std::optional<double> infinite;     // the value where nothing is in range; default: the largest range
+  std::optional<Interval> sector;     // of a laser scan, in degrees, counter-clockwise from straight ahead
+  bool mean = false;                  // of the ranges in the sector, instead of the smallest
+  double timeout = 0;                 // s
+  bool random = false;                // a new number from 0 to 1 in each cycle
+  std::optional<std::uint64_t> seed;  // of these numbers; default: another one at each start
 };
 
 struct ActuatorMapping {
   Place place;
-  // value = limits(actuator * scale + offset), in binary64.
+  std::vector<std::pair<std::size_t, double>> terms;  // actuators and their weights, in the controller's order
+  // value = limits(sum of weight * actuator, times scale + offset), in binary64.
   double scale = 1;
   double offset = 0;
   std::optional<Interval> limits;
@@ -49,7 +54,7 @@ struct Mapping {
   double rate = 0;  // control cycles per second
   bool reset_after_silence = false;
   std::vector<SensorMapping> sensors;      // in the controller's order
-  std::vector<ActuatorMapping> actuators;  // in the controller's order
+  std::vector<ActuatorMapping> actuators;  // in the controller's order, by their first term
 };
 
 // Reads the content of mapping.yaml. Throws MappingError.

@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <random>
+#include <sstream>
 
 namespace {
 
@@ -18,13 +20,17 @@ using Writers = std::map<std::string, std::function<void(Message&, double)>>;
 
 constexpr double kDegree = 3.14159265358979323846 / 180;
 
-// A range as REP 117 defines it: beyond the largest one nothing is seen, NaN is no measurement.
+// A range as REP 117 defines it: beyond the largest one nothing is seen, minus infinity is too close to be measured;
+// NaN and other numbers below the smallest one are no measurements. A largest range of 0 is not known.
 Reading range(double value, double smallest, double largest, const SensorMapping& sensor) {
-  if (std::isnan(value)) return std::nullopt;
-  if (value > largest || std::isinf(value)) {
-    return value > 0 ? sensor.infinite.value_or(largest) : smallest;
+  const bool limited = largest > 0 && std::isfinite(largest);
+  if (value == -INFINITY) return smallest;
+  if (value == INFINITY || (limited && value > largest)) {
+    if (sensor.infinite) return sensor.infinite;
+    return limited ? Reading(largest) : std::nullopt;
   }
-  return std::max(value, smallest);
+  if (std::isnan(value) || value < smallest) return std::nullopt;
+  return value;
 }
 
 // Whether an angle lies in a sector, both in degrees, whatever turns they count from. Ends belong to it, and so does
@@ -209,7 +215,7 @@ std::vector<std::string> topics_of(const std::vector<Entry>& entries) {
   std::vector<std::string> topics;
   for (const Entry& entry : entries) {
     const std::string& topic = entry.place.topic;
-    if (std::find(topics.begin(), topics.end(), topic) == topics.end()) topics.push_back(topic);
+    if (!topic.empty() && std::find(topics.begin(), topics.end(), topic) == topics.end()) topics.push_back(topic);
   }
   return topics;
 }
@@ -223,14 +229,58 @@ template <typename Entry>
                      choice(types));
 }
 
+double total(const std::vector<float>& actuators, const ActuatorMapping& actuator) {
+  double sum = 0;
+  for (const auto& [index, weight] : actuator.terms) sum += weight * double{actuators[index]};
+  return sum;
+}
+
 double clipped(double value, const std::optional<Interval>& interval) {
   return interval ? std::clamp(value, interval->first, interval->second) : value;
 }
 
+void add(std::vector<std::string>& texts, const std::string& text) {
+  if (std::find(texts.begin(), texts.end(), text) == texts.end()) texts.push_back(text);
+}
+
+std::string unusable(const SensorMapping& sensor) {
+  std::ostringstream text;
+  text << sensor.place.topic << ": messages come, but none has a usable value";
+  if (sensor.sector) text << " within [" << sensor.sector->first << ", " << sensor.sector->second << "] degrees";
+  return text.str();
+}
+
+std::string joined(const std::vector<std::string>& texts, const std::string& between) {
+  std::string all;
+  for (const std::string& text : texts) all += (all.empty() ? "" : between) + text;
+  return all;
+}
+
 }  // namespace
 
+std::string Missing::text(const std::string& word, const std::string& of_silent) const {
+  if (silent.empty()) return word + ": " + joined(unusable, "; ");
+  return word + of_silent + joined(silent, ", ") + (unusable.empty() ? "" : "; ") + joined(unusable, "; ");
+}
+
+Generator::Generator(std::optional<std::uint64_t> seed) {
+  std::random_device device;  // differs from robot to robot
+  state_ = seed ? *seed : std::uint64_t{device()} << 32 | device();
+}
+
+float Generator::next() {
+  state_ += 0x9e3779b97f4a7c15u;
+  std::uint64_t z = state_;
+  z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9u;
+  z = (z ^ (z >> 27)) * 0x94d049bb133111ebu;
+  return static_cast<float>((z ^ (z >> 31)) >> 40) * (1.0f / 16777216.0f);
+}
+
 Inputs::Inputs(Graph& graph, const std::vector<SensorMapping>& sensors)
-    : graph_(graph), sensors_(sensors), values_(sensors.size()), times_(sensors.size()) {
+    : graph_(graph), sensors_(sensors), values_(sensors.size()), times_(sensors.size()), heard_(sensors.size()) {
+  for (std::size_t i = 0; i < sensors_.size(); ++i) {
+    if (sensors_[i].random) generators_.emplace_back(i, Generator(sensors_[i].seed));
+  }
   for (const std::string& topic : topics_of(sensors_)) {
     const std::string type = type_of(graph_, topic, sensors_);
     const auto any = [&](auto... message) { return (subscribe<typename decltype(message)::type>(topic, type) || ...); };
@@ -250,6 +300,7 @@ bool Inputs::subscribe(const std::string& topic, const std::string& type) {
     for (const auto& [i, reader] : readers) {
       const SensorMapping& sensor = sensors_[i];
       const Reading value = reader(message, sensor);
+      heard_[i] = graph_.seconds();
       if (!value) continue;
       const auto sensed = static_cast<float>(clipped(*value * sensor.scale + sensor.offset, sensor.clip));
       // NaN and infinities are no measurements: the sensor is as silent as if they had not come.
@@ -261,16 +312,27 @@ bool Inputs::subscribe(const std::string& topic, const std::string& type) {
   return true;
 }
 
-std::vector<std::string> Inputs::silent() const {
-  std::vector<std::string> topics;
+Missing Inputs::missing() const {
+  Missing missing;
   const double now = graph_.seconds();
   for (std::size_t i = 0; i < sensors_.size(); ++i) {
+    const SensorMapping& sensor = sensors_[i];
     // What came later than now came before a simulation began anew.
-    if (times_[i] && now >= *times_[i] && now - *times_[i] <= sensors_[i].timeout) continue;
-    const std::string& topic = sensors_[i].place.topic;
-    if (std::find(topics.begin(), topics.end(), topic) == topics.end()) topics.push_back(topic);
+    const auto recent = [&](const std::optional<double>& time) {
+      return time && now >= *time && now - *time <= sensor.timeout;
+    };
+    if (sensor.random || recent(times_[i])) continue;
+    if (recent(heard_[i])) {
+      add(missing.unusable, unusable(sensor));
+    } else {
+      add(missing.silent, sensor.place.topic);
+    }
   }
-  return topics;
+  return missing;
+}
+
+void Inputs::draw() {
+  for (auto& [i, generator] : generators_) values_[i] = generator.next();
 }
 
 void Inputs::check_types() const {
@@ -305,7 +367,7 @@ bool Outputs::advertise(const std::string& topic, const std::string& type) {
     for (const auto& [name, writer] : writers) {
       if (values == nullptr) continue;
       const ActuatorMapping& actuator = actuators_[writer.first];
-      const double value = double{(*values)[writer.first]} * actuator.scale + actuator.offset;
+      const double value = total(*values, actuator) * actuator.scale + actuator.offset;
       writer.second(message, clipped(value, actuator.limits));
     }
     publisher->publish(message);

@@ -2,6 +2,7 @@
 // Sensors from topics, actuators to topics.
 #pragma once
 
+#include <cstdint>
 #include <functional>
 #include <memory>
 #include <optional>
@@ -11,6 +12,27 @@
 #include "graph.hpp"
 #include "mapping.hpp"
 
+// Why sensors have no value.
+struct Missing {
+  std::vector<std::string> silent;    // topics from which nothing has come for longer than the time-out
+  std::vector<std::string> unusable;  // of topics that do send: what their messages lack
+
+  bool none() const { return silent.empty() && unusable.empty(); }
+
+  // Begins with the one word and, where topics are silent, with what is to be said of them.
+  std::string text(const std::string& word, const std::string& of_silent) const;
+};
+
+// Numbers from 0 to 1, 1 excluded: SplitMix64, of which the upper 24 bits are taken.
+class Generator {
+ public:
+  explicit Generator(std::optional<std::uint64_t> seed);
+  float next();
+
+ private:
+  std::uint64_t state_;
+};
+
 // The latest value of every sensor, and when it came.
 class Inputs {
  public:
@@ -18,8 +40,11 @@ class Inputs {
   // not have.
   Inputs(Graph& graph, const std::vector<SensorMapping>& sensors);
 
-  // Topics of sensors from which nothing has come for longer than their time-out: each once.
-  std::vector<std::string> silent() const;
+  // Sensors from which nothing has come for longer than their time-out.
+  Missing missing() const;
+
+  // Draws the values of random sensors for the next cycle.
+  void draw();
 
   const std::vector<float>& values() const { return values_; }
 
@@ -34,6 +59,8 @@ class Inputs {
   const std::vector<SensorMapping>& sensors_;
   std::vector<float> values_;
   std::vector<std::optional<double>> times_;
+  std::vector<std::optional<double>> heard_;  // when a message came, with a value for the sensor or without
+  std::vector<std::pair<std::size_t, Generator>> generators_;
 };
 
 // The topics that actuators are published on.

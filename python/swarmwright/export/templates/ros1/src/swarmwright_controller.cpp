@@ -1,21 +1,43 @@
 // @mark@; changes here are lost.
 // Runs the exported controller: sensors from topics, commands to topics, at a rate, as mapping.yaml says.
+#include <atomic>
 #include <csignal>
 #include <cstdlib>
+#include <string>
 
 #include "control.hpp"
 #include "graph.hpp"
 #include "mapping.hpp"
 #include "ros/callback_queue.h"
 #include "ros/ros.h"
+#include "ros/xmlrpc_manager.h"
 #include "std_srvs/Empty.h"
 #include "xmlrpcpp/XmlRpcValue.h"
 
 namespace {
 
-volatile std::sig_atomic_t ended = 0;
+std::atomic<bool> ended{false};
 
-void end(int) { ended = 1; }
+void end(int) { ended = true; }
+
+// roscpp's own answer to `rosnode kill`, and to a second node of the name, is to leave at once: the last command would
+// stay in force.
+void end_as_told(XmlRpc::XmlRpcValue& parameters, XmlRpc::XmlRpcValue& result) {
+  std::string reason = "no reason given";
+  if (parameters.getType() == XmlRpc::XmlRpcValue::TypeArray && parameters.size() > 1 &&
+      parameters[1].getType() == XmlRpc::XmlRpcValue::TypeString) {
+    reason = static_cast<std::string>(parameters[1]);
+  }
+  ROS_WARN("told to end: %s", reason.c_str());
+  ended = true;
+  result = ros::xmlrpc::responseInt(1, "", 0);
+}
+
+void end_on_signals() {
+  for (const int number : {SIGINT, SIGTERM}) std::signal(number, end);
+  // A closed terminal; nohup has it ignored.
+  if (std::signal(SIGHUP, end) == SIG_IGN) std::signal(SIGHUP, SIG_IGN);
+}
 
 Value value_of(XmlRpc::XmlRpcValue& given) {
   using XmlRpc::XmlRpcValue;
@@ -64,7 +86,7 @@ class Node {
   }
 
   void run() {
-    while (ros::ok() && ended == 0) {
+    while (ros::ok() && !ended) {
       ros::getGlobalCallbackQueue()->callAvailable(ros::WallDuration(0.05));
       control_.look();
     }
@@ -92,8 +114,9 @@ class Node {
 
 int main(int argc, char** argv) {
   ros::init(argc, argv, "swarmwright_controller", ros::init_options::NoSigintHandler);
-  std::signal(SIGINT, end);
-  std::signal(SIGTERM, end);
+  end_on_signals();
+  ros::XMLRPCManager::instance()->unbind("shutdown");
+  ros::XMLRPCManager::instance()->bind("shutdown", end_as_told);
   const ros::NodeHandle node;  // without one nothing can be said any more
   try {
     Node().run();

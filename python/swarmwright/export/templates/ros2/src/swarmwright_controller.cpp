@@ -1,5 +1,6 @@
 // @mark@; changes here are lost.
 // Runs the exported controller: sensors from topics, commands to topics, at a rate, as mapping.yaml says.
+#include <atomic>
 #include <chrono>
 #include <csignal>
 #include <cstdlib>
@@ -17,9 +18,15 @@
 
 namespace {
 
-volatile std::sig_atomic_t ended = 0;
+std::atomic<bool> ended{false};
 
-void end(int) { ended = 1; }
+void end(int) { ended = true; }
+
+void end_on_signals() {
+  for (const int number : {SIGINT, SIGTERM}) std::signal(number, end);
+  // A closed terminal; nohup has it ignored.
+  if (std::signal(SIGHUP, end) == SIG_IGN) std::signal(SIGHUP, SIG_IGN);
+}
 
 Value mapping(rclcpp::Node& node) {
   const std::string file = node.declare_parameter<std::string>("mapping", "");
@@ -46,7 +53,7 @@ void run(const rclcpp::Node::SharedPtr& node) {
   }
   rclcpp::executors::SingleThreadedExecutor executor;
   executor.add_node(node);
-  while (rclcpp::ok() && ended == 0) {
+  while (rclcpp::ok() && !ended) {
     executor.spin_once(std::chrono::milliseconds(50));
     control.look();
   }
@@ -59,8 +66,7 @@ void run(const rclcpp::Node::SharedPtr& node) {
 
 int main(int argc, char** argv) {
   rclcpp::init(argc, argv, rclcpp::InitOptions(), rclcpp::SignalHandlerOptions::None);
-  std::signal(SIGINT, end);
-  std::signal(SIGTERM, end);
+  end_on_signals();
   const auto node = std::make_shared<rclcpp::Node>("swarmwright_controller");
   int status = EXIT_SUCCESS;
   try {
