@@ -1,6 +1,7 @@
 """Each server that breaks a rule is caught by this rule and no other."""
 
 import time
+from collections.abc import Mapping
 from contextlib import ExitStack
 from typing import Any
 from unittest.mock import patch
@@ -12,8 +13,8 @@ from swarmwright.conformance._results import Report
 from swarmwright.conformance._rules import Profile
 from swarmwright.conformance._server_under_test import QUIET
 from tests.conformance.broken.base import Broken
-from tests.conformance.broken.servers import SERVERS
-from tests.conformance.sound import PATIENCE, SoundServer
+from tests.conformance.broken.servers import SERVERS, QuotesAMetric
+from tests.conformance.sound import PATIENCE, Json, SoundServer
 
 
 class GivesUp(SoundServer):
@@ -23,6 +24,13 @@ class GivesUp(SoundServer):
         if self.state == "running" and time.monotonic() >= self.until:
             self.enter("free")
         super().tick()
+
+
+class ServesWithoutSeeds(SoundServer):
+    """Serves requests for no episode."""
+
+    def check(self, request: Json) -> None:
+        super().check({**request, "seeds": request["seeds"] or bytes(8)})
 
 
 class LateTwice(GivesUp):
@@ -65,7 +73,11 @@ class LateAgents(GivesUp):
 
 
 def report_of(
-    kind: type[SoundServer], rules: str, profile: Profile = "all", step_timeout: float | None = None
+    kind: type[SoundServer],
+    rules: str,
+    profile: Profile = "all",
+    step_timeout: float | None = None,
+    parameters: Mapping[str, Any] | None = None,
 ) -> Report:
     with ExitStack() as stack:
 
@@ -73,15 +85,35 @@ def report_of(
             stack.callback(kind(url).close)
 
         return check_server(
-            start=start, rules=[rules], profile=profile, timeout=2.0, wait=5.0, step_timeout=step_timeout
+            start=start,
+            parameters=parameters,
+            rules=[rules],
+            profile=profile,
+            timeout=2.0,
+            wait=5.0,
+            step_timeout=step_timeout,
         )
 
 
 @pytest.mark.parametrize("kind", SERVERS, ids=lambda kind: kind.__name__)
 def test_a_broken_server_is_caught_by_the_right_rule(kind: type[Broken]) -> None:
-    report = report_of(kind, kind.rules)
+    report = report_of(kind, kind.rules, parameters=kind.parameters_of_episodes)
     assert set(report.of("failed", "died")) == kind.breaks, str(report)
     assert bool(report.of("died")) == kind.died
+
+
+def test_a_field_that_is_wrong_is_shown_in_full() -> None:
+    """Requests are shortened in reports, and the field that was changed may be at their end."""
+    report = report_of(ServesWithoutSeeds, "S1.1,S2.3,S9.1,S9.11")
+    (failed,) = (result for result in report.results if result.status == "failed")
+    assert failed.id == "S9.11"
+    assert failed.sent.startswith("seeds: <0 bytes>, in "), failed.sent
+
+
+def test_a_metric_that_is_no_number_is_not_said_to_be_missing() -> None:
+    report = report_of(QuotesAMetric, "S1.1,S1.2,S2.3,S8")
+    (failed,) = (result for result in report.results if result.status == "failed")
+    assert '"metrics.steps" is "6"' in failed.came, failed.came
 
 
 def test_late_answers_to_earlier_discoveries_are_no_mistake() -> None:

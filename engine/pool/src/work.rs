@@ -53,6 +53,9 @@ pub enum WorkError {
     /// A sample that cannot be made, or that has not as many candidates and genes as the genomes.
     #[error("sample: {0}")]
     Sample(String),
+    /// Servers announce one of the numbers of sensors and actuators alone, of which controllers are made; which is missing.
+    #[error("the servers do not announce their number of {0}; add `{0}:` to the experiment")]
+    Unannounced(&'static str),
     /// No episode at all.
     #[error("seeds: must hold the seed of at least one episode")]
     NoEpisode,

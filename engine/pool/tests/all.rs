@@ -14,6 +14,7 @@ mod outages;
 mod parameter_sets;
 mod python_modules;
 mod reconnections;
+mod refusals;
 mod retries;
 mod samples;
 mod shares;

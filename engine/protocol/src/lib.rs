@@ -4,6 +4,8 @@
 
 use std::borrow::Cow;
 
+use swarmwright_values::plain;
+
 mod extension;
 mod hash;
 mod messages;
@@ -75,6 +77,22 @@ impl DecodeError {
         Self::Json(shortened(words.into(), MOST_WORDS))
     }
 
+    /// The key with which something is wrong, without the indices of lists; empty for the message as a whole.
+    #[must_use]
+    pub fn key(&self) -> &str {
+        let words = match self {
+            Self::TooLarge { .. } => "",
+            Self::Missing(path) => path,
+            Self::Json(words) | Self::Value(words) => {
+                let quoted = words.strip_prefix('"');
+                quoted
+                    .and_then(|rest| rest.split_once('"'))
+                    .map_or("", |(path, _)| path)
+            }
+        };
+        words.split('[').next().unwrap_or_default()
+    }
+
     /// A value that cannot be; what is wrong with it.
     pub(crate) fn value(words: impl Into<String>) -> Self {
         Self::Value(shortened(words.into(), MOST_WORDS))
@@ -83,6 +101,6 @@ impl DecodeError {
 
 impl From<serde_json::Error> for DecodeError {
     fn from(error: serde_json::Error) -> Self {
-        Self::json(error.to_string())
+        Self::json(plain(&error.to_string()))
     }
 }

@@ -1,6 +1,7 @@
 //! Extension: presence, a retained message per server that says what it does now (docs/reference/protocol.md).
 
-use serde::{Deserialize, Serialize};
+use serde::de::Error;
+use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::{Map, Value};
 
 use crate::numbers::Id;
@@ -40,6 +41,7 @@ pub struct Presence {
 struct Wire {
     version: Id,
     server: Id,
+    #[serde(deserialize_with = "state")]
     state: State,
     simulations: Vec<String>,
     capabilities: Map<String, Value>,
@@ -54,6 +56,16 @@ struct Wire {
     instance: Option<String>,
 }
 
+/// Reads a state from a string alone: serde would take an object, too, and say that it expects one.
+fn state<'de, D: Deserializer<'de>>(deserializer: D) -> Result<State, D::Error> {
+    match String::deserialize(deserializer)?.as_str() {
+        "ready" => Ok(State::Ready),
+        "busy" => Ok(State::Busy),
+        "lost" => Ok(State::Lost),
+        other => Err(D::Error::unknown_variant(other, &["ready", "busy", "lost"])),
+    }
+}
+
 impl Presence {
     pub(crate) fn decode(payload: &[u8]) -> Result<Self, DecodeError> {
         if payload.len() > MAX_PAYLOAD {
@@ -62,18 +74,25 @@ impl Presence {
                 most: MAX_PAYLOAD,
             });
         }
-        let wire: Wire = place::read(serde_json::from_slice::<Value>(payload)?, "")?;
+        let object: Map<String, Value> = serde_json::from_slice(payload)?;
+        let wire: Wire = place::read(Value::Object(object), "")?;
         if wire.version != Id(1) {
             return Err(DecodeError::value(format!(
                 "\"version\" is {}, expected 1",
                 wire.version.0
             )));
         }
+        let mut capabilities = Capabilities::from_object(wire.capabilities)?;
+        if let Some(announced) = &mut capabilities.swarmwright {
+            announced.host = announced.host.take().or(wire.host);
+            announced.pid = announced.pid.or(wire.pid);
+            announced.instance = announced.instance.take().or(wire.instance);
+        }
         Ok(Self {
             server: wire.server.0,
             state: wire.state,
             simulations: wire.simulations,
-            capabilities: Capabilities::from_object(wire.capabilities)?,
+            capabilities,
             tool: wire.tool,
             since: wire.since,
         })

@@ -5,7 +5,7 @@
 use std::fmt;
 
 use serde::{Deserialize, Deserializer, Serialize};
-use serde_json::Value;
+use serde_json::{Map, Value};
 
 use crate::numbers::Id;
 use crate::place;
@@ -214,7 +214,8 @@ impl Status {
             });
         }
         // By way of a tree, in which the last of repeated keys wins.
-        let status: Self = place::read(serde_json::from_slice::<Value>(payload)?, "")?;
+        let object: Map<String, Value> = serde_json::from_slice(payload)?;
+        let status: Self = place::read(Value::Object(object), "")?;
         match status.negative() {
             Some((path, number)) => Err(DecodeError::value(format!(
                 "\"{path}\" is {number}, expected 0 or more"

@@ -1,8 +1,10 @@
 //! Reasons for which messages are refused: they say in which field, and what was expected.
-#![allow(clippy::unwrap_used, reason = "a test")]
+#![allow(clippy::panic, clippy::unwrap_used, reason = "a test")]
 
 use serde_json::{Value, json};
-use swarmwright_protocol::{Message, SensorReading, ToServer, ToTool, Topic};
+use swarmwright_protocol::{
+    Announcement, Fitness, Message, SensorReading, ToServer, ToTool, Topic,
+};
 
 fn json_reason(topic: Topic, message: &Value) -> String {
     let payload = message.to_string().into_bytes();
@@ -93,6 +95,134 @@ fn reasons_name_the_field_of_json_messages() {
             assert!(reason.contains(part), "{topic:?}: {reason}");
         }
     }
+}
+
+#[test]
+fn reasons_have_the_same_words_for_every_topic() {
+    for topic in [
+        Topic::Discovery,
+        Topic::Server,
+        Topic::Parameters,
+        Topic::Control,
+        Topic::Sensor,
+        Topic::Fitness,
+        Topic::Presence,
+        Topic::Status,
+    ] {
+        for (message, found) in [
+            (json!([]), "a list"),
+            (json!(91), "91"),
+            (json!(null), "null"),
+        ] {
+            let error = Message::decode(topic, message.to_string().as_bytes()).unwrap_err();
+            let reason = error.to_string();
+            let expected = format!("{found} found, expected an object, at line 1");
+            assert!(reason.starts_with(&expected), "{topic:?}: {reason}");
+            assert_eq!(error.key(), "");
+        }
+    }
+    let presence = json!({"version": 1, "server": 1, "state": {}, "simulations": ["line"],
+        "capabilities": {"dimensions": 2}, "since": "x"});
+    let reason = json_reason(Topic::Presence, &presence);
+    assert!(
+        reason.ends_with("\"state\": an object found, expected a string"),
+        "{reason}"
+    );
+}
+
+#[test]
+fn errors_say_which_key_is_wrong_wherever_in_a_list() {
+    let sensor = |message: Value| {
+        let error = Message::decode(Topic::Sensor, message.to_string().as_bytes()).unwrap_err();
+        error.key().to_owned()
+    };
+    assert_eq!(sensor(json!({"agent": "x"})), "agent");
+    assert_eq!(sensor(json!({"agent": 0})), "simulation_hash");
+    for at in 0..3 {
+        let mut numbers = json!([1, 2, 3]);
+        numbers[at] = json!("x");
+        assert_eq!(sensor(json!({"sensor": numbers})), "sensor");
+    }
+}
+
+#[test]
+fn what_is_announced_in_a_wrong_type_is_named() {
+    let announced = |key: &str, value: Value| {
+        let mut announcement = json!({"version": 1, "modes": ["stepwise"], "sensors": 2.0, "scenes": true, "later": []});
+        announcement[key] = value;
+        let message = json!({"server": 1, "simulation_hash": "00", "simulations": ["line"],
+            "capabilities": {"dimensions": 2, "swarmwright": announcement}});
+        Announcement::mistakes(message.to_string().as_bytes())
+    };
+    assert_eq!(announced("actuators", json!(1)), Vec::<String>::new());
+    for (key, value, words) in [
+        (
+            "sensors",
+            json!("2"),
+            "\"sensors\" is \"2\" (a string), expected an integer from 1",
+        ),
+        (
+            "batch",
+            json!(0),
+            "\"batch\" is 0, expected an integer from 1",
+        ),
+        (
+            "modes",
+            json!("batched"),
+            "\"modes\" is \"batched\" (a string), expected a list of names",
+        ),
+        (
+            "scenes",
+            json!(1),
+            "\"scenes\" is 1, expected true or false",
+        ),
+    ] {
+        assert_eq!(announced(key, value), [words]);
+    }
+    assert!(Announcement::mistakes(b"[]").is_empty());
+}
+
+#[test]
+fn why_a_metric_cannot_be_used_is_known_afterwards() {
+    let wrong = |metrics: Value| {
+        let message = json!({"simulation_hash": "00", "fitness": 1, "metrics": metrics});
+        let payload = message.to_string().into_bytes();
+        assert!(
+            Fitness::decode(&payload).unwrap().metrics.get("spread")
+                == metrics["spread"].as_f64().as_ref()
+        );
+        Fitness::wrong_metric(&payload, "spread")
+    };
+    assert_eq!(wrong(json!({"spread": 3})), None);
+    assert_eq!(wrong(json!({"other": "3"})), None);
+    let words = "\"metrics.spread\": \"3\" (a string) found, expected a number";
+    assert_eq!(wrong(json!({"spread": "3"})).as_deref(), Some(words));
+    let words = "\"metrics\": a list found, expected an object";
+    assert_eq!(wrong(json!([3])).as_deref(), Some(words));
+}
+
+#[test]
+fn presence_says_where_a_server_runs_at_either_place() {
+    let read = |outer: Value, inner: Value| {
+        let mut message = json!({"version": 1, "server": 1, "state": "ready", "simulations": ["line"], "since": "x",
+            "capabilities": {"dimensions": 2, "swarmwright": {"version": 1, "modes": []}}});
+        for (key, value) in outer.as_object().unwrap() {
+            message[key] = value.clone();
+        }
+        for (key, value) in inner.as_object().unwrap() {
+            message["capabilities"]["swarmwright"][key] = value.clone();
+        }
+        match Message::decode(Topic::Presence, message.to_string().as_bytes()) {
+            Ok(Message::Presence(presence)) => presence.capabilities.swarmwright.unwrap(),
+            other => panic!("{other:?}"),
+        }
+    };
+    let where_it_runs = json!({"host": "lab", "pid": 7, "instance": "a1"});
+    let outer = read(where_it_runs.clone(), json!({}));
+    assert_eq!(outer, read(json!({}), where_it_runs));
+    assert_eq!((outer.host.as_deref(), outer.pid), (Some("lab"), Some(7)));
+    let both = read(json!({"pid": 7, "instance": "a1"}), json!({"pid": 8}));
+    assert_eq!((both.pid, both.instance.as_deref()), (Some(8), Some("a1")));
 }
 
 #[test]

@@ -59,6 +59,7 @@ def evolve(
     tensorboard: Path | None,
     mlflow: str | None,
     observing: Observing,
+    broker: str | None = None,
 ) -> int:
     """Do the work, show how it goes and what came out; the exit status.
 
@@ -69,11 +70,20 @@ def evolve(
         tensorboard: folder for TensorBoard, if wanted.
         mlflow: MLflow's tracking server, if wanted.
         observing: log and figures for programs, if wanted.
+        broker: that of the run, where the experiment need not name it.
     """
     from swarmwright.optimization.optimize import InterruptedWithResults
 
     try:
-        return _evolve(output, experiment, work, tensorboard=tensorboard, mlflow=mlflow, observing=observing)
+        return _evolve(
+            output,
+            experiment,
+            work,
+            tensorboard=tensorboard,
+            mlflow=mlflow,
+            observing=observing,
+            broker=broker,
+        )
     except InterruptedWithResults as interrupt:
         # On standard error: what was going to be printed of the results is not.
         complain(
@@ -91,6 +101,7 @@ def _evolve(
     tensorboard: Path | None,
     mlflow: str | None,
     observing: Observing,
+    broker: str | None = None,
 ) -> int:
     from swarmwright.optimization.optimize import InterruptedWithResults
 
@@ -116,7 +127,7 @@ def _evolve(
         except KeyboardInterrupt:
             raise InterruptedWithResults(run.path) from None
     if not reader.gone:
-        _conclude(output, run)
+        _conclude(output, run, broker)
     return INTERRUPTED if run.interrupted or reader.gone else 0
 
 
@@ -154,7 +165,7 @@ class Reader:
             self.gone = True
 
 
-def _conclude(output: Output, run: "Run") -> None:
+def _conclude(output: Output, run: "Run", broker: str | None) -> None:
     """Say what came out, where everything is, and what to do next."""
     from swarmwright.runs import picture
 
@@ -204,10 +215,10 @@ def _conclude(output: Output, run: "Run") -> None:
     for name, meaning in FILES.items():
         if name in being_drawn or (run.path / name).exists():
             output.text(f"  {name:<16} {meaning}")
-    _hint(output, run)
+    _hint(output, run, broker)
 
 
-def _hint(output: Output, run: "Run") -> None:
+def _hint(output: Output, run: "Run", broker: str | None) -> None:
     """Say how the best controller can be watched, where there is something to see."""
     from swarmwright import SwarmwrightError
     from swarmwright.simulations import catalogue
@@ -227,8 +238,10 @@ def _hint(output: Output, run: "Run") -> None:
         output.text(f"  {program()} replay {folder} --save best.gif")
     else:
         file = shlex.quote(str(run.path / "experiment.yaml"))
-        broker = "" if run.experiment.broker is not None else " --broker URL"
-        output.text(f"  {program()} simulate {file} --controller {folder} --visual{broker}")
+        where = shlex.quote(broker or run.experiment.broker or "URL")
+        # A server that has scenes sends them here; another one may have a display of its own.
+        output.text(f"  {program()} replay {folder} --broker {where}")
+        output.text(f"  {program()} simulate {file} --controller {folder} --visual --broker {where}")
 
 
 def program() -> str:

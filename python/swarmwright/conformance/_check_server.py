@@ -116,11 +116,14 @@ def check_server(
 
 
 def _informing(chosen: Sequence[Rule], wanted: Sequence[str]) -> list[Rule]:
-    """Rules that find out what the chosen ones need to know, and that are neither chosen nor left out."""
+    """Rules that find out what the chosen ones need to know, and that are not left out."""
     names = [name.strip() for text in wanted for name in text.split(",")]
     left = {name.removeprefix("-") for name in names if name.startswith("-")}
-    needed = RULES.needed(chosen) - {rule.id for rule in chosen}
-    rules = [RULES[number] for number in INFORMING if number in needed]
+    needed, known = RULES.needed(chosen), {rule.id for rule in chosen}
+    missing = [number for number in INFORMING if number in needed and number not in known]
+    # They come before all that is chosen, and each needs what those before it find out.
+    last = INFORMING.index(missing[-1]) if missing else -1
+    rules = [RULES[number] for number in INFORMING[: last + 1]]
     return [rule for rule in rules if not {rule.id, rule.group} & left]
 
 

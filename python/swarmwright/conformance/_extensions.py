@@ -1,6 +1,7 @@
 """Requests and answers of the extensions: MessagePack maps with binary arrays."""
 
 import itertools
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -9,7 +10,7 @@ import msgpack
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.conformance._client import TO_TOOL, Message
+from swarmwright.conformance._client import TO_TOOL, Message, shown
 from swarmwright.conformance._rules import Failure, Skip
 from swarmwright.conformance._server_under_test import Json, Server
 from swarmwright.conformance._trajectory import Steer
@@ -44,6 +45,11 @@ class ControllerSet:
 
     architecture: Json
     weights: NDArray[np.float32]
+
+    @property
+    def size(self) -> int:
+        """Weights of one candidate."""
+        return int(self.weights.shape[1])
 
     def specification(self, candidate: int) -> Json:
         """With the weights of one candidate."""
@@ -164,9 +170,16 @@ def error_of(answer: Mapping[str, Any]) -> tuple[str, str]:
     return error["kind"], error["reason"]
 
 
-def must_be_refused(server: Server, request: Mapping[str, Any], kinds: Sequence[str], why: str) -> str:
-    """Send a request and expect an error of one of these kinds; its reason."""
+def must_be_refused(
+    server: Server, request: Mapping[str, Any], kinds: Sequence[str], why: str, field: str = ""
+) -> str:
+    """Send a request and expect an error of one of these kinds; its reason.
+
+    field: the one that is wrong, such as `controller.kind`; reports show it apart, as they shorten requests.
+    """
     sent = server.request(dict(request))
+    if field:
+        sent = f"{_shown_field(request, field)}, in {sent}"
     kind, reason = error_of(answer_to(server, request, sent))
     if kind not in kinds:
         came = f'the error "{kind}" came: {reason}' if kind else "it was served"
@@ -176,14 +189,38 @@ def must_be_refused(server: Server, request: Mapping[str, Any], kinds: Sequence[
     return reason
 
 
+def _shown_field(request: Mapping[str, Any], path: str) -> str:
+    """A field of a request, for people."""
+    value: Any = request
+    for key in path.split("."):
+        if not isinstance(value, Mapping) or key not in value:
+            return f"no {path}"
+        value = value[key]
+    text = f"<{len(value)} bytes>" if isinstance(value, bytes) else json.dumps(value, default=str)
+    return f"{path}: {shown(text)}"
+
+
 def free_again(server: Server, tool: str = TOOL) -> None:
     """Give the server back, as its holder."""
     fields = {"server": server.id, "simulation_hash": tool, "run": False, "tool": tool}
     server.client.send("control", **fields)
 
 
+def _values(controllers: ControllerSet, candidate: int) -> Json:
+    """The parameters that a set of integers and real numbers stands for (protocol.md, Parameter sets)."""
+    parameters, weights = controllers.architecture["parameters"], controllers.weights[candidate]
+    return {
+        parameter["name"]: int(weight) if parameter["type"] == "integer" else float(str(weight))
+        for parameter, weight in zip(parameters, weights, strict=True)
+    }
+
+
 def played(server: Server, controllers: ControllerSet, candidate: int, seed: int) -> "Any":  # noqa: ANN401
-    """The same episode stepwise, with our controllers."""
+    """The same episode stepwise, with our controllers, or with the parameters of a set."""
+    if controllers.architecture["kind"] == "parameter_set":
+        return server.play(
+            parameters={**server.settings.parameters, **_values(controllers, candidate), "seed": seed}
+        )
     return server.play(
         Steer(controllers.specification(candidate)), {**server.settings.parameters, "seed": seed}
     )

@@ -18,6 +18,10 @@ class Skip(Exception):  # noqa: N818 - it is not an error
     """The rule does not apply here; the message says why."""
 
 
+class NotTried(Exception):  # noqa: N818 - it is not an error
+    """What the rule needs to know of the peer was not found out; the message says what."""
+
+
 class Failure(Exception):  # noqa: N818 - of the peer, not of this program
     """The peer broke the rule.
 

@@ -6,7 +6,7 @@ from typing import Protocol
 
 from swarmwright.conformance._client import Overdue
 from swarmwright.conformance._results import BAD, Result
-from swarmwright.conformance._rules import Failure, Rule, Skip
+from swarmwright.conformance._rules import Failure, NotTried, Rule, Skip
 
 
 class Peer(Protocol):
@@ -63,6 +63,8 @@ def _tried(peer: Peer, rule: Rule) -> Result:
         detail = rule.check(peer) or ""
     except Skip as skip:
         status, detail = "skipped", str(skip)
+    except NotTried as unknown:
+        status, detail = "not run", str(unknown)
     except Failure as one:
         status, failure = "failed", one
     except Overdue:

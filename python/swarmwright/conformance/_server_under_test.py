@@ -15,7 +15,7 @@ import numpy as np
 from swarmwright.conformance._client import TO_SERVER, TO_TOOL, Client, Message, shown
 from swarmwright.conformance._process import Process
 from swarmwright.conformance._proxy import Door
-from swarmwright.conformance._rules import Failure, Skip, WentOn
+from swarmwright.conformance._rules import Failure, NotTried, Skip, WentOn
 from swarmwright.conformance._trajectory import Numbers, Policy, Trajectory, Wander
 
 QUIET = 0.05
@@ -70,6 +70,8 @@ class Server:
         self.deterministic: bool | None = None
         self.repeats: bool | None = None
         self.seen_metrics: set[str] = set()
+        self.wrong_metrics: Json = {}
+        """Metrics that were no finite numbers, each with what came."""
         self.episodes: list[Episode] = []
         self.asked: set[str] = set()
         """Hashes of all discoveries: answers to earlier ones may be late."""
@@ -91,6 +93,8 @@ class Server:
 
     def announces(self, *, mode: str | None = None) -> None:
         """Skip the rule unless extensions, or this mode, are announced."""
+        if not self.capabilities:
+            raise NotTried("what the server announces is not known: rule S1.1 finds it out")
         if "version" not in self.announced:
             raise Skip("not announced: no capabilities.swarmwright")
         if mode is not None and mode not in self.announced.get("modes", []):
@@ -121,13 +125,25 @@ class Server:
         raise Skip("the server does not announce how many actuators an agent has; give --actuators")
 
     @property
+    def undisturbed(self) -> Trajectory:
+        """The trajectory of an undisturbed episode, whoever steers the agents."""
+        if self.trajectory is None:
+            # Without that number there is no such episode; else S2.3 was left out, or failed.
+            _ = self.actuators
+            raise NotTried("there is no undisturbed episode to compare with: rule S2.3 plays it")
+        return self.trajectory
+
+    @property
+    def steers_itself(self) -> bool:
+        """Whether the simulation steers its agents itself, so that no agent is asked."""
+        return not self.undisturbed.messages
+
+    @property
     def reference(self) -> Trajectory:
         """The undisturbed trajectory of `self.policy`; skips the rule when no agent is asked."""
-        if self.trajectory is None:
-            raise Skip("no undisturbed episode to compare with")
-        if not self.trajectory.messages:
+        if self.steers_itself:
             raise Skip("the simulation steers its agents itself, no agent is asked")
-        return self.trajectory
+        return self.undisturbed
 
     @property
     def policy(self) -> Policy:
@@ -415,6 +431,7 @@ class Episode:
             found = {name: float(value) for name, value in metrics.items() if is_number(value)}
             self.trajectory.metrics = found
             self.server.seen_metrics |= found.keys()
+            self.server.wrong_metrics |= {name: value for name, value in metrics.items() if name not in found}
 
     def answer(self, agent: int, actuators: Iterable[float], **changes: Any) -> str:  # noqa: ANN401 - JSON
         """Send an agent's actuators; what was sent."""

@@ -58,6 +58,8 @@ class BrokerBackend:
             known = catalogue.titles()
             title = experiment.simulation
             hint = "" if catalogue.is_here(title) else did_you_mean(title, known)
+            if title in known and str(error).endswith("no server at all"):
+                hint = f"; start one with: swarmwright serve {title}"
             raise RunError(f"{error}{self._metrics_hint() or hint}") from error
 
     def about(

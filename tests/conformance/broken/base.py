@@ -1,6 +1,6 @@
 """What servers that break a rule have in common."""
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from tests.conformance.sound import SoundServer
 
@@ -13,8 +13,9 @@ OWN_TOPIC = "S1,S2,S15"
 
 
 class Broken(SoundServer):
-    """breaks: ids. rules: what is tried. died: whether it is gone afterwards."""
+    """breaks: ids. rules: what is tried, with which parameters. died: whether it is gone afterwards."""
 
     breaks: ClassVar[set[str]]
     rules: ClassVar[str] = STEPWISE
     died: ClassVar[bool] = False
+    parameters_of_episodes: ClassVar[dict[str, Any]] = {}

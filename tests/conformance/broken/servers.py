@@ -16,6 +16,7 @@ from tests.conformance import sound
 from tests.conformance.broken import samples  # noqa: F401 - its servers are in SERVERS
 from tests.conformance.broken.base import CONNECTION, OWN_TOPIC, SCENES, Broken
 from tests.conformance.broken.offloaded import BrokenRobots
+from tests.conformance.broken.steered import BrokenSteered
 from tests.conformance.sound import Json, Refused, World, real
 
 
@@ -444,6 +445,16 @@ class LosesAMetric(Broken):
         return {"arrived": world.metrics()["arrived"]}
 
 
+class QuotesAMetric(Broken):
+    """Sends a metric as text."""
+
+    breaks: ClassVar = {"S8.2"}
+
+    def send_fitness(self, hash_: str | None, world: World) -> None:
+        metrics = {**world.metrics(), "steps": str(world.step_number)}
+        self.publish("fitness", simulation_hash=hash_, fitness=world.fitness(), metrics=metrics)
+
+
 class HasNoLastWill(Broken):
     """Says nothing when it is lost."""
 
@@ -530,4 +541,8 @@ class IsMeant(Broken):
         self.on_control({**self.read(payload), "server": self.server})
 
 
-SERVERS: list[type[Broken]] = [*Broken.__subclasses__(), *BrokenRobots.__subclasses__()]
+SERVERS: list[type[Broken]] = [
+    *(kind for kind in Broken.__subclasses__() if kind is not BrokenSteered),
+    *BrokenRobots.__subclasses__(),
+    *BrokenSteered.__subclasses__(),
+]

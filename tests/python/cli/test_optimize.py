@@ -9,7 +9,8 @@ from typing import Any
 
 import pytest
 
-from swarmwright import Run
+from swarmwright import Run, _engine
+from tests.conformance.sound import SoundServer
 from tests.python.cli.processes import children, gone
 
 QUICK = """\
@@ -46,6 +47,28 @@ def test_plain_lines_tell_how_far_it_is_and_what_to_do_next(program: Any, quick:
         assert (quick.parent / "result" / name).stat().st_size > 0
     replayed = program("replay", "result")
     assert replayed.returncode == 0
+
+
+def test_a_simulation_of_a_server_elsewhere_is_shown_from_the_broker_of_the_run(
+    program: Any, tmp_path: Path
+) -> None:
+    (tmp_path / "toy.yaml").write_text(
+        "simulation: toy\nrequirements: {dimensions: 1}\nmethod: {population: 3, generations: 1}\n"
+        "controller: {kind: layered, hidden: []}\nvalidate: false\n"
+    )
+    broker = _engine.Broker()
+    server = SoundServer(broker.url)
+    try:
+        result = program("optimize", "toy.yaml", "--broker", broker.url, "--out", "result")
+        assert result.returncode == 0, result.stderr
+        (hint,) = (line for line in result.stdout.splitlines() if "replay" in line)
+        words = hint.rpartition("swarmwright ")[2].split()
+        assert words == ["replay", "result", "--broker", broker.url]
+        shown = program(*words, "--save", "best.html")
+        assert shown.returncode == 0, shown.stderr
+    finally:
+        server.close()
+        broker.stop()
 
 
 def test_a_plot_that_is_not_wanted_is_not_listed(program: Any, quick: Path) -> None:

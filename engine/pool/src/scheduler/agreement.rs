@@ -67,8 +67,22 @@ impl Scheduler {
     fn disagree(&mut self, evaluation: usize, found: &[Found]) {
         let told = self.told(evaluation, found);
         self.outlook.disagree(format!(
-            "{told}; which one is right cannot be told without more servers that agree"
+            "{told}; which one is right cannot be told without more servers that agree{}",
+            self.other_cause(found)
         ));
+    }
+
+    /// What else may be the cause where servers differ: mostly that the simulation does not begin anew, which it declares.
+    fn other_cause(&self, found: &[Found]) -> &'static str {
+        let declared = found
+            .iter()
+            .all(|one| self.fleet.repeats_itself(one.server));
+        if declared {
+            "; or the simulation, which declares determinism: bitwise, gives other results for the same episode: its reset \
+             may not restore everything"
+        } else {
+            ""
+        }
     }
 
     /// Who found what, in words.
@@ -94,6 +108,7 @@ impl Scheduler {
             "server {server} gives wrong results and is not used any more: {}",
             self.told(evaluation, &found)
         );
+        let cause = self.other_cause(&found);
         self.let_go(server);
         let jobs = self.fleet.distrust(server, &reason);
         let (reopened, lost) = self.redo(server, now);
@@ -102,7 +117,7 @@ impl Scheduler {
             _ => format!("; {lost} evaluations of it had been used before and stay as they are"),
         };
         self.outbox.warn(format!(
-            "{reason}; {reopened} evaluations of it are done again{handed}"
+            "{reason}{cause}; {reopened} evaluations of it are done again{handed}"
         ));
         self.fail_jobs(jobs, &reason, Blame::None, now);
     }

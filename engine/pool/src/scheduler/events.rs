@@ -2,7 +2,9 @@
 
 use std::time::{Duration, Instant};
 
-use swarmwright_protocol::{Message, SensorReading, ToTool, Topic};
+use swarmwright_protocol::{
+    Announcement, Capabilities, EXTENSION_VERSION, Message, SensorReading, ToTool, Topic,
+};
 
 use crate::scheduler::Scheduler;
 use crate::scheduler::queue::blame::Blame;
@@ -48,11 +50,58 @@ impl Scheduler {
             return;
         }
         match Message::decode(kind, payload) {
-            Ok(Message::Fitness(fitness)) => self.fitness(&fitness, now),
-            Ok(Message::Server(message)) => self.server(message, now),
-            Ok(Message::Presence(presence)) => self.presence(presence, now),
+            Ok(Message::Fitness(fitness)) => self.fitness(&fitness, payload, now),
+            Ok(Message::Server(message)) => {
+                self.misannounced(
+                    message.server,
+                    &message.simulations,
+                    &message.capabilities,
+                    payload,
+                );
+                self.server(message, now);
+            }
+            Ok(Message::Presence(presence)) => {
+                self.misannounced(
+                    presence.server,
+                    &presence.simulations,
+                    &presence.capabilities,
+                    payload,
+                );
+                self.presence(presence, now);
+            }
             Ok(_) => {}
-            Err(error) => self.undecodable(topic, payload, &error, now),
+            Err(error) => {
+                if kind == Topic::Server {
+                    self.fleet.refused_answer(&error);
+                }
+                self.undecodable(topic, payload, &error, now);
+            }
+        }
+    }
+
+    /// Tells once what a server with this simulation announces that cannot be read: it counts as not announced.
+    fn misannounced(
+        &mut self,
+        server: u64,
+        simulations: &[String],
+        capabilities: &Capabilities,
+        payload: &[u8],
+    ) {
+        if !simulations.contains(&self.config.demand.simulation) {
+            return;
+        }
+        let announced = capabilities.swarmwright.as_ref();
+        if let Some(other) = announced.filter(|announced| announced.version != EXTENSION_VERSION) {
+            self.outbox.warn_once(format!(
+                "server {server}: capabilities.swarmwright: \"version\" is {}, and this tool knows {EXTENSION_VERSION}: it uses \
+                 none of its modes but stepwise",
+                other.version
+            ));
+        }
+        for wrong in Announcement::mistakes(payload) {
+            self.outbox.warn_once(format!(
+                "server {server}: capabilities.swarmwright: {wrong}; it counts as not announced"
+            ));
         }
     }
 

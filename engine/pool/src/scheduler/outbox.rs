@@ -6,6 +6,8 @@ use swarmwright_protocol::{MOST_REASON, MOST_STACK, Topic, shortened};
 
 /// Different warnings that are remembered, so that each is made once.
 const MOST_REMEMBERED: usize = 1000;
+/// Different warnings of one group that are made.
+const MOST_IN_GROUP: usize = 3;
 /// What is counted where there are more kinds of warnings than that.
 const OTHERS: &str = "an evaluation failed for yet another reason";
 
@@ -44,6 +46,8 @@ pub(crate) struct Outbox {
     actions: Vec<Action>,
     /// Warnings that are not made again.
     once: HashSet<String>,
+    /// Groups of warnings: how many were made of each, and the last one.
+    groups: HashMap<String, (usize, String)>,
     /// Warnings that were made, and how often each was repeated since that was last told.
     repeated: BTreeMap<String, u64>,
     /// Reasons for which episodes failed in simulations, and whether a stack was told.
@@ -73,6 +77,26 @@ impl Outbox {
         if self.once.len() < MOST_REMEMBERED && self.once.insert(text.clone()) {
             self.warn(text);
         }
+    }
+
+    /// A warning of which the first one about something is made, and no other.
+    pub fn warn_first(&mut self, about: String, text: String) {
+        if self.once.len() < MOST_REMEMBERED && self.once.insert(about) {
+            self.warn(text);
+        }
+    }
+
+    /// A warning about what may be wrong in many ways: the first few are made, the others are counted with the last of them.
+    pub fn warn_grouped(&mut self, group: String, text: String) {
+        if self.once.contains(&text) || self.once.len() >= MOST_REMEMBERED {
+            return;
+        }
+        let group = self.groups.entry(group).or_default();
+        if group.0 < MOST_IN_GROUP {
+            *group = (group.0 + 1, text.clone());
+            return self.warn_once(text);
+        }
+        *self.repeated.entry(group.1.clone()).or_default() += 1;
     }
 
     /// How many different warnings were made [once](Self::warn_once).

@@ -23,6 +23,16 @@ impl Scheduler {
         self.view().sizes()
     }
 
+    /// The number that is not known where the other one is: `sensors` or `actuators`.
+    #[must_use]
+    pub fn unknown_size(&self) -> Option<&'static str> {
+        match self.view().known_sizes() {
+            (None, Some(_)) => Some("sensors"),
+            (Some(_), None) => Some("actuators"),
+            _ => None,
+        }
+    }
+
     /// Whether a fitting server is there for this tool.
     #[must_use]
     pub fn has_server(&self) -> bool {

@@ -21,9 +21,14 @@ pub(crate) struct View<'a> {
 impl View<'_> {
     /// Sensors and actuators that a fitting server announces, or that the experiment says.
     pub fn sizes(&self) -> Option<(usize, usize)> {
-        match (self.config.demand.sensors, self.config.demand.actuators) {
-            (Some(sensors), Some(actuators)) => Some((sensors, actuators)),
-            _ => self.fleet.sizes(),
-        }
+        let (sensors, actuators) = self.known_sizes();
+        Some((sensors?, actuators?))
+    }
+
+    /// The same, each for itself.
+    pub fn known_sizes(&self) -> (Option<usize>, Option<usize>) {
+        let demand = &self.config.demand;
+        let (sensors, actuators) = self.fleet.sizes();
+        (demand.sensors.or(sensors), demand.actuators.or(actuators))
     }
 }

@@ -1,5 +1,8 @@
 //! Reading and writing of these messages.
 
+use std::fmt;
+
+use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use serde_json::{Map, Value, json};
 
@@ -11,6 +14,7 @@ use crate::numbers::Id;
 use crate::place;
 use crate::{
     Actuator, DecodeError, Fitness, MAX_PAYLOAD, Presence, Sensor, Status, ToServer, ToTool, Topic,
+    shortened,
 };
 
 impl Message {
@@ -40,6 +44,49 @@ impl Message {
 fn is_object(payload: &[u8]) -> bool {
     payload.trim_ascii_start().first() == Some(&b'{')
 }
+
+/// Characters of a value that is told, at most.
+const MOST_VALUE: usize = 60;
+
+/// What the value of an announcement has to be.
+enum Expected {
+    Whole(u64),
+    Names,
+    Number,
+    Flag,
+    Text,
+}
+
+impl fmt::Display for Expected {
+    fn fmt(&self, formatter: &mut fmt::Formatter) -> fmt::Result {
+        match self {
+            Self::Whole(least) => write!(formatter, "an integer from {least}"),
+            Self::Names => formatter.write_str("a list of names"),
+            Self::Number => formatter.write_str("a number from 0"),
+            Self::Flag => formatter.write_str("true or false"),
+            Self::Text => formatter.write_str("text"),
+        }
+    }
+}
+
+const TYPES: [(&str, Expected); 16] = [
+    ("version", Expected::Whole(1)),
+    ("modes", Expected::Names),
+    ("controllers", Expected::Names),
+    ("distributions", Expected::Names),
+    ("metrics", Expected::Names),
+    ("batch", Expected::Whole(1)),
+    ("lanes", Expected::Whole(1)),
+    ("sensors", Expected::Whole(1)),
+    ("actuators", Expected::Whole(1)),
+    ("determinism", Expected::Text),
+    ("tolerance", Expected::Number),
+    ("scenes", Expected::Flag),
+    ("control", Expected::Flag),
+    ("instance", Expected::Text),
+    ("host", Expected::Text),
+    ("pid", Expected::Whole(0)),
+];
 
 /// An object whose keys are taken out one by one.
 struct Keys {
@@ -92,6 +139,12 @@ impl Keys {
     /// What is known of an extension; a peer's own use of its name is not an error.
     fn lenient<T: DeserializeOwned>(&mut self, key: &'static str) -> Option<T> {
         self.optional(key).ok().flatten()
+    }
+
+    /// The same for a number of things.
+    fn whole(&mut self, key: &'static str) -> Option<usize> {
+        let Id(found) = self.lenient(key)?;
+        usize::try_from(found).ok()
     }
 
     /// `max_agents`, also in the spelling of the published server schema.
@@ -226,12 +279,12 @@ impl Announcement {
             version: keys.id("version").ok()?,
             modes: keys.lenient("modes").unwrap_or_default(),
             controllers: keys.lenient("controllers").unwrap_or_default(),
-            batch: keys.lenient("batch").filter(|most| *most > 0),
-            lanes: keys.lenient("lanes").filter(|lanes| *lanes > 0),
+            batch: keys.whole("batch").filter(|most| *most > 0),
+            lanes: keys.whole("lanes").filter(|lanes| *lanes > 0),
             modules: keys.lenient("modules").unwrap_or_default(),
             distributions: keys.lenient("distributions").unwrap_or_default(),
-            sensors: keys.lenient("sensors"),
-            actuators: keys.lenient("actuators"),
+            sensors: keys.whole("sensors"),
+            actuators: keys.whole("actuators"),
             metrics: keys.lenient("metrics").unwrap_or_default(),
             determinism: keys.lenient("determinism"),
             tolerance: keys
@@ -241,8 +294,46 @@ impl Announcement {
             control: keys.lenient("control").unwrap_or_default(),
             instance: keys.lenient("instance"),
             host: keys.lenient("host"),
-            pid: keys.lenient("pid"),
+            pid: keys.lenient("pid").map(|Id(pid)| pid),
         })
+    }
+
+    /// What of an announcement, in the payload of a server or presence message, is not of the type that it has to be, in
+    /// words: it counts as not announced.
+    #[must_use]
+    pub fn mistakes(payload: &[u8]) -> Vec<String> {
+        #[derive(Deserialize)]
+        struct Outer {
+            capabilities: Inner,
+        }
+        #[derive(Deserialize)]
+        struct Inner {
+            swarmwright: Map<String, Value>,
+        }
+        let Ok(outer) = serde_json::from_slice::<Outer>(payload) else {
+            return Vec::new();
+        };
+        let announced = outer.capabilities.swarmwright;
+        let wrong = |value: &Value, expected: &Expected| match expected {
+            Expected::Whole(least) => {
+                !serde_json::from_value::<Id>(value.clone()).is_ok_and(|Id(found)| found >= *least)
+            }
+            Expected::Names => !value
+                .as_array()
+                .is_some_and(|list| list.iter().all(Value::is_string)),
+            Expected::Number => !value.as_f64().is_some_and(|found| found >= 0.0),
+            Expected::Flag => !value.is_boolean(),
+            Expected::Text => !value.is_string(),
+        };
+        let found = |(key, expected): &(&str, Expected)| {
+            let value = announced.get(*key)?;
+            wrong(value, expected).then(|| {
+                let text = shortened(value.to_string(), MOST_VALUE);
+                let note = if value.is_string() { " (a string)" } else { "" };
+                format!("\"{key}\" is {text}{note}, expected {expected}")
+            })
+        };
+        TYPES.iter().filter_map(found).collect()
     }
 
     fn to_value(&self) -> Value {

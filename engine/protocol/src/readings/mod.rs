@@ -10,10 +10,11 @@ use std::fmt;
 use serde::Serialize;
 use serde::de::{Deserialize, Deserializer, Error, MapAccess, Visitor};
 use serde_json::value::RawValue;
+use serde_json::{Map, Value};
 use swarmwright_values::plain;
 
 use crate::numbers::{Id, Real32, Real64};
-use crate::place::at;
+use crate::place::{self, at};
 use crate::{DecodeError, MAX_PAYLOAD, MAX_SENSOR};
 
 /// Levels of a message, its own object included: as many as `serde_json` reads of a tree.
@@ -407,6 +408,21 @@ impl Fitness {
                 .ok_or_else(|| DecodeError::missing("fitness"))?,
             metrics: metrics(fields.metrics),
         })
+    }
+
+    /// What is wrong with a metric in a payload, in words; none where it is a finite number, or is not there.
+    #[must_use]
+    pub fn wrong_metric(payload: &[u8], name: &str) -> Option<String> {
+        let fields = read(payload, Kind::Fitness).ok()?;
+        let value: Value = serde_json::from_str(fields.metrics?.get()).ok()?;
+        let wrong = match place::read::<Map<String, Value>>(value, "metrics") {
+            Ok(mut metrics) => {
+                let path = format!("metrics.{name}");
+                place::read::<Real64>(metrics.remove(name)?, &path).err()?
+            }
+            Err(error) => error,
+        };
+        Some(wrong.to_string())
     }
 
     /// The payload; the number is the shortest decimal that reads back as the same binary64.

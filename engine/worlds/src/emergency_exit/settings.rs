@@ -217,7 +217,7 @@ pub(super) fn parameters() -> Vec<ParameterInfo> {
             "seed",
             "integer",
             json!(0),
-            "Seed of a random field; in experiments 0 to 2^63 - 1.",
+            "Seed of a random field; in experiments 0 to 2^62.",
         ),
         (
             "update",

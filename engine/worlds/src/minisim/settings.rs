@@ -362,7 +362,7 @@ pub(super) fn parameters() -> Vec<ParameterInfo> {
             "seed",
             "integer",
             json!(0),
-            "Seed of random placement; in experiments 0 to 2^63 - 1.",
+            "Seed of random placement; in experiments 0 to 2^62.",
         ),
     ]
 }

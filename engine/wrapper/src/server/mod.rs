@@ -88,16 +88,14 @@ pub enum ServeError {
     Topic(#[from] TopicError),
     /// Another server uses the id.
     #[error(
-        "the id {id} is taken by a server on {host}, process {pid}; choose another with --id \
+        "the id {id} is taken by a server on {place}; choose another with --id \
          (or, if that server is gone for good: mosquitto_pub -r -n -t {topic})"
     )]
     IdTaken {
         /// The id.
         id: u64,
-        /// Where the other server runs.
-        host: String,
-        /// Its process id there.
-        pid: u64,
+        /// Where the other server runs: its host, and its process if it says that.
+        place: String,
         /// Its presence topic.
         topic: String,
     },

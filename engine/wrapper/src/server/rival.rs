@@ -6,6 +6,7 @@ use swarmwright_mqtt::{Connection, Event};
 use swarmwright_protocol::{Message, State, Topic, Topics};
 
 use super::ServeError;
+use crate::notice::Rival;
 use crate::{Identity, identity};
 
 /// For how long a server that starts listens for another with its id.
@@ -37,13 +38,15 @@ pub(super) fn find_rival(
             };
             let other = presence.capabilities.swarmwright.unwrap_or_default();
             let gone = identity::is_dead(other.host.as_deref(), other.pid);
-            let host = other.host.unwrap_or_else(|| "an unknown host".to_owned());
-            let pid = other.pid.unwrap_or_default();
             if presence.server == identity.id && presence.state != State::Lost && !gone {
+                let rival = Rival {
+                    id: identity.id,
+                    host: other.host,
+                    pid: other.pid,
+                };
                 return Err(ServeError::IdTaken {
                     id: identity.id,
-                    host,
-                    pid,
+                    place: rival.to_string(),
                     topic: topics.presence(identity.id),
                 });
             }

@@ -56,12 +56,11 @@ class Batch:
         self.step += 1
         episodes, agents = numbers(answer, "episodes", "<u4"), numbers(answer, "agents", "<u4")
         sensors = numbers(answer, "sensors", "<f4")
-        if len(episodes) != len(agents) or len(sensors) != len(episodes) * self.server.sensors:
+        each = self._sensors(len(episodes))
+        if len(episodes) != len(agents) or len(sensors) != len(episodes) * each:
             came = f"{len(episodes)} episodes, {len(agents)} agents, {len(sensors)} sensors"
-            raise Failure(
-                came, f"as many agents as episodes, {self.server.sensors} sensors for each", self.sent
-            )
-        rows = sensors.reshape(len(episodes), self.server.sensors)
+            raise Failure(came, f"as many agents as episodes, {each} sensors for each", self.sent)
+        rows = sensors.reshape(len(episodes), each)
         self.rows = [(int(one), int(two), row) for one, two, row in zip(episodes, agents, rows, strict=True)]
         ended, fitness = numbers(answer, "ended", "<u4"), numbers(answer, "fitness", "<f8")
         if len(ended) != len(fitness):
@@ -70,6 +69,14 @@ class Batch:
             self.fitness[episode] = value
             named = answer.get("metrics") or {}
             self.metrics[episode] = {name: float(numbers(named, name, "<f8")[place]) for name in named}
+
+    def _sensors(self, rows: int) -> int:
+        """How many numbers a row has. Failure for rows of a simulation that steers its agents itself."""
+        if not self.server.steers_itself:
+            return self.server.sensors
+        if rows:
+            raise Failure(f"{rows} agents are asked", "no rows: stepwise no agent is asked", self.sent)
+        return 0
 
     def answer(self, values: Sequence[Sequence[float]], **changes: Any) -> str:  # noqa: ANN401 - JSON
         """Send a row of actuators for each row; what was sent."""
@@ -91,8 +98,16 @@ class Batch:
 
 
 def _steps(server: Server) -> None:
-    server.announces(mode="batched")
+    """Skip the rule unless the server steps batches, and agents are asked."""
+    _batches(server)
     _ = server.reference, server.actuators
+
+
+def _batches(server: Server) -> None:
+    """Skip the rule unless the server has batches, and an episode tells whether agents are asked in them."""
+    server.announces(mode="batched")
+    if not server.steers_itself:
+        _ = server.actuators
 
 
 def _zeros(server: Server) -> Callable[..., Sequence[float]]:
@@ -112,11 +127,15 @@ def _seeds(server: Server) -> list[int]:
     needs=["S2.3", "S3.2"],
 )
 def equal(server: Server) -> str:
-    """Three episodes with three seeds, agents with a state."""
-    _steps(server)
+    """Three episodes with three seeds, agents with a state.
+
+    Where nobody is asked, the first message is the last.
+    """
+    _batches(server)
     server.comparable()
-    controllers, seeds = controller_set(server, "fully_meshed", 1), _seeds(server)
-    steering = [Steer(controllers.specification(0)) for _ in seeds]
+    seeds = _seeds(server)
+    controllers = None if server.steers_itself else controller_set(server, "fully_meshed", 1)
+    steering = [Steer(controllers.specification(0)) for _ in seeds] if controllers else []
     turns: dict[tuple[int, int], int] = {}
 
     def act(episode: int, agent: int, sensors: NDArray[np.float32]) -> Sequence[float]:
@@ -124,13 +143,19 @@ def equal(server: Server) -> str:
         turns[episode, agent] = turn + 1
         return steering[episode](agent, turn, sensors)
 
+    def stepwise(seed: int) -> Trajectory:
+        if controllers is None:
+            return server.play(parameters={**server.settings.parameters, "seed": seed})
+        trajectory: Trajectory = played(server, controllers, 0, seed)
+        return trajectory
+
     wanted = list(server.announced.get("metrics") or [])
     more: Json = {"metrics": wanted} if wanted else {}
     one = Batch(server, seeds, **more)
     one.play(act)
     free_again(server)
     for episode, seed in enumerate(seeds):
-        trajectory: Trajectory = played(server, controllers, 0, seed)
+        trajectory = stepwise(seed)
         if not same(trajectory.fitness, one.fitness.get(episode)):
             came = f"seed {seed}: {one.fitness.get(episode)!r} batched, {trajectory.fitness!r} stepwise"
             raise Failure(came, "the same bits")
@@ -203,7 +228,7 @@ def ended(server: Server) -> None:
 )
 def invalid(server: Server) -> None:
     """One episode too many; no episode; an unknown simulation; another version."""
-    _steps(server)
+    _batches(server)
     most = server.announced.get("batch")
     if isinstance(most, int):
         must_be_refused(
@@ -229,11 +254,15 @@ def invalid(server: Server) -> None:
     needs=["S10.1"],
 )
 def taken(server: Server) -> None:
-    """Another's batch, discoveries; the batch goes on; batches for another instance, and for this one."""
-    _steps(server)
+    """Another's batch, discoveries; the batch goes on; batches for another instance, and for this one.
+
+    Where nobody is asked, the batch is over at once, and the server held.
+    """
+    _batches(server)
     one = Batch(server, _seeds(server))
-    must_be_refused(server, batch(server, [1], tool=OTHER), ["taken"], f"a batch of {TOOL} is under way")
-    must_be_taken(server, f"a batch of {TOOL} is under way", "start")
+    why = f"a batch of {TOOL} is under way" if one.rows else f"it is held for {TOOL}"
+    must_be_refused(server, batch(server, [1], tool=OTHER), ["taken"], why)
+    must_be_taken(server, why, "start")
     one.play(_zeros(server))
     must_be_taken(server, f"it is held for {TOOL}", "a whole batch")
     free_again(server)
@@ -254,7 +283,7 @@ def taken(server: Server) -> None:
 )
 def full(server: Server) -> str:
     """A batch of the largest size, begun and ended."""
-    _steps(server)
+    _batches(server)
     most = server.announced.get("batch")
     if not isinstance(most, int):
         raise Skip("not announced: no capabilities.swarmwright.batch")
@@ -262,5 +291,6 @@ def full(server: Server) -> str:
     found = {episode for episode, _, _ in one.rows} | set(one.fitness)
     if len(found) != min(most, 1000):
         raise Failure(f"{len(found)} episodes came", f"{min(most, 1000)}", one.sent)
-    one.answer([])
+    if one.rows:
+        one.answer([])
     return f"{most} episodes"

@@ -1,7 +1,9 @@
 """S8: metrics."""
 
+import json
 import re
 
+from swarmwright.conformance._client import shown
 from swarmwright.conformance._rules import Failure, Skip
 from swarmwright.conformance._server_under_test import Server
 from swarmwright.conformance.server._rules import rule
@@ -44,6 +46,10 @@ def they_come(server: Server) -> str:
     wanted = names(server)
     trajectory = server.play()
     missing = [name for name in wanted if name not in server.seen_metrics]
+    wrong = [name for name in missing if name in server.wrong_metrics]
+    if wrong:
+        value = server.wrong_metrics[wrong[0]]
+        raise Failure(f'"metrics.{wrong[0]}" is {shown(json.dumps(value))}', "a finite number")
     if missing:
         raise Failure(
             f"metrics {', '.join(trajectory.metrics) or 'none'} came",

@@ -2,6 +2,7 @@
 
 import math
 import time
+from collections.abc import Mapping
 
 import msgpack
 import numpy as np
@@ -25,7 +26,7 @@ from swarmwright.conformance._extensions import (
 )
 from swarmwright.conformance._rules import Failure, Skip
 from swarmwright.conformance._samples import genomes_of, makes_samples, sample_of, wrong_samples
-from swarmwright.conformance._server_under_test import Json, Server
+from swarmwright.conformance._server_under_test import Json, Server, is_number
 from swarmwright.conformance._trajectory import Trajectory, same
 from swarmwright.conformance.server._rules import rule
 from swarmwright.conformance.server.episodes import begun
@@ -37,15 +38,17 @@ SEEDS = (3, 1)
 CANDIDATES = 3
 LONG = 0.5
 """Seconds of a request during which any other must have come."""
+_LARGEST = 1e38
+"""Numbers from here on may not be finite as weights."""
 _MOST_TIMES = 1 << 16
 """How many times the controllers of a request are evaluated at most to keep a server busy."""
 
 
 def some(server: Server, candidates: int = CANDIDATES) -> ControllerSet:
-    """Controllers of the first kind that is announced and steers agents."""
+    """Controllers of the first kind that is announced and steers agents; a parameter set where none does."""
     server.announces(mode="offloaded")
-    if server.trajectory is not None and not server.trajectory.messages:
-        raise Skip("the simulation steers its agents itself")
+    if server.steers_itself:
+        return parameter_sets(server, candidates)
     kinds = [kind for kind in server.announced.get("controllers", []) if kind in OPTIONS]
     if not kinds:
         raise Skip("not announced: no kind of controller that the kit knows")
@@ -129,13 +132,21 @@ def properties(server: Server) -> None:
         )
 
 
-def _equal(server: Server, kind: str, **options: str) -> str:
+def _announces_kind(server: Server, kind: str) -> None:
     server.announces(mode="offloaded")
     if kind not in server.announced.get("controllers", []):
         raise Skip(f"not announced: capabilities.swarmwright.controllers lacks {kind!r}")
+
+
+def _equal(server: Server, kind: str, **options: str) -> str:
+    _announces_kind(server, kind)
     server.comparable()
     _ = server.reference
-    controllers = controller_set(server, kind, CANDIDATES, **options)
+    return _as_stepwise(server, controller_set(server, kind, CANDIDATES, **options))
+
+
+def _as_stepwise(server: Server, controllers: ControllerSet) -> str:
+    """Failure unless every candidate has its stepwise fitness in every episode; how many differ."""
     fitness = numbers(evaluated(server, evaluation(server, controllers, SEEDS)), "fitness", "<f8")
     free_again(server)
     for candidate in range(CANDIDATES):
@@ -261,32 +272,54 @@ def trees(server: Server) -> str:
     fix="answer error invalid when the simulation asks an agent although the controller steers no agents",
     needs=["S2.3"],
 )
-def parameter_set(server: Server) -> None:
-    """A set with one of the parameters of the episodes, or another name."""
-    server.announces(mode="offloaded")
-    if "parameter_set" not in server.announced.get("controllers", []):
-        raise Skip("not announced: capabilities.swarmwright.controllers lacks 'parameter_set'")
-    given = server.settings.parameters
-    reals = {
-        name: value
-        for name, value in given.items()
-        if isinstance(value, int | float) and not isinstance(value, bool)
-    }
-    name, value = next(iter(reals.items()), ("conformance", 1))
-    kind = "integer" if isinstance(value, int) else "real"
-    architecture = {"version": 1, "kind": "parameter_set", "parameters": [{"name": name, "type": kind}]}
-    controllers = ControllerSet(architecture, np.array([[value]], dtype=np.float32))
-    request = evaluation(server, controllers, [1])
-    if server.trajectory is not None and server.trajectory.messages:
+def parameter_set(server: Server) -> str | None:
+    """A set with the numbers among the parameters of the episodes, or another name."""
+    if not server.steers_itself:
+        _announces_kind(server, "parameter_set")
+        numbers_given = _numbers(server) or {"conformance": 1}
+        request = evaluation(server, parameter_set_of(numbers_given, 1), [1])
         must_be_refused(server, request, ["invalid"], "agents are asked, and no controller steers them")
-        return
-    if not reals:
+        return None
+    controllers = parameter_sets(server, CANDIDATES)
+    if server.deterministic is False:
+        evaluated(server, evaluation(server, controllers, SEEDS))
+        return None
+    return _as_stepwise(server, controllers)
+
+
+def parameter_sets(server: Server, candidates: int) -> ControllerSet:
+    """Sets with the numbers among the parameters of the episodes; skips the rule where there are none.
+
+    All candidates are the same: which other values the simulation takes is not known.
+    """
+    _announces_kind(server, "parameter_set")
+    found = _numbers(server)
+    if not found:
         raise Skip("give --parameters with a number, which the set can hold")
-    fitness = numbers(evaluated(server, request), "fitness", "<f8")
-    free_again(server)
-    trajectory = server.play(parameters={**given, "seed": 1})
-    if server.deterministic is not False and not same(trajectory.fitness, float(fitness[0])):
-        raise Failure(f"{float(fitness[0])!r} offloaded, {trajectory.fitness!r} stepwise", "the same bits")
+    return parameter_set_of(found, candidates)
+
+
+def _numbers(server: Server) -> dict[str, float]:
+    """The numbers among the parameters of the episodes, of which a set can be made."""
+    return {
+        name: value
+        for name, value in server.settings.parameters.items()
+        if is_number(value)
+        and abs(value) < _LARGEST
+        and name not in {"seed", "server", "simulation", "simulation_hash"}
+    }
+
+
+def parameter_set_of(values: Mapping[str, float], candidates: int) -> ControllerSet:
+    """Parameter sets of these values, the same for all candidates."""
+    types = {name: "integer" if isinstance(value, int) else "real" for name, value in values.items()}
+    architecture = {
+        "version": 1,
+        "kind": "parameter_set",
+        "parameters": [{"name": name, "type": kind} for name, kind in types.items()],
+    }
+    weights = np.tile(np.array(list(values.values()), dtype=np.float32), (candidates, 1))
+    return ControllerSet(architecture, weights)
 
 
 @rule(
@@ -409,13 +442,22 @@ def invalid(server: Server) -> None:
     """Requests in which one field of evaluate, or of its sample, is wrong."""
     controllers = some(server)
     architecture = controllers.architecture
+    misfits: list[tuple[str, Json]]
+    if server.steers_itself:
+        misfits = [("controller.parameters", {"parameters": "conformance"})]
+    else:
+        misfits = [
+            ("controller.sensors", {"sensors": server.sensors + 1}),
+            ("controller.actuators", {"actuators": server.actuators + 1}),
+        ]
+    # Of sets of one number, any number of them is whole.
+    short = [("genomes", {"genomes": controllers.weights.tobytes()[:-4]})] if controllers.size > 1 else []
     wrong: list[tuple[str, Json]] = [
         ("version", {"version": 2}),
         ("simulation", {"simulation": "no such simulation"}),
         ("controller.kind", {"controller": {**architecture, "kind": "abacus"}}),
-        ("controller.sensors", {"controller": {**architecture, "sensors": server.sensors + 1}}),
-        ("controller.actuators", {"controller": {**architecture, "actuators": server.actuators + 1}}),
-        ("genomes", {"genomes": controllers.weights.tobytes()[:-4]}),
+        *((field, {"controller": {**architecture, **changes}}) for field, changes in misfits),
+        *short,
         ("genomes", {"genomes": controllers.weights.tobytes()[:-1]}),
         ("genomes", {"genomes": np.full_like(controllers.weights, np.nan).tobytes()}),
         ("genomes", {"genomes": controllers.weights.tolist()}),
@@ -424,18 +466,18 @@ def invalid(server: Server) -> None:
     ]
     for field, changes in wrong:
         request = evaluation(server, controllers, [1], **changes)
-        must_be_refused(server, request, ["invalid"], f"{field} is wrong")
+        must_be_refused(server, request, ["invalid"], f"{field} is wrong", field)
     for field in ("controller", "genomes", "seeds", "simulation"):
         request = evaluation(server, controllers, [1])
         del request[field]
-        must_be_refused(server, request, ["invalid"], f"{field} is missing")
+        must_be_refused(server, request, ["invalid"], f"{field} is missing", field)
     if makes_samples(server, architecture):
         weights = controllers.weights.shape[1]
         for field, sample in wrong_samples(weights, CANDIDATES):
             request = evaluation(server, controllers, [1], genomes=b"", sample=sample)
-            must_be_refused(server, request, ["invalid"], f"{field} is wrong")
+            must_be_refused(server, request, ["invalid"], f"{field} is wrong", field)
         request = evaluation(server, controllers, [1], sample=sample_of(weights, CANDIDATES))
-        must_be_refused(server, request, ["invalid"], "there are genomes and a sample")
+        must_be_refused(server, request, ["invalid"], "there are genomes and a sample", "sample")
     evaluated(server, evaluation(server, controllers, [1]))
 
 

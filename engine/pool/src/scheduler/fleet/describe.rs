@@ -9,12 +9,21 @@ use crate::scheduler::fleet::Fleet;
 use crate::sections::Timeouts;
 
 impl Fleet {
-    /// Numbers of sensors and actuators that a fitting server announces.
-    pub fn sizes(&self) -> Option<(usize, usize)> {
-        self.slots.values().find_map(|slot| {
-            let announced = slot.capabilities.swarmwright.as_ref()?;
-            Some((announced.sensors?, announced.actuators?))
-        })
+    /// Numbers of sensors and of actuators, each where a fitting server announces it; those of one server if one announces
+    /// both.
+    pub fn sizes(&self) -> (Option<usize>, Option<usize>) {
+        let announced = || {
+            let slots = self.slots.values();
+            slots.filter_map(|slot| slot.capabilities.swarmwright.as_ref())
+        };
+        let both = announced().find_map(|one| Some((one.sensors?, one.actuators?)));
+        match both {
+            Some((sensors, actuators)) => (Some(sensors), Some(actuators)),
+            None => (
+                announced().find_map(|one| one.sensors),
+                announced().find_map(|one| one.actuators),
+            ),
+        }
     }
 
     /// Whether a server that fits is there but serves another tool.
@@ -76,10 +85,14 @@ impl Fleet {
                 )
             });
         }
+        let mut lines: Vec<String> = lines.into_values().collect();
+        lines.extend(self.unreadable.as_ref().map(|reason| {
+            format!("an answer to a discovery on the topic server, which was refused: {reason}")
+        }));
         if lines.is_empty() {
-            "no server at all; start one with `swarmwright serve`".to_owned()
+            "no server at all".to_owned()
         } else {
-            lines.into_values().collect::<Vec<_>>().join("; ")
+            lines.join("; ")
         }
     }
 

@@ -43,6 +43,8 @@ pub(crate) struct Fleet {
     duplicates: BTreeMap<u64, (u64, u32)>,
     /// Servers that answered with a hash that this tool has not asked with, each with that hash.
     unmatched: BTreeMap<u64, String>,
+    /// Why the last answer to a discovery was refused that could not be read.
+    unreadable: Option<String>,
     /// Servers that refused this work as such, by id: which start of the server, and why.
     refusals: BTreeMap<u64, (Option<String>, String)>,
     /// How ids have behaved so far.

@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use swarmwright_protocol::{Capabilities, Presence, ServerMessage, State, shortened};
+use swarmwright_protocol::{Capabilities, DecodeError, Presence, ServerMessage, State, shortened};
 
 use crate::demand::Demand;
 use crate::scheduler::fleet::Fleet;
@@ -168,6 +168,11 @@ impl Fleet {
             let hash = shortened(message.simulation_hash, MOST_HASH);
             self.unmatched.insert(message.server, hash);
         }
+    }
+
+    /// An answer to a discovery, perhaps this tool's, could not be read.
+    pub fn refused_answer(&mut self, error: &DecodeError) {
+        self.unreadable = Some(error.to_string());
     }
 
     /// Whether a start of a server is known to be gone: its answer is older, or came twice.

@@ -35,6 +35,7 @@ pub(crate) struct InFlight {
     requests: HashMap<u64, Request>,
     /// Numbers are never used twice, so that an answer that comes late is not taken for another.
     next_request: u64,
+    first_request: u64,
     /// The last episodes that are over.
     ended: VecDeque<Ended>,
 }
@@ -45,6 +46,7 @@ impl InFlight {
             episodes: HashMap::new(),
             requests: HashMap::new(),
             next_request: first_request,
+            first_request,
             ended: VecDeque::new(),
         }
     }
@@ -264,6 +266,11 @@ impl InFlight {
     /// The number of the next one.
     pub fn next_request(&self) -> u64 {
         self.next_request
+    }
+
+    /// Whether a request ever had this number.
+    pub fn was_asked(&self, number: u64) -> bool {
+        (self.first_request..self.next_request).contains(&number)
     }
 
     /// Returns its number.

@@ -125,6 +125,15 @@ impl Scheduler {
     fn is_batch(&mut self, number: u64, server: u64, results: usize, now: Instant) -> Option<bool> {
         let Some(request) = self.in_flight.request(number) else {
             self.counts.late += u64::from(results > 0);
+            if !self.in_flight.was_asked(number) {
+                self.outbox.warn_first(
+                    format!("a request that was not sent, server {server}"),
+                    format!(
+                        "ignoring an answer of server {server} to request {number}, which this tool has not sent: an answer \
+                         has the number in \"request\" of the request that it answers"
+                    ),
+                );
+            }
             return None;
         };
         let is_batch = request.batch.is_some();

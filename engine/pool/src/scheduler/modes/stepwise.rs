@@ -158,7 +158,8 @@ impl Scheduler {
         self.fail_jobs(jobs, reason, Blame::None, now);
     }
 
-    pub(crate) fn fitness(&mut self, message: &Fitness, now: Instant) {
+    /// `payload`: the message as it came, for the reason why a metric is not in it.
+    pub(crate) fn fitness(&mut self, message: &Fitness, payload: &[u8], now: Instant) {
         let title = message.simulation.as_deref();
         if self.is_of_another(Topic::Fitness, title, &message.simulation_hash) {
             return;
@@ -174,7 +175,15 @@ impl Scheduler {
         self.fleet.measured_episode(run.server, duration);
         self.fleet.heard(run.server, now);
         let value = |name: &str| message.metrics.get(name).copied();
-        match needed(&self.config.demand.metrics, value) {
+        let names = &self.config.demand.metrics;
+        let wrong = |name| Fitness::wrong_metric(payload, name);
+        let found = needed(names, value).map_err(|missing| {
+            let wrong = names.iter().find_map(|name| wrong(name));
+            wrong.map_or(missing, |wrong| {
+                format!("a metric that the fitness needs cannot be used: {wrong}")
+            })
+        });
+        match found {
             Ok(metrics) => {
                 self.record_run(&run, None, None, now);
                 let evaluation = run.piece.first();
@@ -199,7 +208,11 @@ impl Scheduler {
         now: Instant,
     ) {
         let reason = format!("message on {topic}: {error}");
-        self.outbox.warn_once(format!("refusing a {reason}"));
+        // Of what one peer gets wrong, no two messages may be the same.
+        self.outbox.warn_grouped(
+            format!("{topic} {}", error.key()),
+            format!("refusing a {reason}"),
+        );
         let Some(hash) = self.named_in(payload) else {
             return;
         };

@@ -22,6 +22,7 @@ use crate::shell::outages::Outages;
 use crate::shell::probe::Probe;
 use crate::shell::report::{Listener, Reporter};
 use crate::shell::supervision::Supervision;
+use crate::work::WorkError;
 
 /// How often the caller is asked whether to go on.
 const PROGRESS_INTERVAL: Duration = Duration::from_millis(100);
@@ -199,7 +200,10 @@ impl Pool {
                 self.scheduler.settle_sizes();
                 self.act();
                 return match self.scheduler.sizes() {
-                    None if needed => Err(PoolError::NoSizes),
+                    None if needed => Err(match self.scheduler.unknown_size() {
+                        Some(what) => WorkError::Unannounced(what).into(),
+                        None => PoolError::NoSizes,
+                    }),
                     sizes => Ok(sizes.unwrap_or_default()),
                 };
             }
