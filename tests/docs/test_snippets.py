@@ -33,6 +33,7 @@ from pathlib import Path
 
 import pytest
 
+import swarmwright
 from tests import examples
 from tests.cpp import BUILD, build
 from tests.enki import ENKI, WHY_NOT
@@ -264,3 +265,10 @@ def test_links_between_pages_lead_somewhere() -> None:
         if "://" not in target and not (page.parent / target).exists()
     ]
     assert not broken
+
+
+def test_the_page_of_the_python_library_has_every_public_name() -> None:
+    page = (ROOT / "docs" / "reference" / "python.md").read_text(encoding="utf-8")
+    table = page[page.index("| name | purpose |") : page.index("## Experiment")]
+    public = {name for name in swarmwright.__all__ if not name.startswith("__")}
+    assert {name for name in public if not re.search(rf"`{name}`", table)} == set()

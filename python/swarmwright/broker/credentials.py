@@ -1,6 +1,6 @@
 """The password of the broker's account from the system's keyring, where environment and file have none.
 
-https://keyring.readthedocs.io; `pip install swarmwright[keyring]`. The order: SWARMWRIGHT_PASSWORD, then
+https://keyring.readthedocs.io; `pip install 'swarmwright[keyring]'`. The order: SWARMWRIGHT_PASSWORD, then
 SWARMWRIGHT_PASSWORD_FILE, then the keyring, for the user of SWARMWRIGHT_USERNAME.
 """
 

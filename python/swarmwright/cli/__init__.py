@@ -1,6 +1,7 @@
 """The command line. One module per command, imported when its command runs.
 
-Exit status: 0 done, 1 the run failed, 2 the input is wrong, 130 interrupted with results kept.
+Exit status: 0 done, 1 the run failed, 2 the input is wrong, 130 interrupted; finished
+generations, if any, are kept.
 """
 
 from collections.abc import Sequence

@@ -35,12 +35,45 @@ COMMANDS = (
 )
 
 
-class Command(click.Command):
-    """A command whose help ends with an example."""
+SETTINGS = {
+    "--generations": "--set method.generations={}",
+    "--evaluations": "--set method.evaluations={}",
+    "--population": "--set method.population={}",
+    "--method": "--set method.kind={}",
+}
+"""Options that are expected where an experiment is given -> what has their effect, for a value."""
 
-    def __init__(self, *args: Any, example: str, **kwargs: Any) -> None:  # noqa: ANN401 - click's signature
+
+class Command(click.Command):
+    """A command whose help ends with an example.
+
+    instead: what has the effect of options that are expected and are not there, with {} for the value.
+    """
+
+    def __init__(
+        self,
+        *args: Any,  # noqa: ANN401 - click's signature
+        example: str,
+        instead: Mapping[str, str] | None = None,
+        **kwargs: Any,  # noqa: ANN401 - click's signature
+    ) -> None:
         super().__init__(*args, **kwargs)
         self.example = example
+        self.instead = dict(instead or {})
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Parse the arguments; name what has the effect of an option that is expected and is not there."""
+        given = list(args)  # parsing changes it
+        try:
+            return super().parse_args(ctx, args)
+        except click.NoSuchOption as error:
+            other = self.instead.get(error.option_name)
+            if other is None:
+                raise
+            instead = other.format(_value_of(error.option_name, given))
+            raise click.UsageError(
+                f"No such option '{error.option_name}'; it is '{instead}' here.", ctx
+            ) from None
 
     def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the example as it is typed, unwrapped."""
@@ -48,6 +81,16 @@ class Command(click.Command):
         formatter.write("Example:\n")
         for line in self.example.splitlines():
             formatter.write(f"  {line}\n")
+
+
+def _value_of(option: str, given: list[str]) -> str:
+    """Return the value that an option was given; VALUE where there is none."""
+    for word, following in zip(given, [*given[1:], "--"], strict=True):
+        if word.startswith(f"{option}="):
+            return word.partition("=")[2]
+        if word == option and not following.startswith("-"):
+            return following
+    return "VALUE"
 
 
 class Group(click.Group):

@@ -2,6 +2,7 @@
 
 import math
 import os
+import shlex
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -85,10 +86,20 @@ class ExistingPath(click.ParamType[Path]):
         if self.folder is True and not path.is_dir():
             self.fail(f"'{path}' is a file where a folder is expected.", param, ctx)
         if self.folder is False and path.is_dir():
-            self.fail(f"'{path}' is a folder where a file is expected.", param, ctx)
+            self.fail(f"'{path}' is a folder where a file is expected{_experiment_in(path)}.", param, ctx)
         if not os.access(path, os.R_OK):
             self.fail(f"'{path}' may not be read by this user.", param, ctx)
         return path
+
+
+def _experiment_in(folder: Path) -> str:
+    """Return what may be meant by the folder of a run, empty for another folder."""
+    if not (folder / "run.sqlite").is_file():
+        return ""
+    return (
+        f": name the experiment of this run, {folder}/experiment.yaml, or continue the run with 'swarmwright "
+        f"resume {shlex.quote(str(folder))}'"
+    )
 
 
 def _nearest(path: Path) -> str:
@@ -147,10 +158,16 @@ servers_option: Decorator = click.option(
     "--servers",
     type=ServerCount(),
     metavar="K",
-    help="Servers to start: a number, or 'auto': one per processor, 2 to 8. 'local': none; a simulation in "
-    "Python runs in worker processes, one a processor, a built-in one in this process. 'in-process': "
-    "everything in this process. LAUNCHER:K, such as slurm:200 or slurm:100,process:2: servers elsewhere, "
-    "with the options that the experiment has for that launcher.",
+    help="""\b
+K           start so many servers, here
+auto        one per processor, 2 to 8
+local       no server; a simulation in
+            Python runs in a process on each
+            processor, others in this one
+in-process  no server; all in this process
+LAUNCHER:K  servers elsewhere: slurm:200, or
+            slurm:100,process:2; options of
+            launchers are in the experiment""",
 )
 
 simulation_option: Decorator = click.option(
@@ -201,14 +218,14 @@ def candidate_options(command: Any) -> Any:  # noqa: ANN401 - click's decorators
         "--generation",
         type=WholeNumber(min=0, max=2**63 - 1),
         metavar="G",
-        help="Generation of the candidate, from 0. Default: the best candidate's.",
+        help="Generation of the candidate, from 0; without it, --candidate counts through the whole run.",
     )
     candidate = click.option(
         "--candidate",
         type=WholeNumber(min=0, max=2**63 - 1),
         metavar="N",
-        help="Candidate of that generation, from 0; without --generation, the number of the evaluation in "
-        "the whole run. Default: the best one.",
+        help="Candidate of that generation, from 0; without --generation, number of the evaluation in the "
+        "whole run, from 0. Default: the best one, of that generation or of the run.",
     )
     return candidate(generation(command))
 

@@ -9,9 +9,10 @@ INTRODUCTION = """\
 
 All commands and options of `swarmwright`, as `swarmwright COMMAND --help` prints them. (`make docs` generates
 this page from the help texts; edit those.) Exit status of every command: 0 if it is done; 1 if it failed, or
-what it checked or compared is not as it should be; 2 if the input is wrong; 130 if it was interrupted, with
-results kept. With `--json` a command prints one JSON object per line and nothing else; numbers that JSON does
-not know (NaN, infinities) are null. `NO_COLOR` turns colours off. SWARMWRIGHT_DEBUG=1 shows Python's
+what it checked or compared is not as it should be; 2 if the input is wrong; 130 if it was interrupted:
+finished generations, if any, are kept. Commands that run until Ctrl-C (`broker`, `serve`, `servers --watch`)
+end with 0 then. With `--json` a command prints one JSON object per line and nothing else; numbers that JSON
+does not know (NaN, infinities) are null. `NO_COLOR` turns colours off. SWARMWRIGHT_DEBUG=1 shows Python's
 traceback of an internal error. With SWARMWRIGHT_PLOT=0 runs end without their plot, which saves about a
 second of processor time each, for example on a cluster. SWARMWRIGHT_INSTRUCTIONS (portable, avx2, avx512)
 limits the instruction set that is used, to see that results do not depend on it.

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from types import FrameType
 
 INTERRUPTED = 130
-"""Exit status of a command that was interrupted, its results kept."""
+"""Exit status of a command that was interrupted; finished generations, if any, are kept."""
 _RETRY_S = 0.02
 """Seconds after which a signal is repeated whose exception could not be caught."""
 

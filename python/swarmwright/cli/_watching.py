@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 from swarmwright.broker.watching import SILENCE, ServerRow, ToolRow, View, views, words
 from swarmwright.cli._output import Output
-from swarmwright.cli._signals import INTERRUPTED
 from swarmwright.core.formatting import duration
 
 if TYPE_CHECKING:
@@ -193,7 +192,7 @@ def watch(output: Output, broker: str, prefix: str, every: float) -> int:
     """Show the state until Ctrl-C, which is the normal end; the exit status."""
     with suppress(KeyboardInterrupt):
         _show(output, broker, prefix, every)
-    return INTERRUPTED
+    return 0
 
 
 def _show(output: Output, broker: str, prefix: str, every: float) -> None:

@@ -31,10 +31,10 @@ LARGEST_ID = 2**63 - 1
     example='swarmwright conformance server --exec "swarmwright serve minisim --broker {broker} --id {id}"',
 )
 def command() -> None:
-    """Check whether a simulation server or an optimization tool conforms to the protocol.
+    """Check a server or a tool against the protocol.
 
-    Every rule is checked over a broker, independent of the peer's language. Rules come from D6.1 or from
-    Swarmwright; --profile d6.1 checks the former only.
+    The peer is a simulation server or an optimization tool. Every rule is checked over a broker, independent
+    of the peer's language. Rules come from D6.1 or from Swarmwright; --profile d6.1 checks the former only.
     """
 
 
@@ -163,7 +163,8 @@ def server_command(
     In COMMAND {broker}, {id} and {prefix} are replaced by the broker's address, the server's id and the
     prefix. Without --exec start the server yourself, with the address that is printed.
 
-    The exit status is 0 when no rule that was tried is broken, 1 when one is, 2 when the input is wrong.
+    The exit status is 0 when every rule that applies is kept, 1 when one is broken or could not be tried, 2
+    when the input is wrong.
     """
     from swarmwright.conformance.server import RULES
 
@@ -259,7 +260,8 @@ def optimizer_command(
     scenario: servers that behave correctly, send invalid messages, fall silent, or are reserved by other
     tools. Without --exec start it once, with the address that is printed; what needs another run is skipped.
 
-    The exit status is 0 when no rule that was tried is broken, 1 when one is, 2 when the input is wrong.
+    The exit status is 0 when every rule that applies is kept, 1 when one is broken or could not be tried, 2
+    when the input is wrong.
     """
     from swarmwright.conformance.optimizer import RULES
 

@@ -36,10 +36,11 @@ from swarmwright.cli._output import Output, show_warnings
 def command(
     fmus: tuple[str, ...], connections: tuple[str, ...], output: Path, force: bool, as_json: bool
 ) -> None:
-    """Couple FMUs into one system, an SSP (System Structure and Parameterization 1.0).
+    """Couple FMUs into one system, an SSP.
 
-    Components are named like their files, or NAME=FILE.fmu. Names, causalities and units of connections are
-    checked. The system is a simulation: `simulation: FILE.ssp`.
+    SSP is System Structure and Parameterization 1.0. Components are named like their files, or NAME=FILE.fmu.
+    Names, causalities and units of connections are checked. The system is a simulation: `simulation:
+    FILE.ssp`.
     """
     from swarmwright.core.errors import InputError
     from swarmwright.fmu.coupling import component_files, coupled

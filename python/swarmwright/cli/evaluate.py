@@ -48,8 +48,8 @@ if TYPE_CHECKING:
     "--seed",
     type=WholeNumber(min=0, max=2**62),
     metavar="S",
-    help="Simulation seed of the first of these episodes; the others have S + 1, S + 2, .. Default: seeds "
-    "that the run did not use.",
+    help="Simulation seed of the first of these episodes; the others have S + 1, S + 2, .. Default: the "
+    "held-out seeds of the run's validation, which evolution did not use; name another S for fresh ones.",
 )
 @candidate_options
 @set_option("With --episodes, another value than the run's: parameters.maxSteps=40.")
@@ -81,12 +81,13 @@ def command(
     simulation: str | None,
     as_json: bool,
 ) -> int:
-    """Evaluate a candidate of RUN once more, the best one unless another is named.
+    """Evaluate a candidate of a run once more.
 
-    Without --episodes and --seed, the seeds are those of the record, and the command reports whether the
-    fitness is the same: the exit status is 0 if every episode is bit-identical, else 1. With one of them, the
-    candidate is evaluated in other episodes: the best of a run was chosen by its fitness, so its recorded
-    fitness is biased upwards wherever fitness depends on the seed.
+    It is the best one of RUN unless another is named. Without --episodes and --seed, the seeds are those of
+    the record, and the command reports whether the fitness is the same: the exit status is 0 if every episode
+    is bit-identical, else 1. With one of them, the candidate is evaluated in other episodes: the best of a
+    run was chosen by its fitness, so its recorded fitness is biased upwards wherever fitness depends on the
+    seed.
 
     Where the code of the simulation was edited after the run, the copy in RUN is used, with a message.
     """
@@ -103,7 +104,8 @@ def command(
     if not again:
         only |= {"parameters", "fitness", "ranking", "simulation"}
     reason = (
-        "the record was not made with it; give --episodes"
+        "--set changes the conditions, so that the result cannot be compared with the record; add "
+        "--episodes N"
         if again
         else "it does not say how a candidate is evaluated; parameters, fitness, ranking and where it is "
         "evaluated can be set"
@@ -116,7 +118,7 @@ def command(
     )
     if again:
         if metrics is not None:
-            raise click.UsageError("--metrics needs --episodes: the record has the metrics that the run had")
+            raise click.UsageError("--metrics: add --episodes N; metrics are measured in new episodes only")
         return _repeated(output, opened, experiment, candidate, generation, broker, servers)
     from swarmwright import post_evaluate
     from swarmwright.cli._progress import episodes as shown_episodes
@@ -189,10 +191,8 @@ def _show(output: Output, found: "PostEvaluation") -> None:
         f"Candidate {found.candidate} of generation {found.generation}, evaluation {found.number}: recorded "
         f"fitness {found.recorded + 0.0:.6g}."
     )
-    known = f"{found.seen} of them used by the run" if found.seen else "none of them used by the run"
-    first, last = found.seeds[0], found.seeds[-1]
     count = len(found.episodes)
-    output.text(f"{count} episode{'s' * (count > 1)} with the seeds {first} to {last}, {known}:")
+    output.text(f"{count} episode{'s' * (count > 1)} with {_seeds(found)}:")
     if found.failed:
         output.text(f"  {found.failed} failed; the others:")
     deviation = values["standard_deviation"]
@@ -206,6 +206,18 @@ def _show(output: Output, found: "PostEvaluation") -> None:
         how = getattr(options, "aggregate", options.kind)  # type: ignore[attr-defined] # every kind has it
         output.text(f"  fitness, as the {how} of {options.episodes} episodes: {_interval(found.fitness)}")
     _show_metrics(output, found)
+
+
+def _seeds(found: "PostEvaluation") -> str:
+    """Return which seeds they are, and what they have been used for before."""
+    first, last, count = found.seeds[0], found.seeds[-1], len(found.seeds)
+    seeds = f"seeds {first} to {last}" if count > 1 else f"seed {first}"
+    if found.seen:
+        return f"the {seeds}, {found.seen} of them used by the run"
+    if not found.validated:
+        return f"the held-out {seeds}"
+    which = "the same as" if found.validated == count else f"{found.validated} of them"
+    return f"the held-out {seeds}, {which} those of the run's validation (fresh ones: --seed {last + 1})"
 
 
 def _show_metrics(output: Output, found: "PostEvaluation") -> None:

@@ -127,10 +127,11 @@ def command(
     force: bool,
     as_json: bool,
 ) -> int:
-    """Export the controller of RUN, the best one unless another is named, for robots and other programs.
+    """Export a controller for robots and other programs.
 
-    The exported controller keeps its state from step to step, as in the simulation. With --verify, the exit
-    status is 1 unless it has the same bits as in the simulation, or for ONNX differs by 1e-5 at most.
+    It is the best one of RUN unless another is named. The exported controller keeps its state from step to
+    step, as in the simulation. With --verify, the exit status is 1 unless it has the same bits as in the
+    simulation, or for ONNX differs by 1e-5 at most.
     """
     from swarmwright.export import EXPORTERS
     from swarmwright.export.exporting import export_controller

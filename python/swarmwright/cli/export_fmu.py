@@ -87,12 +87,13 @@ def command(
     force: bool,
     as_json: bool,
 ) -> None:
-    """Export SIMULATION as an FMU for co-simulation, with the engine inside or, with --proxy, of a server.
+    """Export a simulation as an FMU for co-simulation.
 
-    SIMULATION is a built-in simulation (minisim, emergency_exit, arena) or an experiment file, whose
-    simulation and parameters are taken; with --proxy also a class, FILE.py:CLASS, or the title of a
-    simulation that a server offers. Parameters are parameters of the FMU, actuators inputs, sensors,
-    fitness and metrics outputs. How many agents there are is decided by the parameters at the export.
+    The engine is inside; with --proxy the FMU is one of a server. SIMULATION is a built-in simulation
+    (minisim, emergency_exit, arena) or an experiment file, whose simulation and parameters are taken; with
+    --proxy also a class, FILE.py:CLASS, or the title of a simulation that a server offers. Parameters are
+    parameters of the FMU, actuators inputs, sensors, fitness and metrics outputs. How many agents there are
+    is decided by the parameters at the export.
     """
     from swarmwright.core.errors import InputError
     from swarmwright.export.proxy_model import Address, proxy_model

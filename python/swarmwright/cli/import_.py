@@ -63,9 +63,10 @@ def command(
     controller: str | None,
     ranking: str | None,
 ) -> None:
-    """Make an experiment from a FREVO session, or from the files of a drawn model.
+    """Make an experiment from a FREVO session or a model.
 
-    Each FILE is recognised by what it holds; a folder stands for its .json, .scxml, .sysml and .xml files.
+    A model is a drawn one, in files. Each FILE is recognised by what it holds; a folder stands for its .json,
+    .scxml, .sysml and .xml files.
 
     Components of a session (.zse) that can be imported: Emergency Exit; NNGA, CEA2D, PSO and RandomSearch;
     FullyMeshedNet, CompleteNetwork, ThreeLayerNetwork, MultiLayerNetwork, MealyFSM, HebbNet and NEAT, whose

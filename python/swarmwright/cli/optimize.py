@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from swarmwright.cli._commands import Command
+from swarmwright.cli._commands import SETTINGS, Command
 from swarmwright.cli._evolving import evolve, watch_options
 from swarmwright.cli._experiments import experiment_of
 from swarmwright.cli._observing import Observing, observe_options
@@ -27,6 +27,7 @@ from swarmwright.cli._server_output import server_output_option
 @click.command(
     "optimize",
     cls=Command,
+    instead=SETTINGS,
     example="swarmwright optimize experiments/minisim.yaml --seed 7 --servers 2\n"
     "swarmwright optimize experiments/minisim.yaml --set method.kind=cma_es --set method.generations=30",
 )
@@ -95,4 +96,5 @@ def command(
         tensorboard=tensorboard,
         mlflow=mlflow,
         observing=Observing(log, log_level, metrics, log_size),
+        broker=broker,
     )

@@ -73,11 +73,11 @@ def command(
     metrics: tuple[str, int] | None,
     as_json: bool,
 ) -> int:
-    """Continue RUN, which was interrupted or killed, or which failed.
+    """Continue a run that was interrupted or has failed.
 
-    The result is bit-identical to that of an undisturbed run. A finished RUN is left as it is, unless
-    --generations or --set ask for more of it. Changes that would make it another run are refused: edited code
-    of its simulation or of a plug-in, an edited experiment.yaml.
+    RUN was interrupted or killed, or failed. The result is bit-identical to that of an undisturbed run. A
+    finished RUN is left as it is, unless --generations or --set ask for more of it. Changes that would make
+    it another run are refused: edited code of its simulation or of a plug-in, an edited experiment.yaml.
     """
     from swarmwright import Run, resume
     from swarmwright.optimization.optimize import prolonged
@@ -126,4 +126,5 @@ def command(
         tensorboard=tensorboard,
         mlflow=mlflow,
         observing=Observing(log, log_level, metrics, log_size),
+        broker=broker,
     )

@@ -56,7 +56,10 @@ def list_(folder: Path | None, as_json: bool) -> None:
 @click.argument("run", type=ExistingPath(folder=True), metavar="RUN")
 @json_option
 def show(run: Path, as_json: bool) -> None:
-    """Show the experiment of RUN, its results, its servers, and its warnings."""
+    """Show what RUN is and what came out.
+
+    Its experiment, its results, its servers, and its warnings.
+    """
     from swarmwright import Run
 
     describe(Output(as_json=as_json), Run.open(run))
@@ -95,9 +98,10 @@ def show(run: Path, as_json: bool) -> None:
 )
 @json_option
 def elites(run: Path, limit: int, file: Path | None, offset: float, as_json: bool) -> None:
-    """List the elites of RUN: the archive of map_elites, or the front of nsga2.
+    """List the elites of RUN, an archive or a front.
 
-    With each elite come its generation and candidate, by which `evaluate`, `replay`, `draw` and `export`
+    These are made by the methods map_elites (quality diversity) and nsga2 (several objectives). With each
+    elite come its generation and candidate, by which `evaluate`, `replay`, `draw` and `export`
     take it.
     """
     from swarmwright import Run
@@ -126,9 +130,9 @@ def elites(run: Path, limit: int, file: Path | None, offset: float, as_json: boo
 @click.argument("other", type=ExistingPath(folder=True), metavar="RUN")
 @json_option
 def diff(one: Path, other: Path, as_json: bool) -> int:
-    """Compare the records of two runs, byte for byte, and show the first difference.
+    """Compare the records of two runs, byte for byte.
 
-    The exit status is 0 when they are the same, else 1.
+    The first difference is shown. The exit status is 0 when they are the same, else 1.
     """
     from swarmwright import Run
     from swarmwright.runs.differences import first_difference
@@ -157,9 +161,10 @@ def diff(one: Path, other: Path, as_json: bool) -> int:
 @held_out_option
 @json_option
 def compare(runs: tuple[Path, ...], at: int | None, held_out: bool, as_json: bool) -> None:
-    """Compare the best fitness that runs reached, with tests and effect sizes.
+    """Compare the best fitness that runs reached.
 
-    Runs whose experiments differ in the seed alone are a group. Files beside them, which a pattern such as
+    Statistical tests and effect sizes are printed. Runs whose experiments differ in the seed alone are a
+    group. Files beside them, which a pattern such as
     results/* names as well, are left out. `swarmwright plot` draws it as well.
     """
     from swarmwright.cli._comparison import run_folders, show_comparison
@@ -184,9 +189,10 @@ def compare(runs: tuple[Path, ...], at: int | None, held_out: bool, as_json: boo
 )
 @json_option
 def export(run: Path, file: Path, validation: bool, as_json: bool) -> None:
-    """Write the record of RUN as a table, .csv or .parquet, a line per evaluation.
+    """Write the record of RUN as a table.
 
-    Sorted by generation and candidate. Columns: generation, candidate, fitness, then the fitness of each
+    .csv or .parquet, a line per evaluation, sorted by generation and candidate. Columns: generation,
+    candidate, fitness, then the fitness of each
     episode, then metrics if there are any, then the genome. A metric that has the name of another column,
     such as episode, is called metric_episode.
     """
@@ -216,9 +222,10 @@ def export(run: Path, file: Path, validation: bool, as_json: bool) -> None:
 @click.argument("runs", type=ExistingPath(folder=None), nargs=-1, required=True, metavar="RUN...")
 @json_option
 def verify(runs: tuple[Path, ...], as_json: bool) -> int:
-    """Verify each RUN: whether its content is what was written, by its SHA-256.
+    """Verify that the content of each RUN is what was written.
 
-    Where something is damaged, it is named with its generation and table, and which generations are good; the
+    It is compared with its SHA-256. Where something is damaged, it is named with its generation and
+    table, and which generations are good; the
     exit status is then 1. It is 2 when a folder is not a run, or cannot be read. Files beside runs, which a
     pattern such as results/* names as well, are left out.
     """

@@ -37,10 +37,10 @@ from swarmwright.cli.import_ import FIELD_HELP
 def command(
     file: Path, field: Path | None, target: Path | None, candidate: int | None, as_json: bool
 ) -> None:
-    """Evaluate every candidate of a FREVO result again, and show both fitness values.
+    """Evaluate the candidates of a FREVO result again.
 
-    The candidates of FILE.zre are run in this process, on the problem that the file names. The method that
-    evolved them, and the ranking, do not matter.
+    Both fitness values are shown. The candidates of FILE.zre are run in this process, on the problem that the
+    file names. The method that evolved them, and the ranking, do not matter.
     """
     if candidate is not None and target is None:
         raise click.UsageError("--candidate says which one --save writes; give both.")

@@ -117,7 +117,7 @@ def command(
     metrics: tuple[str, int] | None,
     as_json: bool,
 ) -> int:
-    """Offer a SIMULATION on a broker until Ctrl-C.
+    """Offer a simulation on a broker until Ctrl-C.
 
     SIMULATION is the title of one that is built in, or a class in Python, as path/to/file.py:Class or
     package.module:Class, which derives from swarmwright.Simulation, or an environment of another library, as
@@ -148,7 +148,7 @@ def command(
     output = Output(as_json=as_json)
     with observed_servers(output, Observing(log, log_level, metrics, log_size)) as (lines, figures):
         reporter = Reporter(output, title, broker, lines, figures)
-        with suppress(Terminated):  # SIGTERM is how a service is asked to end
+        with suppress(KeyboardInterrupt):  # Ctrl-C or SIGTERM is how it is asked to end
             _serve(settings, reporter, restart=restart, patience=broker_timeout, grace=grace)
     return reporter.status
 

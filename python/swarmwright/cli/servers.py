@@ -54,9 +54,9 @@ COLORS = {"ready": "green", "busy": "yellow", "lost": "red"}
 def command(
     broker: str, prefix: str, wait: float | None, watch: bool, every: float | None, as_json: bool
 ) -> int:
-    """List the simulation servers on a broker, or watch them at work.
+    """List the servers on a broker, or watch them at work.
 
-    What each offers, and whether it is ready, busy (and for whom) or lost.
+    What each simulation server offers, and whether it is ready, busy (and for whom) or lost.
     """
     from swarmwright import _engine
 

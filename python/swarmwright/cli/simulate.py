@@ -1,4 +1,4 @@
-"""`swarmwright simulate`: one run without optimization."""
+"""`swarmwright simulate`: one episode without optimization."""
 
 import os
 import shutil
@@ -45,7 +45,7 @@ from swarmwright.cli._server_output import server_output_option
     default=None,
     text="Use a server on this broker. Default: FILE's, SWARMWRIGHT_BROKER's, or one started here.",
 )
-@click.option("--visual", is_flag=True, help="Ask the server to draw the run, a frame every step.")
+@click.option("--visual", is_flag=True, help="Ask the server to draw the episode, a frame every step.")
 @server_output_option
 @trust_option
 @json_option
@@ -58,7 +58,10 @@ def command(
     visual: bool,
     as_json: bool,
 ) -> None:
-    """Run the simulation of an experiment FILE, or of a FREVO session (.zse), once, without optimization."""
+    """Run one episode, without optimization.
+
+    FILE is an experiment, or a session of FREVO (.zse), whose simulation is run once.
+    """
     if visual and as_json:
         raise click.UsageError("--visual draws where --json prints; give one of them.")
     from swarmwright import Controller

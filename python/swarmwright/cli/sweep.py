@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from swarmwright.cli._commands import Command
+from swarmwright.cli._commands import SETTINGS, Command
 from swarmwright.cli._observing import Observing, observe_options, observed
 from swarmwright.cli._options import (
     ExistingPath,
@@ -30,6 +30,7 @@ FAILED = 1
 @click.command(
     "sweep",
     cls=Command,
+    instead=SETTINGS,
     example="swarmwright sweep methods.yaml --servers 4\nswarmwright sweep methods.yaml --out results",
 )
 @click.argument("file", type=ExistingPath(), metavar="FILE")
@@ -68,12 +69,13 @@ def command(
     metrics: tuple[str, int] | None,
     as_json: bool,
 ) -> int:
-    """Run an experiment in every variant and with every seed that FILE names, and compare them.
+    """Run variants of an experiment, and compare them.
 
-    Several runs go on at a time where they do not compete for servers. A run that is finished is
-    not run again, one that was interrupted goes on: after Ctrl-C the same command continues. A run that
-    fails does not stop the others; it is named at the end, and the exit status is 1. At the end the
-    comparison is printed, and drawn into comparison.png in the folder of the runs.
+    Every variant that FILE names is run with every seed. Several runs go on at a time where they do not
+    compete for servers. A run that is finished is not run again, one that was interrupted goes on: after
+    Ctrl-C the same command continues. A run that fails does not stop the others; it is named at the end, and
+    the exit status is 1. At the end the comparison is printed, and drawn into comparison.png in the folder of
+    the runs.
     """
     from swarmwright.analysis.sweep import Sweep, conduct, tasks
     from swarmwright.cli._sweep_report import Report

@@ -45,8 +45,9 @@ from swarmwright.cli._server_output import server_output_option
     "--pseudo-reality",
     "pseudo_reality",
     is_flag=True,
-    help="Vary the noise of the arena's e-pucks, around that of the reference model: drive 0..0.15, "
-    "proximity and ground 0..0.1, light 0..0.9, loss of messages 0.8..0.95.",
+    help="Vary the noise of the arena's e-pucks around that of their reference model, which describes the "
+    "sensors and actuators of the robot: drive 0..0.15, proximity and ground 0..0.1, light 0..0.9, loss of "
+    "messages 0.8..0.95.",
 )
 @click.option(
     "--candidates",
@@ -76,15 +77,16 @@ from swarmwright.cli._server_output import server_output_option
     "--seed",
     type=WholeNumber(min=0, max=2**62),
     metavar="S",
-    help="Simulation seed of the first of them; the others have S + 1, S + 2, .. Default: seeds that no RUN "
-    "used.",
+    help="Simulation seed of the first of them; the others have S + 1, S + 2, .. Default: those "
+    "of the runs' validations, which the evolution of no RUN used; name another S for fresh ones.",
 )
 @click.option(
     "--out",
     "file",
     type=click.Path(path_type=Path, dir_okay=False),
     metavar="FILE",
-    help="Draw fitness there over fitness here: .png, .svg or .pdf.",
+    help="Write a scatter plot, .png, .svg or .pdf: fitness in the other simulation (y) over the run's own "
+    "(x).",
 )
 @click.option(
     "--csv",
@@ -116,10 +118,11 @@ def command(
     servers: Servers | None,
     as_json: bool,
 ) -> None:
-    """Evaluate the best candidates of each RUN in other simulations, and print what they lose.
+    """Evaluate the best of runs in other simulations.
 
-    Runs that differ in the seed alone are one design; with several designs, their losses are compared
-    (Mann-Whitney, with the effect's size).
+    The best candidates of each RUN are evaluated there, and what they lose is printed. Runs that differ in
+    the seed alone are one design; with several designs, their losses are compared (Mann-Whitney, with the
+    effect's size).
     """
     from swarmwright import transfer
     from swarmwright.analysis.transfer.result import check_table

@@ -26,7 +26,7 @@ _WANTED = {
 _OTHER_NAMES = {
     "noise step": "sigma sigma0 std",
     "noise": "noise_std",
-    "step": "lr learning_rate stepsize step_size",
+    "step": "stepsize step_size",
     "decay": "weight_decay l2_coeff",
     "probability": "mutation_rate",
     "population": "popsize pop_size population_size pop num_population mu lambda",
@@ -53,6 +53,25 @@ ALIASES: Mapping[str, tuple[str, ...]] = {
     other: tuple(ours.split()) for ours, others in _OTHER_NAMES.items() for other in others.split()
 }
 """What other libraries call a key -> the names that it may have here."""
+_OF_KIND = {
+    "openai_es": {"step": "lr learning_rate"},
+    "pgpe": {"step": "lr learning_rate center_learning_rate", "rate": "stdev_learning_rate"},
+    "snes": {"rate": "lr learning_rate"},
+    "xnes": {"rate": "lr learning_rate"},
+    "de": {
+        "factor": "f mutation_factor differential_weight scale_factor",
+        "rate": "cr crossover_rate crossover_probability",
+        "base": "strategy variant",
+        "mutate": "mutation_rate",
+    },
+    "pso": {
+        "inertia": "w omega inertia_weight",
+        "own": "c1 phip cognitive",
+        "social": "c2 phig",
+        "fastest": "v_max vmax max_velocity max_velocity_rate",
+    },
+}
+"""Kind of a section -> what keys of that kind are called elsewhere, before what all of them are called."""
 _LIMITS = {
     "greater_than_equal": ("ge", "at least"),
     "greater_than": ("gt", "greater than"),
@@ -135,7 +154,9 @@ def _unknown_key(key: str, model: type[BaseModel] | None) -> str:
     if model is None:
         return "unknown key"
     keys = [field.alias or name for name, field in model.model_fields.items()]
-    other = next((name for name in ALIASES.get(key.casefold(), ()) if name in keys), None)
+    folded, kind = key.casefold(), getattr(model.model_fields.get("kind"), "default", None)
+    of_kind = [name for name, others in _OF_KIND.get(str(kind), {}).items() if folded in others.split()]
+    other = next((name for name in (*of_kind, *ALIASES.get(folded, ())) if name in keys), None)
     if other is not None:
         return f"unknown key; it is called '{other}' here"
     hint = did_you_mean(key, keys)

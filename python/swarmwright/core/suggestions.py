@@ -3,12 +3,39 @@
 from collections.abc import Iterable
 from difflib import get_close_matches
 
+_LEAST = 3  # letters of a word that is looked for in names
+
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """Return "; did you mean 'x'?" for the nearest of `known`, or "" when none is near."""
-    by_folded = {candidate.casefold(): candidate for candidate in known}
-    near = get_close_matches(name.casefold(), by_folded, n=1, cutoff=0.6)
-    return f"; did you mean '{by_folded[near[0]]}'?" if near else ""
+    """Return "; did you mean 'x'?" for the nearest of `known`, or "" when none is near.
+
+    A name that begins or ends with the word, speedAgents for speed, is nearer than one that is spelt alike.
+    """
+    names = list(known)
+    by_folded = {candidate.casefold(): candidate for candidate in names}
+    folded = name.casefold()
+    longer = [candidate for candidate in names if _has_word(candidate, folded)]
+    if folded in by_folded:
+        nearest = by_folded[folded]
+    elif longer:
+        nearest = min(longer, key=len)
+    else:
+        near = get_close_matches(folded, by_folded, n=1, cutoff=0.6)
+        if not near:
+            return ""
+        nearest = by_folded[near[0]]
+    return f"; did you mean '{nearest}'?"
+
+
+def _has_word(candidate: str, folded: str) -> bool:
+    """Return whether a name begins or ends with a word, as numAgents does with num and agents."""
+    whole = candidate.casefold()
+    if len(folded) < _LEAST or len(whole) != len(candidate) or len(whole) <= len(folded):
+        return False
+    if whole.startswith(folded):
+        return True
+    first, before = candidate[-len(folded)], candidate[-len(folded) - 1]
+    return whole.endswith(folded) and (first.isupper() or not before.isalnum())
 
 
 def unknown(what: str, name: str, known: Iterable[str]) -> str:

@@ -228,7 +228,7 @@ def offered(figures: _Figures, host: str, port: int) -> Iterator[str]:
         from swarmwright.monitoring.metrics_server import MetricsServer
     except ImportError:
         raise InputError(
-            "--metrics needs the package prometheus-client: pip install swarmwright[metrics]"
+            "--metrics needs the package prometheus-client: pip install 'swarmwright[metrics]'"
         ) from None
     registry = CollectorRegistry()
     registry.register(figures)

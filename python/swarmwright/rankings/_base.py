@@ -19,8 +19,8 @@ class RankingOptions(Options):
     """Options of every ranking."""
 
     episodes: int = Field(default=1, ge=1, le=100_000)
-    """Simulation runs per candidate; episode e runs with the simulation seed parameters.seed (default 0) +
-    e. All candidates of a generation run with the same seeds (common random numbers)."""
+    """Episodes per candidate; episode e has the simulation seed parameters.seed (default 0) + e. All
+    candidates of a generation have the same seeds (common random numbers)."""
     seeds: Literal["same", "new"] = "same"
     """same: the episodes of every generation have the same seeds (FREVO's way). new: generation g begins with
     the seed parameters.seed + g * episodes, so that evolution cannot fit itself to a few episodes."""

@@ -26,7 +26,7 @@ class RaceOptions(RankingOptions):
 
     kind: Literal["race"] = "race"
     episodes: int = Field(default=10, ge=1, le=100_000)
-    """Simulation runs of a candidate that is not dropped: more than first_test in an experiment."""
+    """Episodes of a candidate that is not dropped: more than first_test in an experiment."""
     first_test: int = Field(default=5, ge=2, le=100_000)
     """Episodes of all candidates, after which the first test is made."""
     each_test: int = Field(default=1, ge=1, le=100_000)

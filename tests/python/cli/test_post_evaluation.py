@@ -60,9 +60,24 @@ def test_any_run_can_be_asked(program: Any, noisy: Path) -> None:
     wrong = program("evaluate", "run", "--set", "parameters.maxSteps=3")
     assert wrong.returncode == 2
     assert wrong.stderr == (
-        "swarmwright: --set parameters.maxSteps=3: parameters: the record was not made with it; "
-        "give --episodes\n"
+        "swarmwright: --set parameters.maxSteps=3: parameters: --set changes the conditions, so that the "
+        "result cannot be compared with the record; add --episodes N\n"
     )
+
+
+def test_it_says_where_the_seeds_are_those_of_the_validation(program: Any, noisy: Path) -> None:
+    program("optimize", noisy, "--out", "run", "--set", "validate.episodes=20")
+    same = "the same as those of the run's validation (fresh ones: --seed 1000000020)"
+    text = program("evaluate", "run", "--episodes", "20").stdout
+    assert f"20 episodes with the held-out seeds 1000000000 to 1000000019, {same}:" in text
+    assert "20 of them those of the run's validation" in program("evaluate", "run", "--episodes", "30").stdout
+    fresh = program("evaluate", "run", "--seed", "1000000020", "--episodes", "5").stdout
+    assert "5 episodes with the held-out seeds 1000000020 to 1000000024:" in fresh
+    assert (
+        "20 of them used by the run:" in program("evaluate", "run", "--seed", "0", "--episodes", "20").stdout
+    )
+    program("optimize", noisy, "--out", "without", "--set", "validate=false")
+    assert "validation" not in program("evaluate", "without", "--episodes", "20").stdout
 
 
 def test_the_best_ones_are_listed(program: Any, noisy: Path) -> None:
@@ -86,8 +101,8 @@ def test_a_fitness_without_chance_is_said_to_be_so(program: Any, noisy: Path) ->
         fixed = ("--set", "parameters.placement=fixed", "--set", f"validate.episodes={given}")
         text = program("optimize", noisy, "--out", f"run {given}", *fixed).stdout
         assert (
-            f"Fitness does not seem to depend on the seed: {count} episodes with held-out seeds came out as "
-            "those of the run."
+            f"All {count} held-out episodes gave the same fitness as in the run; fitness is taken as "
+            "independent of the seed."
         ) in text
         last = json.loads(program("runs", "show", f"run {given}", "--json").stdout)
         assert last["unseen"] is None
@@ -127,7 +142,7 @@ def test_metrics_are_measured_where_they_are_asked_for(program: Any, noisy: Path
     wrong = program("evaluate", "run", *options, "--metrics", "arived")
     assert wrong.returncode == 2
     assert "metrics: unknown metric 'arived'; did you mean 'arrived'?" in wrong.stderr
-    assert "--metrics needs --episodes" in program("evaluate", "run", "--metrics", "all").stderr
+    assert "--metrics: add --episodes N" in program("evaluate", "run", "--metrics", "all").stderr
 
 
 def test_it_is_exported(program: Any, noisy: Path) -> None:

@@ -79,7 +79,13 @@ def test_help_loads_neither_engine_nor_numpy() -> None:
         (["optimize"], ["Missing argument 'FILE'"]),
         (["optimize", "exprmnt.yaml"], ["'exprmnt.yaml' does not exist", "mean 'experiment.yaml'?\n"]),
         (["optimize", "nowhere/x.yaml"], ["does not exist", "nor does its folder 'nowhere'"]),
-        (["optimize", "."], ["'.' is a folder where a file is expected"]),
+        (["optimize", "."], ["'.' is a folder where a file is expected.\n"]),
+        (["optimize", "run"], ["expected: name", "run/experiment.yaml", "'swarmwright resume run'"]),
+        (["optimize", "experiment.yaml", "--generations", "30"], ["'--set method.generations=30' here"]),
+        (["sweep", "experiment.yaml", "--population=9"], ["'--set method.population=9' here"]),
+        (["optimize", "experiment.yaml", "--method"], ["'--set method.kind=VALUE' here"]),
+        (["replay", ".", "--out", "x.gif"], ["'--save x.gif' here"]),
+        (["plot", ".", "--save", "x.png"], ["'--out x.png' here"]),
         (["optimize", "experiment.yaml", "--servers", "many"], ["'many' is neither a number of servers"]),
         (["optimize", "experiment.yaml", "--servers", "0"], ["0 is not in the range"]),
         (["optimize", "experiment.yaml", "--seed", "x"], ["--seed", "'x' is not a valid integer"]),
@@ -105,6 +111,8 @@ def test_mistakes_are_named_with_a_way_out(
     program: Any, tmp_path: Path, arguments: list[str], answers: list[str]
 ) -> None:
     (tmp_path / "experiment.yaml").write_text("simulation: minisim\n")
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "run.sqlite").touch()
     result = program(*arguments)
     assert result.returncode == 2
     assert not result.stdout
@@ -113,6 +121,23 @@ def test_mistakes_are_named_with_a_way_out(
         assert answer in result.stderr
     assert "--help'" in result.stderr, "where to read on"
     assert "secret" not in result.stderr
+
+
+def test_files_for_another_command_are_known(program: Any, tmp_path: Path) -> None:
+    (tmp_path / "experiment.yaml").write_text("simulation: minisim\n")
+    (tmp_path / "sweep.yaml").write_text("experiment: experiment.yaml\nseeds: 3\n")
+    for command, file, other in (("optimize", "sweep", "sweep"), ("sweep", "experiment", "optimize")):
+        result = program(command, f"{file}.yaml")
+        assert result.returncode == 2
+        assert f"which 'swarmwright {other}' runs" in result.stderr
+        assert "unknown key" not in result.stderr
+
+
+def test_summaries_of_commands_are_whole(program: Any) -> None:
+    text = program("--help", env={"COLUMNS": "80"}).stdout
+    commands = text[text.index("Commands:") : text.index("Example:")]
+    assert "optimize" in commands
+    assert "..." not in commands
 
 
 def test_without_arguments_the_help_is_shown(program: Any) -> None:

@@ -53,7 +53,7 @@ def test_legends_list_robots_that_fail(failure: dict[str, Any], state: str) -> N
     playing = episode(parameters)
     while not playing.done:
         playing.step()
-    assert f"agent, {state}" in playing.text(100, False, 40, True)
+    assert f"● {state} 3" in playing.text(100, False, 40, True)
 
 
 def test_legends_list_robots_without_charge() -> None:

@@ -87,6 +87,28 @@ def test_only_the_simulation_is_required() -> None:
         ),
         ("method: {popsize: 9}\n", "my.yaml:2: method.popsize: unknown key; it is called 'population' here"),
         ("random_seed: 9\n", "my.yaml:2: random_seed: unknown key; it is called 'seed' here"),
+        # The same name means different things to different methods.
+        (
+            "method: {kind: openai_es, learning_rate: 1}\n",
+            "my.yaml:2: method.learning_rate: unknown key; it is called 'step' here",
+        ),
+        (
+            "method: {kind: xnes, learning_rate: 1}\n",
+            "my.yaml:2: method.learning_rate: unknown key; it is called 'rate' here",
+        ),
+        (
+            "method: {kind: cma_es, learning_rate: 1}\n",
+            "my.yaml:2: method.learning_rate: unknown key; known keys: generations, ",
+        ),
+        ("method: {kind: de, CR: 0.5}\n", "my.yaml:2: method.CR: unknown key; it is called 'rate' here"),
+        ("method: {kind: de, F: 0.5}\n", "my.yaml:2: method.F: unknown key; it is called 'factor' here"),
+        ("method: {kind: pso, w: 0.5}\n", "my.yaml:2: method.w: unknown key; it is called 'inertia' here"),
+        ("method: {kind: pso, c1: 2}\n", "my.yaml:2: method.c1: unknown key; it is called 'own' here"),
+        ("method: {kind: pso, c2: 2}\n", "my.yaml:2: method.c2: unknown key; it is called 'social' here"),
+        (
+            "method: {kind: pso, v_max: 1}\n",
+            "my.yaml:2: method.v_max: unknown key; it is called 'fastest' here",
+        ),
         (
             "controller:\n  hidden:\n    - 8\n    - eight\n",
             "my.yaml:5: controller.hidden[1]: must be an integer, not 'eight'",
