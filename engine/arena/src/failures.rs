@@ -133,15 +133,14 @@ impl Failure {
         (share * robots as f64).round() as usize
     }
 
-    /// Checks that something can happen to these robots in an episode of so many ticks; a share and a loss of 0 say
-    /// themselves that nothing does.
+    /// Checks that something can happen in an episode of so many ticks, to so many robots; a share of 0 says itself that
+    /// nothing does.
     pub(super) fn check_effect(
         &self,
         ticks: u32,
-        team: &Team,
+        robots: usize,
     ) -> Result<(), (&'static str, String)> {
         let (share, at, _) = self.scope();
-        let robots = team.count(self.robots());
         if !self.active_by(ticks) {
             return Err((
                 "at",
@@ -158,24 +157,6 @@ impl Failure {
                     "{share} of {robots} {} is less than half a robot: expected 0, or at least {:.4}",
                     if robots == 1 { "robot" } else { "robots" },
                     0.5 / robots as f64
-                ),
-            ));
-        }
-        let silences = match self {
-            Self::Mute { .. } => share > 0.0,
-            Self::Loss { loss, .. } => *loss > 0.0,
-            _ => false,
-        };
-        if silences && !team.sends(self.robots()) {
-            let robots = match self.robots() {
-                Some(name) => format!("of the robots {name:?} none has"),
-                None => "no robot has".to_owned(),
-            };
-            return Err((
-                "kind",
-                format!(
-                    "there are no messages to lose, as {robots} the sensor range_and_bearing; leave the failure out, \
-                     or give the robots this sensor"
                 ),
             ));
         }

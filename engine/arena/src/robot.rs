@@ -96,15 +96,8 @@ impl Robot {
     /// Finds what it names in a mission; `at` is what the robot is called in complaints.
     ///
     /// # Errors
-    /// The mission lacks the patch on which batteries charge, or objects for its gripper.
+    /// The mission lacks the patch on which batteries charge.
     pub(super) fn settle(&mut self, place: &Place, at: &str) -> Result<(), ParameterError> {
-        if self.gripper.is_some() && place.objects.is_empty() {
-            return Err(wrong(
-                &format!("{at}.actuators"),
-                "the robot has a gripper, but the mission has no objects to hold; leave the actuator {kind: gripper} out, \
-                 or give the mission objects",
-            ));
-        }
         let battery = self.battery.as_mut();
         let Some(charging) = battery.and_then(|battery| battery.charging.as_mut()) else {
             return Ok(());

@@ -308,13 +308,6 @@ impl Team {
         found.map_or(0, |(_, robots)| robots.len())
     }
 
-    /// Whether robots of a kind, or any, take part in range and bearing.
-    pub(super) fn sends(&self, name: Option<&str>) -> bool {
-        let groups = self.groups.iter();
-        let mut groups = groups.filter(|group| name.is_none_or(|name| group.name == name));
-        groups.any(|group| group.robot.links.is_some())
-    }
-
     /// Checks that there is a kind with this name.
     pub(super) fn check(&self, name: &str, place: &str) -> Result<(), ParameterError> {
         let known: Vec<&str> = self

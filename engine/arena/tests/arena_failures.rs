@@ -249,50 +249,6 @@ fn failures_without_an_effect_are_refused() {
 }
 
 #[test]
-fn robots_without_messages_lose_none() {
-    let deaf = json!({"radius": 0.05, "sensors": [{"kind": "compass"}],
-        "drive": {"kind": "holonomic", "max_speed": 0.2, "max_turn": 0}});
-    let of = |robots: Value, robot: Option<&Value>, failure: Value| {
-        let mut parameters = json!({"robots": robots, "failures": [failure]});
-        if let Some(robot) = robot {
-            parameters["robot"] = robot.clone();
-        }
-        let refused = Arena::default().reset(parameters.as_object().unwrap());
-        refused.map_err(|error| error.to_string())
-    };
-    for failure in [
-        json!({"kind": "mute", "share": 0.5}),
-        json!({"kind": "loss", "loss": 0.5}),
-    ] {
-        let refused = of(json!(4), Some(&deaf), failure);
-        assert_eq!(
-            refused.unwrap_err(),
-            "parameter failures[0].kind: there are no messages to lose, as no robot has the sensor range_and_bearing; \
-             leave the failure out, or give the robots this sensor"
-        );
-    }
-    for failure in [
-        json!({"kind": "mute", "share": 0}),
-        json!({"kind": "loss", "loss": 0}),
-        json!({"kind": "blind", "share": 0.5}),
-    ] {
-        assert_eq!(of(json!(4), Some(&deaf), failure), Ok(()));
-    }
-    let kinds = json!([{"name": "deaf", "count": 2, "robot": deaf}, {"name": "e-puck", "count": 2, "robot": "e-puck-rm1.1"}]);
-    let mute = |robots: &str| json!({"kind": "mute", "share": 1, "robots": robots});
-    let refused = of(kinds.clone(), None, mute("deaf")).unwrap_err();
-    assert!(
-        refused.contains("as of the robots \"deaf\" none has"),
-        "{refused}"
-    );
-    assert_eq!(of(kinds.clone(), None, mute("e-puck")), Ok(()));
-    assert_eq!(
-        of(kinds, None, json!({"kind": "loss", "loss": 0.5})),
-        Ok(())
-    );
-}
-
-#[test]
 fn mistakes_name_the_place() {
     let of = |failures: Value| {
         let parameters = json!({"failures": failures});

@@ -212,31 +212,6 @@ fn states(arena: &Arena) -> Vec<String> {
 }
 
 #[test]
-fn grippers_and_what_counts_with_them_need_each_other() {
-    let parameters = json!({"robot": robot()});
-    assert_eq!(
-        refusal(&parameters),
-        "parameter robot.actuators: the robot has a gripper, but the mission has no objects to hold; leave the actuator \
-         {kind: gripper} out, or give the mission objects"
-    );
-    let kinds = json!([{"count": 1, "robot": "e-puck-rm1.1"}, {"count": 1, "robot": robot()}]);
-    let message = refusal(&json!({"robots": kinds}));
-    assert!(message.contains("robots[1].robot.actuators"), "{message}");
-    let mission = beside(1, 0.5, 0.2);
-    let mut others = mission.clone();
-    others["robots"] = json!(1);
-    let message = refusal(&json!({"mission": others}));
-    assert!(
-        message.contains("mission.metrics.held: no robot has a gripper"),
-        "{message}"
-    );
-    // Grippers may come with the parameters, and a mission for grippers may be compared with robots that have none.
-    arena(&json!({"mission": others, "robot": robot()}));
-    arena(&json!({"mission": mission, "robot": "e-puck-rm1.1"}));
-    arena(&json!({"mission": "object_retrieval", "robot": "e-puck-rm1.1"}));
-}
-
-#[test]
 fn mistakes_are_told() {
     let with = |sensors: Value, actuators: Value| {
         let mut robot = robot();

@@ -204,11 +204,6 @@ impl Metric {
         }
     }
 
-    /// Whether it counts what grippers hold.
-    pub(in super::super) fn is_of_grippers(&self) -> bool {
-        matches!(self, Self::ObjectsHeld { .. })
-    }
-
     /// Whether it is measured at the end alone.
     pub(super) fn at_end(&self) -> bool {
         match self {
