@@ -64,11 +64,13 @@ class Elites:
 
     def __init__(self, grid: Grid) -> None:
         self.grid = grid
-        self._found: dict[int, tuple[float, int]] = {}
+        self._fitness = np.full(grid.cells, np.nan)  # by cell
+        self._numbers = np.full(grid.cells, -1, dtype=np.int64)
+        self._count = 0
 
     def __len__(self) -> int:
         """Return how many cells have an elite."""
-        return len(self._found)
+        return self._count
 
     def add(self, numbers: Sequence[int], fitness: Fitness, measures: Values) -> list[tuple[int, int]]:
         """Add candidates, one after the other; return (cell, row) of those that are elites afterwards.
@@ -86,25 +88,28 @@ class Elites:
         for row, (number, cell, value) in enumerate(rows):
             if cell < 0 or not math.isfinite(value):
                 continue
-            if cell not in self._found or value > self._found[cell][0]:
-                self._found[cell] = value, number
-                new[cell] = row
+            if self._numbers[cell] < 0:
+                self._count += 1
+            elif not value > self._fitness[cell]:
+                continue
+            self._fitness[cell], self._numbers[cell] = value, number
+            new[cell] = row
         return sorted(new.items())
 
     @property
-    def cells(self) -> list[int]:
+    def cells(self) -> NDArray[np.int64]:
         """Cells that have an elite, in order."""
-        return sorted(self._found)
+        return np.flatnonzero(self._numbers >= 0)
 
     @property
-    def numbers(self) -> list[int]:
+    def numbers(self) -> NDArray[np.int64]:
         """Numbers of the elites, in the order of `cells`."""
-        return [self._found[cell][1] for cell in self.cells]
+        return self._numbers[self.cells]
 
     @property
     def fitness(self) -> Fitness:
         """Their fitness."""
-        return np.array([self._found[cell][0] for cell in self.cells])
+        return self._fitness[self.cells]
 
 
 def dominates(values: Values) -> NDArray[np.bool_]:
@@ -121,6 +126,28 @@ def dominates(values: Values) -> NDArray[np.bool_]:
         better |= column[:, np.newaxis] > column
     both = finite[:, np.newaxis] & finite
     return np.where(both, at_least & better, finite[:, np.newaxis] & ~finite)
+
+
+def front_with(front: Values, values: Values) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return which rows of a front stay when others come, and which of those belong to it, both (n,).
+
+    Rows that equal an earlier one, or one of the front, do not.
+
+    Args:
+        front: rows that do not dominate each other, finite.
+        values: the others, finite.
+    """
+    _, first = np.unique(values, axis=0, return_index=True)
+    joins = np.zeros(len(values), dtype=bool)
+    joins[first] = ranks(values[first], last=0) == 0
+    stays = np.ones(len(front), dtype=bool)
+    for row in np.flatnonzero(joins):
+        one = values[row]
+        as_good: NDArray[np.bool_] = np.logical_and.reduce(front >= one, axis=1)
+        joins[row] = not as_good.any()
+        if joins[row]:
+            stays &= ~np.logical_and.reduce(front <= one, axis=1)
+    return stays, joins
 
 
 def ranks(values: Values, last: int | None = None) -> NDArray[np.int64]:

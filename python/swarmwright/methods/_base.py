@@ -176,6 +176,12 @@ class Method(SteadyState):
             found["operation"] = (
                 f"{cls.kind} cannot work in steady state: {cls.generational_because}; leave the key out"
             )
+        elif options.operation == "steady_state" and options.needed_metrics:
+            names = ", ".join(options.needed_metrics)
+            found["operation"] = (
+                f"{cls.kind} cannot work in steady state with metrics ({names}), which are told for whole "
+                "generations only; leave the key out"
+            )
         reason = None if representation is None else cls.unsuitable(representation)
         if representation is not None and reason is not None:
             found["kind"] = f"{cls.kind} cannot evolve {representation.kind}: {reason}"

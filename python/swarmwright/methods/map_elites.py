@@ -11,7 +11,7 @@ from swarmwright.methods._archive import Axis, Elites, Grid, Values
 from swarmwright.methods._base import Method, MethodOptions
 from swarmwright.methods._numbers import center_and_reach
 from swarmwright.representations._base import Representation
-from swarmwright.typing import Fitness, Genomes
+from swarmwright.typing import Fitness, Genome, Genomes
 
 _MOST_CELLS = 1_000_000
 
@@ -95,7 +95,7 @@ class MapElites(Method):
     def __init__(self, options: MapElitesOptions, representation: Representation, *, seed: int) -> None:
         super().__init__(options, representation, seed=seed)
         self._elites = Elites(options.grid)
-        self._genomes: dict[int, Genomes] = {}  # by cell
+        self._genomes: dict[int, Genome] = {}  # by cell
 
     @classmethod
     def problems(cls, options: MethodOptions, representation: Representation | None) -> dict[str, str]:
@@ -130,8 +130,8 @@ class MapElites(Method):
         if self.generation * count < self.options.initial or not len(self._elites):
             return self.initials(candidates)
         chosen = self.streams("map_elites.choose", candidates).integers(len(self._elites), 2)
-        elites = np.stack([self._genomes[cell] for cell in self._elites.cells])
-        parents, others = elites[chosen[:, 0]], elites[chosen[:, 1]]
+        cells = self._elites.cells[chosen].tolist()
+        parents, others = (np.stack([self._genomes[one[place]] for one in cells]) for place in (0, 1))
         streams = self.streams("map_elites.vary", candidates)
         if self.options.variation == "line" or (
             self.options.variation == "auto" and self.representation.continuous
@@ -157,4 +157,4 @@ class MapElites(Method):
         measures = self.metrics if self.options.measures else np.zeros((len(genomes), 1))
         numbers = range(self.evaluations, self.evaluations + len(genomes))
         for cell, row in self._elites.add(numbers, fitness, measures):
-            self._genomes[cell] = genomes[row]
+            self._genomes[cell] = genomes[row].copy()  # a view would keep the whole generation

@@ -1,5 +1,6 @@
 """Elites of a run with several objectives or with quality diversity, made from its record."""
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
@@ -8,7 +9,7 @@ import numpy as np
 from swarmwright.core.errors import InputError
 from swarmwright.core.statistics import means
 from swarmwright.methods._archive import Elites as Cells
-from swarmwright.methods._archive import Grid, Values, ranks
+from swarmwright.methods._archive import Grid, Values, front_with
 from swarmwright.methods.map_elites import MapElitesOptions
 from swarmwright.methods.nsga2 import Nsga2Options
 from swarmwright.typing import Fitness
@@ -64,7 +65,7 @@ class Elites:
         """
         if self.grid is None:
             return None
-        return float(np.sum(np.array([one.fitness - offset for one in self.candidates])))
+        return math.fsum(one.fitness - offset for one in self.candidates)
 
     def values(self) -> Values:
         """Return fitness and metrics as rows, (candidates, 1 + metrics)."""
@@ -163,15 +164,11 @@ class _Front:
     def add(self, generation: int, fitness: Fitness, metrics: Values) -> None:
         values = self._options.values(fitness, metrics)
         finite = np.flatnonzero(np.isfinite(values).all(axis=1)).tolist()
-        rows = [
-            *self._rows,
-            *((generation, row, float(fitness[row]), metrics[row].tolist()) for row in finite),
-        ]
-        both = np.concatenate([self._values, values[finite]])
-        _, first = np.unique(both, axis=0, return_index=True)
-        first = np.sort(first)
-        kept = first[ranks(both[first], last=0) == 0]
-        self._rows, self._values = [rows[index] for index in kept.tolist()], both[kept]
+        stays, joins = front_with(self._values, values[finite])
+        new = [finite[index] for index in np.flatnonzero(joins)]
+        self._rows = [row for row, kept in zip(self._rows, stays.tolist(), strict=True) if kept]
+        self._rows += [(generation, row, float(fitness[row]), metrics[row].tolist()) for row in new]
+        self._values = np.concatenate([self._values[stays], values[new]])
 
     def rows(self) -> list[_Row]:
         return self._rows

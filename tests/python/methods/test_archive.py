@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pymoo.operators.survival.rank_and_crowding.metrics import calc_crowding_distance
 from pymoo.util.nds.non_dominated_sorting import NonDominatedSorting
 
-from swarmwright.methods._archive import Axis, Elites, Grid, crowding, ranks
+from swarmwright.methods._archive import Axis, Elites, Grid, crowding, front_with, ranks
 
 GRID = Grid((Axis(0.0, 1.0, 4), Axis(-10.0, 10.0, 3)))
 
@@ -48,15 +48,15 @@ def test_an_archive_has_the_best_of_each_cell_and_of_equal_ones_the_first(part: 
             expected[cell] = number
         elif np.isfinite(fitness[number]):
             expected.setdefault(cell, number)
-    assert dict(zip(elites.cells, elites.numbers, strict=True)) == expected
-    assert elites.fitness.tolist() == [fitness[expected[cell]] for cell in elites.cells]
+    assert dict(zip(elites.cells.tolist(), elites.numbers.tolist(), strict=True)) == expected
+    assert elites.fitness.tolist() == [fitness[expected[cell]] for cell in elites.cells.tolist()]
 
 
 def test_what_is_reported_as_new_is_what_is_in_the_archive_afterwards() -> None:
     elites = Elites(Grid((Axis(0.0, 1.0, 1),)))
     assert elites.add([5, 6, 7], np.array([1.0, 3.0, 2.0]), np.zeros((3, 1))) == [(0, 1)]
     assert elites.add([8, 9], np.array([3.0, np.nan]), np.zeros((2, 1))) == []
-    assert (elites.numbers, elites.fitness.tolist(), len(elites)) == ([6], [3.0], 1)
+    assert (elites.numbers.tolist(), elites.fitness.tolist(), len(elites)) == ([6], [3.0], 1)
 
 
 @pytest.mark.parametrize("columns", [1, 2, 3, 5])
@@ -88,3 +88,16 @@ def test_crowding_of_huge_values_is_finite_but_for_the_ends() -> None:
     assert np.isinf(found).tolist() == [True, False, True, False]
     assert crowding(np.ones((4, 2))).tolist() == [math.inf, 0.0, 0.0, math.inf]
     assert all(one >= 0 for one, _ in pairwise(found))
+
+
+@pytest.mark.parametrize("columns", [1, 2, 4])
+@pytest.mark.parametrize("steps", [4, 1000])
+def test_a_front_that_grows_is_that_of_all_rows(columns: int, steps: int) -> None:
+    values = np.round(random(columns, 300, columns) * steps)
+    front = np.empty((0, columns))
+    for part in np.split(values, 10):
+        stays, joins = front_with(front, part)
+        front = np.concatenate([front[stays], part[joins]])
+    expected = np.unique(values[ranks(values, last=0) == 0], axis=0)
+    assert np.unique(front, axis=0).tolist() == expected.tolist()
+    assert len(front) == len(expected)

@@ -52,8 +52,8 @@ def at_random(seed: int, generations: int = 60) -> Elites:
 def test_it_fills_more_cells_than_random_search_and_with_better_candidates(variation: str, seed: int) -> None:
     found, rest = evolved(seed, variation=variation).elites, at_random(seed)
     assert len(found) > 2 * len(rest)
-    ours = dict(zip(found.cells, found.fitness.tolist(), strict=True))
-    theirs = dict(zip(rest.cells, rest.fitness.tolist(), strict=True))
+    ours = dict(zip(found.cells.tolist(), found.fitness.tolist(), strict=True))
+    theirs = dict(zip(rest.cells.tolist(), rest.fitness.tolist(), strict=True))
     shared = sorted(ours.keys() & theirs.keys())
     assert len(shared) > 100
     assert np.mean([ours[cell] for cell in shared]) > np.mean([theirs[cell] for cell in shared]) + 1.0
@@ -140,7 +140,7 @@ def test_wrong_measures(options: dict[str, Any], message: str) -> None:
 def test_the_same_seed_gives_the_same_archive() -> None:
     def stored(method: MapElites) -> list[tuple[int, int, float]]:
         elites = method.elites
-        return list(zip(elites.cells, elites.numbers, elites.fitness.tolist(), strict=True))
+        return list(zip(elites.cells.tolist(), elites.numbers.tolist(), elites.fitness.tolist(), strict=True))
 
     assert stored(evolved(3, 10)) == stored(evolved(3, 10))
     assert stored(evolved(3, 10)) != stored(evolved(4, 10))
