@@ -1,5 +1,6 @@
 """Output of the commands of `swarmwright runs`."""
 
+import shlex
 from collections.abc import Iterator
 from datetime import datetime
 from typing import TYPE_CHECKING, Any
@@ -252,7 +253,8 @@ def saved_lines(run: "Run") -> Iterator[str]:
     from swarmwright.runs.elites import has_elites
 
     if run.generations and has_elites(run):
-        yield f"{elites_line(run.elites)[:-1]}: `swarmwright runs elites {run.path}` lists them."
+        command = f"swarmwright runs elites {shlex.quote(str(run.path))}"
+        yield f"{elites_line(run.elites)[:-1]}: `{command}` lists them."
     if isinstance(run.experiment.ranking, RaceOptions):
         every, saved = run.evaluations * run.experiment.ranking.episodes, run.episodes_saved
         share = 100 * saved / max(every, 1)

@@ -1,6 +1,7 @@
 """`swarmwright evaluate`: a candidate once more, from its record or in other episodes."""
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -138,7 +139,7 @@ def command(
             metrics="all" if metrics == "all" else [] if metrics is None else _names(metrics),
         )
     output.json({"run": str(run), **found.to_mapping()})
-    _show(output, found)
+    _show(output, found, (opened.store.validation() or {}).get("seeds", ()))
     return 0
 
 
@@ -185,14 +186,14 @@ def _repeated(
     return 0 if found.same else 1
 
 
-def _show(output: Output, found: "PostEvaluation") -> None:
+def _show(output: Output, found: "PostEvaluation", validation: Sequence[int]) -> None:
     values = found.to_mapping()
     output.text(
         f"Candidate {found.candidate} of generation {found.generation}, evaluation {found.number}: recorded "
         f"fitness {found.recorded + 0.0:.6g}."
     )
     count = len(found.episodes)
-    output.text(f"{count} episode{'s' * (count > 1)} with {_seeds(found)}:")
+    output.text(f"{count} episode{'s' * (count > 1)} with {_seeds(found, validation)}:")
     if found.failed:
         output.text(f"  {found.failed} failed; the others:")
     deviation = values["standard_deviation"]
@@ -208,8 +209,11 @@ def _show(output: Output, found: "PostEvaluation") -> None:
     _show_metrics(output, found)
 
 
-def _seeds(found: "PostEvaluation") -> str:
-    """Return which seeds they are, and what they have been used for before."""
+def _seeds(found: "PostEvaluation", validation: Sequence[int]) -> str:
+    """Return which seeds they are, and what they have been used for before.
+
+    validation: seeds of the run's own validation.
+    """
     first, last, count = found.seeds[0], found.seeds[-1], len(found.seeds)
     seeds = f"seeds {first} to {last}" if count > 1 else f"seed {first}"
     if found.seen:
@@ -217,7 +221,8 @@ def _seeds(found: "PostEvaluation") -> str:
     if not found.validated:
         return f"the held-out {seeds}"
     which = "the same as" if found.validated == count else f"{found.validated} of them"
-    return f"the held-out {seeds}, {which} those of the run's validation (fresh ones: --seed {last + 1})"
+    fresh = max(last, *validation) + 1
+    return f"the held-out {seeds}, {which} those of the run's validation (fresh ones: --seed {fresh})"
 
 
 def _show_metrics(output: Output, found: "PostEvaluation") -> None:

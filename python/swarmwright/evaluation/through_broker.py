@@ -1,5 +1,6 @@
 """Evaluation on simulation servers, through an MQTT broker."""
 
+import shlex
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, cast
@@ -11,6 +12,7 @@ from swarmwright import _engine
 from swarmwright.core.engine_types import AttemptRow, Report
 from swarmwright.core.errors import RunError, engine_errors
 from swarmwright.core.server_use import ServerUses
+from swarmwright.core.simulation_names import is_command
 from swarmwright.core.suggestions import did_you_mean
 from swarmwright.evaluation import reports
 from swarmwright.evaluation.base import (
@@ -27,6 +29,9 @@ from swarmwright.evaluation.module_code import is_in_python, with_digests
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.simulations import catalogue
 from swarmwright.store import Journal
+
+_NOTHING = "no server at all"
+"""How the pool's message ends where nothing has answered: engine/pool/src/scheduler/fleet/describe.rs."""
 
 
 class BrokerBackend:
@@ -55,11 +60,10 @@ class BrokerBackend:
                 self.sensors, self.actuators = pool.wait_for_server(sizes=experiment.steers)
         except RunError as error:
             self.check()
-            known = catalogue.titles()
             title = experiment.simulation
-            hint = "" if catalogue.is_here(title) else did_you_mean(title, known)
-            if title in known and str(error).endswith("no server at all"):
-                hint = f"; start one with: swarmwright serve {title}"
+            hint = "" if catalogue.is_here(title) else did_you_mean(title, catalogue.titles())
+            if str(error).endswith(_NOTHING):
+                hint = hint or _advice(experiment)
             raise RunError(f"{error}{self._metrics_hint() or hint}") from error
 
     def about(
@@ -191,3 +195,16 @@ class BrokerBackend:
         """Log servers that have been given up; raise RunError when none is left."""
         if self._servers is not None:
             self._servers.check()
+
+
+def _advice(experiment: Experiment) -> str:
+    """Return how a server of the experiment's simulation is started, where there is none."""
+    served = experiment.simulation
+    if is_command(served):
+        served = "EXPERIMENT.yaml" if experiment.path is None else str(experiment.path)
+    elif not catalogue.is_here(served):
+        return (
+            f"; start a server that offers {served!r} on this broker, or name a launcher that does under "
+            "`servers:` in the experiment"
+        )
+    return f"; start one with: swarmwright serve {shlex.quote(served)}"

@@ -209,7 +209,7 @@ def _check_needed_metrics(checked: Checked, known: list[str] | None, title: str,
     if not isinstance(method, MethodOptions):
         return
     kind: str = method.kind  # type: ignore[attr-defined] # every kind's options have it
-    option = METHODS.get(kind).metrics_option
+    option = method.metrics_option
     if option is None:
         return
     names = method.needed_metrics

@@ -123,7 +123,7 @@ class Experiment:
         source = apply(Source("", values=self.to_mapping()), parsed, new_budget=only is None)
         if ask:
             check_fits(self, source)
-        changed = self._checked(source, None, ask=ask, lenient=self._is_read)
+        changed = self._checked(source, None, ask=ask, lenient=self._keeps_unavailable(source.values))
         object.__setattr__(changed, "path", self.path)
         return changed
 
@@ -154,7 +154,8 @@ class Experiment:
         for key, value in source.values.items():
             both = key == "parameters" and isinstance(value, Mapping)
             values[key] = {**values.get(key, {}), **value} if both else value
-        return self._checked(dataclasses.replace(source, values=values), None, ask=ask, lenient=self._is_read)
+        merged = dataclasses.replace(source, values=values)
+        return self._checked(merged, None, ask=ask, lenient=self._keeps_unavailable(values))
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any]) -> Self:
@@ -291,7 +292,7 @@ class Experiment:
                 values.pop(name, None)
             else:
                 values[name] = change.model_dump() if hasattr(change, "model_dump") else change
-        changed = self._from(values, lenient=self._is_read)
+        changed = self._from(values, lenient=self._keeps_unavailable(values))
         object.__setattr__(changed, "path", self.path)
         return changed
 
@@ -333,10 +334,14 @@ class Experiment:
                     return source.place((key,))
         return f"{key}: "
 
-    @property
-    def _is_read(self) -> bool:
-        """Whether it is that of a run whose method is not installed here."""
-        return isinstance(self.method, UnavailableOptions)
+    def _keeps_unavailable(self, values: Mapping[str, Any]) -> bool:
+        """Whether changed values have the method of this experiment, of a run, that is not installed here."""
+        method = values.get("method")
+        return (
+            isinstance(self.method, UnavailableOptions)
+            and isinstance(method, Mapping)
+            and method.get("kind") == self.method.kind
+        )
 
     @property
     def steers(self) -> bool:

@@ -110,7 +110,7 @@ def verify_bundle(file: str | Path) -> BundleVerification:
     files = _read(path)
     try:
         return _checked(path, files)
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError, AttributeError) as error:
         raise InputError(
             f"{path}: {MANIFEST}, or what it names, is not as a bundle has it: {error}"
         ) from None
@@ -230,8 +230,16 @@ def _subject(
         int(recorded["count"]),
         str(recorded["reason"]),
         topics=dict(manifest.get("topics", {})),
-        step_size=float(manifest.get("step_size", 0.0)),
+        step_size=_step_size(manifest.get("step_size", 0.0)),
     )
+
+
+def _step_size(value: Any) -> float:  # noqa: ANN401 - whatever the manifest says
+    """Return the duration of a step, 0 where it is not known. Raises ValueError for what is none."""
+    step = float(value)
+    if not (math.isfinite(step) and step >= 0):
+        raise ValueError(f"step_size: must be a finite number from 0 on, not {step}")
+    return step
 
 
 def _run_form(

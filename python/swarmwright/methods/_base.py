@@ -25,6 +25,10 @@ NO_LIMIT = 1_000_000_000
 class MethodOptions(Options):
     """Options of every method."""
 
+    metrics_option: ClassVar[str | None] = None
+    """The option, a mapping by their names, that says which metrics the method needs; experiments must have
+    it."""
+
     generations: int = Field(default=200, ge=1, le=NO_LIMIT)
     """Number of generations; in steady state, and with restarts that enlarge the population, that many times
     `population` evaluations. The first of the limits generations, evaluations and seconds ends the run.
@@ -117,9 +121,6 @@ class Method(SteadyState):
     spreads_evaluations: ClassVar[bool] = False
     """Whether what it asks for depends on `evaluations` of the options from the start, so that a run with
     more of them would be another one."""
-    metrics_option: ClassVar[str | None] = None
-    """The option, a mapping by their names, that says which metrics the method needs; experiments must have
-    it."""
     libraries: ClassVar[tuple[str, ...]] = ()
     """Packages that the method computes with, besides NumPy; the record of a run names their versions."""
     generational_because: ClassVar[str] = "it learns from whole generations"

@@ -35,6 +35,7 @@ class Measure(Options):
 class MapElitesOptions(MethodOptions):
     """Quality diversity: an archive of the best candidates for each combination of measures."""
 
+    metrics_option = "measures"
     kind: Literal["map_elites"] = "map_elites"
     population: int = Field(default=100, ge=1, le=1_000_000)
     """Candidates in each generation."""
@@ -90,7 +91,6 @@ class MapElites(Method):
     options_model = MapElitesOptions
     options: MapElitesOptions
     start_as = "members"
-    metrics_option = "measures"
 
     def __init__(self, options: MapElitesOptions, representation: Representation, *, seed: int) -> None:
         super().__init__(options, representation, seed=seed)

@@ -15,6 +15,7 @@ from swarmwright.typing import Fitness, Genomes
 class Nsga2Options(MethodOptions):
     """Multi-objective: the trade-offs between fitness and further metrics."""
 
+    metrics_option = "objectives"
     kind: Literal["nsga2"] = "nsga2"
     population: int = Field(default=100, ge=4, le=4_000)
     """Members, and children in each generation."""
@@ -56,7 +57,6 @@ class Nsga2(Method):
     options_model = Nsga2Options
     options: Nsga2Options
     start_as = "members"
-    metrics_option = "objectives"
 
     def __init__(self, options: Nsga2Options, representation: Representation, *, seed: int) -> None:
         super().__init__(options, representation, seed=seed)

@@ -246,17 +246,11 @@ def _continue(
         ended = reader.sessions()[-1].outcome in {"done", "stopped"}
         asked = not ended or experiment.validate != run.experiment.validate
         finished = run.state == "done" and experiment.budget == run.experiment.budget
-        code: Continuation | None = None
-        if not finished:
-            # Whoever resumes a run with edited code is told so, rather than what follows from it.
-            check_memory(experiment, experiment.representation())
-            code = continuation(
-                run, experiment, accept_changed_code=accept_changed_code, simulation=simulation
-            )
+        choice = {"accept_changed_code": accept_changed_code, "simulation": simulation}
+        code = None if finished else _code(run, experiment, choice)
         loop: Loop | None = None
         if not finished or is_due(experiment, reader, changed=asked):  # else the method has no part in it
-            loop = _new_loop(experiment, experiment.representation(), store)
-            loop.replay(reader, () if code is None else code.edited)
+            loop = _replayed(experiment, store, reader, code)
         if loop is None or (loop.done and not is_due(experiment, reader, changed=asked)):
             if loop is not None and not ended:
                 # It was killed between its last generation and its end: only the end is missing.
@@ -269,11 +263,9 @@ def _continue(
                 )
             store.save_best(experiment.representation())
             return
-        if code is None:
-            check_memory(experiment, experiment.representation())
-            code = continuation(
-                run, experiment, accept_changed_code=accept_changed_code, simulation=simulation
-            )
+        code = code or _code(run, experiment, choice)
+        if isinstance(code, InputError):
+            raise code
         for note in notes:
             say(f"{run.path}: goes on with {note}")
         if code.experiment.controller != experiment.controller:  # other files of modules
@@ -297,6 +289,33 @@ def _continue(
             fingerprints(experiment.simulation),
         )
         _run(experiment, store, loop, backend, on_generation, on_progress)
+
+
+def _code(run: Run, experiment: Experiment, choice: dict[str, Any]) -> Continuation | InputError:
+    """Return the source with which a run goes on, or why it cannot, which matters if anything is left to do.
+
+    choice: arguments of `continuation`.
+    """
+    check_memory(experiment, experiment.representation())
+    try:
+        return continuation(run, experiment, **choice)
+    except InputError as error:
+        return error
+
+
+def _replayed(
+    experiment: Experiment, store: StoreWriter, reader: StoreReader, code: Continuation | InputError | None
+) -> Loop:
+    """Return the loop where the store ends."""
+    try:
+        loop = _new_loop(experiment, experiment.representation(), store)
+        loop.replay(reader, code.edited if isinstance(code, Continuation) else ())
+    except Exception:
+        if isinstance(code, InputError):
+            # Whoever resumes a run with edited code is told so, rather than what follows from it.
+            raise code from None
+        raise
+    return loop
 
 
 def _with_changed_modules(

@@ -3,10 +3,15 @@
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from swarmwright.core.descriptions import described
 from swarmwright.core.options import Options
 from swarmwright.core.registry import Registry
+from swarmwright.methods._base import Method
 from swarmwright.representations import REPRESENTATIONS, Representation
+from swarmwright.typing import Fitness, Genomes
 
 SHAPES = ((1, 1), (4, 1), (10, 2), (3, 5))
 """(sensors, actuators) that representations are tried with."""
@@ -85,3 +90,17 @@ def representation(
     made = component.options_model.model_validate({**given})
     sensors, actuators = component.shape or (sensors, actuators)
     return component(made, sensors=sensors, actuators=actuators)
+
+
+def synthetic_metrics(method: Method, genomes: Genomes, fitness: Fitness) -> NDArray[np.float64] | None:
+    """Return numbers in the place of the metrics that a method needs; None where it needs none.
+
+    They depend on the genomes alone, and those of candidates that failed are NaN, as in runs.
+    """
+    count = len(method.options.needed_metrics)
+    if count == 0:
+        return None
+    columns = np.arange(count) % genomes.shape[1]
+    metrics: NDArray[np.float64] = genomes[:, columns].astype(np.float64)
+    metrics[~np.isfinite(fitness)] = np.nan
+    return metrics

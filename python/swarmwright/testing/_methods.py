@@ -12,7 +12,7 @@ import numpy as np
 from swarmwright.core.errors import InputError
 from swarmwright.methods import METHODS, Method
 from swarmwright.representations import REPRESENTATIONS, Representation
-from swarmwright.testing._common import check_options, representation, without_options
+from swarmwright.testing._common import check_options, representation, synthetic_metrics, without_options
 from swarmwright.testing._replay import check_replay
 from swarmwright.testing._samples import BoundedGenes, Choices
 from swarmwright.testing._steady import check_steady_state
@@ -112,12 +112,18 @@ def _conversation(method: Method, judge: Judge = _sphere) -> list[Genomes]:
             asked.append(genomes.copy())
             # The method must not keep a reference to the caller's array.
             fitness = judge(genomes)
+            metrics = synthetic_metrics(method, genomes, fitness)
             genomes[:] = np.nan
-            method.tell(fitness)
+            method.tell(fitness, metrics=metrics)
             fitness[:] = 0.0
             assert len(method.population_fitness) >= 1
             assert not np.isinf(method.population_fitness).any(), "an infinite fitness is a failed one"
     return asked
+
+
+def _tell(method: Method, genomes: Genomes) -> None:
+    fitness = _sphere(genomes)
+    method.tell(fitness, metrics=synthetic_metrics(method, genomes, fitness))
 
 
 def _check_determinism(kind: str, representation: Representation) -> None:
@@ -212,7 +218,7 @@ def _check_target(kind: str, representation: Representation) -> None:
     # A race tests after some instances whether its best has reached it.
     for _ in range(_GENERATIONS - 1 if method.by_instance else 1):
         if not method.done:
-            method.tell(_sphere(method.ask()))
+            _tell(method, method.ask())
     assert method.done, "a target that is reached must end the method"
 
 
@@ -233,9 +239,10 @@ def _check_kept(kind: str, representation: Representation) -> None:
         again = _sphere(members) - method.generation
         again[1::5] = np.nan
         if not method.keeps_members:
-            method.tell(_sphere(genomes))
+            _tell(method, genomes)
             continue
-        method.tell(_sphere(genomes) - 1e6, again)
+        fitness = _sphere(genomes) - 1e6
+        method.tell(fitness, again, synthetic_metrics(method, genomes, fitness))
         shown = set(method.population_fitness.tolist())
         assert {value for value in again.tolist() if value == value} <= shown, (
             "population_fitness must show the fitness that members were given last"

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from swarmwright.methods import Method
+from swarmwright.testing._common import synthetic_metrics
 from swarmwright.typing import Fitness
 
 _CODE = "import json, sys; sys.path[:] = json.loads(sys.argv[1]); from swarmwright.testing import _replay; _replay.main()"  # noqa: E501 - one line of a command
@@ -25,7 +26,7 @@ def check_replay(method: Method) -> None:
         asked.append(sha256(genomes.tobytes()).hexdigest())
         fitness = -np.abs(genomes.astype(np.float64)).max(axis=1)
         fitness[len(told) % 3 :: 5] = np.nan
-        method.tell(fitness)
+        method.tell(fitness, metrics=synthetic_metrics(method, genomes, fitness))
         told.append([None if np.isnan(value) else value for value in fitness.tolist()])
     kind = type(method)
     subject = method.representation
@@ -62,9 +63,10 @@ def main() -> None:
     )
     method = component(component.options_model(**conversation["options"]), subject, seed=conversation["seed"])
     asked = []
-    for fitness in conversation["told"]:
-        asked.append(sha256(method.ask().tobytes()).hexdigest())
-        method.tell(_fitness(fitness))
+    for told in conversation["told"]:
+        genomes, fitness = method.ask(), _fitness(told)
+        asked.append(sha256(genomes.tobytes()).hexdigest())
+        method.tell(fitness, metrics=synthetic_metrics(method, genomes, fitness))
     json.dump(asked, sys.stdout)
 
 

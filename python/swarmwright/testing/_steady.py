@@ -15,7 +15,8 @@ _GENERATIONS = 3
 
 def check_steady_state(component: type[Method], subject: Representation) -> None:
     """Check a method in steady state, or that it rejects steady state."""
-    if not component.steady_state:
+    # Metrics are told for whole generations only.
+    if not component.steady_state or component.options_model().needed_metrics:
         _check_refusal(component, subject)
         return
     for in_flight in (1, 5, 10_000):

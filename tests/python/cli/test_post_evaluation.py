@@ -71,6 +71,9 @@ def test_it_says_where_the_seeds_are_those_of_the_validation(program: Any, noisy
     text = program("evaluate", "run", "--episodes", "20").stdout
     assert f"20 episodes with the held-out seeds 1000000000 to 1000000019, {same}:" in text
     assert "20 of them those of the run's validation" in program("evaluate", "run", "--episodes", "30").stdout
+    # The next seed after those that are shown is not fresh where the validation has more.
+    for options in (("--episodes", "10"), ("--episodes", "1", "--seed", "1000000004")):
+        assert "(fresh ones: --seed 1000000020)" in program("evaluate", "run", *options).stdout
     fresh = program("evaluate", "run", "--seed", "1000000020", "--episodes", "5").stdout
     assert "5 episodes with the held-out seeds 1000000020 to 1000000024:" in fresh
     assert (

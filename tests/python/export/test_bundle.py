@@ -387,6 +387,17 @@ def test_what_is_no_bundle(tmp_path: Path, make: Callable[[Path], object], words
         verify_bundle(tmp_path / "x.zip")
 
 
+@pytest.mark.parametrize("value", ["Infinity", "NaN", "-1", "1e305", "1" + "0" * 400])
+def test_a_step_of_no_duration_is_refused(value: str, bundle: Path, tmp_path: Path) -> None:
+    files = read(bundle)
+    manifest = json.loads(files["manifest.json"])
+    manifest["step_size"] = json.loads(value)
+    files["manifest.json"] = json.dumps(manifest).encode()
+    write(tmp_path / "x.zip", files, sealed=True)
+    with pytest.raises(InputError, match=r"manifest\.json, or what it names, is not as a bundle has it"):
+        verify_bundle(tmp_path / "x.zip")
+
+
 def test_half_a_bundle_is_damaged(bundle: Path, tmp_path: Path) -> None:
     data = bundle.read_bytes()
     (tmp_path / "half.zip").write_bytes(data[: len(data) // 2])

@@ -1,19 +1,55 @@
 """The checks for plug-in authors find what is wrong."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pytest
 
+from swarmwright import InputError
 from swarmwright.methods import METHODS, Method, MethodOptions
 from swarmwright.methods.cea2d import Cea2d
 from swarmwright.methods.cma_es import CmaEs
 from swarmwright.methods.nnga import Nnga
-from swarmwright.methods.random_search import RandomSearch
+from swarmwright.methods.random_search import RandomSearch, RandomSearchOptions
+from swarmwright.representations import REPRESENTATIONS
 from swarmwright.testing import check_method
 
 sample: Callable[[Any], Any] = RandomSearch._ask
+
+
+class MeasuredOptions(RandomSearchOptions):
+    """Needs two metrics in any case."""
+
+    kind: Literal["measured"] = "measured"  # type: ignore[assignment] # another kind
+
+    @property
+    def needed_metrics(self) -> tuple[str, ...]:
+        return "steps", "distance"
+
+
+class Measured(RandomSearch):
+    """Moves its samples by the least metric of those before; it fails where it is told none."""
+
+    kind = "measured"
+    options_model = MeasuredOptions  # type: ignore[assignment] # of another kind, too
+
+    def __init__(self, options: Any, representation: Any, *, seed: int) -> None:
+        super().__init__(options, representation, seed=seed)
+        self.shift = 0.0
+
+    def _ask(self) -> Any:
+        lower, upper = self.representation.bounds
+        if not self.representation.continuous:
+            return super()._ask()
+        return np.clip(super()._ask() + np.float32(self.shift), lower, upper)
+
+    def _tell(self, genomes: Any, fitness: Any) -> None:
+        super()._tell(genomes, fitness)
+        assert self.metrics.shape == (len(genomes), 2)
+        assert np.isnan(self.metrics[np.isnan(fitness)]).all()
+        if not np.isnan(fitness).all():
+            self.shift = float(np.nanmin(self.metrics))
 
 
 def of_shared_numbers(method: Any) -> Any:
@@ -133,3 +169,19 @@ def test_options_without_a_description_are_found(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(RandomSearch, "options_model", Bare)
     with pytest.raises(AssertionError, match="population has no description"):
         check_method("random_search")
+
+
+def test_a_method_that_needs_metrics_is_given_some(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(METHODS._loaded, "measured", Measured)
+    check_method("measured")
+
+
+def test_metrics_are_refused_in_steady_state() -> None:
+    """Candidate by candidate none would be told."""
+    network = REPRESENTATIONS.get("layered")
+    subject = network(network.options_model(), sensors=2, actuators=1)
+    assert Measured.steady_state
+    with pytest.raises(
+        InputError, match=r"^method\.operation: measured .*\(steps, distance\).*leave the key"
+    ):
+        Measured(MeasuredOptions(operation="steady_state"), subject, seed=1)

@@ -2,6 +2,7 @@
 
 import json
 import math
+import shlex
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 from swarmwright import Experiment, InputError, Run, optimize, repeat, resume
+from swarmwright.cli._runs import saved_lines
 from swarmwright.core.statistics import mean
 from tests.python.records import same_record
 
@@ -227,3 +229,10 @@ def test_the_command(program: Any, tmp_path: Path) -> None:
         name: value for name, value in values.items() if name not in {"run", "elites", "picture"}
     }
     assert np.isfinite(shown["qd_score"])
+
+
+def test_the_command_that_lists_them_can_be_typed(tmp_path: Path) -> None:
+    values = {**ARCHIVE, "method": {**ARCHIVE["method"], "population": 4, "generations": 1}}
+    run = optimize(Experiment.from_mapping(values), out=tmp_path / "two words")
+    (line,) = saved_lines(run)
+    assert shlex.split(line.split("`")[1]) == ["swarmwright", "runs", "elites", str(run.path)]

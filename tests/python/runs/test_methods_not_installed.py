@@ -170,6 +170,21 @@ def test_a_new_experiment_cannot_use_it(run: Run) -> None:
         Experiment.load(run.path / "experiment.yaml")
 
 
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda one: one.replace(method={"kind": "nnag"}),
+        lambda one: one.with_settings(["method.kind=nnag"]),
+    ],
+)
+def test_another_method_is_not_taken_for_one_that_is_not_installed(
+    change: Callable[[Experiment], Experiment], run: Run
+) -> None:
+    with pytest.raises(InputError, match=r"method\.kind.*: unknown method 'nnag'; did you mean 'nnga'"):
+        change(run.experiment)
+    assert run.experiment.replace(method={"kind": "draw", "generations": 5}).generations == 5
+
+
 def test_a_package_that_cannot_be_imported_any_more(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     point = EntryPoint("draw", "drawing:Draw", METHODS.group)  # announced, but its file is gone
     monkeypatch.setitem(vars(METHODS), "_announced", {"draw": [point]})

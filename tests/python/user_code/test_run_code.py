@@ -14,6 +14,8 @@ from swarmwright import Experiment, InputError, Run, evaluate, optimize, repeat,
 from swarmwright.runs.code import remarks
 from swarmwright.runs.replay import Replay
 from swarmwright.simulations.names import files
+from swarmwright.store import StoreWriter
+from swarmwright.store.database import seal_facts
 from swarmwright.store.verification import verify
 from tests.python.records import same_record, seal
 from tests.python.user_code.conftest import edit
@@ -60,6 +62,32 @@ def test_a_run_does_not_go_on_with_edited_code(name: str, run: Run, project: Pat
     assert remarks(run) == [f"simulation gather.py:Gather: {name} was edited"]
     # Nothing would be evaluated: a finished run is returned as it is.
     same_record(resume(run), run)
+
+
+def killed_at_its_end(run: Run) -> Run:
+    """The run as it was after its last generation, before its end was noted."""
+    with StoreWriter.resume(run.path) as store, store._writing():
+        store._store.connection.execute("UPDATE session SET outcome = NULL, seconds = NULL")
+        store._store.connection.execute("DELETE FROM fact WHERE name = 'ended'")
+        seal_facts(store._store.connection)
+    killed = Run.open(run.path)
+    assert killed.state == "killed"
+    return killed
+
+
+@pytest.mark.parametrize("missing", [True, False])
+def test_an_end_that_is_missing_needs_no_code(missing: bool, run: Run, project: Path) -> None:
+    killed = killed_at_its_end(run)
+    edit(project / "gather.py", *FACTOR)
+    if missing:
+        (project / "gather.py").unlink()
+        shutil.rmtree(run.path / "code")
+    with pytest.raises(InputError, match="gather"):
+        resume(killed, generations=5)
+    assert Run.open(run.path).state == "killed"
+    ended = resume(killed)
+    assert ended.state == "done"
+    same_record(ended, run)
 
 
 def test_a_change_that_is_accepted_is_recorded(
