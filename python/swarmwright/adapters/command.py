@@ -6,6 +6,8 @@ import json
 import math
 import weakref
 from collections.abc import Callable, Mapping
+from contextlib import suppress
+from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -18,7 +20,7 @@ from swarmwright.commands import builds, folders, logs, parameter_file
 from swarmwright.commands.definition import STANDARD_OUTPUT, CommandOptions
 from swarmwright.commands.failure import CommandFailure
 from swarmwright.commands.output import Printed
-from swarmwright.commands.placeholders import filled, filled_file
+from swarmwright.commands.placeholders import IN_A_COMMAND, filled, filled_file, names_in
 from swarmwright.commands.process import Processes, found
 from swarmwright.commands.reductions import Reduction
 from swarmwright.commands.running import Limits, run
@@ -268,11 +270,12 @@ class CommandSimulation(Simulation):
         self.folder = instance.new_folder(name)
         for log in self.options.log:
             (self.folder / log).parent.mkdir(parents=True, exist_ok=True)
-        # A parameter with the name of a placeholder is in the parameter file alone.
+        # A parameter of the program with the name of a placeholder is in the parameter file alone.
         self._values = {**parameters, "seed": self.seed} | self._placeholders(instance, number)
         self._printed = Printed(self._limits.most_output, keep=STANDARD_OUTPUT in self.options.log)
         failed = True
         try:
+            self._check_names(parameters)
             if controller is not None and self.options.compile is not None:
                 self.build = self._build_of(controller, instance.place)
                 self._values |= {"build": self.build, "controller": self.build / self._controller_file}
@@ -293,6 +296,33 @@ class CommandSimulation(Simulation):
             raise self._explained(str(failure), self._printed, kept) from None
         finally:
             self._put_away(failed=failed)
+
+    def _check_names(self, parameters: Mapping[str, Any]) -> None:
+        """Raise CommandFailure where a value of the experiment has the name of a placeholder that is used.
+
+        New experiments are refused then. Stored ones may be from versions that put the value there, and would
+        now compute something else.
+        """
+        own = self.parameters
+        for name, value in parameters.items():
+            if name in self._placeholders_used and (name not in own or own[name] != value):
+                raise CommandFailure(
+                    f"the parameter {name} has the name of {{{name}}}, {IN_A_COMMAND[name]}, in the place of "
+                    "which earlier versions put its value; start a new run in which the parameter, and its "
+                    "placeholder, have another name"
+                )
+
+    @cached_property
+    def _placeholders_used(self) -> frozenset[str]:
+        """Those beside parameters and the seed that command, files and environment have."""
+        options = self.options
+        texts = [*options.command, *options.environment.values(), *(options.compile or ())]
+        texts += options.visual or ()
+        for path in options.files.values():
+            with suppress(OSError, UnicodeDecodeError):  # reported where it is copied
+                texts.append((self._here / path).read_text("utf-8"))
+        used = frozenset(name for text in texts for name in names_in(text))
+        return used & IN_A_COMMAND.keys() - {"seed"}
 
     def _put_away(self, *, failed: bool) -> Path | None:
         """Remove the work folder, or keep it; return where it is kept."""

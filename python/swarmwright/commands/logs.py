@@ -6,6 +6,7 @@ import json
 import math
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -153,7 +154,7 @@ def _text(name: str, file: Path | bytes) -> str:
 
 def _table(delimiter: str) -> Reader:
     def rows(name: str, file: Path | bytes, wanted: Collection[str]) -> Iterator[Row]:
-        names, before, text = _header(_text(name, file), delimiter, wanted)
+        names, before, text = _header(name, _text(name, file), delimiter, wanted)
         lines = csv.reader(io.StringIO(text), delimiter=_sign(names or text, delimiter))
         header = None if names is None else _named_once(name, _words(names, delimiter), wanted)
         try:
@@ -172,9 +173,13 @@ def _table(delimiter: str) -> Reader:
                     )
                 yield place, dict(zip(header, line, strict=True))
         except csv.Error as error:
-            raise CommandFailure(f"{name}:{before + lines.line_num}: is no table: {error}") from None
+            raise _no_table(f"{name}:{before + lines.line_num}", error) from None
 
     return rows
+
+
+def _no_table(place: str, error: csv.Error) -> CommandFailure:
+    return CommandFailure(f"{place}: is no table: {error}")
 
 
 def _named_once(name: str, header: list[str], wanted: Collection[str]) -> list[str]:
@@ -189,11 +194,11 @@ def _taken(names: str) -> str:
     return f"this line was taken for their names: {names.strip()[:_LONGEST_LINE]!r}"
 
 
-def _header(text: str, delimiter: str, wanted: Collection[str]) -> tuple[str | None, int, str]:
+def _header(name: str, text: str, delimiter: str, wanted: Collection[str]) -> tuple[str | None, int, str]:
     """Find the names of the columns, before which a log may have comments, lines that begin with #.
 
     Returns the line with the names where it is such a comment, how many lines stand before the rest, and the
-    rest, which else begins with the names.
+    rest, which else begins with the names. Raises CommandFailure where that line is none of a table.
     """
     comments: list[str] = []
     number = start = 0
@@ -206,7 +211,12 @@ def _header(text: str, delimiter: str, wanted: Collection[str]) -> tuple[str | N
         comments += [line] if line.strip() else []
         number, start, line = number + 1, end + 1 if end >= 0 else len(text), ""
     rest = text[start:]
-    words = _words(line, delimiter)
+    try:
+        words = _words(line, delimiter)
+    except csv.Error as error:
+        raise _no_table(f"{name}:{number + 1}", error) from None
+    # Others, such as one with a carriage return in it, are no lines of a table.
+    comments = [comment for comment in comments if _can_be_read(comment, delimiter)]
     if not comments or not set(wanted).isdisjoint(words):
         return None, number, rest
     for comment in reversed(comments):
@@ -224,6 +234,13 @@ def _sign(line: str, delimiter: str) -> str:
 
 def _words(line: str, delimiter: str) -> list[str]:
     return [_word(word) for words in csv.reader([line], delimiter=_sign(line, delimiter)) for word in words]
+
+
+def _can_be_read(line: str, delimiter: str) -> bool:
+    with suppress(csv.Error):
+        _words(line, delimiter)
+        return True
+    return False
 
 
 def _word(word: str) -> str:

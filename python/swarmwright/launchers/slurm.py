@@ -162,7 +162,11 @@ class Slurm(Launcher):
         try:
             if self._may_have_jobs:
                 self._cancel_all()
+        except LauncherError as error:
+            words = f"{error}; cancel what is left with `scancel --name={self.name}`"
+            raise LauncherError(words) from error
         finally:
+            # No password stays there, and jobs that begin later end at once, without this folder.
             shutil.rmtree(self._folder, ignore_errors=True)
 
     def _cancel_all(self) -> None:

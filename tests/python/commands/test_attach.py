@@ -1,5 +1,6 @@
 """An existing program is attached with a YAML file alone."""
 
+import dataclasses
 import json
 import re
 import sys
@@ -212,6 +213,30 @@ def test_a_parameter_with_the_name_of_a_placeholder_is_in_the_file_alone(traced:
     (traced.folder / "own.yaml").write_text("port: 7\nspeed: 0.5\n")
     script = "test {port} -ge 1024 && sed -n 's/^port: /fitness\\n/p' parameters.yaml > log.csv"
     assert simulate(traced.shell(script, parameters="own.yaml")) == 7
+
+
+@pytest.mark.parametrize(
+    ("script", "definition"),
+    [
+        ("echo {port};", {}),
+        ("", {"environment": {"ROS_MASTER_URI": "http://localhost:{port}"}}),
+        ("", {"files": ["world.sdf"]}),
+    ],
+)
+def test_a_run_from_before_placeholders_went_first_is_refused(
+    traced: Traced, script: str, definition: dict[str, Any]
+) -> None:
+    """Of stored runs, experiments are taken as they are."""
+    (traced.folder / "world.sdf").write_text("<world {port}/>")
+    (traced.folder / "own.yaml").write_text("port: 7\nspeed: 0.5\n")
+    words = r"the parameter port has the name of \{port\}, a free TCP port, .*; start a new run in which"
+    for own in ({}, {"parameters": "own.yaml"}):
+        made = traced.shell(f"{script} {WELL}", **definition, **own)
+        stored = dataclasses.replace(made, parameters={"port": 5000})
+        with pytest.raises(RunError, match=words):
+            simulate(stored)
+    unused = dataclasses.replace(traced.shell(WELL), parameters={"port": 5000})
+    assert simulate(unused) == simulate(traced.shell(WELL))
 
 
 @pytest.mark.parametrize(

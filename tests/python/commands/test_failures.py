@@ -92,6 +92,9 @@ def test_hang_that_ignores_being_asked_to_end(traced: Traced) -> None:
             "Simulator 3\\ntime,fitness\\n1,2\\n",
             "2: has 2 values, but there are 1 columns; this line was taken for their names: 'Simulator 3'",
         ),
+        ("time,fit\\rness\\n1,2\\n", "log.csv:1: is no table: new-line character"),
+        ("# Simulator 3\\ntime,fit\\rness\\n1,2\\n", "log.csv:2: is no table: new-line character"),
+        ("# 50\\r100\\nfitness\\nbad\\n", "log.csv:3: fitness is 'bad', expected a number"),
         ("fitness\\nbad\\n", "log.csv:2: fitness is 'bad', expected a number"),
         ("time,Fitnes\\n1,2\\n", "has no column 'fitness'; did you mean 'Fitnes'\\?; there is: time, Fitnes"),
     ],
@@ -100,6 +103,12 @@ def test_log(traced: Traced, log: str, reason: str) -> None:
     with pytest.raises(RunError, match=reason):
         simulate(traced.shell(f"printf '{log}' > log.csv"))
     assert traced.left() == []
+
+
+def test_a_field_that_is_too_long(traced: Traced) -> None:
+    (traced.folder / "content").write_text(f"fitness,{'a' * (1 << 18)}\n1,2\n")
+    with pytest.raises(RunError, match=r"log\.csv:1: is no table: field larger than field limit"):
+        simulate(traced.shell(f"cp {traced.folder}/content log.csv"))
 
 
 def test_no_log(traced: Traced) -> None:

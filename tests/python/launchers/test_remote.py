@@ -1,6 +1,7 @@
 """What launchers on other machines run there, in a shell of this one; and Slurm, played by programs."""
 
 import os
+import re
 import shlex
 import subprocess
 from pathlib import Path
@@ -99,7 +100,8 @@ def test_without_a_controller_nothing_is_cancelled_and_no_secret_is_left(
     with pytest.raises(LauncherError, match=f"sbatch: error: {words}"):
         launcher.start([1, 2])
     if may_have_jobs:
-        with pytest.raises(LauncherError, match="scancel: error"):
+        left = f"scancel: error: {words}; cancel what is left with `scancel --name={launcher.name}`"
+        with pytest.raises(LauncherError, match=re.escape(left)):
             launcher.close()
     else:
         launcher.close()

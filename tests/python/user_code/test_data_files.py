@@ -169,12 +169,69 @@ def test_missing_files_are_named_before_anything_is_started(project: Path) -> No
     assert not (project / "run").exists()
 
 
-def test_patterns_of_a_manifest_do_not_lead_out_of_the_folder(run: Run, project: Path) -> None:
-    (project.parent / "secret.txt").write_text("secret")
+def test_runs_beside_the_simulation_are_none_of_its_files(project: Path) -> None:
+    edit(project / "gather.yaml", "[maps/*.json]", "[ '**/*.json' ]")
+    for name in (".tool", "__pycache__"):
+        (project / name).mkdir(exist_ok=True)
+        (project / name / "state.json").write_text("{}")
+    for name in ("one", "two"):
+        run = optimize("gather.yaml", out=project / "runs" / name, servers="in-process", progress=False)
+        (copied,) = (run.path / COPY).rglob("*.json")
+        assert copied == run.path / COPY / "maps" / "a.json"
+    longer = resume(run, generations=4, servers="in-process", progress=False)
+    assert [one.code for one in longer.sessions] == [1, 1]
+    # A folder that is named is meant.
+    home = project / "gather.py"
+    options = AwayOptions(files=[".tool/*.json", "runs/one/best.json"])
+    _, _, code = packed(f"{home}:Gather", [], options)
+    assert code is not None
+    code.unpack(project / "new")
+    found = {path.relative_to(project / "new").as_posix() for path in (project / "new").rglob("*.json")}
+    assert found == {".tool/state.json", "runs/one/best.json"}
+    with pytest.raises(InputError, match=r"there is no file runs/.* apart from folders that a wildcard"):
+        packed(f"{home}:Gather", [], AwayOptions(files=["runs/*/best.json"]))
+
+
+@pytest.mark.parametrize("pattern", ["link/*.txt", "maps/secret.*"])
+def test_patterns_do_not_follow_links_out_of_the_folder(run: Run, project: Path, pattern: str) -> None:
+    outside = project.parent / "elsewhere"
+    outside.mkdir()
+    (outside / "secret.txt").write_text("secret")
+    (project / "link").symlink_to(outside)
+    (project / "maps" / "secret.txt").symlink_to(outside / "secret.txt")
+    with pytest.raises(InputError, match=r"servers: files: .*secret\.txt leads through a link out of"):
+        packed(f"{project}/gather.py:Gather", [], AwayOptions(files=[pattern]))
+    with_patterns(run, [pattern, "maps/*.json"])
+    assert resume(run, generations=4, servers="in-process", progress=False).generations == 4
+
+
+def test_links_within_the_folder_are_followed(project: Path) -> None:
+    (project / "link").symlink_to(project / "maps")
+    _, _, code = packed(f"{project}/gather.py:Gather", [], AwayOptions(files=["link/*.json"]))
+    assert code is not None
+    code.unpack(project / "new")
+    assert (project / "new" / "link" / "a.json").read_bytes() == (project / "maps/a.json").read_bytes()
+
+
+def test_what_is_no_pattern_is_an_error_of_the_experiment_alone(run: Run, project: Path) -> None:
+    edit(project / "gather.yaml", "maps/*.json", "a**b")
+    with pytest.raises(InputError, match=r"servers: files: .*a\*\*b"):
+        optimize("gather.yaml", out=project / "other", servers="in-process", progress=False)
+    with_patterns(run, ["a**b", "maps/*.json"])
+    assert resume(run, generations=4, servers="in-process", progress=False).generations == 4
+
+
+def with_patterns(run: Run, patterns: list[str]) -> None:
+    """Write other patterns into the manifest of a run's copy."""
     manifest = run.path / "code" / "1" / "manifest.json"
     values = json.loads(manifest.read_text())
-    values["parts"]["simulation"]["patterns"] = ["../*.txt", f"{project.parent}/*.txt", ""]
+    values["parts"]["simulation"]["patterns"] = patterns
     manifest.write_text(json.dumps(values))
+
+
+def test_patterns_of_a_manifest_do_not_lead_out_of_the_folder(run: Run, project: Path) -> None:
+    (project.parent / "secret.txt").write_text("secret")
+    with_patterns(run, ["../*.txt", f"{project.parent}/*.txt", ""])
     with pytest.raises(InputError, match=r"maps/a\.json is gone") as caught:
         resume(run, generations=4, progress=False)
     assert "secret" not in str(caught.value)

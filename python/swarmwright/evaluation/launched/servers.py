@@ -28,6 +28,8 @@ SOON = 5.0
 """Seconds for which servers may wait in a queue before that is reported."""
 LINES = 20
 """Lines of a server that ended too early which are shown."""
+ASKED = 3
+"""Servers that are late whose lines are shown; elsewhere each takes a request."""
 MOST_FAILURES = 3
 """Servers in a row that end without having been on the broker before a launcher is given up."""
 FIRST_PAUSE, LONGEST_PAUSE = 1.0, 60.0
@@ -456,7 +458,7 @@ class LaunchedServers:
             return
         entry.is_told_starting = True
         lines: list[str] = []
-        for server in late:
+        for server in late[:ASKED]:
             with suppress(LauncherError):
                 lines += [line for line in entry.launcher.logs(server, LINES) if line.strip()]
         began = (

@@ -12,7 +12,7 @@ from swarmwright.broker.mosquitto import write_configuration
 from swarmwright.core.server_use import ServerUse
 from swarmwright.evaluation.launched import scaling, servers
 from swarmwright.evaluation.launched.access import embedded
-from swarmwright.launchers import LAUNCHERS, Specification
+from swarmwright.launchers import LAUNCHERS, Health, Specification
 from tests.paced_simulation import written
 from tests.python.records import same_record
 
@@ -115,6 +115,31 @@ def test_a_launcher_whose_budget_is_spent_is_left_out(caplog: pytest.LogCaptureF
         assert launched.use.keys() == {"process", "other"}
         launched.check()
     assert "the budget of process, 1, was spent" in caplog.text
+
+
+def test_few_of_many_late_servers_are_asked_for_their_lines(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    component = LAUNCHERS.get("process")
+    options = component.options_model.model_validate({"launcher": "process"})
+    asked: list[int] = []
+
+    def logs(_launcher: Any, server: int, _lines: int) -> list[str]:
+        asked.append(server)
+        return [f"line of {server}"]
+
+    with ExitStack() as stack:
+        access = embedded(stack, ["127.0.0.1"], [], port=None, prefix="")
+        entry = servers.Entry(
+            "process", component(options, Specification("minisim", access.address)), options
+        )
+        launched = servers.LaunchedServers([entry], access, "")
+        entry.servers = {server: servers._Server(0.0, health=Health("running")) for server in range(50)}
+        monkeypatch.setattr(component, "logs", logs)
+        launched._tell_starting(entry, 100.0)
+    assert asked == [0, 1, 2]
+    assert "50 started" in caplog.text
+    assert "line of 2" in caplog.text
 
 
 def test_more_servers_than_the_embedded_broker_admits_are_refused(tmp_path: Path) -> None:
