@@ -23,7 +23,9 @@ METHODS = [
     "cma_es",
     "de",
     "evostick",
+    "map_elites",
     "nnga",
+    "nsga2",
     "openai_es",
     "pgpe",
     "pso",
@@ -33,6 +35,12 @@ METHODS = [
     "snes",
     "xnes",
 ]
+
+NEEDED: dict[str, dict[str, object]] = {
+    "map_elites": {"measures": {"distance": {"range": [0, 20], "bins": 10}}},
+    "nsga2": {"objectives": {"distance": "minimize"}},
+}
+"""Options that methods must have."""
 
 
 def digests() -> dict[str, str]:
@@ -50,7 +58,7 @@ def digests() -> dict[str, str]:
                         {
                             "simulation": simulation,
                             "controller": controller,
-                            "method": {"kind": kind, "generations": 12},
+                            "method": {"kind": kind, "generations": 12, **NEEDED.get(kind, {})},
                             "ranking": {"episodes": 2},
                         }
                     ),

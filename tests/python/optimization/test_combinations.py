@@ -8,6 +8,7 @@ import pytest
 
 from swarmwright import Experiment, InputError, Run, optimize, resume
 from swarmwright.plug_ins import REGISTRIES
+from tests.python.methods.needed import method_of
 from tests.python.records import same_record
 
 SMALL: dict[str, dict[str, Any]] = {
@@ -56,7 +57,7 @@ def experiment(controller: str, method: str, operation: str, ranking: int) -> Ex
             "simulation": "minisim",
             "parameters": parameters,
             "controller": {"kind": controller, **SMALL.get(controller, {})},
-            "method": {"kind": method, "operation": operation, "generations": 3, **sizes(method)},
+            "method": method_of(method, operation=operation, generations=3, **sizes(method)),
             "ranking": {"kind": "absolute", "episodes": 2, **RANKINGS[ranking]},
             "servers": "local",
         }
