@@ -410,7 +410,7 @@ impl Fitness {
         })
     }
 
-    /// What is wrong with a metric in a payload, in words; none where it is a finite number, or is not there.
+    /// What is wrong with a metric in a payload, in words; none where it is a finite number, or null, or is not there.
     #[must_use]
     pub fn wrong_metric(payload: &[u8], name: &str) -> Option<String> {
         let fields = read(payload, Kind::Fitness).ok()?;
@@ -418,7 +418,8 @@ impl Fitness {
         let wrong = match place::read::<Map<String, Value>>(value, "metrics") {
             Ok(mut metrics) => {
                 let path = format!("metrics.{name}");
-                place::read::<Real64>(metrics.remove(name)?, &path).err()?
+                let value = metrics.remove(name).filter(|value| !value.is_null())?;
+                place::read::<Real64>(value, &path).err()?
             }
             Err(error) => error,
         };
