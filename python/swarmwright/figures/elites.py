@@ -18,29 +18,24 @@ if TYPE_CHECKING:
 
 @plain()
 def archive(
-    values: "Values", names: Sequence[str], ranges: Sequence[tuple[float, float]], shape: Sequence[int]
+    best: "Values", names: Sequence[str], limits: Sequence[tuple[float, float]], filled: tuple[int, int]
 ) -> "Figure":
-    """Return a heat map of fitness over the first two measures; of one measure, bars of cells.
+    """Return a heat map of fitness over the first two measures; of one measure, a row of cells.
 
     Args:
-        values: fitness and measures of the elites, (n, 1 + measures), n >= 1.
-        names: of the measures.
-        ranges: lowest and highest value of each measure.
-        shape: bins of each measure.
+        best: fitness of each cell, NaN where there is none, (bins,) or (bins, bins) of these measures.
+        names: of all measures.
+        limits: lowest and highest value of these measures.
+        filled: cells of the whole archive that have an elite, and all of them.
     """
-    two = len(names) > 1
+    two = best.ndim > 1
     figure = new_figure(7.6, 6.0 if two else 3.2)
     axes = figure.subplots()
-    rows = shape[1] if two else 1
-    best = np.full((rows, shape[0]), np.nan)
-    for row in drawable(values):
-        x = _bin(row[1], ranges[0], shape[0])
-        y = _bin(row[2], ranges[1], rows) if two else 0
-        best[y, x] = np.fmax(best[y, x], row[0])
-    extent = (*ranges[0], *(ranges[1] if two else (0.0, 1.0)))
+    rows = drawable(np.atleast_2d(best.T))
+    extent = (*limits[0], *(limits[1] if two else (0.0, 1.0)))
     axes.set_facecolor(GRID)
     image = axes.imshow(
-        np.ma.masked_invalid(best), origin="lower", aspect="auto", extent=extent, cmap="viridis",
+        np.ma.masked_invalid(rows), origin="lower", aspect="auto", extent=extent, cmap="viridis",
         interpolation="none",
     )  # fmt: skip
     bar = figure.colorbar(image, ax=axes)
@@ -49,16 +44,10 @@ def archive(
     axes.grid(visible=False)
     if not two:
         axes.set_yticks([])
-    cells = int(np.prod(shape))
-    filled = f"{len(values):,} of {cells:,} cells have an elite (grey: none)"
+    title = f"{filled[0]:,} of {filled[1]:,} cells have an elite (grey: none)"
     more = "; of each, the best over the other measures" if len(names) > 2 else ""
-    axes.set_title(filled + more, loc="left", fontsize=10.5, color=SOFT)
+    axes.set_title(title + more, loc="left", fontsize=10.5, color=SOFT)
     return figure
-
-
-def _bin(value: float, limits: tuple[float, float], bins: int) -> int:
-    low, high = limits
-    return int(np.clip(np.floor((value - low) / (high - low) * bins), 0, bins - 1))
 
 
 @plain()

@@ -59,7 +59,7 @@ class Grid:
         return np.where(known, found, -1)
 
 
-class Elites:
+class Archive:
     """The best candidate of each cell, by its number; of equally good ones the earliest stays."""
 
     def __init__(self, grid: Grid) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from swarmwright.core.options import Options
-from swarmwright.methods._archive import Axis, Elites, Grid, Values
+from swarmwright.methods._archive import Archive, Axis, Grid, Values
 from swarmwright.methods._base import Method, MethodOptions
 from swarmwright.methods._numbers import center_and_reach
 from swarmwright.representations._base import Representation
@@ -94,7 +94,7 @@ class MapElites(Method):
 
     def __init__(self, options: MapElitesOptions, representation: Representation, *, seed: int) -> None:
         super().__init__(options, representation, seed=seed)
-        self._elites = Elites(options.grid)
+        self._archive = Archive(options.grid)
         self._genomes: dict[int, Genome] = {}  # by cell
 
     @classmethod
@@ -117,20 +117,20 @@ class MapElites(Method):
     @property
     def population_fitness(self) -> Fitness:
         """Fitness of all elites; NaN while there is none."""
-        return self._elites.fitness if len(self._elites) else np.full(1, np.nan)
+        return self._archive.fitness if len(self._archive) else np.full(1, np.nan)
 
     @property
-    def elites(self) -> Elites:
-        """The archive; elites are numbered by their evaluation, from 0 in the run."""
-        return self._elites
+    def archive(self) -> Archive:
+        """The archive, whose elites are numbered by their evaluation, from 0 in the run."""
+        return self._archive
 
     def _ask(self) -> Genomes:
         count = self.options.population
         candidates = range(count)
-        if self.generation * count < self.options.initial or not len(self._elites):
+        if self.generation * count < self.options.initial or not len(self._archive):
             return self.initials(candidates)
-        chosen = self.streams("map_elites.choose", candidates).integers(len(self._elites), 2)
-        cells = self._elites.cells[chosen].tolist()
+        chosen = self.streams("map_elites.choose", candidates).integers(len(self._archive), 2)
+        cells = self._archive.cells[chosen].tolist()
         parents, others = (np.stack([self._genomes[one[place]] for one in cells]) for place in (0, 1))
         streams = self.streams("map_elites.vary", candidates)
         if self.options.variation == "line" or (
@@ -156,5 +156,5 @@ class MapElites(Method):
     def _tell(self, genomes: Genomes, fitness: Fitness) -> None:
         measures = self.metrics if self.options.measures else np.zeros((len(genomes), 1))
         numbers = range(self.evaluations, self.evaluations + len(genomes))
-        for cell, row in self._elites.add(numbers, fitness, measures):
+        for cell, row in self._archive.add(numbers, fitness, measures):
             self._genomes[cell] = genomes[row].copy()  # a view would keep the whole generation

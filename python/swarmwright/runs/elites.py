@@ -8,8 +8,7 @@ import numpy as np
 
 from swarmwright.core.errors import InputError
 from swarmwright.core.statistics import means
-from swarmwright.methods._archive import Elites as Cells
-from swarmwright.methods._archive import Grid, Values, front_with
+from swarmwright.methods._archive import Archive, Grid, Values, front_with
 from swarmwright.methods.map_elites import MapElitesOptions
 from swarmwright.methods.nsga2 import Nsga2Options
 from swarmwright.typing import Fitness
@@ -50,8 +49,6 @@ class Elites:
     goals: dict[str, str]
     candidates: list[Elite]
     grid: Grid | None
-    ranges: dict[str, tuple[float, float]]
-    """Lowest and highest value of each measure of an archive, by name; empty of fronts."""
 
     @property
     def coverage(self) -> float | None:
@@ -96,7 +93,11 @@ class Elites:
         if self.grid is None:
             figure = front(values, names, list(self.goals.values()))
         else:
-            figure = archive(values, names, list(self.ranges.values()), self.grid.shape)
+            seen = Grid(self.grid.axes[:2])
+            best = np.full(seen.cells, np.nan)
+            np.fmax.at(best, seen.cells_of(values[:, 1:3]), values[:, 0])
+            limits = [(one.low, one.high) for one in seen.axes]
+            figure = archive(best.reshape(seen.shape), names, limits, (len(values), self.grid.cells))
         if path is not None:
             style.save(figure, Path(path))
         return figure
@@ -118,31 +119,30 @@ def of_run(run: "Run") -> Elites:
         )
     names = list(options.needed_metrics)
     columns = [run.metrics.index(name) for name in names]
-    archive = _Archive(options.grid) if isinstance(options, MapElitesOptions) else _Front(options)
+    kept = _Best(options.grid) if isinstance(options, MapElitesOptions) else _Front(options)
     for evaluated in run.store.generations():
         if evaluated.generation >= run.generations:
             break
-        archive.add(evaluated.generation, evaluated.fitness, means(evaluated.metrics[:, :, columns]))
-    rows = sorted(archive.rows(), key=lambda row: (-row[2], row[0], row[1]))
+        kept.add(evaluated.generation, evaluated.fitness, means(evaluated.metrics[:, :, columns]))
+    rows = sorted(kept.rows(), key=lambda row: (-row[2], row[0], row[1]))
     found = [
         Elite(generation, candidate, fitness, dict(zip(names, metrics, strict=True)))
         for generation, candidate, fitness, metrics in rows
     ]
     if isinstance(options, MapElitesOptions):
-        ranges = {name: (one.range[0], one.range[1]) for name, one in options.measures.items()}
-        return Elites("archive", dict.fromkeys(names, "measure"), found, options.grid, ranges)
-    return Elites("front", dict(options.objectives), found, None, {})
+        return Elites("archive", dict.fromkeys(names, "measure"), found, options.grid)
+    return Elites("front", dict(options.objectives), found, None)
 
 
 _Row = tuple[int, int, float, list[float]]
 """Generation, candidate, fitness, metrics."""
 
 
-class _Archive:
+class _Best:
     """Elites of cells."""
 
     def __init__(self, grid: Grid) -> None:
-        self._cells = Cells(grid)
+        self._cells = Archive(grid)
         self._rows: dict[int, _Row] = {}
 
     def add(self, generation: int, fitness: Fitness, metrics: Values) -> None:

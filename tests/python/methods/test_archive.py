@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pymoo.operators.survival.rank_and_crowding.metrics import calc_crowding_distance
 from pymoo.util.nds.non_dominated_sorting import NonDominatedSorting
 
-from swarmwright.methods._archive import Axis, Elites, Grid, crowding, front_with, ranks
+from swarmwright.methods._archive import Archive, Axis, Grid, crowding, front_with, ranks
 
 GRID = Grid((Axis(0.0, 1.0, 4), Axis(-10.0, 10.0, 3)))
 
@@ -36,7 +36,7 @@ def test_an_archive_has_the_best_of_each_cell_and_of_equal_ones_the_first(part: 
     measures = random(1, 700, 2) * [1.0, 20.0] - [0.0, 10.0]
     fitness = np.round(random(2, 700) * 20)
     fitness[::13] = np.nan
-    elites = Elites(GRID)
+    elites = Archive(GRID)
     for first in range(0, 700, part):
         rows = slice(first, first + part)
         elites.add(range(first, min(first + part, 700)), fitness[rows], measures[rows])
@@ -53,7 +53,7 @@ def test_an_archive_has_the_best_of_each_cell_and_of_equal_ones_the_first(part: 
 
 
 def test_what_is_reported_as_new_is_what_is_in_the_archive_afterwards() -> None:
-    elites = Elites(Grid((Axis(0.0, 1.0, 1),)))
+    elites = Archive(Grid((Axis(0.0, 1.0, 1),)))
     assert elites.add([5, 6, 7], np.array([1.0, 3.0, 2.0]), np.zeros((3, 1))) == [(0, 1)]
     assert elites.add([8, 9], np.array([3.0, np.nan]), np.zeros((2, 1))) == []
     assert (elites.numbers.tolist(), elites.fitness.tolist(), len(elites)) == ([6], [3.0], 1)

@@ -1,4 +1,4 @@
-"""MAP-Elites: what it asks for, and that it fills its archive."""
+"""MAP-Archive: what it asks for, and that it fills its archive."""
 
 from typing import Any
 
@@ -8,7 +8,7 @@ from pydantic import ValidationError
 
 from swarmwright import InputError
 from swarmwright.methods import METHODS, Method
-from swarmwright.methods._archive import Elites
+from swarmwright.methods._archive import Archive
 from swarmwright.methods.map_elites import MapElites
 from swarmwright.typing import Genomes
 from tests.python.methods.functions import new, sphere, ten_genes
@@ -34,10 +34,10 @@ def evolved(seed: int = 1, generations: int = 60, **options: Any) -> MapElites:
     return method
 
 
-def at_random(seed: int, generations: int = 60) -> Elites:
+def at_random(seed: int, generations: int = 60) -> Archive:
     """The archive that random search fills with as many evaluations."""
     options = METHODS.get("map_elites").options_model.model_validate({"measures": MEASURES})
-    elites = Elites(options.grid)  # type: ignore[attr-defined] # of MapElitesOptions
+    elites = Archive(options.grid)  # type: ignore[attr-defined] # of MapElitesOptions
     method = new("random_search", seed=seed, population=50, generations=generations)
     while not method.done:
         points = method.ask().astype(np.float64)
@@ -50,7 +50,7 @@ def at_random(seed: int, generations: int = 60) -> Elites:
 @pytest.mark.parametrize("variation", ["line", "mutation"])
 @pytest.mark.parametrize("seed", [1, 2])
 def test_it_fills_more_cells_than_random_search_and_with_better_candidates(variation: str, seed: int) -> None:
-    found, rest = evolved(seed, variation=variation).elites, at_random(seed)
+    found, rest = evolved(seed, variation=variation).archive, at_random(seed)
     assert len(found) > 2 * len(rest)
     ours = dict(zip(found.cells.tolist(), found.fitness.tolist(), strict=True))
     theirs = dict(zip(rest.cells.tolist(), rest.fitness.tolist(), strict=True))
@@ -139,7 +139,7 @@ def test_wrong_measures(options: dict[str, Any], message: str) -> None:
 
 def test_the_same_seed_gives_the_same_archive() -> None:
     def stored(method: MapElites) -> list[tuple[int, int, float]]:
-        elites = method.elites
+        elites = method.archive
         return list(zip(elites.cells.tolist(), elites.numbers.tolist(), elites.fitness.tolist(), strict=True))
 
     assert stored(evolved(3, 10)) == stored(evolved(3, 10))
