@@ -5,6 +5,8 @@ import logging
 import sqlite3
 from collections.abc import Iterable
 from contextlib import ExitStack, suppress
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -237,40 +239,29 @@ def _continue(
         store = stack.enter_context(StoreWriter.resume(run.path.absolute()))
         stack.enter_context(reported())  # within the store, which keeps the message
         reader = StoreReader(run.path)
-        wanted = prolonged(run, run.experiment, settings, **budget)
-        edited, notes = edits.taken_over(run, wanted)
-        if wanted.validate != run.experiment.validate:
-            at_end.allow(wanted, run)
-        experiment = prolonged(run, edited, settings, **budget)
-        changed = experiment != run.experiment
-        ended = reader.sessions()[-1].outcome in {"done", "stopped"}
-        asked = not ended or experiment.validate != run.experiment.validate
-        finished = run.state == "done" and experiment.budget == run.experiment.budget
-        choice = {"accept_changed_code": accept_changed_code, "simulation": simulation}
-        code = None if finished else _code(run, experiment, choice)
-        loop: Loop | None = None
-        if not finished or is_due(experiment, reader, changed=asked):  # else the method has no part in it
-            loop = _replayed(experiment, store, reader, code)
-        if loop is None or (loop.done and not is_due(experiment, reader, changed=asked)):
-            if loop is not None and not ended:
+        wanted = _wanted(run, reader, settings, budget)
+        if wanted.has_all_generations and not wanted.validation_is_due:
+            # Without the method, which need not come to the same candidates any more.
+            _close(run, store, wanted)
+            return
+        code = _code(run, wanted.experiment, accept_changed_code, simulation)
+        loop = _replayed(wanted.experiment, store, reader, code)
+        if loop.done and not wanted.validation_is_due:
+            if not wanted.had_ended:
                 # It was killed between its last generation and its end: only the end is missing.
                 store.begin("nothing was left to evaluate", loop.libraries)
                 store.conclude("done")
                 store.note_ended(loop.ended)
-            if experiment.validate != run.experiment.validate:
-                store.replace_experiment(
-                    dataclasses.replace(run.experiment, validate=experiment.validate), copy_of(run)
-                )
-            store.save_best(experiment.representation())
+            _close(run, store, wanted)
             return
-        code = code or _code(run, experiment, choice)
         if isinstance(code, InputError):
             raise code
+        experiment, notes = code.experiment, wanted.notes
         for note in notes:
             say(f"{run.path}: goes on with {note}")
-        if code.experiment.controller != experiment.controller:  # other files of modules
-            loop = _with_changed_modules(run, experiment, code, store, reader)
-        experiment, notes = code.experiment, [*notes, *code.notes]
+        if experiment.controller != wanted.experiment.controller:  # other files of modules
+            loop = _with_changed_modules(run, wanted.experiment, code, store, reader)
+        notes = [*notes, *code.notes]
         earlier = reader.server_use()
         backend = stack.enter_context(open_simulations(experiment, earlier=earlier, **where))
         warn_of_edits(code.used)
@@ -278,7 +269,7 @@ def _continue(
         copy = code.copy
         if copy is None and code.used:
             copy = store.keep_code(code.version, code.used)
-        if changed or notes:
+        if notes or wanted.experiment != run.experiment:
             store.replace_experiment(experiment, copy)
         libraries = (*loop.libraries, *distributions(code.used))
         store.begin(
@@ -291,20 +282,66 @@ def _continue(
         _run(experiment, store, loop, backend, on_generation, on_progress)
 
 
-def _code(run: Run, experiment: Experiment, choice: dict[str, Any]) -> Continuation | InputError:
-    """Return the source with which a run goes on, or why it cannot, which matters if anything is left to do.
+@dataclass(frozen=True)
+class _Wanted:
+    """What a run that is resumed is to become."""
 
-    choice: arguments of `continuation`.
-    """
+    experiment: Experiment
+    """The run's, with what has changed in its file, and with the settings and budgets of the caller."""
+    notes: list[str]
+    """What has changed in its file, in words."""
+    reader: StoreReader
+    has_all_generations: bool
+    had_ended: bool
+    """Whether its last session came to an end in order."""
+    has_other_validation: bool
+    """Whether the validation is asked for otherwise than before."""
+
+    @cached_property
+    def validation_is_due(self) -> bool:
+        """Whether the best are to be validated still; of a run that has all generations."""
+        changed = self.has_other_validation or not self.had_ended
+        return is_due(self.experiment, self.reader, changed=changed)
+
+
+def _wanted(run: Run, reader: StoreReader, settings: Iterable[str], budget: dict[str, Any]) -> _Wanted:
+    """Return what a run is to become. Raises InputError for what cannot change."""
+    wanted = prolonged(run, run.experiment, settings, **budget)
+    edited, notes = edits.taken_over(run, wanted)
+    if wanted.validate != run.experiment.validate:
+        at_end.allow(wanted, run)
+    experiment = prolonged(run, edited, settings, **budget)
+    return _Wanted(
+        experiment,
+        notes,
+        reader,
+        has_all_generations=run.state == "done" and experiment.budget == run.experiment.budget,
+        had_ended=reader.sessions()[-1].outcome in {"done", "stopped"},
+        has_other_validation=experiment.validate != run.experiment.validate,
+    )
+
+
+def _close(run: Run, store: StoreWriter, wanted: _Wanted) -> None:
+    """Bring the files of a run of which nothing is left to evaluate up to date."""
+    if wanted.has_other_validation:
+        experiment = dataclasses.replace(run.experiment, validate=wanted.experiment.validate)
+        store.replace_experiment(experiment, copy_of(run))
+    store.save_best(wanted.experiment.representation())
+
+
+def _code(
+    run: Run, experiment: Experiment, accept_changed_code: bool, simulation: str | type | None
+) -> Continuation | InputError:
+    """Return the source with which a run goes on, or why it cannot: raised if anything is left to do."""
     check_memory(experiment, experiment.representation())
     try:
-        return continuation(run, experiment, **choice)
+        return continuation(run, experiment, accept_changed_code=accept_changed_code, simulation=simulation)
     except InputError as error:
         return error
 
 
 def _replayed(
-    experiment: Experiment, store: StoreWriter, reader: StoreReader, code: Continuation | InputError | None
+    experiment: Experiment, store: StoreWriter, reader: StoreReader, code: Continuation | InputError
 ) -> Loop:
     """Return the loop where the store ends."""
     try:
