@@ -49,7 +49,10 @@ pub(super) fn update<L: Lanes>(
             effort += absolute(Number(*told)).at_most(number(1.0));
         }
         let charge = charges[robot];
-        let mut next = charge - (effort * more + standing);
+        let used = effort * more + standing;
+        let mut next = charge - used;
+        // What is left of the last tick by rounding is not another one.
+        next = next.only_where((used * 0.5).lt(next));
         if let Some(charging) = &battery.charging {
             let shape = &place.patches[charging.patch].shape;
             let on = shape.holds(bodies.x[robot], bodies.y[robot]);

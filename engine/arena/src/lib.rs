@@ -233,16 +233,21 @@ impl Simulation for Arena {
         if team.groups().len() < 2 {
             return Vec::new();
         }
-        let group = |(name, robots): (String, std::ops::Range<usize>)| Group {
-            name: name.into(),
-            agents: robots.len() as u32,
-            sensors: team.sensors(),
-            actuators: team.actuators(),
-            padded: true,
-            sensor_names: team.sensor_names(),
-            actuator_names: team.actuator_names(),
+        let group = |(index, kind): (usize, &team::Group)| {
+            let own = team.own_names(index);
+            Group {
+                name: kind.name.clone().into(),
+                agents: kind.count as u32,
+                sensors: team.sensors(),
+                actuators: team.actuators(),
+                padded: true,
+                sensor_names: team.sensor_names(),
+                actuator_names: team.actuator_names(),
+                own_sensor_names: own.sensors.clone(),
+                own_actuator_names: own.actuators.clone(),
+            }
         };
-        team.named().map(group).collect()
+        team.groups().iter().enumerate().map(group).collect()
     }
 
     fn acting(&self) -> &[u32] {

@@ -137,6 +137,9 @@ pub(super) struct Light {
 pub(super) struct Spot {
     pub at: [f32; 2],
     pub color: LedColor,
+    /// The part of the wall that it stands for: unit vector along it, and half of its length, metres.
+    pub along: [f32; 2],
+    pub half: f32,
 }
 
 /// Largest distance of spots on a wall, metres.
@@ -158,6 +161,8 @@ impl Face {
                     self.middle[1] + along * y + IN_FRONT * x,
                 ],
                 color,
+                along: self.along,
+                half: part / 2.0,
             }
         };
         (0..count).map(spot).collect()

@@ -131,7 +131,7 @@ pub(super) fn distance(corners: &[Point], point: Point) -> f64 {
 }
 
 /// From each corner to the next one.
-fn sides(corners: &[Point]) -> impl Iterator<Item = [Point; 2]> + '_ {
+pub(super) fn sides(corners: &[Point]) -> impl Iterator<Item = [Point; 2]> + '_ {
     let next = corners.iter().cycle().skip(1);
     corners.iter().zip(next).map(|(a, b)| [*a, *b])
 }

@@ -64,6 +64,35 @@ pub(super) struct Robot {
 pub(super) const TICK: f32 = 0.1;
 
 impl Robot {
+    /// A robot without sensors and noise, with the friction and the acceleration of an e-puck.
+    fn bare(radius: f32, height: f32, drive: Drive, top_speed: f32) -> Self {
+        Self {
+            radius,
+            height,
+            mass: presets::MASS,
+            drive,
+            top_speed,
+            wheel_noise: 0.0,
+            acceleration: presets::ACCELERATION,
+            friction: presets::FRICTION,
+            proximity: None,
+            light: None,
+            ground: None,
+            links: None,
+            around: None,
+            camera: None,
+            leds: Vec::new(),
+            battery: None,
+            battery_noise: 0.0,
+            gripper: None,
+            message: 0,
+            heard: 0,
+            encoder_noise: 0.0,
+            compass_noise: 0.0,
+            outputs: Vec::new(),
+        }
+    }
+
     /// A model as a name or an object; `place` is what it is called in complaints, `others_send` whether other kinds of robots
     /// send messages that it hears.
     ///

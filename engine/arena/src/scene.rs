@@ -4,7 +4,7 @@ use std::borrow::Cow;
 
 use super::links::both;
 use super::objects::{Form, corners, distance as to_object};
-use super::place::{Face, Place, Shape, Spot};
+use super::place::{Face, Place, Shape};
 use super::robot::LedColor;
 use super::settings::Settings;
 use super::start::Pose;
@@ -19,8 +19,12 @@ const MOST_IN_DETAIL: usize = 1000;
 const AROUND_LIGHT: f32 = 0.1;
 /// Corners of an object that is a disc.
 const CORNERS: u16 = 48;
-/// The radius of a coloured lamp, and of a coloured spot of a wall, in pictures, metres.
-const SPOT: f32 = 0.015;
+/// The radius of a coloured lamp in pictures, metres.
+const LAMP: f32 = 0.015;
+/// The radius of what shows LEDs, of that of their robot.
+const LED: f32 = 0.45;
+/// Of LEDs that are off, which pictures leave out.
+const DARK: &str = "#8c8c8c";
 /// Of objects.
 const COLOR: &str = "#e69f00";
 /// Ends of faces that are so near, metres, are one corner.
@@ -64,14 +68,20 @@ pub(super) fn scene(settings: &Settings, swarm: &Swarm<f32>) -> Scene {
         }),
         ..Scene::default()
     };
+    let style = |state: &str, color: &str| Style {
+        kind: "led".to_owned(),
+        state: state.to_owned(),
+        color: color.to_owned(),
+        shape: "circle".to_owned(),
+    };
     let lit = |color: &&LedColor| team.any(|robot| robot.leds.contains(*color));
     let leds = LedColor::ALL.iter().filter(lit);
-    scene.styles.extend(leds.map(|color| Style {
-        kind: "agent".to_owned(),
-        state: color.name().to_owned(),
-        color: color.shown().to_owned(),
-        shape: "circle".to_owned(),
-    }));
+    scene
+        .styles
+        .extend(leds.map(|color| style(color.name(), color.shown())));
+    if !scene.styles.is_empty() {
+        scene.styles.push(style("", DARK));
+    }
     for (patch, color) in place.patches.iter().zip(&swarm.colors) {
         let (points, radius) = outline_of(&patch.shape, low, high);
         scene.patches.push(Patch {
@@ -90,9 +100,12 @@ pub(super) fn scene(settings: &Settings, swarm: &Swarm<f32>) -> Scene {
         scene.walls.push(Wall { points, solid });
     }
     for (pose, form, name, color) in objects(place, swarm) {
+        // An outline tells it from obstacles, which are filled.
+        let mut points = shifted(rim(form, pose));
+        points.extend(points.first().copied());
         scene.walls.push(Wall {
-            points: shifted(rim(form, pose)),
-            solid: true,
+            points,
+            solid: false,
         });
         scene.bodies.push(Body {
             kind: "object".into(),
@@ -105,25 +118,37 @@ pub(super) fn scene(settings: &Settings, swarm: &Swarm<f32>) -> Scene {
     }
     let lamps = place.lights.iter().filter_map(|light| {
         let [x, y, _] = light.at;
-        light.color.map(|color| Spot { at: [x, y], color })
+        light.color.map(|color| ([x, y], color))
     });
-    let lamps: Vec<Spot> = lamps.collect();
-    for (kind, spots) in [("lamp", &lamps), ("wall", &place.spots)] {
-        scene.bodies.extend(spots.iter().map(|spot| Body {
-            kind: kind.into(),
-            x: spot.at[0] - low[0],
-            y: spot.at[1] - low[1],
-            state: spot.color.name().into(),
-            radius: SPOT,
+    let lamps: Vec<([f32; 2], LedColor)> = lamps.collect();
+    scene
+        .bodies
+        .extend(lamps.iter().map(|([x, y], color)| Body {
+            kind: "lamp".into(),
+            x: x - low[0],
+            y: y - low[1],
+            state: color.name().into(),
+            radius: LAMP,
             ..Body::default()
         }));
-    }
+    // Each is a line: so far to both sides of its middle.
+    scene.bodies.extend(place.spots.iter().map(|spot| Body {
+        kind: "wall".into(),
+        x: spot.at[0] - low[0],
+        y: spot.at[1] - low[1],
+        state: spot.color.name().into(),
+        radius: spot.half,
+        heading: Some(spot.along[1].atan2(spot.along[0])),
+        ..Body::default()
+    }));
+    scene.bodies.extend(led_bodies(team, swarm, low));
     for color in LedColor::ALL {
-        let any = |spots: &[Spot]| spots.iter().any(|spot| spot.color == color);
+        let lit = lamps.iter().any(|(_, of_lamp)| *of_lamp == color);
+        let covered = place.spots.iter().any(|spot| spot.color == color);
         let painted = place.objects.iter().any(|kind| kind.color == Some(color));
         for (there, kind, shape) in [
-            (any(&lamps), "lamp", "circle"),
-            (any(&place.spots), "wall", "square"),
+            (lit, "lamp", "circle"),
+            (covered, "wall", "square"),
             (painted, "object", "diamond"),
         ] {
             if there {
@@ -157,12 +182,8 @@ pub(super) fn scene(settings: &Settings, swarm: &Swarm<f32>) -> Scene {
     scene
 }
 
-/// What tells a robot from others: the colour of its LEDs, or else its kind, where there are several, and how it fares.
+/// What tells a robot from others: its kind, where there are several, and how it fares.
 fn state(team: &Team, swarm: &Swarm<f32>, index: usize) -> Cow<'static, str> {
-    let lit = led(swarm, index);
-    if !lit.is_empty() {
-        return lit.into();
-    }
     let state = swarm.state(index);
     match team.groups() {
         [_] => state.unwrap_or_default().into(),
@@ -172,6 +193,23 @@ fn state(team: &Team, swarm: &Swarm<f32>, index: usize) -> Cow<'static, str> {
             words.join(", ").into()
         }
     }
+}
+
+/// The LEDs of all robots that have some, also those that are off, without a state: bodies are the same in all scenes.
+fn led_bodies<'a>(
+    team: &'a Team,
+    swarm: &'a Swarm<f32>,
+    low: [f32; 2],
+) -> impl Iterator<Item = Body> + 'a {
+    let with = (0..swarm.bodies.len()).filter(|index| !team.robot(*index).leds.is_empty());
+    with.map(move |index| Body {
+        kind: "led".into(),
+        x: swarm.bodies.x[index].0 - low[0],
+        y: swarm.bodies.y[index].0 - low[1],
+        radius: LED * team.robot(index).radius,
+        state: led(swarm, index).into(),
+        ..Body::default()
+    })
 }
 
 /// The colour of a robot's LEDs; empty where they are off.
@@ -273,7 +311,7 @@ fn look(scene: &mut Scene, team: &Team, place: &Place, swarm: &Swarm<f32>) {
                     body: index as u32,
                     angle: y.atan2(x),
                     start: sensors.start,
-                    length: sensors.range,
+                    length: free,
                     reading: Some(if free < sensors.range { reading } else { 0.0 }),
                 });
             }

@@ -186,9 +186,10 @@ impl<L: Lanes> Swarm<L> {
     /// The first part of a tick: what drives aim at.
     #[inline(always)]
     pub(super) fn command(&mut self, team: &Team, actuators: &[L]) {
-        self.tick += 1;
         let mut told = std::mem::take(&mut self.told);
+        // By the time at which the tick begins.
         let mut other = self.failing.tell(self.tick, actuators, team, &mut told);
+        self.tick += 1;
         if !self.senses.charges.is_empty() {
             if !other {
                 told.clear();

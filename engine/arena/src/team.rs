@@ -8,7 +8,7 @@ use serde_json::Value;
 use super::place::Place;
 use super::robot::{Links, Output, Robot};
 use super::settings::{MOST_ROBOTS, mismatch_at};
-use super::together::{self, Row};
+use super::together::{self, Own, Row};
 use swarmwright_simulation::ParameterError;
 use swarmwright_simulation::parameters::wrong;
 
@@ -526,5 +526,10 @@ impl Team {
     /// What controllers give, in the same way.
     pub(super) fn actuator_names(&self) -> Vec<String> {
         self.row.actuators.clone()
+    }
+
+    /// What a kind calls its own of them.
+    pub(super) fn own_names(&self, kind: usize) -> &Own {
+        &self.row.own[kind]
     }
 }

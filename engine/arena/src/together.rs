@@ -13,6 +13,8 @@ pub(super) struct Row {
     pub sensors: Vec<String>,
     /// Names of what it gives.
     pub actuators: Vec<String>,
+    /// By kind: what it calls its own of them.
+    pub own: Vec<Own>,
     /// By kind: where the numbers for its drive begin.
     pub drives: Vec<usize>,
     /// By kind: where the numbers for its LEDs begin.
@@ -21,6 +23,16 @@ pub(super) struct Row {
     pub gripper: Option<usize>,
     /// The numbers of the longest message; those of shorter ones are its first ones.
     pub message: Range<usize>,
+}
+
+/// The name of the number for grippers.
+const GRIPPER: &str = "gripper";
+
+/// What a kind of robots calls the numbers that it has, None for those of other kinds.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub(super) struct Own {
+    pub sensors: Vec<Option<String>>,
+    pub actuators: Vec<Option<String>>,
 }
 
 /// Numbers that some kinds have.
@@ -45,7 +57,11 @@ pub(super) fn arrange(groups: &mut [Group]) -> Row {
         groups.iter().all(|group| count(&group.robot) == first)
     };
     let (same_sensors, same_leds) = (same(Robot::sensors), same(|robot| robot.leds.len()));
+    let mut own = vec![Own::default(); groups.len()];
     let sensors = if same_sensors {
+        for (own, group) in own.iter_mut().zip(groups.iter()) {
+            own.sensors = all(group.robot.sensor_names());
+        }
         beside(groups, Robot::sensor_names)
     } else {
         let columns = columns(groups, |robot| {
@@ -55,6 +71,7 @@ pub(super) fn arrange(groups: &mut [Group]) -> Row {
                 .collect()
         });
         for (index, group) in groups.iter_mut().enumerate() {
+            own[index].sensors = of_kind(&columns, index);
             group.robot.outputs = columns.iter().map(|column| output(column, index)).collect();
         }
         named(&columns, groups)
@@ -69,10 +86,16 @@ pub(super) fn arrange(groups: &mut [Group]) -> Row {
         let names = column.names.iter();
         actuators.extend(names.map(|name| of_kinds(name, &column.owners, groups)));
     }
+    for (index, own) in own.iter_mut().enumerate() {
+        own.actuators = of_kind(&drives, index);
+    }
     let drive = actuators.len();
     let drives = places(&drives, 0, groups.len());
     let leds = if same_leds {
         actuators.extend(beside(groups, Robot::led_names));
+        for (own, group) in own.iter_mut().zip(groups.iter()) {
+            own.actuators.extend(all(group.robot.led_names()));
+        }
         vec![drive; groups.len()]
     } else {
         let columns = columns(groups, |robot: &Robot| {
@@ -80,25 +103,52 @@ pub(super) fn arrange(groups: &mut [Group]) -> Row {
             Vec::from_iter((!robot.leds.is_empty()).then_some(leds))
         });
         actuators.extend(named(&columns, groups));
+        for (index, own) in own.iter_mut().enumerate() {
+            own.actuators.extend(of_kind(&columns, index));
+        }
         places(&columns, drive, groups.len())
     };
     let grips = groups.iter().any(|group| group.robot.gripper.is_some());
     let gripper = grips.then_some(actuators.len());
-    actuators.extend(grips.then(|| "gripper".to_owned()));
+    actuators.extend(grips.then(|| GRIPPER.to_owned()));
     let message = actuators.len()..actuators.len() + longest.len();
     for (number, name) in longest.iter().enumerate() {
         let sends = |kind: &usize| groups[*kind].robot.message > number;
         let senders: Vec<usize> = (0..groups.len()).filter(sends).collect();
         actuators.push(of_kinds(name, &senders, groups));
     }
+    for (own, group) in own.iter_mut().zip(groups.iter()) {
+        let robot = &group.robot;
+        let gripper = || robot.gripper.is_some().then(|| GRIPPER.to_owned());
+        own.actuators.extend(grips.then(gripper));
+        let sent =
+            |(number, name): (usize, &String)| (number < robot.message).then(|| name.clone());
+        own.actuators.extend(longest.iter().enumerate().map(sent));
+    }
     Row {
         sensors,
         actuators,
+        own,
         drives,
         leds,
         gripper,
         message,
     }
+}
+
+/// All that a kind has.
+fn all(names: Vec<String>) -> Vec<Option<String>> {
+    names.into_iter().map(Some).collect()
+}
+
+/// What a kind has in all columns.
+fn of_kind<T>(columns: &[Column<T>], kind: usize) -> Vec<Option<String>> {
+    let names = columns.iter().flat_map(|column| {
+        let has = column.owners.contains(&kind);
+        let names = column.names.iter();
+        names.map(move |name| has.then(|| name.clone()))
+    });
+    names.collect()
 }
 
 /// The names of the numbers of the longest message.

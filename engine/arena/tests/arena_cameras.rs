@@ -40,14 +40,20 @@ fn sensed(arena: &Arena, agent: usize) -> Vec<f64> {
     numbers.into_iter().map(f64::from).collect()
 }
 
+/// Where robots are, and the colours of their LEDs.
 fn agents(arena: &Arena) -> Vec<([f64; 2], String)> {
     let scene = arena.scene().unwrap();
     let [low_x, low_y] = [scene.width / 2.0, scene.height / 2.0];
-    let agents = scene.bodies.iter().filter(|body| body.kind == "agent");
-    agents
+    let of = |kind: &'static str| scene.bodies.iter().filter(move |body| body.kind == kind);
+    let mut leds = of("led");
+    of("agent")
         .map(|body| {
             let at = [f64::from(body.x - low_x), f64::from(body.y - low_y)];
-            (at, body.state.to_string())
+            let lit = leds.next().map(|led| {
+                assert_eq!([led.x, led.y], [body.x, body.y]);
+                led.state.to_string()
+            });
+            (at, lit.unwrap_or_default())
         })
         .collect()
 }
@@ -129,7 +135,7 @@ fn colours_are_seen_where_nothing_stands_between() {
         let told: Vec<f32> = (0..12).flat_map(|agent| shows[agent % 3]).collect();
         arena.step(&told);
         let scene = arena.scene().unwrap();
-        assert_eq!(scene.styles.len(), 2);
+        assert_eq!(scene.styles.len(), 3, "two colours, and off");
         let (at, states): (Vec<_>, Vec<_>) = agents(&arena).into_iter().unzip();
         for agent in 0..12 {
             assert_eq!(states[agent], ["", "cyan", "red"][agent % 3]);
@@ -210,6 +216,52 @@ fn lamps_with_a_colour_are_seen_also_when_they_are_off() {
     let lamps = scene.bodies.iter().filter(|body| body.kind == "lamp");
     let lamps: Vec<_> = lamps.map(|body| &body.state[..]).collect();
     assert_eq!(lamps, ["red", "cyan", "yellow"]);
+}
+
+#[test]
+fn lit_robots_keep_their_kind_and_what_fails_in_scenes() {
+    let lights = json!({"kind": "led", "colors": ["red"]});
+    let model = |radius: f64| {
+        json!({"radius": radius, "drive": {"kind": "differential", "wheel_base": 0.05, "max_speed": 0.1},
+            "sensors": [{"kind": "proximity", "count": 4, "range": 3}], "actuators": [lights]})
+    };
+    let parameters = json!({
+        "mission": {"walls": {"rectangle": [3, 3]}, "start": {"disc": {"radius": 1}}, "fitness": "order"},
+        "robots": [{"name": "scout", "count": 2, "robot": model(0.03)}, {"name": "base", "count": 1, "robot": model(0.06)}],
+        "failures": [{"kind": "stop", "share": 1, "robots": "base"}],
+    });
+    let mut arena = Arena::default();
+    arena.reset(parameters.as_object().unwrap()).unwrap();
+    let before = arena.scene().unwrap();
+    arena.step(&[0.0, 0.0, 1.0, 0.0, 0.0, -1.0, 0.0, 0.0, 1.0]);
+    let scene = arena.scene().unwrap();
+    let states = |scene: &swarmwright_simulation::Scene| -> Vec<String> {
+        let bodies = scene.bodies.iter();
+        bodies
+            .map(|body| format!("{} {}", body.kind, body.state))
+            .collect()
+    };
+    assert_eq!(before.bodies.len(), scene.bodies.len());
+    let robots = ["agent scout", "agent scout", "agent base, stopped"];
+    assert_eq!(
+        states(&before),
+        [&robots[..], &["led ", "led ", "led "]].concat()
+    );
+    assert_eq!(
+        states(&scene),
+        [&robots[..], &["led red", "led ", "led red"]].concat()
+    );
+    // Rays end in the arena.
+    for ray in &scene.rays {
+        let body = &scene.bodies[ray.body as usize];
+        let (sin, cos) = (body.heading.unwrap() + ray.angle).sin_cos();
+        let far = ray.start + ray.length;
+        let end = [
+            body.x + far * cos + scene.origin[0],
+            body.y + far * sin + scene.origin[1],
+        ];
+        assert!(end.iter().all(|at| at.abs() < 1.5 + 1e-4), "{end:?}");
+    }
 }
 
 #[test]
@@ -401,6 +453,16 @@ fn walls_and_objects_are_seen_in_their_colours() {
             .any(|style| style.kind == kind && style.state == "red")
     };
     assert!(style("wall") && style("object") && !style("lamp"));
+    // Together the lines of a colour are as long as what has it.
+    let length = |state: &str| -> f32 {
+        let walls = scene.bodies.iter().filter(|body| body.kind == "wall");
+        let lines = walls.filter(|body| body.state == state);
+        lines.map(|line| 2.0 * line.radius).sum()
+    };
+    assert!((length("red") - 3.0).abs() < 1e-4, "{}", length("red"));
+    assert!((length("cyan") - 3.6).abs() < 1e-4, "{}", length("cyan"));
+    let below = scene.bodies.iter().find(|body| body.kind == "wall");
+    assert_eq!(below.unwrap().heading, Some(0.0));
 }
 
 #[test]

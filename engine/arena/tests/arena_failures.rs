@@ -66,8 +66,8 @@ fn a_share_stops_and_goes_on() {
             let turns = turns(&mut arena);
             // The first substep of a tick still turns as in the tick before.
             let (stopped, standing) = match tick {
-                1 | 10 | 20 => continue,
-                11..20 => (6, 14),
+                1 | 11 | 21 => continue,
+                12..=20 => (6, 14),
                 _ => (0, 20),
             };
             assert_eq!(count(&turns, 0.0), stopped, "tick {tick}");
@@ -93,9 +93,12 @@ fn scenes_say_which_robots_fail_and_how() {
         let turned = turns(&mut stopping);
         let states = states(&stopping);
         match tick {
+            // Stopped from here on, as a scene says what begins.
+            10 => assert_eq!(states.iter().filter(|state| *state == "stopped").count(), 6),
+            20 => assert!(states.iter().all(String::is_empty)),
             // The first substep of a tick still turns as in the tick before.
-            1 | 10 | 20 => continue,
-            11..20 => {
+            1 | 11 | 21 => continue,
+            12..20 => {
                 for (turn, state) in turned.iter().zip(&states) {
                     let expected = if turn.abs() < 1e-3 { "stopped" } else { "" };
                     assert_eq!(state, expected, "tick {tick}");

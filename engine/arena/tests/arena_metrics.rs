@@ -306,6 +306,108 @@ fn formations_are_found_where_they_are() {
     }
 }
 
+/// Points so near to each other along lines from corner to corner that distances to them are those to the lines.
+fn dense(corners: &[[f64; 2]]) -> Vec<[f64; 2]> {
+    let total: f64 = corners
+        .windows(2)
+        .map(|ends| distance(ends[0], ends[1]))
+        .sum();
+    let points = corners.windows(2).flat_map(|ends| {
+        let count = (20_000.0 * distance(ends[0], ends[1]) / total) as u32;
+        (0..count).map(move |point| {
+            let part = (f64::from(point) + 0.5) / f64::from(count);
+            [0, 1].map(|axis| ends[0][axis] + (ends[1][axis] - ends[0][axis]) * part)
+        })
+    });
+    points.collect()
+}
+
+#[test]
+fn deviation_from_outlines_is_that_of_all_their_points() {
+    let (square, triangle) = (
+        [[-1.0, -0.6], [1.0, -0.6], [1.0, 0.8], [-1.0, 0.8]],
+        [[0.0, 0.0], [2.0, 0.0], [0.0, 1.0]],
+    );
+    let circle = (0..=360_u32).map(|degrees| {
+        let (sin, cos) = f64::from(degrees).to_radians().sin_cos();
+        [0.7 * cos, 0.7 * sin]
+    });
+    let circle = dense(&circle.collect::<Vec<_>>());
+    let closed = |corners: &[[f64; 2]]| dense(&[corners, &corners[..1]].concat());
+    let kind = |shape: Value| json!({"kind": "shape_deviation", "shape": shape, "when": "end"});
+    let of = |walls: [f64; 2], start: Value, robots: u32, shapes: &Value| {
+        let mission = json!({"walls": {"rectangle": walls}, "start": {"rectangle": start}, "metrics": shapes,
+            "fitness": {"factors": {}}});
+        let parameters =
+            json!({"mission": mission, "robots": robots, "duration": 0.1, "seed": robots});
+        let mut arena = Arena::default();
+        arena.reset(parameters.as_object().unwrap()).unwrap();
+        arena
+    };
+    let expected = |at: &[[f64; 2]], points: &[[f64; 2]]| {
+        let near = |from: &[f64; 2], to: &[[f64; 2]]| {
+            let distances = to.iter().map(|to| distance(*from, *to));
+            distances.fold(f64::INFINITY, f64::min)
+        };
+        let there = mean(points.iter().map(|point| near(point, at)));
+        (there + mean(at.iter().map(|robot| near(robot, points)))) / 2.0
+    };
+    for robots in [1, 5, 40, 100] {
+        let arena = of(
+            [4.0, 4.0],
+            json!({"x": [-1.5, 1.5], "y": [-1.5, 1.5]}),
+            robots,
+            &json!({
+                "circle": kind(json!({"circle": 0.7})),
+                "square": kind(json!({"polygon": square, "fixed": true})),
+                "triangle": kind(json!({"polygon": triangle})),
+                "point": kind(json!({"line": [[1, 1], [1, 1]], "fixed": true})),
+            }),
+        );
+        let at = positions(&arena);
+        let middle = [0, 1].map(|axis| mean(at.iter().map(|robot| robot[axis])));
+        let moved = |points: &[[f64; 2]]| {
+            let own = [0, 1].map(|axis| mean(points.iter().map(|point| point[axis])));
+            let moved = points
+                .iter()
+                .map(|point| [0, 1].map(|axis| point[axis] - own[axis] + middle[axis]));
+            expected(&at, &moved.collect::<Vec<_>>())
+        };
+        close(value(&arena, "circle"), moved(&circle), 2e-3);
+        close(
+            value(&arena, "square"),
+            expected(&at, &closed(&square)),
+            2e-3,
+        );
+        close(value(&arena, "triangle"), moved(&closed(&triangle)), 2e-3);
+        close(value(&arena, "point"), expected(&at, &[[1.0, 1.0]]), 1e-6);
+    }
+    // A long line on which robots stand: their distance from it is none, and not that from the nearest of some points.
+    let line = [[-20.0, 0.0], [20.0, 0.0]];
+    let arena = of(
+        [42.0, 1.0],
+        json!({"x": [-20, 20], "y": [0, 0.0001]}),
+        300,
+        &json!({"line": kind(json!({"line": line, "fixed": true}))}),
+    );
+    let expected = expected(&positions(&arena), &dense(&line));
+    close(value(&arena, "line"), expected, 0.02 * expected);
+}
+
+#[test]
+fn order_is_at_most_1() {
+    let robot = json!({"radius": 0.035, "drive": {"kind": "holonomic", "max_speed": 0.1, "max_turn": 90},
+        "sensors": [{"kind": "compass"}]});
+    let mission = json!({"walls": {"rectangle": [4, 4]}, "start": {"disc": {"radius": 1}}, "fitness": "order"});
+    for seed in 0..200 {
+        let parameters =
+            json!({"mission": mission, "robot": robot, "robots": 1, "duration": 1, "seed": seed});
+        let mut arena = Arena::default();
+        arena.reset(parameters.as_object().unwrap()).unwrap();
+        assert!(value(&arena, "order") <= 1.0, "{seed}");
+    }
+}
+
 #[test]
 fn time_until_robots_are_on_a_patch() {
     let until =

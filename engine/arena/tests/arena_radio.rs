@@ -177,6 +177,10 @@ fn mistakes_name_the_place() {
     };
     for (radio, expected) in [
         (
+            json!({"fading": 1.5}),
+            "fading: 1.5 found, expected a whole number of 1 to 8",
+        ),
+        (
             json!({"fading": 9}),
             "fading: 9 found, expected a whole number of 1 to 8",
         ),

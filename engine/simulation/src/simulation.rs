@@ -103,6 +103,10 @@ pub struct Group {
     pub sensor_names: Vec<String>,
     /// Names of the actuators, likewise.
     pub actuator_names: Vec<String>,
+    /// Where all kinds have the same numbers: what this one calls the sensors that it has, None for the others. Else empty.
+    pub own_sensor_names: Vec<Option<String>>,
+    /// The actuators that it has, likewise.
+    pub own_actuator_names: Vec<Option<String>>,
 }
 
 /// What a simulation says of one of its metrics: a number that it measures in an episode.

@@ -105,7 +105,7 @@ fn legend(scene: &Scene, looks: &Looks<'_>, style: TextStyle) -> String {
             (kind, state) => format!("{kind}, {state}"),
         };
         let name = plain(&name, style.columns);
-        let words = if entry.kind == "goal" {
+        let words = if matches!(entry.kind, "goal" | "wall") {
             name
         } else {
             format!("{name} {}", entry.count)

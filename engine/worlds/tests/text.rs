@@ -290,6 +290,38 @@ fn headings_walls_floor_and_lights_are_drawn() {
 }
 
 #[test]
+fn leds_that_are_on_lie_on_robots_and_walls_are_not_arrows() {
+    let body = |kind: &'static str, state: &'static str, x, heading| Body {
+        kind: kind.into(),
+        state: state.into(),
+        x,
+        y: 2.0,
+        radius: 0.05,
+        heading,
+        ..Body::default()
+    };
+    let scene = Scene {
+        width: 4.0,
+        height: 4.0,
+        bodies: vec![
+            body("agent", "", 1.0, Some(0.0)),
+            body("agent", "", 3.0, Some(0.0)),
+            body("wall", "blue", 2.0, Some(0.0)),
+            body("led", "red", 1.0, None),
+            body("led", "", 3.0, None),
+        ],
+        ..Scene::default()
+    };
+    let lines = render(&scene, TextStyle::default());
+    assert_eq!(
+        lines.last().unwrap(),
+        "● agent 2   ◆ wall, blue   ⬟ led, red 1"
+    );
+    let [led, robot, wall] = ['⬟', '→', '◆'].map(|symbol| find(&lines, symbol).1);
+    assert!(led < wall && wall < robot, "{led} {wall} {robot}");
+}
+
+#[test]
 fn styles_choose_colours() {
     let style = Style {
         kind: "agent".to_owned(),

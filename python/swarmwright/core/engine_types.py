@@ -242,6 +242,8 @@ class GroupDescription(TypedDict):
     padded: bool
     sensor_names: list[str]
     actuator_names: list[str]
+    own_sensor_names: list[str | None]
+    own_actuator_names: list[str | None]
 
 
 class Description(TypedDict):

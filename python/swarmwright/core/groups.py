@@ -2,6 +2,9 @@
 
 from dataclasses import dataclass
 
+Names = tuple[str | None, ...]
+"""Of numbers that are recorded for all agents; None for one that a kind does not have."""
+
 
 @dataclass(frozen=True)
 class DeclaredGroup:
@@ -13,10 +16,9 @@ class DeclaredGroup:
     actuators: int
     sensor_names: tuple[str, ...] = ()
     actuator_names: tuple[str, ...] = ()
-
-
-Names = tuple[str | None, ...]
-"""Of numbers that are recorded for all agents; None for one that a kind does not have."""
+    own_sensor_names: Names = ()
+    """Where all kinds have the same numbers: what this kind calls those that it has."""
+    own_actuator_names: Names = ()
 
 
 @dataclass(frozen=True)

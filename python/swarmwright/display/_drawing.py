@@ -16,11 +16,13 @@ from swarmwright.display._look import (
     CELLS,
     FIELD,
     INK,
-    MOVING,
+    LED,
     PAPER,
     STATES,
+    STRETCH,
     Looks,
     agent_size,
+    moving,
     rgb,
     value_colors,
 )
@@ -145,6 +147,13 @@ class Picture:
         directed = ~np.isnan(bodies.heading)
         for index, look in enumerate(bodies.looks):
             of_look = bodies.look == index
+            if look[0] == LED:
+                if look[1] and of_look.any():
+                    artists += _robots.leds(self._axes, bodies, of_look, self._colors[look])
+                continue
+            if look[0] == STRETCH and (of_look & directed).any():
+                artists += _robots.stretches(self._axes, bodies, of_look & directed, colors)
+                of_look &= ~directed
             if of_look[~directed].any():
                 artists += self._group(bodies, of_look & ~directed, look, colors)
             if of_look[directed].any():
@@ -295,12 +304,12 @@ def _paths(scenes: "Sequence[Scene]") -> "dict[int, NDArray[np.float64]]":
     """Positions over time, (scenes, 2), of every moving body; none when bodies appear or disappear."""
     every = [Bodies.of(scene.bodies) for scene in scenes]
     first = every[0]
-    moving = np.flatnonzero(first.has(*MOVING) | ~np.isnan(first.heading))
-    if len(moving) > MOST_TRAILS or any(len(bodies) != len(first) for bodies in every):
+    ways = np.flatnonzero(moving(first))
+    if len(ways) > MOST_TRAILS or any(len(bodies) != len(first) for bodies in every):
         return {}
-    xs = np.array([bodies.x[moving] for bodies in every], dtype=np.float64)
-    ys = np.array([bodies.y[moving] for bodies in every], dtype=np.float64)
-    return {int(body): np.stack([xs[:, k], ys[:, k]], axis=1) for k, body in enumerate(moving)}
+    xs = np.array([bodies.x[ways] for bodies in every], dtype=np.float64)
+    ys = np.array([bodies.y[ways] for bodies in every], dtype=np.float64)
+    return {int(body): np.stack([xs[:, k], ys[:, k]], axis=1) for k, body in enumerate(ways)}
 
 
 def _state_names(states: "NDArray[np.int16]", names: "Sequence[str]") -> list[str]:

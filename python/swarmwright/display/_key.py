@@ -11,6 +11,7 @@ from swarmwright.display._look import (
     BORDER,
     FIELD,
     INK,
+    LED,
     ORANGE,
     PAPER,
     Looks,
@@ -100,6 +101,8 @@ class Key:
         if self._states:
             others = {look for scene in recording.scenes for look in _looks_with_states(recording, scene)}
         for look in looks.all():
+            if look == (LED, ""):
+                continue
             if look in others:
                 handles.append(mark(label(*look), FIELD, "o", 9, INK))
                 continue

@@ -106,6 +106,10 @@ CELLS = ("blockade", "exit")
 """What fills a cell of a grid, one unit wide and high."""
 MOVING = ("agent", "defender")
 """What leaves a trail."""
+LED = "led"
+"""The kind of marks on robots; those without a state are off and are not shown."""
+STRETCH = "wall"
+"""The kind of coloured parts of walls: with a heading they are lines, and legends do not count them."""
 SHADES = 16
 
 
@@ -235,6 +239,11 @@ def agent_size(scene: Scene) -> float:
     """Marker area of an agent in points squared: smaller the more there are."""
     agents = int(Bodies.of(scene.bodies).has("agent").sum())
     return min(max(1800.0 / max(agents, 1), 8.0), 90.0)
+
+
+def moving(bodies: Bodies) -> NDArray[np.bool_]:
+    """Return which bodies can leave a trail, (bodies,)."""
+    return bodies.has(*MOVING) | (~np.isnan(bodies.heading) & ~bodies.has(STRETCH))
 
 
 def label(kind: str, state: str) -> str:

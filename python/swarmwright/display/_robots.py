@@ -60,6 +60,37 @@ def robots(
     return artists
 
 
+def leds(
+    axes: "Axes", bodies: Bodies, chosen: "NDArray[np.bool_]", color: "NDArray[np.float64]"
+) -> "list[Artist]":
+    """Draw what robots show, in the middle of them: their own colour is seen around it."""
+    from matplotlib.collections import EllipseCollection
+
+    places = np.stack([bodies.x[chosen], bodies.y[chosen]], axis=1).astype(np.float64)
+    widths = 2 * bodies.radius[chosen].astype(np.float64)
+    discs = EllipseCollection(
+        widths, widths, np.zeros(len(widths)), units="xy", offsets=places, offset_transform=axes.transData,
+        facecolors=color, edgecolors=PAPER, linewidths=0.5, zorder=4.2,
+    )  # fmt: skip
+    return [axes.add_collection(discs)]
+
+
+def stretches(
+    axes: "Axes", bodies: Bodies, chosen: "NDArray[np.bool_]", colors: "NDArray[np.float64]"
+) -> "list[Artist]":
+    """Draw coloured parts of walls: a radius long along the heading, to both sides of their middle."""
+    from matplotlib.collections import LineCollection
+
+    places = np.stack([bodies.x[chosen], bodies.y[chosen]], axis=1).astype(np.float64)
+    heading = bodies.heading[chosen].astype(np.float64)
+    far = np.stack([np.cos(heading), np.sin(heading)], axis=1) * bodies.radius[chosen][:, None]
+    lines = LineCollection(
+        list(np.stack([places - far, places + far], axis=1)), colors=colors[chosen], linewidths=3.2,
+        capstyle="butt", zorder=1.85,
+    )  # fmt: skip
+    return [axes.add_collection(lines)]
+
+
 def rays(axes: "Axes", bodies: Bodies, colors: "NDArray[np.float64]") -> "list[Artist]":
     """Draw what sensors look along; the more they read, the stronger."""
     from matplotlib.collections import LineCollection

@@ -45,8 +45,10 @@ class Body:
     kind: agent, defender, goal, exit, blockade, obstacle, ... state: free, arrived, caught, crashed, out, or
     empty. x, y, radius: in the scene's unit, metres or cells; y points up; radius 0 is a point. heading:
     where it looks, radians counter-clockwise from the x axis; bodies with a heading are drawn in their true
-    size. value: a number that gives it a colour, see `Scale`. label: a short text beside it. agent: which
-    agent it is; bodies of the kind agent that do not say so are the agents in their order.
+    size, those of the kind wall as lines, as far to both sides as the radius says. A body of the kind led is
+    drawn on top of others, and left out without a state: so LEDs of robots can be on and off. value: a
+    number that gives it a colour, see `Scale`. label: a short text beside it. agent: which agent it is;
+    bodies of the kind agent that do not say so are the agents in their order.
     """
 
     kind: str

@@ -19,6 +19,10 @@ ARENA = "arena"
 """The simulation whose missions other simulators can have."""
 
 
+_ARENA_STEP = 0.1
+"""Seconds of a step of the arena, `TICK` in engine/arena. Others that are built in have no physical time."""
+
+
 @cache
 def titles() -> tuple[str, ...]:
     """Return the titles of the built-in simulations, sorted."""
@@ -182,6 +186,44 @@ def ranges(
     return made
 
 
+def step_seconds(simulation: str) -> float | None:
+    """Return the seconds of a step in the world that is simulated; None where they are not known.
+
+    They are not the time for which a step is shown. Raises InputError for a class that cannot be loaded.
+    """
+    known = _engine_title(simulation)
+    if known is None:
+        seconds: float | None = _python_description(simulation).step_seconds
+        return seconds
+    return _ARENA_STEP if known == ARENA else None
+
+
+def channels(simulation: str, parameters: dict[str, Any]) -> dict[str, Any]:
+    """Return what exported controllers say of a simulation that is known here; a store keeps it as JSON.
+
+    `sensor_names`, `sensor_units` and `sensor_ranges` (see `ranges`), the same of actuators, `step_seconds`,
+    and `groups`, where agents differ: for each by name, its names and ranges.
+    Raises InputError as `description` and `ranges` do.
+    """
+    described = description(simulation, parameters)
+    named = {
+        f"{which}_{about}": list(described[f"{which}_{about}"])
+        for which in ("sensor", "actuator")
+        for about in ("names", "units")
+    }
+    kinds = groups(simulation, parameters)
+    of_groups = {
+        one.name: {
+            "sensor_names": list(one.sensor_names),
+            "actuator_names": list(one.actuator_names),
+            **ranges(simulation, parameters, one.name),
+        }
+        for one in kinds
+    }
+    found = {**named, **({} if kinds else ranges(simulation, parameters))}
+    return {**found, "step_seconds": step_seconds(simulation), "groups": of_groups}
+
+
 @cache
 def _announced(title: str) -> "Description":
     with engine_errors():
@@ -212,6 +254,8 @@ def groups(simulation: str, parameters: dict[str, Any]) -> list[DeclaredGroup]:
             one["actuators"],
             tuple(one["sensor_names"]),
             tuple(one["actuator_names"]),
+            tuple(one["own_sensor_names"]),
+            tuple(one["own_actuator_names"]),
         )
         for one in announced
     ]

@@ -74,6 +74,9 @@ def test_coloured_stretches_of_walls_are_walls() -> None:
     looks = Looks(recording.scenes)
     assert set(looks.plain()) == {"agent", "wall, blue", "lamp, red"}
     assert looks["wall", "blue"].shape == "square"
+    headings = [body.heading for body in recording.scenes[0].bodies if body.kind == "wall"]
+    # Lines along the right side, which goes up.
+    assert headings == pytest.approx([math.pi / 2] * 40)
     assert not recording.scenes[0].lights, "lamps that are off shed no light"
 
 

@@ -25,6 +25,7 @@ from swarmwright.display import (
     Scale,
     Scene,
     Shown,
+    Style,
     Trace,
     Wall,
 )  # fmt: skip
@@ -223,6 +224,7 @@ def test_an_agent_has_rows_of_what_its_kind_has(browser: Chrome, tmp_path: Path)
     open_page(browser, tmp_path, Part(swarm(), "", MODULES, kinds=kinds))
     rows = "return player.inspector.rows.map(({ name, actuator }) => [name, actuator]);"
     press(browser, "n")
+    assert text(browser, "who") == "Agent 0, scouts"
     assert browser.execute_script(rows) == [
         [long, False], ["ground 0", False], ["ground 1", False], ["left wheel", True], ["right wheel", True],
     ]  # fmt: skip
@@ -418,6 +420,50 @@ def test_colours_and_the_legend_say_the_same(browser: Chrome, tmp_path: Path) ->
     colors.select_by_value("state")
     assert legend() == ["agent\n6", *ground]
     assert pixels(browser, "world", "value-4")[0] == 0
+    assert errors(browser) == []
+
+
+def lit() -> Recording:
+    """Two robots, of which the first one shows red in the second half, before a wall with a green part."""
+    scenes = []
+    for step in range(3):
+        x = [0.5 + 0.1 * step, 1.5]
+        bodies = Bodies(
+            [*x, 1, *x], [1, 1, 1.6, 1, 1], ["agent", "agent", "wall", "led", "led"],
+            ["scout", "base, stopped", "green", "red" if step else "", ""],
+            [0.1, 0.1, 0.4, 0.045, 0.045], [0.0, 1.0, 0.0, np.nan, np.nan],
+        )  # fmt: skip
+        styles = [
+            Style("led", "red", "#e01010", "circle"), Style("led", "", "#123456", "circle"),
+            Style("wall", "green", "#10a010", "square"),
+        ]  # fmt: skip
+        scenes.append(Scene(2, 2, step, "Lit", bodies, floor=0.5, styles=styles))
+    return Recording(tuple(scenes), (0.0, 0.0, 0.0), 0.1)
+
+
+def test_leds_are_marks_on_robots_and_coloured_walls_are_lines(browser: Chrome, tmp_path: Path) -> None:
+    open_page(browser, tmp_path, Part(lit()))
+    entries = [item.text for item in browser.find_elements(By.CSS_SELECTOR, "#legend li")]
+    assert entries == [
+        "agent, scout\n1", "agent, base, stopped\n1", "wall, green", "led, red\n0", "grey floor",
+    ]  # fmt: skip
+    press(browser, Keys.END)
+    legend = browser.find_element(By.ID, "legend")
+    eventually(lambda: "led, red\n1" in legend.text, "the lit LED")
+    colors = """
+        const { world } = player;
+        const at = (x, y) => {
+          const [px, py] = world.camera.pixels(x, y);
+          const ratio = window.devicePixelRatio || 1;
+          return [...world.context.getImageData(px * ratio, py * ratio, 1, 1).data].slice(0, 3);
+        };
+        return [at(0.7, 1), at(0.7, 1.07), at(1.3, 1.6), at(0.5, 1.6)];
+    """
+    led, robot, wall, beside = browser.execute_script(colors)
+    assert led == [0xE0, 0x10, 0x10]
+    assert wall == [0x10, 0xA0, 0x10]
+    assert robot not in (led, beside)
+    assert beside != wall
     assert errors(browser) == []
 
 

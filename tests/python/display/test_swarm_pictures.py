@@ -13,7 +13,7 @@ from swarmwright.display import Bodies, Part, Recording, Scene, Shown, Style
 from swarmwright.display._drawing import Picture
 from swarmwright.display._look import FIELD, FLOOR, INK, LIGHT, Looks, lightened, rgb, value_colors
 from swarmwright.display.files import save
-from tests.python.display.test_page_swarm import MODULES, swarm
+from tests.python.display.test_page_swarm import MODULES, lit, swarm
 
 
 def count(image: Any, color: str) -> int:
@@ -43,6 +43,19 @@ def test_floor_robots_walls_and_labels_are_drawn() -> None:
     assert legend(picture) == ["agent", "black floor (goal)", "grey floor", "wall", "light"]
     texts = [text.get_text() for axes in picture.figure.axes for text in axes.texts]
     assert "Rows" in texts
+
+
+def test_leds_are_marks_on_robots_and_coloured_walls_are_lines() -> None:
+    recording = lit()
+    picture = Picture(recording, dpi=100)
+    assert legend(picture) == [
+        "agent, scout", "agent, base, stopped", "wall, green", "led, red", "grey floor",
+    ]  # fmt: skip
+    off, on = (picture.image(recording.scenes[step], float(step)) for step in (0, 2))
+    assert count(off, "#123456") == count(on, "#123456") == 0
+    # In the legend, too.
+    assert count(on, "#e01010") > count(off, "#e01010") + 100
+    assert 500 < count(on, "#10a010") < 2000
 
 
 def test_rays_and_links_are_drawn_where_they_are_wanted() -> None:

@@ -2,7 +2,8 @@
 
 use super::super::place::{Place, Shape};
 use super::super::polygon;
-use super::kind::{Formation, Metric};
+use super::formation::Formation;
+use super::kind::Metric;
 use swarmwright_simulation::ParameterError;
 use swarmwright_simulation::parameters::wrong;
 

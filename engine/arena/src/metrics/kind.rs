@@ -2,8 +2,7 @@
 
 use serde::Deserialize;
 
-use super::super::polygon;
-use super::shapes::on_circle;
+use super::formation::Formation;
 
 /// A metric of a mission. "On" a patch is whose middle lies in it.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -141,7 +140,7 @@ pub(in super::super) enum Metric {
     /// The share of the squares of side `cell` on the free floor in which a robot has been.
     VisitedShare { cell: f32 },
     /// How far robots are from a formation, metres: the mean distance from its points to the nearest robot, and from the
-    /// robots to the nearest of its points, both by halves (the Chamfer distance).
+    /// robots to the formation, both by halves (the Chamfer distance).
     ShapeDeviation {
         shape: Formation,
         #[serde(default = "mean")]
@@ -173,26 +172,6 @@ pub(in super::super) enum When {
     Mean,
     /// At the end.
     End,
-}
-
-/// A formation.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(in super::super) struct Formation {
-    /// Radius of a circle, metres ...
-    pub(super) circle: Option<f32>,
-    /// ... or corners of a polygon ...
-    pub(super) polygon: Option<Vec<[f32; 2]>>,
-    /// ... or ends of a line ...
-    pub(super) line: Option<[[f32; 2]; 2]>,
-    /// ... or a place for each robot.
-    pub(super) points: Option<Vec<[f32; 2]>>,
-    /// Whether it stands where its coordinates say; else around the center of the robots.
-    #[serde(default)]
-    pub(super) fixed: bool,
-    /// Whether it may be turned: the direction with the least deviation counts.
-    #[serde(default)]
-    pub(super) turned: bool,
 }
 
 impl Metric {
@@ -235,34 +214,5 @@ impl Metric {
             | Self::ChainReach { when, .. } => Some(*when),
             _ => None,
         }
-    }
-}
-
-/// Points that stand for a circle, a polygon or a line.
-const POINTS: u32 = 64;
-
-impl Formation {
-    /// Points that stand for it.
-    pub(super) fn targets(&self) -> Vec<[f64; 2]> {
-        if let Some(radius) = self.circle {
-            let parts = f64::from(POINTS);
-            return (0..POINTS)
-                .map(|place| on_circle([0.0; 2], f64::from(radius), f64::from(place) / parts))
-                .collect();
-        }
-        if let Some(corners) = &self.polygon {
-            let corners = polygon::tidy(corners).unwrap_or_default();
-            return polygon::along(&corners, POINTS as usize);
-        }
-        if let Some([from, to]) = self.line {
-            let [from, to] = [from, to].map(|end| end.map(f64::from));
-            let part = |place: u32| f64::from(place) / f64::from(POINTS - 1);
-            let at = |axis: usize, place: u32| from[axis] + (to[axis] - from[axis]) * part(place);
-            return (0..POINTS)
-                .map(|place| [at(0, place), at(1, place)])
-                .collect();
-        }
-        let points = self.points.as_deref().unwrap_or_default();
-        points.iter().map(|point| point.map(f64::from)).collect()
     }
 }

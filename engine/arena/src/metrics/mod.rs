@@ -2,6 +2,7 @@
 
 mod check;
 mod counts;
+mod formation;
 mod kind;
 mod objects;
 mod shapes;
@@ -13,7 +14,7 @@ use swarmwright_lanes::{Lanes, MOST_LANES, Mask, Number, number};
 use super::place::{Patch, Place};
 use super::swarm::Bodies;
 pub(super) use kind::{Metric, When};
-use swarm::{State, Visits};
+use swarm::{Kept, State, Visits};
 
 /// Of episodes.
 const TICKS_PER_SECOND: f64 = 10.0;
@@ -81,9 +82,9 @@ pub(super) struct Tally<L> {
     /// For means: the sum so far, and of how many ticks.
     sums: [f64; MOST_LANES],
     ticks: u32,
-    /// The robots of each lane, and fixed points of the metric.
+    /// The robots of each lane.
     states: Vec<State>,
-    points: Vec<[f64; 2]>,
+    kept: Kept,
     visits: Option<Visits>,
 }
 
@@ -97,7 +98,7 @@ impl<L: Lanes> Tally<L> {
             sums: [0.0; MOST_LANES],
             ticks: 0,
             states: Vec::new(),
-            points: Vec::new(),
+            kept: Kept::default(),
             visits: None,
         }
     }
@@ -234,7 +235,7 @@ impl<L: Lanes> Tally<L> {
                 let mut values = [0.0; MOST_LANES];
                 for (lane, value) in values[..L::WIDTH].iter_mut().enumerate() {
                     let robots = &self.states[lane * bodies.len()..][..bodies.len()];
-                    *value = swarm::value(general, robots, place, &mut self.points);
+                    *value = swarm::value(general, robots, place, &mut self.kept);
                 }
                 self.settle(&values[..L::WIDTH], when);
             }

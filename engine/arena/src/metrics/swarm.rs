@@ -5,23 +5,19 @@ use swarmwright_lanes::{Lanes, MOST_LANES};
 use super::super::place::Place;
 use super::super::polygon;
 use super::super::swarm::Bodies;
-use super::kind::{Formation, Metric};
-use super::shapes::on_circle;
+use super::formation::Outline;
+use super::kind::Metric;
 
 /// Side of the squares of the covered floor, metres.
 const SQUARE: f64 = 0.05;
 /// Most squares; larger ones are taken in larger arenas.
 const MOST_SQUARES: f64 = 100_000.0;
-/// Directions in which a formation is tried ...
-const DIRECTIONS: u32 = 36;
-/// ... and how often the angle between the best one and its neighbours is halved then: to 0.04 degrees.
-const HALVINGS: i32 = 8;
 
 /// A robot.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct State {
     /// Metres.
-    at: [f64; 2],
+    pub(super) at: [f64; 2],
     /// Unit vector.
     heading: [f64; 2],
     /// m/s.
@@ -58,7 +54,7 @@ pub(super) fn gather<L: Lanes>(bodies: &Bodies<L>, states: &mut Vec<State>) {
     }
 }
 
-fn square(a: [f64; 2], b: [f64; 2]) -> f64 {
+pub(super) fn square(a: [f64; 2], b: [f64; 2]) -> f64 {
     let (dx, dy) = (a[0] - b[0], a[1] - b[1]);
     dx * dx + dy * dy
 }
@@ -68,20 +64,27 @@ fn length([x, y]: [f64; 2]) -> f64 {
 }
 
 /// The sum of vectors.
-fn sum(vectors: impl Iterator<Item = [f64; 2]>) -> [f64; 2] {
+pub(super) fn sum(vectors: impl Iterator<Item = [f64; 2]>) -> [f64; 2] {
     vectors.fold([0.0; 2], |[x, y], vector| [x + vector[0], y + vector[1]])
 }
 
-/// The value of a metric now. `points`: kept from one call to the next, for those that need fixed points.
-pub(super) fn value(
-    metric: &Metric,
-    robots: &[State],
-    place: &Place,
-    points: &mut Vec<[f64; 2]>,
-) -> f64 {
+/// What a metric computes once and keeps from one call to the next.
+#[derive(Debug, Default)]
+pub(super) struct Kept {
+    /// The middles of the squares of the free floor.
+    floor: Vec<[f64; 2]>,
+    outline: Option<Outline>,
+}
+
+/// The value of a metric now.
+pub(super) fn value(metric: &Metric, robots: &[State], place: &Place, kept: &mut Kept) -> f64 {
     let count = robots.len() as f64;
     match metric {
-        Metric::Order { .. } => length(sum(robots.iter().map(|robot| robot.heading))) / count,
+        Metric::Order { .. } => {
+            let mean = length(sum(robots.iter().map(|robot| robot.heading))) / count;
+            // Headings of binary32 may be longer than 1 by a rounding.
+            mean.min(1.0)
+        }
         Metric::Speed { .. } => {
             let speeds = robots.iter().map(|robot| length(robot.velocity));
             speeds.sum::<f64>() / count
@@ -108,8 +111,11 @@ pub(super) fn value(
             if *share { members / count } else { members }
         }
         Metric::Groups { link, .. } => groups(robots, *link).count as f64,
-        Metric::CoveredShare { radius, .. } => covered(robots, place, *radius, points),
-        Metric::ShapeDeviation { shape, .. } => deviation(robots, shape, points),
+        Metric::CoveredShare { radius, .. } => covered(robots, place, *radius, &mut kept.floor),
+        Metric::ShapeDeviation { shape, .. } => kept
+            .outline
+            .get_or_insert_with(|| shape.outline(robots.len()))
+            .deviation(robots, shape),
         Metric::ChainReach { from, to, link, .. } => {
             let middle = |name: &str| place.patch(name).map(|patch| patch.shape.middle());
             match (middle(from), middle(to)) {
@@ -122,7 +128,7 @@ pub(super) fn value(
     }
 }
 
-fn center(robots: &[State]) -> [f64; 2] {
+pub(super) fn center(robots: &[State]) -> [f64; 2] {
     let count = robots.len() as f64;
     sum(robots.iter().map(|robot| robot.at)).map(|total| total / count)
 }
@@ -370,71 +376,6 @@ impl Visits {
         }
         self.counts[lane] as f64 / (self.free as f64).max(1.0)
     }
-}
-
-/// The mean distance from formation to robots and from robots to formation.
-fn deviation(robots: &[State], shape: &Formation, targets: &mut Vec<[f64; 2]>) -> f64 {
-    if targets.is_empty() {
-        targets.extend(shape.targets());
-    }
-    let (count, points) = (robots.len() as f64, targets.len() as f64);
-    let mut offset = [0.0; 2];
-    if !shape.fixed {
-        let center = center(robots);
-        let middle = sum(targets.iter().copied()).map(|total| total / points);
-        offset = [center[0] - middle[0], center[1] - middle[1]];
-    }
-    // Turned around the middle of the formation.
-    let pivot = sum(targets.iter().copied()).map(|total| total / points);
-    let turned = |part: f64| {
-        let [cos, sin] = if part == 0.0 {
-            [1.0, 0.0]
-        } else {
-            on_circle([0.0; 2], 1.0, (1.5 + part).fract())
-        };
-        let moved = |point: &[f64; 2]| {
-            let (dx, dy) = (point[0] - pivot[0], point[1] - pivot[1]);
-            [
-                pivot[0] + offset[0] + dx * cos - dy * sin,
-                pivot[1] + offset[1] + dx * sin + dy * cos,
-            ]
-        };
-        let mut nearest = vec![f64::INFINITY; robots.len()];
-        let mut sum = 0.0;
-        for target in targets.iter().map(moved) {
-            let mut least = f64::INFINITY;
-            for (robot, nearest) in robots.iter().zip(&mut nearest) {
-                let distance = square(robot.at, target);
-                least = least.min(distance);
-                *nearest = nearest.min(distance);
-            }
-            sum += least.sqrt();
-        }
-        let back: f64 = nearest.iter().map(|square| square.sqrt()).sum();
-        (sum / points + back / count) / 2.0
-    };
-    let mut least = turned(0.0);
-    if !shape.turned {
-        return least;
-    }
-    let mut best = 0.0;
-    let mut attempt = |part: f64, best: &mut f64| {
-        let value = turned(part);
-        if value < least {
-            (least, *best) = (value, part);
-        }
-    };
-    let step = 1.0 / f64::from(DIRECTIONS);
-    for direction in 1..DIRECTIONS {
-        attempt(f64::from(direction) * step, &mut best);
-    }
-    for halving in 1..=HALVINGS {
-        let nearer = step * 0.5_f64.powi(halving);
-        let middle = best;
-        attempt(middle - nearer, &mut best);
-        attempt(middle + nearer, &mut best);
-    }
-    least
 }
 
 /// How much of the way from one point to another a chain of robots spans.

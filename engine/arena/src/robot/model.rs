@@ -58,7 +58,7 @@ fn mass() -> f32 {
 }
 
 fn friction() -> [f32; 2] {
-    [0.49, 0.07]
+    super::presets::FRICTION
 }
 
 /// What is written, with complaints that name the place.

@@ -15,6 +15,10 @@ const MODELS: [(&str, &str); 4] = [
 
 /// Of an e-puck, kilograms, as in ARGoS; of other robots that do not say theirs.
 pub(super) const MASS: f32 = 0.4;
+/// Largest change of velocity by the drive, m/s^2, in the same way.
+pub(super) const ACCELERATION: f32 = 3.75;
+/// Coefficients of friction with robots and objects, and with walls, in the same way.
+pub(super) const FRICTION: [f32; 2] = [0.49, 0.07];
 
 /// Where the e-puck's manual says that its proximity and light sensors look, degrees counter-clockwise from ahead.
 const E_PUCK_ANGLES: [f32; 8] = [17.0, 50.0, 90.0, 150.0, 210.0, 270.0, 310.0, 343.0];
@@ -33,14 +37,7 @@ impl Robot {
             }
         });
         Self {
-            radius: 0.035,
-            height: 0.076,
-            mass: MASS,
-            drive: Drive::Differential { wheel_base: 0.053 },
-            top_speed: 0.12,
             wheel_noise: 0.05,
-            acceleration: 3.75,
-            friction: [0.49, 0.07],
             proximity: Some(Proximity {
                 rays: rays.collect(),
                 opposed: true,
@@ -65,17 +62,13 @@ impl Robot {
                 loss: 0.85,
                 radio: None,
             }),
-            around: None,
-            camera: None,
-            leds: Vec::new(),
-            battery: None,
-            battery_noise: 0.0,
-            gripper: None,
-            message: 0,
-            heard: 0,
-            encoder_noise: 0.0,
-            compass_noise: 0.0,
             outputs,
+            ..Self::bare(
+                0.035,
+                0.076,
+                Drive::Differential { wheel_base: 0.053 },
+                0.12,
+            )
         }
     }
 

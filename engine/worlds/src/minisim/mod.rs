@@ -272,6 +272,8 @@ impl Simulation for Minisim {
             padded: false,
             sensor_names,
             actuator_names: self.actuator_names(),
+            own_sensor_names: Vec::new(),
+            own_actuator_names: Vec::new(),
         };
         let defenders = u32::try_from(self.defenders.len()).unwrap_or(u32::MAX);
         let seen = texts(&["agent x", "agent y", "goal x", "goal y"]);

@@ -1,6 +1,6 @@
 //! A grid of characters over the map.
 
-use super::glyphs::{Glyph, Looks, arrow, fills_cell, halo};
+use super::glyphs::{Glyph, Looks, arrow, fills_cell, halo, is_shown, is_stretch};
 use super::{TextStyle, paint};
 use crate::{Body, Scene};
 
@@ -22,17 +22,17 @@ impl Canvas {
 
     /// Draws radii first and symbols above them, each in the order of the bodies.
     pub(super) fn draw(&mut self, scene: &Scene, looks: &Looks<'_>, unicode: bool) {
-        for body in &scene.bodies {
+        let has_disc = |body: &&Body| is_shown(body) && !is_stretch(body);
+        for body in scene.bodies.iter().filter(has_disc) {
             self.disc(scene, body, halo(looks.glyph(body), unicode));
         }
-        for body in &scene.bodies {
+        for body in scene.bodies.iter().filter(|body| is_shown(body)) {
             let mark = looks.glyph(body);
             if fills_cell(&body.kind) {
                 self.square(scene, body, mark);
             }
-            let mark = body
-                .heading
-                .map_or(mark, |heading| arrow(mark, heading, unicode));
+            let heading = body.heading.filter(|_| !is_stretch(body));
+            let mark = heading.map_or(mark, |heading| arrow(mark, heading, unicode));
             self.point(scene, [body.x, body.y], mark);
         }
     }

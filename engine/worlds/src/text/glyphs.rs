@@ -73,6 +73,16 @@ pub(super) struct Glyph {
     pub color: Color,
 }
 
+/// Whether a body is more than an LED that is off.
+pub(super) fn is_shown(body: &Body) -> bool {
+    body.kind != "led" || !body.state.is_empty()
+}
+
+/// Whether a body is a coloured stretch of a wall, whose heading is the direction of a line.
+pub(super) fn is_stretch(body: &Body) -> bool {
+    body.kind == "wall" && body.heading.is_some()
+}
+
 /// A kind and a state in a scene, what it looks like, and how many there are.
 pub(super) struct Entry<'a> {
     pub kind: &'a str,
@@ -92,7 +102,7 @@ impl<'a> Looks<'a> {
         let mut entries: Vec<Entry<'a>> = Vec::new();
         let (mut kinds, mut unknown): (Vec<&str>, usize) = (Vec::new(), 0);
         let pick = |fancy, ascii| if unicode { fancy } else { ascii };
-        for body in &scene.bodies {
+        for body in scene.bodies.iter().filter(|body| is_shown(body)) {
             let (kind, state) = (&*body.kind, &*body.state);
             if let Some(entry) = entries
                 .iter_mut()

@@ -12,7 +12,18 @@ from numpy.typing import NDArray
 
 from swarmwright.display._bodies import Bodies
 from swarmwright.display._key import scale_of
-from swarmwright.display._look import CELLS, MOVING, SHAPES, STATES, Looks, floors, whole
+from swarmwright.display._look import (
+    CELLS,
+    LED,
+    MOVING,
+    SHAPES,
+    STATES,
+    STRETCH,
+    Looks,
+    floors,
+    moving,
+    whole,
+)
 from swarmwright.display._machine import groups_of
 from swarmwright.display._part import Part
 from swarmwright.display._scene import Patch, Scene
@@ -41,6 +52,8 @@ _TABLES = {
     "shapes": {name: path for name, (_, path) in SHAPES.items()},
     "cells": list(CELLS),
     "moving": list(MOVING),
+    "led": LED,
+    "stretch": STRETCH,
     "states": list(STATES),
 }
 """What is the same on all pages."""
@@ -50,8 +63,9 @@ def page_data(parts: Sequence[Part], *, speed: float, shown: Shown) -> tuple[dic
     """Return episodes that are shown beside each other as plain values, and how their bodies look.
 
     step_seconds and speed; looks: shape and colour by label; states: colours of the states of controllers;
-    shapes as paths; cells, moving: the kinds that fill a cell of a grid, and that leave trails; scale: what
-    values of bodies are; shown; floors: what legends call grey values; and episodes, see `_episode`.
+    shapes as paths; cells, moving, led, stretch: the kinds that fill a cell of a grid, that leave trails,
+    that show LEDs, and that are parts of walls; scale: what values of bodies are; shown; floors: what
+    legends call grey values; and episodes, see `_episode`.
     """
     every = list(chain.from_iterable(part.recording.scenes for part in parts))
     looks = Looks(every)
@@ -93,8 +107,8 @@ def _episode(part: Part) -> dict[str, Any]:
     scenes = recording.scenes
     first = scenes[0]
     every = [Bodies.of(scene.bodies) for scene in scenes]
-    moving = int(np.count_nonzero(every[0].has(*MOVING) | ~np.isnan(every[0].heading)))
-    stride = max(1, -(-len(scenes) * moving // _MOST_PLACES))
+    count = int(np.count_nonzero(moving(every[0])))
+    stride = max(1, -(-len(scenes) * count // _MOST_PLACES))
     keys = list(range(0, len(scenes), stride))
     if keys[-1] != len(scenes) - 1:
         keys.append(len(scenes) - 1)

@@ -45,7 +45,7 @@ class Inspector {
     this.left = 130;
     if (trace && this.agent < trace.agents) {
       // What the agent's kind does not have says nothing.
-      const kind = trace.kinds.find(({ end }) => this.agent < end);
+      const kind = episode.kindOf(this.agent);
       const named = (kind ? kind.names : trace.names).map((name, index) => [name, index]);
       this.rows = named.filter(([name]) => name !== null).map(([name, index]) => {
         const values = Float32Array.from(episode.keys, (_, kept) => trace.values[index][kept * trace.agents + this.agent]);

@@ -6,8 +6,9 @@ class Legend {
     this.entries = new Map();
     for (const episode of episodes.filter((one) => one.bodies))
       for (const [kind, state] of episode.bodies.looks) {
+        if (isOff(kind, state)) continue;
         const name = label(kind, state);
-        if (!this.entries.has(name)) this.entries.set(name, this.add(name, look(kind, state)));
+        if (!this.entries.has(name)) this.entries.set(name, { ...this.add(name, look(kind, state)), counted: kind !== PAGE.stretch });
       }
     this.states = [];
     const machines = episodes.filter((one) => one.states).flatMap((one) => one.machines);
@@ -86,8 +87,8 @@ class Legend {
         if (count) counts.set(name, (counts.get(name) || 0) + count);
       });
     }
-    for (const [name, { item, count }] of this.entries) {
-      count.textContent = counts.get(name) || 0;
+    for (const [name, { item, count, counted }] of this.entries) {
+      count.textContent = counted ? counts.get(name) || 0 : "";
       item.classList.toggle("none", !counts.has(name));
       item.classList.toggle("outlined", colors !== "state" && this.recolored(name, colors));
     }
@@ -97,6 +98,7 @@ class Legend {
       item.classList.toggle("none", !inState[state]);
     });
     if (this.scale) this.scale.hidden = colors !== "value";
-    return [...this.entries.keys()].filter((name) => counts.has(name)).map((name) => `${counts.get(name)} ${name}`).join("; ");
+    const there = [...this.entries].filter(([name]) => counts.has(name));
+    return there.map(([name, { counted }]) => (counted ? `${counts.get(name)} ${name}` : name)).join("; ");
   }
 }

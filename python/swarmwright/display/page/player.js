@@ -246,7 +246,8 @@ class Player {
     this.part.agent.hidden = body < 0;
     const { episode } = world;
     if (body >= 0) {
-      this.part.who.textContent = `Agent ${episode.agents[body]}${this.episodes.length > 1 ? ` of ${episode.name}` : ""}`;
+      const kind = episode.kindOf(episode.agents[body]);
+      this.part.who.textContent = `Agent ${episode.agents[body]}${kind ? `, ${kind.name}` : ""}${this.episodes.length > 1 ? ` of ${episode.name}` : ""}`;
       this.inspector.choose(episode, body);
     }
     this.drawMachines(episode);

@@ -109,6 +109,11 @@ class Episode {
     return state === NO_STATE ? -1 : state;
   }
 
+  // The kind of an agent with its own names of sensors and actuators; none where all are alike.
+  kindOf(agent) {
+    return this.trace ? this.trace.kinds.find(({ end }) => agent < end) : undefined;
+  }
+
   // The state machines of its agents: that of all, or those of the groups of a team.
   get machines() {
     if (this.groups) return this.groups.map(({ machine }) => machine);

@@ -5,6 +5,7 @@ const PAGE = JSON.parse(document.getElementById("episode").textContent);
 const SHAPES = Object.fromEntries(Object.entries(PAGE.shapes).map(([name, path]) => [name, new Path2D(path)]));
 const CELLS = new Set(PAGE.cells); // fill a cell of a grid
 const MOVING = new Set(PAGE.moving); // leave trails
+const isOff = (kind, state) => kind === PAGE.led && !state; // an LED that is not shown
 const FONT = "12px system-ui, 'DejaVu Sans', sans-serif";
 const STATES = PAGE.states; // names of colours of the states of controllers, in their order
 

@@ -148,22 +148,54 @@ class World {
     const { episode, kept } = this;
     const { count, series } = episode;
     const layers = [[], [], [], [], []];
-    const robots = [];
+    const [robots, leds, stretches] = [[], [], []];
     for (let i = 0; i < count; i++) {
       const radius = Math.max(series.radius.at(kept, i) * this.camera.scale || 0, 14);
       if (!this.seen(i, radius)) continue;
       const [kind, state] = episode.lookAt(kept, i);
-      if (!Number.isNaN(series.heading.at(kept, i))) robots.push(i);
+      const directed = !Number.isNaN(series.heading.at(kept, i));
+      if (isOff(kind, state)) continue;
+      if (kind === PAGE.led) leds.push(i);
+      else if (kind === PAGE.stretch && directed) stretches.push(i);
+      else if (directed) robots.push(i);
       else if (CELLS.has(kind)) layers[0].push(i);
       else if (!MOVING.has(kind)) layers[1].push(i);
       else if (kind !== "agent") layers[2].push(i);
       // Those who are still on their way above those who are not.
       else layers[state === "free" ? 4 : 3].push(i);
     }
+    for (const i of stretches) this.stretch(i);
     layers.flat().forEach((i) => series.radius.at(kept, i) > 0 && !CELLS.has(episode.lookAt(kept, i)[0]) && this.disc(i));
     for (const layer of layers) this.layer(layer);
     if (robots.length > MANY) this.sprites.draw(this, robots);
     else for (const i of robots) this.robot(i);
+    for (const i of leds) this.led(i);
+  }
+
+  // A coloured part of a wall, as thick as walls around are with their edge.
+  stretch(i) {
+    const { context: c, px, py } = this;
+    const far = this.episode.series.radius.at(this.kept, i) * this.camera.scale;
+    const heading = this.heading(i);
+    const [dx, dy] = [far * Math.cos(heading), -far * Math.sin(heading)];
+    c.strokeStyle = this.colorOf(i);
+    c.lineWidth = 5;
+    c.lineCap = "butt";
+    this.line([[px[i] - dx, py[i] - dy], [px[i] + dx, py[i] + dy]]);
+  }
+
+  // In the middle of its robot, whose own colour is seen around it.
+  led(i) {
+    const { context: c } = this;
+    const r = Math.max(this.episode.series.radius.at(this.kept, i) * this.camera.scale, 0.8);
+    c.beginPath();
+    c.arc(this.px[i], this.py[i], r, 0, 2 * Math.PI);
+    c.fillStyle = this.color(look(...this.episode.lookAt(this.kept, i)).color);
+    c.fill();
+    if (r < 1.5) return;
+    c.strokeStyle = this.color("paper");
+    c.lineWidth = Math.min(r / 3, 1.5);
+    c.stroke();
   }
 
   layer(bodies) {

@@ -2,7 +2,7 @@
 
 use serde::Deserialize;
 
-use super::super::presets::MASS;
+use super::super::presets::ACCELERATION;
 use super::super::{Drive, Robot};
 use super::within;
 use swarmwright_simulation::ParameterError;
@@ -45,7 +45,7 @@ pub(super) enum DriveText {
 }
 
 fn acceleration() -> f32 {
-    3.75
+    ACCELERATION
 }
 
 /// Degrees a second to rad/s.
@@ -102,29 +102,10 @@ pub(super) fn body(
         }
     };
     let robot = Robot {
-        radius,
-        height,
-        mass: MASS,
-        drive: kind,
-        top_speed,
         wheel_noise: noise,
         acceleration,
         friction,
-        proximity: None,
-        light: None,
-        ground: None,
-        links: None,
-        around: None,
-        camera: None,
-        leds: Vec::new(),
-        battery: None,
-        battery_noise: 0.0,
-        gripper: None,
-        message: 0,
-        heard: 0,
-        encoder_noise: 0.0,
-        compass_noise: 0.0,
-        outputs: Vec::new(),
+        ..Robot::bare(radius, height, kind, top_speed)
     };
     check(&robot)?;
     Ok(robot)

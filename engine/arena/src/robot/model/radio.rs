@@ -25,11 +25,11 @@ const FAINTEST: f64 = 1.0 / 262_144.0;
 #[serde(deny_unknown_fields)]
 pub(super) struct RadioText {
     /// The shape m of Nakagami fading, 1 for Rayleigh's; left out: a disc.
-    fading: Option<u32>,
+    fading: Option<f64>,
     /// Of the path loss, with fading.
     exponent: Option<f32>,
     /// Messages that the channel carries in a tick; left out: any number.
-    slots: Option<u32>,
+    slots: Option<f64>,
     /// Seconds between two messages of a robot; left out: one in each tick.
     interval: Option<f32>,
     /// Seconds from the sending of a message to its reception.
@@ -47,17 +47,18 @@ fn yes() -> bool {
 impl RadioText {
     /// Gives links this radio; `at` is what it is called in complaints.
     pub(super) fn put(self, links: &mut Links, at: &str) -> Result<(), ParameterError> {
-        let count = |name: &str, number: u32, low: u32, high: u32| {
-            if (low..=high).contains(&number) {
-                return Ok(());
+        // Read as any number, so that one complaint says all that is expected.
+        let count = |name: &str, number: f64, low: u32, high: u32| {
+            if number.fract() == 0.0 && (f64::from(low)..=f64::from(high)).contains(&number) {
+                return Ok(number as u32);
             }
             let reason = format!("{number} found, expected a whole number of {low} to {high}");
             Err(wrong(&format!("{at}.{name}"), reason))
         };
-        let fading = self.fading.unwrap_or(0);
-        if self.fading.is_some() {
-            count("fading", fading, 1, MOST_FADING)?;
-        }
+        let fading = match self.fading {
+            Some(fading) => count("fading", fading, 1, MOST_FADING)?,
+            None => 0,
+        };
         let exponent = self.exponent.unwrap_or(EXPONENT);
         let name = format!("{at}.exponent");
         within(&name, exponent, EXPONENTS)?;
@@ -67,9 +68,8 @@ impl RadioText {
                 "without fading the range alone counts; add fading: 1 (Rayleigh fading)",
             ));
         }
-        if let Some(slots) = self.slots {
-            count("slots", slots, 2, MOST_SLOTS)?;
-        }
+        let slots = self.slots.map(|slots| count("slots", slots, 2, MOST_SLOTS));
+        let slots = slots.transpose()?;
         let interval = self.interval.unwrap_or(TICK);
         let interval = ticks(interval, TICK, LONGEST_INTERVAL, &format!("{at}.interval"))?;
         let delay = ticks(self.delay, 0.0, LONGEST_DELAY, &format!("{at}.delay"))?;
@@ -77,9 +77,7 @@ impl RadioText {
             fading,
             exponent,
             // ln(1 - 1/slots): what it is per rival, added up, is the logarithm of the chance to be alone in a slot.
-            crowding: self
-                .slots
-                .map_or(0.0, |slots| ln(Number::<f32>(1.0 - 1.0 / slots as f32)).0),
+            crowding: slots.map_or(0.0, |slots| ln(Number::<f32>(1.0 - 1.0 / slots as f32)).0),
             interval,
             delay,
             line_of_sight: self.line_of_sight,

@@ -1,0 +1,227 @@
+//! How far robots are from a formation.
+
+use serde::Deserialize;
+
+use super::super::polygon;
+use super::shapes::on_circle;
+use super::swarm::{State, center, square, sum};
+
+/// Fewest and most points along a circle, a polygon or a line.
+const POINTS: [usize; 2] = [64, 1024];
+/// Points for each robot: where robots are evenly spaced, four give the exact mean distance.
+const POINTS_PER_ROBOT: usize = 4;
+/// Directions in which a formation is tried ...
+const DIRECTIONS: u32 = 36;
+/// ... and how often the angle between the best one and its neighbours is halved then: to 0.04 degrees.
+const HALVINGS: i32 = 8;
+
+/// A formation as missions describe it.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(in super::super) struct Formation {
+    /// Radius of a circle, metres ...
+    pub(super) circle: Option<f32>,
+    /// ... or corners of a polygon ...
+    pub(super) polygon: Option<Vec<[f32; 2]>>,
+    /// ... or ends of a line ...
+    pub(super) line: Option<[[f32; 2]; 2]>,
+    /// ... or a place for each robot.
+    pub(super) points: Option<Vec<[f32; 2]>>,
+    /// Whether it stands where its coordinates say; else around the center of the robots.
+    #[serde(default)]
+    fixed: bool,
+    /// Whether it may be turned: the direction with the least deviation counts.
+    #[serde(default)]
+    turned: bool,
+}
+
+impl Formation {
+    /// The formation for so many robots.
+    pub(super) fn outline(&self, robots: usize) -> Outline {
+        let count = (POINTS_PER_ROBOT * robots).clamp(POINTS[0], POINTS[1]);
+        let part = |place: usize| (place as f64 + 0.5) / count as f64;
+        if let Some(radius) = self.circle {
+            let radius = f64::from(radius);
+            let points = (0..count).map(|place| on_circle([0.0; 2], radius, part(place)));
+            return Outline {
+                points: points.collect(),
+                form: Form::Circle { radius },
+                centroid: [0.0; 2],
+            };
+        }
+        if let Some(corners) = &self.polygon {
+            let corners = polygon::tidy(corners).unwrap_or_default();
+            let sides: Vec<Side> = polygon::sides(&corners)
+                .map(|side| side.map(|end| end.map(f64::from)))
+                .collect();
+            return Outline {
+                points: polygon::along(&corners, count),
+                centroid: centroid(&sides),
+                form: Form::Sides(sides),
+            };
+        }
+        if let Some(ends) = self.line {
+            let [from, to] = ends.map(|end| end.map(f64::from));
+            let at = |place: usize| {
+                [0, 1].map(|axis| from[axis] + (to[axis] - from[axis]) * part(place))
+            };
+            return Outline {
+                points: (0..count).map(at).collect(),
+                form: Form::Sides(vec![[from, to]]),
+                centroid: [0, 1].map(|axis| (from[axis] + to[axis]) / 2.0),
+            };
+        }
+        let points = self.points.iter().flatten();
+        let points: Vec<[f64; 2]> = points.map(|point| point.map(f64::from)).collect();
+        let count = points.len() as f64;
+        Outline {
+            centroid: sum(points.iter().copied()).map(|total| total / count),
+            form: Form::Points,
+            points,
+        }
+    }
+}
+
+/// Both ends, metres.
+type Side = [[f64; 2]; 2];
+
+/// The mean of all points of sides.
+fn centroid(sides: &[Side]) -> [f64; 2] {
+    let length = |[from, to]: &Side| square(*from, *to).sqrt();
+    let total: f64 = sides.iter().map(length).sum();
+    let parts = sides.iter().map(|side| {
+        let [from, to] = side;
+        let weight = length(side) / (2.0 * total);
+        [(from[0] + to[0]) * weight, (from[1] + to[1]) * weight]
+    });
+    sum(parts)
+}
+
+#[derive(Debug)]
+enum Form {
+    /// Around the origin.
+    Circle {
+        radius: f64,
+    },
+    Sides(Vec<Side>),
+    /// Those of the outline alone.
+    Points,
+}
+
+/// A formation as it is measured.
+#[derive(Debug)]
+pub(super) struct Outline {
+    form: Form,
+    /// Places of robots, or evenly spaced points of the form.
+    points: Vec<[f64; 2]>,
+    centroid: [f64; 2],
+}
+
+impl Outline {
+    /// The distance of a point from the nearest one of the formation.
+    fn distance(&self, at: [f64; 2]) -> f64 {
+        match &self.form {
+            Form::Circle { radius } => (square(at, [0.0; 2]).sqrt() - radius).abs(),
+            Form::Sides(sides) => {
+                let squares = sides.iter().map(|side| square(at, foot(*side, at)));
+                squares.fold(f64::INFINITY, f64::min).sqrt()
+            }
+            Form::Points => {
+                let squares = self.points.iter().map(|point| square(at, *point));
+                squares.fold(f64::INFINITY, f64::min).sqrt()
+            }
+        }
+    }
+
+    /// The mean distance from formation to robots and from robots to formation.
+    pub(super) fn deviation(&self, robots: &[State], shape: &Formation) -> f64 {
+        let center = if shape.fixed {
+            self.centroid
+        } else {
+            center(robots)
+        };
+        let mut placed = Vec::with_capacity(robots.len());
+        // Turning the robots the other way around is less work than turning the formation.
+        let mut turned = |part: f64| {
+            let [cos, sin] = if part == 0.0 {
+                [1.0, 0.0]
+            } else {
+                on_circle([0.0; 2], 1.0, (1.5 + part).fract())
+            };
+            placed.clear();
+            placed.extend(robots.iter().map(|robot| {
+                let (dx, dy) = (robot.at[0] - center[0], robot.at[1] - center[1]);
+                [
+                    self.centroid[0] + dx * cos + dy * sin,
+                    self.centroid[1] + dy * cos - dx * sin,
+                ]
+            }));
+            let back: f64 = placed.iter().map(|at| self.distance(*at)).sum();
+            let there = mean_to_nearest(&self.points, &mut placed);
+            (there + back / robots.len() as f64) / 2.0
+        };
+        let mut least = turned(0.0);
+        if !shape.turned {
+            return least;
+        }
+        let mut best = 0.0;
+        let mut attempt = |part: f64, best: &mut f64| {
+            let value = turned(part);
+            if value < least {
+                (least, *best) = (value, part);
+            }
+        };
+        let step = 1.0 / f64::from(DIRECTIONS);
+        for direction in 1..DIRECTIONS {
+            attempt(f64::from(direction) * step, &mut best);
+        }
+        for halving in 1..=HALVINGS {
+            let nearer = step * 0.5_f64.powi(halving);
+            let middle = best;
+            attempt(middle - nearer, &mut best);
+            attempt(middle + nearer, &mut best);
+        }
+        least
+    }
+}
+
+/// The point of a side that is nearest to a point.
+fn foot([from, to]: Side, at: [f64; 2]) -> [f64; 2] {
+    let (dx, dy) = (to[0] - from[0], to[1] - from[1]);
+    let length = dx * dx + dy * dy;
+    // A line whose ends are the same is a point.
+    let along = if length > 0.0 {
+        (((at[0] - from[0]) * dx + (at[1] - from[1]) * dy) / length).clamp(0.0, 1.0)
+    } else {
+        0.0
+    };
+    [from[0] + along * dx, from[1] + along * dy]
+}
+
+/// The mean distance from points to the nearest of some places, which are sorted.
+fn mean_to_nearest(points: &[[f64; 2]], places: &mut [[f64; 2]]) -> f64 {
+    let extent = |axis: usize| {
+        let numbers = places.iter().map(|place| place[axis]);
+        let start = [f64::INFINITY, f64::NEG_INFINITY];
+        let [low, high] = numbers.fold(start, |[low, high], number| {
+            [low.min(number), high.max(number)]
+        });
+        high - low
+    };
+    let axis = usize::from(extent(1) > extent(0));
+    places.sort_by(|a, b| a[axis].total_cmp(&b[axis]));
+    let nearest = |point: &[f64; 2]| {
+        let next = places.partition_point(|place| place[axis] < point[axis]);
+        let mut least = f64::INFINITY;
+        // Outwards until all others are further away along the axis alone.
+        let mut look = |place: &[f64; 2]| {
+            least = least.min(square(*place, *point));
+            let aside = place[axis] - point[axis];
+            aside * aside > least
+        };
+        let _ = places[next..].iter().any(&mut look);
+        let _ = places[..next].iter().rev().any(&mut look);
+        least.sqrt()
+    };
+    points.iter().map(nearest).sum::<f64>() / points.len() as f64
+}
