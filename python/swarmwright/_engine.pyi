@@ -38,6 +38,7 @@ __all__ = [
     "InputError",
     "LostError",
     "NoBrokerError",
+    "NoServerError",
     "NodeNetwork",
     "Pool",
     "Producer",
@@ -94,6 +95,9 @@ class EngineError(RuntimeError):
 
 class NoBrokerError(EngineError):
     """No broker answers there; one may later."""
+
+class NoServerError(EngineError):
+    """There is no server at all, not even one that does not fit."""
 
 class LostError(EngineError):
     """Messages of an episode were lost, or its server: another time it may go well."""
@@ -1048,7 +1052,7 @@ class Pool:
         come: servers that cannot evaluate them are not used.
         """
     def wait_for_server(self, *, sizes: bool = True) -> tuple[int, int]:
-        """Block until a fitting server is there; (sensors, actuators). Raises EngineError naming what was required and what was found."""
+        """Block until a fitting server is there; (sensors, actuators). Raises EngineError naming what was required and what was found, NoServerError where that is nothing."""
     def evaluate(
         self,
         architecture: dict[str, Any],

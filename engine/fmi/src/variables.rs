@@ -1,5 +1,5 @@
 //! Value references: which variable of the FMU has which number. Python writes modelDescription.xml by the same numbers
-//! (`swarmwright/worlds_as_fmus/variables.py`).
+//! (`swarmwright/export/simulation_model.py`).
 
 use crate::model::{Model, ParameterKind};
 

@@ -132,10 +132,11 @@ impl PyEpisodes {
             ));
         }
         let stepped = |(one, part): (&mut Box<dyn Simulation>, &[f32])| guarded(|| one.step(part));
-        let result = if self.threads {
-            py.detach(|| parts.into_par_iter().try_for_each(stepped))
-        } else {
-            parts.into_iter().try_for_each(stepped)
+        let result = match parts.len() {
+            // Handing one episode to another thread takes longer than many a step.
+            _ if !self.threads => parts.into_iter().try_for_each(stepped),
+            0 | 1 => py.detach(|| parts.into_iter().try_for_each(stepped)),
+            _ => py.detach(|| parts.into_par_iter().try_for_each(stepped)),
         };
         result.map_err(|failure| engine(failure.reason))
     }

@@ -20,6 +20,12 @@ pyo3::create_exception!(
 );
 pyo3::create_exception!(
     swarmwright._engine,
+    NoServerError,
+    EngineError,
+    "There is no server at all, not even one that does not fit."
+);
+pyo3::create_exception!(
+    swarmwright._engine,
     LostError,
     EngineError,
     "Messages of an episode were lost, or its server: another time it may go well."

@@ -50,6 +50,10 @@ fn _engine(module: &Bound<'_, PyModule>) -> PyResult<()> {
         "NoBrokerError",
         module.py().get_type::<errors::NoBrokerError>(),
     )?;
+    module.add(
+        "NoServerError",
+        module.py().get_type::<errors::NoServerError>(),
+    )?;
     module.add("LostError", module.py().get_type::<errors::LostError>())?;
     module.add("InputError", module.py().get_type::<errors::InputError>())?;
     module.add_class::<controller::PyController>()?;

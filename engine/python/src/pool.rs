@@ -8,7 +8,7 @@ use swarmwright_mqtt::Settings;
 use swarmwright_pool::{About, Attempt, Demand, Options, Pool, PoolError, Report, Timeouts};
 use swarmwright_protocol::Requirements;
 
-use crate::errors::{engine, input, unconnected};
+use crate::errors::{NoServerError, engine, input, unconnected};
 use crate::genomes::{architecture, work};
 use crate::results::{Fitness, Metrics, arrays};
 use crate::sample::PySample;
@@ -51,6 +51,7 @@ pub fn error(error: &PoolError) -> PyErr {
             input(error)
         }
         PoolError::Connect(error) => unconnected(error),
+        PoolError::NoServer { nothing: true, .. } => NoServerError::new_err(error.to_string()),
         _ => engine(error),
     }
 }

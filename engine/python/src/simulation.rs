@@ -73,7 +73,7 @@ pub struct Hosted {
     controller: Option<String>,
 }
 
-/// Whether an episode can be repeated; `_describe.py` has checked the name.
+/// Whether an episode can be repeated; `swarmwright/simulations/description.py` has checked the name.
 pub fn determinism(host: &Bound<'_, PyAny>) -> PyResult<Determinism> {
     let name: Option<String> = host.getattr("determinism")?.extract()?;
     Ok(match name.as_deref() {
@@ -253,6 +253,8 @@ impl Simulation for Hosted {
             padded,
             sensor_names: Vec::new(),
             actuator_names: Vec::new(),
+            own_sensor_names: Vec::new(),
+            own_actuator_names: Vec::new(),
         };
         groups.into_iter().map(group).collect()
     }

@@ -30,9 +30,6 @@ from swarmwright.experiment.experiment import Experiment
 from swarmwright.simulations import catalogue
 from swarmwright.store import Journal
 
-_NOTHING = "no server at all"
-"""How the pool's message ends where nothing has answered: engine/pool/src/scheduler/fleet/describe.rs."""
-
 
 class BrokerBackend:
     """Evaluates on simulation servers through a broker."""
@@ -62,7 +59,7 @@ class BrokerBackend:
             self.check()
             title = experiment.simulation
             hint = "" if catalogue.is_here(title) else did_you_mean(title, catalogue.titles())
-            if str(error).endswith(_NOTHING):
+            if isinstance(error.__cause__, _engine.NoServerError):
                 hint = hint or _advice(experiment)
             raise RunError(f"{error}{self._metrics_hint() or hint}") from error
 

@@ -35,6 +35,9 @@ controller: {kind: parameter_set, parameters: {x: {type: real, range: [0, 1]}}}
 """
 
 
+NOTHING = "no server at all"
+
+
 class Unanswered:
     """A pool that finds no server."""
 
@@ -42,7 +45,8 @@ class Unanswered:
         self.found = found
 
     def wait_for_server(self, *, sizes: bool) -> tuple[int, int]:
-        raise _engine.EngineError(f"no server fits ({sizes}); found: {self.found}")
+        kind = _engine.NoServerError if self.found == NOTHING else _engine.EngineError
+        raise kind(f"no server fits ({sizes}); found: {self.found}")
 
     def listen(self, *_: object, **__: object) -> None: ...
 
@@ -53,18 +57,18 @@ class Unanswered:
 @pytest.mark.parametrize(
     ("title", "found", "hint"),
     [
-        ("minisim", "no server at all", "; start one with: swarmwright serve minisim"),
+        ("minisim", NOTHING, "; start one with: swarmwright serve minisim"),
         ("minisim", "server 4: offers chess, not minisim", ""),
         (
             "line",
-            "no server at all",
+            NOTHING,
             (
                 "; start a server that offers 'line' on this broker, or name a launcher that does under "
                 "`servers:` in the experiment"
             ),
         ),
         ("line", "server 4: offers chess, not line", ""),
-        ("minisin", "no server at all", "; did you mean 'minisim'?"),
+        ("minisin", NOTHING, "; did you mean 'minisim'?"),
     ],
 )
 def test_a_server_is_proposed_only_where_there_is_one_to_start(title: str, found: str, hint: str) -> None:
@@ -83,7 +87,7 @@ def test_a_class_is_served_by_its_name_and_a_command_by_its_experiment(tmp_path:
     for file, served in (("class.yaml", "still.py:Still"), ("command.yaml", "command.yaml")):
         experiment = Experiment.load(folder / file)
         with pytest.raises(RunError) as error:
-            BrokerBackend(experiment, cast("Any", Unanswered("no server at all")), None, "a broker")
+            BrokerBackend(experiment, cast("Any", Unanswered(NOTHING)), None, "a broker")
         assert str(error.value).endswith(f"; start one with: swarmwright serve '{folder / served}'")
 
 

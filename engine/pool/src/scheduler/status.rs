@@ -63,7 +63,18 @@ impl Scheduler {
         )
     }
 
+    /// Whether no server has answered so far, not even with something that is of no use, nor is announced.
+    #[must_use]
+    pub fn found_nothing(&self) -> bool {
+        self.found_servers().is_none()
+    }
+
     fn found(&self) -> String {
+        let found = self.found_servers();
+        found.unwrap_or_else(|| "no server at all".to_owned())
+    }
+
+    fn found_servers(&self) -> Option<String> {
         self.fleet
             .describe(&self.config.demand, &self.config.timeouts)
     }

@@ -28,6 +28,8 @@ pub enum PoolError {
         outages: String,
         /// What was required and what was found.
         description: String,
+        /// Whether there is no server at all, not even one that does not fit.
+        nothing: bool,
         /// Titles that servers offer.
         titles: Vec<String>,
     },

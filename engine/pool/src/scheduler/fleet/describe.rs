@@ -45,8 +45,8 @@ impl Fleet {
             })
     }
 
-    /// What was found, a line per server.
-    pub fn describe(&self, demand: &Demand, timeouts: &Timeouts) -> String {
+    /// What was found, of all servers, in words; None where nothing was.
+    pub fn describe(&self, demand: &Demand, timeouts: &Timeouts) -> Option<String> {
         let mut lines: BTreeMap<u64, String> = self
             .unfit
             .iter()
@@ -89,11 +89,7 @@ impl Fleet {
         lines.extend(self.unreadable.as_ref().map(|reason| {
             format!("an answer to a discovery on the topic server, which was refused: {reason}")
         }));
-        if lines.is_empty() {
-            "no server at all".to_owned()
-        } else {
-            lines.join("; ")
-        }
+        (!lines.is_empty()).then(|| lines.join("; "))
     }
 
     /// Metrics that servers announce, sorted, for a hint at a misspelling.

@@ -30,6 +30,7 @@ impl Pool {
             seconds: now.saturating_duration_since(since).as_secs_f64(),
             outages: outages.unwrap_or_default(),
             description: self.scheduler.describe(),
+            nothing: self.scheduler.found_nothing(),
             titles: self.scheduler.titles(),
         }
     }
