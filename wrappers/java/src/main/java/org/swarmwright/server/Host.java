@@ -12,6 +12,7 @@ import java.util.concurrent.ScheduledFuture;
 import java.util.concurrent.ThreadFactory;
 import java.util.concurrent.TimeUnit;
 import java.util.function.Consumer;
+import java.util.function.LongConsumer;
 import java.util.function.Supplier;
 import org.eclipse.paho.mqttv5.common.MqttSubscription;
 import org.swarmwright.BrokerException;
@@ -37,6 +38,9 @@ public final class Host implements AutoCloseable, Link.Listener, Outbox {
   /** How long one that reconnects waits for a sign of life of another with its ID. */
   private static final long CONFIRM_MILLIS = 1000;
 
+  /** How long the clock rests after a bug: it would repeat one that is due at once without end. */
+  private static final long REST_NANOS = 1_000_000_000L;
+
   /** How long closing waits for a step under way. */
   private static final long LEAVE_MILLIS = 5000;
 
@@ -53,6 +57,9 @@ public final class Host implements AutoCloseable, Link.Listener, Outbox {
       Executors.newSingleThreadExecutor(daemon("evaluation"));
   private ScheduledFuture<?> alarm;
   private Long alarmAt;
+
+  /** The alarm is not set to an earlier time; null if there was no bug. */
+  private Long restsUntil;
 
   /** Messages that came before it was certain that no other server has the ID; null afterwards. */
   private List<Runnable> deferred = new ArrayList<>();
@@ -176,7 +183,7 @@ public final class Host implements AutoCloseable, Link.Listener, Outbox {
   @Override
   public void received(String topic, byte[] payload, boolean retained) {
     synchronized (lock) {
-      if (leftBecause != null) {
+      if (closed || leftBecause != null) {
         return;
       }
       if (deferred == null) {
@@ -189,21 +196,28 @@ public final class Host implements AutoCloseable, Link.Listener, Outbox {
     }
   }
 
-  /** A bug in this library must not close the connection, as an exception in Paho does. */
   private void receive(String topic, byte[] payload, boolean retained) {
+    turn(
+        "a message on " + topic + " was not handled",
+        now -> machine.receive(topic, payload, retained, now));
+  }
+
+  /**
+   * A turn of the machine, which gets the time at which it begins. A bug in this library must not
+   * close the connection, as an exception in Paho does, nor end the clock or the evaluations.
+   */
+  private void turn(String failure, LongConsumer code) {
+    long start = System.nanoTime();
     try {
-      long turn = System.nanoTime();
-      machine.receive(topic, payload, retained, turn);
-      machine.computed(turn, System.nanoTime());
-      watch();
+      code.accept(start);
+      machine.computed(start, System.nanoTime());
     } catch (RuntimeException bug) {
-      notices.accept(
-          "bug: a message on "
-              + topic
-              + " was not handled: "
-              + bug
-              + " at "
-              + bug.getStackTrace()[0]);
+      restsUntil = System.nanoTime() + REST_NANOS;
+      StackTraceElement[] stack = bug.getStackTrace();
+      String place = stack.length == 0 ? "" : " at " + stack[0];
+      notices.accept("bug: " + failure + ": " + bug + place);
+    } finally {
+      watch();
     }
   }
 
@@ -258,9 +272,8 @@ public final class Host implements AutoCloseable, Link.Listener, Outbox {
       }
       List<Runnable> waiting = deferred;
       deferred = null;
-      machine.connected(stamp());
+      turn("the return of the connection was not handled", now -> machine.connected(stamp()));
       waiting.forEach(Runnable::run);
-      watch();
     }
   }
 
@@ -269,8 +282,8 @@ public final class Host implements AutoCloseable, Link.Listener, Outbox {
     synchronized (lock) {
       if (!closed) {
         changes++;
-        machine.disconnected(reason, System.nanoTime());
-        watch();
+        turn(
+            "the loss of the connection was not handled", now -> machine.disconnected(reason, now));
       }
     }
   }
@@ -278,6 +291,9 @@ public final class Host implements AutoCloseable, Link.Listener, Outbox {
   /** Sets the alarm to the next tick of the machine. */
   private void watch() {
     Long next = machine.nextTick();
+    if (next != null && restsUntil != null) {
+      next = Math.max(next, restsUntil);
+    }
     boolean same = alarmAt != null && next != null && alarmAt <= next;
     if (closed || same || next == null) {
       return;
@@ -293,10 +309,7 @@ public final class Host implements AutoCloseable, Link.Listener, Outbox {
     synchronized (lock) {
       alarmAt = null;
       if (!closed && leftBecause == null) {
-        long turn = System.nanoTime();
-        machine.tick(turn, stamp());
-        machine.computed(turn, System.nanoTime());
-        watch();
+        turn("what was due was not done", now -> machine.tick(now, stamp()));
       }
     }
   }
@@ -324,8 +337,9 @@ public final class Host implements AutoCloseable, Link.Listener, Outbox {
         () -> {
           job.run();
           synchronized (lock) {
-            machine.finished(job, System.nanoTime());
-            watch();
+            turn(
+                "an evaluation that was computed was not answered",
+                now -> machine.finished(job, now));
           }
         });
   }
@@ -394,7 +408,7 @@ public final class Host implements AutoCloseable, Link.Listener, Outbox {
         return;
       }
       closed = true;
-      machine.free(System.nanoTime());
+      turn("what was under way was not given up", machine::free);
       // Otherwise the presence on the broker is that of the other server with the ID.
       if (leftBecause == null) {
         link.retain(presenceTopic(), new byte[0]);

@@ -180,8 +180,30 @@ final class Replies {
 
   /** Tells a tool that an episode has ended without fitness, if it named a reply topic. */
   void failed(String reply, String hash, String reason, String stack, boolean invalid) {
-    if (reply != null && canReply(reply)) {
-      outbox.reply(reply, null, Answers.failed(new Failed(server, hash, reason, stack, invalid)));
+    if (reply == null || !canReply(reply)) {
+      return;
+    }
+    boolean told = tell(reply, null, failure(hash, reason, stack, invalid));
+    if (!told && stack != null) {
+      tell(reply, null, failure(hash, reason, null, invalid));
+    }
+  }
+
+  private byte[] failure(String hash, String reason, String stack, boolean invalid) {
+    return Answers.failed(new Failed(server, hash, reason, stack, invalid));
+  }
+
+  /**
+   * Sends a message that says what went wrong. Whether the broker takes it: if not, that is shown
+   * and not thrown, so that what follows a failure is done nevertheless.
+   */
+  private boolean tell(String topic, Long request, byte[] payload) {
+    try {
+      outbox.reply(topic, request, payload);
+      return true;
+    } catch (TooLarge error) {
+      outbox.notice("warning: " + error.getMessage());
+      return false;
     }
   }
 
@@ -235,7 +257,7 @@ final class Replies {
     } catch (TooLarge error) {
       outbox.notice("warning: " + error.getMessage());
       Refusal refusal = new Refusal(Refusal.Kind.FAILED, error.getMessage());
-      outbox.reply(request.reply, request.request, refused.apply(refusal));
+      tell(request.reply, request.request, refused.apply(refusal));
     }
   }
 
@@ -259,7 +281,7 @@ final class Replies {
   /** Replies that a request is not served. */
   void refuse(Request request, Refusal refusal) {
     if (request instanceof Evaluate) {
-      outbox.reply(request.reply, request.request, refused(request.request, refusal));
+      tell(request.reply, request.request, refused(request.request, refusal));
     } else {
       send((BatchStart) request, new BatchSensors(request.request, server, 0, refusal));
     }
@@ -280,9 +302,9 @@ final class Replies {
         return;
       }
       if (kind.equals("evaluate")) {
-        outbox.reply(reply, request, refused(request, invalid(reason)));
+        tell(reply, request, refused(request, invalid(reason)));
       } else if (kind.equals("start")) {
-        outbox.reply(
+        tell(
             reply, request, Answers.sensors(new BatchSensors(request, server, 0, invalid(reason))));
       }
     } catch (MessageException error) {

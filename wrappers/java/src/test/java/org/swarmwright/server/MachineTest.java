@@ -367,6 +367,38 @@ class MachineTest extends MachineFixture {
   }
 
   @Test
+  void aFailureThatTheBrokerDoesNotTakeIsToldWithoutItsStack() {
+    String reply = ", 'tool': 'ada', 'reply': 'swarmwright/v1/tool/t'";
+    out.mostOfAnswers = 250;
+    startAndStep("h", ", 'seed': 13", reply);
+    assertEquals(1, out.replies.size());
+    assertTrue(out.last("reason").toString().contains("no thirteen"), out.replies.toString());
+    assertEquals(null, out.last("stack"));
+    assertTrue(isFree(", 'tool': 'ada'"), "held for ada");
+    out.mostOfAnswers = 1;
+    startAndStep("i", ", 'seed': 13", reply);
+    assertEquals(1, out.replies.size());
+    assertTrue(out.notices.toString().contains("larger than the 1 that the broker takes"));
+    assertTrue(isFree(", 'tool': 'ada'"), "held for ada");
+  }
+
+  @Test
+  void aRefusalThatTheBrokerDoesNotTakeDoesNotStopTheQueue() throws IOException {
+    evaluate(1, "ada", 0, 1);
+    evaluate(2, "ada", 1, 1);
+    evaluate(3, "ada", 0, 1);
+    out.mostOfAnswers = 1;
+    now += 2 * SECOND;
+    work();
+    assertEquals(List.of(), out.replies);
+    out.mostOfAnswers = Integer.MAX_VALUE;
+    work();
+    assertEquals(1, out.replies.size());
+    assertEquals("null", out.error());
+    assertEquals("3", out.last("request").toString());
+  }
+
+  @Test
   void aParameterThatIsRefusedFreesTheServer() {
     say("parameters", "'server': 7, 'simulation_hash': 'h', 'start': 'far'");
     say("control", "'server': 7, 'simulation_hash': 'h'");
