@@ -1,8 +1,11 @@
 """Each server that breaks a rule is caught by this rule and no other."""
 
+import os
+import sys
 import time
 from collections.abc import Mapping
 from contextlib import ExitStack
+from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
@@ -12,9 +15,11 @@ from swarmwright.conformance._check_server import check_server
 from swarmwright.conformance._results import Report
 from swarmwright.conformance._rules import Profile
 from swarmwright.conformance._server_under_test import QUIET
+from swarmwright.conformance.server import one_id
 from tests.conformance.broken.base import Broken
-from tests.conformance.broken.servers import SERVERS, QuotesAMetric
-from tests.conformance.sound import PATIENCE, Json, SoundServer
+from tests.conformance.broken.servers import SERVERS, FitnessOfTheLast, Leaks, QuotesAMetric
+from tests.conformance.sound import PATIENCE, Json, SoundServer, World
+from tests.conftest import ROOT
 
 
 class GivesUp(SoundServer):
@@ -78,6 +83,7 @@ def report_of(
     profile: Profile = "all",
     step_timeout: float | None = None,
     parameters: Mapping[str, Any] | None = None,
+    vary: Mapping[str, Any] | None = None,
 ) -> Report:
     with ExitStack() as stack:
 
@@ -87,6 +93,7 @@ def report_of(
         return check_server(
             start=start,
             parameters=parameters,
+            vary=vary,
             rules=[rules],
             profile=profile,
             timeout=2.0,
@@ -108,6 +115,63 @@ def test_a_field_that_is_wrong_is_shown_in_full() -> None:
     (failed,) = (result for result in report.results if result.status == "failed")
     assert failed.id == "S9.11"
     assert failed.sent.startswith("seeds: <0 bytes>, in "), failed.sent
+
+
+def test_a_fitness_of_another_episode_is_told_from_sensors_of_another() -> None:
+    """What agents sense is compared nevertheless."""
+    report = report_of(FitnessOfTheLast, "S2,S3,S4")
+    (failed,) = (result for result in report.results if result.status == "failed")
+    assert "the sensors were the same: the fitness is of an earlier episode" in failed.came, failed.came
+    assert {"S3.3", "S3.4", "S3.5", "S4.1"} <= set(report.of("passed")), str(report)
+    report = report_of(Leaks, "S2,S3,S4")
+    (failed,) = (result for result in report.results if result.status == "failed")
+    assert "senses" in failed.came, failed.came
+    assert {"S3.3", "S3.4", "S3.5", "S4.1"} <= set(report.of("not run")), str(report)
+
+
+class IgnoresTheSeed(SoundServer):
+    """All of its episodes are the same but for their parameters."""
+
+    def make(self, parameters: Json) -> World:
+        return super().make({**parameters, "seed": 0})
+
+
+def test_another_parameter_stands_in_for_the_seed() -> None:
+    report = report_of(IgnoresTheSeed, "S2,S3")
+    assert set(report.of("skipped")) == {"S3.3", "S3.4", "S3.5"}
+    assert "the server ignores seed, or nothing is random" in report.results[-1].detail
+    report = report_of(IgnoresTheSeed, "S2,S3", vary={"agents": 2})
+    assert set(report.of("skipped")) == {"S3.5"}
+    assert report.ok, str(report)
+
+
+TWICE = """\
+import sys
+from tests.conformance.broken.servers import KeepsItsId
+
+server = KeepsItsId(sys.argv[1])
+server.client._thread.join()
+"""
+
+
+def test_a_second_server_that_does_not_leave_is_caught(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT), str(ROOT / "python")]))
+    monkeypatch.setattr(one_id, "LEAVES_WITHIN", 4.0)
+    (tmp_path / "server.py").write_text(TWICE)
+    report = check_server(
+        command=f"{sys.executable} {tmp_path / 'server.py'} {{broker}}", rules=["S1.1,S2.3,S7.2,S16.2"]
+    )
+    assert report.of("failed", "died") == ["S16.2"], str(report)
+    assert "the second one still ran" in report.results[-1].came
+
+
+def test_a_server_that_one_tool_keeps_to_itself_is_caught() -> None:
+    """The sound server has no turns."""
+    (result,) = report_of(SoundServer, "S6.13").results
+    assert result.status == "failed"
+    assert "conformance/b got no answer for " in result.came, result.came
 
 
 def test_a_metric_that_is_no_number_is_not_said_to_be_missing() -> None:

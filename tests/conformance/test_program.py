@@ -98,6 +98,8 @@ def test_a_server_that_ends_is_told_from_one_that_fails(program: Run) -> None:
         (("--id", "1", "--rules", "S2.99"), "no rule 'S2.99'"),
         (("--exec", "no-such-program {id}"), "no-such-program"),
         (("--exec", "'"), "cannot be read"),
+        (("--exec", "serve {boker} {id}"), "{boker} is not one of the placeholders {broker}, {id}, {prefix}"),
+        (("--exec", SERVE, "--vary", "{"), "--vary: is not valid JSON"),
         (("--exec", SERVE, "--parameters", "[1]"), "JSON object"),
         (("--exec", SERVE, "--parameters", "nowhere.json"), "nowhere.json"),
         (("--exec", SERVE, "--parameters", "{"), "not valid JSON"),

@@ -39,6 +39,7 @@ def check_server(
     step_timeout: float | None = None,
     timeout: float = 5.0,
     wait: float = 30.0,
+    vary: Mapping[str, Any] | None = None,
     rules: Sequence[str] = (),
     profile: Profile = "all",
     tell: Callable[[Result], None] | None = None,
@@ -60,6 +61,7 @@ def check_server(
         step_timeout: seconds after which it gives up an episode, if known.
         timeout: seconds that one answer may take.
         wait: seconds in which it must be there.
+        vary: values of parameters with which an episode differs, where the seed changes nothing.
         rules: ids and groups that are wanted, `-S6` for those that are not; default: all. What they need
             to know of the server is found out first by rules that are not in the report, unless these are
             left out.
@@ -89,6 +91,7 @@ def check_server(
             actuators=actuators,
             timeout=timeout,
             step_timeout=step_timeout,
+            vary=dict(vary or {}),
         )
         client = stack.enter_context(_connected(address, prefix, own_presence))
         peer = ServerPeer(client, probe, door=door, process=process, own_broker=direct, prefix=prefix)
@@ -169,20 +172,20 @@ def _dimensions(peer: ServerPeer, given: float | None, wait: float) -> float:
     return guesses[0]
 
 
-def parameters_of(text: str | None) -> Json:
+def parameters_of(text: str | None, option: str = "--parameters") -> Json:
     """Parameters from the command line: a JSON object, or the name of a file that holds one.
 
     Raises InputError.
     """
     if text is None:
         return {}
-    source = "--parameters"
+    source = option
     if not text.lstrip().startswith(("{", "[")):
         source = text
         try:
             text = Path(text).read_text(encoding="utf-8")
         except OSError as error:
-            raise InputError(f"--parameters: {source}: {error.strerror}") from None
+            raise InputError(f"{option}: {source}: {error.strerror}") from None
     try:
         value = json.loads(text)
     except ValueError as error:

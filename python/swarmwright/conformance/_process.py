@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import re
 import shlex
 import signal
 import subprocess
@@ -9,7 +10,10 @@ import tempfile
 from collections.abc import Callable, Mapping
 
 from swarmwright.core.errors import InputError
+from swarmwright.core.suggestions import did_you_mean
 
+_PLACEHOLDER = re.compile(r"(?<!\$)\{([A-Za-z_]\w*)\}")
+"""A word in braces, but for variables of a shell."""
 GRACE = 10.0
 """Seconds for an orderly end."""
 
@@ -35,12 +39,28 @@ class Process:
 
     def _words(self, values: Mapping[str, object]) -> list[str]:
         command = self.command
+        if values:
+            self._check_placeholders(values)
         for name, value in values.items():
             command = command.replace(f"{{{name}}}", shlex.quote(str(value)))
         try:
             return shlex.split(command)
         except ValueError as error:
             raise InputError(f"--exec: {command!r} cannot be read: {error}") from None
+
+    def _check_placeholders(self, values: Mapping[str, object]) -> None:
+        for name in _PLACEHOLDER.findall(self.command):
+            if name not in values:
+                known = ", ".join(f"{{{value}}}" for value in values)
+                meant = did_you_mean(name, list(values))
+                raise InputError(
+                    f"--exec: {{{name}}} is not one of the placeholders {known}{meant or ';'} "
+                    "what needs braces itself goes into a script"
+                )
+
+    def another(self) -> "Process":
+        """The same command, to be started once more beside this one."""
+        return Process(self.command, self._values)
 
     def start(self) -> None:
         """Start it, anew if it ran before."""

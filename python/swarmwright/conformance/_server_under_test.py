@@ -29,7 +29,8 @@ class Settings:
     """What is known of the server before it is asked.
 
     parameters: of every episode. sensors, actuators: where it does not announce them. timeout: seconds that
-    one answer may take. step_timeout: seconds after which it gives up an episode, None when not known.
+    one answer may take. step_timeout: seconds after which it gives up an episode, None when not known. vary:
+    values of parameters with which an episode differs, for simulations in which the seed changes nothing.
     """
 
     server: int
@@ -40,6 +41,7 @@ class Settings:
     actuators: int | None = None
     timeout: float = 5.0
     step_timeout: float | None = None
+    vary: Json = field(default_factory=dict)
 
 
 class Server:
@@ -69,6 +71,10 @@ class Server:
         self.quiet = QUIET
         self.deterministic: bool | None = None
         self.repeats: bool | None = None
+        self.carries_over = False
+        """Whether what agents sense was found to depend on the episode before."""
+        self.sensors_only = False
+        """Whether only what agents sense can be compared: fitness or metrics depend on the episode before."""
         self.seen_metrics: set[str] = set()
         self.wrong_metrics: Json = {}
         """Metrics that were no finite numbers, each with what came."""
@@ -174,6 +180,8 @@ class Server:
         """Skip the rule when trajectories cannot be compared."""
         if self.deterministic is False:
             raise Skip("episodes cannot be compared: the server declares that it is not deterministic")
+        if self.carries_over:
+            raise NotTried("needs S3.2: an episode depends on the one before it")
 
     # Discovery.
 
@@ -353,7 +361,8 @@ class Episode:
     def start(self, topic: str = "control", **changes: Any) -> str:  # noqa: ANN401 - JSON
         """Send control on a topic that the server listens to; what was sent."""
         self.over = False
-        self.trajectory, self.pending, self.repeated = Trajectory(), [], []
+        self.trajectory = Trajectory(sensors_only=self.server.sensors_only)
+        self.pending, self.repeated = [], []
         fields = {
             "server": self.server.id,
             "simulation_hash": self.hash,

@@ -73,7 +73,7 @@ class Trajectory:
     """What each agent sensed, in order, and how the episode ended.
 
     fitness: None when it was not played to its end. messages: sensor messages. seconds: from control to
-    fitness.
+    fitness. sensors_only: fitness and metrics are not compared with those of other trajectories.
     """
 
     readings: dict[int, list[Numbers]] = field(default_factory=lambda: defaultdict(list))
@@ -81,9 +81,17 @@ class Trajectory:
     metrics: dict[str, float] = field(default_factory=dict)
     messages: int = 0
     seconds: float = 0.0
+    sensors_only: bool = False
 
     def difference(self, other: "Trajectory") -> str:
         """The first difference from another trajectory, in words; empty when all bits are the same."""
+        sensed = self.sensed_difference(other)
+        if sensed or self.sensors_only or other.sensors_only:
+            return sensed
+        return self._result_difference(other)
+
+    def sensed_difference(self, other: "Trajectory") -> str:
+        """The first difference in what agents sense, in words; empty when all bits are the same."""
         for agent in sorted({*self.readings, *other.readings}):
             mine, theirs = self.readings.get(agent, []), other.readings.get(agent, [])
             for turn, (one, two) in enumerate(zip(mine, theirs, strict=False)):
@@ -91,6 +99,9 @@ class Trajectory:
                     return f"agent {agent} senses {listed(one)} and {listed(two)} in its message {turn}"
             if len(mine) != len(theirs):
                 return f"agent {agent} gets {len(mine)} and {len(theirs)} sensor messages"
+        return ""
+
+    def _result_difference(self, other: "Trajectory") -> str:
         if not same(self.fitness, other.fitness):
             return f"the fitness is {self.fitness!r} and {other.fitness!r}"
         for name in sorted({*self.metrics, *other.metrics}):

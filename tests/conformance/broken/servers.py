@@ -6,7 +6,9 @@ count.
 
 import json
 import math
+import os
 import random
+import secrets
 from typing import Any, ClassVar
 
 import numpy as np
@@ -18,6 +20,8 @@ from tests.conformance.broken.base import CONNECTION, OWN_TOPIC, SCENES, Broken
 from tests.conformance.broken.offloaded import BrokenRobots
 from tests.conformance.broken.steered import BrokenSteered
 from tests.conformance.sound import Json, Refused, World, real
+
+INSTANCE = secrets.token_hex(8)
 
 
 class WrongEcho(Broken):
@@ -117,10 +121,19 @@ class StaysTaken(Broken):
 class EndsForAnybody(Broken):
     """Looks at the hash alone where an episode is to end."""
 
-    breaks: ClassVar = {"S6.11"}
+    breaks: ClassVar = {"S6.11", "S6.12"}
 
     def is_of(self, tool: str | None) -> bool:
         return self.state == "running" or super().is_of(tool)
+
+
+class EndsUnnamedForAnybody(Broken):
+    """Compares names only where the tool that began the episode has one."""
+
+    breaks: ClassVar = {"S6.12"}
+
+    def is_of(self, tool: str | None) -> bool:
+        return not self.holder or super().is_of(tool)
 
 
 class BeginsAnything(Broken):
@@ -185,6 +198,45 @@ class Leaks(Broken):
         world.places += np.float32(self.before / 128)
         self.before = parameters.get("seed", 0)
         return world
+
+
+class FitnessOfTheLast(Broken):
+    """Sends the fitness of the episode before, as one that is computed too late."""
+
+    breaks: ClassVar = {"S3.2"}
+    last = 0.0
+
+    def send_fitness(self, hash_: str | None, world: World) -> None:
+        last, self.last = self.last, world.fitness()
+        self.publish("fitness", simulation_hash=hash_, fitness=last, metrics=self.measure(world))
+
+
+class SeedOf32Bits(Broken):
+    """Truncates the seed."""
+
+    breaks: ClassVar = {"S3.5"}
+
+    def make(self, parameters: Json) -> World:
+        return super().make({**parameters, "seed": parameters.get("seed", 0) & 0xFFFF_FFFF})
+
+
+class SeedAsDouble(Broken):
+    """Reads all numbers as JavaScript does."""
+
+    breaks: ClassVar = {"S3.5"}
+
+    def make(self, parameters: Json) -> World:
+        return super().make({**parameters, "seed": int(float(parameters.get("seed", 0)))})
+
+
+class SignedSeed(Broken):
+    """Takes no seed of more than 32 bits."""
+
+    breaks: ClassVar = {"S3.5"}
+
+    def on_parameters(self, content: Json) -> None:
+        if content.get("seed", 0) < 2**31:
+            super().on_parameters(content)
 
 
 class FirstParameters(Broken):
@@ -529,6 +581,18 @@ class EndsElsewhere(Broken):
         content = self.read(payload)
         if content.get("run", True) is not False:
             self.on_control(content)
+
+
+class KeepsItsId(Broken):
+    """Announces its instance, and does not look at those of others."""
+
+    breaks: ClassVar = {"S16.1", "S16.3"}
+    rules: ClassVar = "S1,S2.3,S7.2,S16"
+
+    def capabilities(self) -> Json:
+        found = super().capabilities()
+        found["swarmwright"] |= {"instance": INSTANCE, "host": "localhost", "pid": os.getpid()}
+        return found
 
 
 class IsMeant(Broken):

@@ -15,6 +15,7 @@ from swarmwright.conformance.server import (  # noqa: I001 - the order of the ru
     vectors,
     batches,
     connection,
+    one_id,
     speed,
     shutdown,
 )
@@ -30,6 +31,7 @@ __all__ = [
     "episodes",
     "metrics",
     "offloaded",
+    "one_id",
     "own_topic",
     "presence",
     "reservation",

@@ -18,6 +18,7 @@ GROUPS = {
     "S13": "The end",
     "S14": "Scenes",
     "S15": "Control on the server's own topic",
+    "S16": "Two servers with one ID",
 }
 RULES = Rules("server", GROUPS)
 rule = RULES.rule

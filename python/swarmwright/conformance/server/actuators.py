@@ -22,7 +22,7 @@ def effective(server: Server, one: Policy, other: Policy) -> tuple[Trajectory, T
     "Actuators outside -1 to +1 are clamped.",
     where="protocol.md, Reading",
     fix="clamp every actuator to -1..+1 when it is read, before the simulation sees it",
-    needs=["S3.2"],
+    needs=["S3.1"],
 )
 def clamped(server: Server) -> None:
     """+1 and 7.5, -1 and -1e30, to all actuators."""
@@ -43,7 +43,7 @@ def clamped(server: Server) -> None:
     "The answers of a step may come in any order.",
     where="protocol.md, An episode, 4",
     fix="sort actuators by their agent, not by arrival",
-    needs=["S3.2"],
+    needs=["S3.1", "S2.9"],
 )
 def any_order(server: Server) -> None:
     """A whole episode, the last agent of each step first."""
@@ -68,7 +68,7 @@ def any_order(server: Server) -> None:
     "A second answer for one agent and step is refused: the first one counts.",
     where="protocol.md, Reading",
     fix="when an agent has its actuators in this step refuse others",
-    needs=["S3.2"],
+    needs=["S3.1"],
 )
 def the_first_counts(server: Server) -> None:
     """In one step the first agent gets the opposite actuators as well, before the others have theirs."""
@@ -91,7 +91,7 @@ def the_first_counts(server: Server) -> None:
     "Actuators are read as the nearest IEEE binary32.",
     where="protocol.md, Reading; decision 002",
     fix="round to binary32 when actuators are read; in doubt read a double and convert it",
-    needs=["S3.2"],
+    needs=["S3.1"],
 )
 def binary32(server: Server) -> None:
     """Decimals with many digits, then the shortest that round to the same binary32."""

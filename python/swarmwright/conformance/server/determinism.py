@@ -1,11 +1,19 @@
 """S3: determinism of episodes."""
 
 from swarmwright.conformance._rules import Failure, Skip
-from swarmwright.conformance._server_under_test import Server, is_number
+from swarmwright.conformance._server_under_test import Json, Server, is_number
 from swarmwright.conformance._trajectory import Trajectory, Wander
 from swarmwright.conformance.server._rules import rule
 
 SAME = "decision 002; protocol.md, Presence"
+SEED_UNUSED = (
+    "the seeds 1 and 2 give the same episode: the server ignores seed, or nothing is random with these "
+    "parameters; give --parameters with which something is, or --vary another parameter"
+)
+LARGEST_SEED = 2**63 - 1
+PAIRS = 8
+"""Pairs of seeds that must all give the same episodes before bits are said to be lost: few places to start
+from, for example, make two seeds alike by chance. The first pair that differs is the last that is played."""
 
 
 def declared(server: Server) -> str | None:
@@ -20,7 +28,7 @@ def another(server: Server) -> Trajectory:
     return server.play(policy, {**server.settings.parameters, "seed": 77})
 
 
-def seeded(server: Server, seed: int) -> dict[str, object]:
+def seeded(server: Server, seed: int) -> Json:
     """The parameters, with a seed."""
     return {**server.settings.parameters, "seed": seed}
 
@@ -85,11 +93,12 @@ def forgets(server: Server) -> None:
     """An episode after itself, after another one, and after one that was ended in the middle."""
     server.comparable()
     first = server.play(parameters=seeded(server, 1))
-    difference = first.difference(server.play(parameters=seeded(server, 1)))
-    after = "itself"
+    second = server.play(parameters=seeded(server, 1))
+    difference, after = first.difference(second), "itself"
     if not difference:
         another(server)
-        difference, after = first.difference(server.play(parameters=seeded(server, 1))), "another one"
+        second = server.play(parameters=seeded(server, 1))
+        difference, after = first.difference(second), "another one"
     if not difference:
         cut = server.episode()
         cut.configure()
@@ -97,19 +106,29 @@ def forgets(server: Server) -> None:
         cut.receive()
         cut.stop()
         server.must_answer("an answer: the episode was ended")
-        difference, after = first.difference(server.play(parameters=seeded(server, 1))), "one that was ended"
+        second = server.play(parameters=seeded(server, 1))
+        difference, after = first.difference(second), "one that was ended"
     if difference:
-        server.deterministic, server.repeats = None, False
-        raise Failure(f"{difference}, the second time after {after}", "the same bits whatever was before")
+        came = f"{difference}, the second time after {after}"
+        if first.sensed_difference(second):
+            server.deterministic, server.repeats, server.carries_over = None, False, True
+        else:
+            server.sensors_only = True
+            came += "; the sensors were the same: the fitness is of an earlier episode, or computed late"
+        raise Failure(came, "the same bits whatever was before")
 
 
-def differing(server: Server) -> tuple[Trajectory, Trajectory]:
-    """The trajectories of seeds 1 and 2; skips the rule when they are the same."""
+def differing(server: Server) -> tuple[Json, Json, Trajectory, Trajectory]:
+    """Two sets of parameters and their trajectories, which differ; skips the rule when none are found."""
     server.comparable()
-    one, two = (server.play(parameters=seeded(server, seed)) for seed in (1, 2))
-    if not one.difference(two):
-        raise Skip("the seed changes nothing here; give --parameters with which it does")
-    return one, two
+    one, two = seeded(server, 1), seeded(server, 2)
+    first, second = server.play(parameters=one), server.play(parameters=two)
+    if server.settings.vary and not first.difference(second):
+        two = {**one, **server.settings.vary}
+        second = server.play(parameters=two)
+    if not first.difference(second):
+        raise Skip(SEED_UNUSED)
+    return one, two, first, second
 
 
 @rule(
@@ -117,16 +136,16 @@ def differing(server: Server) -> tuple[Trajectory, Trajectory]:
     "Control starts an episode with the parameters received last for its hash.",
     where="protocol.md, An episode, 3",
     fix="replace the parameters of a hash when new ones come",
-    needs=["S3.2"],
+    needs=["S3.1"],
 )
 def the_last_count(server: Server) -> None:
     """Parameters with one seed, then with another, same hash."""
-    _, two = differing(server)
-    episode = server.episode(seeded(server, 1))
+    one, two, _, second = differing(server)
+    episode = server.episode(one)
     episode.configure()
-    sent = episode.configure(seed=2)
+    sent = episode.configure(**two)
     episode.start()
-    difference = two.difference(episode.play())
+    difference = second.difference(episode.play())
     if difference:
         raise Failure(f"{difference}: the parameters before", "the parameters received last", sent)
 
@@ -136,16 +155,53 @@ def the_last_count(server: Server) -> None:
     "Parameters with another hash change nothing.",
     where="protocol.md, An episode, 3",
     fix="keep parameters by their hash, those of several tools side by side",
-    needs=["S3.2"],
+    needs=["S3.1"],
 )
 def by_hash(server: Server) -> None:
     """Parameters of two hashes, then control of the first."""
-    one, _ = differing(server)
-    episode, other = server.episode(seeded(server, 1)), server.episode(seeded(server, 2))
+    one, two, first, _ = differing(server)
+    episode, other = server.episode(one), server.episode(two)
     episode.configure()
     sent = other.configure()
     other.over = True
     episode.start()
-    difference = one.difference(episode.play())
+    difference = first.difference(episode.play())
     if difference:
         raise Failure(f"{difference}: the parameters of the other hash", "those of the control's hash", sent)
+
+
+@rule(
+    "S3.5",
+    "The seed is read exactly: seeds that differ by 2^32, or by 1 beyond 2^53, give other episodes, and "
+    "2^63 - 1 is accepted.",
+    where="protocol.md, An episode, 2",
+    fix="read the seed as a 64-bit integer, not as a double or with 32 bits; fold it rather than truncate it "
+    "where the simulator takes fewer bits: seed ^ seed >> 32",
+    needs=["S3.1"],
+)
+def exact_seed(server: Server) -> None:
+    """An episode with the largest seed, then pairs of seeds that are one if bits are lost."""
+    episode = server.episode(seeded(server, LARGEST_SEED))
+    sent = f"{episode.configure()}, then {episode.start()}"
+    episode.receive(sent)
+    episode.play()
+    server.comparable()
+    if not server.play(parameters=seeded(server, 1)).difference(server.play(parameters=seeded(server, 2))):
+        raise Skip(SEED_UNUSED)
+    for distance, base, lost in (
+        (2**32, 1, "the seed is truncated to 32 bits"),
+        (1, 2**53, "the seed is read through a double, which has 53 bits"),
+    ):
+        pairs = [(base + 4 * index, base + 4 * index + distance) for index in range(PAIRS)]
+        if all(_alike(server, *pair) for pair in pairs):
+            one, other = pairs[0]
+            raise Failure(
+                f"the same bits with seed {one} and with seed {other}: {lost}",
+                "different episodes, as with the seeds 1 and 2",
+                f'parameters with "seed": {one}, then with "seed": {other}',
+            )
+
+
+def _alike(server: Server, one: int, other: int) -> bool:
+    first, second = (server.play(parameters=seeded(server, seed)) for seed in (one, other))
+    return not first.difference(second)

@@ -1,12 +1,12 @@
 """S8: metrics."""
 
 import json
-import re
 
 from swarmwright.conformance._client import shown
 from swarmwright.conformance._rules import Failure, Skip
 from swarmwright.conformance._server_under_test import Server
 from swarmwright.conformance.server._rules import rule
+from swarmwright.core import metric_names
 
 
 def names(server: Server) -> list[str]:
@@ -29,7 +29,7 @@ def names(server: Server) -> list[str]:
 )
 def their_names(server: Server) -> None:
     """The announcement."""
-    wrong = [name for name in names(server) if not re.fullmatch("[A-Za-z_][A-Za-z0-9_]*", str(name))]
+    wrong = [name for name in names(server) if metric_names.problem_of(str(name))]
     if wrong:
         raise Failure(f'"metrics" has {wrong[0]!r}', "names of letters, digits and _")
 

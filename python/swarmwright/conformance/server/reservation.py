@@ -2,7 +2,7 @@
 
 import time
 
-from swarmwright.conformance._client import TO_TOOL
+from swarmwright.conformance._client import TO_TOOL, Message
 from swarmwright.conformance._extensions import decoded
 from swarmwright.conformance._rules import Failure, Skip
 from swarmwright.conformance._server_under_test import Episode, Server
@@ -13,6 +13,8 @@ LONGEST_REASON = 2000
 TAKEN = "protocol.md, Who is taken, and when"
 HOLD = 5.0
 """Seconds for which parameters without control, and a tool that named itself, keep a server."""
+TURN = 5.0
+"""Seconds after which another tool that requests the server gets it."""
 
 
 def must_be_taken(server: Server, why: str, sent: str = "", **changes: object) -> None:
@@ -263,22 +265,40 @@ def is_freed(server: Server) -> None:
 )
 def not_ended_by_others(server: Server) -> None:
     """run: false without a name and with another one, in the middle of an episode."""
+    _must_go_on(server, "conformance/a", [{}, {"tool": "conformance/b"}])
+
+
+@rule(
+    "S6.12",
+    "Control with run: false and the hash of an episode, with a name, does not end what a tool without a "
+    "name has begun.",
+    where=TAKEN,
+    fix="compare tool of control with that of the one that began the episode, also where that has none",
+    needs=["S2.9"],
+)
+def not_ended_by_the_named(server: Server) -> None:
+    """run: false with a name, in the middle of an episode without one."""
+    _must_go_on(server, None, [{"tool": "conformance/b"}])
+
+
+def _must_go_on(server: Server, tool: str | None, others: list[dict[str, str]]) -> None:
+    """An episode of a tool, and run: false of others in its middle, each with what names it."""
     server.announces()
     if server.trajectory is not None and not server.trajectory.messages:
         raise Skip("the simulation steers its agents itself, it may be over before it could be ended")
-    episode = server.episode(tool="conformance/a")
+    episode = server.episode(tool=tool)
     episode.configure()
     episode.receive(episode.start())
     fields = {"server": server.id, "simulation_hash": episode.hash, "run": False}
-    sent = server.client.send("control", **fields)
-    sent += f", then {server.client.send('control', **fields, tool='conformance/b')}"
+    sent = ", then ".join(server.client.send("control", **fields, **other) for other in others)
+    owner = tool or "the tool without a name"
     try:
         trajectory = episode.play()
     except Failure as failure:
-        raise Failure(failure.came, "the episode of conformance/a goes on", sent) from None
+        raise Failure(failure.came, f"the episode of {owner} goes on", sent) from None
     difference = server.reference.difference(trajectory) if server.deterministic else ""
     if difference:
-        raise Failure(difference, "the episode of conformance/a", sent)
+        raise Failure(difference, f"the episode of {owner}", sent)
     episode.stop()
 
 
@@ -297,3 +317,40 @@ def hold_ends(server: Server) -> str:
     if seconds < HOLD - 1:
         raise Failure(f"it was free for others after {seconds:.1f} s", "held for 5 s")
     return f"free after {seconds:.1f} s"
+
+
+@rule(
+    "S6.13",
+    "Two tools that name themselves share it by turns: when one has had it for 5 s, it answers the other "
+    "one, which keeps asking, and no longer the first.",
+    where=TAKEN,
+    fix="note when a tool got the server, and who asked within the last 3 s; after 5 s answer, between two "
+    "episodes, the one that has waited longest, and hold the server for it for 3 s",
+    needs=["S6.7"],
+    seconds=40,
+)
+def takes_turns(server: Server) -> str:
+    """Episode after episode of one tool, and between them discoveries of another one."""
+    start = time.monotonic()
+    asked: set[str] = set()
+    sent = "episodes of conformance/a, and between them discoveries of conformance/b"
+    while time.monotonic() < start + TURN + 3 or len(asked) < 2:
+        named(server, "conformance/a")
+        question = server.discovery(tool="conformance/b")
+        asked.add(question["simulation_hash"])
+        server.client.send("discovery", **question)
+        if server.client.next(lambda message: _answers(server, message, asked), server.quiet):
+            break
+    else:
+        raise Failure(f"conformance/b got no answer for {time.monotonic() - start:.1f} s", "its turn", sent)
+    seconds = time.monotonic() - start
+    if seconds < TURN - 1:
+        raise Failure(f"conformance/b was answered after {seconds:.1f} s", "5 s for conformance/a", sent)
+    server.client.drain()
+    must_be_taken(server, "it is the turn of conformance/b", tool="conformance/a")
+    named(server, "conformance/b")
+    return f"the other one's turn after {seconds:.1f} s"
+
+
+def _answers(server: Server, message: Message, asked: set[str]) -> bool:
+    return server.is_answer(message) and message.maybe.get("simulation_hash") in asked
