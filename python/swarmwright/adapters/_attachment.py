@@ -10,9 +10,9 @@ from typing import Self
 
 from pydantic import Field, PrivateAttr, ValidationError, field_validator, model_validator
 
-from swarmwright.commands.definition import METRIC_NAME, Command
+from swarmwright.commands.definition import Command
 from swarmwright.commands.ros_sections import Area, Interval, Pose, Reduce
-from swarmwright.core import yaml
+from swarmwright.core import metric_names, yaml
 from swarmwright.core.errors import InputError
 from swarmwright.core.options import Options
 from swarmwright.core.problems import problems_of
@@ -112,8 +112,9 @@ class Attachment(Options):
     @classmethod
     def _names(cls, value: dict[str, Metric]) -> dict[str, Metric]:
         for name in value:
-            if not METRIC_NAME.fullmatch(name):
-                raise ValueError(f"{name!r}: a metric's name has letters, digits and _")
+            problem = metric_names.problem_of(name)
+            if problem:
+                raise ValueError(problem)
         return value
 
     @model_validator(mode="after")

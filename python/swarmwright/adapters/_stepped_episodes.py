@@ -87,7 +87,7 @@ class SteppedEpisodes:
                 there = ", ".join(reported) or "none"
                 raise CommandFailure(f"ended the episode without the metric {name!r}; there is: {there}")
         for name, value in found.items():
-            if not isinstance(value, bool | int | float):
+            if not isinstance(value, bool | int | float) or (name == OWN and isinstance(value, bool)):
                 raise CommandFailure(f"{name} is {json.dumps(value)[:40]}, expected a number")
         return {name: _float(value) for name, value in found.items()}
 

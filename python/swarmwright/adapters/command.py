@@ -32,6 +32,10 @@ from swarmwright.representations.controller import Controller
 from swarmwright.simulations.base import Simulation
 from swarmwright.user_code.command_sources import digest
 
+_TEMPORARY = ".tmp"
+"""Folder in a work folder."""
+_LONGEST_TEMPORARY = 60
+"""Characters of its path; that of a socket has 107 at most."""
 _DIGITS = 12
 """Of the digest in a title."""
 
@@ -224,15 +228,24 @@ class CommandSimulation(Simulation):
         """Return the fitness: of the definition's expression, or what the logs say."""
         if self._own is None or not self._own_applies:
             if OWN not in self._measured:
-                raise EpisodeError(
-                    "has no fitness: give the experiment a fitness, an expression over its metrics"
-                )
+                raise EpisodeError(f"{self._label}: {self._without_fitness}")
             return self._measured[OWN]
         row = np.array([[self._measured[name] for name in self._own.metrics]])
         values, faults = self._own(np.array([self._measured.get(OWN, 0.0)]), row)
         if faults:
             raise EpisodeError(f"fitness: {faults[0].reason}")
         return float(values[0])
+
+    @property
+    def _without_fitness(self) -> str:
+        """What is missing, and where it can come from."""
+        other = "give the experiment a `fitness`, an expression over metrics"
+        if self._stepped is None:
+            return f"readLogs has returned no fitness: have it return one, or {other}"
+        return (
+            'ended an episode without a fitness: have its last line say {"done": true, "fitness": NUMBER}, '
+            f"or {other} that it reports"
+        )
 
     def measure(self) -> Mapping[str, float]:
         """Return the metrics."""
@@ -349,7 +362,7 @@ class CommandSimulation(Simulation):
             assert self._processes is not None
             self.exportRepresentation(controller)
             words = self._command(command)
-            run(self._processes, words, folder, self.environment, self._limits, self._printed)
+            run(self._processes, words, folder, self._variables, self._limits, self._printed)
 
         assert self.build is not None
         try:
@@ -372,7 +385,19 @@ class CommandSimulation(Simulation):
     def _run(self, command: list[str]) -> None:
         assert self._processes is not None
         words = self._command(command)
-        run(self._processes, words, self.folder, self.environment, self._limits, self._printed)
+        run(self._processes, words, self.folder, self._variables, self._limits, self._printed)
+
+    @property
+    def _variables(self) -> Mapping[str, str]:
+        """The variables that the command gets, also for temporary files, which go with the work folder.
+
+        Not where their paths would be too long for the sockets that programs make there.
+        """
+        folder = self.folder / _TEMPORARY
+        if len(str(folder)) > _LONGEST_TEMPORARY:
+            return self.environment
+        folder.mkdir(exist_ok=True)
+        return {**dict.fromkeys(("TMPDIR", "TMP", "TEMP"), str(folder)), **self.environment}
 
     def _command(self, words: list[str]) -> list[str]:
         return [found(filled(word, self._values, "command"), self._here) for word in words]
@@ -427,7 +452,7 @@ class CommandSimulation(Simulation):
         self.folder = instance.new_folder("stepwise")
         self._values = self._placeholders(instance, next(self._episodes))
         self.setEnvironment(self.options.environment)
-        return Start(self._command(self.options.command), self.folder, self.environment)
+        return Start(self._command(self.options.command), self.folder, self._variables)
 
     def _sensed(self, exchange: Callable[[], ArrayLike | None]) -> ArrayLike:
         """Exchange a message for sensors, zeros where the episode has ended."""

@@ -72,6 +72,7 @@ class Robots(Simulation):
 
     actuators = 2
     determinism = "none"
+    step_seconds = 0.1
     copies = False  # one source of noise for the whole process
     metrics = {"touching": "Share of robots with something within 1 cm, mean over the episode."}  # noqa: RUF012
     parameters = {  # noqa: RUF012 - as in the base class
@@ -121,7 +122,7 @@ class Robots(Simulation):
         """Go on by one step of control."""
         for robot, (left, right) in zip(self.robots, actions.tolist(), strict=True):
             robot.leftSpeed, robot.rightSpeed = self.fastest * left, self.fastest * right
-        self.world.step(0.1, 3)
+        self.world.step(self.step_seconds, 3)
         self.left -= 1
         seen = self._look()
         wheels = (actions.astype(float) + 1) / 2

@@ -1,7 +1,6 @@
 """What an experiment says of a simulation that is a command: `simulation: {command: ..}`."""
 
 import json
-import re
 import shlex
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
@@ -11,13 +10,13 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 from pydantic import BeforeValidator, Field, WithJsonSchema, field_validator, model_validator
 
 from swarmwright.commands.reductions import Reduction
+from swarmwright.core import metric_names
 from swarmwright.core.options import Options
 from swarmwright.core.problems import shown
 from swarmwright.core.simulation_names import SimulationName
 from swarmwright.core.yaml import Path_
 
 _SHELL = frozenset({">", ">>", "<", "|", "||", "&", "&&", ";", "2>&1", "2>"})
-METRIC_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 STANDARD_OUTPUT = "stdout"
 """The log of a command that prints its results."""
 
@@ -48,6 +47,19 @@ def _texts(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
     return [value] if isinstance(value, str) else value
 
 
+def _reduced(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
+    """Return the last value of each column for a list of names."""
+    if isinstance(value, list) and all(isinstance(one, str) for one in value):
+        return dict.fromkeys(value, "last")
+    return value
+
+
+_METRICS = {
+    "anyOf": [
+        {"type": "object", "additionalProperties": {"type": "string"}},
+        {"type": "array", "items": {"type": "string"}},
+    ]
+}
 _COMMAND = {"anyOf": [{"type": "string"}, {"type": "array", "items": {"type": "string"}}]}
 Command = Annotated[Any, BeforeValidator(_words), WithJsonSchema(_COMMAND)]
 Texts = Annotated[list[str], BeforeValidator(_texts), WithJsonSchema(_COMMAND)]
@@ -139,10 +151,13 @@ class CommandOptions(Definition):
     last; jsonl has an object a line; json an object, or a list of objects, whose nested values have names
     such as pose.x; rosbag, a file or folder of ROS 1 or 2, and mcap have messages, whose values are columns
     such as /robot_1/pose.position.x."""
-    metrics: dict[str, str] = Field(default={})
-    """Metrics of an episode, name -> what is made of a column: last, first, mean, sum, min, max, std or
-    count, or with a column of another name mean(column). Default: those of the fitness, each the last value
-    of the column with its name."""
+    metrics: Annotated[dict[str, str], BeforeValidator(_reduced), WithJsonSchema(_METRICS)] = Field(
+        default={}
+    )
+    """Metrics of an episode, name -> what is made of a column: last, first, mean, sum, min, max, std (of the
+    values as all that there are, divided by their number) or count, or with a column of another name
+    mean(column). A list of names stands for the last value of each. stepwise: names of metrics that the
+    command reports. Default: those of the fitness, each the last value of the column with its name."""
     fitness: str | None = Field(default=None, min_length=1)
     """The simulation's own fitness, an expression over its metrics. Default: the experiment's, or the metric
     or column `fitness`."""
@@ -222,11 +237,9 @@ class CommandOptions(Definition):
     @classmethod
     def _metrics(cls, value: dict[str, str]) -> dict[str, str]:
         for name, text in value.items():
-            if not METRIC_NAME.fullmatch(name):
-                raise ValueError(
-                    f"{name!r}: a metric's name has letters, digits and _; write "
-                    f"{re.sub(r'[^A-Za-z0-9_]', '_', name)}: last({name})"
-                )
+            problem = metric_names.problem_of(name)
+            if problem:
+                raise ValueError(f"{problem}; write {metric_names.suggested(name)}: last({name})")
             Reduction.parse(name, text)
         return value
 
@@ -245,7 +258,7 @@ class CommandOptions(Definition):
             ):
                 raise ValueError(
                     "log: a stepwise command reports metrics and fitness in its last line of an episode; "
-                    "leave out log, and write metrics: {NAME: last}"
+                    "leave out log, and write metrics: [NAME]"
                 )
         if "{log}" in text and len(self.log) != 1:
             raise ValueError(

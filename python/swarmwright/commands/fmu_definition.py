@@ -1,5 +1,6 @@
 """What an experiment says of an FMU as its simulation: `simulation: {fmu: model.fmu, ..}`."""
 
+import math
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -8,9 +9,10 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import BeforeValidator, Field, WithJsonSchema, field_validator, model_validator
 
 from swarmwright.commands import fmu_checks
-from swarmwright.commands.definition import METRIC_NAME, CommandOptions, Definition
+from swarmwright.commands.definition import CommandOptions, Definition
 from swarmwright.commands.fmu_checks import MOST
 from swarmwright.commands.reductions import Reduction
+from swarmwright.core import metric_names
 from swarmwright.core.options import Options
 from swarmwright.core.problems import shown
 from swarmwright.core.simulation_names import SimulationName
@@ -191,8 +193,9 @@ class FmuOptions(Definition):
     @classmethod
     def _names(cls, value: dict[str, str]) -> dict[str, str]:
         for name, text in value.items():
-            if not METRIC_NAME.fullmatch(name):
-                raise ValueError(f"{name!r}: a metric's name has letters, digits and _")
+            problem = metric_names.problem_of(name)
+            if problem:
+                raise ValueError(problem)
             Reduction.parse(name, text)
         return value
 
@@ -332,7 +335,9 @@ class FmuOptions(Definition):
         is_system = self.description.version == VERSION
         named = {name.replace(".", "_") if is_system else name: name for name in outputs}
         return {
-            metric: Reduction("last", name) for metric, name in named.items() if METRIC_NAME.fullmatch(metric)
+            metric: Reduction("last", name)
+            for metric, name in named.items()
+            if metric_names.problem_of(metric) is None
         }
 
     @property
@@ -353,6 +358,20 @@ class FmuOptions(Definition):
             until_done = found is not None and found.done is not None
             return self.steps or (_MOST_STEPS if until_done else _STEPS)
         return max(1, round((known.stop_time - known.start_time) / self.size))
+
+    @property
+    def uneven_steps(self) -> str | None:
+        """What is to be said where steps do not end at the stop time; None where they do."""
+        known = self.description
+        if self.steps is not None or known.stop_time is None or known.stop_time <= known.start_time:
+            return None
+        duration, whole = known.stop_time - known.start_time, self.length * self.size
+        if math.isclose(whole, duration, rel_tol=1e-6):
+            return None
+        return (
+            f"step: {self.size:g} s does not divide the {duration:g} s from start to stop of {self.fmu}; an "
+            f"episode has {self.length} steps, {whole:g} s; write simulation.steps for another length"
+        )
 
     @property
     def parameters(self) -> dict[str, Variable]:

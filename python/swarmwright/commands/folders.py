@@ -16,6 +16,8 @@ _PORTS, _EACH = 21_000, 20
 """First port, and how many belong to an instance."""
 _MOST = 2000
 """Instances."""
+_MOST_FAILED = 5
+"""Work folders of failed episodes that are kept for an instance's number, one of each process."""
 
 
 def default_place() -> Path:
@@ -94,10 +96,17 @@ class Instance:
         return folder
 
     def keep_failed(self, folder: Path) -> Path:
-        """Put a folder aside in the place of the one that failed before; return where it is."""
-        kept = self.folder / "failed"
+        """Put a folder aside in the place of the one that failed before here; return where it is.
+
+        Those of the latest processes that had this number stay, so that no other run takes them away at once.
+        """
+        kept = self.folder / f"failed-{os.getpid()}"
         remove(kept)
         folder.rename(kept)
+        os.utime(kept)
+        failed = sorted(self.folder.glob("failed*"), key=lambda one: one.lstat().st_mtime_ns)
+        for older in failed[:-_MOST_FAILED]:
+            remove(older)
         return kept
 
     def close(self) -> None:

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 from swarmwright.commands import bags
 from swarmwright.commands.failure import CommandFailure
+from swarmwright.core.formatting import counted
 from swarmwright.core.suggestions import did_you_mean
 
 
@@ -74,6 +75,8 @@ Reader = Callable[[str, Path | bytes, Collection[str]], Iterator[Row]]
 """Takes a log's name and path or content, and which columns are wanted."""
 _SHOWN = 12
 _LONGEST_LINE = 60
+_PLAIN = re.compile(r"[0-9A-Za-z.+-]+")
+"""A number, NaN or infinity, or another word."""
 _WORDS = {"true": 1.0, "false": 0.0}
 
 
@@ -133,6 +136,8 @@ def _number(place: str, column: str, value: Any) -> tuple[float, Problem | None]
     try:
         number = _WORDS.get(value.strip().lower(), math.nan) if isinstance(value, str) else float(value)
         if isinstance(value, str) and math.isnan(number):
+            if not _PLAIN.fullmatch(value.strip()):  # float() takes 1_000 and the digits of all scripts
+                raise ValueError
             number = float(value)
     except (TypeError, ValueError, OverflowError):
         shown = repr(value) if len(repr(value)) < 40 else f"{repr(value)[:37]}..."
@@ -166,9 +171,14 @@ def _table(delimiter: str) -> Reader:
                     names = ",".join(line)
                     header = _named_once(name, [_word(word) for word in line], wanted)
                     continue
+                # With as many values it may be a row, the first of them text that is not used.
+                if line[0].lstrip().startswith("#") and (len(line) != len(header) or header[0] in wanted):
+                    continue
                 if len(line) != len(header):
+                    there = "is" if len(header) == 1 else "are"
                     raise CommandFailure(
-                        f"{place}: has {len(line)} values, but there are {len(header)} columns; "
+                        f"{place}: has {counted(len(line), 'value')}, but there {there} "
+                        f"{counted(len(header), 'column')}; "
                         + ("was the log cut off?" if len(line) < len(header) else _taken(names or ""))
                     )
                 yield place, dict(zip(header, line, strict=True))

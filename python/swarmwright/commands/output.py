@@ -6,6 +6,8 @@ from collections import deque
 
 LINES, _LINE = 20, 400
 """Lines that are kept of the end, and characters of each."""
+_LOGGED = 4096
+"""Characters of a line that are logged."""
 _PIECE = 1 << 16
 _SUMMARY = 3
 """Lines in a reason."""
@@ -44,9 +46,9 @@ class Printed:
         self._count += len(data)
         if self.all is not None:
             self.all += data
-        *lines, self._line = (self._line + data).split(b"\n")
-        for line in lines:
-            self._tell(line)
+        lines, end, self._line = (self._line + data).rpartition(b"\n")
+        if end:
+            self._tell(lines)
         if len(self._line) > _PIECE:
             self._tell(self._line)
             self._line = b""
@@ -57,10 +59,15 @@ class Printed:
             self._tell(self._line)
             self._line = b""
 
-    def _tell(self, line: bytes) -> None:
-        text = line.decode("utf-8", "replace").rstrip("\r")
-        self._last.append(text if len(text) <= _LINE else f"{text[: _LINE - 3]}...")
-        sys.stderr.write(f"{text[:4096]}\n")
+    def _tell(self, data: bytes) -> None:
+        """Log lines, and keep the last of them: all at once, as a program may print millions."""
+        lines = data.decode("utf-8", "replace").replace("\r\n", "\n").removesuffix("\r").split("\n")
+        for line in lines[-LINES:]:
+            self._last.append(line if len(line) <= _LINE else f"{line[: _LINE - 3]}...")
+        if len(data) > _LOGGED:
+            lines = [line[:_LOGGED] for line in lines]
+        lines.append("")
+        sys.stderr.write("\n".join(lines))
 
     @property
     def tail(self) -> str:

@@ -4,6 +4,7 @@ import contextlib
 import errno
 import json
 import os
+import re
 import secrets
 import select
 import shutil
@@ -13,7 +14,7 @@ import subprocess
 import sys
 import time
 import weakref
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -29,6 +30,12 @@ _MARK = "SWARMWRIGHT_COMMAND"
 """Variable of the environment by which processes are found whose keeper was killed."""
 _LOOKS = 3
 """How often in a row nothing is to be found of what a killed keeper has left."""
+_INTERPRETER = re.compile(
+    r"python[\d.]*|pypy[\d.]*|sh|bash|dash|zsh|Rscript|perl|ruby|node|lua[\d.]*|julia|java"
+)
+_FLAGS = frozenset({"-u", "-O", "-OO", "-B", "-E", "-I", "-s", "-S", "-x", "-jar", "--vanilla"})
+"""Options of interpreters behind which the script may stand."""
+_SCRIPTS = frozenset({".py", ".sh", ".R", ".r", ".pl", ".rb", ".js", ".mjs", ".lua", ".jl", ".jar"})
 POLITE = 2.0
 """Seconds between asking a process to end and killing it."""
 
@@ -188,6 +195,33 @@ def missing_program(words: Sequence[str], folder: Path) -> str | None:
     if os.sep not in program and not there:
         return f"{_refusal(program, errno.ENOENT, '')}{did_you_mean(program, _programs())}"
     return _refusal(program, errno.EACCES if there else errno.ENOENT, "")
+
+
+def missing_script(words: Sequence[str], folder: Path, copied: Iterable[str]) -> str | None:
+    """Return why an interpreter does not find the script that a command names; None where that is not known.
+
+    Args:
+        words: of the command.
+        folder: that its paths are relative to.
+        copied: names of files in the work folder.
+    """
+    if not _INTERPRETER.fullmatch(Path(words[0]).name):
+        return None
+    script = next((word for word in words[1:] if word not in _FLAGS), "")
+    is_path = os.sep in script or Path(script).suffix in _SCRIPTS
+    if script.startswith("-") or "{" in script or not is_path or script in copied:
+        return None
+    if (folder / script).exists() or shutil.which(script):
+        return None
+    place = (folder / script).parent
+    beside: list[str] = []
+    with contextlib.suppress(OSError):
+        beside = sorted(entry.name for entry in os.scandir(place) if entry.is_file())
+    found = did_you_mean(Path(script).name, beside)
+    return (
+        f"{script}: there is no such file beside the experiment file{found}; the command runs in a work "
+        "folder of its own, into which simulation.files copies others"
+    )
 
 
 def _programs() -> list[str]:

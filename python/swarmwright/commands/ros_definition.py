@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import BeforeValidator, Field, WithJsonSchema, field_validator, model_validator
 
 from swarmwright.commands import ros_checks
-from swarmwright.commands.definition import METRIC_NAME, Command, CommandOptions, Definition
+from swarmwright.commands.definition import Command, CommandOptions, Definition
 from swarmwright.commands.ros_sections import (
     GET_ENTITIES_STATES,
     SCOPES,
@@ -20,6 +20,7 @@ from swarmwright.commands.ros_sections import (
     Spawn,
     Step,
 )
+from swarmwright.core import metric_names
 from swarmwright.core.problems import shown
 from swarmwright.core.simulation_names import SimulationName
 from swarmwright.core.yaml import Path_
@@ -159,8 +160,9 @@ class RosOptions(Definition):
     @classmethod
     def _names(cls, value: dict[str, Metric]) -> dict[str, Metric]:
         for name in value:
-            if not METRIC_NAME.fullmatch(name):
-                raise ValueError(f"{name!r}: a metric's name has letters, digits and _")
+            problem = metric_names.problem_of(name)
+            if problem:
+                raise ValueError(problem)
         return value
 
     @model_validator(mode="after")

@@ -67,11 +67,12 @@ class SwarmEnv(ParallelEnv):  # type: ignore[misc] # PettingZoo has no types
         last = self._by_name(self._world.last)
         self.agents = [name for name in before if self._numbers[name] in sensed]
         info = {} if self.agents else self._world.outcome()
+        cut = self._world.is_truncated
         return (
             {name: last[name] for name in before},
             dict.fromkeys(before, reward),
-            {name: name not in self.agents for name in before},
-            dict.fromkeys(before, False),
+            {name: name not in self.agents and not cut for name in before},
+            dict.fromkeys(before, cut),
             {name: dict(info) for name in before},
         )
 
@@ -79,5 +80,13 @@ class SwarmEnv(ParallelEnv):  # type: ignore[misc] # PettingZoo has no types
         """Return a picture, (height, width, 3); None without `render_mode`."""
         return self._world.picture()
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return how another one is made, for copies and other processes: it has begun no episode."""
+        return _made_again, self._world.arguments
+
     def _by_name(self, sensed: Mapping[int, NDArray[np.float32]]) -> _Sensed:
         return {self._world.names[number]: row for number, row in sensed.items()}
+
+
+def _made_again(*arguments: Any) -> SwarmEnv:  # noqa: ANN401 - those of a world
+    return SwarmEnv(World(*arguments))

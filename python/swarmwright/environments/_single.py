@@ -39,9 +39,10 @@ class AgentEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         options: dict[str, Any] | None = None,
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
         """Begin an episode."""
+        sensed = self._world.reset(seed)[0]  # checks the seed before the base class does
         super().reset(seed=seed, options=options)
         self._going = True
-        return self._world.reset(seed)[0], {}
+        return sensed, {}
 
     def step(
         self, action: NDArray[np.float32]
@@ -52,8 +53,17 @@ class AgentEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         sensed, reward = self._world.step({0: action})
         self._going = bool(sensed)
         info = {} if self._going else self._world.outcome()
-        return self._world.last[0], reward, not self._going, False, info
+        cut = self._world.is_truncated
+        return self._world.last[0], reward, not (self._going or cut), cut, info
 
     def render(self) -> NDArray[np.uint8] | None:
         """Return a picture, (height, width, 3); None without `render_mode`."""
         return self._world.picture()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return how another one is made, for copies and other processes: it has begun no episode."""
+        return _made_again, self._world.arguments
+
+
+def _made_again(*arguments: Any) -> AgentEnv:  # noqa: ANN401 - those of a world
+    return AgentEnv(World(*arguments))

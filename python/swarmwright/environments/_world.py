@@ -7,15 +7,23 @@ import numpy as np
 from gymnasium.spaces import Box
 from numpy.typing import NDArray
 
-from swarmwright.core.arguments import integer
+from swarmwright.core.arrays import float32_of
 from swarmwright.core.errors import InputError
 from swarmwright.display import Recording
 from swarmwright.display._drawing import Picture
-from swarmwright.evaluation.episodes import Episodes
+from swarmwright.evaluation.episodes import Episodes, seed_of
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.simulations import catalogue
 
 _DPI = 80
+_IN_TURN = "emergency_exit"
+"""The built-in simulation whose agents may act in turn."""
+_FINISHED: Mapping[str | None, tuple[str, ...]] = {
+    catalogue.ARENA: (),
+    "emergency_exit": ("out",),
+    "minisim": ("arrived", "caught"),
+}
+"""Of simulations that end after some time: metrics that count agents which have ended before."""
 
 
 class World:
@@ -29,6 +37,8 @@ class World:
     ) -> None:
         if render_mode not in (None, "rgb_array"):
             raise InputError(f"render_mode: {render_mode!r} found, expected 'rgb_array' or None")
+        self.arguments = (simulation, parameters, render_mode)
+        """What it was made with."""
         self.episode = Episodes(simulation, parameters)
         self.experiment = self.episode.experiment
         self.render_mode = render_mode
@@ -39,21 +49,32 @@ class World:
             )
         if render_mode is not None:
             self.episode.scene()  # refused here where there is none
-        self.names = self._named(len(self.episode.observe().agents))
-        self._fitness = 0.0
-        self.episode.step(np.zeros((len(self.episode.observe().agents), self.episode.actuators), np.float32))
-        if self.episode.acts_in_turn:
+        acting = len(self.episode.observe().agents)
+        if not acting:
             raise InputError(
-                f"simulation: the agents of {self.experiment.simulation} act in turn, those of parallel "
-                "environments at the same time; use swarmwright.Episodes"
+                f"simulation: the episode of {self.experiment.simulation} has ended before its first step "
+                "with these parameters; make it longer, and see that it has agents"
             )
+        self.names = self._named(acting)
+        self._fitness = 0.0
+        # Not for others: a step starts the engine's threads, which do not survive the fork by which
+        # `gymnasium.vector.AsyncVectorEnv` starts its processes after it has made an environment here.
+        if catalogue.built_in(self.experiment.simulation) == _IN_TURN:
+            self.episode.step(np.zeros((acting, self.episode.actuators), np.float32))
+            if self.episode.acts_in_turn:
+                raise InputError(
+                    f"simulation: the agents of {self.experiment.simulation} act in turn, those of parallel "
+                    "environments at the same time; use swarmwright.Episodes"
+                )
 
     def _named(self, count: int) -> list[str]:
         groups = catalogue.groups(self.experiment.simulation, self.experiment.parameters)
         if not groups:
             self._sizes = [(self.episode.sensors, self.episode.actuators)] * count
+            self._finishing = count
             return [f"agent_{index}" for index in range(count)]
         self._sizes = [(group.sensors, group.actuators) for group in groups for _ in range(group.agents)]
+        self._finishing = groups[0].agents
         return [f"{group.name}_{index}" for group in groups for index in range(group.agents)]
 
     def spaces(self, agent: int) -> tuple[Box, Box]:
@@ -66,7 +87,7 @@ class World:
 
     def reset(self, seed: int | None) -> dict[int, NDArray[np.float32]]:
         """Begin an episode; return what the agents sense."""
-        chosen = self._next_seed if seed is None else integer("seed", seed)
+        chosen = self._next_seed if seed is None else seed_of("seed", seed)
         self.episode = Episodes(self.experiment, seeds=[chosen])
         self._next_seed = chosen + 1
         self._fitness = 0.0
@@ -78,11 +99,15 @@ class World:
         agents = self.episode.observe().agents.tolist()
         rows = np.zeros((len(agents), self.episode.actuators), dtype=np.float32)
         for row, agent in zip(rows, agents, strict=True):
-            given = np.asarray(actions[agent], dtype=np.float32)
+            given = float32_of(self.names[agent], actions[agent])
             expected = self._sizes[agent][1]
             if given.shape != (expected,):
                 raise InputError(
                     f"{self.names[agent]}: an action of the shape {given.shape} found, expected ({expected},)"
+                )
+            if not np.isfinite(given).all():
+                raise InputError(
+                    f"{self.names[agent]}: the action {given.tolist()} found, expected finite numbers"
                 )
             row[:expected] = given
         self.episode.step(rows)
@@ -92,6 +117,15 @@ class World:
             self.last = {**self.last, **(sensed := self._sensed())}
             return sensed, reward
         return {}, reward
+
+    @property
+    def is_truncated(self) -> bool:
+        """Whether the episode has ended since its time was over: agents do not sense how much is left."""
+        finished = _FINISHED.get(catalogue.built_in(self.experiment.simulation))
+        if finished is None or not self.episode.done:
+            return False
+        metrics = self.episode.metrics
+        return sum(float(metrics[name][0]) for name in finished) < self._finishing
 
     def outcome(self) -> dict[str, Any]:
         """Return what is known at the end of an episode."""

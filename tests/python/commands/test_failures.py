@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import pytest
 
 from swarmwright import InputError, RunError, evaluate, simulate
 from swarmwright.commands.failure import CommandFailure
+from swarmwright.commands.folders import Instance
 from swarmwright.commands.process import Processes
 from tests.python.commands.processes import WELL, Traced
 
@@ -81,7 +83,7 @@ def test_hang_that_ignores_being_asked_to_end(traced: Traced) -> None:
     [
         (
             "time,fitness\\n1,2\\n2",
-            r"log.csv:3: has 1 values, but there are 2 columns; was the log cut off\?",
+            r"log.csv:3: has 1 value, but there are 2 columns; was the log cut off\?",
         ),
         ("time,fitness\\n", "log.csv: has no rows"),
         ("", "log.csv: has no rows"),
@@ -90,11 +92,14 @@ def test_hang_that_ignores_being_asked_to_end(traced: Traced) -> None:
         ("fitness,fitness\\n1,2\\n", "log.csv: has several columns 'fitness'; each needs a name of its own"),
         (
             "Simulator 3\\ntime,fitness\\n1,2\\n",
-            "2: has 2 values, but there are 1 columns; this line was taken for their names: 'Simulator 3'",
+            "2: has 2 values, but there is 1 column; this line was taken for their names: 'Simulator 3'",
         ),
         ("time,fit\\rness\\n1,2\\n", "log.csv:1: is no table: new-line character"),
         ("# Simulator 3\\ntime,fit\\rness\\n1,2\\n", "log.csv:2: is no table: new-line character"),
         ("# 50\\r100\\nfitness\\nbad\\n", "log.csv:3: fitness is 'bad', expected a number"),
+        ("fitness\\n1_000\\n", "log.csv:2: fitness is '1_000', expected a number"),
+        ("fitness\\n\u0661\u0662\\n", "log.csv:2: fitness is '\u0661\u0662', expected a number"),
+        ("time,fitness\\n1,2\\n# the end\\n3\\n", "log.csv:4: has 1 value, but there are 2 columns"),
         ("fitness\\nbad\\n", "log.csv:2: fitness is 'bad', expected a number"),
         ("time,Fitnes\\n1,2\\n", "has no column 'fitness'; did you mean 'Fitnes'\\?; there is: time, Fitnes"),
     ],
@@ -103,6 +108,54 @@ def test_log(traced: Traced, log: str, reason: str) -> None:
     with pytest.raises(RunError, match=reason):
         simulate(traced.shell(f"printf '{log}' > log.csv"))
     assert traced.left() == []
+
+
+@pytest.mark.parametrize("log", ["time,fitness\\n1,2\\n# 3\\n4,5\\n", "fitness\\n2\\n# done\\n5\\n#\\n"])
+def test_lines_of_comments_are_no_rows(traced: Traced, log: str) -> None:
+    assert simulate(traced.shell(f"printf '{log}' > log.csv", metrics={"fitness": "mean"})) == 3.5
+
+
+def test_a_row_may_begin_with_a_number_sign(traced: Traced) -> None:
+    log = "agent,fitness\\n#1,2\\n#2,5\\n"
+    assert simulate(traced.shell(f"printf '{log}' > log.csv", metrics={"fitness": "mean"})) == 3.5
+
+
+def test_folders_of_failed_episodes_stay_for_other_processes(tmp_path: Path) -> None:
+    instance = Instance(tmp_path)
+    try:
+        for number in range(7):
+            other = instance.folder / f"failed-{number}"
+            other.mkdir()
+            os.utime(other, (number, number))
+        for name in ("first", "second"):
+            folder = instance.new_folder("episode")
+            (folder / name).touch()
+            kept = instance.keep_failed(folder)
+        assert (kept / "second").exists()
+        assert not (kept / "first").exists()
+        others = [f"failed-{number}" for number in (3, 4, 5, 6)]
+        assert sorted(one.name for one in instance.folder.iterdir()) == sorted([kept.name, *others])
+    finally:
+        instance.close()
+
+
+def test_temporary_files_go_with_the_work_folder(traced: Traced) -> None:
+    where = traced.folder / "where"
+    with tempfile.TemporaryDirectory(prefix="work") as work:
+        traced.fails(f"mktemp > {where}; kill -9 $$", keep="none", work=work)
+        made = Path(where.read_text().strip())
+        assert Path(work) in made.parents
+        assert not made.exists()
+
+
+def test_a_script_that_is_misspelt_is_known_before(traced: Traced) -> None:
+    (traced.folder / "sim.py").touch()
+    words = r"command: simm\.py: there is no such file beside the experiment file; did you mean 'sim\.py'\?"
+    with pytest.raises(InputError, match=words):
+        simulate(traced.experiment(f"{sys.executable} -u simm.py {{parameters}}"))
+    (traced.folder / "other.py").write_text("open('log.csv', 'w').write('fitness\\n1.5\\n')")
+    # In the work folder it has another name.
+    assert simulate(traced.experiment("python3 simm.py", files={"simm.py": "other.py"})) == 1.5
 
 
 def test_a_field_that_is_too_long(traced: Traced) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swarmwright import Experiment, RunError, evaluate, optimize, simulate
+from swarmwright import Experiment, InputError, RunError, evaluate, optimize, simulate
 from tests.python.cli.test_services import events
 from tests.python.commands.processes import Traced
 from tests.python.records import same_record
@@ -153,6 +153,7 @@ def test_failures(traced: Traced, script: str, reason: str) -> None:
         ('{"pid": 1, "free": NaN}', "pid + free", "free is nan, expected a finite number"),
         ('{"pid": NaN, "free": 1}', "pid", "pid is nan, expected a finite number"),
         ('{"pid": 1, "free": null}', "pid", "free is null, expected a number"),
+        ('{"fitness": true}', "fitness", "fitness is true, expected a number"),
         ("[1]", "pid", r"metrics is \[1\], expected .NAME: NUMBER, "),
     ],
 )
@@ -170,6 +171,25 @@ def test_metrics_are_checked_where_they_are_used(
             simulate(experiment)
     else:
         assert simulate(experiment) == result
+
+
+def test_metrics_are_a_list_of_names(traced: Traced) -> None:
+    script = 'print(\'{"done": true, "metrics": {"pid": 2, "free": 3}}\', flush=True)'
+    (traced.folder / "stepped.py").write_text(STEPPED.replace("{script}", script))
+
+    def experiment(**changes: Any) -> Experiment:
+        return traced.experiment([sys.executable, "stepped.py"], controller="stepwise", **changes)
+
+    assert simulate(experiment(metrics=["pid", "free"], fitness="pid + free")) == 5
+    named = experiment(metrics=["pid"], fitness="pid").simulation
+    assert named == experiment(metrics={"pid": "last"}, fitness="pid").simulation
+    announce = r"'fre' is not a metric of .*metrics of a command are announced by simulation.metrics: \[NAME"
+    with pytest.raises(InputError, match=announce):
+        experiment(metrics=["pid", "free"], fitness="fre")
+    with pytest.raises(
+        RunError, match=r"stepped: ended an episode without a fitness: have its last line say"
+    ):
+        simulate(experiment())
 
 
 TWICE = """

@@ -1,5 +1,9 @@
 """Simulations as environments, checked by the checks of PettingZoo and Gymnasium themselves."""
 
+import copy
+import pickle
+import subprocess
+import sys
 import warnings
 from typing import Any
 
@@ -8,6 +12,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from swarmwright import Episodes, Experiment, InputError, environments
+from swarmwright.simulations import catalogue
 
 SWARM: dict[str, Any] = {"mission": "aggregation", "duration": 3, "robots": 4}
 KINDS: dict[str, Any] = {
@@ -53,11 +58,11 @@ def test_rewards_add_up_to_the_fitness_of_the_same_episode() -> None:
             episodes.step(actions)
             total += rewards["agent_2"]
             assert len(set(rewards.values())) == 1
-            assert not any(cut.values())
+            assert not any(ended.values())
+            assert all(cut.values()) is not bool(swarm.agents)
             if swarm.agents:
                 np.testing.assert_array_equal(np.stack(list(sensed.values())), episodes.observe().sensors)
                 assert infos == {name: {} for name in swarm.agents}
-        assert all(ended.values())
         assert total == pytest.approx(episodes.fitness[0])
         assert infos["agent_0"]["fitness"] == episodes.fitness[0]
         assert infos["agent_3"]["metrics"]["order"] == episodes.metrics["order"][0]
@@ -69,13 +74,65 @@ def test_the_reward_is_that_of_the_experiment() -> None:
     )
     agent = environments.gymnasium_env(experiment, {"maxSteps": 6})
     agent.reset()
-    total, ended = 0.0, False
-    while not ended:
-        _, reward, ended, _, info = agent.step(np.zeros(1, np.float32))
+    total, ended, cut = 0.0, False, False
+    while not (ended or cut):
+        _, reward, ended, cut, info = agent.step(np.zeros(1, np.float32))
         total += reward
     assert total == info["fitness"] == -3 * info["metrics"]["steps"]
     with pytest.raises(InputError, match="call reset"):
         agent.step(np.zeros(1, np.float32))
+
+
+@pytest.mark.parametrize("arrived", [True, False])
+def test_an_agent_that_reaches_its_goal_is_not_truncated(arrived: bool) -> None:
+    goal = [6.5 if arrived else 1.0, 3.5]
+    agent = environments.gymnasium_env("minisim", {"agents": [[6.0, 3.5]], "goal": goal, "maxSteps": 1})
+    agent.reset(seed=1)
+    _, _, ended, cut, info = agent.step(np.zeros(1, np.float32))
+    assert info["metrics"]["arrived"] == arrived
+    assert (ended, cut) == (arrived, not arrived)
+
+
+def test_agents_act_in_turn_only_where_it_is_looked_for() -> None:
+    for title in catalogue.titles():
+        episodes = Episodes(title)
+        if episodes.actuators:
+            episodes.step(np.zeros((len(episodes.observe().agents), episodes.actuators), np.float32))
+            assert episodes.acts_in_turn == (title == "emergency_exit"), title
+
+
+def test_copies_begin_anew() -> None:
+    swarm = environments.parallel_env("arena", SWARM)
+    expected, _ = swarm.reset(seed=5)
+    agent = environments.gymnasium_env("minisim")
+    agent.reset()
+    for copied in (copy.deepcopy(swarm), pickle.loads(pickle.dumps(swarm))):
+        assert copied.agents == []
+        sensed, _ = copied.reset(seed=5)
+        np.testing.assert_array_equal(sensed["agent_1"], expected["agent_1"])
+    with pytest.raises(InputError, match="none has begun"):
+        copy.deepcopy(agent).step(np.zeros(1, np.float32))
+
+
+ASYNCHRONOUS = """
+import gymnasium, sys, warnings
+from swarmwright import environments
+
+warnings.simplefilter("ignore")
+make = lambda: environments.gymnasium_env("minisim")
+together = gymnasium.vector.AsyncVectorEnv([make, make])
+together.reset(seed=1)
+_, rewards, *_ = together.step(together.action_space.sample())
+together.close()
+print(len(rewards))
+"""
+
+
+def test_environments_of_gymnasium_run_in_forked_processes() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", ASYNCHRONOUS], capture_output=True, text=True, timeout=55, check=False
+    )
+    assert (done.returncode, done.stdout) == (0, "2\n"), done.stderr
 
 
 def test_kinds_have_spaces_of_their_own_names() -> None:
@@ -112,3 +169,18 @@ def test_mistakes() -> None:
         swarm.step(dict.fromkeys(["agent_2", "agent_3"], np.zeros(2, np.float32)))
     with pytest.raises(InputError, match=r"agent_1: an action of the shape \(3,\) found, expected \(2,\)"):
         swarm.step({name: np.zeros(2 + (name == "agent_1"), np.float32) for name in swarm.agents})
+    for strange, words in [
+        ("left", "must be an array of numbers"),
+        (None, "must be an array of numbers"),
+        ([np.nan, 0.0], r"the action \[nan, 0.0\] found, expected finite numbers"),
+    ]:
+        actions: dict[str, Any] = {name: np.zeros(2, np.float32) for name in swarm.agents}
+        actions["agent_2"] = strange
+        with pytest.raises(InputError, match=f"agent_2: {words}"):
+            swarm.step(actions)
+    with pytest.raises(InputError, match=r"^seed: must be from 0"):
+        swarm.reset(seed=-1)
+    with pytest.raises(InputError, match=r"^seed: must be from 0"):
+        environments.gymnasium_env("minisim").reset(seed=-1)
+    with pytest.raises(InputError, match="has ended before its first step"):
+        environments.parallel_env("arena", {**SWARM, "duration": 0.1})

@@ -179,6 +179,17 @@ def test_parameters_seeds_and_ends(fmus: Path) -> None:
     assert score(vehicle(fmus, simulation=fast, fitness="steps")) == 40.0
 
 
+def test_steps_that_do_not_end_at_the_stop_time(fmus: Path, caplog: pytest.LogCaptureFixture) -> None:
+    simulation = {"fmu": str(fmus / "Vehicle.fmu"), "metrics": {"steps": "count(distance)"}}
+    for step, words in ((0.1, ""), (0.3, "step: 0.3 s does not divide the 2 s from start to stop of")):
+        caplog.clear()
+        with caplog.at_level("WARNING", "swarmwright"):
+            fitness = score(vehicle(fmus, simulation={**simulation, "step": step}, fitness="steps"))
+        assert fitness == round(2 / step)
+        assert words in caplog.text
+        assert bool(words) == ("does not divide" in caplog.text)
+
+
 def test_parameters_are_evolved_without_a_controller(fmus: Path, tmp_path: Path) -> None:
     parameters = {"mass": {"type": "real", "range": [0.5, 3]}}
     experiment = Experiment.from_mapping(

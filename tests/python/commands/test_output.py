@@ -1,0 +1,34 @@
+"""What a command prints: logged line by line, the last of it kept."""
+
+import pytest
+
+from swarmwright.commands.output import LINES, Printed
+
+
+@pytest.mark.parametrize("size", [1, 7, 1 << 16])
+def test_lines_are_the_same_in_pieces_of_any_size(capsys: pytest.CaptureFixture[str], size: int) -> None:
+    data = b"".join(b"line %d\r\n" % number for number in range(50)) + b"x" * 5000 + b"\n\xff\nend"
+    printed = Printed(1 << 20, keep=True)
+    for start in range(0, len(data), size):
+        printed.take(data[start : start + size])
+    printed.end()
+    assert bytes(printed.all or b"") == data
+    logged = capsys.readouterr().err.split("\n")
+    assert logged == [*(f"line {number}" for number in range(50)), "x" * 4096, "\ufffd", "end", ""]
+    last = [*(f"line {number}" for number in range(50)), f"{'x' * 397}...", "\ufffd", "end"][-LINES:]
+    assert printed.tail == "\n".join(last)
+    assert printed.summary == " | ".join(last[-3:])
+
+
+def test_millions_of_lines_are_taken_in_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Stream:
+        writes = 0
+
+        def write(self, text: str) -> None:
+            self.writes += bool(text)
+
+    stream = Stream()
+    monkeypatch.setattr("sys.stderr", stream)
+    printed = Printed(1 << 20)
+    printed.take(b"1\n" * 30_000)
+    assert stream.writes == 1
