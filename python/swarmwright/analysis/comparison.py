@@ -15,9 +15,12 @@ from swarmwright.analysis.groups import RunGroup, group
 from swarmwright.analysis.significance import Difference, Kruskal, difference, holm, kruskal_wallis
 from swarmwright.core.arguments import checked, listed
 from swarmwright.core.errors import InputError
-from swarmwright.figures.curves import fitness_at
+from swarmwright.figures.curves import by_generation, fitness_at
+from swarmwright.runs.elites import has_elites
 from swarmwright.runs.instances import by_instance
+from swarmwright.runs.post_evaluation import EPISODES
 from swarmwright.runs.run import Run
+from swarmwright.runs.validation import command_to_validate
 from swarmwright.user_code.copying import shown
 
 if TYPE_CHECKING:
@@ -39,6 +42,8 @@ class Group:
     final: NDArray[np.float64]
     """Best fitness of each run, or that of its best candidate on held-out seeds, (runs,), more is better; NaN
     where no candidate could be evaluated."""
+    counts: tuple[int, ...]
+    """Evaluations of each run that count."""
 
     def quantile(self, share: float) -> float:
         """Return a quantile of the final fitness; a run without any counts as minus infinity."""
@@ -63,9 +68,8 @@ class Group:
 
     @property
     def evaluations(self) -> tuple[int, int]:
-        """Evaluations of the shortest and of the longest run."""
-        counts = [run.evaluations for run in self.runs]
-        return min(counts), max(counts)
+        """Evaluations that count, of the run with the fewest and of that with the most."""
+        return min(self.counts), max(self.counts)
 
 
 @dataclass(frozen=True)
@@ -144,8 +148,9 @@ def compare(
 
     Args:
         runs: run folders, or runs. One group alone is described and not tested.
-        at: compare the best fitness after so many evaluations instead of at each run's end; runs that ended
-            earlier count with what they had.
+        at: compare the best of the first so many evaluations instead of that at each run's end. Runs that
+            ended earlier count with what they had, and those whose candidates are evaluated again (racing,
+            `reevaluate`) with their last generation that was finished by then.
         held_out: compare the fitness of each run's best candidate on held-out seeds, by its validation,
             instead of the best recorded fitness, which is too high where fitness depends on the seed.
 
@@ -162,11 +167,8 @@ def compare(
             raise InputError(f"{run.path}: holds no finished generation to compare")
     if held_out:
         _check_validated(opened, at)
-    slowest = max(opened, key=lambda run: run.history[0].evaluations)
-    if at is not None and at < (needed := slowest.history[0].evaluations):
-        raise InputError(
-            f"at {at} evaluations {slowest.path} had no finished generation yet; compare at {needed} or later"
-        )
+    if at is not None:
+        _check_finished(opened, at)
     grouped, notes = group(opened)
     groups = tuple(_group(one, at, held_out=held_out) for one in grouped)
     pairs = tuple(combinations(groups, 2))
@@ -185,6 +187,14 @@ def compare(
     )
 
 
+def _check_finished(runs: Sequence[Run], at: int) -> None:
+    slowest = max(filter(by_generation, runs), key=lambda run: run.history[0].evaluations, default=None)
+    if slowest is not None and at < (needed := slowest.history[0].evaluations):
+        raise InputError(
+            f"at {at} evaluations {slowest.path} had no finished generation yet; compare at {needed} or later"
+        )
+
+
 def _check_validated(runs: Sequence[Run], at: int | None) -> None:
     if at is not None:
         raise InputError("at: the best candidates at the end of runs are validated; leave it or held_out")
@@ -192,15 +202,19 @@ def _check_validated(runs: Sequence[Run], at: int | None) -> None:
     if missing:
         names = ", ".join(str(run.path) for run in missing[:3])
         others = f" and {len(missing) - 3} more" if len(missing) > 3 else ""
-        raise InputError(
-            f"{names}{others}: not validated on held-out seeds; `swarmwright resume {missing[0].path} --set "
-            "validate.episodes=100` does it"
-        )
+        command = command_to_validate(missing[0], _episodes(runs))
+        raise InputError(f"{names}{others}: not validated on held-out seeds; `{command}` does it")
+
+
+def _episodes(runs: Iterable[Run]) -> int:
+    """Return in how many held-out episodes a run is to be validated, to be compared with others."""
+    return max((len(run.unseen.seeds) for run in runs if run.unseen is not None), default=EPISODES)
 
 
 def _group(one: RunGroup, at: int | None, *, held_out: bool) -> Group:
-    found = [_validated(run) if held_out else fitness_at(run, at) for run in one.runs]
-    return Group(one.label, one.differs, one.runs, np.array(found, dtype=np.float64))
+    found = [(_validated(run), run.evaluations) if held_out else fitness_at(run, at) for run in one.runs]
+    final = np.array([fitness for fitness, _ in found], dtype=np.float64)
+    return Group(one.label, one.differs, one.runs, final, tuple(count for _, count in found))
 
 
 def _validated(run: Run) -> float:
@@ -241,19 +255,49 @@ def _definitions(groups: Sequence[Group], *, held_out: bool) -> Iterator[str]:
         names = ", ".join(sorted(parameters))
         yield f"groups differ in the simulation's parameters, so they solve different tasks: {names}"
     if held_out:
+        yield from _held_out(groups)
         return
     made = {_recorded(one.runs[0]) for one in groups}
-    command = _command(groups, "--held-out")
+    command = f"{_command(groups, '--held-out')} compares fitness on held-out seeds"
+    missing = [run for one in groups for run in one.runs if run.validation is None]
+    if missing:
+        count = sum(len(one.runs) for one in groups)
+        command = f"fitness on held-out seeds is known of {count - len(missing)} of {count} runs"
     if len(made) > 1:
         yield (
             f"the best recorded fitness is made of different episodes ({'; '.join(sorted(made))}), and the "
-            f"fewer they are, the more it is too high; {command} compares fitness on held-out seeds"
+            f"fewer they are, the more it is too high; {command}"
         )
     elif any(_lucky(run) for one in groups for run in one.runs):
         yield (
             "the best recorded fitness is too high where fitness depends on the seed, most of all with "
-            f"new seeds in each generation; {command} compares fitness on held-out seeds"
+            f"new seeds in each generation; {command}"
         )
+
+
+def _elites(groups: Sequence[Group]) -> Iterator[str]:
+    """Yield that runs of methods that are made for many candidates are compared by one of them."""
+    kinds = [one.label for one in groups if has_elites(one.runs[0])]
+    if kinds:
+        yield (
+            f"only the best fitness is compared, not the archive or the front of {' and '.join(kinds)}: "
+            "`swarmwright runs elites RUN --json` has the coverage and QD score of an archive, and the "
+            "candidates of a front"
+        )
+
+
+def _held_out(groups: Sequence[Group]) -> Iterator[str]:
+    """Yield why fitness on held-out seeds of runs may not be comparable."""
+    of_runs = [run.unseen.seeds for one in groups for run in one.runs if run.unseen is not None]
+    least, most = (limit(map(len, of_runs), default=0) for limit in (min, max))
+    if least != most:
+        yield (
+            f"the runs were validated in {least:,} to {most:,} episodes, and the fewer they are, the less "
+            f"certain fitness is; `swarmwright resume RUN --set validate.episodes={most}` validates a run "
+            "in as many"
+        )
+    elif len(set(map(tuple, of_runs))) > 1:
+        yield "the runs were validated on different held-out seeds"
 
 
 def _lucky(run: Run) -> bool:
@@ -271,6 +315,11 @@ def _recorded(run: Run) -> str:
     return f"{episodes} episode{'s' if episodes > 1 else ''}{past}"
 
 
+def _waits(one: Group, at: int) -> bool:
+    """Return whether evaluations of a generation that was not finished do not count."""
+    return any(count < min(at, run.evaluations) for run, count in zip(one.runs, one.counts, strict=True))
+
+
 def _cautions(groups: Sequence[Group], at: int | None, *, held_out: bool) -> list[str]:
     found = []
     few = [one for one in groups if len(one.runs) < FEW]
@@ -282,11 +331,17 @@ def _cautions(groups: Sequence[Group], at: int | None, *, held_out: bool) -> lis
         found.append(f"with fewer than {FEW} runs in a group ({counts}) a test has little power")
     shortest = min(one.evaluations[0] for one in groups)
     longest = max(one.evaluations[1] for one in groups)
-    if at is not None and shortest < at:
-        ended = [str(run.path) for one in groups for run in one.runs if run.evaluations < at]
+    ended = [str(run.path) for one in groups for run in one.runs if run.evaluations < (at or 0)]
+    if ended:
         more = f" and {len(ended) - 5} more" if len(ended) > 5 else ""
         found.append(
             f"ended before {at:,} evaluations, and count with what they had: {', '.join(ended[:5])}{more}"
+        )
+    waiting = [one.label for one in groups if at is not None and _waits(one, at)]
+    if waiting:
+        found.append(
+            f"candidates of {' and '.join(waiting)} are evaluated again, so the last generation that was "
+            f"finished after {at:,} evaluations counts"
         )
     if at is None and not held_out and len(groups) > 1 and longest > 1.1 * shortest:
         found.append(
@@ -294,6 +349,7 @@ def _cautions(groups: Sequence[Group], at: int | None, *, held_out: bool) -> lis
             f"{_command(groups, f'--at {shortest}')} compares all after as many"
         )
     found += _definitions(groups, held_out=held_out)
+    found += _elites(groups)
     simulations = {shown(one.runs[0].experiment.simulation) for one in groups}
     if len(simulations) > 1:
         found.append(f"fitness of different simulations is compared: {', '.join(sorted(simulations))}")

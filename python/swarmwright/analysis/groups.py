@@ -9,7 +9,7 @@ from typing import Any
 from swarmwright.core.errors import InputError
 from swarmwright.core.flatten import flat
 from swarmwright.experiment.experiment import ELSEWHERE, Experiment
-from swarmwright.experiment.robots import mission_of
+from swarmwright.experiment.robots import mission_name, mission_of
 from swarmwright.runs.run import Run
 from swarmwright.simulations.catalogue import ARENA, built_in, description
 from swarmwright.user_code.copying import Copy, digest_of, shown
@@ -182,8 +182,10 @@ def flattened_of(run: Run, *, missions: bool = False, parts: bool = True) -> dic
         mapping["code"] = code[max(code)][:12] if found is None else found
     # A parameter that is not given has its default; defaults of an external simulation are not known.
     parameters = {**_defaults(experiment.simulation), **mapping.get("parameters", {})}
-    if missions and built_in(experiment.simulation) == ARENA:
-        parameters["mission"] = mission_of(parameters.get("mission")) or parameters.get("mission")
+    if built_in(experiment.simulation) == ARENA:
+        given = parameters.get("mission")
+        # `aac` and `aggregation` are one mission.
+        parameters["mission"] = (mission_of(given) if missions else None) or mission_name(given)
     mapping["parameters"] = parameters
     kept = {key: value for key, value in mapping.items() if key not in _NO_GROUP}
     return {name: _plain(value) for name, value in flat(kept).items()}
@@ -284,5 +286,5 @@ def _shortest(key: str, differs: Mapping[str, Any]) -> str:
 
 def name_of(experiment: Experiment) -> str:
     """Return what a single group is called: simulation and method."""
-    method: str = experiment.method.kind  # type: ignore[attr-defined] # every kind's options have it
+    method: str = experiment.method.kind
     return f"{experiment.label}, {method}"

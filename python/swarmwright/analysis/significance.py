@@ -18,6 +18,8 @@ Values = NDArray[np.float64]
 _EXACT = 60
 """Runs in both groups together up to which the test is exact."""
 _CONFIDENCE = 0.95
+_WORDED = 3
+"""Values of a group from which on the size of the effect has a word: A12 of fewer is 0 or 1 by chance."""
 
 
 @dataclass(frozen=True)
@@ -34,10 +36,17 @@ class Difference:
     """Hodges and Lehmann's estimate: median of all differences first minus second."""
     interval: tuple[float, float] | None
     """95 % confidence interval of the shift; None with so few runs that there is none."""
+    fewest: int
+    """Runs of the smaller group."""
 
     @property
     def magnitude(self) -> str:
-        """The effect in words, after Vargha and Delaney (2000), doi:10.3102/10769986025002101."""
+        """The effect in words, after Vargha and Delaney (2000), doi:10.3102/10769986025002101.
+
+        Empty where a group has fewer than three runs.
+        """
+        if self.fewest < _WORDED:
+            return ""
         far = abs(self.effect - 0.5)
         for border, word in ((0.06, "negligible"), (0.14, "small"), (0.21, "medium")):
             if far < border:
@@ -51,7 +60,8 @@ def difference(first: Values, second: Values) -> Difference:
     better = (one[:, None] > two[None, :]).sum() + 0.5 * (one[:, None] == two[None, :]).sum()
     u = float(better)
     shift, interval = _shift(one, two)
-    return Difference(u, mann_whitney(one, two, u), u / (len(one) * len(two)), shift, interval)
+    p, effect = mann_whitney(one, two, u), u / (len(one) * len(two))
+    return Difference(u, p, effect, shift, interval, min(len(one), len(two)))
 
 
 def mann_whitney(one: Values, two: Values, u: float) -> float:

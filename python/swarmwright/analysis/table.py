@@ -46,7 +46,7 @@ def _pairs(pairs: Sequence["Pair"]) -> list[str]:
         found = pair.difference
         rows.append(
             [
-                pair.first.label, pair.second.label, f"{found.effect:.2f}", found.magnitude,
+                pair.first.label, pair.second.label, f"{found.effect:.2f}", found.magnitude or "too few runs",
                 number(found.shift), _interval(found.interval), f"{found.u:g}", p_value(found.p),
             ]
             + [p_value(pair.p_holm)] * several
@@ -90,10 +90,10 @@ def to_mapping(comparison: "Comparison") -> dict[str, Any]:
                 "differs": one.differs,
                 "runs": [
                     {
-                        "run": str(run.path), "seed": run.experiment.seed, "evaluations": run.evaluations,
+                        "run": str(run.path), "seed": run.experiment.seed, "evaluations": count,
                         "fitness": float(fitness),
                     }
-                    for run, fitness in zip(one.runs, one.final, strict=True)
+                    for run, fitness, count in zip(one.runs, one.final, one.counts, strict=True)
                 ],
                 "median": one.median,
                 "quartiles": list(one.quartiles),
@@ -113,7 +113,7 @@ def to_mapping(comparison: "Comparison") -> dict[str, Any]:
                 "p": pair.difference.p,
                 "p_holm": pair.p_holm,
                 "a12": pair.difference.effect,
-                "magnitude": pair.difference.magnitude,
+                "magnitude": pair.difference.magnitude or None,
                 "difference": pair.difference.shift,
                 "interval": list(pair.difference.interval) if pair.difference.interval else None,
             }

@@ -20,7 +20,8 @@ class Correlation:
     rho: float
     low: float | None
     """Lower end of the 95 % confidence interval, after Bonett and Wright (2000), doi:10.1007/BF02294183; None
-    below four candidates."""
+    below four candidates. A correlation of 1 or -1 has the interval of the next one that as many candidates
+    without ties can have, extended to 1 or -1."""
     high: float | None
     """Its upper end."""
     candidates: int
@@ -37,11 +38,13 @@ def rank_correlation(source: Sequence[float], target: Sequence[float]) -> Correl
     rho = float(np.clip(np.corrcoef(one, other)[0, 1], -1, 1))
     if len(pairs) < _LEAST:
         return Correlation(rho, None, None, len(pairs))
-    if abs(rho) == 1.0:
-        return Correlation(rho, rho, rho, len(pairs))
-    reach = _Z * math.sqrt((1 + rho**2 / 2) / (len(pairs) - 3))
-    middle = math.atanh(rho)
-    return Correlation(rho, math.tanh(middle - reach), math.tanh(middle + reach), len(pairs))
+    count = len(pairs)
+    # At 1 the interval would be a point, as if few candidates in the same order proved that all are.
+    largest = 1 - 12 / (count**3 - count)
+    used = min(max(rho, -largest), largest)
+    reach = _Z * math.sqrt((1 + used**2 / 2) / (count - 3))
+    low, high = (math.tanh(math.atanh(used) + side) for side in (-reach, reach))
+    return Correlation(rho, min(low, rho), max(high, rho), count)
 
 
 def doubled_midranks(values: NDArray[np.float64]) -> NDArray[np.int64]:

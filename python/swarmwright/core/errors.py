@@ -5,7 +5,7 @@ Each message is complete, and each class has the exit status of a command line t
 
 import traceback
 from types import TracebackType
-from typing import ClassVar
+from typing import ClassVar, Self
 
 from swarmwright.core.untrusted import one_line
 
@@ -15,6 +15,13 @@ class SwarmwrightError(Exception):
 
     exit_status: ClassVar[int] = 1
     """What a command line tool that ends with this error exits with."""
+
+    def reworded(self, message: str) -> Self:
+        """Return a copy with another message, of the same class and with the same attributes."""
+        copy = type(self).__new__(type(self))
+        vars(copy).update(vars(self))
+        copy.args = (message,)
+        return copy
 
 
 class InputError(SwarmwrightError):

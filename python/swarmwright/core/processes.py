@@ -21,5 +21,6 @@ def use_threads() -> None:
         raise RunError(
             f"the engine cannot be used in process {here}, which was forked from process {_process} after "
             "that had used it: the engine's threads do not survive a fork; start processes by "
-            'multiprocessing.get_context("spawn") or "forkserver", or use the engine only after the fork'
+            'multiprocessing.get_context("spawn") or "forkserver", environments of Gymnasium by '
+            'AsyncVectorEnv(.., context="forkserver"), or use the engine only after the fork'
         )

@@ -12,6 +12,7 @@ from ruamel.yaml import YAML
 from ruamel.yaml.composer import Composer
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
+from ruamel.yaml.reader import ReaderError
 
 from swarmwright.core.errors import InputError
 from swarmwright.core.files import read_bytes
@@ -129,6 +130,11 @@ def parse(text: str, name: str) -> Source:
         problem = str(error.problem or error.context)
         hint = "; YAML is indented with spaces, not with tabs" if "'\\t'" in problem else ""
         raise InputError(f"{place}is not valid YAML: {problem}{hint}") from error
+    except ReaderError as error:
+        line, character = text.count("\n", 0, error.position) + 1, ord(text[error.position])
+        raise InputError(
+            f"{name}:{line}: is not valid YAML: the character U+{character:04X} is not allowed"
+        ) from error
     except (YAMLError, ValueError) as error:
         raise InputError(f"{name}: is not valid YAML: {error}") from error
     except RecursionError:

@@ -116,8 +116,12 @@ def _legend(figure: "Figure", axes: "Axes", groups: "tuple[Group, ...]") -> None
         "\n".join(textwrap.wrap(f"{one.label} ({len(one.runs)})", _LABEL, subsequent_indent="    "))
         for one in groups
     ]
+    # matplotlib fills columns; the order of the boxes is read row by row.
+    columns = min(3, len(groups))
+    order = [index for column in range(columns) for index in range(column, len(groups), columns)]
     legend = figure.legend(
-        handles, labels, loc="outside lower left", ncols=min(3, len(groups)), fontsize=10, frameon=False,
+        [handles[index] for index in order], [labels[index] for index in order],
+        loc="outside lower left", ncols=columns, fontsize=10, frameon=False,
         labelcolor=INK,
     )  # fmt: skip
     for text in legend.get_texts():

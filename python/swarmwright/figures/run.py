@@ -75,7 +75,7 @@ def fitness(run: "Run") -> "Figure":
 def _titles(figure: "Figure", upper: "Axes", run: "Run") -> None:
     """Say above and below what is drawn."""
     experiment = run.experiment
-    method: str = experiment.method.kind  # type: ignore[attr-defined] # every kind's options have it
+    method: str = experiment.method.kind
     kind: str = experiment.controller.kind
     article = "an" if kind[0] in "aeiou" else "a"
     failed = sum(one.failed for one in run.history)

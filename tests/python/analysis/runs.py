@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -34,6 +35,12 @@ class KnownRun(Run):
         return self._experiment
 
     @property
+    def store(self) -> Any:  # type: ignore[override] # no store
+        """Return what reads the fitness of some evaluations."""
+        fitness = np.concatenate(self._fitness)
+        return SimpleNamespace(best_fitness=lambda first, end: np.fmax.reduce(fitness[first:end]))
+
+    @property
     def code(self) -> dict[int, str]:
         return {}
 
@@ -44,6 +51,10 @@ class KnownRun(Run):
     @property
     def unseen(self) -> None:
         """Return nothing: it has not been validated."""
+
+    @property
+    def validation(self) -> None:
+        """Return nothing."""
 
     @property
     def history(self) -> list[Summary]:

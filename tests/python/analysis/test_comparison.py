@@ -1,5 +1,6 @@
 import json
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -133,16 +134,65 @@ def test_runs_of_different_length_and_a_place_to_compare_at(tmp_path: Path) -> N
     assert [one.median for one in found.groups] == [5.0, 2.0]
     assert "4 to 12 evaluations, and each is compared at its end" in found.notes[-1]
     drawn(found, tmp_path)
-    for at, expected in ((4, 0.0), (11, 1.0), (12, 5.0), (99, 5.0)):
-        assert compare([long, short], at=at).groups[0].median == expected
+    for at, expected in ((3, 0.0), (4, 0.0), (8, 1.0), (9, 5.0), (12, 5.0), (99, 5.0)):
+        group = compare([long, short], at=at).groups[0]
+        assert (group.median, group.evaluations) == (expected, (min(at, 12),) * 2)
     assert "own end" not in str(compare([long, short], at=4))
+
+
+def test_the_first_evaluations_of_a_stored_run_are_compared(tmp_path: Path) -> None:
+    values = {"simulation": "minisim", "servers": "local", "validate": {"episodes": 0}}
+    method = {"kind": "nnga", "population": 7, "generations": 5}
+    run = optimize(Experiment.from_mapping({**values, "method": method}), out=tmp_path / "run")
+    fitness = run.record.fitness
+    for at in (1, 6, 7, 9, 20, 22, 23):
+        (group,) = compare([run.path], at=at).groups
+        assert group.final.tolist() == [fitness[:at].max()]
+        assert group.counts == (at,)
+        assert compare([run.path], at=at).to_mapping()["groups"][0]["runs"][0]["evaluations"] == at
+
+
+def test_candidates_that_are_evaluated_again_are_compared_after_a_generation(tmp_path: Path) -> None:
+    again = {"ranking": {"reevaluate": True, "seeds": "new"}}
+    run = KnownRun(tmp_path / "again", [[0.0] * 4, [1.0] * 4, [5.0] * 4], seed=1, **again)
+    found = compare([run], at=11)
+    assert (found.groups[0].median, found.groups[0].evaluations) == (1.0, (8, 8))
+    words = "are evaluated again, so the last generation that was finished after 11 evaluations counts"
+    assert any(words in note for note in found.notes)
+    assert words not in str(compare([run], at=8))
+    assert not any("ended before" in note for note in found.notes)
     with pytest.raises(InputError, match=r"at 3 evaluations .* compare at 4 or later"):
-        compare([long, short], at=3)
+        compare([run], at=3)
+
+
+def test_the_legend_has_the_order_of_the_boxes(tmp_path: Path) -> None:
+    sizes = (4, 5, 6, 7, 8)
+    some = [run for size in sizes for run in runs(tmp_path, [1.0], method={"population": size})]
+    (legend,) = compare(some).figure().legends
+    # Columns of at most two: 4 7, 5 8, 6.
+    read = [text.get_text().split()[1] for text in legend.get_texts()]
+    assert read == ["4", "7", "5", "8", "6"]
+
+
+def test_archives_and_fronts_are_said_to_be_compared_by_fitness_alone(tmp_path: Path) -> None:
+    front = {"kind": "nsga2", "population": 4, "generations": 2, "objectives": {"steps": "minimize"}}
+    notes = compare([*runs(tmp_path, [1.0], method=front), *runs(tmp_path, [2.0])]).notes
+    assert any(
+        "only the best fitness is compared, not the archive or the front of nsga2" in one for one in notes
+    )
+    assert "only the best" not in str(compare(two(tmp_path)))
+
+
+def test_an_effect_has_a_word_from_three_runs_on(tmp_path: Path) -> None:
+    few = compare([*runs(tmp_path, [8, 9.0]), *runs(tmp_path, [1, 2.0], method=SEARCH)])
+    assert "1.00  too few runs" in str(few)
+    assert few.to_mapping()["pairs"][0]["magnitude"] is None
 
 
 def test_no_run_counts_as_failed_that_had_not_finished_a_generation(tmp_path: Path) -> None:
     quick = KnownRun(tmp_path / "quick", [[0.0] * 4, [1.0] * 4], seed=1)
-    slow = KnownRun(tmp_path / "slow", [[2.0] * 8], seed=1, method=SEARCH)
+    again = {"ranking": {"reevaluate": True, "seeds": "new"}}
+    slow = KnownRun(tmp_path / "slow", [[2.0] * 8], seed=1, method={"population": 8}, **again)
     with pytest.raises(InputError, match=r"at 5 evaluations .*slow had no finished .* at 8 or later"):
         compare([quick, slow], at=5)
 
@@ -249,6 +299,27 @@ def test_fitness_on_held_out_seeds_is_compared(tmp_path: Path) -> None:
         compare([*raced, without], held_out=True)
 
 
+def test_runs_of_one_budget_are_validated_in_equally_many_episodes(tmp_path: Path) -> None:
+    made = []
+    searching = {"kind": "random_search", "population": 4}
+    for name, method in (("nnga", {"kind": "nnga", "population": 33}), ("search", searching)):
+        of_200 = {**method, "evaluations": 200}
+        made += noisy(tmp_path, name, 1, method=of_200, validate={"episodes": "auto"})
+    assert [run.evaluations for run in made] == [194, 200], "a twentieth of 194 is too few"
+    assert [len(run.unseen.seeds) for run in made if run.unseen is not None] == [10, 10]
+    assert "were validated" not in str(compare(made, held_out=True))
+    more = noisy(tmp_path, "more", 1, method=SEARCH, validate={"episodes": 30})
+    words = (
+        "the runs were validated in 10 to 30 episodes, .* validate.episodes=30` validates a run in as many"
+    )
+    assert re.search(words, str(compare([*made, *more], held_out=True)))
+    without = noisy(tmp_path, "without", 1, method={**SEARCH, "population": 5}, validate={"episodes": 0})
+    (note,) = [note for note in compare([*made, *without]).notes if "too high" in note]
+    assert note.endswith("fitness on held-out seeds is known of 2 of 3 runs")
+    with pytest.raises(InputError, match=r"resume \S*without-0 --set validate.episodes=10` does it"):
+        compare([*made, *without], held_out=True)
+
+
 def test_luck_with_seeds_is_noted(tmp_path: Path) -> None:
     words = "the best recorded fitness is too high where fitness depends on the seed"
     new = {"ranking": {"seeds": "new"}}
@@ -323,3 +394,20 @@ def test_a_part_of_a_mission_is_all_that_differs(tmp_path: Path) -> None:
     )
     other = optimize(named.replace(parameters={"mission": "stop"}), out=tmp_path / "other")
     assert [one.label for one in compare([made[0], other]).groups] == ["mission decision", "mission stop"]
+
+
+def test_the_two_names_of_a_mission_are_one_mission(tmp_path: Path) -> None:
+    values = {
+        "simulation": "arena", "parameters": {"duration": 1, "robots": 2}, "servers": "in-process",
+        "method": {"kind": "random_search", "population": 4, "generations": 1}, "validate": {"episodes": 0},
+    }  # fmt: skip
+    made = []
+    for seed, mission in enumerate((None, "aac", "aggregation")):
+        parameters = {"duration": 1, "robots": 2} | ({"mission": mission} if mission else {})
+        experiment = Experiment.from_mapping({**values, "parameters": parameters, "seed": seed})
+        made.append(optimize(experiment, out=tmp_path / f"{mission}"))
+    assert len(compare(made).groups) == 1
+    parameters = {"duration": 1, "robots": 2, "mission": "shelter"}
+    other = optimize(Experiment.from_mapping({**values, "parameters": parameters}), out=tmp_path / "other")
+    labels = [one.label for one in compare([*made, other]).groups]
+    assert labels == ["mission aggregation", "mission shelter"]

@@ -42,6 +42,24 @@ def test_the_interval_holds_the_true_correlation_in_95_of_100_samples() -> None:
     assert 0.92 < np.mean(held) < 0.98
 
 
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_perfect_order_of_few_candidates_is_no_certainty(sign: int) -> None:
+    reached = []
+    for count in (4, 6, 10, 30):
+        values = [float(one) for one in range(count)]
+        found = rank_correlation(values, [sign * one for one in values])
+        assert found is not None
+        assert found.low is not None
+        assert found.high is not None
+        assert found.rho == pytest.approx(sign)
+        near, far = (found.high, found.low) if sign > 0 else (-found.low, -found.high)
+        assert near == pytest.approx(1)
+        reached.append(far)
+    assert reached == sorted(reached), "more candidates, less doubt"
+    assert reached[0] < 0, "of 24 orders of four candidates, one is theirs by chance"
+    assert 0.95 < reached[-1] < 1
+
+
 def test_failed_candidates_do_not_count() -> None:
     found = rank_correlation([1.0, math.nan, 2.0, 3.0, 4.0], [1.0, 9.0, 2.0, 3.0, math.nan])
     assert found is not None

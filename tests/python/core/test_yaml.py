@@ -152,3 +152,9 @@ def test_a_byte_order_mark_does_no_harm(tmp_path: Path) -> None:
 def test_dotted_paths() -> None:
     assert dotted_path(("a", "b", 0, "c")) == "a.b[0].c"
     assert dotted_path(()) == ""
+
+
+def test_a_character_that_yaml_does_not_take_is_told_in_one_line() -> None:
+    with pytest.raises(InputError) as caught:
+        parse("a: 1\nb: x\0y\n", "x.yaml")
+    assert str(caught.value) == "x.yaml:2: is not valid YAML: the character U+0000 is not allowed"

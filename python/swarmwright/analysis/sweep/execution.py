@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 from swarmwright.analysis.sweep.file import Sweep
 from swarmwright.analysis.sweep.jobs import shares
-from swarmwright.analysis.sweep.run import Executor, Task, reason
+from swarmwright.analysis.sweep.run import Executor, Task, UnreadableRunError, readable, reason
 from swarmwright.evaluation.base import HERE, Servers
 from swarmwright.optimization.loop import Generation
 from swarmwright.runs.run import Run
@@ -110,10 +110,12 @@ def conduct(
     """
     outcome = Outcome(tasks)
     noting = _Noting(outcome, listener)
-    before = {task: task.found() for task in tasks}  # report errors before anything is started
+    before = [_before(task) for task in tasks]  # report errors before anything is started
     left = []
-    for task, run in before.items():
-        if run is not None and not run.interrupted and not run.validation_is_due and not run.transfer_is_due:
+    for task, run in zip(tasks, before, strict=True):
+        if isinstance(run, UnreadableRunError):
+            noting.failed(task, str(run))
+        elif run is not None:
             noting.found(task, run)
         else:
             left.append(task)
@@ -132,6 +134,18 @@ def conduct(
     except KeyboardInterrupt:
         outcome.interrupted = True
     return outcome
+
+
+def _before(task: Task) -> Run | UnreadableRunError | None:
+    """Return a run that is finished, or why it cannot be read; None for what is left to do."""
+    try:
+        run = task.found()
+        if run is None or run.interrupted:
+            return None
+        with readable(task.folder):
+            return None if run.validation_is_due or run.transfer_is_due else run
+    except UnreadableRunError as error:
+        return error
 
 
 def _one_after_another(

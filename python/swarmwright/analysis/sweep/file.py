@@ -5,20 +5,16 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Self
-
-from pydantic import TypeAdapter, ValidationError
-from pydantic.fields import FieldInfo
+from typing import Any, Self
 
 from swarmwright.analysis.groups import label_of, name_of
 from swarmwright.core.errors import InputError
 from swarmwright.core.problems import shown
-from swarmwright.core.registry import Registry
 from swarmwright.core.suggestions import did_you_mean
 from swarmwright.core.yaml import Source, read
 from swarmwright.experiment.budget import LIMITS, sets_limit
 from swarmwright.experiment.experiment import Experiment
-from swarmwright.methods import METHODS
+from swarmwright.experiment.settings import kept_options
 from swarmwright.plug_ins import REGISTRIES
 from swarmwright.runs.folders import RUNS
 
@@ -57,9 +53,10 @@ class Sweep:
         list, default 5; `out`, a folder, relative to where the program is started, default runs/<name of the
         file>.
 
-        Where a variant has another kind of method, controller or ranking than the experiment, the options
-        that the experiment names and the other kind can have as well are kept. A limit of a variant
-        (generations, evaluations or seconds of the method) takes the place of all limits of the experiment.
+        A variant with another kind of method, controller or ranking than the experiment is what the settings
+        of `Experiment.load` would make of it: it has that kind's defaults; a method keeps the experiment's
+        target and limits (generations, not for racing; evaluations; seconds), a ranking what all rankings
+        have. A limit of a variant takes the place of all limits of the experiment.
 
         Args:
             path: of the file.
@@ -226,48 +223,23 @@ def _changed(base: Experiment, changes: Mapping[str, Any]) -> Experiment:
         if section not in merged:
             merged[section] = {}
         if option == "kind" and section in REGISTRIES:
-            merged[section].update(_kept(base, section, REGISTRIES[section], value, changes))
+            merged[section].update(_kept(base, section, value, changes))
         merged[section][option] = value
     return base.replace(**merged)
 
 
-def _kept(
-    base: Experiment,
-    section: str,
-    registry: Registry[Any],
-    kind: Any,  # noqa: ANN401 - any value of a file
-    changes: Mapping[str, Any],
-) -> dict[str, Any]:
-    """Return the options of the experiment's file that another kind can have as well."""
+def _kept(base: Experiment, section: str, kind: Any, changes: Mapping[str, Any]) -> dict[str, Any]:  # noqa: ANN401
+    """Return the options of the experiment's file that a variant with another kind keeps, as with --set."""
     options = getattr(base, section)
-    if not isinstance(kind, str) or kind == options.kind:
+    if kind == options.kind:
         return {}
-    # Defaults are not kept: another kind has other ones.
-    old = options.model_dump(exclude_none=True, exclude_unset=True)
-    known = dict(registry.get(kind).options_model.model_fields)
-    if section == "method" and METHODS.get(kind).by_instance:
-        known.pop("generations")  # of a race they are its instances
+    names = set(kept_options(section, kind))
     given = {key.removeprefix("method."): change for key, change in changes.items()}
     if section == "method" and sets_limit(given):
-        for limit in LIMITS:
-            known.pop(limit, None)
-    return {
-        name: value
-        for name, value in old.items()
-        if name in known and name != "kind" and _fits(known[name], value)
-    }
-
-
-def _fits(field: FieldInfo, value: Any) -> bool:  # noqa: ANN401 - any value of a file
-    """Whether an option of the same name can have this value: `hidden` is a number here, a list there."""
-    wanted: Any = field.annotation
-    for constraint in field.metadata:
-        wanted = Annotated[wanted, constraint]
-    try:
-        TypeAdapter(wanted).validate_python(value)
-    except ValidationError:
-        return False
-    return True
+        names -= set(LIMITS)
+    # Defaults are not kept: another kind has other ones.
+    old = options.model_dump(exclude_none=True, exclude_unset=True)
+    return {name: value for name, value in old.items() if name in names}
 
 
 def _file_name(label: str) -> str:

@@ -1,7 +1,8 @@
 """Runs of a sweep: which are left to do, and the broker and servers that all of them share."""
 
 import json
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
@@ -27,6 +28,21 @@ _NO_MATTER = ELSEWHERE | {"sensors", "actuators"}
 """Keys that say where it is computed, or that a server may have announced."""
 
 
+class UnreadableRunError(InputError):
+    """A run of a sweep that is there and cannot be read: it is damaged, or of another version."""
+
+
+@contextmanager
+def readable(folder: Path) -> Iterator[None]:
+    """Within the block, a run is read: what is wrong with it concerns no other run."""
+    try:
+        yield
+    except InputError as error:
+        raise UnreadableRunError(
+            f"{error}; when the folder {folder} is deleted, the same sweep repeats this run alone"
+        ) from error
+
+
 @dataclass(frozen=True, eq=False)
 class Task:
     """One run of a sweep."""
@@ -43,12 +59,15 @@ class Task:
     def found(self) -> Run | None:
         """Return the run that is there already, finished or not; None when there is none.
 
-        Raises InputError when the folder holds something else, or another process works on it.
+        Raises UnreadableRunError when the run is damaged, InputError when the folder holds something else, or
+        another process works on it.
         """
         if not (self.folder / FILE).exists():
             check_folder(self.folder)
             return None
-        run = Run.open(self.folder)
+        with readable(self.folder):
+            run = Run.open(self.folder)
+            _ = run.sessions
         differing = differences(_values(run.experiment), _values(self.experiment))
         if differing:
             raise InputError(

@@ -5,6 +5,7 @@ line, then a line for each task. When it closes, the parent is done or gone, how
 way is interrupted, its results are kept, and the process ends.
 """
 
+import dataclasses
 import json
 import logging
 import os
@@ -138,7 +139,7 @@ class Worker:
 def _variant(values: Json) -> Variant:
     experiment = Experiment.unasked(values["experiment"])
     if values["path"] is not None:
-        object.__setattr__(experiment, "path", Path(values["path"]))
+        experiment = dataclasses.replace(experiment, path=Path(values["path"]))
     return Variant(values["label"], values["folder"], experiment)
 
 

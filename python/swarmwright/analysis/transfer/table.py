@@ -91,7 +91,8 @@ def _designs(transfer: "Transfer") -> Iterator[str]:
         pairs = [pair for pair in transfer.pairs if pair.first.target == target]
         for pair in sorted(pairs, key=lambda one: one.difference.p)[:_PAIRS]:
             found = pair.difference
-            row = [pair.first.label, pair.second.label, f"{found.effect:.2f}", found.magnitude]
+            row = [pair.first.label, pair.second.label, f"{found.effect:.2f}"]
+            row.append(found.magnitude or "too few runs")
             rows.append([*row, number(found.shift), p_value(pair.p_holm)])
         yield ""
         yield from columns(rows)
@@ -157,7 +158,7 @@ def to_mapping(transfer: "Transfer") -> dict[str, Any]:
                 "p": pair.difference.p,
                 "p_holm": pair.p_holm,
                 "a12": pair.difference.effect,
-                "magnitude": pair.difference.magnitude,
+                "magnitude": pair.difference.magnitude or None,
                 "difference": pair.difference.shift,
             }
             for pair in transfer.pairs

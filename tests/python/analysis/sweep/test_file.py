@@ -1,8 +1,9 @@
+import json
 from pathlib import Path
 
 import pytest
 
-from swarmwright import InputError
+from swarmwright import Experiment, InputError
 from swarmwright.analysis.sweep import Sweep, tasks
 from swarmwright.experiment.budget import Budget
 
@@ -40,7 +41,27 @@ def test_every_combination_is_a_variant(tmp_path: Path) -> None:
     assert todo[0].folder == Path("runs/methods/population_6_maxSteps_5-1")
 
 
-def test_another_kind_keeps_the_options_that_it_knows(tmp_path: Path) -> None:
+def test_a_variant_is_the_experiment_with_its_values_set(tmp_path: Path) -> None:
+    base = BASE.replace("generations: 3", "generations: 3, target: 9.0, population: 50").replace(
+        "population: 6, ", ""
+    )
+    base += "ranking: {kind: absolute, episodes: 12, seeds: new}\n"
+    base += "controller: {kind: layered, activation: tanh}\n"
+    (tmp_path / "base.yaml").write_text(base)
+    given = {
+        "method.kind": ["cma_es", "nnga"],
+        "controller.kind": ["fully_meshed"],
+        "ranking.kind": ["race"],
+    }
+    (tmp_path / "kinds.yaml").write_text(f"experiment: base.yaml\ngrid: {json.dumps(given)}\n")
+    found = Sweep.load(tmp_path / "kinds.yaml")
+    for variant, method in zip(found.variants, given["method.kind"], strict=True):
+        settings = [f"method.kind={method}", "controller.kind=fully_meshed", "ranking.kind=race"]
+        alone = Experiment.load(tmp_path / "base.yaml", settings)
+        assert variant.experiment.to_mapping() == alone.to_mapping(), method
+
+
+def test_another_kind_keeps_no_options_of_the_same_name(tmp_path: Path) -> None:
     found = sweep(
         tmp_path,
         "experiment: base.yaml\nseeds: [3, 1, 3]\n"
@@ -56,7 +77,7 @@ def test_another_kind_has_its_own_defaults(tmp_path: Path) -> None:
     # Both have `elite`, `mutate` and `crossover`, with other defaults, and each set of shares adds up to 1.
     found = sweep(tmp_path, "experiment: base.yaml\ngrid: {method.kind: [cea2d], method.renew: [0.0]}\n")
     method = found.variants[0].experiment.method
-    assert (method.kind, method.generations, method.severity) == ("cea2d", 3, 0.2)  # type: ignore[attr-defined]
+    assert (method.kind, method.generations, method.severity) == ("cea2d", 3, 0.3)  # type: ignore[attr-defined]
     assert (method.elite, method.mutate, method.crossover) == (0.11, 0.59, 0.3)  # type: ignore[attr-defined]
 
 

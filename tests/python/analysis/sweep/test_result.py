@@ -45,6 +45,19 @@ def test_a_mapping_becomes_runs_a_table_a_comparison_and_a_figure(tmp_path: Path
     assert [run.digest for run in others.runs] == [run.digest for run in result.runs]
 
 
+def test_a_damaged_run_does_not_stop_the_others(tmp_path: Path) -> None:
+    source = {"experiment": BASE, "grid": {"method.population": [6]}, "seeds": [1, 2]}
+    first, second = sweep(source, out=tmp_path / "out", jobs=1).runs
+    (first.path / "run.sqlite").write_bytes(b"nothing" * 1000)
+    third = {**source, "seeds": [1, 2, 3]}
+    result = sweep(third, out=tmp_path / "out", jobs=1)
+    assert [run.path.name for run in result.runs] == [second.path.name, second.path.name[:-1] + "3"]
+    ((_, seed, message),) = [(one.variant, one.seed, one.message) for one in result.failures]
+    assert seed == 1
+    assert f"{first.path}/run.sqlite: is damaged" in message
+    assert f"when the folder {first.path} is deleted, the same sweep repeats this run alone" in message
+
+
 def test_a_validation_that_was_interrupted_is_finished(tmp_path: Path) -> None:
     noisy = {
         **BASE,

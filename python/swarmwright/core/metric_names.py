@@ -1,0 +1,21 @@
+"""The names that metrics may have, everywhere: in an expression for the fitness each is a variable."""
+
+import re
+
+_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+
+
+def problem_of(name: object) -> str | None:
+    """Return what is wrong with the name of a metric; None when nothing is.
+
+    Keywords of Python are accepted, which stored runs may have; no expression can use them.
+    """
+    if isinstance(name, str) and _NAME.fullmatch(name):
+        return None
+    return f"{name!r}: a metric's name has letters, digits and _, and does not begin with a digit"
+
+
+def suggested(name: str) -> str:
+    """Return the name that is most like this one."""
+    word = re.sub(r"[^A-Za-z0-9_]", "_", name)
+    return f"_{word}" if not word or word[0].isdigit() else word

@@ -1,0 +1,17 @@
+"""Errors that are raised again with more to say."""
+
+import pytest
+
+from swarmwright.core.errors import InputError, PlugInError, RunError, SimulationError, SwarmwrightError
+
+
+@pytest.mark.parametrize("kind", [InputError, RunError, PlugInError])
+def test_another_message_keeps_the_class(kind: type[SwarmwrightError]) -> None:
+    error = kind("what")
+    again = error.reworded("where: what")
+    assert (type(again), str(again), str(error)) == (kind, "where: what", "what")
+
+
+def test_another_message_keeps_attributes() -> None:
+    again = SimulationError("what", "a traceback").reworded("where: what")
+    assert (str(again), again.stack) == ("where: what", "a traceback")

@@ -1,0 +1,26 @@
+"""The names of metrics: one rule for classes, commands, robots, attached simulators and servers."""
+
+import pytest
+
+from swarmwright.commands.definition import CommandOptions
+from swarmwright.core.metric_names import problem_of, suggested
+
+
+@pytest.mark.parametrize("name", ["a", "_1", "way_left", "A9", "in"])
+def test_names(name: str) -> None:
+    assert problem_of(name) is None
+
+
+@pytest.mark.parametrize(
+    ("name", "better"), [("", "_"), ("1st", "_1st"), ("a-b", "a_b"), ("é", "_"), ("a b\n", "a_b_")]
+)
+def test_what_is_no_name(name: str, better: str) -> None:
+    assert "a metric's name has letters, digits and _" in str(problem_of(name))
+    assert suggested(name) == better
+    assert problem_of(better) is None
+    with pytest.raises(ValueError, match=rf"write {better}: last"):
+        CommandOptions.model_validate({"command": "run", "metrics": {name: "last(x)"}})
+
+
+def test_what_is_no_text() -> None:
+    assert problem_of(7) is not None
