@@ -4,7 +4,7 @@ import shlex
 import shutil
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,11 +12,12 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from swarmwright.cli._observing import Observing, observed
-from swarmwright.cli._output import Output, complain
+from swarmwright.cli._output import STDOUT, Output, complain
 from swarmwright.cli._progress import Progress, progress
 from swarmwright.cli._runs import saved_lines
 from swarmwright.cli._signals import INTERRUPTED, check
 from swarmwright.cli._validation import transfer_of, unseen_facts, validation_facts, validation_lines
+from swarmwright.core.errors import RunError
 from swarmwright.core.formatting import duration
 
 if TYPE_CHECKING:
@@ -126,9 +127,31 @@ def _evolve(
             stack.close()
         except KeyboardInterrupt:
             raise InterruptedWithResults(run.path) from None
-    if not reader.gone:
+    if reader.lost is not None:
+        return _without_output(reader.lost, run)
+    try:
         _conclude(output, run, broker)
-    return INTERRUPTED if run.interrupted or reader.gone else 0
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        if error.filename != STDOUT:
+            raise
+        return _without_output(error, run)
+    return INTERRUPTED if run.interrupted else 0
+
+
+def _without_output(error: OSError, run: "Run") -> int:
+    """Say why nothing more was printed, and how to go on; the exit status."""
+    closed = isinstance(error, BrokenPipeError)
+    why = "was closed by its reader" if closed else f"cannot be written: {error.strerror}"
+    folder = shlex.quote(str(run.path))
+    if run.interrupted:
+        end = f"so the run ended early; the results so far are kept. Go on with:\n{program()} resume {folder}"
+    else:
+        end = f"but the run is complete. See what came out with:\n{program()} runs show {folder}"
+    with suppress(OSError):
+        complain(f"{STDOUT} {why}, {end}")
+    return INTERRUPTED if closed else RunError.exit_status
 
 
 def _watchers(experiment: "Experiment", tensorboard: Path | None, mlflow: str | None) -> "Iterator[Callback]":
@@ -141,28 +164,33 @@ def _watchers(experiment: "Experiment", tensorboard: Path | None, mlflow: str | 
 
 
 class Reader:
-    """The reader of the output; once gone (`| head`), the run ends with its results kept."""
+    """The reader of the output; once gone (`| head`, a full disk), the run ends with its results kept."""
 
     def __init__(self) -> None:
-        self.gone = False
+        self.lost: OSError | None = None
+        """Why nothing more can be printed."""
 
     def show(self, progress: Progress, generation: "Generation") -> bool:
-        """Show a generation; whether to go on."""
+        """Show a generation. Raises KeyboardInterrupt when nothing can be shown: the run is not complete."""
         check()
         self._write(lambda: progress.generation(generation))
-        return not self.gone
+        if self.lost is not None:
+            raise KeyboardInterrupt
+        return True
 
     def evaluating(self, progress: Progress, done: int, total: int, waiting_for: str) -> None:
         """Show how far a generation is; when the output is closed, the run ends after it."""
         self._write(lambda: progress.evaluating(done, total, waiting_for))
 
     def _write(self, show: Callable[[], None]) -> None:
-        if self.gone:
+        if self.lost is not None:
             return
         try:
             show()
-        except BrokenPipeError:
-            self.gone = True
+        except OSError as error:
+            if not (isinstance(error, BrokenPipeError) or error.filename == STDOUT):
+                raise
+            self.lost = error
 
 
 def _conclude(output: Output, run: "Run", broker: str | None) -> None:

@@ -2,6 +2,7 @@
 
 import errno
 import os
+import resource
 import sys
 from collections.abc import Sequence
 from contextlib import nullcontext, suppress
@@ -188,14 +189,23 @@ def _show_error(error: BaseException) -> int:
         return FAILED
     if isinstance(error, OSError) and error.errno is not None:
         where = f"{error.filename}: " if error.filename else ""
-        hint = "; free some space and run again" if error.errno == errno.ENOSPC else ""
-        _complain(f"{where}{error.strerror}{hint}")
+        _complain(f"{where}{error.strerror}{_remedy(error.errno)}")
         return FAILED
     _complain(
         f"internal error: {type(error).__name__}: {error}\n"
         "This is a bug in Swarmwright. Please report it with what SWARMWRIGHT_DEBUG=1 shows."
     )
     return FAILED
+
+
+def _remedy(number: int) -> str:
+    """Return what helps against an error of the system, as far as that is known."""
+    if number == errno.ENOSPC:
+        return "; free some space and run again"
+    if number == errno.EMFILE:
+        most = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
+        return f"; this process may open {most}: let it have more (ulimit -n 4096), or start fewer servers"
+    return ""
 
 
 def _complain(message: str, *, hint: str = "") -> None:

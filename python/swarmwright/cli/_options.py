@@ -1,5 +1,6 @@
 """Options and arguments that several commands share."""
 
+import functools
 import math
 import os
 import shlex
@@ -212,22 +213,59 @@ json_option: Decorator = click.option(
 )
 
 
+class CandidateId(click.ParamType[tuple[int | None, int]]):
+    """`G:N`, a candidate of a generation; or `N`, an evaluation of the whole run."""
+
+    name = "candidate"
+
+    def convert(
+        self, value: str, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[int | None, int]:
+        """Generation, if one is named, and candidate."""
+        number = WholeNumber(min=0, max=2**63 - 1)
+        generation, colon, candidate = value.rpartition(":")
+        if not all(
+            part.isascii() and part.isdigit() for part in (candidate, *([generation] if colon else []))
+        ):
+            self.fail(
+                f"'{value}' is not G:N, such as 19:3: generation and candidate, both from 0.", param, ctx
+            )
+        return (
+            number.convert(generation, param, ctx) if colon else None,
+            number.convert(candidate, param, ctx),
+        )
+
+
 def candidate_options(command: Any) -> Any:  # noqa: ANN401 - click's decorators
-    """`--candidate N` and `--generation G`: one line of a run's record."""
+    """`--candidate G:N`, or `--generation G --candidate N`: one line of a run's record.
+
+    The command gets `generation` and `candidate`, as `Run.evaluation` takes them.
+    """
     generation = click.option(
         "--generation",
         type=WholeNumber(min=0, max=2**63 - 1),
         metavar="G",
-        help="Generation of the candidate, from 0; without it, --candidate counts through the whole run.",
+        help="Generation of the candidate, from 0. Alone: the best one of that generation.",
     )
     candidate = click.option(
         "--candidate",
-        type=WholeNumber(min=0, max=2**63 - 1),
-        metavar="N",
-        help="Candidate of that generation, from 0; without --generation, number of the evaluation in the "
-        "whole run, from 0. Default: the best one, of that generation or of the run.",
+        "chosen",
+        type=CandidateId(),
+        metavar="G:N",
+        help="Candidate N of generation G, both from 0; with --generation, N alone; else N alone is the "
+        "number of the evaluation in the whole run. Default: the best one.",
     )
-    return candidate(generation(command))
+
+    @functools.wraps(command)
+    def with_candidate(
+        *, generation: int | None, chosen: tuple[int | None, int] | None, **others: object
+    ) -> Any:  # noqa: ANN401
+        of, number = chosen or (None, None)
+        if of is not None and generation is not None:
+            raise click.UsageError(f"--candidate {of}:{number} names the generation; leave out --generation.")
+        return command(generation=generation if of is None else of, candidate=number, **others)
+
+    return candidate(generation(with_candidate))
 
 
 held_out_option: Decorator = click.option(
@@ -240,7 +278,8 @@ at_option: Decorator = click.option(
     "--at",
     type=WholeNumber(min=1),
     metavar="EVALUATIONS",
-    help="Compare the best fitness after so many evaluations. Default: at each run's end.",
+    help="Compare the best of the first so many evaluations; where candidates are evaluated again (racing, "
+    "reevaluate), the last generation that was finished by then. Default: at each run's end.",
 )
 
 prefix_option: Decorator = click.option(

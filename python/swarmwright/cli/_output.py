@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 
+STDOUT = "standard output"
+"""Named in errors."""
 _STDOUT = 1
 _results: TextIO | None = None
 """Standard output, while what other code prints goes to standard error."""
@@ -181,8 +183,12 @@ def document(text: str) -> None:
 def _print(lines: Sequence[str], *, errors: bool = False) -> None:
     # Looked up each time: while a progress bar is shown, both are redirected above it.
     stream: TextIO = sys.stderr if errors else results()
-    stream.write("".join(f"{line}\n" for line in lines))
-    stream.flush()
+    try:
+        stream.write("".join(f"{line}\n" for line in lines))
+        stream.flush()
+    except OSError as error:
+        error.filename = error.filename or ("standard error" if errors else STDOUT)
+        raise
 
 
 class Output:

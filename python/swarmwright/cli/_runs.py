@@ -30,7 +30,7 @@ def facts_of(run: "Run") -> dict[str, Any]:
         "state": run.state,
         "simulation": shown(experiment.simulation),
         "controller": experiment.controller.kind,
-        "method": experiment.method.kind,  # type: ignore[attr-defined] # every kind's options have it
+        "method": experiment.method.kind,
         "seed": experiment.seed,
         "generations": run.generations,
         "of": experiment.budget.generations,
@@ -95,6 +95,8 @@ def list_elites(output: Output, elites: "Elites", limit: int, offset: float) -> 
         _table(output, [heading, *rows])
     if len(found) < len(elites.candidates):
         output.text(f".. and {len(elites.candidates) - len(found):,} more: --limit 0 shows all")
+    for note in elites.notes:
+        output.text(note)
 
 
 def elites_facts(elites: "Elites", offset: float = 0.0) -> dict[str, Any]:
@@ -106,6 +108,9 @@ def elites_facts(elites: "Elites", offset: float = 0.0) -> dict[str, Any]:
         "cells": None if elites.grid is None else elites.grid.cells,
         "coverage": elites.coverage,
         "qd_score": elites.qd_score(offset),
+        "evaluated": elites.evaluated,
+        "missing": elites.missing,
+        "outside": {name: one._asdict() for name, one in elites.outside.items()},
     }
 
 
@@ -192,11 +197,18 @@ def _list_servers(output: Output, servers: list[dict[str, Any]]) -> None:
     if servers:
         output.text()
     for server in servers:
-        failed = f", {server['failed']} attempts failed" if server["failed"] else ""
-        output.text(
-            f"server {server['server']}: {server['evaluations']} episodes, "
-            f"busy for {duration(server['seconds'])}{failed}"
-        )
+        said = f"server {server['server']}: {_count(server['evaluations'], 'episode')}"
+        said += " (failed ones included)" * server["with_failed"]
+        said += f", busy for {duration(server['seconds'])}"
+        if server["failed"]:
+            said += f", {_count(server['failed'], 'attempt')} failed"
+        if server["slower"]:
+            said += f", {_count(server['slower'], 'attempt')} ended as another server was faster (backup)"
+        output.text(said)
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number:,} {what}{'' if number == 1 else 's'}"
 
 
 def _generation(event: dict[str, Any]) -> str:
@@ -232,13 +244,14 @@ def _summary(output: Output, run: "Run", facts: dict[str, Any]) -> None:
             output.text(f"    {row}")
     for line in () if validation is None else validation_lines(validation):
         output.text(f"  {line[0].lower()}{line[1:]}".removesuffix("."))
+    resume = f"`swarmwright resume {shlex.quote(str(run.path))}` does it"
     if run.validation_is_due and facts["state"] in {"done", "stopped"}:
-        output.text("  its best candidates are not validated yet: `swarmwright resume` goes on with that")
+        output.text(f"  its best candidates are not validated yet: {resume}")
     transfer = transfer_of(run)
     if transfer is not None:
         output.block(str(transfer), indent="  ")
     if run.transfer_is_due:
-        output.text("  its best candidates are not transferred yet: `swarmwright resume` goes on with that")
+        output.text(f"  its best candidates are not transferred yet: {resume}")
     output.text(f"  record SHA-256 {run.digest}")
 
 
@@ -255,6 +268,7 @@ def saved_lines(run: "Run") -> Iterator[str]:
     if run.generations and has_elites(run):
         command = f"swarmwright runs elites {shlex.quote(str(run.path))}"
         yield f"{elites_line(run.elites)[:-1]}: `{command}` lists them."
+        yield from run.elites.notes
     if isinstance(run.experiment.ranking, RaceOptions):
         every, saved = run.evaluations * run.experiment.ranking.episodes, run.episodes_saved
         share = 100 * saved / max(every, 1)

@@ -9,13 +9,17 @@ from swarmwright.cli._output import Output
 from swarmwright.core.formatting import duration
 
 if TYPE_CHECKING:
-    from rich.console import Group
-    from rich.table import Table
+    from rich.console import Console, ConsoleOptions, RenderableType, RenderResult
     from rich.text import Text
 
 COLORS = {"ready": "green", "busy": "yellow", "lost": "red"}
 SERVERS = ("id", "state", "simulations", "for whom", "does", "silent", "speed", "failures")
 TOOLS = ("tool", "run", "generations done", "evaluations", "waits for")
+RIGHT = ("id", "silent", "speed")
+NARROW = 60
+"""Columns of a terminal below which only these cells are drawn: of more, none could be read."""
+NARROW_SERVERS = ("id", "state", "does", "silent")
+NARROW_TOOLS = ("tool", "generations done", "evaluations")
 
 
 def doing(server: ServerRow) -> str:
@@ -113,36 +117,43 @@ class Screen:
         self._broker = broker
         self.view: View | None = None
 
-    def __rich__(self) -> "Group | Text":
+    def __rich_console__(self, console: "Console", options: "ConsoleOptions") -> "RenderResult":
         """Two tables and a line."""
-        from rich.console import Group
-
-        from swarmwright.cli._console import add_row, text
+        from swarmwright.cli._console import text
 
         if self.view is None:
-            return text(f"Listening on {self._broker} ..", style="dim")
+            yield text(f"Listening on {self._broker} ..", style="dim")
+            return
+        narrow = options.max_width < NARROW
         blocking = self.view.blocking
-        servers = self._table(SERVERS, right=("id", "silent", "speed"))
+        servers: list[list[str | Text]] = []
         for server in self.view.servers:
             row = cells(server)
             mark = "bold red" if server is blocking else "yellow" if server.silent >= SILENCE else ""
             state = text(row[1], COLORS.get(row[1], ""))
             marked = (text(cell, mark) for cell in row[4:6])
-            add_row(servers, [text(row[0], mark), state, *row[2:4], *marked, *row[6:]])
-        tools = self._table(TOOLS, right=())
+            servers.append([text(row[0], mark), state, *row[2:4], *marked, *row[6:]])
+        tools: list[list[str | Text]] = []
         for tool in self.view.tools:
             row = tool_cells(tool)
-            add_row(tools, [*row[:4], text(row[4], "yellow" if tool.waits_for else "")])
-        line, style = headline(self.view, self._broker)
-        return Group(text(line, style), tools if self.view.tools else "", servers)
+            tools.append([*row[:4], text(row[4], "yellow" if tool.waits_for else "")])
+        yield text(*headline(self.view, self._broker))
+        yield self._table(TOOLS, tools, NARROW_TOOLS if narrow else TOOLS) if tools else ""
+        yield self._table(SERVERS, servers, NARROW_SERVERS if narrow else SERVERS)
 
-    def _table(self, headings: tuple[str, ...], *, right: tuple[str, ...]) -> "Table":
+    def _table(
+        self, headings: tuple[str, ...], rows: "list[list[str | Text]]", shown: tuple[str, ...]
+    ) -> "RenderableType":
         from rich import box
         from rich.table import Table
 
+        from swarmwright.cli._console import add_row
+
         table = Table(box=box.SIMPLE_HEAD if self._output.unicode else box.ASCII, pad_edge=False)
-        for heading in headings:
-            table.add_column(heading, justify="right" if heading in right else "left", overflow="fold")
+        for heading in shown:
+            table.add_column(heading, justify="right" if heading in RIGHT else "left", overflow="fold")
+        for row in rows:
+            add_row(table, [row[headings.index(heading)] for heading in shown])
         return table
 
 

@@ -125,6 +125,11 @@ def _shared(function: Any) -> Any:  # noqa: ANN401 - click's decorators
     "--actuators", type=WholeNumber(1, 1_000_000), metavar="N", help="Values per agent, if not announced."
 )
 @click.option(
+    "--vary",
+    metavar="JSON",
+    help="Parameters that change an episode, as --parameters: used where the seed changes nothing.",
+)
+@click.option(
     "--timeout",
     type=RealNumber(0.05, 3600.0),
     default=5.0,
@@ -146,6 +151,7 @@ def server_command(
     parameters: str | None,
     sensors: int | None,
     actuators: int | None,
+    vary: str | None,
     step_timeout: float | None,
     start: str | None,
     broker: str | None,
@@ -184,6 +190,7 @@ def server_command(
         simulation=simulation,
         dimensions=dimensions,
         parameters=parameters_of(parameters),
+        vary=parameters_of(vary, "--vary"),
         sensors=sensors,
         actuators=actuators,
         step_timeout=step_timeout,
@@ -330,6 +337,11 @@ class _Reporter:
         if any("give --actuators" in result.detail for result in report.results):
             self.say(
                 "Many rules were skipped because the number of actuators is not known: give --actuators N."
+            )
+        if any("the server ignores seed" in result.detail for result in report.results):
+            self.say(
+                "The seeds 1 and 2 gave the same episode: either the server ignores the parameter seed, and "
+                "all episodes of a run would be the same, or nothing is random with these --parameters."
             )
         if junit is not None:
             write_junit(report, junit, rules.groups)

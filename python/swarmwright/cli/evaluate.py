@@ -204,8 +204,10 @@ def _show(output: Output, found: "PostEvaluation", validation: Sequence[int]) ->
     if hasattr(options, "slow"):
         output.text("  in the run's own simulation; the recorded fitness is made with the ranking's slow one")
     if options.episodes > 1 and found.fitness != found.mean:
-        how = getattr(options, "aggregate", options.kind)  # type: ignore[attr-defined] # every kind has it
-        output.text(f"  fitness, as the {how} of {options.episodes} episodes: {_interval(found.fitness)}")
+        how = getattr(options, "aggregate", options.kind)
+        what = f"  fitness, as the {how} of {options.episodes} episodes"
+        enough = math.isfinite(found.fitness.mean)  # of those that did not fail
+        output.text(f"{what}: {_interval(found.fitness) if enough else 'not known, too many failed'}")
     _show_metrics(output, found)
 
 

@@ -5,31 +5,8 @@ from pathlib import Path
 import click
 
 from swarmwright.cli._commands import Command
-from swarmwright.cli._options import ExistingPath, WholeNumber, json_option, trust_option
+from swarmwright.cli._options import CandidateId, ExistingPath, json_option, trust_option
 from swarmwright.cli._output import Output, show_warnings
-
-
-class CandidateId(click.ParamType[tuple[int | None, int]]):
-    """`G:N`, a candidate of a generation; or `N`, an evaluation of the whole run."""
-
-    name = "candidate"
-
-    def convert(
-        self, value: str, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[int | None, int]:
-        """Generation, if one is named, and candidate."""
-        number = WholeNumber(min=0, max=2**63 - 1)
-        generation, colon, candidate = value.rpartition(":")
-        if not all(
-            part.isascii() and part.isdigit() for part in (candidate, *([generation] if colon else []))
-        ):
-            self.fail(
-                f"'{value}' is not G:N, such as 19:3: generation and candidate, both from 0.", param, ctx
-            )
-        return (
-            number.convert(generation, param, ctx) if colon else None,
-            number.convert(candidate, param, ctx),
-        )
 
 
 @click.command(
@@ -109,7 +86,11 @@ class CandidateId(click.ParamType[tuple[int | None, int]]):
     help="Instead of --to: write a copy of this file of the model that `swarmwright import` has read, with "
     "the candidate's values. May be repeated.",
 )
-@click.option("--force", is_flag=True, help="Write over files that Swarmwright did not export.")
+@click.option(
+    "--force",
+    is_flag=True,
+    help="Write over files that Swarmwright did not export, or that were edited since.",
+)
 @trust_option
 @json_option
 def command(

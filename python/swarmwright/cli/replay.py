@@ -261,13 +261,14 @@ def _save(
             save(parts, file, caption=replay.caption(scenes), speed=speed, shown=shown)
     except OSError as error:
         raise InputError(f"{file}: cannot be written: {error.strerror or error}") from error
-    output.text(f"{replay.outcome(recording.fitness)} {_what(file)} is in {file}")
+    output.text(f"{replay.who} {replay.outcome(recording.fitness)} {_what(file)} is in {file}")
     steps = len(recording.fitness_so_far) - 1
     output.json({"fitness": recording.fitness, "steps": steps, "picture": str(file), **replay.identity()})
 
 
 def _what(file: Path) -> str:
-    return {".html": "The page", ".mp4": "The film"}.get(file.suffix.lower(), "The picture")
+    words = {".html": "The page", ".mp4": "The film", ".gif": "The animation"}
+    return words.get(file.suffix.lower(), "The picture")
 
 
 def _print_scenes(output: Output, replay: "Replay") -> None:

@@ -80,10 +80,9 @@ def command(
     it another run are refused: edited code of its simulation or of a plug-in, an edited experiment.yaml.
     """
     from swarmwright import Run, resume
-    from swarmwright.optimization.optimize import prolonged
-    from swarmwright.runs.code import check
+    from swarmwright.optimization.resuming import Wanted
+    from swarmwright.runs.code import continuation
     from swarmwright.runs.transfer import at_end
-    from swarmwright.runs.validation import is_due
     from swarmwright.store.lock import check_free
 
     output = Output(as_json=as_json)
@@ -91,14 +90,14 @@ def command(
     opened = Run.open(run)
     check_free(opened.path)
     # Report errors before anything is printed or started.
-    asked = prolonged(opened, opened.experiment, settings, generations=generations)
-    edited = check(opened, asked, accept_changed_code=accept_changed_code, simulation=simulation)
-    experiment = prolonged(opened, edited, settings, generations=generations)
-    wanted = servers if servers is not None else experiment.servers
-    broker = experiment_broker(broker, experiment.broker, wanted)
-    if opened.state == "done" and experiment.budget == opened.experiment.budget:
-        changed = experiment.validate != opened.experiment.validate
-        due = is_due(experiment, opened.store, changed=changed)
+    wanted = Wanted.of(opened, opened.store, settings, {"generations": generations})
+    experiment = wanted.experiment
+    if not wanted.has_all_generations:
+        continuation(opened, experiment, accept_changed_code=accept_changed_code, simulation=simulation)
+    chosen = servers if servers is not None else experiment.servers
+    broker = experiment_broker(broker, experiment.broker, chosen)
+    if wanted.has_all_generations:
+        due = wanted.validation_is_due
         if not due and at_end.is_due(experiment, opened.store):
             left = "its best candidates are transferred"
         else:

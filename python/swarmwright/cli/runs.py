@@ -7,9 +7,11 @@ from pathlib import Path
 import click
 
 from swarmwright.cli._commands import Command, Group
-from swarmwright.cli._options import ExistingPath, at_option, held_out_option, json_option
+from swarmwright.cli._options import ExistingPath, RealNumber, at_option, held_out_option, json_option
 from swarmwright.cli._output import Output, aside, complain
 from swarmwright.cli._runs import describe, facts_of, list_table
+
+_LARGEST = sys.float_info.max
 
 
 @click.group(
@@ -90,25 +92,30 @@ def show(run: Path, as_json: bool) -> None:
 )
 @click.option(
     "--offset",
-    type=float,
-    default=0.0,
-    show_default=True,
+    type=RealNumber(-_LARGEST, _LARGEST),
     metavar="FITNESS",
-    help="Worst possible fitness, which the QD score subtracts from that of each elite.",
+    help="Worst possible fitness, which the QD score of an archive subtracts from that of each elite. "
+    "Default: 0.",
 )
 @json_option
-def elites(run: Path, limit: int, file: Path | None, offset: float, as_json: bool) -> None:
+def elites(run: Path, limit: int, file: Path | None, offset: float | None, as_json: bool) -> None:
     """List the elites of RUN, an archive or a front.
 
     These are made by the methods map_elites (quality diversity) and nsga2 (several objectives). With each
     elite come its generation and candidate, by which `evaluate`, `replay`, `draw` and `export`
-    take it.
+    take it. Of candidates of a front that are equal in all values, the earliest is listed. Below the list
+    stand how many candidates have no value of a metric, or one outside of the range of a measure.
     """
     from swarmwright import Run
     from swarmwright.cli._runs import elites_facts, list_elites
 
     output = Output(as_json=as_json)
     found = Run.open(run).elites
+    if offset is not None and found.grid is None:
+        raise click.UsageError(
+            "--offset is for the QD score of an archive, and this run has a front; leave it."
+        )
+    offset = offset or 0.0
     if file is not None:
         found.plot(file)
     output.json(
@@ -191,10 +198,11 @@ def compare(runs: tuple[Path, ...], at: int | None, held_out: bool, as_json: boo
 def export(run: Path, file: Path, validation: bool, as_json: bool) -> None:
     """Write the record of RUN as a table.
 
-    .csv or .parquet, a line per evaluation, sorted by generation and candidate. Columns: generation,
-    candidate, fitness, then the fitness of each
-    episode, then metrics if there are any, then the genome. A metric that has the name of another column,
-    such as episode, is called metric_episode.
+    .csv or .parquet, a row per evaluation, sorted by generation and candidate. Columns: generation,
+    candidate, fitness, then the fitness of each episode, metrics if there are any, and the genome. .csv has a
+    column of numbers for each episode (episode_0, ..), for each metric in each episode (NAME_0, ..) and for
+    each gene (g0, ..); .parquet has lists instead, in the columns episodes, NAME of each metric, and genome.
+    A metric that has the name of another column, such as episode, is called metric_episode.
     """
     if not file.parent.is_dir():
         raise click.UsageError(f"'{file}': there is no folder '{file.parent}'; create it first.")
@@ -202,11 +210,11 @@ def export(run: Path, file: Path, validation: bool, as_json: bool) -> None:
 
     opened, output = Run.open(run), Output(as_json=as_json)
     if validation:
+        from swarmwright.runs.validation import command_to_validate
+
         found = opened.validation
         if found is None:
-            raise InputError(
-                f"{run}: has no validation; `swarmwright resume {run} --set validate.episodes=100` makes one"
-            )
+            raise InputError(f"{run}: has no validation; `{command_to_validate(opened)}` makes one")
         found.export(file)
     else:
         opened.export(file)

@@ -178,6 +178,7 @@ def _serve(
                 item = news.get(timeout=1.0)
                 reporter.tell(item)
                 _note_connection(item, connected)
+            servers.check()
             if connected:
                 reached = time.monotonic()
             elif patience is not None and time.monotonic() - reached > patience:

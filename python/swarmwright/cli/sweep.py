@@ -1,5 +1,6 @@
 """`swarmwright sweep`: an experiment in many variants, and how they compare."""
 
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -78,6 +79,7 @@ def command(
     the runs.
     """
     from swarmwright.analysis.sweep import Sweep, conduct, tasks
+    from swarmwright.analysis.sweep.run import UnreadableRunError
     from swarmwright.cli._sweep_report import Report
 
     output = Output(as_json=as_json)
@@ -87,7 +89,8 @@ def command(
     broker = experiment_broker(broker, first.broker, servers if servers is not None else first.servers)
     todo = tasks(sweep)
     for task in todo:
-        task.found()  # report errors before anything is printed
+        with suppress(UnreadableRunError):  # reported among the runs
+            task.found()  # report errors before anything is printed
     output.text(
         f"{_count(len(sweep.variants), 'variant')} with {_count(len(sweep.seeds), 'seed')} each: "
         f"{_count(len(todo), 'run')} in {sweep.out}"

@@ -10,14 +10,15 @@ from swarmwright.cli._output import Output, show_warnings
 
 
 @click.command("verify", cls=Command, example="swarmwright verify flight.zip")
-@click.argument("bundle", type=ExistingPath(), metavar="BUNDLE")
+@click.argument("bundle", type=ExistingPath(folder=None), metavar="BUNDLE")
 @json_option
 def command(bundle: Path, as_json: bool) -> int:
     """Check an archive of `swarmwright export --bundle`.
 
-    BUNDLE is the archive. Every file must be as its manifest says; each form of the controller is exported
-    again, compared, compiled and run; and the controller is evaluated again. The exit status is 1 when
-    anything is not as stated. Only code that this version of Swarmwright exports itself is executed.
+    BUNDLE is the archive, or the folder that it was unpacked to. Every file must be as its manifest says;
+    each form of the controller is exported again, compared, compiled and run; and the controller is evaluated
+    again. The exit status is 1 when anything is not as stated. Only code that this version of Swarmwright
+    exports itself is executed.
     """
     from swarmwright.export.bundle_verification import verify_bundle
 

@@ -251,7 +251,7 @@ def apply_expression(
     for fault in faults:
         candidate, episode = places[fault.index]
         error = f"fitness: {fault.reason}"
-        failures.append(WarningEntry(f"episode {episode}: {error}", int(numbers[candidate]), error))
+        failures.append(WarningEntry.of_episode(int(episode), f": {error}", int(numbers[candidate]), error))
     return Results(fitness, results.metrics, results.journal.with_warnings(failures))
 
 

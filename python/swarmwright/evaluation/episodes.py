@@ -66,7 +66,7 @@ class Episodes:
     ) -> None:
         self.experiment = _experiment(simulation, parameters)
         listed("seeds", seeds, "integers such as [0, 1, 2]")
-        self.seeds: list[int] = [_seed(index, one) for index, one in enumerate(seeds)]
+        self.seeds: list[int] = [seed_of(f"seeds[{index}]", one) for index, one in enumerate(seeds)]
         if not self.seeds:
             raise InputError("seeds: is empty, expected at least one")
         description = catalogue.description(self.experiment.simulation, self.experiment.parameters)
@@ -78,7 +78,6 @@ class Episodes:
         """What they are called, in their order; [] where the simulation does not say."""
         self.actuator_names: list[str] = list(description["actuator_names"])
         """What they are called, in their order; [] where the simulation does not say."""
-        use_threads()
         playable = catalogue.playable(self.experiment.simulation)
         with engine_errors():
             self._episodes = _engine.Episodes(playable, dict(self.experiment.parameters), self.seeds)
@@ -120,7 +119,8 @@ class Episodes:
 
         Raises:
             InputError: another shape, a number is not finite, or all episodes have ended.
-            RunError: the code of the simulation failed.
+            RunError: the code of the simulation failed, or this process was forked from one in which the
+                engine had computed.
         """
         if self.done:
             raise InputError("step: all episodes have ended")
@@ -133,6 +133,7 @@ class Episodes:
         if not np.isfinite(rows).all():
             row, column = np.argwhere(~np.isfinite(rows))[0].tolist()
             raise InputError(f"actuators: {rows[row, column]} at [{row}, {column}], expected finite numbers")
+        use_threads()  # only from here on, so that a process may be forked while no step was made
         with engine_errors():
             self._episodes.step(np.clip(rows, -1.0, 1.0))
         self._seen = None
@@ -221,8 +222,9 @@ def _experiment(simulation: Experiment | str | type, parameters: Mapping[str, An
     return found
 
 
-def _seed(index: int, given: object) -> int:
-    seed = integer(f"seeds[{index}]", given)
+def seed_of(name: str, given: object) -> int:
+    """Return an argument that is the seed of a simulation. Raises InputError for others."""
+    seed = integer(name, given)
     if not 0 <= seed <= _MOST_SEED:
-        raise InputError(f"seeds[{index}]: must be from 0 to 2**63 - 1, not {seed}")
+        raise InputError(f"{name}: must be from 0 to 2**63 - 1, not {seed}")
     return seed

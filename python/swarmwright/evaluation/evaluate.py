@@ -15,7 +15,7 @@ from swarmwright.core.plug_in_code import reported
 from swarmwright.core.random_numbers import Stream
 from swarmwright.core.simulation_names import is_python
 from swarmwright.core.untrusted import one_line
-from swarmwright.evaluation.base import HERE, Controllers, Progress, Results, Servers
+from swarmwright.evaluation.base import HERE, Backend, Controllers, Progress, Results, Servers
 from swarmwright.evaluation.in_process import PythonBackend
 from swarmwright.evaluation.metrics import asked_for
 from swarmwright.evaluation.opening import is_here, open_backend
@@ -89,16 +89,21 @@ def evaluate(
 
 @dataclass(frozen=True, kw_only=True)
 class EvaluatedEpisodes:
-    """What came out of the episodes of some genomes, in their order."""
+    """What came out of the episodes of some genomes.
+
+    Candidates are in the order of the genomes, episodes in that of `seeds`. Fitness and metrics are in the
+    units of the simulation; more fitness is better.
+    """
 
     fitness: NDArray[np.float64]
-    """(candidates,) as the ranking makes it; NaN where an episode failed."""
+    """(candidates,), the aggregate of the ranking over the episodes; NaN where an episode failed."""
     episodes: NDArray[np.float64]
-    """(candidates, episodes) fitness of each; NaN where it failed."""
+    """(candidates, episodes), fitness of each episode; NaN where it failed."""
     metrics: NDArray[np.float64]
-    """(candidates, episodes, metrics); NaN where the episode failed."""
+    """(candidates, episodes, metrics), in the order of `names`; NaN where the episode failed."""
     names: tuple[str, ...]
-    """Of the metrics: those that the experiment's fitness needs, then the others that were asked for."""
+    """Names of the metrics: those that the experiment's fitness needs, then the others that were asked
+    for."""
     seeds: tuple[int, ...]
     """Simulation seed of each episode."""
 
@@ -144,7 +149,7 @@ def _check_ranking(experiment: Experiment, generation: int) -> None:
     if generation < 0:
         raise InputError(f"generation: must be at least 0, not {generation}")
     if isinstance(experiment.ranking, SlowOptions):
-        kind: str = experiment.ranking.kind  # type: ignore[attr-defined] # every kind's options have it
+        kind: str = experiment.ranking.kind
         raise InputError(
             f"{experiment.place('ranking')}{kind} needs a second simulation, and earlier generations, which "
             "only optimize() has; take another ranking: experiment.replace(ranking={'kind': 'absolute'})"
@@ -174,9 +179,7 @@ def _evaluated(
                 results = backend.evaluate(controllers, seeds, on_progress or _silent)
             else:
                 results = _nothing(len(seeds), len(backend.metrics))
-        if not isinstance(backend, PythonBackend):  # which has told
-            for reason in list(dict.fromkeys(results.journal.errors))[:_MOST_TOLD]:
-                _log.warning("an episode failed: %s", one_line(reason))
+        tell_failures(backend, results)
         return EvaluatedEpisodes(
             fitness=ranking.score(results.fitness) if len(rows) else np.empty(0),
             episodes=results.fitness + 0.0,
@@ -184,6 +187,14 @@ def _evaluated(
             names=backend.metrics,
             seeds=tuple(seeds),
         )
+
+
+def tell_failures(backend: Backend, results: Results) -> None:
+    """Log why episodes failed, each reason once."""
+    if isinstance(backend, PythonBackend):  # which has told
+        return
+    for reason in list(dict.fromkeys(results.journal.errors))[:_MOST_TOLD]:
+        _log.warning("an episode failed: %s", one_line(reason))
 
 
 def _nothing(episodes: int, metrics: int) -> Results:

@@ -185,7 +185,7 @@ class PythonBackend(InProcessBackend):
             metrics=self.metrics,
         )
         warnings = [
-            WarningEntry(f"episode {episode} failed: {reason}", candidate, reason)
+            WarningEntry.of_episode(episode, f" failed: {reason}", candidate, reason)
             for candidate, episode, reason, _ in failures
         ]
         return Results(fitness, metrics, Journal(warnings=warnings))

@@ -323,7 +323,7 @@ def require_here(experiment: Experiment) -> None:
         problem = commands.missing(simulation)
         if problem is not None:
             raise InputError(f"{experiment.place('simulation')}{problem}")
-        warning = commands.without_effect(experiment)
+        warning = commands.warning_of(experiment)
         if warning is not None:
             say(f"{experiment.place('simulation')}{warning}")
     announced, wanted = catalogue.description(simulation), experiment.requirements

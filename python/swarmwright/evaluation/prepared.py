@@ -92,7 +92,7 @@ def _key(experiment: Experiment) -> tuple[bytes, type, type, type, type] | None:
     except ValueError:
         return None
     representation = REPRESENTATIONS.get(experiment.controller.kind)
-    ranking = RANKINGS.get(experiment.ranking.kind)  # type: ignore[attr-defined] # every kind's options have it
+    ranking = RANKINGS.get(experiment.ranking.kind)
     return content, type(experiment.controller), representation, type(experiment.ranking), ranking
 
 

@@ -71,7 +71,7 @@ class ModulesBackend(InProcessBackend):
                     raise
                 candidate, episode = work.part[0].tolist()
                 reason = str(error)
-                warnings.append(WarningEntry(f"episode {episode} failed: {reason}", candidate, reason))
+                warnings.append(WarningEntry.of_episode(episode, f" failed: {reason}", candidate, reason))
             report(work.done)
         report(work.total, last=True)
         return Results(work.fitness(), work.metrics(), Journal(warnings=warnings))

@@ -61,6 +61,8 @@ def check_values(values: dict[str, Any], here: bool, report: Report, *, ask: boo
         if isinstance(section, Mapping):
             checked[name] = _check_section(name, dict(section), registry, report, ask=ask)
     _check_reevaluation(checked, report)
+    if ask:  # runs of earlier versions can still be read
+        _check_race_for_metrics(checked, report)
     _check_validation(checked, report)
     _check_metrics(checked, report)
     parameters = values.get("parameters", {})
@@ -132,7 +134,7 @@ def _check_reevaluation(checked: Checked, report: Report) -> None:
     ranking, method = checked.get("ranking"), checked.get("method")
     if not (isinstance(ranking, RankingOptions) and isinstance(method, MethodOptions)):
         return
-    kind: str = method.kind  # type: ignore[attr-defined] # every kind's options have it
+    kind: str = method.kind
     if isinstance(ranking, RaceOptions):
         _check_race(ranking, method, kind, report)
     if isinstance(ranking, SlowOptions):
@@ -171,6 +173,19 @@ def _check_race(ranking: RaceOptions, method: MethodOptions, kind: str, report: 
     report(("ranking", "kind"), reason)
 
 
+def _check_race_for_metrics(checked: Checked, report: Report) -> None:
+    """Check that all candidates have the same seeds where the method compares metrics beside fitness."""
+    ranking, method = checked.get("ranking"), checked.get("method")
+    if isinstance(ranking, RaceOptions) and isinstance(method, MethodOptions) and method.needed_metrics:
+        kind: str = method.kind
+        names = ", ".join(method.needed_metrics)
+        report(
+            ("ranking", "kind"),
+            f"race leaves out episodes of candidates, so {kind} would compare their metrics ({names}) as "
+            "means over different seeds; take kind: absolute",
+        )
+
+
 def _check_slow(method: MethodOptions, kind: str, report: Report) -> None:
     """Check that there are generations of which some candidates can be evaluated in a second simulation."""
     if method.operation == "steady_state":
@@ -195,7 +210,7 @@ def _check_metrics(checked: Checked, report: Report) -> None:
     ):
         report(
             ("fitness",),
-            f"{METRIC} is what the ranking {ranking.kind} calls the fitness in the slow simulation; give the "  # type: ignore[attr-defined] # every kind's options have it
+            f"{METRIC} is what the ranking {ranking.kind} calls the fitness in the slow simulation; give the "
             "simulation's metric another name",
         )
 
@@ -208,7 +223,7 @@ def _check_needed_metrics(checked: Checked, known: list[str] | None, title: str,
     method = checked.get("method")
     if not isinstance(method, MethodOptions):
         return
-    kind: str = method.kind  # type: ignore[attr-defined] # every kind's options have it
+    kind: str = method.kind
     option = method.metrics_option
     if option is None:
         return
@@ -247,17 +262,20 @@ def _check_validation(checked: Checked, report: Report) -> None:
     options, ranking = checked.get("validate"), checked.get("ranking")
     if options is None or ranking is None or options.episodes in {AUTO, 0}:
         return
-    kind = REGISTRIES["ranking"].get(ranking.kind)
-    if kind.samples is Ranking.samples or is_plug_in(kind):
-        enough = options.episodes >= ranking.episodes  # without asking the code of plug-ins
-    else:
-        enough = len(kind(ranking).samples([0.0] * options.episodes)) > 0
-    if not enough:
+    if not makes_fitness(ranking, options.episodes):
         report(
             ("validate", "episodes"),
             f"must be at least ranking.episodes, {ranking.episodes}, of which a fitness is made, not "
             f"{options.episodes}",
         )
+
+
+def makes_fitness(ranking: RankingOptions, episodes: int) -> bool:
+    """Return whether so many episodes are enough for one fitness, as the ranking makes it."""
+    kind = REGISTRIES["ranking"].get(ranking.kind)
+    if kind.samples is Ranking.samples or is_plug_in(kind):
+        return episodes >= ranking.episodes  # without asking the code of plug-ins
+    return len(kind(ranking).samples([0.0] * episodes)) > 0
 
 
 def _check_groups(checked: Checked, here: bool, report: Report) -> None:
@@ -424,4 +442,6 @@ def _fill_in(checked: Checked, here: bool, report: Report) -> None:
     if checked["fitness"] is not None:
         problem = FitnessExpression(checked["fitness"]).unknown(known, announced["title"])
         if problem is not None:
+            if is_command(checked["simulation"]):
+                problem += "; metrics of a command are announced by simulation.metrics: [NAME, ..]"
             report(("fitness",), problem)

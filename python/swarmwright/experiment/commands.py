@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from swarmwright.commands import bags, fmu_definition, logs, parameter_file, process
 from swarmwright.commands.checking import definition_of_name, read_definition
-from swarmwright.commands.definition import CommandOptions
+from swarmwright.commands.definition import CommandOptions, Definition
 from swarmwright.commands.fmu_definition import FmuOptions
 from swarmwright.commands.placeholders import IN_A_COMMAND, names_in
 from swarmwright.commands.ros_definition import RosOptions
@@ -129,7 +129,10 @@ def missing(name: str) -> str | None:
         if importlib.util.find_spec("cyclonedds") is None:
             return "middleware: dds needs Cyclone DDS: pip install 'swarmwright[ros2]'"
         return None
-    problem = process.missing_program(options.command, Path(options.folder))
+    folder = Path(options.folder)
+    problem = process.missing_program(options.command, folder) or process.missing_script(
+        options.command, folder, options.files
+    )
     if problem is not None:
         return f"{'python' if isinstance(definition, RosOptions) else 'command'}: {problem}"
     found = (bags.missing(logs.format_of(log, options.log_format)) for log in options.log)
@@ -204,9 +207,14 @@ def _files(options: CommandOptions) -> Iterator[str]:
             yield (Path(options.folder) / path).read_text("utf-8")
 
 
-def without_effect(experiment: "Experiment") -> str | None:
-    """Return what does not reach a simulation's command, as a warning; None where all parameters do."""
+def warning_of(experiment: "Experiment") -> str | None:
+    """Return what to warn of before a command's episodes; None for nothing."""
     options = definition_of_name(experiment.simulation)
+    return options.uneven_steps if isinstance(options, FmuOptions) else _without_effect(experiment, options)
+
+
+def _without_effect(experiment: "Experiment", options: Definition) -> str | None:
+    """Return what does not reach a simulation's command, as a warning; None where all parameters do."""
     if not isinstance(options, CommandOptions) or options.controller == "stepwise":
         return None
     texts = [*options.command, *options.environment.values(), *(options.compile or ()), *_files(options)]

@@ -190,8 +190,8 @@ class Validate(Options):
     ] = "auto"
     """Episodes of each candidate, all with the same seeds; 0: no validation. auto: 100, or four times
     `ranking.episodes`, but at most a twentieth of the run's episodes for all candidates together, and none if
-    these are fewer than 10. With auto, the validation ends after 20 if fitness has not depended on the seed
-    in these, nor in the run."""
+    these are fewer than 10; where `method.evaluations` ended the run, a twentieth of those. With auto, the
+    validation ends after 20 if fitness has not depended on the seed in these, nor in the run."""
     candidates: int = Field(default=5, ge=1, le=100)
     """How many: the best candidate of the run, and the next best with other controllers. With `episodes:
     auto` as many as that twentieth suffices for, but at least the best one."""

@@ -86,8 +86,9 @@ class Experiment:
                 takes it: the value is YAML, items of lists are named by their number (`parameters.agents.0`),
                 null takes a key back to its default. Another `kind` starts from that kind's defaults; a
                 method of another kind keeps the file's target and its limits: generations (not for racing),
-                evaluations and seconds. A limit that is set takes the place of all three of the file. Paths
-                of files in them are relative to the working directory.
+                evaluations and seconds. A limit that is set takes the place of all three of the file.
+                Settings apply in order, but a `kind` before the options of its section. Paths of files in
+                them are relative to the working directory.
 
         Raises InputError with every problem of the file and of the settings, a line each: `file.yaml:12:
         method.populaton: unknown key; did you mean 'population'?`.
@@ -124,8 +125,7 @@ class Experiment:
         if ask:
             check_fits(self, source)
         changed = self._checked(source, None, ask=ask, lenient=self._keeps_unavailable(source.values))
-        object.__setattr__(changed, "path", self.path)
-        return changed
+        return dataclasses.replace(changed, path=self.path)
 
     def with_source(self, source: Source, *, only: Collection[str], reason: str, ask: bool = True) -> Self:
         """Return a copy with the keys that a file has, or a part of it.
@@ -204,8 +204,7 @@ class Experiment:
             raise InputError(
                 f"{folder}: the experiment in {store.file.name} cannot be used: {error}{copied}"
             ) from error
-        object.__setattr__(experiment, "path", folder / "experiment.yaml")
-        return experiment
+        return dataclasses.replace(experiment, path=folder / "experiment.yaml")
 
     @classmethod
     def _checked(
@@ -293,8 +292,7 @@ class Experiment:
             else:
                 values[name] = change.model_dump() if hasattr(change, "model_dump") else change
         changed = self._from(values, lenient=self._keeps_unavailable(values))
-        object.__setattr__(changed, "path", self.path)
-        return changed
+        return dataclasses.replace(changed, path=self.path)
 
     def checked_again(self) -> Self:
         """Return an equal experiment, checked as it is now: mappings and lists in it may have been changed.
@@ -302,8 +300,7 @@ class Experiment:
         Raises InputError with every problem.
         """
         checked = self._checked(Source("", values=self.to_mapping()), None)
-        object.__setattr__(checked, "path", self.path)
-        return checked
+        return dataclasses.replace(checked, path=self.path)
 
     @staticmethod
     def json_schema() -> dict[str, Any]:
@@ -420,7 +417,7 @@ class Experiment:
 
         Raises InputError when it is a plug-in that cannot be imported any more.
         """
-        kind: str = self.ranking.kind  # type: ignore[attr-defined] # every kind's options have it
+        kind: str = self.ranking.kind
         return RANKINGS.get(kind)(self.ranking)
 
     @property

@@ -64,7 +64,7 @@ def resolve(
             (name,), result[name], folder if own is None else partial(_beside, own), files
         )
         for place, message in wrong:
-            report(place, message)
+            report(*((place, message) if own is None else ((name,), own.place(place[1:]) + message)))
         if wrong:
             del result[name]
     return result, files
@@ -104,6 +104,8 @@ def _with_robots(
 
 
 def _read(path: Path) -> yaml.Source:
+    if "\0" in str(path):
+        raise InputError(f"{str(path)!r}: a path cannot hold the character NUL")
     return (_read_yaml if path.suffix in _YAML else _read_json)(path)
 
 

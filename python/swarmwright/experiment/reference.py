@@ -8,6 +8,7 @@ from typing import Any
 from swarmwright.experiment.document import DEFAULT_KINDS
 from swarmwright.experiment.schema import experiment_schema, options_schema
 from swarmwright.launchers import LAUNCHERS, LauncherOptions
+from swarmwright.methods import METHODS
 from swarmwright.simulations import catalogue
 
 _INTRODUCTION = """\
@@ -55,18 +56,47 @@ def reference() -> str:
         definition = schema["$defs"][f"Ros{name}"]
         lines += ["", f"### {title}", "", definition["description"], ""]
         lines += _table(definition["properties"], set(definition.get("required", [])), schema)
-    for name, default in DEFAULT_KINDS.items():
-        section = schema["properties"][name]
-        lines += ["", f"## {name}", "", section["description"]]
-        for variant in section["oneOf"]:
-            kind = variant["properties"]["kind"]["const"]
-            lines += ["", f"### {name}: {{kind: {kind}}}{' (default)' if kind == default else ''}", ""]
-            lines += [variant["description"], ""]
-            options = {key: value for key, value in variant["properties"].items() if key != "kind"}
-            lines += _table(options, set(variant.get("required", [])), schema)
+    for name in DEFAULT_KINDS:
+        lines += ["", f"## {name}", "", schema["properties"][name]["description"], *_kinds(name, schema)]
     for title in catalogue.titles():
         lines += ["", *_simulation(title)]
     return "\n".join(lines).rstrip() + "\n"
+
+
+def _kinds(name: str, schema: dict[str, Any]) -> Iterator[str]:
+    """The options of a section: those that are the same for every kind, then the others of each."""
+    variants = schema["properties"][name]["oneOf"]
+    shared = _shared([variant["properties"] for variant in variants])
+    if shared:
+        yield from ("", "Every kind has these options, unless its own table below has them otherwise.")
+        if name == "method":
+            steady = [f"`{kind}`" for kind in METHODS.built_in if METHODS.get(kind).steady_state]
+            listed = f"{', '.join(steady[:-1])} and {steady[-1]}"
+            yield f"`operation: steady_state`, and with it `in_flight`, is for {listed} alone."
+        yield ""
+        yield from _table(shared, set(), schema)
+    for variant in variants:
+        kind = variant["properties"]["kind"]["const"]
+        yield from ("", f"### {name}: {{kind: {kind}}}{' (default)' if kind == DEFAULT_KINDS[name] else ''}")
+        yield from ("", variant["description"])
+        options = {
+            key: one for key, one in variant["properties"].items() if key != "kind" and one != shared.get(key)
+        }
+        if options:
+            yield ""
+            yield from _table(options, set(variant.get("required", [])), schema)
+
+
+def _shared(variants: list[dict[str, Any]]) -> dict[str, Any]:
+    """Return the options that all variants have, most of them in this form."""
+    first, *others = variants
+    found = {}
+    for key in first:
+        forms = [variant[key] for variant in variants if key in variant]
+        usual = max(forms, key=forms.count)
+        if others and len(forms) == len(variants) and 2 * forms.count(usual) > len(variants):
+            found[key] = usual
+    return found
 
 
 def _launchers(schema: dict[str, Any]) -> Iterator[str]:

@@ -37,6 +37,12 @@ def mission_of(given: Any) -> Mapping[str, Any] | None:  # noqa: ANN401 - as the
     return next((parse(text, "").values for text in texts), None)
 
 
+def mission_name(given: Any) -> Any:  # noqa: ANN401 - as the arena's parameter has it
+    """Return the longer one of a built-in mission's two names; anything else as it is."""
+    long = (one["also"] for one in _engine.missions() if one["also"] and one["name"] == given)
+    return next(long, given)
+
+
 def written_out(
     values: dict[str, Any], paths: Iterable[tuple[str, ...]], folder: Callable[[Path_], Path]
 ) -> dict[str, Any]:

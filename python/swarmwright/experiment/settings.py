@@ -111,7 +111,7 @@ def apply(source: Source, settings: Iterable[Setting], *, new_budget: bool = Tru
         settings: what is set.
         new_budget: whether a limit that is set takes the place of all limits of the file.
     """
-    ordered = sorted(settings, key=lambda setting: not setting.first)
+    ordered = _in_order(settings)
     if not ordered or not isinstance(source.values, Mapping | None):
         return source
     changed = Source(
@@ -136,6 +136,18 @@ def apply(source: Source, settings: Iterable[Setting], *, new_budget: bool = Tru
     return changed
 
 
+def _in_order(settings: Iterable[Setting]) -> list[Setting]:
+    """Return settings with those first on which others build, but after the whole section given before."""
+    ordered: list[Setting] = []
+    for one in settings:
+        place = len(ordered)
+        if one.first:
+            wholes = [index for index, other in enumerate(ordered) if other.path in {one.path, one.path[:1]}]
+            place = wholes[-1] + 1 if wholes else 0
+        ordered.insert(place, one)
+    return ordered
+
+
 def _drop_limits(source: Source, settings: Iterable[Setting]) -> None:
     """Drop the limits of the file where settings have one, so that it means the same for any file."""
     given = sets_limit(
@@ -149,25 +161,28 @@ def _drop_limits(source: Source, settings: Iterable[Setting]) -> None:
 
 
 def _start_anew(source: Source, setting: Setting) -> None:
-    """Drop the options of a section that gets another kind: they are another kind's.
-
-    A budget is kept, and what all rankings have.
-    """
+    """Drop the options of a section that gets another kind, see `kept_options`."""
     section = setting.path[0]
     new = setting.value or DEFAULT_KINDS[section]
     old = source.values.get(section)
     kind = old.get("kind", DEFAULT_KINDS[section]) if isinstance(old, Mapping) else DEFAULT_KINDS[section]
     if new != kind or not isinstance(old, Mapping):
-        names = _kept_limits(new) if section == "method" else [*RankingOptions.model_fields]
-        if section == "controller" or not isinstance(old, Mapping):
-            names = []
+        names = kept_options(section, new) if isinstance(old, Mapping) else []
         kept = {name: old[name] for name in names if name in old}
         source.values[section] = kept
         _forget(source, (section,), but=[(section,), *((section, name) for name in kept)])
 
 
-def _kept_limits(kind: Any) -> list[str]:  # noqa: ANN401 - any value of a file
-    """Return the options that end a run with a method of another kind as with the file's."""
+def kept_options(section: str, kind: Any) -> list[str]:  # noqa: ANN401 - any value of a file
+    """Return the options of a file's section that are kept where it gets another kind: they mean the same.
+
+    A budget and a target are kept, and what all rankings have; other options are another kind's, even those
+    of the same name.
+    """
+    if section == "ranking":
+        return [name for name in RankingOptions.model_fields if name != "kind"]
+    if section != "method":
+        return []
     try:
         race = METHODS.get(kind).by_instance if isinstance(kind, str) else False
     except InputError:  # is reported when the options are checked

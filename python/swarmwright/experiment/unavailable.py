@@ -65,7 +65,7 @@ def method_of(options: MethodOptions) -> type[Method]:
     """Return the class of a method by its options; a stand-in where these were read without it."""
     if isinstance(options, UnavailableOptions):
         return UnavailableMethod
-    kind: str = options.kind  # type: ignore[attr-defined] # every kind's options have it
+    kind: str = options.kind
     return REGISTRIES["method"].get(kind)
 
 

@@ -61,15 +61,16 @@ CONNECTION WITH THEIR USE.
 
 @dataclass(frozen=True)
 class Bundle:
-    """An archive that was written."""
+    """An archive that was written by `export_bundle`."""
 
     file: Path
+    """The archive, `.zip`."""
     digest: str
     """SHA-256 of its manifest, in hexadecimal, which has the digests of all other files."""
     subject: Subject
     """The controller, with where it comes from."""
     verified: dict[str, Verification]
-    """By form, how what was written compares with the simulation."""
+    """By form (such as "c"), how the exported controller compares with that of the simulation."""
     unverified: dict[str, str]
     """By form, why it was not compared."""
     without: dict[str, str]

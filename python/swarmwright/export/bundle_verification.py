@@ -5,7 +5,7 @@ import json
 import math
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -102,7 +102,7 @@ def verify_bundle(file: str | Path) -> BundleVerification:
     Swarmwright wrote them.
 
     Args:
-        file: the archive.
+        file: the archive, or the folder that it was unpacked to.
 
     Raises InputError when it is not a bundle, or one of a later version.
     """
@@ -117,21 +117,16 @@ def verify_bundle(file: str | Path) -> BundleVerification:
 
 
 def _read(path: Path) -> dict[str, bytes]:
+    if path.is_dir():
+        return _read_folder(path)
     try:
         with zipfile.ZipFile(path) as archive:
-            infos = archive.infolist()
-            if sum(info.file_size for info in infos) > _LARGEST:
-                raise InputError(
-                    f"{path}: has more than {_LARGEST >> 20} MiB of files; no bundle is so large"
-                )
+            infos = [info for info in archive.infolist() if not info.is_dir()]  # other programs add folders
+            _check_size(path, sum(info.file_size for info in infos))
             names = [info.filename for info in infos]
             if len(set(names)) < len(names):
                 raise InputError(f"{path}: has a file twice: {one_line(_twice(names))}")
-            if MANIFEST not in names:
-                raise InputError(
-                    f"{path}: is not a bundle: it has no {MANIFEST}; "
-                    "`swarmwright export RUN --bundle FILE.zip` makes one"
-                )
+            _check_manifest(path, names)
             return {info.filename: archive.read(info) for info in infos}
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
@@ -139,6 +134,37 @@ def _read(path: Path) -> dict[str, bytes]:
         zipfile.BadZipFile, zipfile.LargeZipFile, zlib.error, RuntimeError, NotImplementedError, EOFError,
     ) as error:  # fmt: skip
         raise InputError(f"{path}: is not a bundle, or is damaged: {error}") from error
+
+
+def _read_folder(folder: Path) -> dict[str, bytes]:
+    """Return the files of an unpacked bundle by name; links are not followed."""
+    try:
+        files = {
+            file.relative_to(folder).as_posix(): file
+            for file in sorted(folder.rglob("*"))
+            if file.is_symlink() or not file.is_dir()
+        }
+        _check_manifest(folder, files)
+        for name, file in files.items():
+            if file.is_symlink() or not file.is_file():
+                raise InputError(f"{folder}: {one_line(name)}: is not a plain file; no bundle has others")
+        _check_size(folder, sum(file.stat().st_size for file in files.values()))
+        return {name: file.read_bytes() for name, file in files.items()}
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be read: {error.strerror or error}") from error
+
+
+def _check_size(path: Path, size: int) -> None:
+    if size > _LARGEST:
+        raise InputError(f"{path}: has more than {_LARGEST >> 20} MiB of files; no bundle is so large")
+
+
+def _check_manifest(path: Path, names: Collection[str]) -> None:
+    if MANIFEST not in names:
+        raise InputError(
+            f"{path}: is not a bundle: it has no {MANIFEST}; "
+            "`swarmwright export RUN --bundle FILE.zip` makes one"
+        )
 
 
 def _twice(names: list[str]) -> str:

@@ -12,7 +12,7 @@ from swarmwright.export.c_code import Table, code
 from swarmwright.export.c_family import Language
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import RANDOM, Subject
-from swarmwright.export.text import check_header, render
+from swarmwright.export.text import check_header, render, sealed
 
 LANGUAGE = Language("C", "c", "gnu11", "CC", ("cc", "gcc", "clang"), "apt install gcc")
 
@@ -145,6 +145,7 @@ def _source(subject: Subject, values: dict[str, str], *, loaded: bool = False) -
             **values,
             "header_source": f"{values['p']}.c: an evolved controller, see {values['p']}.h.",
             "arithmetic": render("c_arithmetic.txt", values).rstrip() if made.kernel else "",
+            "arithmetic_end": render("c_arithmetic_end.txt", values).rstrip() if made.kernel else "",
             "flash": render("c_flash.txt", values).rstrip(),
             "tables": "\n\n".join(tables),
             "finite": render("c_finite.txt", values).rstrip(),
@@ -183,10 +184,13 @@ def _sketch(subject: Subject, values: dict[str, str], sketch: str) -> str:
     known = "a step of the simulation" if step else "a guess, for the duration of a step is not known"
     # Seeded by noise on a pin that nothing is connected to: robots with the same numbers would act alike.
     draws = any(one.name == RANDOM and one.range is None for one in subject.sensors)
-    return render(
+    text = render(
         "arduino.txt",
         {
             **values,
+            "facts": facts(
+                subject, advice=f"once you have edited it, exports write {sketch}.ino.new beside it"
+            ),
             "sketch": sketch,
             "period": str(round(1e6 * step) if step else 100_000),
             "period_words": known,
@@ -195,3 +199,4 @@ def _sketch(subject: Subject, values: dict[str, str], sketch: str) -> str:
             "drive": drive,
         },
     )
+    return sealed(text)

@@ -134,13 +134,19 @@ def _rows(items: list[str], width: int) -> str:
 
 def enumeration(channels: list[Channel], begin: str, what: str) -> str:
     """Return the members of an enumeration with name, unit and limits as comments."""
-    names = identifiers((channel.name for channel in channels), what)
+    names = _words(channels, what)
     lines = []
     for index, (name, channel) in enumerate(zip(names, channels, strict=True)):
         about = f"{plain(channel.name)}{f' in {plain(channel.unit)}' if channel.unit else ''}"
         comma = "," if index + 1 < len(channels) else ""
         lines.append(f"    {begin}{name} = {index}{comma} /* {about}, {plain(channel.limits)} */")
     return "\n".join(lines)
+
+
+def _words(channels: list[Channel], what: str) -> list[str]:
+    """Return a different word for each; COUNT would be taken for how many there are."""
+    found = identifiers((channel.name for channel in channels), what)
+    return identifiers([f"{one}_{index}" if one == "COUNT" else one for index, one in enumerate(found)], what)
 
 
 def conversion(subject: Subject) -> str:
@@ -157,7 +163,7 @@ def defined(table: Table, begin: str, flash: str) -> str:
 
 def assignments(channels: list[Channel], begin: str, what: str, array: str) -> str:
     """Return a line for each sensor that a person fills in."""
-    names = identifiers((channel.name for channel in channels), what)
+    names = _words(channels, what)
     lines = [
         f"    {array}[{begin}{name}] = {_value(channel)};"
         f" /* {plain(channel.name)}: {plain(channel.limits)} */"
@@ -174,7 +180,7 @@ def _value(channel: Channel) -> str:
 
 def uses(channels: list[Channel], begin: str, what: str) -> str:
     """Return a line for each actuator that a person fills in."""
-    names = identifiers((channel.name for channel in channels), what)
+    names = _words(channels, what)
     lines = [
         f"    Serial.println(actuators[{begin}{name}], 6);"
         f" /* {plain(channel.name)}: {plain(channel.limits)} */"

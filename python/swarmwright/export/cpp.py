@@ -119,6 +119,7 @@ def _header(subject: Subject, values: dict[str, str]) -> str:
             "sensor_enum": c_family.enumeration(subject.sensors, "SENSOR_", "SENSOR"),
             "actuator_enum": c_family.enumeration(subject.actuators, "ACTUATOR_", "ACTUATOR"),
             "arithmetic": render("c_arithmetic.txt", values).rstrip() if made.kernel else "",
+            "arithmetic_end": render("c_arithmetic_end.txt", values).rstrip() if made.kernel else "",
             "flash": render("c_flash.txt", values).rstrip(),
             "declared": "\n".join(
                 f"    static const {one.type} {one.name}[{one.length}];" for one in made.tables

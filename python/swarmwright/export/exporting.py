@@ -58,7 +58,7 @@ def export_controller(
         prefix: begins names of files, functions and types, so that a program can hold several controllers.
         verify: compile and run what was written, in 10,000 random sequences and in the run's episodes, and
             compare its actuators with the simulation's.
-        force: write over files that were not exported by Swarmwright.
+        force: write over files that were not exported by Swarmwright, or that were edited since.
 
     Raises:
         InputError: there is no such candidate, group or form, the prefix is not an identifier, or differs

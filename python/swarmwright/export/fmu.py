@@ -263,8 +263,8 @@ def _words(channel: Channel) -> str:
 
 
 def _period(subject: Subject) -> float:
-    """Return the seconds of a control step: those of the simulation, 1 where it does not say."""
-    return subject.step_size or 1.0
+    """Return the seconds of a control step, those of an FMU of the simulation; 1 where it has none."""
+    return subject.step_size or subject.shown_seconds or 1.0
 
 
 def _platform(compiler: list[str]) -> tuple[str, str, str]:

@@ -64,7 +64,13 @@ def proxy_model(experiment: Experiment, address: Address, agents: int | None = N
         description = _announced(experiment, address)
         known = parameters_of({"parameters": {name: _told(value) for name, value in base.items()}}, base)
     if catalogue.is_here(simulation) and description["actuators"]:
-        found, period = started(catalogue.playable(simulation), base, seed, int(description["actuators"]))
+        found, period = started(
+            catalogue.playable(simulation),
+            base,
+            seed,
+            int(description["actuators"]),
+            catalogue.step_seconds(simulation),
+        )
         agents = found if agents is None else agents
     if agents is None:
         agents = _agents(experiment, description)

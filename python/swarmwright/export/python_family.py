@@ -52,7 +52,7 @@ def modules(subject: Subject, prefix: str, numbers: Numbers, dialect: dict[str, 
 def _names(channels: list[Channel]) -> str:
     lines = []
     for channel in channels:
-        unit = f"in {one_line(channel.unit)} " if channel.unit else ""
+        unit = f"in {one_line(channel.unit)}, " if channel.unit else ""
         lines.append(f"    {quoted(channel.name)},  # {unit}{one_line(channel.limits)}")
     return "\n".join(lines)
 

@@ -1,7 +1,6 @@
 """What the forms ROS 1 and ROS 2 have in common: the sources of the node, and the mapping to be filled in."""
 
 import json
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -103,17 +102,8 @@ def mapping(subject: Subject) -> str:
     )
 
 
-def unique_names(channels: Sequence[Channel]) -> list[str]:
-    """Return names by which the node tells sensors or actuators apart."""
-    count = Counter(channel.name for channel in channels)
-    return [
-        channel.name if count[channel.name] == 1 else f"{channel.name} {index}"
-        for index, channel in enumerate(channels)
-    ]
-
-
 def _names(channels: Sequence[Channel], literal: Callable[[str], str]) -> str:
-    return "\n".join(f"    {literal(name)}," for name in unique_names(channels))
+    return "\n".join(f"    {literal(one.name)}," for one in channels)
 
 
 def _begin(subject: Subject) -> str:
@@ -126,7 +116,8 @@ def _entries(kind: str, channels: Sequence[Channel], known: Sequence[Mapping[str
     """Return entries; what is known of a sensor or actuator of a name is filled in."""
     by_name = {entry[kind]: entry for entry in known}
     lines = []
-    for name, channel in zip(unique_names(channels), channels, strict=True):
+    for channel in channels:
+        name = channel.name
         begin = f"  - {kind}: {in_json(json.dumps(name, ensure_ascii=False))}"
         unit = f"{one_line(channel.unit)}, " if channel.unit else ""
         values = {"topic": "", "type": "", "field": "", **by_name.get(name, _scaling(kind, channel))}

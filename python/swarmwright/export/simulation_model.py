@@ -92,7 +92,13 @@ class Model:
             if name not in description["parameters"]:
                 hint = did_you_mean(name, list(description["parameters"])) or ""
                 raise InputError(f"parameters.{name}: {title} has no such parameter{hint}")
-        agents, period = started(title, base, seed, int(description["actuators"]))
+        agents, period = started(
+            catalogue.playable(title),
+            base,
+            seed,
+            int(description["actuators"]),
+            catalogue.step_seconds(title),
+        )
         check_size(title, agents, description)
         variables = parameters_of(description, base)
         groups = catalogue.groups(title, dict(parameters))
@@ -206,9 +212,16 @@ def parameters_of(description: Mapping[str, Any], base: Mapping[str, Any]) -> li
 
 
 def started(
-    simulation: str | AnyHost, base: Mapping[str, Any], seed: int, actuators: int
+    simulation: str | AnyHost,
+    base: Mapping[str, Any],
+    seed: int,
+    actuators: int,
+    step_seconds: float | None,
 ) -> tuple[int, float]:
-    """Return how many agents act in the first step, and the seconds of a step."""
+    """Return how many agents act in the first step, and the seconds of a step.
+
+    step_seconds: None where the simulation has no physical time: then they are those for which it is shown.
+    """
     with engine_errors():
         episodes = _engine.Episodes(simulation, dict(base), [seed])
         agents = 0
@@ -218,7 +231,7 @@ def started(
             episodes.step(np.zeros((len(acting), actuators), np.float32))
             if not episodes.mid_step:
                 break
-        return agents, episodes.step_size or 1.0
+        return agents, step_seconds or episodes.step_size or 1.0
 
 
 def _parameter(name: str, about: Mapping[str, Any], base: Mapping[str, Any]) -> Parameter:

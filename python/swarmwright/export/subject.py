@@ -1,7 +1,7 @@
 """What is exported: a candidate of a run, the names of what it senses and does, recorded episodes."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +18,7 @@ from swarmwright.export.text import plain
 from swarmwright.representations.controller import controller_words
 from swarmwright.runs.choice import choose
 from swarmwright.simulations import catalogue
+from swarmwright.user_code.notices import say
 
 if TYPE_CHECKING:
     from swarmwright.runs.choice import Choice
@@ -57,7 +58,7 @@ class Subject:
     facts: tuple[tuple[str, str], ...] = ()
     """Where it comes from, in lines of a name and a text."""
     description: Mapping[str, Any] = field(default_factory=dict)
-    """Of the simulation, see `catalogue.description`; empty where it is not known."""
+    """Of sensors and actuators, see `catalogue.channels`; empty where it is not known."""
     episodes: Sequences | None = None
     """What the agents sensed and did in episodes of the run; None where the simulation could not be run."""
     episode_count: int = 0
@@ -70,7 +71,16 @@ class Subject:
     ranges: Mapping[str, str] = field(default_factory=dict)
     """Of the parameters of a parameter set, in words."""
     step_size: float = 0.0
-    """Seconds of a step of the simulation; 0 where it is not known."""
+    """Seconds of a step in the world that is simulated; 0 where they are not known."""
+    shown_seconds: float = 0.0
+    """Seconds for which a step is shown; 0 where they are not known."""
+
+    @property
+    def unknown(self) -> str:
+        """What is not known of its sensors and actuators, and why; empty where they are described."""
+        if not self.steers or self.description:
+            return ""
+        return f"names, units and ranges of sensors and actuators are not known: {self.reason}"
 
     @property
     def kind(self) -> str:
@@ -93,14 +103,18 @@ class Subject:
         seen = self.episodes.sensors if self.episodes is not None and len(self.episodes) else None
         found = []
         for index, (name, unit, stands_for) in enumerate(self._channels("sensor")):
-            limits = "any finite number"
+            limits = "any finite number" if self.description else "range and scale not known"
             if seen is not None:
                 low, high = (float(f"{one:.4g}") for one in (seen[:, index].min(), seen[:, index].max()))
                 limits = f"{low + 0.0:g} to {high + 0.0:g} in the recorded episodes"
             if name == RANDOM and stands_for is None:
                 limits = "a new random number from 0 to 1 in each step, another one on each robot"
             if stands_for is not None:
-                limits = f"{stands_for.scaled_words}, scaled: {limits}"
+                limits = (
+                    stands_for.scaled_words
+                    if seen is None
+                    else f"{stands_for.scaled_words}, scaled: {limits}"
+                )
             found.append(Channel(name, unit, limits, stands_for))
         return found
 
@@ -131,7 +145,7 @@ class Subject:
             (str(name), str(unit), None)
             if stands_for is None
             else (str(name), "", stands_for._replace(unit=stands_for.unit or str(unit)))
-            for name, unit, stands_for in zip(names, units, ranges, strict=True)
+            for name, unit, stands_for in zip(_different(names, what), units, ranges, strict=True)
         ]
 
     @cached_property
@@ -150,6 +164,20 @@ class Subject:
         if self.episodes is None or not len(self.episodes):
             return f"{golden.count} random sequences, {steps}"
         return f"whole episodes of {golden.count} agent{'s' if golden.count > 1 else ''}, {steps}"
+
+
+def _different(names: list[Any], what: str) -> list[str]:
+    """Return a different name for each: empty ones and those that occur twice are numbered, from 0."""
+    texts = [str(name).strip() and str(name) for name in names]
+    found: list[str] = []
+    for index, text in enumerate(texts):
+        name = text or f"{what} {index}"
+        if texts.count(text) > 1 and text:
+            name = f"{text} {index}"
+        while name in found:
+            name = f"{name} {index}"
+        found.append(name)
+    return found
 
 
 def subject_of(
@@ -188,18 +216,22 @@ def subject_of(
     specification = chosen.specification if part is None else part.specification
     if "sensors" not in specification:
         return _parameter_set(run, chosen, facts)
+    topics, real_time = _of_ros(run.experiment.simulation)
     if not catalogue.is_here(run.experiment.simulation):
         reason = f"the simulation {run.experiment.label!r} is not available in this process"
-        return Subject(specification, facts, reason=reason)
-    topics, real_time = _of_ros(run.experiment.simulation)
-    if real_time:
+    elif real_time:
         reason = "its robots move in real time, and are not driven for that"
-        return Subject(specification, facts, _described(run, part), reason=reason, topics=topics)
-    try:
-        description, episodes, count, step_size = _recorded(run, chosen, part)
-    except SwarmwrightError as error:
-        return Subject(specification, facts, _described(run, part), reason=str(error), topics=topics)
-    return Subject(specification, facts, description, episodes, count, topics=topics, step_size=step_size)
+    else:
+        try:
+            return _recorded(run, chosen, part, Subject(specification, facts, topics=topics))
+        except SwarmwrightError as error:
+            reason = str(error)
+    known = _described(run)
+    description, step = _of_part(known, part), _step_seconds(known)
+    subject = Subject(specification, facts, description, reason=reason, topics=topics, step_size=step)
+    if subject.unknown:
+        say(f"{run.path}: {subject.unknown}")
+    return subject
 
 
 def _of_ros(simulation: str) -> tuple[Mapping[str, Any], bool]:
@@ -246,55 +278,55 @@ def _parameter_set(run: "Run", chosen: "Choice", facts: tuple[tuple[str, str], .
     return Subject(chosen.specification, facts, values=values, ranges=ranges)
 
 
-def _described(run: "Run", part: Member | None) -> Mapping[str, Any]:
-    """Return the description of a built-in simulation, of robots with ROS or of an FMU, where it is known.
+def _described(run: "Run") -> Mapping[str, Any]:
+    """Return what is known of the simulation without executing its code, see `catalogue.channels`.
 
-    Of no other: that may execute code.
+    What the run has stored, or else, of one that an earlier version made, the description of a simulation
+    that is built in, of robots with ROS or of an FMU.
     """
+    stored = run.store.channels()
+    if stored is not None:
+        return stored
     simulation = run.experiment.simulation
     prefix = SimulationName.parse(simulation).prefix
     if prefix not in (SimulationName.ROS, SimulationName.FMU) and not catalogue.built_in(simulation):
         return {}
     try:
-        return _of_part(simulation, run.experiment.parameters, part)
+        return catalogue.channels(simulation, run.experiment.parameters)
     except SwarmwrightError:
         if prefix != SimulationName.FMU:
             raise
         return {}  # the FMU is gone, which is the reason that is named
 
 
-def _of_part(simulation: str, parameters: dict[str, Any], part: Member | None) -> Mapping[str, Any]:
-    """Return a simulation's description with ranges, and with names and ranges of a group for its own."""
-    description = catalogue.description(simulation, parameters)
+def _of_part(channels: Mapping[str, Any], part: Member | None) -> Mapping[str, Any]:
+    """Return what is known of sensors and actuators of all agents, or of a group."""
     if part is None:
-        return {**description, **catalogue.ranges(simulation, parameters)}
-    for one in catalogue.groups(simulation, parameters):
-        if one.name == part.name:
-            names = {"sensor_names": list(one.sensor_names), "actuator_names": list(one.actuator_names)}
-            ranges = catalogue.ranges(simulation, parameters, part.name)
-            return {**description, **names, "sensor_units": [], "actuator_units": [], **ranges}
-    return description
+        return channels
+    found: Mapping[str, Any] = channels.get("groups", {}).get(part.name, channels)
+    return found
 
 
-def _recorded(
-    run: "Run", chosen: "Choice", part: Member | None
-) -> tuple[Mapping[str, Any], Sequences, int, float]:
-    """Return the simulation's description; what agents sensed and did; episodes; seconds of a step."""
+def _step_seconds(channels: Mapping[str, Any]) -> float:
+    return float(channels.get("step_seconds") or 0.0)
+
+
+def _recorded(run: "Run", chosen: "Choice", part: Member | None, subject: Subject) -> Subject:
+    """Return a subject with the simulation's description, and what agents sensed and did in episodes."""
     from swarmwright.runs.replay import Replay  # noqa: PLC0415 - needs displays
 
     parts: list[tuple[NDArray[np.float32], NDArray[np.float32]]] = []
     done, count = 0, 0
     for number in range(min(_EPISODES, len(chosen.seeds))):
         replay = Replay.of(run, generation=chosen.generation, candidate=chosen.candidate, episode=number)
-        agents, step_size = _agents(replay, part)
+        agents, shown_seconds = _agents(replay, part)
         done += sum(len(sensors) for sensors, _ in agents)
         count += 1
         parts += agents
         if done > _STEPS:
             break
-    played = replay.experiment
-    description = _of_part(played.simulation, played.parameters, part)
-    of = chosen.specification if part is None else part.specification
+    known = catalogue.channels(replay.experiment.simulation, replay.experiment.parameters)
+    of = subject.specification
     width = (int(of["sensors"]), int(of["actuators"]))
     first = np.zeros(done, np.bool_)
     starts = np.cumsum([0, *(len(sensors) for sensors, _ in parts)])[:-1]
@@ -303,14 +335,21 @@ def _recorded(
         np.concatenate([np.empty((0, width[side]), np.float32), *(part[side] for part in parts)])
         for side in (0, 1)
     )
-    return description, Sequences(first, sensors, actuators, np.ones(done, np.bool_)), count, step_size
+    return replace(
+        subject,
+        description=_of_part(known, part),
+        episodes=Sequences(first, sensors, actuators, np.ones(done, np.bool_)),
+        episode_count=count,
+        step_size=_step_seconds(known),
+        shown_seconds=shown_seconds,
+    )
 
 
 _Played = list[tuple[NDArray[np.float32], NDArray[np.float32]]]
 
 
 def _agents(replay: Any, part: Member | None) -> tuple[_Played, float]:  # noqa: ANN401 - a Replay
-    """Return sensors and actuators of each agent (of a group) in a whole episode; the step size."""
+    """Return sensors and actuators of each agent (of a group) in an episode; for how long a step is shown."""
     episode = replay.engine_episode()
     rows = []
     with engine_errors():

@@ -1,11 +1,12 @@
 """Writing exported files, without writing over what others have written."""
 
 import hashlib
+import logging
 from pathlib import Path
 
 from swarmwright.core.errors import InputError
 from swarmwright.export._base import Files, file_bytes
-from swarmwright.export.text import MARK
+from swarmwright.export.text import MARK, has_seal, is_edited
 
 _SEARCHED = 1 << 16
 """Bytes at the beginning of a file in which the mark is looked for."""
@@ -14,7 +15,10 @@ _SEARCHED = 1 << 16
 def write(files: Files, folder: Path, *, force: bool = False) -> list[Path]:
     """Write files into a folder, which is made if needed; return their paths.
 
-    force: write over files that Swarmwright did not export.
+    One that users are to edit is kept where they have: the new one has `.new` behind its name, and a warning
+    says so.
+
+    force: write over files that Swarmwright did not export, and over edited ones.
 
     Raises InputError, and writes nothing, when there is such a file, a folder in the place of a file, or a
     module in the other dialect of Python, which has the same name.
@@ -36,6 +40,8 @@ def write(files: Files, folder: Path, *, force: bool = False) -> list[Path]:
                 f"{path}: is the export to the other one of Python and MicroPython; name another --output "
                 "or --prefix, or write over it with --force"
             )
+    if not force:
+        paths = [_beside(path, content) for path, content in zip(paths, files.values(), strict=True)]
     for path, content in zip(paths, files.values(), strict=True):
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -43,6 +49,22 @@ def write(files: Files, folder: Path, *, force: bool = False) -> list[Path]:
         except OSError as error:
             raise InputError(f"{path}: cannot be written: {error.strerror}") from error
     return paths
+
+
+def _beside(path: Path, content: str | bytes) -> Path:
+    """Return where a file is written: beside the one that is there if users were to edit it, and have."""
+    if not has_seal(content) or not path.exists():
+        return path
+    there = path.read_bytes()
+    if there == file_bytes(content) or not is_edited(there):
+        return path
+    new = path.with_name(f"{path.name}.new")
+    logging.getLogger("swarmwright").warning(
+        "%s: has been edited since it was exported, and is kept; the new one is %s (--force writes over it)",
+        path,
+        new.name,
+    )
+    return new
 
 
 def check_case(files: Files, folder: Path, prefix: str) -> None:

@@ -118,7 +118,9 @@ def of_text(text: str, given: Sequence[LauncherOptions]) -> Entries:
     for part in text.split(","):
         match = _TEXT.fullmatch(part.strip())
         if match is None:
-            hint = did_you_mean(part, [*LAUNCHERS.names(), *WORDS])
+            # Of `slurm:-3` the number is wrong.
+            known = part.partition(":")[0].strip() in LAUNCHERS.names()
+            hint = "" if known else did_you_mean(part, [*LAUNCHERS.names(), *WORDS])
             raise InputError(
                 f"must be a launcher with a number of servers, such as slurm:4 or slurm:4..200, "
                 f"not {part!r}{hint}"

@@ -4,8 +4,8 @@ import asyncio
 import secrets
 import shlex
 from collections import deque
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import AsyncIterator, Mapping, Sequence
+from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import PurePosixPath
 from typing import TYPE_CHECKING, Any
@@ -192,7 +192,7 @@ class Hosts:
         file, part = f"{base}/{code.sha256}.tar.gz", f"{base}/{self._token}-{machine.number}.part"
         if await self._digest(machine, file) == code.sha256:
             return file
-        async with machine.connection.start_sftp_client() as files:
+        async with _files(machine) as files:
             await files.makedirs(base, exist_ok=True)
             async with files.open(part, "wb") as archive:
                 await archive.write(code.archive)
@@ -259,7 +259,7 @@ class Hosts:
 
         folder = str(PurePosixPath(machine.home, self._options.folder, "run", f"{self._token}-{server}"))
         private = asyncssh.SFTPAttrs(permissions=0o600)
-        async with machine.connection.start_sftp_client() as files:
+        async with _files(machine) as files:
             await files.makedirs(folder, asyncssh.SFTPAttrs(permissions=0o700), exist_ok=True)
             for name, data in self._specification.files().items():
                 async with files.open(f"{folder}/{name}", "wb", private) as file:
@@ -307,3 +307,19 @@ async def _closed(connection: Any) -> None:  # noqa: ANN401 - of asyncssh
         await asyncio.wait_for(connection.wait_closed(), GRACE)
     except Exception:  # noqa: BLE001 - it may have broken in any way
         connection.abort()
+
+
+@asynccontextmanager
+async def _files(machine: "_Machine") -> AsyncIterator[Any]:
+    """Yield an SFTP client. Raises OSError where the machine has no SFTP."""
+    import asyncssh  # noqa: PLC0415 - optional
+
+    try:
+        client = await machine.connection.start_sftp_client()
+    except (asyncssh.ChannelOpenError, asyncssh.SFTPError) as error:
+        raise OSError(
+            f"it refuses SFTP, by which files are copied there ({error.reason}); let its sshd offer it: "
+            "Subsystem sftp internal-sftp in sshd_config"
+        ) from error
+    async with client as files:
+        yield files

@@ -25,6 +25,8 @@ NO_LIMIT = 1_000_000_000
 class MethodOptions(Options):
     """Options of every method."""
 
+    kind: str = ""
+    """The name of the method; each has its own."""
     metrics_option: ClassVar[str | None] = None
     """The option, a mapping by their names, that says which metrics the method needs; experiments must have
     it."""

@@ -26,8 +26,8 @@ class CmaOptions(MethodOptions):
     restart: Literal["none", "ipop", "bipop"] = "ipop"
     """What happens when a stopping criterion of the page on methods is met. none: samples of the same
     distribution until the budget is used. ipop: a new start from a random genome with twice the population.
-    bipop: such starts, and between them starts with small populations and steps, which get as many
-    evaluations."""
+    bipop: starts with ever larger populations, as with ipop, and starts with small populations and steps take
+    turns; both kinds get as many evaluations."""
 
 
 class Cma(SearchMethod):

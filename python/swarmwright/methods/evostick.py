@@ -21,7 +21,8 @@ class EvostickOptions(MethodOptions):
     elites: int = Field(default=20, ge=1, le=1_000_000)
     """How many of the best stay, and have mutants. A larger number than the population means all of it."""
     step: float = Field(default=0.2, gt=0, le=10)
-    """How far a mutation moves a gene at most, as a share of half of its initial range: 1 for -5 to 5."""
+    """The most by which a mutation moves a gene, as a share of half of its initial range: with genes from -5
+    to 5, 0.2 is at most 1."""
 
 
 class Evostick(SearchMethod):

@@ -1,15 +1,20 @@
 """NSGA-II: several objectives, and the best trade-offs between them."""
 
+import hashlib
 from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from swarmwright.core.random_numbers import Streams
 from swarmwright.methods._archive import Values, crowding, ranks
 from swarmwright.methods._base import Method, MethodOptions
 from swarmwright.representations._base import Representation
-from swarmwright.typing import Fitness, Genomes
+from swarmwright.typing import Fitness, Genome, Genomes
+
+_ATTEMPTS = 20
+"""Times that a child is mutated anew while it is not a new one: there may be few genomes, or no mutations."""
 
 
 class Nsga2Options(MethodOptions):
@@ -45,8 +50,8 @@ class Nsga2(Method):
     """Members and their children are sorted by fronts of trade-offs, and within one by how isolated they are.
 
     Parents win a tournament of two: the one in the better front, or else the more isolated one. Variation is
-    that of the representation. The result is the front of all evaluations that no other one dominates:
-    `swarmwright runs elites RUN`.
+    that of the representation; a child that equals a member or another child is mutated anew. The result is
+    the front of all evaluations that no other one dominates: `swarmwright runs elites RUN`.
 
     Source: Deb, Pratap, Agarwal and Meyarivan, "A fast and elitist multiobjective genetic algorithm:
     NSGA-II", IEEE Transactions on Evolutionary Computation 6(2), 2002. It varies numbers by simulated binary
@@ -90,11 +95,20 @@ class Nsga2(Method):
                 self._members[parents[crossed, 1]],
                 self.streams("nsga2.crossover", crossed),
             )
+        mutants = self._mutants(children, self.streams("nsga2.mutate", candidates))
+        known = {_digest(member) for member in self._members}
+        rows = candidates
+        for attempt in range(_ATTEMPTS):
+            rows = np.array([row for row in rows if not _adds(known, mutants[row])], dtype=np.int64)
+            if not len(rows):
+                break
+            mutants[rows] = self._mutants(children[rows], self.streams(f"nsga2.mutate.{attempt}", rows))
+        return mutants
+
+    def _mutants(self, genomes: Genomes, streams: Streams) -> Genomes:
+        options = self.options
         return self.representation.mutations(
-            children,
-            self.streams("nsga2.mutate", candidates),
-            severity=options.severity,
-            probability=options.probability,
+            genomes, streams, severity=options.severity, probability=options.probability
         )
 
     def _tournaments(self, drawn: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -125,3 +139,14 @@ class Nsga2(Method):
                 break
         self._members, self._values, self._fitness = members[kept], values[kept], every[kept]
         self._ranks, self._crowding = fronts[kept], distances[kept]
+
+
+def _digest(genome: Genome) -> bytes:
+    return hashlib.sha256(genome.tobytes()).digest()  # genomes can be large
+
+
+def _adds(known: set[bytes], genome: Genome) -> bool:
+    """Add a genome to the known ones; return whether it is new."""
+    digest, count = _digest(genome), len(known)
+    known.add(digest)
+    return len(known) > count

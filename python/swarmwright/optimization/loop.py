@@ -26,6 +26,7 @@ from swarmwright.methods import Method
 from swarmwright.methods._search import SearchMethod
 from swarmwright.optimization.ahead import Ahead, Produced, can_be_ahead
 from swarmwright.optimization.checks import check_plug_ins
+from swarmwright.optimization.failures import Failures
 from swarmwright.optimization.memory import LARGE, candidates, progress
 from swarmwright.optimization.raced import race
 from swarmwright.optimization.rate import Rate
@@ -46,29 +47,33 @@ from swarmwright.typing import Fitness, Genomes
 
 @dataclass(frozen=True, kw_only=True)
 class Generation:
-    """The progress of an optimization, after a generation."""
+    """The progress of an optimization, after a generation: what a callback of `optimize` gets.
+
+    Fitness is in units of the simulation, more is better.
+    """
 
     generation: int
     """Index of the generation, from 0."""
     generations: int | None
     """Generations of the whole run; None where only evaluations or seconds are limited."""
     best: float
-    """Best fitness in the population."""
+    """Best fitness in the population; NaN where all of it failed."""
     mean: float
-    """Mean fitness of the population."""
+    """Mean fitness of the population, failed members left out; NaN where all failed."""
     best_so_far: float
-    """Best fitness since the start."""
+    """Best fitness since the start of the run; where members are evaluated again, that of the best one
+    now."""
     failed: int
     """Candidates of this generation whose evaluation failed."""
     evaluations: int
-    """Candidates evaluated since the start."""
+    """Candidates evaluated since the start, failed ones included."""
     seconds: float
-    """Since the start, or since the run was resumed."""
+    """Seconds since the start, or since the run was resumed."""
     evaluations_per_second: float
-    """Over about the last two seconds, or since the generation before where that is longer ago; at most since
-    the start."""
+    """Candidates per second over about the last two seconds, or since the generation before where that is
+    longer ago; at most since the start."""
     seconds_left: float
-    """Estimate for the rest of the budget."""
+    """Seconds until the nearest limit is reached, estimated."""
     waiting_for: str
     """What the evaluation waited for last; empty when it waited for nothing."""
     budget: Limit = "generations"
@@ -141,6 +146,7 @@ class Loop:
         check_plug_ins(self._method, self._ranking, representation)
         self._store = store
         self._name = store.folder.resolve().name
+        self._failures = Failures(store.folder)
         self._asked = 0
         self._evaluations = 0
         self._leader = -1
@@ -218,13 +224,17 @@ class Loop:
             edited: in words, what was edited in the code of plug-ins since the run, and accepted.
         """
         for evaluated in reader.generations():
-            if self._method.done:
-                raise InputError(
-                    f"{reader.file}: holds more generations than its experiment has; it was changed by hand"
-                )
+            self._check_not_done(reader)
             if not self._again(evaluated):
                 raise self._strayed(reader, evaluated.generation, edited)
         self._continue_from(reader)
+
+    def _check_not_done(self, reader: StoreReader) -> None:
+        """Raise InputError when a store has another generation although the method is done."""
+        if self._method.done:
+            raise InputError(
+                f"{reader.file}: holds more generations than its experiment has; it was changed by hand"
+            )
 
     def _strayed(self, reader: StoreReader, generation: int, edited: Sequence[str]) -> StrayedError:
         """Return the error for a generation that comes out differently."""
@@ -319,9 +329,11 @@ class Loop:
                 results = race(self._ranking, backend, controllers, seeds, watched, self._store_last)
             else:
                 results = backend.evaluate(controllers, seeds, watched, self._store_last)
+            results = self._failures.named(results, seeds, number)
             self._say(f"generation {number}: ranking and storing them")
             with self._kept(number, results.journal):
                 told = self._tell(genomes, seeds, results)
+            self._failures.tell()
             if sample is not None and self._keeps(sample, genomes):
                 told = told._replace(found=told.found._replace(genomes=sample))
             self._unstored = told._replace(found=told.found.digested())
@@ -353,11 +365,13 @@ class Loop:
             if on_progress is not None:
                 episodes = found.results.fitness.size
                 on_progress(episodes, episodes, "")
+            seeds = self._ranking.seeds(self._first_seed, number)
             if found.failed:
                 backend.count_failed(found.results)
+                found = found._replace(results=self._failures.named(found.results, seeds, number))
                 with self._kept(number, found.results.journal):
                     self._check(found.fitness, number, found.results)
-            seeds = self._ranking.seeds(self._first_seed, number)
+                self._failures.tell()
             self._method.passed(found.fitness)
             self._unstored = self._told(number, seeds, found)
             ahead.expect(self._budget.expected_generations(number + 1, self._evaluations))
@@ -414,9 +428,9 @@ class Loop:
         except RunError as error:
             self._store.note(generation, journal)
             reasons = journal.errors
-            raise RunError(
-                f"{error}; the last reason: {one_line(reasons[-1])}" if reasons else str(error)
-            ) from error
+            if not reasons or isinstance(error, PlugInError):  # not for what failed episodes raised
+                raise
+            raise error.reworded(f"{error}; the last reason: {one_line(reasons[-1])}") from error
 
     def _ask(self) -> tuple[Genomes, list[int]]:
         """Return the genomes to be evaluated in this generation, and on which seeds."""

@@ -5,39 +5,37 @@ import logging
 import sqlite3
 from collections.abc import Iterable
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
-from pydantic import ValidationError
 
 from swarmwright.core.arguments import checked, path_of
-from swarmwright.core.errors import InputError, PlugInError, RunError
+from swarmwright.core.errors import InputError, PlugInError, RunError, SwarmwrightError
 from swarmwright.core.place import Place
 from swarmwright.core.plug_in_code import reported
-from swarmwright.core.problems import problems_of
 from swarmwright.core.processes import use_threads
-from swarmwright.core.yaml import dotted_path
 from swarmwright.evaluation.base import Backend, Progress, Servers
-from swarmwright.experiment.experiment import ELSEWHERE, Experiment
-from swarmwright.experiment.unavailable import method_of, require
+from swarmwright.experiment.experiment import Experiment
+from swarmwright.experiment.without_effect import without_effect
 from swarmwright.optimization.loop import Generation, Loop, OnGeneration
 from swarmwright.optimization.memory import check_memory, stored
 from swarmwright.optimization.notebook_progress import shown
+from swarmwright.optimization.resuming import Wanted
 from swarmwright.optimization.steady_state import SteadyLoop
 from swarmwright.optimization.strayed import StrayedError
 from swarmwright.optimization.two_simulations import TwoSimulations, open_simulations
 from swarmwright.representations import Representation
-from swarmwright.runs import edits, picture
+from swarmwright.runs import picture
 from swarmwright.runs.code import Continuation, continuation, copy_of, parts_of
 from swarmwright.runs.folders import default_folder, is_run, remove_run
 from swarmwright.runs.run import Run
 from swarmwright.runs.transfer import at_end
-from swarmwright.runs.validation import is_due, validate
+from swarmwright.runs.validation import validate
+from swarmwright.simulations import catalogue
 from swarmwright.store import StoreReader, StoreWriter
 from swarmwright.store.folder import check_folder
+from swarmwright.store.lock import MovedError
 from swarmwright.user_code.loaded import warn_of_edits
 from swarmwright.user_code.notices import say
 from swarmwright.user_code.parts import distributions
@@ -107,6 +105,8 @@ def optimize(
     _ = experiment.first_seed  # report errors before anything is started
     at_end.check(experiment, broker)
     at_end.allow(experiment)
+    for text in without_effect(experiment):
+        say(text)
     folder: Place | None = None
     asked = None if out is None else Place(Path(out))
     try:
@@ -124,7 +124,9 @@ def optimize(
                 size = stored(resolved, representation)
                 folder = asked or Place(default_folder(experiment))
                 with (
-                    StoreWriter.create(folder.absolute, resolved, backend.metrics, code, size) as store,
+                    StoreWriter.create(
+                        folder.absolute, resolved, backend.metrics, code, size, _channels(resolved)
+                    ) as store,
                     reported(),
                 ):
                     loop = _new_loop(resolved, representation, store)
@@ -147,6 +149,16 @@ def optimize(
     except RunError as error:
         _fail(error, None if folder is None else folder.path)
     return _finished(folder.path)
+
+
+def _channels(experiment: Experiment) -> dict[str, Any] | None:
+    """Return what is known here of sensors and actuators, for exports where the simulation is not."""
+    if not experiment.steers or not catalogue.is_described(experiment.simulation):
+        return None
+    try:
+        return catalogue.channels(experiment.simulation, experiment.parameters)
+    except SwarmwrightError:  # its servers may be able to load what this process is not
+        return None
 
 
 @checked
@@ -239,7 +251,7 @@ def _continue(
         store = stack.enter_context(StoreWriter.resume(run.path.absolute()))
         stack.enter_context(reported())  # within the store, which keeps the message
         reader = StoreReader(run.path)
-        wanted = _wanted(run, reader, settings, budget)
+        wanted = Wanted.of(run, reader, settings, budget)
         if wanted.has_all_generations and not wanted.validation_is_due:
             # Without the method, which need not come to the same candidates any more.
             _close(run, store, wanted)
@@ -282,46 +294,7 @@ def _continue(
         _run(experiment, store, loop, backend, on_generation, on_progress)
 
 
-@dataclass(frozen=True)
-class _Wanted:
-    """What a run that is resumed is to become."""
-
-    experiment: Experiment
-    """The run's, with what has changed in its file, and with the settings and budgets of the caller."""
-    notes: list[str]
-    """What has changed in its file, in words."""
-    reader: StoreReader
-    has_all_generations: bool
-    had_ended: bool
-    """Whether its last session came to an end in order."""
-    has_other_validation: bool
-    """Whether the validation is asked for otherwise than before."""
-
-    @cached_property
-    def validation_is_due(self) -> bool:
-        """Whether the best are to be validated still; of a run that has all generations."""
-        changed = self.has_other_validation or not self.had_ended
-        return is_due(self.experiment, self.reader, changed=changed)
-
-
-def _wanted(run: Run, reader: StoreReader, settings: Iterable[str], budget: dict[str, Any]) -> _Wanted:
-    """Return what a run is to become. Raises InputError for what cannot change."""
-    wanted = prolonged(run, run.experiment, settings, **budget)
-    edited, notes = edits.taken_over(run, wanted)
-    if wanted.validate != run.experiment.validate:
-        at_end.allow(wanted, run)
-    experiment = prolonged(run, edited, settings, **budget)
-    return _Wanted(
-        experiment,
-        notes,
-        reader,
-        has_all_generations=run.state == "done" and experiment.budget == run.experiment.budget,
-        had_ended=reader.sessions()[-1].outcome in {"done", "stopped"},
-        has_other_validation=experiment.validate != run.experiment.validate,
-    )
-
-
-def _close(run: Run, store: StoreWriter, wanted: _Wanted) -> None:
+def _close(run: Run, store: StoreWriter, wanted: Wanted) -> None:
     """Bring the files of a run of which nothing is left to evaluate up to date."""
     if wanted.has_other_validation:
         experiment = dataclasses.replace(run.experiment, validate=wanted.experiment.validate)
@@ -384,16 +357,17 @@ def _fail(error: RunError, folder: Path | None) -> NoReturn:
     hint = _how_to_go_on(error, folder)
     if hint is None:
         raise error
-    raise RunError(f"{error}; {hint}") from error
+    raise error.reworded(f"{error}; {hint}") from error
 
 
 def _how_to_go_on(error: RunError, folder: Path | None) -> str | None:
     """Return what is kept of a run that failed, and how it goes on."""
-    if folder is None or not is_run(folder):
+    if folder is None or isinstance(error, MovedError) or not is_run(folder):
         return None
-    done = 0
-    with suppress(InputError):
+    try:
         done = len(StoreReader(folder).history())
+    except InputError:  # a reader writes, too: an index of the log, beside it
+        return f"what was finished is kept: `swarmwright resume {folder}` continues from there"
     if done and isinstance(error, StrayedError):
         return f"the results of {done} generation{'s' if done > 1 else ''} are kept"
     if done:
@@ -460,58 +434,6 @@ def _transfer(
     """Evaluate the best in other simulations where the experiment, or else that in the folder, says so."""
     if experiment is None or experiment.validate.transfers:
         at_end.transfer_at_end(folder, broker=broker, servers=servers, on_progress=on_progress)
-
-
-def prolonged(
-    run: Run, experiment: Experiment, settings: Iterable[str] = (), **budget: float | None
-) -> Experiment:
-    """Return the experiment with which a run goes on: with a larger budget, or evaluated elsewhere.
-
-    Args:
-        run: that goes on.
-        experiment: with which it would go on otherwise.
-        settings: as in `resume`.
-        budget: generations, evaluations and seconds, None for those that stay.
-
-    Raises InputError when something else is changed, or the budget is less than the run has.
-    """
-    require(experiment.method, run.path)
-    # Neither imports the class: it may not be the one with which the run continues.
-    new = experiment.with_settings(
-        settings, only=ELSEWHERE | {"method"}, reason="a run goes on with what it has", ask=False
-    )
-    changes = {name: value for name, value in budget.items() if value is not None}
-    if changes:
-        options = {**new.to_mapping()["method"], **changes}
-        try:
-            method_options = type(new.method).model_validate(options)
-        except ValidationError as error:
-            found = problems_of(error, type(new.method))
-            raise InputError("\n".join(f"{dotted_path(path)}: {words}" for path, words in found)) from error
-        new = dataclasses.replace(new, method=method_options)
-    limits: dict[str, Any] = vars(new.budget)
-    old = experiment.method
-    if new.method.model_dump(exclude=set(limits)) != old.model_dump(exclude=set(limits)):
-        raise InputError("method: only its budget can be changed: generations, evaluations, seconds")
-    method = method_of(old)
-    if method.spreads_evaluations and limits["evaluations"] != experiment.budget.evaluations:
-        raise InputError(
-            "method.evaluations: cannot be changed, because the method has planned the whole run with them; "
-            f"begin a new run with more, from the best of this one: --set start_from={run.path}"
-        )
-    sizes = np.diff([0, *(one.evaluations for one in run.history)]).tolist()
-    if sizes and new.budget != experiment.budget and method.cut_short(old, sizes):
-        raise InputError(
-            f"method: the run cannot be prolonged, because its last restart had {sizes[-1]} candidates, "
-            "the rest of its budget, and would have had more with a larger one; "
-            f"begin a new run with more, from the best of this one: --set start_from={run.path}"
-        )
-    used = {"generations": run.generations, "evaluations": run.evaluations, "seconds": 0}
-    for name, before in vars(experiment.budget).items():
-        if limits[name] is not None and limits[name] < (used[name] if before is None else before):
-            has = f"the {used[name]} that the run has" if before is None else f"the experiment's {before}"
-            raise InputError(f"{name}: {limits[name]} is less than {has}; a run can be prolonged, not cut")
-    return new
 
 
 def _finished(folder: Path) -> Run:

@@ -1,6 +1,5 @@
 """A generation whose ranking is a race: evaluated in rounds, of which each has fewer candidates."""
 
-import re
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -8,8 +7,6 @@ import numpy as np
 from swarmwright.evaluation.base import Backend, Controllers, Progress, Results
 from swarmwright.rankings.race import Race
 from swarmwright.store import Journal
-
-_EPISODE = re.compile(r"^episode (\d+)")
 
 
 def race(
@@ -56,14 +53,9 @@ def race(
 
 def extend(journal: Journal, part: Journal, who: list[int], first: int) -> None:
     """Add what was done for some candidates, in episodes that are counted from `first` on."""
-
-    def text(line: str) -> str:
-        return _EPISODE.sub(lambda found: f"episode {first + int(found[1])}", line)
-
     for attempt in part.attempts:
         place, episode = who[attempt.candidate], first + attempt.episode
         journal.attempts.append(attempt._replace(candidate=place, episode=episode))
     for warning in part.warnings:
         candidate = None if warning.candidate is None else who[warning.candidate]
-        error = None if warning.error is None else text(warning.error)
-        journal.warnings.append(warning._replace(text=text(warning.text), candidate=candidate, error=error))
+        journal.warnings.append(warning.moved(candidate, first))

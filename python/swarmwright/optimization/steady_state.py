@@ -50,6 +50,7 @@ class SteadyLoop(Loop):
     def replay(self, reader: StoreReader, edited: Sequence[str] = ()) -> None:
         """Go through the generations in a store; see `Loop.replay`."""
         for evaluated in reader.generations():
+            self._check_not_done(reader)
             rows = zip(evaluated.made(), evaluated.episodes, evaluated.metrics, strict=True)
             for genome, episodes, metrics in rows:
                 self._ask_all()
@@ -97,6 +98,8 @@ class SteadyLoop(Loop):
 
         def feed(candidates: Sequence[int], results: Results) -> NDArray[np.float32] | None:
             nonlocal stopped
+            rows = {candidate: row for row, candidate in enumerate(candidates)}
+            results = self._failures.named(results, self._seeds, rows=rows)
             self._journal.extend(results.journal, first)
             for row, candidate in enumerate(candidates):
                 self._early[first + candidate] = (results.fitness[row], results.metrics[row])
@@ -134,6 +137,7 @@ class SteadyLoop(Loop):
         journal, self._journal = self._journal, Journal()
         with self._kept(number, journal):
             self._check(fitness, number, self._part.results())
+        self._failures.tell()
         goes_on = self._finish(self._told_part().evaluated(), journal, on_generation)
         self._over = goes_on and not self._method.done and self._time_is_over()
         return goes_on and not self._over

@@ -169,7 +169,8 @@ def open_simulations(
         try:
             slow = stack.enter_context(open_backend(there, wait=wait, earlier=apart, **where))
         except (InputError, RunError) as error:
-            raise type(error)(f"{experiment.place('ranking')}slow: {target.name}: {error}") from error
+            place = f"{experiment.place('ranking')}slow: {target.name}"
+            raise error.reworded(f"{place}: {error}") from error
         _require_fit(experiment, fast, slow, target)
         yield TwoSimulations(fast, slow, target.name)
 
@@ -266,5 +267,5 @@ def evaluate_both(
 
 def _named(journal: Journal, name: str) -> Journal:
     """Return a journal whose warnings name the simulation."""
-    warnings = [one._replace(text=f"{name}: {one.text}") for one in journal.warnings]
+    warnings = [one._replace(text=f"{name}: {one.text}", episode=None) for one in journal.warnings]
     return Journal(journal.attempts, warnings)

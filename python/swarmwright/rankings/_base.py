@@ -18,6 +18,8 @@ from swarmwright.typing import Fitness
 class RankingOptions(Options):
     """Options of every ranking."""
 
+    kind: str = ""
+    """The name of the ranking; each has its own."""
     episodes: int = Field(default=1, ge=1, le=100_000)
     """Episodes per candidate; episode e has the simulation seed parameters.seed (default 0) + e. All
     candidates of a generation have the same seeds (common random numbers)."""

@@ -22,7 +22,10 @@ Rounds = Generator[tuple[NDArray[np.intp], slice], Episodes, Fitness]
 
 
 class RaceOptions(RankingOptions):
-    """Candidates that are significantly worse than the best of their generation get no more episodes."""
+    """Candidates that are significantly worse than the best of their generation get no more episodes.
+
+    Not with `map_elites` and `nsga2`: metrics that they compare would be means over different seeds.
+    """
 
     kind: Literal["race"] = "race"
     episodes: int = Field(default=10, ge=1, le=100_000)

@@ -16,6 +16,8 @@ class Choice:
     generation: int
     candidate: int
     """Index among the candidates evaluated in that generation."""
+    number: int
+    """Of the evaluation in the whole run, from 0."""
     fitness: float
     """As the run's ranking made it of all episodes; NaN when the evaluation failed."""
     episodes: list[float]
@@ -39,6 +41,7 @@ def choose(run: "Run", generation: int | None = None, candidate: int | None = No
     return Choice(
         one.generation,
         one.candidate,
+        one.number,
         one.fitness,
         [result for part in parts for result in part.episodes.tolist()],
         [seed for part in parts for seed in part.seeds],

@@ -364,20 +364,6 @@ def changed_code(run: "Run", experiment: Experiment) -> str | None:
     return _told_of(run, copy, changed) if changed else None
 
 
-def check(
-    run: "Run", asked: Experiment, *, accept_changed_code: bool = False, simulation: str | type | None = None
-) -> Experiment:
-    """Return the experiment with which a run would go on, as far as its experiment.yaml is concerned.
-
-    asked: as `edits.taken_over` has it.
-    Raises InputError where `resume` would, as far as its code or its experiment.yaml is concerned.
-    """
-    experiment, _ = edits.taken_over(run, asked)
-    if run.state != "done" or asked.budget != run.experiment.budget:
-        continuation(run, experiment, accept_changed_code=accept_changed_code, simulation=simulation)
-    return experiment
-
-
 def _check_trusted(run: "Run", experiment: Experiment, copy: Copy | None, *, accepted: bool = False) -> None:
     """Raise InputError unless the code of a run may be executed.
 

@@ -1,6 +1,7 @@
 """Elites of a run with several objectives or with quality diversity, made from its record."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
@@ -8,7 +9,7 @@ import numpy as np
 
 from swarmwright.core.errors import InputError
 from swarmwright.core.statistics import means
-from swarmwright.methods._archive import Archive, Grid, Values, front_with
+from swarmwright.methods._archive import Archive, Axis, Grid, Values, front_with
 from swarmwright.methods.map_elites import MapElitesOptions
 from swarmwright.methods.nsga2 import Nsga2Options
 from swarmwright.typing import Fitness
@@ -32,7 +33,20 @@ class Elite(NamedTuple):
     """The measures or objectives, by name: means over the candidate's episodes."""
 
 
-@dataclass(frozen=True)
+class Outside(NamedTuple):
+    """Candidates whose measure is outside of its range, and so counts for its first or last bin."""
+
+    below: int
+    above: int
+    low: float
+    high: float
+    """The range."""
+    lowest: float
+    highest: float
+    """Of all candidates of the run."""
+
+
+@dataclass(frozen=True, repr=False)
 class Elites:
     """The candidates that a run with several objectives or with quality diversity is made for.
 
@@ -43,12 +57,45 @@ class Elites:
         candidates: sorted by fitness, the best first; of candidates of a front that are equal in all values,
             the earliest.
         grid: the cells of an archive, None of fronts.
+        evaluated: candidates of the run whose evaluation did not fail.
+        missing: how many of them had no finite value of a metric, by its name, and so are no elites; without
+            metrics that all had.
+        outside: how many of them were outside of the range of a measure, by its name; without measures whose
+            range held all.
     """
 
     kind: Literal["archive", "front"]
     goals: dict[str, str]
     candidates: list[Elite]
     grid: Grid | None
+    evaluated: int
+    missing: dict[str, int]
+    outside: dict[str, Outside]
+
+    def __repr__(self) -> str:
+        """Return what they are and how many, without each."""
+        goals = ", ".join(f"{name} ({goal})" for name, goal in self.goals.items())
+        cells = "" if self.grid is None else f" in {self.grid.cells} cells"
+        return f"<Elites: {self.kind} of {len(self.candidates)} candidates{cells}; fitness, {goals}>"
+
+    @property
+    def notes(self) -> list[str]:
+        """What users may not expect: candidates without a metric, and values outside of ranges, in words."""
+        found = [
+            f"{count:,} of {self.evaluated:,} candidates have no finite value of {name}, and are not in the "
+            f"{self.kind}."
+            for name, count in self.missing.items()
+        ]
+        for name, one in self.outside.items():
+            parts = [(one.below, "below", "first"), (one.above, "above", "last")]
+            where = " and ".join(f"{count:,} {side}" for count, side, _ in parts if count)
+            bins = " and ".join(which for count, _, which in parts if count)
+            limits = f"{one.low:g} to {one.high:g}"
+            found.append(
+                f"Of {self.evaluated:,} candidates, {where} the range of {name}, {limits}, count "
+                f"for its {bins} bin; values are {one.lowest:.6g} to {one.highest:.6g}."
+            )
+        return found
 
     @property
     def coverage(self) -> float | None:
@@ -112,7 +159,7 @@ def of_run(run: "Run") -> Elites:
     """Return the elites of a run, from its record. Raises InputError for other methods."""
     options = run.experiment.method
     if not isinstance(options, MapElitesOptions | Nsga2Options):
-        kind: str = options.kind  # type: ignore[attr-defined] # every kind's options have it
+        kind: str = options.kind
         raise InputError(
             f"{run.path}: was made by {kind}, which has one objective and no archive; runs of map_elites and "
             "nsga2 have elites"
@@ -120,18 +167,22 @@ def of_run(run: "Run") -> Elites:
     names = list(options.needed_metrics)
     columns = [run.metrics.index(name) for name in names]
     kept = _Best(options.grid) if isinstance(options, MapElitesOptions) else _Front(options)
+    seen = _Metrics(names, options.grid.axes if isinstance(options, MapElitesOptions) else ())
     for evaluated in run.store.generations():
         if evaluated.generation >= run.generations:
             break
-        kept.add(evaluated.generation, evaluated.fitness, means(evaluated.metrics[:, :, columns]))
+        values = means(evaluated.metrics[:, :, columns])
+        kept.add(evaluated.generation, evaluated.fitness, values)
+        seen.add(evaluated.fitness, values)
     rows = sorted(kept.rows(), key=lambda row: (-row[2], row[0], row[1]))
     found = [
         Elite(generation, candidate, fitness, dict(zip(names, metrics, strict=True)))
         for generation, candidate, fitness, metrics in rows
     ]
+    counts = seen.candidates, seen.missing(), seen.outside()
     if isinstance(options, MapElitesOptions):
-        return Elites("archive", dict.fromkeys(names, "measure"), found, options.grid)
-    return Elites("front", dict(options.objectives), found, None)
+        return Elites("archive", dict.fromkeys(names, "measure"), found, options.grid, *counts)
+    return Elites("front", dict(options.objectives), found, None, *counts)
 
 
 _Row = tuple[int, int, float, list[float]]
@@ -172,3 +223,42 @@ class _Front:
 
     def rows(self) -> list[_Row]:
         return self._rows
+
+
+class _Metrics:
+    """What values the metrics of all candidates have that did not fail.
+
+    axes: the ranges of measures; none for objectives.
+    """
+
+    def __init__(self, names: list[str], axes: Sequence[Axis]) -> None:
+        self.candidates = 0
+        self._names, self._axes = names, axes
+        count = len(names)
+        self._missing, self._below, self._above = (np.zeros(count, dtype=np.int64) for _ in range(3))
+        self._lowest, self._highest = np.full(count, np.inf), np.full(count, -np.inf)
+
+    def add(self, fitness: Fitness, metrics: Values) -> None:
+        values = metrics[np.isfinite(fitness)]
+        known = np.isfinite(values)
+        self.candidates += len(values)
+        self._missing += (~known).sum(axis=0)
+        for column, axis in enumerate(self._axes):
+            of = values[known[:, column], column]
+            self._below[column] += (of < axis.low).sum()
+            self._above[column] += (of > axis.high).sum()
+            self._lowest[column] = min(self._lowest[column], of.min(initial=np.inf))
+            self._highest[column] = max(self._highest[column], of.max(initial=-np.inf))
+
+    def missing(self) -> dict[str, int]:
+        counts = zip(self._names, self._missing.tolist(), strict=True)
+        return {name: count for name, count in counts if count}
+
+    def outside(self) -> dict[str, Outside]:
+        numbers = (self._below, self._above, self._lowest, self._highest)
+        rows = zip(self._names, self._axes, *(one.tolist() for one in numbers), strict=False)
+        return {
+            name: Outside(below, above, axis.low, axis.high, lowest, highest)
+            for name, axis, below, above, lowest, highest in rows
+            if below or above
+        }

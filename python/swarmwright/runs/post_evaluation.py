@@ -164,7 +164,7 @@ def post_evaluate(
         run: where the candidate is recorded.
         candidate: as in `Run.evaluation`; without both, the best of the run.
         generation: as in `Run.evaluation`.
-        episodes: how many, from 1 on.
+        episodes: how many, from 1 on; where a fitness is made of several, such as a median, at least these.
         seed: simulation seed of the first episode, the next ones follow; default: held-out seeds, which the
             evolution of the run did not use. They are the same for every run whose `parameters.seed` is the
             same, and for its validation; for fresh ones, name another seed.
@@ -179,6 +179,7 @@ def post_evaluate(
         InputError: there is no such candidate or metric, or a number is out of range.
         RunError: no broker, no fitting server, or every episode failed.
     """
+    from swarmwright.experiment.checks import makes_fitness  # noqa: PLC0415 - takes long, not for reading runs
     from swarmwright.runs.run import Run  # noqa: PLC0415 - it imports this module
 
     instance("run", run, Run, "Run.open(folder)")
@@ -196,6 +197,12 @@ def post_evaluate(
     else:
         seeds = list(range(seed, seed + episodes))
     experiment = experiment or used_for(run, evaluation.generation)
+    if not makes_fitness(experiment.ranking, episodes):
+        needed = experiment.ranking.episodes
+        raise InputError(
+            f"episodes: must be at least ranking.episodes, {needed}, of which a fitness is made, not "
+            f"{episodes}"
+        )
     asked = asked_for(experiment, metrics)
     with open_backend(experiment, broker=broker, servers=servers, most=len(seeds), metrics=asked) as backend:
         results = evaluated(experiment, backend, evaluation.genome[np.newaxis], seeds, on_progress)

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from swarmwright.core.arguments import checked, instance
 from swarmwright.evaluation.base import Controllers, Servers
+from swarmwright.evaluation.evaluate import tell_failures
 from swarmwright.evaluation.opening import open_backend
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.rankings.race import Race
@@ -86,6 +87,7 @@ def repeat(
         representation = experiment.representation(backend.sensors, backend.actuators)
         controllers = Controllers.of(representation, recorded.genome[np.newaxis])
         results = backend.evaluate(controllers, seeds, lambda *_: None)
+        tell_failures(backend, results)
     return Repeated(
         recorded.number,
         recorded.generation,

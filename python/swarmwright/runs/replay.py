@@ -238,6 +238,12 @@ class Replay:
         return f"{self.run.experiment.label}: {self._who}{self._which}"
 
     @property
+    def who(self) -> str:
+        """Which candidate or controller it is, in a sentence."""
+        number = "" if self.choice is None else f", evaluation {self.choice.number}"
+        return f"{self._who[:1].upper()}{self._who[1:]}{number}."
+
+    @property
     def _who(self) -> str:
         if self.choice is None:
             return f"controller of {self.source}"
@@ -341,7 +347,7 @@ def _differing(now: Mapping[str, Any], before: Mapping[str, Any]) -> Iterator[st
 
 
 def _origin(experiment: "Experiment") -> list[tuple[str, str]]:
-    method: str = experiment.method.kind  # type: ignore[attr-defined] # every kind's options have it
+    method: str = experiment.method.kind
     return [("method", method), ("seed of the run", str(experiment.seed))]
 
 

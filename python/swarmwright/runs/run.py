@@ -174,9 +174,13 @@ class Run:
 
     @property
     def validation_is_due(self) -> bool:
-        """Whether the validation was begun and is not finished: `resume` goes on with it."""
-        stored = self.store.validation()
-        return stored is not None and stored["state"] == "due"
+        """Whether the validation was interrupted, or a run that is done lacks it: `resume` does it."""
+        from swarmwright.runs.validation import is_due
+
+        if self.state != "done":
+            stored = self.store.validation()
+            return stored is not None and stored["state"] == "due"
+        return is_due(self.experiment, self.store, changed=False)
 
     @cached_property
     def transferred(self) -> "tuple[Transferred, ...]":
@@ -216,9 +220,9 @@ class Run:
     def state(self) -> State:
         """The state of the run.
 
-        done: the budget is used or the target reached; stopped: a callback or a closed output ended it;
-        interrupted: Ctrl-C did; killed: it ended without writing an outcome; failed: no server, a full disk,
-        ..; running: a process works on it.
+        done: the budget is used or the target reached; stopped: a callback ended it;
+        interrupted: Ctrl-C or a closed output did; killed: it ended without writing an outcome; failed: no
+        server, a full disk, ..; running: a process works on it.
         """
         outcome: Any = self.sessions[-1].outcome if self.sessions else None
         if outcome is None:

@@ -9,6 +9,7 @@ import dataclasses
 import json
 import logging
 import math
+import shlex
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -60,13 +61,17 @@ Keep = Callable[[dict[str, Any]], None]
 
 @dataclass(frozen=True, kw_only=True)
 class Validation:
-    """A run's best candidates in the same episodes with held-out seeds."""
+    """A run's best candidates in the same episodes, those of `seeds`, with held-out seeds.
+
+    Fitness is in the units of the simulation, more is better; NaN where an episode failed.
+    """
 
     candidates: list[PostEvaluation]
     """The best of the run, then the next best ones with other controllers, by their fitness in the record;
     never empty."""
     depends_on_seed: bool
-    """Whether fitness depends on the seed, as far as it was tried; if not, the trial was all."""
+    """Whether fitness depends on the seed, as far as it was tried. If not, candidates have the episodes of
+    this trial alone."""
     by_instance: bool = False
     """True for the method racing: recorded fitness is the mean over all instances (one in each generation) on
     which the candidate had been evaluated."""
@@ -189,10 +194,35 @@ def is_due(experiment: Experiment, reader: StoreReader, *, changed: bool) -> boo
     stored = reader.validation()
     if stored is not None and stored["state"] == "due":
         return True
-    if not changed:
+    if not changed and not _is_missing(experiment, reader, stored):
         return False
     plan = _planned(experiment, reader)
     return plan is not None and not plan.fits(stored)
+
+
+def _is_missing(experiment: Experiment, reader: StoreReader, stored: dict[str, Any] | None) -> bool:
+    """Whether a run that is done may lack its validation: it was interrupted just before that."""
+    if "validate" not in reader.experiment() or reader.last() is None:
+        return False  # of a version that validated nothing, or the best alone
+    if stored is None:
+        return True
+    if stored["state"] == "none":
+        return experiment.validate.episodes not in {0, AUTO}  # a number is always evaluated
+    # The run was prolonged, and another one is the best now.
+    return bool(stored["candidates"][0]["number"] != reader.evaluation(None, None).number)
+
+
+def command_to_validate(run: "Run", episodes: int = EPISODES) -> str:
+    """Return the command by which a run that has no validation is validated.
+
+    episodes: held-out episodes, where the run itself asks for none.
+    """
+    asked = run.experiment.validate.episodes not in {0, AUTO}
+    # What the run asks for comes at its end; where it asks for none, or is too short for one, a number must.
+    option = f" --set validate.episodes={episodes}"
+    if run.validation_is_due or (asked and run.state != "done"):
+        option = ""
+    return f"swarmwright resume {shlex.quote(str(run.path))}{option}"
 
 
 def validate(
@@ -346,7 +376,7 @@ def _planned(experiment: Experiment, reader: StoreReader) -> _Plan | None:
         return None
     count, most = options.episodes, options.candidates
     if automatic:
-        evaluations = reader.measured(METRIC) if experiment.reports_slow else last.evaluations
+        evaluations = reader.measured(METRIC) if experiment.reports_slow else _budgeted(experiment, reader)
         affordable = int(evaluations * ranking.episodes * _SHARE)
         count = min(max(EPISODES, 4 * ranking.episodes), affordable)
         count -= count % ranking.episodes
@@ -358,6 +388,19 @@ def _planned(experiment: Experiment, reader: StoreReader) -> _Plan | None:
     # A number that is given is evaluated: what fails in one of twenty seeds may go well in the first ones.
     tried = min(count, _TRIED) if automatic else count
     return _Plan(candidates, seeds, tried, _recorded(experiment, reader.evaluation(0, 0)))
+
+
+def _budgeted(experiment: Experiment, reader: StoreReader) -> int:
+    """Return the evaluations of a run; its whole budget where no other generation fitted into it.
+
+    Runs with the same budget are so validated in equally many episodes, whatever their generations have.
+    """
+    last, most = reader.last(), experiment.budget.evaluations
+    used = 0 if last is None else last.evaluations
+    if most is None or reader.ended() != "evaluations":
+        return used
+    # What ended an earlier session, with a smaller budget, may be stored still.
+    return most if most < 2 * used else used
 
 
 def _recorded(experiment: Experiment, one: Evaluation) -> Evaluation:

@@ -64,6 +64,9 @@ class Described(ABC):
     """Steps of an episode at most: one that is not done after them has failed. None: no limit."""
     frame_seconds: float = 0.1
     """Seconds between two frames when shown."""
+    step_seconds: float | None = None
+    """Seconds of a step in the world that is simulated, above 0: how often exported controllers are to be
+    stepped. None: `frame_seconds` where the class sets it, else not known."""
 
 
 class Simulation(Described):

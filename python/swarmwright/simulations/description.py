@@ -3,12 +3,12 @@
 import json
 import math
 import operator
-import re
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
+from swarmwright.core import metric_names
 from swarmwright.core.errors import InputError
 from swarmwright.core.ranges import Range, ranges_of
 from swarmwright.simulations.base import Described
@@ -20,7 +20,6 @@ from swarmwright.simulations.parameters import Parameter, declared
 _LARGEST = 1_000_000
 _MOST_STEPS = 10**15
 _DETERMINISMS = ("bitwise", "statistical", "none")
-_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
 
 @dataclass(frozen=True)
@@ -46,6 +45,8 @@ class Description:
     lanes: int
     most_steps: int | None
     frame_seconds: float
+    step_seconds: float | None
+    """Of a step in the world that is simulated; None where it is not known."""
     takes_controller: bool
     """Whether `reset` gets the controller, which the simulation runs itself."""
     groups: Mapping[str, Group]
@@ -129,6 +130,7 @@ def describe(simulation: Described | Any, where: str = "") -> Description:  # no
         lanes=_count(where, "lanes", getattr(simulation, "lanes", 1)),
         most_steps=None if steps is None else _count(where, "most_steps", steps, most=_MOST_STEPS),
         frame_seconds=_tolerance(where, simulation.frame_seconds, "frame_seconds"),
+        step_seconds=_step_seconds(where, simulation),
         takes_controller=bool(getattr(simulation, "takes_controller", False)),
         groups=groups,
         padded=bool(getattr(simulation, "padded", False)),
@@ -178,13 +180,27 @@ def _tolerance(where: str, value: Any, name: str = "tolerance") -> float:  # noq
     return float(value)
 
 
+def _step_seconds(where: str, simulation: Any) -> float | None:  # noqa: ANN401 - as above
+    """Return the seconds of a step: as the class says, or those of a frame that it has set."""
+    given = getattr(simulation, "step_seconds", None)
+    if given is not None:
+        seconds = _tolerance(where, given, "step_seconds")
+        if seconds == 0:
+            raise InputError(f"{where}.step_seconds: {given!r} found, expected seconds above 0, or None")
+        return seconds
+    owners = [vars(simulation), *(vars(kind) for kind in type(simulation).__mro__ if kind is not Described)]
+    if any("frame_seconds" in owner for owner in owners):
+        return _tolerance(where, simulation.frame_seconds, "frame_seconds") or None
+    return None
+
+
 def _metrics(where: str, metrics: Any) -> dict[str, str]:  # noqa: ANN401 - whatever the class says
     """Return name -> description."""
     if isinstance(metrics, str) or not isinstance(metrics, Iterable):
         raise InputError(f"{where}.metrics: {metrics!r} found, expected names, or names with descriptions")
     named = dict(metrics) if isinstance(metrics, Mapping) else dict.fromkeys(metrics, "")
     for name, text in named.items():
-        if not isinstance(name, str) or not _NAME.fullmatch(name) or name == "fitness":
+        if metric_names.problem_of(name) or name == "fitness":
             raise InputError(
                 f"{where}.metrics: {name!r} found, "
                 "expected a letter or _, then letters, digits and _; fitness has a name already"

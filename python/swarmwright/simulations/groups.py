@@ -15,7 +15,7 @@ _LARGEST = 1_000_000
 
 @dataclass(frozen=True)
 class Group:
-    """Agents of one kind.
+    """Agents of one kind, of a simulation with several: a value of its `groups`.
 
     groups = {"predators": Group(agents="numPredators", sensors=4, actuators=2),
               "prey": Group(agents=1, sensors=6, actuators=1)}

@@ -240,6 +240,11 @@ def errors(file: Path, kind: _Kind, *, disk: _Kind | None = None) -> Iterator[No
         yield
     except sqlite3.Error as error:
         code = code_of(error)
+        if disk is None and kind is InputError and code in _DISK and _full(file):
+            raise InputError(
+                f"{file}: cannot be read while the disk is full, since the index of its log needs a file "
+                "beside it; free some space and run again"
+            ) from error
         ours = disk if disk is not None and code in _DISK else kind
         raise ours(f"{file}: {_reason(error, code, file)}") from error
 

@@ -9,6 +9,8 @@ from swarmwright.store.lock import LOCK, is_locked
 from swarmwright.user_code.copying import FOLDER as CODE
 
 EXPERIMENT = "experiment.yaml"
+_LONGEST_PATH = 504
+"""Bytes: SQLite's 512, less those of `-journal`."""
 
 
 def check_folder(folder: Path) -> None:
@@ -17,6 +19,12 @@ def check_folder(folder: Path) -> None:
     A folder whose process ended before there was a store counts as empty.
     """
     str(folder).encode()  # what is not UTF-8 cannot be written into its files
+    length = len(os.fsencode(folder.resolve() / NEW))
+    if length > _LONGEST_PATH:
+        raise InputError(
+            f"{folder}: its path is too long: SQLite opens files with at most {_LONGEST_PATH} bytes of path, "
+            f"and the store in it would have {length}; name a folder with a shorter path"
+        )
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: is a file; name a folder for the results")
     try:

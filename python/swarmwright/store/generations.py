@@ -242,6 +242,24 @@ class Generations:
             raise self.damaged(_DISAGREE) from error
         return number
 
+    def best_fitness(self, first: int, end: int) -> float:
+        """Return the best fitness of the evaluations from `first` to before `end`; NaN where all failed.
+
+        Only their fitness is read, and compared with nothing.
+        """
+        cursor = self._connection.execute(
+            "SELECT first, fitness FROM block WHERE first + evaluations > ? AND first < ? ORDER BY first",
+            (first, end),
+        )
+        best = -math.inf
+        try:
+            for begin, fitness in _side_by_side(cursor):
+                some = fitness[max(first - begin, 0) : end - begin]
+                best = float(some.max(initial=best, where=np.isfinite(some)))
+        except _WRONG as error:
+            raise self.damaged(_DISAGREE) from error
+        return best if math.isfinite(best) else math.nan
+
     def of_genome(self, genome: bytes, last: int) -> list[int]:
         """Return the numbers of the evaluations of a genome up to the one with the number `last`, ascending.
 

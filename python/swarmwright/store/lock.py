@@ -3,12 +3,13 @@
 import errno
 import fcntl
 import os
+import shlex
 import time
 from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO
 
-from swarmwright.core.errors import InputError
+from swarmwright.core.errors import InputError, RunError
 
 LOCK = "run.lock"
 """A file that users have no reason to edit or replace; it exists while a process works on the run.
@@ -22,6 +23,10 @@ _NO_LOCKS = {errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP}
 _NO_RIGHT = {errno.EACCES, errno.EPERM, errno.EROFS}
 
 
+class MovedError(RunError):
+    """A run's folder was moved, replaced or deleted while this process wrote the run."""
+
+
 class Lock:
     """Reserves a run for this process; the system frees it when the process ends in any way.
 
@@ -29,7 +34,8 @@ class Lock:
     """
 
     def __init__(self, folder: Path) -> None:
-        self._path = folder / LOCK
+        self._given = folder
+        self._path = folder.absolute() / LOCK
         deadline = time.monotonic() + _PATIENCE
         while True:
             file = _opened(folder, self._path)
@@ -37,6 +43,9 @@ class Lock:
                 # For writing: network file systems (NFS) refuse an exclusive lock on what is open to read.
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 if _is_still(file, self._path):
+                    # As long as it is open, no other folder has the same number.
+                    self.folder = os.open(self._path.parent, os.O_PATH | os.O_DIRECTORY)
+                    """File descriptor of the folder, wherever it is moved."""
                     self._file = file
                     return
             except BlockingIOError:
@@ -58,10 +67,35 @@ class Lock:
             if _is_still(self._file, self._path):
                 self._path.unlink()
         self._file.close()
+        os.close(self.folder)
+
+    def check(self) -> None:
+        """Raise MovedError unless the folder is still where it was: another run may have that name now."""
+        try:
+            if os.path.samestat(os.fstat(self.folder), self._path.parent.stat()):
+                return
+        except (FileNotFoundError, NotADirectoryError):
+            pass
+        except OSError:
+            return  # writing tells what is wrong
+        raise MovedError(f"{self._given}: {self._whereabouts()}")
+
+    def _whereabouts(self) -> str:
+        ended = "while this run was writing it, so the run ended; folders of runs can be moved when those end"
+        try:
+            now = Path(f"/proc/self/fd/{self.folder}").readlink()
+        except OSError:
+            return f"this folder was moved or replaced {ended}"
+        if os.fstat(self.folder).st_nlink == 0 or not now.is_dir():
+            return f"this folder was deleted {ended}"
+        command = f"swarmwright resume {shlex.quote(str(now))}"
+        return f"this folder was moved to {now} {ended}. What was finished is kept there: `{command}` goes on"
 
 
 def check_free(folder: Path) -> None:
-    """Raise InputError where a process works on the run, and does not end at once."""
+    """Raise InputError where the run may not be written, or a process works on it that goes on."""
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise InputError(f"{folder}: may not be written by this user, or is on a read-only file system")
     deadline = time.monotonic() + _PATIENCE
     while is_locked(folder):
         if time.monotonic() > deadline:

@@ -2,6 +2,7 @@
 
 import _thread
 import atexit
+import ctypes
 import os
 import sqlite3
 from collections.abc import Mapping
@@ -100,6 +101,20 @@ class OpenStore:
     def close(self) -> None:
         """Close the connection."""
         self._connection.close()
+
+    def abandon(self, folder: int) -> None:
+        """Leave a store that is not where it was; instead of `finish` and `close`.
+
+        folder: file descriptor of its folder.
+        """
+        if self.draft:
+            self._connection.close()
+            with suppress(OSError):
+                os.rename(NEW, FILE, src_dir_fd=folder, dst_dir_fd=folder)
+            return
+        # Closing it, also at the end of the process, would delete the log at the path that it had, which may
+        # be that of another run. Without that, the log stays beside the store and is read with it.
+        ctypes.pythonapi.Py_IncRef(ctypes.py_object(self._connection))
 
 
 def _is_open(connection: sqlite3.Connection) -> bool:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright import _engine
+from swarmwright.core.channels import problem_of
 from swarmwright.core.errors import InputError, RunError
 from swarmwright.core.place import Place
 from swarmwright.core.server_use import ServerUse, read
@@ -72,6 +73,21 @@ class _Whole:
 
 _LOOKED_AT = 50
 """Evaluations that are read for each of the leading ones, at most: many may have the same genome."""
+
+_SHARES = """
+WITH one AS (
+    SELECT server, mode, error, candidates * episodes AS evaluations, started, started + seconds AS ended,
+        coalesce(error LIKE 'server % was faster', 0) AS slower,
+        max(started + seconds) OVER (
+            PARTITION BY server ORDER BY started ROWS BETWEEN UNBOUNDED PRECEDING AND 1 PRECEDING) AS before
+    FROM attempt)
+SELECT server, sum(iif(error IS NULL, evaluations, 0)), sum(error IS NOT NULL AND NOT slower),
+    sum(max(0.0, ended - max(started, coalesce(before, started)))), sum(slower),
+    max(error IS NOT NULL AND NOT slower AND mode <> 'stepwise')
+FROM one GROUP BY server ORDER BY server
+"""
+"""What each server did; attempts that overlap count once as time: what is before the end of an earlier one is
+left out."""
 
 
 class StoreReader:
@@ -223,6 +239,21 @@ class StoreReader:
         except (ValueError, KeyError, TypeError, AttributeError) as error:
             raise InputError(f"{self._folder}: is damaged: servers: {error}") from error
 
+    def channels(self) -> dict[str, Any] | None:
+        """Return what is stored of sensors and actuators, see `catalogue.channels`; None in older runs.
+
+        Also None of a simulation that only servers know. Raises InputError where it is not such a mapping.
+        """
+        text = self._facts_now().get("channels")
+        if text is None:
+            return None
+        values = self._parsed(text)
+        problem = problem_of(values)
+        if problem:
+            raise InputError(f"{self.file}: is damaged: the fact channels: {problem}")
+        found: dict[str, Any] = values
+        return found
+
     def validation(self) -> dict[str, Any] | None:
         """Return what is stored of the validation, see `runs.validation`; None of a run that has none yet."""
         facts = self._facts_now()
@@ -264,6 +295,11 @@ class StoreReader:
         """Return how many evaluations have a metric."""
         column = self.metrics.index(metric)
         return sum(int(np.isfinite(part.metrics[:, :, column]).any(axis=1).sum()) for part in self.rows())
+
+    def best_fitness(self, first: int, end: int) -> float:
+        """Return the best fitness of the evaluations from `first` to before `end`; NaN where all failed."""
+        with self._generations() as generations:
+            return generations.best_fitness(first, end)
 
     def seeds(self, generation: int) -> list[int]:
         """Return the simulation seed of each episode of a generation."""
@@ -430,13 +466,9 @@ class StoreReader:
     def servers(self) -> list[ServerShare]:
         """Return what each server did, by its number."""
         with self._reading() as connection:
-            cursor = connection.execute(
-                "SELECT server, sum(iif(error IS NULL, candidates * episodes, 0)), "
-                "sum(error IS NOT NULL), sum(seconds) FROM attempt GROUP BY server ORDER BY server"
-            )
             return [
-                ServerShare(int(server), int(evaluations), int(failed), float(seconds))
-                for server, evaluations, failed, seconds in cursor
+                ServerShare(int(server), int(evaluations), int(failed), seconds, int(slower), bool(within))
+                for server, evaluations, failed, seconds, slower, within in connection.execute(_SHARES)
             ]
 
     def events(self) -> Iterator[Event]:

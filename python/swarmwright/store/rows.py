@@ -96,10 +96,15 @@ class ServerShare(NamedTuple):
 
     server: int
     evaluations: int
+    """Episodes of all attempts that it answered."""
     failed: int
-    """Attempts that failed."""
+    """Attempts that failed, but for those that another server was faster with."""
     seconds: float
-    """Of all its attempts together."""
+    """During which an attempt was under way; several at the same time count once."""
+    slower: int
+    """Attempts that ended because another server, which had the same work, was faster."""
+    with_failed: bool
+    """Whether episodes that failed are among `evaluations`: a server answers many episodes at once."""
 
 
 class AttemptEntry(NamedTuple):
@@ -127,6 +132,25 @@ class WarningEntry(NamedTuple):
     """Index of the candidate that it is about, if it is about one."""
     error: str | None = None
     """Why an evaluation failed, if one did."""
+    episode: int | None = None
+    """Index of the episode that it is about, if it is about one: the text begins with it."""
+
+    @classmethod
+    def of_episode(cls, episode: int, words: str, candidate: int, error: str) -> Self:
+        """Return a warning whose text is `episode N` and these words."""
+        return cls(f"{_beginning(episode)}{words}", candidate, error, episode)
+
+    def moved(self, candidate: int | None, episodes: int) -> Self:
+        """Return it for a candidate with another index, and for an episode so many later."""
+        if self.episode is None:
+            return self._replace(candidate=candidate)
+        episode = self.episode + episodes
+        text = _beginning(episode) + self.text.removeprefix(_beginning(self.episode))
+        return self._replace(text=text, candidate=candidate, episode=episode)
+
+
+def _beginning(episode: int) -> str:
+    return f"episode {episode}"
 
 
 @dataclass

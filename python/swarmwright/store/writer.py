@@ -23,7 +23,7 @@ from swarmwright.store.database import FILE, NEW, code_of, seal_facts, transacti
 from swarmwright.store.digests import of_generation
 from swarmwright.store.folder import EXPERIMENT, check_folder, without_store
 from swarmwright.store.generations import digest_before
-from swarmwright.store.lock import Lock
+from swarmwright.store.lock import Lock, MovedError
 from swarmwright.store.open_store import OpenStore
 from swarmwright.store.provenance import recorded, timestamp, versions
 from swarmwright.store.reader import StoreReader
@@ -107,6 +107,7 @@ class StoreWriter:
         metrics: Sequence[str],
         code: Sequence[Part] = (),
         generation: int = 0,
+        channels: Mapping[str, Any] | None = None,
     ) -> Self:
         """Make a run folder with an empty store.
 
@@ -116,6 +117,7 @@ class StoreWriter:
             metrics: names, in the order in which they are stored.
             code: the source that is not Swarmwright's own, of which a copy is kept.
             generation: bytes that a generation is going to have, about.
+            channels: what is known of sensors and actuators, see `catalogue.channels`.
 
         Raises:
             InputError: the folder cannot be written, or is not empty.
@@ -126,6 +128,8 @@ class StoreWriter:
             "metrics": json.dumps(list(metrics)),
             "created": timestamp(),
         }
+        if channels is not None:
+            facts["channels"] = json.dumps(channels, allow_nan=False)
         try:
             folder.mkdir(parents=True, exist_ok=True)
             (folder / NEW).touch()  # marks the folder as a run folder should the process end now
@@ -264,6 +268,7 @@ class StoreWriter:
     def keep(self) -> None:
         """See to it that the end of the process does not take anything. Raises RunError as `commit`."""
         self._flush()
+        self._lock.check()
         self._store.keep()
 
     def _flush(self) -> None:
@@ -347,8 +352,9 @@ class StoreWriter:
     def _writing(self) -> Iterator[None]:
         """Commit all or nothing, what is finished first.
 
-        Raises RunError when the disk does not take it, or another process wrote.
+        Raises RunError when the disk does not take it, another process wrote, or the folder was moved.
         """
+        self._lock.check()
         with transaction(self._store.connection, self.file):
             if self._session:
                 # The lock was deleted by another program, or is not effective on this file system.
@@ -374,7 +380,7 @@ class StoreWriter:
     def _note(self, generation: int, journal: Journal) -> None:
         place = (self._session, generation)
         self._store.connection.executemany(_ATTEMPT, (place + entry for entry in journal.attempts))
-        for text, candidate, _ in journal.warnings:
+        for text, candidate, *_ in journal.warnings:
             whose = "" if candidate is None else f"candidate {candidate}, "
             self._store.connection.execute(_EVENT, (*place, timestamp(), "warning", whose + text))
 
@@ -449,6 +455,7 @@ class StoreWriter:
         if genome != controller["weights"]:  # which are decoded from it; `start_from` needs it
             values["genome"] = genome
         target, temporary = self.folder / "best.json", self.folder / "best.json.new"
+        self._lock.check()
         try:
             temporary.write_text(json.dumps(values, indent=2, allow_nan=False) + "\n", encoding="utf-8")
             temporary.replace(target)
@@ -467,6 +474,12 @@ class StoreWriter:
             self._outcome = (
                 "interrupted" if issubclass(kind, KeyboardInterrupt) else str(error) or kind.__name__
             )
+        try:
+            self._lock.check()
+        except MovedError as moved:
+            self._store.abandon(self._lock.folder)
+            self._lock.close()
+            raise moved from error
         try:
             failed = self._close()
         finally:

@@ -144,7 +144,11 @@ class LocalServers:
         self.output.close()
 
     def check(self) -> None:
-        """Log servers that have been given up since the last check; raise RunError when none is left."""
+        """Log servers that have been given up since the last check; raise RunError when none is left.
+
+        Also when they are not watched any more.
+        """
+        self._supervisor.check()
         lost = self._supervisor.given_up()
         for server_exit in lost:
             if server_exit.server not in self._told:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from swarmwright.core.errors import RunError
 from swarmwright.supervision.output import Output
 from swarmwright.supervision.process import Process
 from swarmwright.supervision.progress import Sample
@@ -129,6 +130,7 @@ class Supervisor:
         self._news = threading.Event()
         self._lock = threading.Lock()
         self._thread = threading.Thread(target=self._watch, daemon=True, name="supervisor")
+        self._failure: Exception | None = None
         self.restarts = 0
         """Servers that were started again."""
 
@@ -155,6 +157,11 @@ class Supervisor:
         process = None if place is None else place.process
         return () if process is None else process.lines
 
+    def check(self) -> None:
+        """Raise RunError when the servers are not watched any more, because of an error in that."""
+        if self._failure is not None:
+            raise RunError(f"servers are not watched any more: {self._failure!r}") from self._failure
+
     def all_given_up(self) -> bool:
         """Whether no server is left."""
         return len(self.given_up()) == len(self._places)
@@ -176,7 +183,8 @@ class Supervisor:
 
     def remove(self, servers: Collection[int]) -> None:
         """End servers soon, which are not started again; those that are not there are left out."""
-        self._leaving.update(servers)
+        with self._lock:
+            self._leaving.update(servers)
         self._news.set()
 
     def _remove(self) -> None:
@@ -267,6 +275,12 @@ class Supervisor:
             self._supervision.starting(len(starting))
 
     def _watch(self) -> None:
+        try:
+            self._watch_servers()
+        except Exception as error:  # noqa: BLE001 - raised by `check`, in the thread of its caller
+            self._failure = error
+
+    def _watch_servers(self) -> None:
         last = time.monotonic()
         while not self._stopping.is_set():
             self._news.wait(self._patience())

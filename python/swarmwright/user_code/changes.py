@@ -133,12 +133,12 @@ def summary(kept: Kept, part: Part) -> str:
     if before != after:
         words.append(f"class {after} instead of {before}")
     words += [
-        f"{place} {'is gone' if place in kept.data else 'is not imported any more'}"
+        f"{place} {'is gone' if place in kept.data else 'was dropped from the imports'}"
         for place in kept.digests
         if place not in now
     ]
     words += [
-        f"{near(part.files[place].origin)} {'is new' if place in part.data else 'is imported now'}"
+        f"{near(part.files[place].origin)} {'is new' if place in part.data else 'was added to the imports'}"
         for place in now
         if place not in kept.digests
     ]

@@ -30,6 +30,16 @@ def test_closed_standard_output(finished: Run) -> None:
         assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
+def test_too_few_open_files_are_named_with_the_limit(tmp_path: Path) -> None:
+    (tmp_path / "x.yaml").write_text("simulation: minisim\nservers: 40\n")
+    words = f"ulimit -n 64; {sys.executable} -m swarmwright optimize x.yaml --out run"
+    done = subprocess.run(
+        ["/bin/sh", "-c", words], cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False
+    )
+    assert done.returncode == 1
+    assert "Too many open files; this process may open 64: let it have more (ulimit -n 4096)" in done.stderr
+
+
 def test_a_run_that_another_process_works_on_is_not_resumed(finished: Run) -> None:
     """Nothing is printed before that is said."""
     lock = Lock(finished.path)

@@ -139,10 +139,30 @@ def test_a_reader_that_leaves_ends_the_run_with_its_results_kept(tmp_path: Path)
     result = subprocess.run(
         ["bash", "-c", script], cwd=tmp_path, capture_output=True, text=True, timeout=40, check=False
     )
-    assert result.stderr == ""
+    first, second = result.stderr.splitlines()
+    assert first.startswith("swarmwright: standard output was closed by its reader, so the run ended early;")
+    assert second.endswith("resume result")
     assert len(result.stdout.splitlines()) == 2
     assert result.returncode == 130
     assert (tmp_path / "result" / "best.json").exists()
+    run = Run.open(tmp_path / "result")
+    assert (run.state, run.store.validation()) == ("interrupted", None)
+
+
+@pytest.mark.parametrize("option", [[], ["--json"]])
+def test_output_that_cannot_be_written_ends_the_run_with_its_results_kept(
+    tmp_path: Path, option: list[str]
+) -> None:
+    (tmp_path / "endless.yaml").write_text(ENDLESS)
+    command = [sys.executable, "-m", "swarmwright", "optimize", "endless.yaml", "--out", "result", *option]
+    with Path("/dev/full").open("w") as full:
+        result = subprocess.run(
+            command, cwd=tmp_path, stdout=full, stderr=subprocess.PIPE, text=True, timeout=40, check=False
+        )
+    assert result.returncode == 1
+    assert "standard output cannot be written: No space left on device, so the run ended" in result.stderr
+    assert "resume result" in result.stderr
+    assert Run.open(tmp_path / "result").generations > 0
 
 
 def on_terminal(arguments: list[str], folder: Path, *, columns: int, **variables: str) -> str:

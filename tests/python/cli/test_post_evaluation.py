@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from swarmwright import Experiment, Run, optimize
+from swarmwright import Experiment, InputError, Run, optimize, post_evaluate
 
 NOISY = """\
 simulation: minisim
@@ -45,6 +45,17 @@ def test_noisy_runs_end_with_it(program: Any, noisy: Path) -> None:
     assert shown["validation"] == last["validation"]
     assert shown["validation"]["candidates"][0]["fitness"] == unseen["fitness"]
     assert f" ({fitness} on held-out seeds), 300 evaluations" in program("sweep", "sweep.yaml").stdout
+
+
+def test_too_few_episodes_for_one_fitness(program: Any, noisy: Path) -> None:
+    settings = ["method.generations=1", "ranking={episodes: 3, aggregate: median}", "validate=false"]
+    run = optimize(Experiment.load(noisy, settings), out=noisy.parent / "run")
+    refused = program("evaluate", "run", "--episodes", "2")
+    words = "episodes: must be at least ranking.episodes, 3, of which a fitness is made, not 2"
+    assert (refused.returncode, words in refused.stderr) == (2, True)
+    with pytest.raises(InputError, match=words):
+        post_evaluate(run, episodes=2)
+    assert "as the median of 3 episodes: " in program("evaluate", "run", "--episodes", "3").stdout
 
 
 def test_any_run_can_be_asked(program: Any, noisy: Path) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from swarmwright import Experiment, optimize
+from swarmwright import Experiment, Run, optimize
 from tests.conftest import PROGRAM, environment
 
 NOISY = Experiment.from_mapping(
@@ -37,6 +37,10 @@ def test_it_prints_draws_and_writes_every_episode(program: Any, run: str, tmp_pa
     assert (result.returncode, result.stderr) == (0, "")
     assert result.stdout.endswith("Every episode is in loss.csv\nThe figure is in loss.png\n")
     assert result.stdout.count("Rank correlation of the 8 candidates") == 2
+    best = Run.open(tmp_path / run).best
+    assert f"{best.generation}:{best.candidate}" in [
+        line.split()[0] for line in result.stdout.splitlines() if line
+    ]
     assert (tmp_path / "loss.png").stat().st_size > 10_000
     assert len((tmp_path / "loss.csv").read_text().splitlines()) == 1 + 2 * 8 * 20
     values = json.loads(program("transfer", run, *options, "--servers", "1", "--json").stdout)

@@ -1,6 +1,7 @@
 """Warnings of a run: the first of each kind, then how many more."""
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -51,9 +52,26 @@ def test_what_fails_again_and_again_is_told_once_and_counted(program: Any, tmp_p
     assert set(reasons) == {reason}
     lines = [line for line in done.stderr.splitlines() if "failed" in line]
     once = f"an evaluation failed after 3 attempts: {reason}"
+    (hint,) = (line for line in lines if "repeat it" in line)
+    lines.remove(hint)
     assert lines[1:] == [f"swarmwright: {once}", f"swarmwright: and {failed - 1} more alike: {once}"]
+    # Which candidate it was is in the record, and how it is evaluated again is told once.
+    warnings = [event for event in result.events() if event.kind == "warning"]
+    first = next(event for event in warnings if event.text.startswith("candidate "))
+    assert first.text.endswith(f", episode 0 (seed 0) failed after 3 attempts: {reason}")
+    candidate = first.text.split(",")[0]
+    assert math.isnan(result.evaluation(int(candidate.split()[1]), first.generation).episodes[0])
+    how = f"--generation {first.generation} --{candidate}"
+    assert f"swarmwright evaluate {tmp_path / 'run'} {how}; " in hint
+    assert hint.startswith(
+        f"swarmwright: generation {first.generation}, {candidate}, episode 0 (seed 0) failed"
+    )
+    assert not any(event.text.startswith("an evaluation failed") for event in warnings)
+    again = program("evaluate", "run", *how.split())
+    assert "an episode failed: Fragile.step: ValueError: the wheel came off" in again.stderr
     logged = [json.loads(line) for line in (tmp_path / "log").read_text().splitlines()]
     told = [line["message"] for line in logged if line["event"] == "warning"]
+    told = [line for line in told if "repeat it" not in line]
     assert told[1:] == [once, f"and {failed - 1} more alike: {once}"]
 
 

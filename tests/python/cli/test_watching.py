@@ -123,6 +123,21 @@ def test_parameters_that_were_evolved_are_played_and_drawn(program: Any, tmp_pat
     assert drawn.returncode == 0, drawn.stderr
 
 
+NAMED = ("--candidate", "0:3")
+SPLIT = ("--generation", "0", "--candidate", "3")
+
+
+def test_a_candidate_has_one_name_in_all_commands(program: Any, run: str) -> None:
+    named = program("replay", run, "--candidate", "0:3", "--save", "x.gif").stdout
+    assert named.startswith("Candidate 3 of generation 0, evaluation 3. Fitness ")
+    assert named.endswith("The animation is in x.gif\n")
+    assert program("replay", run, "--candidate", "3", "--save", "x.gif").stdout == named
+    again = [program("evaluate", run, *option).stdout for option in (NAMED, SPLIT)]
+    assert again[0] == again[1]
+    assert "Candidate 3 of generation 0, evaluation 3." in again[0]
+    assert program("draw", run, *NAMED, "--out", "x.svg").returncode == 0
+
+
 def test_what_there_is_not_cannot_be_replayed(program: Any, run: str) -> None:
     one = "result: holds one generation, number 0"
     for options, said in (
@@ -130,6 +145,9 @@ def test_what_there_is_not_cannot_be_replayed(program: Any, run: str) -> None:
         ("--episode 0 --seed 3", "give one of them"),
         ("--generation 1", f"{one}, not 1"),
         ("--generation 0 --candidate 5", "result: generation 0 has the candidates 0 to 4, not 5"),
+        ("--candidate 0:5", "result: generation 0 has the candidates 0 to 4, not 5"),
+        ("--generation 0 --candidate 0:3", "--candidate 0:3 names the generation; leave out --generation"),
+        ("--candidate best", "'best' is not G:N, such as 19:3"),
         ("--candidate 5", "result: holds the evaluations 0 to 4, not 5"),
         ("--controller x.yaml --generation 0", "--controller names another"),
         ("--save x.avi", ".html, .gif, .mp4 or .png"),

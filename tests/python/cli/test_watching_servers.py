@@ -53,6 +53,14 @@ def test_a_terminal_of_80_columns_shows_all() -> None:
         assert any(word in line for line in lines), word
 
 
+@pytest.mark.parametrize("width", [40, 59])
+def test_a_narrow_terminal_shows_what_matters_most(width: int) -> None:
+    lines = drawn(VIEW, width).splitlines()
+    assert max(map(len, lines)) <= width
+    for word in ("busy", "4.0 s", "3 of 9", "8 of 20"):
+        assert any(word in line for line in lines), word
+
+
 def test_cells_of_a_server_of_which_nothing_is_known() -> None:
     assert cells(ServerRow(7, None, [], None)) == ("7", "-", "-", "-", "-", "-", "-", "-")
 

@@ -98,7 +98,7 @@ def test_only_the_simulation_is_required() -> None:
         ),
         (
             "method: {kind: cma_es, learning_rate: 1}\n",
-            "my.yaml:2: method.learning_rate: unknown key; known keys: generations, ",
+            "my.yaml:2: method.learning_rate: unknown key; known keys: kind, generations, ",
         ),
         ("method: {kind: de, CR: 0.5}\n", "my.yaml:2: method.CR: unknown key; it is called 'rate' here"),
         ("method: {kind: de, F: 0.5}\n", "my.yaml:2: method.F: unknown key; it is called 'factor' here"),

@@ -164,6 +164,20 @@ def test_robots_of_a_mission_that_do_not_fit_are_told_with_their_line(tmp_path: 
     assert expected in str(caught.value)
 
 
+def test_a_robot_that_a_mission_misses_is_told_with_the_line_of_the_mission(tmp_path: Path) -> None:
+    mission = "name: mine\nrobots:\n  - {robot: e-puck-rm1.1, count: 2}\n  - {robot: nope.yaml, count: 2}\n"
+    (tmp_path / "mine.yaml").write_text(mission)
+    swarm = tmp_path / "swarm.yaml"
+    swarm.write_text("simulation: arena\nparameters:\n  mission: mine.yaml\n")
+    with pytest.raises(InputError) as caught:
+        Experiment.load(swarm)
+    where = f"{tmp_path}/mine.yaml:4: robots[1].robot: {tmp_path}/nope.yaml: there is no such file"
+    assert str(caught.value) == f"{swarm}:3: parameters.mission: {where}"
+    swarm.write_text('simulation: arena\nparameters:\n  mission: "a\\0b.yaml"\n')
+    with pytest.raises(InputError, match="a path cannot hold the character NUL"):
+        Experiment.load(swarm)
+
+
 @pytest.mark.parametrize(
     ("parameters", "answer"),
     [

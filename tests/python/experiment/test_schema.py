@@ -83,6 +83,16 @@ def test_the_schema_is_plain_json() -> None:
     assert json.loads(json.dumps(schema, allow_nan=False)) == schema
 
 
+def test_the_reference_page_has_common_options_of_methods_once() -> None:
+    methods = reference().split("\n## method\n")[1].split("\n## ")[0]
+    common = methods.split("\n### ")[0]
+    assert "is for `cea2d`, `nnga` and `random_search` alone" in common
+    for name in ("seconds", "target", "operation", "in_flight"):
+        assert methods.count(f"\n| `{name}` | ") == common.count(f"\n| `{name}` | ") == 1, name
+    for name in ("generations", "evaluations"):
+        assert methods.count(f"\n| `{name}` | ") == 2, "racing has other defaults"
+
+
 def test_the_reference_page_is_up_to_date(root: Path) -> None:
     page = root / "docs" / "reference" / "experiment.md"
     command = "python -m swarmwright.experiment.reference > docs/reference/experiment.md"

@@ -103,6 +103,21 @@ def test_a_budget_that_is_kept_is_reported_where_it_stands(file: Path) -> None:
         Experiment.load(file, ["method.kind=de"])
 
 
+def test_a_whole_section_comes_before_what_is_set_in_it_afterwards(file: Path) -> None:
+    def method(*settings: str) -> dict[str, Any]:
+        found: dict[str, Any] = Experiment.load(file, settings).to_mapping()["method"]
+        return found
+
+    assert method("method={}", "method.kind=snes")["kind"] == "snes"
+    assert method("method={population: 8}", "method.generations=3", "method.kind=de")["generations"] == 3
+    assert method("method.population=8", "method={}", "method.kind=de") == method("method={kind: de}")
+    assert method("method.kind=snes", "method={}") == method("method={}"), "the last one wins"
+    found = Experiment.load(
+        file, ["parameters={}", "parameters.field=3", "parameters=null", "simulation=other"]
+    )
+    assert (found.simulation, found.parameters) == ("other", {})
+
+
 def test_another_simulation_brings_its_own_sensors(file: Path) -> None:
     written = Experiment.load(file, ["parameters=null"])
     written.save(file)  # with every default written out

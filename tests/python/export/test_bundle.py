@@ -340,6 +340,22 @@ def test_files_more_or_less(bundle: Path, tmp_path: Path, program: Any) -> None:
     assert result.stdout.splitlines()[-1] == "FAILED: 2 problems"
 
 
+def test_an_unpacked_bundle_and_one_packed_again(bundle: Path, tmp_path: Path, program: Any) -> None:
+    """Other programs add entries for folders."""
+    files = read(bundle)
+    with zipfile.ZipFile(bundle) as archive:
+        archive.extractall(tmp_path / "unpacked")
+    write(tmp_path / "again.zip", {"c/": b"", **files}, sealed=False)
+    for place in ("unpacked", "again.zip"):
+        found = verify_bundle(tmp_path / place)
+        assert found.ok, found.problems
+        assert found.digest == hashlib.sha256(files["manifest.json"]).hexdigest()
+    assert program("verify", "unpacked").returncode == 0
+    (tmp_path / "unpacked" / "more").symlink_to(tmp_path)
+    with pytest.raises(InputError, match="more: is not a plain file"):
+        verify_bundle(tmp_path / "unpacked")
+
+
 def test_another_version_wrote_it_otherwise(bundle: Path, tmp_path: Path) -> None:
     """Then it cannot be told from a change, so it is not executed; all else is checked."""
     files = read(bundle)
@@ -378,7 +394,7 @@ def _wrong(file: Path) -> None:
         (_not_a_bundle, "is not a bundle: it has no manifest.json"),
         (_later, "has the format 2, of Swarmwright 9.0; this version reads 1"),
         (_wrong, "manifest.json, or what it names, is not as a bundle has it"),
-        (lambda file: file.mkdir(), "Is a directory"),
+        (lambda file: file.mkdir(), "it has no manifest.json"),
     ],
 )
 def test_what_is_no_bundle(tmp_path: Path, make: Callable[[Path], object], words: str) -> None:

@@ -11,12 +11,12 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 
 from swarmwright.core.errors import RunError
-from swarmwright.export import EXPORTERS, Exporter
+from swarmwright.export import EXPORTERS, Exporter, c_family
 from swarmwright.export.c import C, loaded_files, loaded_weights
 from swarmwright.export.cpp import Cpp
 from swarmwright.export.programs import run, stepped, steps
 from swarmwright.export.sequences import difference
-from swarmwright.export.text import c_literal, plain
+from swarmwright.export.text import c_literal, plain, render
 from swarmwright.export.writing import write
 from tests.python.export.specifications import (
     ALL,
@@ -73,6 +73,11 @@ def together(names: list[str], folder: Path) -> str:
         ("gcc", ["-O2", "-mfpmath=387"]),
         ("clang", ["-O0", "-std=c99", *STRICT, "-DSWARMWRIGHT_CONTRACT_OFF"]),
         ("clang", ["-O3", "-march=native", "-ffp-contract=fast"]),
+        ("clang", ["-O3", "-march=native", "-ffp-contract=off", "-DSWARMWRIGHT_CONTRACT_OFF"]),
+        # It defines no macro for these, by which they could be refused.
+        ("clang", ["-funsafe-math-optimizations", "-O3", "-march=native"]),
+        ("clang", ["-freciprocal-math", "-O3"]),
+        ("clang", ["-fassociative-math", "-fno-signed-zeros", "-fno-trapping-math", "-O3"]),
     ],
     ids=lambda value: value if isinstance(value, str) else " ".join(value[:2]),
 )
@@ -86,7 +91,10 @@ def test_every_kind_in_one_program(compiler: str, options: list[str], tmp_path: 
     ]
     (tmp_path / "main.c").write_text(together(names, tmp_path))
     sources = ["main.c", *(f"c{index}.c" for index in range(len(names)))]
-    run([compiler, *options, *sources, "-o", "all"], tmp_path, compiler)
+    run([compiler, *options, "-c", *sources], tmp_path, compiler)
+    # Linked without options: with -funsafe-math-optimizations the program would flush subnormal numbers.
+    objects = [source.replace(".c", ".o") for source in sources]
+    run([compiler, *objects, "-o", "all"], tmp_path, compiler)
     for index, name in enumerate(names):
         sequences = sequences_of(name)
         written = stepped(run(["./all", str(index)], tmp_path, name, steps(sequences)), sequences, name)
@@ -221,6 +229,25 @@ def test_two_units_and_both_languages_in_one_program(tmp_path: Path) -> None:
         "both",
     )
     run(["./both"], tmp_path, "both")
+
+
+@pytest.mark.parametrize("name", ["layered-tanh-0", "neat", "hebbian"])
+def test_clang_may_be_told_to_reorder_a_class(name: str, tmp_path: Path) -> None:
+    """Code behind the header is as the option says; the controller has the bits of the engine."""
+    if "clang" not in COMPILERS:
+        pytest.skip("clang is not installed")
+    written = Cpp().files(subject(ALL[name]), "robot")
+    write(written, tmp_path)
+    harness = {"p": "robot", **c_family.harness_values("robot", (0, 0), "C++")}
+    made = subject(ALL[name])
+    harness |= {"sensors": str(len(made.sensors)), "actuators": str(len(made.actuators))}
+    source = render("c_harness.txt", {**harness, "step": "controller.step(in + 1, out + 1)"})
+    (tmp_path / "main.cpp").write_text(source)
+    run(["clang++", "-funsafe-math-optimizations", "-O3", "-c", "main.cpp"], tmp_path, "clang++")
+    run(["clang++", "main.o", "-o", "one"], tmp_path, "clang++")
+    sequences = sequences_of(name)
+    found = stepped(run(["./one"], tmp_path, name, steps(sequences)), sequences, name)
+    assert difference(sequences, found) == (0.0, 0)
 
 
 @pytest.mark.parametrize("option", ["-ffast-math", "-Ofast", "-ffinite-math-only"])
@@ -363,7 +390,7 @@ def test_names_cannot_leave_comments(tmp_path: Path) -> None:
     assert run(["./c"], tmp_path, "C") == run(["./cpp"], tmp_path, "C++") == b"ok\n"
     header = (tmp_path / "robot.h").read_text()
     assert header.isascii()
-    assert "ROBOT_SENSOR_GOAL_X = 4, /* goal x in goal x" in header
+    assert "ROBOT_SENSOR_GOAL_X_4 = 4, /* goal x 4 in goal x" in header
     assert "ROBOT_SENSOR_GOAL_X_5 = 5 /*" in header
 
 

@@ -91,7 +91,7 @@ def test_a_forgetful_or_wrong_one_is_found_out(form: str, tmp_path: Path) -> Non
     everything = Sequences(accepts.first, accepts.sensors, accepts.actuators, always[:1].repeat(len(accepts)))
     with pytest.raises(
         RunError,
-        match=r"did not do \(the step from .* s: sensors\..* is not a finite number: the step is not done",
+        match=r"did not do \(the step from .* s: sensors\..* is not a finite number, or beyond 32 bits: the",
     ):
         exporter(form).run(tmp_path, "robot", everything)
 
@@ -216,6 +216,22 @@ def test_mistakes_of_masters_are_errors(form: str, tmp_path: Path) -> None:
         with pytest.raises(FMICallException):
             set_period([1], [2.0])
         assert instance._last == "period cannot be changed after the first sample"
+        data = (
+            fmu.serializeFMUstate(fmu.getFMUstate())
+            if form == "fmu"
+            else fmu.serializeFMUState(fmu.getFMUState())
+        )
+        damaged = data[:-1] + bytes([data[-1] ^ 1])
+        foreign = bytes(len(data))
+        for wrong, said in ((foreign, "of this FMU"), (data[:-1], "of this FMU"), (damaged, "checksum")):
+            with pytest.raises(FMICallException):
+                (fmu.deSerializeFMUstate if form == "fmu" else fmu.deserializeFMUState)(wrong)
+            assert said in instance._last
+        if form == "fmu":  # whose numbers have 64 bits
+            put(fmu, [2], [1e300])
+            with pytest.raises(FMICallException):
+                fmu.doStep(currentCommunicationPoint=1.0, communicationStepSize=1.0)
+            assert "beyond 32 bits" in instance._last
     text = zipped(file)
     other = tmp_path / "other.fmu"
     token = read_model_description(str(file)).guid.encode()

@@ -30,8 +30,8 @@ RANGES: dict[str, Any] = {
     "actuator_ranges": [(0, 100, "N"), None],
 }
 DIST, SPEED, THRUST = (
-    "-1 to 1 for 0 to 10 m, scaled: any finite number",
-    "-1 to 1 for -2e-07 to 2e-07 m/s, scaled: any finite number",
+    "-1 to 1 for 0 to 10 m",
+    "-1 to 1 for -2e-07 to 2e-07 m/s",
     "-1 to 1 for 0 to 100 N",
 )
 CONVERSION = "VALUE = LOW + (X + 1) / 2 * (HIGH - LOW)"

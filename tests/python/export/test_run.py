@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import sqlite3
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,8 @@ import pytest
 import swarmwright
 from swarmwright import InputError, Run
 from swarmwright.export.subject import subject_of
+from swarmwright.simulations import catalogue
+from swarmwright.store.database import seal_facts
 
 MINISIM: dict[str, Any] = {
     "simulation": "minisim", "servers": "local", "ranking": {"episodes": 3},
@@ -65,6 +68,23 @@ def test_names_are_those_with_the_parameters_of_the_run(tmp_path: Path) -> None:
         "right wheel",
         "message 0",
     ]
+
+
+def test_the_duration_of_a_step_is_not_that_of_a_frame(minisim: Run, tmp_path: Path) -> None:
+    """`stepSize` is for how long a step is shown: the arena's lasts 0.1 s, Minisim's has no duration."""
+    values = {
+        "simulation": "arena", "parameters": {"robots": 2, "duration": 1, "stepSize": 500},
+        "servers": "in-process", "method": {"kind": "random_search", "population": 2, "generations": 1},
+    }  # fmt: skip
+    run = swarmwright.optimize(swarmwright.Experiment.from_mapping(values), out=tmp_path / "run")
+    swarmwright.export_controller(run, to="ros2", output=tmp_path / "arena")
+    swarmwright.export_controller(minisim, to="ros2", output=tmp_path / "minisim")
+    rates = [
+        next(tmp_path.glob(f"{name}/**/mapping.template.yaml")).read_text() for name in ("arena", "minisim")
+    ]
+    assert "rate: 10" in rates[0]
+    assert "as many as in the simulation" in rates[0]
+    assert "10 is a guess" in rates[1]
 
 
 def test_golden_vectors_are_whole_episodes(minisim: Run) -> None:
@@ -271,6 +291,65 @@ def test_a_failed_candidate(tmp_path: Path) -> None:
     assert "random sequences" in (tmp_path / "out" / "controller_test.c").read_text()
 
 
+def test_names_and_ranges_are_stored_with_the_run(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """They are in what is exported where the simulation is not; of an older run a warning says so."""
+    source = tmp_path / "scaled.py"
+    source.write_text(
+        "from swarmwright import Simulation\n\n\nclass Scaled(Simulation):\n    sensors, actuators = 3, 1\n"
+        "    sensor_names, actuator_names = ['range', 'count', ''], ['force']\n"
+        "    sensor_ranges = [(0, 10, 'm'), None, None]\n    step_seconds = 0.05\n"
+        "    def reset(self, parameters, seed):\n        self.left = 2\n        return [[0.5, 1.0, 0.0]]\n"
+        "    def step(self, actuators):\n        self.left -= 1\n        return [[0.5, 1.0, 0.0]]\n"
+        "    def done(self):\n        return self.left == 0\n    def fitness(self):\n        return 1.0\n"
+    )
+    values = {
+        "simulation": f"{source}:Scaled", "servers": "in-process",
+        "method": {"kind": "random_search", "population": 2, "generations": 1},
+    }  # fmt: skip
+    run = swarmwright.optimize(swarmwright.Experiment.from_mapping(values), out=tmp_path / "run")
+    here = subject_of(run)
+    shutil.rmtree(run.path / "code")
+    source.unlink()
+    subject = subject_of(run)
+    assert subject.episodes is None
+    assert subject.description == here.description
+    assert subject.step_size == here.step_size == 0.05
+    assert [one.name for one in subject.sensors] == ["range", "count", "sensor 2"]
+    assert [one.limits for one in subject.sensors] == ["-1 to 1 for 0 to 10 m", *["any finite number"] * 2]
+    swarmwright.export_controller(run, to="c", output=tmp_path / "out")
+    assert "CONTROLLER_SENSOR_COUNT_1 = 1" in (tmp_path / "out" / "controller.h").read_text()
+    assert "not known" not in caplog.text
+    with sqlite3.connect(run.path / "run.sqlite") as store:
+        store.execute("DELETE FROM fact WHERE name = 'channels'")
+        seal_facts(store)
+    old = subject_of(Run.open(run.path))
+    assert old.sensors[0].limits == "range and scale not known"
+    assert "names, units and ranges of sensors and actuators are not known: " in caplog.text
+
+
+def test_an_edited_sketch_is_kept(minisim: Run, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    def export(candidate: int, *, force: bool = False) -> None:
+        swarmwright.export_controller(
+            minisim, to="c", output=tmp_path, generation=0, candidate=candidate, force=force
+        )
+
+    sketch = tmp_path / "controller_arduino" / "controller_arduino.ino"
+    export(0)
+    first = sketch.read_text()
+    sketch.write_text(first.replace("\n", "\r\n"), newline="")  # as some editors do
+    export(1)
+    assert sketch.read_text() != first
+    assert not caplog.text
+    edited = sketch.read_text().replace("= 0.0f;", "= analogRead(A1);", 1)
+    sketch.write_text(edited)
+    export(0)
+    assert sketch.read_text() == edited
+    assert sketch.with_name("controller_arduino.ino.new").read_text() == first
+    assert "has been edited since it was exported, and is kept" in caplog.text
+    export(0, force=True)
+    assert sketch.read_text() == first
+
+
 def test_a_description_that_cannot_be_had_is_no_reason_to_go_without(
     minisim: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -279,7 +358,8 @@ def test_a_description_that_cannot_be_had_is_no_reason_to_go_without(
     def refused(*_: Any) -> Any:
         raise InputError("not to be had")
 
-    monkeypatch.setattr("swarmwright.export.subject._of_part", refused)
+    monkeypatch.setattr(catalogue, "channels", refused)
+    monkeypatch.setattr(type(minisim.store), "channels", lambda _: None)  # of an earlier version
     with pytest.raises(InputError, match="not to be had"):
         subject_of(minisim)
 

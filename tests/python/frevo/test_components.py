@@ -292,7 +292,7 @@ def test_other_components_are_taken_in_the_place_of_frevos(session: Session) -> 
     )
     experiment = imported.experiment
     assert (experiment.simulation, experiment.controller.kind) == ("minisim", "fully_meshed")
-    assert (experiment.method.kind, experiment.method.generations) == ("cea2d", 3)  # type: ignore[attr-defined]
+    assert (experiment.method.kind, experiment.method.generations) == ("cea2d", 3)
     assert "# not taken over: survival_threshold = 0.4: an entry of gaspecies.GASpecies" in imported.yaml
     for part in ("cam.Cam", "gaspecies.GASpecies", "bulk.Bulk", "swissSystem.SwissSystem"):
         assert any(f"class = {part}" in note and "in its place" in note for note in imported.notes), part

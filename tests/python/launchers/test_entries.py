@@ -85,3 +85,9 @@ def test_the_schema_knows_every_launcher() -> None:
         variant = schema["$defs"][f"Launcher{kind}"]
         assert variant["properties"]["launcher"]["const"] == kind
         assert all("description" in one for name, one in variant["properties"].items() if name != "launcher")
+
+
+def test_a_wrong_number_of_servers_suggests_no_launcher() -> None:
+    with pytest.raises(InputError) as caught:
+        loaded("process:-3")
+    assert "did you mean" not in str(caught.value)

@@ -10,6 +10,7 @@ from pymoo.indicators.hv import Hypervolume
 from swarmwright import InputError
 from swarmwright.methods._archive import ranks
 from swarmwright.methods.nsga2 import Nsga2
+from swarmwright.representations import REPRESENTATIONS
 from tests.python.methods.functions import new, sphere
 
 OBJECTIVES = {"other": "minimize"}
@@ -60,6 +61,27 @@ def test_no_child_that_was_better_is_lost() -> None:
         assert ends[:, 0].min() == told[:, 0].min()
         assert ends[:, 1].min() == told[:, 1].min()
         assert len(method._members) == 10
+
+
+def test_no_child_equals_a_member_or_another_child() -> None:
+    layered = REPRESENTATIONS.get("layered")
+    few = layered(layered.options_model(hidden=[]), sensors=4, actuators=1)  # type: ignore[call-arg]
+    method = new("nsga2", subject=few, population=50, generations=15, objectives=OBJECTIVES)
+    assert isinstance(method, Nsga2)
+    while not method.done:
+        members = method._members
+        children = method.ask()
+        every = np.concatenate([members, children])
+        assert len(np.unique(every, axis=0)) == len(every)
+        costs = both(children)
+        method.tell(-costs[:, 0], metrics=costs[:, 1:])
+
+
+def test_children_without_mutations_can_be_copies() -> None:
+    method = new("nsga2", population=6, generations=3, objectives=OBJECTIVES, probability=0, crossover=0)
+    first = {one.tobytes() for one in method.ask()}
+    method.tell(np.arange(6.0), metrics=np.zeros((6, 1)))
+    assert {one.tobytes() for one in method.ask()} <= first
 
 
 def test_candidates_that_failed_stay_only_while_there_is_nothing_better() -> None:

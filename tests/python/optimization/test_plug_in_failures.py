@@ -11,6 +11,7 @@ import pytest
 
 from swarmwright import Experiment, InputError, Run, RunError, optimize, resume
 from swarmwright.cli._main import run as swarmwright
+from swarmwright.core.errors import PlugInError
 from swarmwright.plug_ins import REGISTRIES
 
 CODE = '''
@@ -140,6 +141,18 @@ def test_a_method_that_raises_keeps_what_was_computed(install: Install, tmp_path
     assert outcome.startswith("Draw._tell: ZeroDivisionError")
     install()
     assert resume(tmp_path / "run", accept_changed_code=True).generations == 4
+
+
+def test_a_ranking_that_raises_keeps_what_was_computed(install: Install, tmp_path: Path) -> None:
+    score = "        return np.array([sum(row) for row in episodes])"
+    calls = "        self.calls = getattr(self, 'calls', 0) + 1\n"
+    experiment = install(score, f"{calls}        1 / (3 - self.calls)\n{score}")
+    kept = r"the results of 2 generations are kept, and `swarmwright resume \S+ --accept-changed-code` conti"
+    with pytest.raises(PlugInError, match=rf"^Mean\._score: ZeroDivisionError: .*; {kept}"):
+        optimize(experiment(), out=tmp_path / "run")
+    experiment = install(score, f"{calls}        return [] if self.calls > 2 else [0.0] * len(episodes)")
+    with pytest.raises(PlugInError, match=rf"^Mean\._score .*; {kept}"):
+        optimize(experiment(), out=tmp_path / "other")
 
 
 OTHERS = ("return self.initials(range(4))", "return self.initials(range(3))")

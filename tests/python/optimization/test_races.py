@@ -15,6 +15,8 @@ import pytest
 
 from swarmwright import Experiment, Generation, InputError, Run, RunError, optimize, resume
 from swarmwright.evaluation.evaluate import evaluate
+from swarmwright.optimization.raced import extend
+from swarmwright.store import Journal, WarningEntry
 from tests.python.records import same_record
 
 NOISY: dict[str, Any] = {
@@ -279,6 +281,17 @@ def test_failures_in_a_race_have_their_episode(tmp_path: Path) -> None:
     assert {(one.candidate, one.episode) for one in errors} == {
         (one, 7) for one in np.flatnonzero(failed).tolist()
     }
+
+
+def test_episodes_are_counted_from_another_one_on_and_words_of_others_kept() -> None:
+    ours = WarningEntry.of_episode(2, " failed: episode 1 is out", 0, "episode 1 is out")
+    others = WarningEntry("episode 3 of the server", error="episode 3 of the server")
+    journal = Journal()
+    extend(journal, Journal(warnings=[ours, others]), [5], 5)
+    assert journal.warnings == [
+        ("episode 7 failed: episode 1 is out", 5, "episode 1 is out", 7),
+        ("episode 3 of the server", None, "episode 3 of the server", None),
+    ]
 
 
 @pytest.mark.parametrize(

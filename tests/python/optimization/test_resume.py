@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 
 from swarmwright import Experiment, Generation, InputError, Run, RunError, optimize, resume
+from swarmwright.optimization.optimize import _new_loop
+from swarmwright.store import StoreReader, StoreWriter
 from tests.python.records import same_record
 
 VALUES: dict[str, Any] = {
@@ -69,6 +71,18 @@ def test_a_finished_run_can_be_prolonged(whole: Run, tmp_path: Path) -> None:
     same_record(longer, whole)
     assert longer.experiment == whole.experiment
     assert Experiment.load(longer.path / "experiment.yaml") == whole.experiment
+
+
+@pytest.mark.parametrize("operation", ["generational", "steady_state"])
+def test_a_store_with_more_generations_than_its_experiment_has(operation: str, tmp_path: Path) -> None:
+    run = optimize(
+        EXPERIMENT.replace(method={"generations": 3, "operation": operation}), out=tmp_path / "run"
+    )
+    fewer = run.experiment.replace(method={"generations": 2})
+    with StoreWriter.resume(run.path.absolute()) as store:
+        loop = _new_loop(fewer, fewer.representation(), store)
+        with pytest.raises(InputError, match="holds more generations than its experiment has"):
+            loop.replay(StoreReader(run.path))
 
 
 def test_a_restart_that_the_budget_cut_ends_what_can_be_prolonged(tmp_path: Path) -> None:

@@ -1,7 +1,6 @@
 """Runs with several objectives and with quality diversity, from the experiment to their elites."""
 
 import json
-import math
 import shlex
 from pathlib import Path
 from typing import Any
@@ -130,11 +129,100 @@ def test_figures(kind: str, count: int, tmp_path: Path) -> None:
         run.elites.plot(tmp_path / "elites.txt")
 
 
-def test_a_race_of_an_archive_takes_the_episodes_that_there_are(tmp_path: Path) -> None:
-    values = {**ARCHIVE, "ranking": {"kind": "race", "episodes": 8}}
-    run = optimize(Experiment.from_mapping(values), out=tmp_path / "run")
-    assert run.episodes_saved > 0
-    assert all(math.isfinite(value) for one in run.elites.candidates for value in one.metrics.values())
+@pytest.mark.parametrize("values", [ARCHIVE, FRONT])
+def test_a_race_is_refused_whose_metrics_would_have_different_seeds(
+    values: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    raced = {**values, "ranking": {"kind": "race", "episodes": 8}}
+    words = r"ranking\.kind: race leaves out episodes .* \(steps, distance\) .*; take kind: absolute"
+    with pytest.raises(InputError, match=words):
+        Experiment.from_mapping(raced)
+    with monkeypatch.context() as earlier:
+        earlier.setattr("swarmwright.experiment.checks._check_race_for_metrics", lambda *_: None)
+        run = optimize(Experiment.from_mapping(raced), lambda told: told.generation < 1, out=tmp_path / "run")
+    assert Run.open(run.path).elites.candidates, "runs of earlier versions can be read"
+    assert resume(run.path).generations == values["method"]["generations"]
+
+
+PARTIAL = """
+from swarmwright import Simulation
+
+class Partial(Simulation):
+    sensors, actuators = 1, 1
+    metrics = ("there", "sometimes")
+
+    def reset(self, parameters, seed):
+        self.value = None
+        return [[0.5]]
+
+    def step(self, actuators):
+        self.value = float(actuators[0][0])
+        return [[0.5]]
+
+    def done(self):
+        return self.value is not None
+
+    def fitness(self):
+        return self.value
+
+    def measure(self):
+        return {"there": self.value, "sometimes": self.value if self.value > 0 else float("nan")}
+"""
+
+
+@pytest.fixture
+def partial(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+    (tmp_path / "partial.py").write_text(PARTIAL)
+    monkeypatch.chdir(tmp_path)
+
+    def run(**method: Any) -> Run:
+        values = {
+            "simulation": "partial.py:Partial",
+            "method": {"population": 30, "generations": 1, **method},
+            "servers": "in-process",
+        }
+        return optimize(Experiment.from_mapping(values), out=tmp_path / "run")
+
+    return run
+
+
+def test_candidates_without_an_objective_are_counted(partial: Any, program: Any) -> None:
+    run = partial(kind="nsga2", objectives={"there": "minimize", "sometimes": "minimize"})
+    without = int(np.isnan(run.record["sometimes_0"]).sum())
+    assert 0 < without < 30
+    assert run.elites.missing == {"sometimes": without}
+    note = f"{without} of 30 candidates have no finite value of sometimes, and are not in the front."
+    assert run.elites.notes == [note]
+    assert program("runs", "elites", "run").stdout.splitlines()[-1] == note
+    assert note in saved_lines(run)
+    refused = program("runs", "elites", "run", "--offset", "1")
+    assert refused.returncode == 2
+    assert "--offset is for the QD score of an archive" in refused.stderr
+
+
+def test_measures_outside_of_their_range_are_counted(partial: Any, program: Any) -> None:
+    run = partial(kind="map_elites", measures={"there": {"range": [0.2, 0.3]}})
+    values = run.record["there_0"]
+    below, above = int((values < 0.2).sum()), int((values > 0.3).sum())
+    assert min(below, above) > 0
+    one = run.elites.outside["there"]
+    assert one == (below, above, 0.2, 0.3, values.min(), values.max())
+    note = (
+        f"Of 30 candidates, {below} below and {above} above the range of there, 0.2 to 0.3, count for its "
+        f"first and last bin; values are {values.min():.6g} to {values.max():.6g}."
+    )
+    assert run.elites.notes == [note]
+    assert program("runs", "elites", "run").stdout.splitlines()[-1] == note
+    facts = json.loads(program("runs", "elites", "run", "--json").stdout)
+    assert (facts["evaluated"], facts["missing"], facts["outside"]["there"]) == (30, {}, one._asdict())
+    assert program("runs", "elites", "run", "--offset", "nan").returncode == 2
+
+
+def test_elites_are_short_in_a_session(run: Run) -> None:
+    shown = repr(run.elites)
+    assert shown.startswith(f"<Elites: {run.elites.kind} of {len(run.elites.candidates)} candidates")
+    assert shown.endswith("fitness, steps (measure), distance (measure)>") or "(minimize)" in shown
+    assert len(shown) < 110
 
 
 def test_other_methods_have_no_elites(finished: Run) -> None:

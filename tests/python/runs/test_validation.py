@@ -10,9 +10,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from numpy.typing import NDArray
 
-from swarmwright import Experiment, InputError, Run, Simulation, evaluate, optimize, resume
+from swarmwright import Experiment, InputError, Run, Simulation, compare, evaluate, optimize, resume
+from swarmwright.cli._commands import program
 from swarmwright.runs.post_evaluation import unseen_seeds
 from swarmwright.store import StoreReader, StoreWriter
 from swarmwright.store.database import seal_facts
@@ -272,6 +274,50 @@ def test_a_run_that_was_killed_before_it_is_validated_when_it_goes_on(tmp_path: 
     again = resume(folder)
     assert again.state == "done"
     assert stored(again) == stored(whole)
+
+
+def interrupt_before_validation(patch: pytest.MonkeyPatch) -> None:
+    """Let Ctrl-C arrive when a run has ended, and is not validated yet."""
+
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    patch.setattr(StoreWriter, "save_best", interrupted)
+
+
+def test_a_run_that_was_interrupted_just_before_it_is_validated_later(tmp_path: Path) -> None:
+    whole = run_of(tmp_path, validate=ASKED)
+    folder = tmp_path / "interrupted"
+    with pytest.MonkeyPatch.context() as patch:
+        interrupt_before_validation(patch)
+        with pytest.raises(KeyboardInterrupt):
+            optimize(Experiment.from_mapping(NOISY).replace(validate=ASKED), out=folder)
+    broken = Run.open(folder)
+    assert broken.state == "done"
+    assert broken.validation is None
+    assert broken.validation_is_due
+    with pytest.raises(InputError, match=f"`swarmwright resume {folder}` does it"):
+        compare([broken], held_out=True)
+    result = CliRunner().invoke(program, ["runs", "show", str(folder)])
+    assert f"not validated yet: `swarmwright resume {folder}` does it" in result.output
+    again = resume(folder)
+    assert stored(again) == stored(whole)
+    assert again.digest == whole.digest
+    assert not again.validation_is_due
+
+
+def test_a_prolonged_run_that_was_interrupted_just_before_it_is_validated_later(tmp_path: Path) -> None:
+    whole = run_of(tmp_path, validate=ASKED)
+    run = run_of(tmp_path, validate=ASKED, method={"generations": 3})
+    assert stored(run)["candidates"][0]["number"] != stored(whole)["candidates"][0]["number"]
+    with pytest.MonkeyPatch.context() as patch:
+        interrupt_before_validation(patch)
+        with pytest.raises(KeyboardInterrupt):
+            resume(run, generations=15)
+    broken = Run.open(run.path)
+    assert broken.state == "done"
+    assert broken.validation_is_due
+    assert stored(resume(broken)) == stored(whole)
 
 
 def test_a_run_that_goes_on_has_it_anew(tmp_path: Path) -> None:

@@ -49,6 +49,17 @@ def test_properties_serve_as_well_and_the_class_gives_the_title() -> None:
     assert (described.title, described.sensors) == ("wide", 7)
 
 
+def test_a_step_lasts_as_long_as_the_class_says(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The time of a frame stands for it only where the class sets it."""
+    assert describe(Walk()).step_seconds is None
+    monkeypatch.setattr(Walk, "frame_seconds", 0.2, raising=False)
+    assert describe(Walk()).step_seconds == 0.2
+    monkeypatch.setattr(Walk, "frame_seconds", 0)
+    assert describe(Walk()).step_seconds is None
+    monkeypatch.setattr(Walk, "step_seconds", 0.01)
+    assert describe(Walk()).step_seconds == 0.01
+
+
 def test_integers_of_numpy_serve_as_well(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Walk, "sensors", np.int64(2))
     described = describe(Walk())
@@ -83,6 +94,8 @@ def test_an_object_in_the_place_of_a_class() -> None:
             "Walk.determinism: 'exact' found, expected one of bitwise, statistical, none",
         ),
         ("tolerance", float("nan"), "Walk.tolerance: nan found, expected a number, 0 or more"),
+        ("step_seconds", 0, "Walk.step_seconds: 0 found, expected seconds above 0, or None"),
+        ("step_seconds", "1", "Walk.step_seconds: '1' found, expected a number"),
         ("dimensions", -1, "Walk.dimensions: -1 found, expected an integer from 0"),
         ("max_agents", "many", "Walk.max_agents: 'many' found"),
         ("title", 7, "Walk.title: 7 found, expected text"),

@@ -7,12 +7,13 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
 
-from swarmwright import InputError, Run, RunError, optimize, resume
+from swarmwright import Generation, InputError, Run, RunError, optimize, resume
+from swarmwright.store import Journal, StoreReader, StoreWriter
 from tests.python.records import EXPERIMENT
 
 FAILING = Path(__file__).with_name("failing_disk.c")
@@ -67,6 +68,78 @@ def test_a_read_only_folder_can_be_read(copy: Path, tmp_path: Path) -> None:
             resume(run, generations=9)
         with pytest.raises(InputError, match="no right to write"):
             optimize(EXPERIMENT, out=place / "another")
+
+
+def test_resuming_what_is_read_only_is_refused_before_anything_is_printed(
+    copy: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from swarmwright.cli import run
+
+    with disk(tmp_path / "disk") as place:
+        shutil.copytree(copy, place / "run")
+        subprocess.run(["mount", "-o", "remount,ro", str(place)], check=True)
+        assert run(["resume", str(place / "run")]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert f"{place / 'run'}: may not be written by this user" in printed.err
+
+
+def test_a_store_that_cannot_be_read_while_the_disk_is_full(finished: Run, tmp_path: Path) -> None:
+    with disk(tmp_path / "disk", "1m") as place:
+        with StoreWriter.create(tmp_path / "run", finished.experiment, finished.metrics) as store:
+            store.begin("here")
+            store.keep()
+            store.commit(next(iter(finished.store.generations())), Journal())
+            store.keep()
+            (place / "run").mkdir()
+            for name in ("run.sqlite", "run.sqlite-wal"):
+                shutil.copy(tmp_path / "run" / name, place / "run" / name)
+        with (place / "rest").open("wb", buffering=0) as file, suppress(OSError):
+            while file.write(bytes(4096)):
+                pass
+        with pytest.raises(InputError, match=r"run\.sqlite: cannot be read while the disk is full"):
+            Run.open(place / "run")
+        (place / "rest").unlink()
+        assert Run.open(place / "run").generations == 1
+
+
+def test_what_is_kept_is_said_where_it_cannot_be_read_now(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def unreadable(*_: object) -> StoreReader:
+        raise InputError("the disk is full")
+
+    def fail(now: Generation) -> None:
+        if now.generation == 1:
+            raise RunError("a failure")
+
+    folder = tmp_path / "run"
+    monkeypatch.setattr(sys.modules["swarmwright.optimization.optimize"], "StoreReader", unreadable)
+    with pytest.raises(RunError, match=r"a failure; what was finished is kept: `swarmwright resume .*/run`"):
+        optimize(EXPERIMENT.replace(servers="in-process"), fail, out=folder)
+    assert Run.open(folder).generations == 2
+
+
+def test_a_path_that_is_too_long_for_a_store_leaves_nothing(tmp_path: Path) -> None:
+    folder = tmp_path
+    while len(str(folder)) < 491:
+        folder /= "x" * min(100, 491 - len(str(folder)))
+    with pytest.raises(InputError, match="its path is too long: SQLite opens files with at most 504 bytes"):
+        optimize(EXPERIMENT, out=folder)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_longest_path_holds_a_run(finished: Run, tmp_path: Path) -> None:
+    left = 504 - len(os.fsencode(tmp_path / "run.sqlite.new"))
+    folder = tmp_path
+    while left > 0:
+        name = min(left - 1, 200) if left - 201 != 1 else 199
+        folder, left = folder / ("x" * name), left - name - 1
+    with StoreWriter.create(folder, finished.experiment, finished.metrics) as store:
+        store.begin("here")
+        store.keep()
+        store.commit(next(iter(finished.store.generations())), Journal())
+    assert Run.open(folder).generations == 1
 
 
 def test_pictures_for_a_read_only_folder_are_refused_in_the_same_words(

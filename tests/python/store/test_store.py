@@ -9,9 +9,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 from swarmwright import InputError, Run, RunError, optimize, resume
-from swarmwright.store import FILE, Journal, StoreWriter
+from swarmwright.cli._commands import program
+from swarmwright.store import FILE, Journal, StoreReader, StoreWriter
 from swarmwright.store.lock import LOCK, Lock, _opened, is_locked
 from tests.python.records import EXPERIMENT, change, change_numbers, seal
 
@@ -266,3 +268,26 @@ def test_metrics_are_kept_for_each_episode(tmp_path: Path) -> None:
     arrived, steps = (run.store.metrics.index(name) for name in ("arrived", "steps"))
     expected = best.metrics[:, arrived] - 0.01 * best.metrics[:, steps]
     assert best.episodes.tolist() == expected.tolist()
+
+
+def test_the_time_of_a_server_counts_once_and_a_slower_backup_is_no_failure(copy: Path) -> None:
+    row = "(1, 0, '{mode}', 0, {count}, 0, 1, 1, 1, NULL, {started}, {seconds}, {error}, NULL)"
+    attempts = [
+        ("offloaded", 10, 100.0, 4.0, "NULL"),
+        ("offloaded", 5, 102.0, 3.0, "NULL"),  # beside the one before
+        ("offloaded", 1, 100.0, 4.0, "'it crashed'"),  # of the first ten
+        ("offloaded", 5, 101.0, 1.0, "'server 2 was faster'"),
+        ("stepwise", 2, 110.0, 1.5, "NULL"),
+    ]
+    rows = [
+        row.format(mode=mode, count=count, started=started, seconds=seconds, error=error)
+        for mode, count, started, seconds, error in attempts
+    ]
+    change(copy, f"INSERT INTO attempt VALUES {', '.join(rows)}")
+    (share,) = StoreReader(copy).servers()
+    assert share == (1, 17, 1, 6.5, 1, True)
+    said = CliRunner().invoke(program, ["runs", "show", str(copy)]).output
+    assert (
+        "server 1: 17 episodes (failed ones included), busy for 6.5 s, 1 attempt failed, 1 attempt ended as "
+        "another server was faster (backup)\n"
+    ) in said

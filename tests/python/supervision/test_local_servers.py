@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from swarmwright import Experiment, RunError, _engine, evaluate
+from swarmwright.supervision import Supervisor
 from swarmwright.supervision.local_servers import LocalServers, automatic_count
 
 
@@ -78,6 +79,20 @@ def test_an_error_in_the_block_leaves_nobody_behind(embedded_broker: str) -> Non
         fail()
     assert pids
     assert not any(map(alive, pids))
+
+
+def test_an_error_while_servers_are_watched_is_raised(
+    embedded_broker: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise ValueError("a mistake")
+
+    with LocalServers([settings(embedded_broker)]) as servers:
+        servers.check()
+        monkeypatch.setattr(Supervisor, "_look", fail)
+        servers._supervisor._thread.join(10)
+        with pytest.raises(RunError, match=r"servers are not watched any more: ValueError\('a mistake'\)"):
+            servers.check()
 
 
 def test_servers_draw_on_our_output_when_asked(tmp_path: Path) -> None:

@@ -135,7 +135,7 @@ class Work:
                 )
             return found
         except (InputError, RunError) as error:
-            raise type(error)(f"{target.name}: {error}") from error
+            raise error.reworded(f"{target.name}: {error}") from error
 
     def _all(self, experiment: Experiment, genomes: Genomes, *, placed: bool = False) -> Values:
         return self._fitness(experiment, genomes, self._seeds, placed=placed)

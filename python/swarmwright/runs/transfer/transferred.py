@@ -30,9 +30,9 @@ class Candidate:
 
     @property
     def label(self) -> str:
-        """What it is called: generation and candidate, or random and its number."""
+        """What it is called: generation:candidate, or random and its number."""
         return (
-            f"random {self.candidate}" if self.generation is None else f"{self.generation}/{self.candidate}"
+            f"random {self.candidate}" if self.generation is None else f"{self.generation}:{self.candidate}"
         )
 
 

@@ -1,0 +1,111 @@
+"""Which candidates failed in which episodes: a pool says only that an evaluation did."""
+
+import dataclasses
+import logging
+import shlex
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from swarmwright.evaluation.base import Results
+from swarmwright.store import Journal, WarningEntry
+from swarmwright.store.rows import AttemptEntry
+
+_log = logging.getLogger("swarmwright")
+_UNATTRIBUTED = "an evaluation failed after "
+"""How the pool's warning of a failed evaluation begins: engine/pool/src/scheduler/attribution.rs."""
+_MOST = 10
+"""Failures that are named, of those that are reported together."""
+
+
+class Failure(NamedTuple):
+    """An episode that failed in all attempts."""
+
+    candidate: int
+    """As the journal counts it."""
+    episode: int
+    last: AttemptEntry
+    """The last attempt."""
+
+    def text(self, seeds: Sequence[int]) -> str:
+        """Say which episode failed, and how often it was tried."""
+        tries = self.last.attempt
+        where = f"episode {self.episode} (seed {seeds[self.episode]})"
+        return f"{where} failed after {tries} attempt{'s' if tries != 1 else ''}"
+
+
+class Failures:
+    """Names failed episodes in the journals of a run, and says once how one of them is repeated.
+
+    folder: of the run.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._run = shlex.quote(str(folder))
+        self._hint = ""
+        self._is_told = False
+
+    def named(
+        self,
+        results: Results,
+        seeds: Sequence[int],
+        generation: int | None = None,
+        rows: Mapping[int, int] | None = None,
+    ) -> Results:
+        """Return results whose journal names candidate, episode and seed of what a pool could not evaluate.
+
+        Args:
+            results: of candidates that were evaluated together.
+            seeds: of the episodes.
+            generation: in which candidates are counted; None where they are counted over the whole run.
+            rows: of the results, by the number that the journal has for a candidate; None where they are the
+                same.
+        """
+        failures = list(_failures(results, rows))
+        if not failures:
+            return results
+        self._hint = self._hint or self._hint_at(failures[0], seeds, generation)
+        warnings = [one for one in results.journal.warnings if not one.text.startswith(_UNATTRIBUTED)]
+        warnings += [
+            WarningEntry(f"{one.text(seeds)}: {one.last.error}", one.candidate) for one in failures[:_MOST]
+        ]
+        if len(failures) > _MOST:
+            warnings.append(
+                WarningEntry(f"{len(failures) - _MOST} more episodes of this generation failed as well")
+            )
+        return dataclasses.replace(results, journal=Journal(results.journal.attempts, warnings))
+
+    def tell(self) -> None:
+        """Say how the first one is repeated, unless that was said; its generation is to be kept."""
+        if self._hint and not self._is_told:
+            self._is_told = True
+            _log.warning("%s", self._hint)
+
+    def _hint_at(self, failure: Failure, seeds: Sequence[int], generation: int | None) -> str:
+        options = f"--candidate {failure.candidate}"
+        whose = f"candidate {failure.candidate}"
+        if generation is not None:
+            whose, options = f"generation {generation}, {whose}", f"--generation {generation} {options}"
+        return (
+            f"{whose}, {failure.text(seeds)}; repeat it: swarmwright evaluate {self._run} {options}; the "
+            f"others: swarmwright runs show {self._run}"
+        )
+
+
+def _failures(results: Results, rows: Mapping[int, int] | None) -> Iterator[Failure]:
+    failed = np.isnan(results.fitness)
+    if not failed.any():
+        return
+    found: dict[tuple[int, int], AttemptEntry] = {}
+    for entry in results.journal.attempts:
+        if not entry.error:
+            continue
+        for candidate in range(entry.candidate, entry.candidate + entry.candidates):
+            row = candidate if rows is None else rows.get(candidate, -1)
+            for episode in range(entry.episode, entry.episode + entry.episodes):
+                if 0 <= row < failed.shape[0] and episode < failed.shape[1] and failed[row, episode]:
+                    found[candidate, episode] = entry
+    for (candidate, episode), entry in sorted(found.items(), key=lambda one: one[0]):
+        yield Failure(candidate, episode, entry)

@@ -1,0 +1,40 @@
+"""Keys without effect are named when a run begins, and refused nowhere."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from swarmwright import Experiment, optimize
+from swarmwright.experiment.without_effect import without_effect
+
+STEADY = {"operation": "steady_state"}
+TRANSFERRED = {"vary": {"parameters.speedDefenders": [0.4, 0.8]}}
+
+
+@pytest.mark.parametrize(
+    ("method", "validate", "keys"),
+    [
+        ({}, {}, []),
+        ({"in_flight": 3}, {}, ["method.in_flight"]),
+        ({"in_flight": 3} | STEADY, {}, []),
+        ({}, {"seeds": 9, "random": 2}, ["validate.seeds", "validate.random"]),
+        ({}, {"seeds": 9, "random": 2} | TRANSFERRED, []),
+    ],
+)
+def test_keys_without_effect(method: dict[str, Any], validate: dict[str, Any], keys: list[str]) -> None:
+    values = {"simulation": "minisim", "method": method, "validate": validate}
+    experiment = Experiment.from_mapping(values)
+    assert [text.split()[0] for text in without_effect(experiment)] == keys
+    written_out = Experiment.from_mapping(experiment.to_mapping())
+    assert without_effect(written_out) == without_effect(experiment)
+
+
+def test_a_run_begins_with_a_warning(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr("swarmwright.user_code.notices._told", set())
+    method = {"population": 4, "generations": 1, "in_flight": 3}
+    experiment = Experiment.from_mapping({"simulation": "minisim", "method": method, "servers": "local"})
+    assert optimize(experiment, out=tmp_path / "run").generations == 1
+    assert "method.in_flight has no effect with operation: generational" in caplog.messages
