@@ -162,6 +162,7 @@ def draw(found: Sequence[Pair]) -> "Figure":
         figure.axes[0].fill([], [], color=color, alpha=0.6, label=label)[0]
         for label, color in (("ARGoS 3, 30 seeds", COLORS[0]), ("arena", COLORS[1]))
     ]
+    figure.supylabel("fitness of an episode (more is better)", fontsize=11, color=INK)
     figure.legend(handles=handles, loc="lower right", fontsize=11, frameon=False, ncols=2)
     return figure
 

@@ -165,7 +165,8 @@ def main() -> None:
         print("\n".join([f"{quoted.title}:", "", *table(quoted, found), ""]))
         draw(axes, quoted, found)
     figure.suptitle(
-        "points: runs · upright line: their mean · grey: FREVO's NNGA, mean and range of ten runs",
+        "points: runs · coloured line: their mean, blue: at least FREVO's, orange: below it · "
+        "grey line and band: FREVO's NNGA, mean and range of ten runs",
         x=0.012, ha="left", fontsize=10, color=SOFT,
     )  # fmt: skip
     print(f"The picture is in {save(figure, picture)}")

@@ -183,6 +183,7 @@ def draw(found: Sequence[Design]) -> "Figure":
         figure.axes[0].fill([], [], color=color, alpha=0.6, label=kind)[0]
         for kind, color in zip(kinds(found), COLORS, strict=False)
     ]
+    figure.supylabel("mean fitness (more is better)", fontsize=11, color=INK)
     figure.legend(handles=handles, loc="outside lower center", fontsize=11, frameon=False, ncols=len(handles))
     return figure
 

@@ -149,6 +149,7 @@ def draw(found: Sequence[Loss]) -> "Figure":
         figure.axes[0].fill([], [], color=color, alpha=0.6, label=name)[0]
         for name, color in zip(names, COLORS, strict=False)
     ]
+    figure.supylabel("mean fitness of a design (more is better)", fontsize=11, color=INK)
     figure.legend(handles=handles, loc="outside lower center", fontsize=11, frameon=False, ncols=len(names))
     return figure
 

@@ -22,12 +22,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy import stats
 
 from benchmarks.designs import DESIGNS
 from benchmarks.kept import finished, read, write
 from benchmarks.places import PLACES, PREFIX, Place, running
 from benchmarks.processes import Broker, embedded
 from swarmwright import Experiment, Run, post_evaluate
+from swarmwright.analysis.significance import holm
 from swarmwright.core.statistics import Estimate, estimate
 from swarmwright.figures.style import COLORS, INK, dress, new_figure
 
@@ -42,6 +44,8 @@ BUDGET = 20_000
 SEEDS = 30
 FIRST_SEED = 1_000_000_000
 """Of the held-out seeds."""
+LEVEL = 0.05
+"""Of significance, after Holm's correction."""
 ABOUT = (
     f"Fitness of three controllers on missions of the arena in several simulators: {ROBOTS} e-pucks, "
     f"{SECONDS} s, held-out seeds from {FIRST_SEED} on. python -m benchmarks.missions FOLDER"
@@ -147,27 +151,69 @@ def speeds(cells: Sequence[Cell]) -> Iterator[str]:
         yield f"| {name} | {count} | {float(f'{rate:.2g}'):,.0f} | {part} |"
 
 
+@dataclass(frozen=True)
+class Paired:
+    """Differences of a simulator from the arena, of the same controller in episodes with the same seeds."""
+
+    cell: Cell
+    mean: float
+    half: float
+    """Of Student's 95 % interval of the mean difference."""
+    p: float
+    """Two-sided, of the paired t-test; 1 where all differences are zero."""
+
+
+def paired(cells: Sequence[Cell]) -> list[Paired]:
+    """Compare every cell with that of the arena, seed by seed; episodes that failed are left out in both."""
+    arena = {(cell.mission, cell.controller): cell for cell in cells if cell.simulator == "arena"}
+    found = []
+    for cell in cells:
+        here = arena.get((cell.mission, cell.controller))
+        if here is None or cell.simulator == "arena":
+            continue
+        both = zip(cell.fitness, here.fitness, strict=False)  # a slow simulator has fewer episodes
+        differences = np.array([there - one for there, one in both if math.isfinite(there - one)])
+        of = estimate(differences.tolist())
+        half = math.nan if of.low is None or of.high is None else (of.high - of.low) / 2
+        p = float(stats.ttest_1samp(differences, 0.0).pvalue) if np.any(differences) else 1.0
+        found.append(Paired(cell, of.mean, half, p))
+    return found
+
+
 def table(cells: Sequence[Cell]) -> Iterator[str]:
-    """Yield a table in Markdown: mean fitness and half of its interval; bold where it is not the arena's."""
+    """Yield a table in Markdown: the arena's mean fitness, and differences from it; bold: significant.
+
+    Each is followed by half of its 95 % interval. p-values are corrected after Holm for all differences.
+    """
+    compared = paired(cells)
+    corrected = holm([one.p for one in compared])
+    entries = {one.cell.key: _difference(one, p < LEVEL) for one, p in zip(compared, corrected, strict=True)}
     names = list(dict.fromkeys(cell.simulator for cell in cells))
     yield f"| mission | controller | {' | '.join(names)} |"
     yield "|---|---|" + "---|" * len(names)
     by_key = {cell.key: cell for cell in cells}
     for mission, controller in dict.fromkeys((cell.mission, cell.controller) for cell in cells):
-        row = [by_key[mission, controller, name] for name in names]
-        arena = next((cell.mean for cell in row if cell.simulator == "arena"), None)
-        shown = " | ".join(_entry(cell.mean, arena) for cell in row)
+        keys = [(mission, controller, name) for name in names]
+        shown = " | ".join(entries.get(key) or _entry(by_key[key].mean) for key in keys)
         yield f"| `{mission}` | {controller} | {shown} |"
 
 
-def _entry(mean: Estimate, arena: Estimate | None) -> str:
+def _difference(one: Paired, significant: bool) -> str:
+    if not one.half > 0:  # a single episode has no interval, and equal episodes have nothing to round
+        return f"{one.mean:+.3g}"
+    digits = max(0, 1 - math.floor(math.log10(one.half)))
+    text = f"{one.mean:+.{digits}f} ± {_two_digits(one.half)}"
+    return f"**{text}**" if significant else text
+
+
+def _entry(mean: Estimate) -> str:
     if mean.low is None or mean.high is None:
         return f"{mean.mean:.4g}"
-    text = f"{mean.mean:.4g} ± {float(f'{(mean.high - mean.low) / 2:.2g}'):g}"
-    if arena is None or arena.low is None or arena.high is None:
-        return text
-    apart = mean.high < arena.low or arena.high < mean.low
-    return f"**{text}**" if apart else text
+    return f"{mean.mean:.4g} ± {_two_digits((mean.high - mean.low) / 2)}"
+
+
+def _two_digits(value: float) -> str:
+    return f"{float(f'{value:.2g}'):g}"
 
 
 def draw(cells: Sequence[Cell]) -> "Figure":
@@ -190,6 +236,7 @@ def draw(cells: Sequence[Cell]) -> "Figure":
     for field in fields[len(missions) :]:
         field.axis("off")
     handles, labels = fields[0].get_legend_handles_labels()
+    figure.supylabel("mean fitness with 95 % interval (more is better)", fontsize=11, color=INK)
     figure.legend(handles, labels, loc="outside lower center", fontsize=11, frameon=False, ncols=3)
     return figure
 
@@ -241,7 +288,7 @@ def main() -> None:
         for cell in measured(runs, places, arguments.seeds, before):
             cells.append(cell)
             keep(cells + [one for one in before if one.key not in {cell.key for cell in cells}], file)
-            mean = _entry(cell.mean, None)
+            mean = _entry(cell.mean)
             print(f"{cell.simulator}, {cell.mission}, {cell.controller}: {mean}", file=sys.stderr, flush=True)
     print(*speeds(cells), "", *table(cells), sep="\n")
     draw(cells).savefig(arguments.folder / "missions.png")

@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 from benchmarks.kept import read
-from benchmarks.missions import CONTROLLERS, FIRST_SEED, Cell, speeds, table
+from benchmarks.missions import CONTROLLERS, FIRST_SEED, Cell, paired, speeds, table
 from benchmarks.places import PLACES
 from swarmwright import Run, post_evaluate
 
@@ -76,3 +76,25 @@ def test_the_page_has_what_was_measured(root: Path) -> None:
     assert {cell.simulator for cell in cells} == {place.name for place in PLACES}
     for line in (*speeds(cells), *table(cells)):
         assert line in page
+
+
+def test_differences_are_paired_by_seed_and_corrected_for_all_comparisons() -> None:
+    arena = (1.0, 5.0, 2.0, 9.0, 4.0, 7.0)
+
+    def cells(shift: float, comparisons: int) -> list[Cell]:
+        there = tuple(one + shift + (0.01 if place % 2 else -0.01) for place, one in enumerate(arena))
+        found = [Cell("homing", "EvoStick", "arena", arena, 1.0, 1.0)]
+        found += [
+            Cell("homing", "EvoStick", f"s{place}", there[:4] if place else there, 1.0, 1.0)
+            for place in range(comparisons)
+        ]
+        return found
+
+    first, *others = paired(cells(-0.02, 9))
+    assert first.mean == pytest.approx(-0.02)
+    assert first.p == pytest.approx(0.00657, rel=0.01), "fitness varies far more than differences"
+    assert others[0].p == pytest.approx(0.0405, rel=0.01), "the seeds that both have"
+    row = [*table(cells(-0.02, 1))][2]
+    assert row == "| `homing` | EvoStick | 4.667 ± 3.2 | **-0.020 ± 0.011** |"
+    assert "**" not in [*table(cells(-0.02, 9))][2], "Holm: 9 tests"
+    assert [*table(cells(0.001, 1))][2].endswith("| +0.001 ± 0.011 |")

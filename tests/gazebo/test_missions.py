@@ -104,7 +104,7 @@ def test_the_conformance_kit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
         command=f"{server} --broker {{broker}} --id {{id}} --step-timeout 1",
         parameters={"mission": "aac", "robot": "e-puck-rm1.2", "robots": 3, "duration": 2},
         step_timeout=1,
-        rules=["-S6.5,-S6.9,-S11.2,-S12"],
+        rules=["-S6.5,-S6.9,-S6.13,-S11.2,-S12,-S16"],
         sensors=9,
         actuators=2,
     )

@@ -70,7 +70,11 @@ class Machine:
 
 @contextmanager
 def running(
-    folder: Path, address: str = "127.0.0.1", inside: Sequence[str] = (), slots: int = 4
+    folder: Path,
+    address: str = "127.0.0.1",
+    inside: Sequence[str] = (),
+    slots: int = 4,
+    subsystem: str = "sftp internal-sftp",
 ) -> Iterator[Machine]:
     """Start an sshd that listens on an address; `inside` is a command that runs others, in a namespace."""
     program = shutil.which("sshd", path="/usr/sbin:/usr/bin")
@@ -87,7 +91,7 @@ def running(
     (folder / "sshd_config").write_text(
         f"ListenAddress {address}:{port}\nHostKey {folder}/host_key\nPidFile none\nUsePAM no\n"
         f"AuthorizedKeysFile {folder}/authorized_keys\nStrictModes no\nPasswordAuthentication no\n"
-        f"Subsystem sftp internal-sftp\nSetEnv XDG_LABEL={folder}\nPermitRootLogin yes\n"
+        f"Subsystem {subsystem}\nSetEnv XDG_LABEL={folder}\nPermitRootLogin yes\n"
         f"MaxSessions {slots + 8}\n"
     )
     arguments = [program, "-D", "-f", str(folder / "sshd_config"), "-E", str(folder / "log")]

@@ -18,7 +18,7 @@ from swarmwright.testing import check_launcher
 from tests.conftest import PROGRAM, environment
 from tests.paced_simulation import written
 from tests.python.records import same_record
-from tests.ssh.conftest import Machine
+from tests.ssh.conftest import Machine, running
 
 SIMULATION = """\
 import json, pathlib
@@ -158,6 +158,15 @@ def test_what_is_wrong_is_said_with_the_machines_words(
     with pytest.raises(RunError, match=message):
         optimize(experiment(machine, **given), out=tmp_path / "run", progress=False)
     until(lambda: machine.servers() == [])
+
+
+def test_a_machine_without_sftp(tmp_path: Path) -> None:
+    words = r"refuses SFTP, by which files are copied there .* sshd_config"
+    with (
+        running(tmp_path / "machine", subsystem="other internal-sftp") as machine,
+        pytest.raises(RunError, match=words),
+    ):
+        optimize(experiment(machine), out=tmp_path / "run", progress=False)
 
 
 def test_without_machines(machine: Machine, tmp_path: Path) -> None:

@@ -1,0 +1,28 @@
+"""What pages and files beside the code repeat of it."""
+
+import re
+import tomllib
+from pathlib import Path
+
+from ruamel.yaml import YAML
+
+import swarmwright
+
+
+def test_the_page_on_libraries_lists_all_extras(root: Path) -> None:
+    project = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    page = (root / "docs" / "explanation" / "libraries.md").read_text(encoding="utf-8")
+    section = page.split("\n## Extras\n")[1].split("\n## ")[0]
+    listed = dict(re.findall(r"^\| `(\S+)` \| .* \| (.*) \|$", section, re.MULTILINE))
+    assert listed == {
+        extra: ", ".join(re.split(r"[<>=\[]", package)[0] for package in packages)
+        for extra, packages in project["optional-dependencies"].items()
+    }
+
+
+def test_the_citation_names_this_version_and_licence(root: Path) -> None:
+    project = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    citation = YAML(typ="safe", pure=True).load((root / "CITATION.cff").read_text(encoding="utf-8"))
+    assert citation["version"] == swarmwright.__version__
+    assert citation["license"] == project["license"]
+    assert {"cff-version", "message", "title", "authors"} <= citation.keys(), "what CFF 1.2 requires"
