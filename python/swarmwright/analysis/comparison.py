@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmwright.analysis.after_evaluations import by_generation, fitness_at
 from swarmwright.analysis.groups import RunGroup, group
 from swarmwright.analysis.significance import Difference, Kruskal, difference, holm, kruskal_wallis
 from swarmwright.core.arguments import checked, listed
 from swarmwright.core.errors import InputError
-from swarmwright.figures.curves import by_generation, fitness_at
 from swarmwright.runs.elites import has_elites
 from swarmwright.runs.instances import by_instance
 from swarmwright.runs.post_evaluation import EPISODES
