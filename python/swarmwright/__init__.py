@@ -47,6 +47,7 @@ Overview:
     callbacks, templates, frevo, testing     TensorBoard and MLflow; experiments to start from; FREVO's files;
                                 checks for plug-ins
     InputError, RunError        invalid input; a run that failed for other reasons
+    PlugInError, SimulationError  of RunError: the code of a plug-in or of a simulation failed
 
 Arrays are NumPy's: genomes float32, fitness float64, more is better, NaN for an evaluation that failed.
 Names are imported when they are first used, so that `import swarmwright` is fast.
@@ -55,10 +56,16 @@ Names are imported when they are first used, so that `import swarmwright` is fas
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from swarmwright.core.errors import InputError, RunError, SwarmwrightError
+from swarmwright.core.errors import (
+    InputError,
+    PlugInError,
+    RunError,
+    SimulationError,
+    SwarmwrightError,
+)
 
 if TYPE_CHECKING:
-    from swarmwright import callbacks, environments, templates
+    from swarmwright import callbacks, environments, frevo, templates, testing
     from swarmwright.adapters.command import CommandSimulation
     from swarmwright.analysis.comparison import Comparison, compare
     from swarmwright.analysis.sweep.result import SweepResult, sweep
@@ -100,11 +107,13 @@ __all__ = [
     "InputError",
     "Parameter",
     "Physics",
+    "PlugInError",
     "PostEvaluation",
     "Repeated",
     "Run",
     "RunError",
     "Simulation",
+    "SimulationError",
     "SwarmwrightError",
     "SweepResult",
     "Transfer",
@@ -117,6 +126,7 @@ __all__ = [
     "evaluate_episodes",
     "export_bundle",
     "export_controller",
+    "frevo",
     "optimize",
     "post_evaluate",
     "repeat",
@@ -124,6 +134,7 @@ __all__ = [
     "simulate",
     "sweep",
     "templates",
+    "testing",
     "transfer",
     "verify_bundle",
 ]
