@@ -19,7 +19,7 @@ from swarmwright.core.errors import InputError
 from swarmwright.runs.elites import has_elites
 from swarmwright.runs.instances import by_instance
 from swarmwright.runs.post_evaluation import EPISODES
-from swarmwright.runs.run import Run
+from swarmwright.runs.run import Run, run_of
 from swarmwright.runs.validation import command_to_validate
 from swarmwright.user_code.copying import shown
 
@@ -159,7 +159,7 @@ def compare(
             yet after `at` evaluations, or, with `held_out`, a run has no validation.
     """
     listed("runs", runs, "run folders")
-    opened = [run if isinstance(run, Run) else Run.open(run) for run in runs]
+    opened = [run_of(run) for run in runs]
     if not opened:
         raise InputError("there are no runs to compare; name run folders such as runs/minisim-1")
     for run in opened:

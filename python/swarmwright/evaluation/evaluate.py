@@ -3,6 +3,7 @@
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -22,7 +23,7 @@ from swarmwright.evaluation.opening import is_here, open_backend
 from swarmwright.evaluation.prepared import check_finite, check_size, prepared
 from swarmwright.evaluation.seeds import seeds_of
 from swarmwright.experiment.evolved import unknown
-from swarmwright.experiment.experiment import Experiment
+from swarmwright.experiment.experiment import Experiment, experiment_of
 from swarmwright.rankings._slow import SlowOptions
 from swarmwright.representations.controller import Controller
 from swarmwright.simulations import catalogue
@@ -37,7 +38,7 @@ _MOST_TOLD = 10
 
 @checked
 def evaluate(
-    experiment: Experiment,
+    experiment: Experiment | str | Path,
     genomes: ArrayLike,
     *,
     generation: int = 0,
@@ -57,7 +58,7 @@ def evaluate(
     method of a run that knows the members that stay.
 
     Args:
-        experiment: simulation, controller and ranking count; the method does not.
+        experiment: or its file; simulation, controller and ranking count, the method does not.
         genomes: float32, (candidates, experiment.genome_size), finite.
         generation: whose seeds the episodes have, from 0 on. With `ranking.seeds: new` each generation has
             others, `parameters.seed + generation * episodes` and the following ones; with `same` all have
@@ -76,7 +77,7 @@ def evaluate(
             it is.
         RunError: no broker or no fitting server.
     """
-    instance("experiment", experiment, Experiment, "Experiment.load(file)")
+    experiment = experiment_of(experiment)
     _check_ranking(experiment, generation)
     rows = _rows(genomes)
     if is_here(experiment, broker, servers):
@@ -110,7 +111,7 @@ class EvaluatedEpisodes:
 
 @checked
 def evaluate_episodes(
-    experiment: Experiment,
+    experiment: Experiment | str | Path,
     genomes: ArrayLike,
     *,
     metrics: Sequence[str] | Literal["all"] = (),
@@ -138,7 +139,7 @@ def evaluate_episodes(
         InputError: as in `evaluate`; or there is no such metric.
         RunError: no broker or no fitting server.
     """
-    instance("experiment", experiment, Experiment, "Experiment.load(file)")
+    experiment = experiment_of(experiment)
     _check_ranking(experiment, generation)
     asked = asked_for(experiment, metrics)
     return _evaluated(experiment, _rows(genomes), generation, asked, broker, servers, on_progress)
@@ -204,7 +205,7 @@ def _nothing(episodes: int, metrics: int) -> Results:
 
 @checked
 def simulate(
-    experiment: Experiment,
+    experiment: Experiment | str | Path,
     controller: Controller | None = None,
     *,
     broker: str | None = None,
@@ -216,7 +217,8 @@ def simulate(
     """Run one episode and return its fitness.
 
     Args:
-        experiment: simulation and parameters count; the episode's seed is `parameters.seed` (default 0).
+        experiment: or its file; simulation and parameters count, the episode's seed is `parameters.seed`
+            (default 0).
         controller: for all agents; default: a random one of the experiment's representation and seed, the
             same as candidate 0 of an optimization.
         broker: as in `optimize`.
@@ -230,7 +232,7 @@ def simulate(
         InputError: the controller does not fit the simulation, or the experiment cannot be run as it is.
         RunError: no broker, no fitting server, or the episode failed.
     """
-    instance("experiment", experiment, Experiment, "Experiment.load(file)")
+    experiment = experiment_of(experiment)
     if controller is not None:
         instance("controller", controller, Controller, "Controller.load(path)")
     with reported():

@@ -9,7 +9,7 @@ from typing import Any, Literal, Self
 
 from pydantic import BaseModel
 
-from swarmwright.core.arguments import checked, listed, mapping, path_of
+from swarmwright.core.arguments import checked, instance, listed, mapping, path_of
 from swarmwright.core.errors import InputError
 from swarmwright.core.files import write_text
 from swarmwright.core.flatten import flat
@@ -441,6 +441,14 @@ class Experiment:
         if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed <= 2**62:
             raise InputError(f"parameters.seed: must be an integer from 0 to 2**62, not {seed!r}")
         return seed
+
+
+def experiment_of(given: Experiment | str | Path) -> Experiment:
+    """Return an experiment that is given as such, or as its file. Raises InputError as `Experiment.load`."""
+    if isinstance(given, str | Path):
+        return Experiment.load(given)
+    instance("experiment", given, Experiment, "Experiment.load(file)")
+    return given
 
 
 def shortened(value: object) -> str:

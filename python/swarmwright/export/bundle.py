@@ -110,12 +110,12 @@ def export_bundle(
         InputError: there is no such candidate, a file cannot be read or is in the way.
         RunError: a form is not what the simulation ran.
     """
-    from swarmwright.runs.run import Run  # noqa: PLC0415 - with figures and more
+    from swarmwright.runs.run import run_of  # noqa: PLC0415 - with figures and more
 
     check_prefix(prefix)
     target = Path(file)
     _check_target(target, force=force)
-    opened = run if isinstance(run, Run) else Run.open(run)
+    opened = run_of(run)
     if opened.experiment.controller.kind == TEAM:
         raise InputError(
             f"{opened.path}: has a controller for each group of agents, and a bundle holds one for all; "

@@ -66,11 +66,11 @@ def export_controller(
             is not installed.
         RunError: what was written does not compile or run.
     """
-    from swarmwright.runs.run import Run  # noqa: PLC0415 - with figures and more
+    from swarmwright.runs.run import run_of  # noqa: PLC0415 - with figures and more
 
     check_prefix(prefix)
     exporter = EXPORTERS.get(text("to", to, "the name of a form"))()
-    opened = run if isinstance(run, Run) else Run.open(run)
+    opened = run_of(run)
     subject = subject_of(opened, generation, candidate, group)
     files = exporter.files(subject, prefix)
     folder = Path(output if output is not None else prefix)

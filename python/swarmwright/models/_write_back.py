@@ -20,7 +20,7 @@ from swarmwright.models._files import files_of
 from swarmwright.models._files import load as load_part
 from swarmwright.models._names import Known
 from swarmwright.models._parts import Optimised, Part
-from swarmwright.runs.run import Run
+from swarmwright.runs.run import Run, run_of
 
 CANDIDATE = "candidate.json"
 """The values as CPSwarm's optimization tool hands a candidate to simulators and robots."""
@@ -63,7 +63,7 @@ def write_back(
     Raises:
         InputError: there is no such candidate, a file is wrong, or nothing in the files was evolved.
     """
-    opened = run if isinstance(run, Run) else Run.open(run)
+    opened = run_of(run)
     subject = subject_of(opened, generation, candidate)
     known = Known(opened.experiment.simulation)
     parts = [load_part(path) for path in files_of(map(Path, paths))]

@@ -4,19 +4,20 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.core.arguments import checked, instance
+from swarmwright.core.arguments import checked
 from swarmwright.core.errors import InputError, RunError
 from swarmwright.core.statistics import Estimate, estimate, quantile
 from swarmwright.core.untrusted import one_line
 from swarmwright.evaluation.base import Backend, Controllers, Progress, Results, Servers
 from swarmwright.evaluation.metrics import asked_for
 from swarmwright.evaluation.opening import open_backend
-from swarmwright.experiment.experiment import Experiment
+from swarmwright.experiment.experiment import Experiment, experiment_of
 from swarmwright.rankings import Ranking
 from swarmwright.runs.code import used_for
 from swarmwright.typing import Genomes
@@ -143,13 +144,13 @@ class PostEvaluation:
 
 @checked
 def post_evaluate(
-    run: "Run",
+    run: "Run | str | Path",
     candidate: int | None = None,
     generation: int | None = None,
     *,
     episodes: int = EPISODES,
     seed: int | None = None,
-    experiment: Experiment | None = None,
+    experiment: Experiment | str | Path | None = None,
     broker: str | None = None,
     servers: Servers | None = None,
     on_progress: Progress | None = None,
@@ -161,7 +162,7 @@ def post_evaluate(
     high. New episodes estimate it without bias. Nothing is added to the run.
 
     Args:
-        run: where the candidate is recorded.
+        run: where the candidate is recorded, or its folder.
         candidate: as in `Run.evaluation`; without both, the best of the run.
         generation: as in `Run.evaluation`.
         episodes: how many, from 1 on; where a fitness is made of several, such as a median, at least these.
@@ -180,11 +181,11 @@ def post_evaluate(
         RunError: no broker, no fitting server, or every episode failed.
     """
     from swarmwright.experiment.checks import makes_fitness  # noqa: PLC0415 - takes long, not for reading runs
-    from swarmwright.runs.run import Run  # noqa: PLC0415 - it imports this module
+    from swarmwright.runs.run import run_of  # noqa: PLC0415 - it imports this module
 
-    instance("run", run, Run, "Run.open(folder)")
+    run = run_of(run)
     if experiment is not None:
-        instance("experiment", experiment, Experiment, "Experiment.load(file)")
+        experiment = experiment_of(experiment)
     if episodes < 1:
         raise InputError(f"episodes: must be at least 1, not {episodes}")
     evaluation = run.evaluation(candidate, generation)

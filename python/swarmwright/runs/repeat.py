@@ -1,16 +1,17 @@
 """Repeating an evaluation from its record."""
 
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.core.arguments import checked, instance
+from swarmwright.core.arguments import checked
 from swarmwright.evaluation.base import Controllers, Servers
 from swarmwright.evaluation.evaluate import tell_failures
 from swarmwright.evaluation.opening import open_backend
-from swarmwright.experiment.experiment import Experiment
+from swarmwright.experiment.experiment import Experiment, experiment_of
 from swarmwright.rankings.race import Race
 from swarmwright.runs.code import used_for
 from swarmwright.runs.instances import instances
@@ -46,11 +47,11 @@ class Repeated:
 
 @checked
 def repeat(
-    run: "Run",
+    run: "Run | str | Path",
     candidate: int | None = None,
     generation: int | None = None,
     *,
-    experiment: Experiment | None = None,
+    experiment: Experiment | str | Path | None = None,
     broker: str | None = None,
     servers: Servers | None = None,
     simulation: str | type | None = None,
@@ -58,7 +59,7 @@ def repeat(
     """Evaluate a candidate of a run once more, with the seeds of its record.
 
     Args:
-        run: where it is recorded.
+        run: where it is recorded, or its folder.
         candidate: as in `Run.evaluation`.
         generation: as in `Run.evaluation`.
         experiment: instead of the run's, with other servers or time-outs.
@@ -72,11 +73,11 @@ def repeat(
         InputError: there is no such evaluation, or the code is gone.
         RunError: no broker or no fitting server.
     """
-    from swarmwright.runs.run import Run  # noqa: PLC0415 - it imports this module
+    from swarmwright.runs.run import run_of  # noqa: PLC0415 - it imports this module
 
-    instance("run", run, Run, "Run.open(folder)")
+    run = run_of(run)
     if experiment is not None:
-        instance("experiment", experiment, Experiment, "Experiment.load(file)")
+        experiment = experiment_of(experiment)
     recorded = run.evaluation(candidate, generation)
     parts = instances(run, recorded)
     ran = _ran(run, recorded)

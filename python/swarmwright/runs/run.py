@@ -418,3 +418,8 @@ class Run:
     def __repr__(self) -> str:
         """Name the folder and how far it got."""
         return f"<Run {self.path}: {self.generations} generations, {self.evaluations} evaluations>"
+
+
+def run_of(given: Run | str | os.PathLike[str]) -> Run:
+    """Return a run that is given as such, or as its folder. Raises InputError as `Run.open`."""
+    return given if isinstance(given, Run) else Run.open(given)

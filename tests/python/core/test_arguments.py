@@ -52,19 +52,10 @@ def experiment() -> Experiment:
         ),
         (lambda _: library.resume(3), r"^run: must be the path of a run folder, not 3$"),
         (lambda run: library.resume(run, settings="a=1"), r"^settings: must be a list of settings"),
-        (
-            lambda _: library.evaluate("a.yaml", []),
-            r"^experiment: .*not 'a.yaml'; write Experiment\.load\(file\)$",
-        ),
+        (lambda _: library.evaluate(3, []), r"^experiment: .*not 3; write Experiment\.load\(file\)$"),
         (lambda _: library.simulate(None), r"^experiment: must be of the class Experiment, not "),
-        (
-            lambda run: library.repeat(str(run.path)),
-            r"^run: must be of the class Run, .*write Run\.open\(folder\)$",
-        ),
-        (
-            lambda run: library.post_evaluate(run.path),
-            r"^run: must be of the class Run, not an object of the class",
-        ),
+        (lambda _: library.repeat(3), r"must be the path of a run folder, not 3$"),
+        (lambda _: library.post_evaluate(None), r"must be the path of a run folder, not "),
         (
             lambda run: library.post_evaluate(run, metrics="steps"),
             r"^metrics: must be a list of names of metrics",
@@ -194,6 +185,17 @@ def test_numbers_of_other_libraries_are_taken(finished: Run, tmp_path: Path) -> 
         experiment(), seed=np.int64(3), wait=np.float32(3), progress=np.False_, out=tmp_path / "run"
     )
     assert run.experiment.seed == 3
+
+
+def test_files_of_experiments_and_folders_of_runs_are_taken(finished: Run) -> None:
+    file = finished.path / "experiment.yaml"
+    genomes = [finished.evaluation().genome]
+    assert library.evaluate(file, genomes) == library.evaluate(finished.experiment, genomes)
+    assert library.evaluate_episodes(str(file), genomes).episodes.shape[0] == 1
+    assert library.simulate(file) == library.simulate(finished.experiment)
+    assert library.repeat(finished.path).same
+    assert library.repeat(str(finished.path), experiment=file).same
+    assert len(library.post_evaluate(finished.path, episodes=1, experiment=file).episodes) == 1
 
 
 def test_missing_and_unknown_arguments_are_pythons_errors() -> None:

@@ -13,7 +13,7 @@ from swarmwright.experiment.ranges import E_PUCKS, Range, ranges_of, require_e_p
 from swarmwright.experiment.targets import Target, targets_of
 from swarmwright.runs.code import used_for
 from swarmwright.runs.post_evaluation import unseen_seeds
-from swarmwright.runs.run import Run
+from swarmwright.runs.run import Run, run_of
 from swarmwright.runs.transfer.at_end import seeds_of
 from swarmwright.runs.transfer.evaluation import Plan, Work
 from swarmwright.runs.transfer.transferred import Transferred
@@ -71,7 +71,7 @@ def transfer(
     listed("runs", runs, "run folders")
     listed("to", to, "simulations or files of them")
     to = [text("to", one, "a list of names of simulations, or of files of them") for one in to]
-    opened = [run if isinstance(run, Run) else Run.open(run) for run in runs]
+    opened = [run_of(run) for run in runs]
     if not opened:
         raise InputError("there are no runs to transfer; name run folders such as runs/minisim-1")
     for name, number, least in (("candidates", candidates, 1), ("random", random, 0), ("seeds", seeds, 2)):
