@@ -1,7 +1,7 @@
 """Placeholders in commands, environments and files: {seed}, {parameters}, {speed}, .."""
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 
 from swarmwright.core.errors import InputError
 from swarmwright.core.suggestions import did_you_mean
@@ -28,12 +28,6 @@ IN_A_COMMAND = {
 def names_in(text: str) -> list[str]:
     """Return the names of the placeholders in a word of a command."""
     return [match[1] for match in _PLACE.finditer(text) if match[1] is not None]
-
-
-def unknown_in(text: str, known: Iterable[str]) -> str | None:
-    """Return the first placeholder that is not known; None where all are."""
-    there = set(known)
-    return next((name for name in names_in(text) if name not in there), None)
 
 
 def filled(text: str, values: Mapping[str, object], where: str) -> str:

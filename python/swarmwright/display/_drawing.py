@@ -88,7 +88,6 @@ class Picture:
         box = (LEFT / WIDTH, bottom / height, (WIDTH - LEFT - RIGHT) / WIDTH, inside / height)
         self._axes = self.figure.add_axes(box)
         frame(self._axes, first)
-        self._pixel = 72.0 / dpi
         # Points of a picture for each metre or cell.
         self._scale = 72 * min((WIDTH - LEFT - RIGHT) / first.width, inside / first.height) / 1.024
         ground = ground_of(first)

@@ -20,7 +20,6 @@ from swarmwright.store import Evaluation
 from swarmwright.typing import Genomes
 
 Values = NDArray[np.float64]
-_FAILED = "every episode failed; `swarmwright evaluate RUN --episodes 1 --set ..` says why"
 
 
 @dataclass(frozen=True)
