@@ -79,7 +79,7 @@ def test_a_crash_costs_the_candidate_and_nothing_else(
     assert workers.digest == run.digest
     begun = optimize(experiment("Crash"), lambda _: False, servers="local", out=tmp_path / "begun")
     assert resume(begun, servers=3).digest == run.digest
-    assert not caplog.records, "no server is given up"
+    assert not [one for one in caplog.messages if "given up" in one]
 
 
 @pytest.mark.timeout(120)

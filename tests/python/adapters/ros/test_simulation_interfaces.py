@@ -214,4 +214,4 @@ def test_names_and_topics_are_exported_where_the_simulator_does_not_start(tmp_pa
     assert 'sensor: "goal x"' in mapping
     assert 'topic: "goal"' in mapping
     assert "\n    scale: 0.2\n" in mapping  # as in the experiment
-    assert "goal x, -1 to 1 for -5 to 5, scaled: " in (tmp_path / "package/src/rover.h").read_text("utf-8")
+    assert "goal x, -1 to 1 for -5 to 5 */" in (tmp_path / "package/src/rover.h").read_text("utf-8")
