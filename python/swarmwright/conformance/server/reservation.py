@@ -326,7 +326,7 @@ def hold_ends(server: Server) -> str:
     where=TAKEN,
     fix="note when a tool got the server, and who asked within the last 3 s; after 5 s answer, between two "
     "episodes, the one that has waited longest, and hold the server for it for 3 s",
-    needs=["S6.7"],
+    needs=["S6.5", "S6.7", "S6.9"],
     seconds=40,
 )
 def takes_turns(server: Server) -> str:
