@@ -41,6 +41,7 @@ class RosSimulation(CommandSimulation):
             for one in self._definition.sensors
         ]
         self.actuator_ranges = [Range.scaled(one.scale, one.offset) for one in self._definition.actuators]
+        self.step_seconds = self._definition.step.duration  # None where a service makes a step
 
     @classmethod
     def _options(cls) -> CommandOptions:

@@ -341,7 +341,7 @@ def _cautions(groups: Sequence[Group], at: int | None, *, held_out: bool) -> lis
     if waiting:
         found.append(
             f"candidates of {' and '.join(waiting)} are evaluated again, so the last generation that was "
-            f"finished after {at:,} evaluations counts"
+            f"finished within the first {at:,} evaluations counts"
         )
     if at is None and not held_out and len(groups) > 1 and longest > 1.1 * shortest:
         found.append(

@@ -42,6 +42,19 @@ class RealNumber(click.FloatRange):
         return found
 
 
+class FiniteNumber(click.ParamType[float]):
+    """Any finite number; help shows no range, which those of a float would make unreadable."""
+
+    name = "number"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:  # noqa: ANN401 - click's signature
+        """The number."""
+        found = float(click.FLOAT.convert(value, param, ctx))
+        if not math.isfinite(found):
+            self.fail(f"'{value}' is not a finite number.", param, ctx)
+        return found
+
+
 class BrokerUrl(click.ParamType[str]):
     """Address of a broker; without password, because every user of the machine can list processes."""
 

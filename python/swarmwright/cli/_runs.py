@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from swarmwright.cli._output import Output
 from swarmwright.cli._validation import transfer_of, unseen_facts, validation_facts, validation_lines
-from swarmwright.core.formatting import duration
+from swarmwright.core.formatting import counted, duration
 from swarmwright.core.modules import controller_text, is_modules
 from swarmwright.core.untrusted import one_line
 from swarmwright.user_code.copying import shown
@@ -197,18 +197,14 @@ def _list_servers(output: Output, servers: list[dict[str, Any]]) -> None:
     if servers:
         output.text()
     for server in servers:
-        said = f"server {server['server']}: {_count(server['evaluations'], 'episode')}"
+        said = f"server {server['server']}: {counted(server['evaluations'], 'episode')}"
         said += " (failed ones included)" * server["with_failed"]
         said += f", busy for {duration(server['seconds'])}"
         if server["failed"]:
-            said += f", {_count(server['failed'], 'attempt')} failed"
+            said += f", {counted(server['failed'], 'attempt')} failed"
         if server["slower"]:
-            said += f", {_count(server['slower'], 'attempt')} ended as another server was faster (backup)"
+            said += f", {counted(server['slower'], 'attempt')} ended as another server was faster (backup)"
         output.text(said)
-
-
-def _count(number: int, what: str) -> str:
-    return f"{number:,} {what}{'' if number == 1 else 's'}"
 
 
 def _generation(event: dict[str, Any]) -> str:

@@ -80,7 +80,7 @@ def command(
     it another run are refused: edited code of its simulation or of a plug-in, an edited experiment.yaml.
     """
     from swarmwright import Run, resume
-    from swarmwright.optimization.resuming import Wanted
+    from swarmwright.optimization.resuming import Resumption
     from swarmwright.runs.code import continuation
     from swarmwright.runs.transfer import at_end
     from swarmwright.store.lock import check_free
@@ -90,7 +90,7 @@ def command(
     opened = Run.open(run)
     check_free(opened.path)
     # Report errors before anything is printed or started.
-    wanted = Wanted.of(opened, opened.store, settings, {"generations": generations})
+    wanted = Resumption.of(opened, opened.store, settings, {"generations": generations})
     experiment = wanted.experiment
     if not wanted.has_all_generations:
         continuation(opened, experiment, accept_changed_code=accept_changed_code, simulation=simulation)

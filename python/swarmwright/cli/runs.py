@@ -7,11 +7,9 @@ from pathlib import Path
 import click
 
 from swarmwright.cli._commands import Command, Group
-from swarmwright.cli._options import ExistingPath, RealNumber, at_option, held_out_option, json_option
+from swarmwright.cli._options import ExistingPath, FiniteNumber, at_option, held_out_option, json_option
 from swarmwright.cli._output import Output, aside, complain
 from swarmwright.cli._runs import describe, facts_of, list_table
-
-_LARGEST = sys.float_info.max
 
 
 @click.group(
@@ -92,7 +90,7 @@ def show(run: Path, as_json: bool) -> None:
 )
 @click.option(
     "--offset",
-    type=RealNumber(-_LARGEST, _LARGEST),
+    type=FiniteNumber(),
     metavar="FITNESS",
     help="Worst possible fitness, which the QD score of an archive subtracts from that of each elite. "
     "Default: 0.",

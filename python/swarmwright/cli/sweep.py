@@ -21,6 +21,7 @@ from swarmwright.cli._options import (
 )
 from swarmwright.cli._output import Output, complain, show_warnings
 from swarmwright.cli._signals import INTERRUPTED
+from swarmwright.core.formatting import counted
 
 if TYPE_CHECKING:
     from swarmwright import Run
@@ -92,8 +93,8 @@ def command(
         with suppress(UnreadableRunError):  # reported among the runs
             task.found()  # report errors before anything is printed
     output.text(
-        f"{_count(len(sweep.variants), 'variant')} with {_count(len(sweep.seeds), 'seed')} each: "
-        f"{_count(len(todo), 'run')} in {sweep.out}"
+        f"{counted(len(sweep.variants), 'variant')} with {counted(len(sweep.seeds), 'seed')} each: "
+        f"{counted(len(todo), 'run')} in {sweep.out}"
     )
     try:
         with observed(output, Observing(log, log_level, metrics, log_size)) as observer:
@@ -113,10 +114,6 @@ def command(
         complain("interrupted; what is finished is kept; run the same command to continue")
         return INTERRUPTED
     return FAILED if outcome.failures else 0
-
-
-def _count(number: int, noun: str) -> str:
-    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
 def _conclude(output: Output, runs: "list[Run]", folder: Path) -> None:

@@ -145,8 +145,9 @@ class CommandOptions(Definition):
     """What the program writes, relative to the work folder: a path, a pattern such as `agent_*.csv`, or a
     list; the rows of all are taken together. `stdout`: what it prints."""
     log_format: Literal["auto", "csv", "tsv", "agents", "jsonl", "json", "rosbag", "mcap"] = "auto"
-    """auto: by the ending of the log's name. csv and tsv have a line with the names of the columns, before
-    which comments, lines that begin with #, may stand; agents are files without names, one for each agent,
+    """auto: by the ending of the log's name. csv and tsv have a line with the names of the columns;
+    lines that begin with # and are
+    no rows are comments; agents are files without names, one for each agent,
     lines of a step, a tab and a value, of which each is a row with the columns steps (how many), first and
     last; jsonl has an object a line; json an object, or a list of objects, whose nested values have names
     such as pose.x; rosbag, a file or folder of ROS 1 or 2, and mcap have messages, whose values are columns
@@ -154,8 +155,8 @@ class CommandOptions(Definition):
     metrics: Annotated[dict[str, str], BeforeValidator(_reduced), WithJsonSchema(_METRICS)] = Field(
         default={}
     )
-    """Metrics of an episode, name -> what is made of a column: last, first, mean, sum, min, max, std (of the
-    values as all that there are, divided by their number) or count, or with a column of another name
+    """Metrics of an episode, name -> what is made of a column: last, first, mean, sum, min, max, std (the
+    population standard deviation, divided by n) or count, or with a column of another name
     mean(column). A list of names stands for the last value of each. stepwise: names of metrics that the
     command reports. Default: those of the fitness, each the last value of the column with its name."""
     fitness: str | None = Field(default=None, min_length=1)
@@ -198,7 +199,8 @@ class CommandOptions(Definition):
     """Whether the episode fails (fail) or not (end) when one of its processes still runs 0.3 s after
     the command has ended. The process is ended in either case."""
     keep: Literal["failed", "all", "none"] = "failed"
-    """Which work folders are kept: that of the last failed episode of each instance, all, or none."""
+    """Which work folders are kept: failed (of each instance, that of the last failed episode of each of the
+    five latest processes), all, or none."""
     work: str | None = Field(default=None, min_length=1)
     """The folder that work folders are made in. Default: one of the user's in the system's folder for
     temporary files."""

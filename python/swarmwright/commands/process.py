@@ -208,8 +208,11 @@ def missing_script(words: Sequence[str], folder: Path, copied: Iterable[str]) ->
     if not _INTERPRETER.fullmatch(Path(words[0]).name):
         return None
     script = next((word for word in words[1:] if word not in _FLAGS), "")
-    is_path = os.sep in script or Path(script).suffix in _SCRIPTS
-    if script.startswith("-") or "{" in script or not is_path or script in copied:
+    if Path(script).suffix not in _SCRIPTS or script.startswith("-") or "{" in script:
+        return None  # a name without a suffix may be a module or a class, or gets one
+    if Path(words[0]).name == "java" and "-jar" not in words[1 : words.index(script)]:
+        return None
+    if os.path.normpath(script) in map(os.path.normpath, copied):
         return None
     if (folder / script).exists() or shutil.which(script):
         return None

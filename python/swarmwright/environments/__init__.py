@@ -30,10 +30,10 @@ def parallel_env(
     Agents are called agent_0, agent_1, .., or by the name of their group. Observations are what an agent
     senses, float32 of any size; actions are its actuators, float32 in -1..1. All agents get the same reward:
     by how much the fitness has changed; the sum over an episode is its fitness. At its end all are truncated
-    where its time was over, as always in the arena, else terminated, with `fitness` and `metrics` in their
-    infos. Copies, also by pickle, have begun no episode. `reset(seed=S)` is the episode that the
-    simulation has with this seed; without one, the episode of the next seed follows, at first of
-    `parameters.seed` (0).
+    where the time of a built-in simulation was over, as always in the arena, else terminated, with `fitness`
+    and `metrics` in their infos. Copies, also by pickle, have begun no episode. `reset(seed=S)` is the
+    episode that the simulation has with this seed; without one, the episode of the next seed follows,
+    at first of `parameters.seed` (0).
 
     Args:
         simulation: the name of a built-in simulation, `FILE:Class`, a class, or an experiment: then its

@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from pettingzoo import ParallelEnv  # type: ignore[import-untyped]
 
 from swarmwright.core.errors import InputError
-from swarmwright.environments._world import World
+from swarmwright.environments._world import OfWorld, World
 
 _Sensed = dict[str, NDArray[np.float32]]
 
 
-class SwarmEnv(ParallelEnv):  # type: ignore[misc] # PettingZoo has no types
+class SwarmEnv(OfWorld, ParallelEnv):  # type: ignore[misc] # PettingZoo has no types
     """A simulation as a parallel environment; see `parallel_env`, which makes it."""
 
     metadata = {"render_modes": ["rgb_array"], "is_parallelizable": True}  # noqa: RUF012 - as in the base class
@@ -80,13 +80,5 @@ class SwarmEnv(ParallelEnv):  # type: ignore[misc] # PettingZoo has no types
         """Return a picture, (height, width, 3); None without `render_mode`."""
         return self._world.picture()
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Return how another one is made, for copies and other processes: it has begun no episode."""
-        return _made_again, self._world.arguments
-
     def _by_name(self, sensed: Mapping[int, NDArray[np.float32]]) -> _Sensed:
         return {self._world.names[number]: row for number, row in sensed.items()}
-
-
-def _made_again(*arguments: Any) -> SwarmEnv:  # noqa: ANN401 - those of a world
-    return SwarmEnv(World(*arguments))

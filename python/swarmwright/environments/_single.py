@@ -11,10 +11,10 @@ from gymnasium.spaces import Space
 from numpy.typing import NDArray
 
 from swarmwright.core.errors import InputError
-from swarmwright.environments._world import World
+from swarmwright.environments._world import OfWorld, World
 
 
-class AgentEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
+class AgentEnv(OfWorld, gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     """A simulation with one agent as an environment; see `gymnasium_env`, which makes it."""
 
     metadata = {"render_modes": ["rgb_array"]}  # noqa: RUF012 - as in the base class
@@ -59,11 +59,3 @@ class AgentEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     def render(self) -> NDArray[np.uint8] | None:
         """Return a picture, (height, width, 3); None without `render_mode`."""
         return self._world.picture()
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Return how another one is made, for copies and other processes: it has begun no episode."""
-        return _made_again, self._world.arguments
-
-
-def _made_again(*arguments: Any) -> AgentEnv:  # noqa: ANN401 - those of a world
-    return AgentEnv(World(*arguments))

@@ -16,14 +16,13 @@ from swarmwright.experiment.experiment import Experiment
 from swarmwright.simulations import catalogue
 
 _DPI = 80
-_IN_TURN = "emergency_exit"
-"""The built-in simulation whose agents may act in turn."""
-_FINISHED: Mapping[str | None, tuple[str, ...]] = {
+_METRICS_OF_EARLY_ENDS: Mapping[str | None, tuple[str, ...]] = {
     catalogue.ARENA: (),
     "emergency_exit": ("out",),
     "minisim": ("arrived", "caught"),
 }
-"""Of simulations that end after some time: metrics that count agents which have ended before."""
+"""Of built-in simulations, whose episodes end after some time: metrics that count agents which have ended
+before. Episodes of other simulations do not say why they have ended."""
 
 
 class World:
@@ -49,23 +48,21 @@ class World:
             )
         if render_mode is not None:
             self.episode.scene()  # refused here where there is none
-        acting = len(self.episode.observe().agents)
+        acting = self.episode.observe().agents.tolist()
         if not acting:
             raise InputError(
                 f"simulation: the episode of {self.experiment.simulation} has ended before its first step "
                 "with these parameters; make it longer, and see that it has agents"
             )
-        self.names = self._named(acting)
+        self.names = self._named(len(acting))
         self._fitness = 0.0
-        # Not for others: a step starts the engine's threads, which do not survive the fork by which
-        # `gymnasium.vector.AsyncVectorEnv` starts its processes after it has made an environment here.
-        if catalogue.built_in(self.experiment.simulation) == _IN_TURN:
-            self.episode.step(np.zeros((acting, self.episode.actuators), np.float32))
-            if self.episode.acts_in_turn:
-                raise InputError(
-                    f"simulation: the agents of {self.experiment.simulation} act in turn, those of parallel "
-                    "environments at the same time; use swarmwright.Episodes"
-                )
+        # Only a step tells whether agents act in turn.
+        self.episode.step(np.zeros((len(acting), self.episode.actuators), np.float32))
+        if self.episode.acts_in_turn or not set(self.episode.observe().agents.tolist()).issubset(acting):
+            raise InputError(
+                f"simulation: the agents of {self.experiment.simulation} act in turn, those of parallel "
+                "environments at the same time; use swarmwright.Episodes"
+            )
 
     def _named(self, count: int) -> list[str]:
         groups = catalogue.groups(self.experiment.simulation, self.experiment.parameters)
@@ -120,12 +117,15 @@ class World:
 
     @property
     def is_truncated(self) -> bool:
-        """Whether the episode has ended since its time was over: agents do not sense how much is left."""
-        finished = _FINISHED.get(catalogue.built_in(self.experiment.simulation))
-        if finished is None or not self.episode.done:
+        """Whether the episode has ended since its time was over: agents do not sense how much is left.
+
+        Known of built-in simulations only.
+        """
+        counted = _METRICS_OF_EARLY_ENDS.get(catalogue.built_in(self.experiment.simulation))
+        if counted is None or not self.episode.done:
             return False
         metrics = self.episode.metrics
-        return sum(float(metrics[name][0]) for name in finished) < self._finishing
+        return sum(float(metrics[name][0]) for name in counted) < self._finishing
 
     def outcome(self) -> dict[str, Any]:
         """Return what is known at the end of an episode."""
@@ -144,3 +144,17 @@ class World:
         seen = self.episode.observe()
         rows = zip(seen.agents.tolist(), seen.sensors, strict=True)
         return {agent: row[: self._sizes[agent][0]].copy() for agent, row in rows}
+
+
+class OfWorld:
+    """An environment of one simulation; its copies, also by pickle, have begun no episode."""
+
+    _world: World
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return how another one is made, for copies and other processes."""
+        return _of_world, (type(self), *self._world.arguments)
+
+
+def _of_world(kind: Any, *arguments: Any) -> Any:  # noqa: ANN401 - a class of environments, what its world is of
+    return kind(World(*arguments))

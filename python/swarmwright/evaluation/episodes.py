@@ -119,8 +119,8 @@ class Episodes:
 
         Raises:
             InputError: another shape, a number is not finite, or all episodes have ended.
-            RunError: the code of the simulation failed, or this process was forked from one in which the
-                engine had computed.
+            RunError: the code of the simulation failed, or there are several episodes and this process was
+                forked from one in which the engine had computed.
         """
         if self.done:
             raise InputError("step: all episodes have ended")
@@ -133,7 +133,8 @@ class Episodes:
         if not np.isfinite(rows).all():
             row, column = np.argwhere(~np.isfinite(rows))[0].tolist()
             raise InputError(f"actuators: {rows[row, column]} at [{row}, {column}], expected finite numbers")
-        use_threads()  # only from here on, so that a process may be forked while no step was made
+        if len(self.seeds) > 1:  # the engine steps one episode without its threads
+            use_threads()
         with engine_errors():
             self._episodes.step(np.clip(rows, -1.0, 1.0))
         self._seen = None

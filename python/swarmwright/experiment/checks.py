@@ -36,7 +36,9 @@ Checked = dict[str, Any]
 """Key -> checked value; the sections named in REGISTRIES as their own options."""
 
 
-def check_values(values: dict[str, Any], here: bool, report: Report, *, ask: bool) -> Checked:
+def check_values(
+    values: dict[str, Any], here: bool, report: Report, *, ask: bool, new: bool = False
+) -> Checked:
     """Check the values of an experiment.
 
     Args:
@@ -44,6 +46,7 @@ def check_values(values: dict[str, Any], here: bool, report: Report, *, ask: boo
         here: whether the simulation can be asked.
         report: takes each problem.
         ask: whether code that files name may be imported.
+        new: whether a run is to begin with it, and not only one of an earlier version to be read.
 
     Returns what was checked: a section that could not be, is missing or None.
     """
@@ -61,8 +64,9 @@ def check_values(values: dict[str, Any], here: bool, report: Report, *, ask: boo
         if isinstance(section, Mapping):
             checked[name] = _check_section(name, dict(section), registry, report, ask=ask)
     _check_reevaluation(checked, report)
-    if ask:  # runs of earlier versions can still be read
-        _check_race_for_metrics(checked, report)
+    problem = race_problem(checked.get("ranking"), checked.get("method")) if new else None
+    if problem is not None:
+        report(("ranking", "kind"), problem)
     _check_validation(checked, report)
     _check_metrics(checked, report)
     parameters = values.get("parameters", {})
@@ -173,17 +177,16 @@ def _check_race(ranking: RaceOptions, method: MethodOptions, kind: str, report: 
     report(("ranking", "kind"), reason)
 
 
-def _check_race_for_metrics(checked: Checked, report: Report) -> None:
-    """Check that all candidates have the same seeds where the method compares metrics beside fitness."""
-    ranking, method = checked.get("ranking"), checked.get("method")
-    if isinstance(ranking, RaceOptions) and isinstance(method, MethodOptions) and method.needed_metrics:
-        kind: str = method.kind
-        names = ", ".join(method.needed_metrics)
-        report(
-            ("ranking", "kind"),
-            f"race leaves out episodes of candidates, so {kind} would compare their metrics ({names}) as "
-            "means over different seeds; take kind: absolute",
-        )
+def race_problem(ranking: object, method: object) -> str | None:
+    """Return why candidates may not race, where the method compares metrics beside fitness; else None."""
+    if not (isinstance(ranking, RaceOptions) and isinstance(method, MethodOptions) and method.needed_metrics):
+        return None
+    kind: str = method.kind
+    names = ", ".join(method.needed_metrics)
+    return (
+        f"race leaves out episodes of candidates, so {kind} would compare their metrics ({names}) as "
+        "means over different seeds; take kind: absolute"
+    )
 
 
 def _check_slow(method: MethodOptions, kind: str, report: Report) -> None:

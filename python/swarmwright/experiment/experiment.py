@@ -95,7 +95,7 @@ class Experiment:
         """
         file = path_of("path", path, "an experiment file")
         listed("settings", settings, "settings such as method.generations=50")
-        return cls._checked(apply(read(file), parse_settings(settings)), file)
+        return cls._checked(apply(read(file), parse_settings(settings)), file, new=True)
 
     def with_settings(
         self,
@@ -215,10 +215,11 @@ class Experiment:
         ask: bool = True,
         folder: Path | None = None,
         lenient: bool = False,
+        new: bool = False,
     ) -> Self:
         from swarmwright.experiment.validation import check  # noqa: PLC0415 - takes long, not for reading attributes
 
-        checked = cls(**check(source, ask=ask, folder=folder, lenient=lenient), path=path)
+        checked = cls(**check(source, ask=ask, folder=folder, lenient=lenient, new=new), path=path)
         if not (checked.validate.transfers or isinstance(checked.ranking, SlowOptions)):
             return checked
         from swarmwright.experiment.targets import resolved  # noqa: PLC0415 - it imports this module
@@ -301,6 +302,14 @@ class Experiment:
         """
         checked = self._checked(Source("", values=self.to_mapping()), None)
         return dataclasses.replace(checked, path=self.path)
+
+    def check_new(self) -> None:
+        """Raise InputError for what runs of earlier versions may have, but none may begin with."""
+        from swarmwright.experiment.checks import race_problem  # noqa: PLC0415 - takes long, not for reading attributes
+
+        problem = race_problem(self.ranking, self.method)
+        if problem is not None:
+            raise InputError(f"ranking.kind: {problem}")
 
     @staticmethod
     def json_schema() -> dict[str, Any]:

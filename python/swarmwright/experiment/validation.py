@@ -24,7 +24,14 @@ from swarmwright.store import FILE
 from swarmwright.user_code import permission
 
 
-def check(source: Source, *, ask: bool = True, folder: Path | None = None, lenient: bool = False) -> Checked:
+def check(
+    source: Source,
+    *,
+    ask: bool = True,
+    folder: Path | None = None,
+    lenient: bool = False,
+    new: bool = False,
+) -> Checked:
     """Check what a file (or mapping) says.
 
     Args:
@@ -32,6 +39,7 @@ def check(source: Source, *, ask: bool = True, folder: Path | None = None, lenie
         ask: whether a simulation that is named by its class may be imported, to be asked what it announces.
         folder: that paths are relative to; default: the file's.
         lenient: whether its method need not be installed, as that of a run that is only read.
+        new: whether a run is to begin with it.
 
     Raise InputError with every problem, a line each, in the file's order.
     """
@@ -56,7 +64,7 @@ def check(source: Source, *, ask: bool = True, folder: Path | None = None, lenie
         values = _with_modules(source, values, folder, report)
         values = _with_launchers(source, values, folder, report)
         with REGISTRIES["method"].lenient(UnavailableMethod) if lenient or not ask else nullcontext():
-            checked = check_values(values, here, _in_files(files, report), ask=ask)
+            checked = check_values(values, here, _in_files(files, report), ask=ask, new=new)
         if ask and not lenient and checked.get("method") is not None:  # a run can be read without
             missing = REGISTRIES["method"].get(checked["method"].kind).missing()
             if missing is not None:

@@ -59,7 +59,7 @@ def proxy_model(experiment: Experiment, address: Address, agents: int | None = N
         description: Mapping[str, Any] = catalogue.description(simulation, dict(parameters))
         known = parameters_of(description, base)
         names: list[str | None] = [one.name for one in groups]
-        ranges = {name: catalogue.ranges(simulation, dict(parameters), name) for name in names or [None]}
+        ranges.update(catalogue.ranges_by_group(simulation, dict(parameters), names or [None]))
     else:
         description = _announced(experiment, address)
         known = parameters_of({"parameters": {name: _told(value) for name, value in base.items()}}, base)

@@ -1,5 +1,6 @@
 """What is exported: a candidate of a run, the names of what it senses and does, recorded episodes."""
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -169,15 +170,16 @@ class Subject:
 def _different(names: list[Any], what: str) -> list[str]:
     """Return a different name for each: empty ones and those that occur twice are numbered, from 0."""
     texts = [str(name).strip() and str(name) for name in names]
-    found: list[str] = []
+    counts = Counter(texts)
+    found: dict[str, None] = {}
     for index, text in enumerate(texts):
         name = text or f"{what} {index}"
-        if texts.count(text) > 1 and text:
+        if counts[text] > 1 and text:
             name = f"{text} {index}"
         while name in found:
             name = f"{name} {index}"
-        found.append(name)
-    return found
+        found[name] = None
+    return list(found)
 
 
 def subject_of(

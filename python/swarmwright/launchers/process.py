@@ -6,6 +6,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
+from swarmwright.core.errors import RunError
 from swarmwright.launchers._base import Health, Launcher, LauncherError, LauncherOptions
 from swarmwright.launchers._specification import Specification
 from swarmwright.supervision import Event, Output, Supervisor
@@ -64,6 +65,7 @@ class Process(Launcher):
     def start(self, servers: Sequence[int]) -> None:
         """Start processes."""
         assert self._supervisor is not None
+        self._check()
         try:
             self._supervisor.add([self._settings(server) for server in servers])
         except OSError as error:
@@ -72,6 +74,7 @@ class Process(Launcher):
     def health(self) -> Mapping[int, Health]:
         """Return the states of the processes."""
         assert self._supervisor is not None
+        self._check()
         ended = {one.server: one.report for one in self._supervisor.given_up()}
         return {
             server: Health("ended", ended[server]) if server in ended else Health("running")
@@ -109,6 +112,14 @@ class Process(Launcher):
         """Report the ends of processes to a pool."""
         if self._supervisor is not None:
             self._supervisor.attach(None if pool is None else pool.watch(servers))
+
+    def _check(self) -> None:
+        """Raise LauncherError when processes are not watched any more: their states are not known then."""
+        if self._supervisor is not None:
+            try:
+                self._supervisor.check()
+            except RunError as error:
+                raise LauncherError(str(error)) from error
 
     def _hear(self, news: News) -> None:
         if isinstance(news, Event) and news.report.get("event") in _WARNINGS:

@@ -53,6 +53,7 @@ class Failures:
         seeds: Sequence[int],
         generation: int | None = None,
         rows: Mapping[int, int] | None = None,
+        first: int = 0,
     ) -> Results:
         """Return results whose journal names candidate, episode and seed of what a pool could not evaluate.
 
@@ -62,11 +63,12 @@ class Failures:
             generation: in which candidates are counted; None where they are counted over the whole run.
             rows: of the results, by the number that the journal has for a candidate; None where they are the
                 same.
+            first: what the journal counts candidates from, which the run counts from 0.
         """
         failures = list(_failures(results, rows))
         if not failures:
             return results
-        self._hint = self._hint or self._hint_at(failures[0], seeds, generation)
+        self._hint = self._hint or self._hint_at(failures[0], seeds, generation, first)
         warnings = [one for one in results.journal.warnings if not one.text.startswith(_UNATTRIBUTED)]
         warnings += [
             WarningEntry(f"{one.text(seeds)}: {one.last.error}", one.candidate) for one in failures[:_MOST]
@@ -83,14 +85,14 @@ class Failures:
             self._is_told = True
             _log.warning("%s", self._hint)
 
-    def _hint_at(self, failure: Failure, seeds: Sequence[int], generation: int | None) -> str:
-        options = f"--candidate {failure.candidate}"
-        whose = f"candidate {failure.candidate}"
+    def _hint_at(self, failure: Failure, seeds: Sequence[int], generation: int | None, first: int) -> str:
+        candidate = f"{first + failure.candidate}"
+        whose = f"candidate {candidate}"
         if generation is not None:
-            whose, options = f"generation {generation}, {whose}", f"--generation {generation} {options}"
+            whose, candidate = f"generation {generation}, {whose}", f"{generation}:{candidate}"
         return (
-            f"{whose}, {failure.text(seeds)}; repeat it: swarmwright evaluate {self._run} {options}; the "
-            f"others: swarmwright runs show {self._run}"
+            f"{whose}, {failure.text(seeds)}; repeat it: swarmwright evaluate {self._run} --candidate "
+            f"{candidate}; all failures: swarmwright runs show {self._run}"
         )
 
 

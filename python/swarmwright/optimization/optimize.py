@@ -11,7 +11,7 @@ from typing import Any, NoReturn
 import numpy as np
 
 from swarmwright.core.arguments import checked, path_of
-from swarmwright.core.errors import InputError, PlugInError, RunError, SwarmwrightError
+from swarmwright.core.errors import InputError, PlugInError, RunError
 from swarmwright.core.place import Place
 from swarmwright.core.plug_in_code import reported
 from swarmwright.core.processes import use_threads
@@ -21,7 +21,7 @@ from swarmwright.experiment.without_effect import without_effect
 from swarmwright.optimization.loop import Generation, Loop, OnGeneration
 from swarmwright.optimization.memory import check_memory, stored
 from swarmwright.optimization.notebook_progress import shown
-from swarmwright.optimization.resuming import Wanted
+from swarmwright.optimization.resuming import Resumption
 from swarmwright.optimization.steady_state import SteadyLoop
 from swarmwright.optimization.strayed import StrayedError
 from swarmwright.optimization.two_simulations import TwoSimulations, open_simulations
@@ -98,6 +98,7 @@ def optimize(
         experiment = Experiment.load(experiment)
     else:
         experiment = experiment.checked_again()
+        experiment.check_new()
     if seed is not None:
         experiment = experiment.replace(seed=seed)
     if out is not None:
@@ -157,7 +158,7 @@ def _channels(experiment: Experiment) -> dict[str, Any] | None:
         return None
     try:
         return catalogue.channels(experiment.simulation, experiment.parameters)
-    except SwarmwrightError:  # its servers may be able to load what this process is not
+    except Exception:  # noqa: BLE001 - of the simulation's code, which may run on its servers only
         return None
 
 
@@ -251,7 +252,7 @@ def _continue(
         store = stack.enter_context(StoreWriter.resume(run.path.absolute()))
         stack.enter_context(reported())  # within the store, which keeps the message
         reader = StoreReader(run.path)
-        wanted = Wanted.of(run, reader, settings, budget)
+        wanted = Resumption.of(run, reader, settings, budget)
         if wanted.has_all_generations and not wanted.validation_is_due:
             # Without the method, which need not come to the same candidates any more.
             _close(run, store, wanted)
@@ -294,7 +295,7 @@ def _continue(
         _run(experiment, store, loop, backend, on_generation, on_progress)
 
 
-def _close(run: Run, store: StoreWriter, wanted: Wanted) -> None:
+def _close(run: Run, store: StoreWriter, wanted: Resumption) -> None:
     """Bring the files of a run of which nothing is left to evaluate up to date."""
     if wanted.has_other_validation:
         experiment = dataclasses.replace(run.experiment, validate=wanted.experiment.validate)

@@ -22,7 +22,7 @@ from swarmwright.store import StoreReader
 
 
 @dataclass(frozen=True)
-class Wanted:
+class Resumption:
     """What a run that is resumed is to become."""
 
     experiment: Experiment

@@ -99,7 +99,7 @@ class SteadyLoop(Loop):
         def feed(candidates: Sequence[int], results: Results) -> NDArray[np.float32] | None:
             nonlocal stopped
             rows = {candidate: row for row, candidate in enumerate(candidates)}
-            results = self._failures.named(results, self._seeds, rows=rows)
+            results = self._failures.named(results, self._seeds, rows=rows, first=first)
             self._journal.extend(results.journal, first)
             for row, candidate in enumerate(candidates):
                 self._early[first + candidate] = (results.fitness[row], results.metrics[row])

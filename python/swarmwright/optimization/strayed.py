@@ -68,8 +68,8 @@ def _why(reader: StoreReader, components: Sequence[Component], edited: Sequence[
     if first.machine != platform.platform():
         elsewhere = f", or it needs a machine of the same kind as {first.machine}"
     return (
-        f" although the versions are the same: the store was changed{elsewhere}; "
-        f"`swarmwright runs verify {reader.file.parent}` checks it"
+        " although the versions are the same: the store was changed, or the run was made by an earlier state "
+        f"of this version{elsewhere}; `swarmwright runs verify {reader.file.parent}` checks the store"
     )
 
 

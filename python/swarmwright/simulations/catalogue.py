@@ -1,6 +1,7 @@
 """Descriptions of simulations: built-in ones, and those named by a class in Python."""
 
 import math
+from collections.abc import Iterable
 from functools import cache
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -162,22 +163,41 @@ def ranges(
     may depend on parameters, and it is made with these.
     Raises InputError for a class that cannot be loaded, and for parameters that an environment refuses.
     """
+    return ranges_by_group(simulation, parameters, [group])[group]
+
+
+def ranges_by_group(
+    simulation: str, parameters: dict[str, Any], names: Iterable[str | None]
+) -> dict[str | None, dict[str, list[list[Any] | None]]]:
+    """Return the ranges of several groups, None for all agents; see `ranges`.
+
+    An environment is made once for all of them.
+    """
     if _engine_title(simulation) is not None:
-        return {}
-    from swarmwright.core.ranges import ranges_of
+        return {name: {} for name in names}
+    found = _description_with(simulation, parameters)
+    return {name: _ranges(found if name is None else found.groups[name]) for name in names}
+
+
+def _description_with(simulation: str, parameters: dict[str, Any]) -> Any:  # noqa: ANN401 - as above
+    kind = _load(simulation)
+    given = {name: value for name, value in parameters.items() if name != "seed"}
+    if not given or not hasattr(kind, "described_with"):
+        return _described(kind)
     from swarmwright.simulations.description import describe
 
-    kind, found = _load(simulation), _python_description(simulation)
-    given = {name: value for name, value in parameters.items() if name != "seed"}
-    if given and hasattr(kind, "described_with"):
-        made_with = kind()
-        try:
-            found = describe(made_with.described_with(given), kind.__name__)
-        finally:
-            env: Any = getattr(made_with, "env", None)
-            if hasattr(env, "close"):
-                env.close()
-    of = found if group is None else found.groups[group]
+    made_with = kind()
+    try:
+        return describe(made_with.described_with(given), kind.__name__)
+    finally:
+        env: Any = getattr(made_with, "env", None)
+        if hasattr(env, "close"):
+            env.close()
+
+
+def _ranges(of: Any) -> dict[str, list[list[Any] | None]]:  # noqa: ANN401 - a Description or a Group
+    from swarmwright.core.ranges import ranges_of
+
     made = {}
     for which in ("sensor", "actuator"):
         named = ranges_of(getattr(of, f"{which}_ranges"), getattr(of, f"{which}s"))
@@ -212,15 +232,16 @@ def channels(simulation: str, parameters: dict[str, Any]) -> dict[str, Any]:
         for about in ("names", "units")
     }
     kinds = groups(simulation, parameters)
+    of_ranges = ranges_by_group(simulation, parameters, [one.name for one in kinds] or [None])
     of_groups = {
         one.name: {
             "sensor_names": list(one.sensor_names),
             "actuator_names": list(one.actuator_names),
-            **ranges(simulation, parameters, one.name),
+            **of_ranges[one.name],
         }
         for one in kinds
     }
-    found = {**named, **({} if kinds else ranges(simulation, parameters))}
+    found = {**named, **of_ranges.get(None, {})}
     return {**found, "step_seconds": step_seconds(simulation), "groups": of_groups}
 
 

@@ -38,16 +38,11 @@ class Lock:
         self._path = folder.absolute() / LOCK
         deadline = time.monotonic() + _PATIENCE
         while True:
-            file = _opened(folder, self._path)
+            file, locked = _opened(folder, self._path), False
             try:
                 # For writing: network file systems (NFS) refuse an exclusive lock on what is open to read.
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                if _is_still(file, self._path):
-                    # As long as it is open, no other folder has the same number.
-                    self.folder = os.open(self._path.parent, os.O_PATH | os.O_DIRECTORY)
-                    """File descriptor of the folder, wherever it is moved."""
-                    self._file = file
-                    return
+                locked = _is_still(file, self._path)
             except BlockingIOError:
                 if time.monotonic() > deadline:
                     file.close()
@@ -56,18 +51,36 @@ class Lock:
             except OSError as error:
                 file.close()
                 raise InputError(_unlockable(folder, error)) from error
+            if locked:
+                self._file = file
+                self.folder = self._held()
+                """File descriptor of the folder, wherever it is moved."""
+                return
             file.close()
+
+    def _held(self) -> int:
+        """Return the folder, open: as long as it is, no other one has the same number."""
+        try:
+            return os.open(self._path.parent, os.O_PATH | os.O_DIRECTORY)
+        except OSError as error:
+            self._release()
+            many = error.errno in {errno.EMFILE, errno.ENFILE}
+            remedy = "; have fewer runs open, or allow more open files (ulimit -n)" if many else ""
+            raise InputError(f"{self._given}: cannot be opened: {error.strerror}{remedy}") from error
 
     def close(self) -> None:
         """Release the run."""
         if self._file.closed:
             return
+        self._release()
+        os.close(self.folder)
+
+    def _release(self) -> None:
         with suppress(OSError):
             # Delete before releasing: a process that has opened it meanwhile notices, and creates a new file.
             if _is_still(self._file, self._path):
                 self._path.unlink()
         self._file.close()
-        os.close(self.folder)
 
     def check(self) -> None:
         """Raise MovedError unless the folder is still where it was: another run may have that name now."""

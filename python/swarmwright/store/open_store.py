@@ -41,9 +41,14 @@ class OpenStore:
         return cls(file, reopen(file), draft=False)
 
     @property
+    def is_open(self) -> bool:
+        """Whether the connection is there, which an interrupt may have closed."""
+        return _is_open(self._connection)
+
+    @property
     def connection(self) -> sqlite3.Connection:
         """The connection to write on. Raises RunError when it cannot be opened again after an interrupt."""
-        if not _is_open(self._connection):
+        if not self.is_open:
             self._go_on()
         return self._connection
 

@@ -75,19 +75,21 @@ _LOOKED_AT = 50
 """Evaluations that are read for each of the leading ones, at most: many may have the same genome."""
 
 _SHARES = """
-WITH one AS (
-    SELECT server, mode, error, candidates * episodes AS evaluations, started, started + seconds AS ended,
-        coalesce(error LIKE 'server % was faster', 0) AS slower,
-        max(started + seconds) OVER (
-            PARTITION BY server ORDER BY started ROWS BETWEEN UNBOUNDED PRECEDING AND 1 PRECEDING) AS before
-    FROM attempt)
-SELECT server, sum(iif(error IS NULL, evaluations, 0)), sum(error IS NOT NULL AND NOT slower),
-    sum(max(0.0, ended - max(started, coalesce(before, started)))), sum(slower),
-    max(error IS NOT NULL AND NOT slower AND mode <> 'stepwise')
+WITH numbers AS (
+    SELECT server, iif(error IS NULL, candidates * episodes, 0) AS evaluations, started,
+        started + seconds AS ended, coalesce(error LIKE 'server % was faster', 0) AS slower,
+        coalesce(error NOT LIKE 'server % was faster', 0) AS failed, mode <> 'stepwise' AS is_together
+    FROM attempt),
+one AS (
+    SELECT *, max(ended) OVER (
+        PARTITION BY server ORDER BY started ROWS BETWEEN UNBOUNDED PRECEDING AND 1 PRECEDING) AS before
+    FROM numbers)
+SELECT server, sum(evaluations), sum(failed),
+    sum(max(0.0, ended - max(started, coalesce(before, started)))), sum(slower), max(failed AND is_together)
 FROM one GROUP BY server ORDER BY server
 """
 """What each server did; attempts that overlap count once as time: what is before the end of an earlier one is
-left out."""
+left out. They are sorted for that: as numbers, without the texts of errors."""
 
 
 class StoreReader:

@@ -349,12 +349,15 @@ class StoreWriter:
             self._note(generation, journal)
 
     @contextmanager
-    def _writing(self) -> Iterator[None]:
+    def _writing(self, *, moved: bool = False) -> Iterator[None]:
         """Commit all or nothing, what is finished first.
+
+        moved: write also where the folder was moved.
 
         Raises RunError when the disk does not take it, another process wrote, or the folder was moved.
         """
-        self._lock.check()
+        if not moved:
+            self._lock.check()
         with transaction(self._store.connection, self.file):
             if self._session:
                 # The lock was deleted by another program, or is not effective on this file system.
@@ -477,6 +480,9 @@ class StoreWriter:
         try:
             self._lock.check()
         except MovedError as moved:
+            if self._store.draft and self._store.is_open:  # a draft has nothing else at the path that it had
+                with suppress(RunError), self._writing(moved=True):
+                    pass
             self._store.abandon(self._lock.folder)
             self._lock.close()
             raise moved from error

@@ -1,5 +1,6 @@
 """Keeps simulation servers alive: starts them, ends those that hang, starts again those that have ended."""
 
+import logging
 import threading
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -14,6 +15,8 @@ from swarmwright.supervision.server_exit import ServerExit
 
 if TYPE_CHECKING:
     from swarmwright import _engine
+
+_log = logging.getLogger("swarmwright")
 
 LOOK = 0.2
 """Seconds between two checks of the servers, and when one seems to end."""
@@ -279,6 +282,7 @@ class Supervisor:
             self._watch_servers()
         except Exception as error:  # noqa: BLE001 - raised by `check`, in the thread of its caller
             self._failure = error
+            _log.exception("Servers are not watched any more: those that end or hang are not started again.")
 
     def _watch_servers(self) -> None:
         last = time.monotonic()

@@ -386,8 +386,23 @@ def test_environments_of_ranges_are_closed() -> None:
     assert reach.open == before
 
 
-def test_ranges_of_groups() -> None:
+def test_ranges_of_groups(monkeypatch: pytest.MonkeyPatch) -> None:
     name = "pettingzoo:mpe2.simple_tag_v3?continuous_actions=true"
     found = catalogue.ranges(name, {}, "adversary")
     assert found == {"actuator_ranges": [[0, 1, ""]] * 5}
     assert catalogue.ranges(name, {}) == found
+    # For channels, too, the environment is made once, not once for each group.
+    made: list[Any] = []
+    parameters = {"max_cycles": 10}
+    kind: Any = load(name)
+    describe = kind.described_with
+
+    def described_with(self: Any, given: Any) -> Any:
+        made.append(given)
+        return describe(self, given)
+
+    monkeypatch.setattr(kind, "described_with", described_with)
+    groups = catalogue.channels(name, parameters)["groups"]
+    assert len(groups) > 1
+    assert all(one["actuator_ranges"] == found["actuator_ranges"] for one in groups.values())
+    assert made == [parameters]

@@ -157,7 +157,9 @@ def test_candidates_that_are_evaluated_again_are_compared_after_a_generation(tmp
     run = KnownRun(tmp_path / "again", [[0.0] * 4, [1.0] * 4, [5.0] * 4], seed=1, **again)
     found = compare([run], at=11)
     assert (found.groups[0].median, found.groups[0].evaluations) == (1.0, (8, 8))
-    words = "are evaluated again, so the last generation that was finished after 11 evaluations counts"
+    words = (
+        "are evaluated again, so the last generation that was finished within the first 11 evaluations counts"
+    )
     assert any(words in note for note in found.notes)
     assert words not in str(compare([run], at=8))
     assert not any("ended before" in note for note in found.notes)

@@ -61,7 +61,7 @@ def test_what_fails_again_and_again_is_told_once_and_counted(program: Any, tmp_p
     assert first.text.endswith(f", episode 0 (seed 0) failed after 3 attempts: {reason}")
     candidate = first.text.split(",")[0]
     assert math.isnan(result.evaluation(int(candidate.split()[1]), first.generation).episodes[0])
-    how = f"--generation {first.generation} --{candidate}"
+    how = f"--candidate {first.generation}:{candidate.split()[1]}"
     assert f"swarmwright evaluate {tmp_path / 'run'} {how}; " in hint
     assert hint.startswith(
         f"swarmwright: generation {first.generation}, {candidate}, episode 0 (seed 0) failed"

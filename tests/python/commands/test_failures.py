@@ -4,16 +4,16 @@ import os
 import signal
 import subprocess
 import sys
-import tempfile
 import time
 from pathlib import Path
 
 import pytest
 
 from swarmwright import InputError, RunError, evaluate, simulate
+from swarmwright.adapters import command
 from swarmwright.commands.failure import CommandFailure
 from swarmwright.commands.folders import Instance
-from swarmwright.commands.process import Processes
+from swarmwright.commands.process import Processes, missing_script
 from tests.python.commands.processes import WELL, Traced
 
 
@@ -139,13 +139,19 @@ def test_folders_of_failed_episodes_stay_for_other_processes(tmp_path: Path) -> 
         instance.close()
 
 
-def test_temporary_files_go_with_the_work_folder(traced: Traced) -> None:
+@pytest.mark.parametrize("most", [1000, 10], ids=["short", "too long for sockets"])
+def test_temporary_files_go_with_the_work_folder(
+    traced: Traced, monkeypatch: pytest.MonkeyPatch, most: int
+) -> None:
+    # How long the path of the work folder is depends on that of the system's temporary folder.
+    monkeypatch.setattr(command, "_LONGEST_TEMPORARY", most)
     where = traced.folder / "where"
-    with tempfile.TemporaryDirectory(prefix="work") as work:
-        traced.fails(f"mktemp > {where}; kill -9 $$", keep="none", work=work)
-        made = Path(where.read_text().strip())
-        assert Path(work) in made.parents
-        assert not made.exists()
+    traced.fails(f"mktemp > {where}; kill -9 $$", keep="none")
+    made = Path(where.read_text().strip())
+    goes_with_it = traced.folder / "work" in made.parents
+    assert goes_with_it == (most == 1000)
+    assert made.exists() != goes_with_it
+    made.unlink(missing_ok=True)
 
 
 def test_a_script_that_is_misspelt_is_known_before(traced: Traced) -> None:
@@ -155,7 +161,24 @@ def test_a_script_that_is_misspelt_is_known_before(traced: Traced) -> None:
         simulate(traced.experiment(f"{sys.executable} -u simm.py {{parameters}}"))
     (traced.folder / "other.py").write_text("open('log.csv', 'w').write('fitness\\n1.5\\n')")
     # In the work folder it has another name.
-    assert simulate(traced.experiment("python3 simm.py", files={"simm.py": "other.py"})) == 1.5
+    for script in ("simm.py", "./simm.py"):
+        assert simulate(traced.experiment(f"python3 {script}", files={"simm.py": "other.py"})) == 1.5
+
+
+@pytest.mark.parametrize(
+    ("command", "missing"),
+    [
+        ("python3 sims/run.py", True),
+        ("java -jar sim.jar", True),
+        ("node dist/app", False),  # Node adds .js
+        ("java com/example/Main", False),  # a class
+        ("java sim.jar", False),
+    ],
+)
+def test_words_that_an_interpreter_does_not_take_for_files(
+    tmp_path: Path, command: str, *, missing: bool
+) -> None:
+    assert (missing_script(command.split(), tmp_path, []) is not None) == missing
 
 
 def test_a_field_that_is_too_long(traced: Traced) -> None:

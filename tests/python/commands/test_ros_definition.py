@@ -213,3 +213,9 @@ def test_what_the_program_reads_is_plain_and_complete() -> None:
 def test_steps_of_a_duration_are_not_repeatable() -> None:
     name = Experiment.from_mapping(with_(step=0.1)).simulation
     assert catalogue.description(name)["determinism"] == "none"
+
+
+def test_the_duration_of_a_step_is_known() -> None:
+    timed = Experiment.from_mapping(with_(step=0.2, reset={})).simulation
+    assert catalogue.step_seconds(timed) == 0.2
+    assert catalogue.step_seconds(Experiment.from_mapping(with_()).simulation) is None

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from swarmwright import Episodes, Experiment, InputError, environments
+from swarmwright import Episodes, Experiment, InputError, Simulation, environments
 from swarmwright.simulations import catalogue
 
 SWARM: dict[str, Any] = {"mission": "aggregation", "duration": 3, "robots": 4}
@@ -93,12 +93,36 @@ def test_an_agent_that_reaches_its_goal_is_not_truncated(arrived: bool) -> None:
     assert (ended, cut) == (arrived, not arrived)
 
 
-def test_agents_act_in_turn_only_where_it_is_looked_for() -> None:
+class InTurn(Simulation):
+    sensors, actuators = 1, 1
+
+    def reset(self, *_: Any) -> Any:
+        self.acted = 0
+        return [[0.0], [0.0]]
+
+    def step(self, *_: Any) -> Any:
+        self.acted += 1
+        return [[0.0], [0.0]]
+
+    def acting(self) -> Any:
+        return [self.acted % 2]
+
+    def done(self) -> bool:
+        return self.acted == 4
+
+    def fitness(self) -> float:
+        return 0.0
+
+
+def test_agents_that_act_in_turn_are_refused() -> None:
     for title in catalogue.titles():
         episodes = Episodes(title)
         if episodes.actuators:
             episodes.step(np.zeros((len(episodes.observe().agents), episodes.actuators), np.float32))
             assert episodes.acts_in_turn == (title == "emergency_exit"), title
+    for simulation in ("emergency_exit", InTurn):
+        with pytest.raises(InputError, match="act in turn"):
+            environments.parallel_env(simulation)
 
 
 def test_copies_begin_anew() -> None:
@@ -116,10 +140,15 @@ def test_copies_begin_anew() -> None:
 
 ASYNCHRONOUS = """
 import gymnasium, sys, warnings
-from swarmwright import environments
+from swarmwright import Episodes, environments
 
 warnings.simplefilter("ignore")
-make = lambda: environments.gymnasium_env("minisim")
+parameters = {"numAgents": 1} if sys.argv[1] == "emergency_exit" else {}
+make = lambda: environments.gymnasium_env(sys.argv[1], parameters)
+before = environments.gymnasium_env("minisim")
+before.reset(seed=1)
+before.step(before.action_space.sample())
+Episodes("minisim", seeds=[1, 2]).run(lambda seen: seen.sensors[:, :1] * 0)  # by threads
 together = gymnasium.vector.AsyncVectorEnv([make, make])
 together.reset(seed=1)
 _, rewards, *_ = together.step(together.action_space.sample())
@@ -128,9 +157,15 @@ print(len(rewards))
 """
 
 
-def test_environments_of_gymnasium_run_in_forked_processes() -> None:
+@pytest.mark.parametrize("simulation", ["minisim", "emergency_exit"])
+def test_environments_of_gymnasium_run_in_forked_processes(simulation: str) -> None:
+    """Also where this process has stepped one before: the engine steps one episode without its threads."""
     done = subprocess.run(
-        [sys.executable, "-c", ASYNCHRONOUS], capture_output=True, text=True, timeout=55, check=False
+        [sys.executable, "-c", ASYNCHRONOUS, simulation],
+        capture_output=True,
+        text=True,
+        timeout=55,
+        check=False,
     )
     assert (done.returncode, done.stdout) == (0, "2\n"), done.stderr
 

@@ -11,7 +11,7 @@ import pytest
 
 import swarmwright
 from swarmwright import InputError, Run
-from swarmwright.export.subject import subject_of
+from swarmwright.export.subject import Subject, subject_of
 from swarmwright.simulations import catalogue
 from swarmwright.store.database import seal_facts
 
@@ -376,3 +376,13 @@ def test_a_simulation_that_only_servers_have(
     )
     assert exported.verification.words.endswith(" steps), without episodes of the simulation")
     assert "20 random sequences" in (tmp_path / "controller_test.py").read_text()
+
+
+def test_names_of_many_sensors_are_made_different_in_time() -> None:
+    """Simulations have up to 1,000,000 sensors: comparing each name with each takes minutes."""
+    count = 200_000
+    description = {"sensor_names": ["ray"] * (count - 2) + ["", "ray 0"]}
+    sensors = Subject({"sensors": count, "actuators": 1}, description=description).sensors
+    assert len({one.name for one in sensors}) == count
+    assert [one.name for one in sensors[:2]] == ["ray 0", "ray 1"]
+    assert [one.name for one in sensors[-2:]] == [f"sensor {count - 2}", f"ray 0 {count - 1}"]

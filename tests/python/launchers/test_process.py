@@ -15,6 +15,9 @@ from swarmwright import Experiment, RunError, optimize
 from swarmwright.evaluation.launched.access import own_address
 from swarmwright.evaluation.opening import open_backend
 from swarmwright.evaluation.through_broker import BrokerBackend
+from swarmwright.launchers import LauncherError, Specification
+from swarmwright.launchers.process import Process, ProcessOptions
+from swarmwright.supervision import Supervisor
 from swarmwright.testing import check_launcher
 from tests.paced_simulation import written
 from tests.python.records import same_record
@@ -90,6 +93,30 @@ def test_a_preempted_server_finishes_what_it_computes(tmp_path: Path) -> None:
     ]
     assert sum(finished) == 1
     assert "was killed by SIGTERM" in (run.path / "servers.log").read_text()
+
+
+def test_states_of_servers_that_are_not_watched_any_more_are_not_known(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def fail(*_: object) -> None:
+        raise ValueError("a mistake")
+
+    made = experiment()
+    assert isinstance(made.servers, tuple)
+    (options,) = made.servers
+    assert isinstance(options, ProcessOptions)
+    launcher = Process(options, Specification(simulation="minisim", broker="mqtt://localhost:1"))
+    launcher.open()
+    try:
+        monkeypatch.setattr(Supervisor, "_overdue", fail)
+        assert launcher._supervisor is not None
+        launcher._supervisor._thread.join(10)
+        for method in (launcher.health, lambda: launcher.start([1])):
+            with pytest.raises(LauncherError, match=r"not watched any more: ValueError\('a mistake'\)"):
+                method()
+    finally:
+        launcher.close()
+    assert "in fail" in caplog.text  # where it was raised
 
 
 def test_servers_that_do_not_start_are_given_up_with_what_they_printed(tmp_path: Path) -> None:

@@ -1,14 +1,41 @@
 """Failed episodes are named in the journal, whatever counts the candidates."""
 
+import logging
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from swarmwright import Experiment, optimize, resume
 from swarmwright.evaluation.base import Results
 from swarmwright.optimization.failures import Failures
 from swarmwright.store import Journal, WarningEntry
 from swarmwright.store.rows import AttemptEntry
+
+FRAGILE = """\
+import numpy as np
+from swarmwright import Simulation
+
+class Fragile(Simulation):
+    title, dimensions, sensors, actuators = "fragile", 1, 1, 1
+
+    def reset(self, parameters, seed):
+        self.x = 0.0
+        return np.array([[1.0]])
+
+    def step(self, actions):
+        self.x = float(actions[0, 0])
+        if self.x > 0.5:
+            raise ValueError("the wheel came off")
+        return np.array([[self.x]])
+
+    def done(self):
+        return self.x != 0.0
+
+    def fitness(self):
+        return self.x
+"""
 
 
 def attempt(
@@ -44,8 +71,7 @@ def test_candidate_episode_and_seed_are_named(caplog: pytest.LogCaptureFixture) 
     (hint,) = caplog.messages
     assert hint == (
         "generation 4, candidate 1, episode 1 (seed 18) failed after 3 attempts; repeat it: swarmwright "
-        "evaluate '/runs/my run' --generation 4 --candidate 1; the others: swarmwright runs show "
-        "'/runs/my run'"
+        "evaluate '/runs/my run' --candidate 4:1; all failures: swarmwright runs show '/runs/my run'"
     )
 
 
@@ -57,6 +83,43 @@ def test_candidates_that_are_counted_over_the_run(caplog: pytest.LogCaptureFixtu
     failures.tell()
     assert "candidate 7, episode 0 (seed 3) failed after 1 attempt; repeat it: " in caplog.text
     assert "--generation" not in caplog.text
+    failures = Failures(Path("run"))
+    failures.named(given, [3], rows={7: 0, 9: 1}, first=20)
+    caplog.clear()
+    failures.tell()
+    assert "candidate 27, episode 0 (seed 3) failed" in caplog.text
+    assert "--candidate 27; " in caplog.text
+
+
+def test_a_run_that_goes_on_in_steady_state_counts_its_candidates_on(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    (tmp_path / "fragile.py").write_text(FRAGILE)
+    experiment = Experiment.from_mapping(
+        {
+            "simulation": f"{tmp_path / 'fragile.py'}:Fragile",
+            "method": {
+                "kind": "random_search",
+                "population": 20,
+                "generations": 3,
+                "operation": "steady_state",
+                "in_flight": 2,
+            },
+            "servers": 1,
+            "seed": 1,
+        }
+    )
+    part = optimize(experiment, lambda _: False, out=tmp_path / "run")
+    caplog.clear()
+    with caplog.at_level(logging.WARNING):
+        run = resume(part)
+    (hint,) = (line for line in caplog.messages if "repeat it" in line)
+    named = re.match(r"candidate (\d+), episode 0 ", hint)
+    assert named is not None
+    number = int(named[1])
+    assert number >= 20
+    assert np.isnan(run.evaluation(number).fitness)
+    assert f"--candidate {number}; " in hint
 
 
 def test_many_failures_are_counted() -> None:

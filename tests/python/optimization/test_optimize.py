@@ -26,6 +26,7 @@ from swarmwright import (
     simulate,
 )
 from swarmwright.runs import picture
+from swarmwright.simulations import catalogue
 from tests.python.records import same_record
 
 SMALL: dict[str, Any] = {
@@ -46,6 +47,18 @@ def test_the_published_example_reaches_the_goal(root: Path, tmp_path: Path) -> N
     )
     assert run.best.fitness == 0
     assert run.generations <= 20
+
+
+def test_a_run_begins_where_its_simulation_cannot_be_described(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(*_: Any) -> Any:
+        raise KeyError("the environment's own error")
+
+    monkeypatch.setattr(catalogue, "channels", fails)
+    run = optimize(small(), servers="local", out=tmp_path / "run")
+    assert run.state == "done"
+    assert run.store.channels() is None
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swarmwright import Experiment, InputError, Run, optimize, repeat, resume
+from swarmwright import Experiment, InputError, Run, optimize, repeat, resume, transfer
+from swarmwright.analysis.sweep import Sweep
 from swarmwright.cli._runs import saved_lines
 from swarmwright.core.statistics import mean
 from tests.python.records import same_record
@@ -135,12 +136,24 @@ def test_a_race_is_refused_whose_metrics_would_have_different_seeds(
 ) -> None:
     raced = {**values, "ranking": {"kind": "race", "episodes": 8}}
     words = r"ranking\.kind: race leaves out episodes .* \(steps, distance\) .*; take kind: absolute"
+    experiment = Experiment.from_mapping(raced)
+    experiment.save(file := tmp_path / "raced.yaml")
+    sweep = {"experiment": values, "grid": {"ranking": [values["ranking"], raced["ranking"]]}}
     with pytest.raises(InputError, match=words):
-        Experiment.from_mapping(raced)
+        Experiment.load(file)
+    with pytest.raises(InputError, match=words):
+        optimize(experiment, out=tmp_path / "refused")
+    with pytest.raises(InputError, match=words):
+        Sweep.from_mapping(sweep)
     with monkeypatch.context() as earlier:
-        earlier.setattr("swarmwright.experiment.checks._check_race_for_metrics", lambda *_: None)
-        run = optimize(Experiment.from_mapping(raced), lambda told: told.generation < 1, out=tmp_path / "run")
-    assert Run.open(run.path).elites.candidates, "runs of earlier versions can be read"
+        earlier.setattr("swarmwright.experiment.checks.race_problem", lambda *_: None)
+        run = optimize(experiment, lambda told: told.generation < 1, out=tmp_path / "run")
+    # Runs of earlier versions can be used.
+    run = Run.open(run.path)
+    assert run.elites.candidates
+    Experiment.from_mapping(run.experiment.to_mapping())
+    run.experiment.with_settings(["mode=batched"])
+    transfer([run], vary={"parameters.maxSteps": (10, 14)}, candidates=1, seeds=2)
     assert resume(run.path).generations == values["method"]["generations"]
 
 
@@ -216,6 +229,8 @@ def test_measures_outside_of_their_range_are_counted(partial: Any, program: Any)
     facts = json.loads(program("runs", "elites", "run", "--json").stdout)
     assert (facts["evaluated"], facts["missing"], facts["outside"]["there"]) == (30, {}, one._asdict())
     assert program("runs", "elites", "run", "--offset", "nan").returncode == 2
+    assert program("runs", "elites", "run", "--offset", "inf").returncode == 2
+    assert "e+308" not in program("runs", "elites", "--help").stdout
 
 
 def test_elites_are_short_in_a_session(run: Run) -> None:

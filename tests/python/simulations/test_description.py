@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swarmwright import Experiment, InputError, Parameter, Simulation
+from swarmwright import Episodes, Experiment, InputError, Parameter, Simulation
 from swarmwright.core.simulation_names import is_python
+from swarmwright.simulations import catalogue
 from swarmwright.simulations.description import describe
 from swarmwright.simulations.loading import load
 from swarmwright.simulations.names import absolute, name_of
@@ -249,3 +250,10 @@ def test_what_cannot_be_loaded(text: str, name: str, words: str, tmp_path: Path)
 def test_the_class_cannot_be_made_without_its_methods() -> None:
     with pytest.raises(TypeError, match="abstract"):
         Simulation()  # type: ignore[abstract]
+
+
+def test_the_arena_is_stepped_as_often_as_it_is_shown() -> None:
+    # The catalogue repeats TICK of engine/arena; the engine tells the default of `stepSize`, which shows a
+    # step for as long as it takes.
+    assert catalogue.step_seconds("arena") == Episodes("arena", {"mission": "aggregation"}).step_seconds
+    assert catalogue.step_seconds("minisim") is None

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from swarmwright import Generation, Run, RunError, optimize, resume
-from swarmwright.store import FILE, Journal, StoreWriter
+from swarmwright.store import FILE, Journal, StoreWriter, writer
 from tests.python.records import EXPERIMENT
 
 PAUSING = """
@@ -81,14 +81,20 @@ def test_a_moved_run_goes_on_in_the_same_process(tmp_path: Path) -> None:
     assert (moved / "best.json").read_text() == (whole.path / "best.json").read_text()
 
 
-def test_a_run_that_is_moved_in_its_first_second_can_be_resumed(tmp_path: Path) -> None:
+@pytest.mark.parametrize("written", [True, False])
+def test_a_run_that_is_moved_in_its_first_second_can_be_resumed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, written: bool
+) -> None:
+    if not written:
+        monkeypatch.setattr(writer, "_TOGETHER", 600.0)
     whole = optimize(IN_PROCESS, out=tmp_path / "whole")
     folder, moved = tmp_path / "run", tmp_path / "moved"
     store = StoreWriter.create(folder, whole.experiment, whole.metrics)
     store.begin("here")
     for evaluated in list(whole.store.generations())[:2]:
         store.commit(evaluated, Journal())
-    store.reader()
+    if written:
+        store.reader()
     folder.rename(moved)
     with pytest.raises(RunError, match=f"{folder}: this folder was moved to {moved} while"), store:
         pass

@@ -1,5 +1,6 @@
 """The store of a run: what goes wrong with files, and what is said then."""
 
+import errno
 import os
 import shutil
 import sqlite3
@@ -109,6 +110,20 @@ def test_a_lock_that_goes_while_it_is_taken_is_not_held_by_two(
     with pytest.raises(InputError, match="another process works on this run"):
         Lock(copy)
     second.close()
+
+
+def test_a_folder_that_cannot_be_opened_is_not_said_to_be_locked(
+    copy: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object) -> int:
+        raise OSError(errno.EMFILE, "Too many open files")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("swarmwright.store.lock.os.open", refuse)
+        with pytest.raises(InputError, match=r"cannot be opened: Too many open files; .* \(ulimit -n\)"):
+            Lock(copy)
+    Lock(copy).close()
+    assert not (copy / LOCK).exists()
 
 
 def test_without_a_lock_the_first_writer_is_told_of_the_second(copy: Path) -> None:

@@ -5,7 +5,8 @@ from dataclasses import dataclass, field
 
 from swarmwright.analysis.sweep.file import Sweep
 from swarmwright.analysis.sweep.jobs import shares
-from swarmwright.analysis.sweep.run import Executor, Task, UnreadableRunError, readable, reason
+from swarmwright.analysis.sweep.run import Executor, Task, UnreadableRunError, reason
+from swarmwright.core.errors import InputError
 from swarmwright.evaluation.base import HERE, Servers
 from swarmwright.optimization.loop import Generation
 from swarmwright.runs.run import Run
@@ -142,10 +143,12 @@ def _before(task: Task) -> Run | UnreadableRunError | None:
         run = task.found()
         if run is None or run.interrupted:
             return None
-        with readable(task.folder):
-            return None if run.validation_is_due or run.transfer_is_due else run
     except UnreadableRunError as error:
         return error
+    try:
+        return None if run.validation_is_due or run.transfer_is_due else run
+    except InputError as error:  # such as a plug-in that is not installed: the run itself is whole
+        return UnreadableRunError(str(error))
 
 
 def _one_after_another(

@@ -166,6 +166,7 @@ def _out(source: Source, stem: str) -> Path:
 def _variants(source: Source, base: Experiment) -> tuple[Variant, ...]:
     if "grid" not in source.values:
         label = name_of(base)
+        base.check_new()
         return (Variant(label, _file_name(label), base),)
     grid = source.values["grid"]
     grids = grid if isinstance(grid, list) and grid else [grid]
@@ -177,6 +178,7 @@ def _variants(source: Source, base: Experiment) -> tuple[Variant, ...]:
             label = label_of(changes)
             try:
                 experiment = _changed(base, changes)
+                experiment.check_new()
             except InputError as error:
                 raise InputError(f"{source.place(at)}with {label}: {error}") from error
             if any(experiment == other.experiment for other in found):

@@ -29,7 +29,7 @@ _NO_MATTER = ELSEWHERE | {"sensors", "actuators"}
 
 
 class UnreadableRunError(InputError):
-    """A run of a sweep that is there and cannot be read: it is damaged, or of another version."""
+    """A run of a sweep that is there and cannot be read or used: it is damaged, or lacks a plug-in here."""
 
 
 @contextmanager

@@ -29,6 +29,7 @@ from swarmwright.core.random_numbers import Stream
 from swarmwright.evaluation.base import Servers
 from swarmwright.export import EXPORTERS
 from swarmwright.export.writing import write
+from swarmwright.user_code import notices
 from tests.python.export.specifications import ALL, subject
 
 SMALL = {"kind": "nnga", "population": 6, "generations": 3}
@@ -179,7 +180,10 @@ def test_parameters_seeds_and_ends(fmus: Path) -> None:
     assert score(vehicle(fmus, simulation=fast, fitness="steps")) == 40.0
 
 
-def test_steps_that_do_not_end_at_the_stop_time(fmus: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_steps_that_do_not_end_at_the_stop_time(
+    fmus: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(notices, "_told", set())  # each is said once by a process
     simulation = {"fmu": str(fmus / "Vehicle.fmu"), "metrics": {"steps": "count(distance)"}}
     for step, words in ((0.1, ""), (0.3, "step: 0.3 s does not divide the 2 s from start to stop of")):
         caplog.clear()

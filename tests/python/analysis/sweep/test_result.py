@@ -58,6 +58,18 @@ def test_a_damaged_run_does_not_stop_the_others(tmp_path: Path) -> None:
     assert f"when the folder {first.path} is deleted, the same sweep repeats this run alone" in message
 
 
+def test_a_run_that_is_whole_is_not_to_be_deleted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    source = {"experiment": BASE, "seeds": 1}
+    sweep(source, out=tmp_path / "out", jobs=1)
+
+    def missing(_: Run) -> bool:
+        raise InputError("a plug-in is not installed")
+
+    monkeypatch.setattr(Run, "validation_is_due", property(missing))
+    (failure,) = sweep(source, out=tmp_path / "out", jobs=1).failures
+    assert failure.message == "a plug-in is not installed"
+
+
 def test_a_validation_that_was_interrupted_is_finished(tmp_path: Path) -> None:
     noisy = {
         **BASE,
