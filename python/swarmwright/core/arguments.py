@@ -13,6 +13,7 @@ from typing import Any, ParamSpec, TypeVar
 from swarmwright.core.errors import InputError
 from swarmwright.core.problems import shown
 
+_LARGEST_SEED = 2**63 - 1
 _Parameters = ParamSpec("_Parameters")
 _Result = TypeVar("_Result")
 
@@ -78,6 +79,14 @@ def integer(name: str, given: object) -> int:
         except TypeError:
             pass
     raise InputError(f"{name}: must be an integer, not {_shown(given)}")
+
+
+def simulation_seed(name: str, given: object) -> int:
+    """Return an argument that is the seed of a simulation. Raises InputError for others."""
+    seed = integer(name, given)
+    if not 0 <= seed <= _LARGEST_SEED:
+        raise InputError(f"{name}: must be from 0 to 2**63 - 1, not {seed}")
+    return seed
 
 
 def number(name: str, given: object) -> float:

@@ -7,11 +7,12 @@ import numpy as np
 from gymnasium.spaces import Box
 from numpy.typing import NDArray
 
+from swarmwright.core.arguments import simulation_seed
 from swarmwright.core.arrays import float32_of
 from swarmwright.core.errors import InputError
 from swarmwright.display import Recording
 from swarmwright.display._drawing import Picture
-from swarmwright.evaluation.episodes import Episodes, seed_of
+from swarmwright.evaluation.episodes import Episodes
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.simulations import catalogue
 
@@ -84,7 +85,7 @@ class World:
 
     def reset(self, seed: int | None) -> dict[int, NDArray[np.float32]]:
         """Begin an episode; return what the agents sense."""
-        chosen = self._next_seed if seed is None else seed_of("seed", seed)
+        chosen = self._next_seed if seed is None else simulation_seed("seed", seed)
         self.episode = Episodes(self.experiment, seeds=[chosen])
         self._next_seed = chosen + 1
         self._fitness = 0.0

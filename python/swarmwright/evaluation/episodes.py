@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmwright import _engine
-from swarmwright.core.arguments import checked, function, integer, listed, mapping
+from swarmwright.core.arguments import checked, function, listed, mapping, simulation_seed
 from swarmwright.core.arrays import float32_of
 from swarmwright.core.errors import InputError, engine_errors
 from swarmwright.core.processes import use_threads
@@ -17,8 +17,6 @@ from swarmwright.display import Caption, Recording, Scene
 from swarmwright.display.files import save
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.simulations import catalogue
-
-_MOST_SEED = 2**63 - 1
 
 
 class Observation(NamedTuple):
@@ -66,7 +64,7 @@ class Episodes:
     ) -> None:
         self.experiment = _experiment(simulation, parameters)
         listed("seeds", seeds, "integers such as [0, 1, 2]")
-        self.seeds: list[int] = [seed_of(f"seeds[{index}]", one) for index, one in enumerate(seeds)]
+        self.seeds: list[int] = [simulation_seed(f"seeds[{index}]", one) for index, one in enumerate(seeds)]
         if not self.seeds:
             raise InputError("seeds: is empty, expected at least one")
         description = catalogue.description(self.experiment.simulation, self.experiment.parameters)
@@ -221,11 +219,3 @@ def _experiment(simulation: Experiment | str | type, parameters: Mapping[str, An
         hint = did_you_mean(found.simulation, catalogue.titles())
         raise InputError(f"simulation: {found.simulation!r} is not built in, nor a class in Python{hint}")
     return found
-
-
-def seed_of(name: str, given: object) -> int:
-    """Return an argument that is the seed of a simulation. Raises InputError for others."""
-    seed = integer(name, given)
-    if not 0 <= seed <= _MOST_SEED:
-        raise InputError(f"{name}: must be from 0 to 2**63 - 1, not {seed}")
-    return seed

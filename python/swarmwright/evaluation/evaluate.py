@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from swarmwright.core.arguments import checked, instance
+from swarmwright.core.arguments import checked, instance, simulation_seed
 from swarmwright.core.arrays import float32_of
 from swarmwright.core.errors import InputError, RunError
 from swarmwright.core.plug_in_code import reported
@@ -272,8 +272,7 @@ def episode(
 ) -> Episode:
     """Run one episode; all as in `simulate`."""
     seed = experiment.first_seed if seed is None else seed
-    if not 0 <= seed < 2**63:
-        raise InputError(f"seed: must be from 0 to 2**63 - 1, not {seed}")
+    simulation_seed("seed", seed)
     _warn_of_edits(experiment)
     specification = None if controller is None else controller.specification
     if servers is None and broker is None and experiment.broker is None and experiment.servers not in HERE:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from swarmwright import _engine
+from swarmwright.core.arguments import simulation_seed
 from swarmwright.core.errors import InputError, engine_errors
 from swarmwright.core.flatten import flat
 from swarmwright.display import Caption, Part, Playable, Recording, record
@@ -97,8 +98,8 @@ class Replay:
         )
         seeds = run.seeds(0) if chosen is None else chosen.seeds
         number = None if seed is not None else episode or 0
-        if seed is not None and not 0 <= seed < 2**63:
-            raise InputError(f"seed: must be from 0 to 2**63 - 1, not {seed}")
+        if seed is not None:
+            simulation_seed("seed", seed)
         if number is not None and not 0 <= number < len(seeds):
             has = "one episode, 0" if len(seeds) == 1 else f"{len(seeds)} episodes, 0 to {len(seeds) - 1}"
             raise InputError(

@@ -89,7 +89,8 @@ SELECT server, sum(evaluations), sum(failed),
 FROM one GROUP BY server ORDER BY server
 """
 """What each server did; attempts that overlap count once as time: what is before the end of an earlier one is
-left out. They are sorted for that: as numbers, without the texts of errors."""
+left out. They are sorted for that: as numbers, without the texts of errors. `server % was faster` is what the
+pool says of the other attempts of work that is done: engine/pool/src/scheduler/settle.rs."""
 
 
 class StoreReader:
