@@ -3,6 +3,7 @@
 import atexit
 import contextlib
 import os
+import random
 import shutil
 import signal
 import socket
@@ -14,6 +15,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 import pytest
+from pytest_timeout import _get_item_settings  # type: ignore[import-untyped]
 
 # A shell lets what it starts in the background ignore these, and children would inherit that: the tests that
 # send them need them as on a terminal.
@@ -55,6 +57,29 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         return -float(marker.args[0]) if marker is not None and marker.args else 0.0
 
     items.sort(key=longest)
+
+
+def _timed_anew(item: pytest.Item) -> None:
+    settings = _get_item_settings(item)
+    if settings.timeout:
+        hooks = item.config.pluginmanager.hook
+        hooks.pytest_timeout_cancel_timer(item=item)
+        hooks.pytest_timeout_set_timer(item=item, settings=settings)
+
+
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_runtest_setup(item: pytest.Item) -> Iterator[None]:
+    """Give a repeated test its time again: pytest-timeout counts to the first failure, and then no more."""
+    if getattr(item, "execution_count", 1) > 1:
+        _timed_anew(item)
+    return (yield)
+
+
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_runtest_teardown(item: pytest.Item) -> Iterator[None]:
+    """Give fixtures the time of a test to end, also after a failure."""
+    _timed_anew(item)
+    return (yield)
 
 
 @pytest.fixture
@@ -128,11 +153,17 @@ def start(tmp_path: Path) -> Iterator[Start]:
 
 
 def free_port() -> int:
-    """A TCP port of loopback that nobody listens on."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
+    """A TCP port of loopback that nobody listens on.
+
+    It is none of those that systems give to outgoing connections (32768 and above): a broker that a test
+    stops and starts again would find its port taken now and then.
+    """
+    for _ in range(100):
+        with socket.socket() as probe, contextlib.suppress(OSError):
+            port = random.SystemRandom().randrange(10_000, 32_768)
+            probe.bind(("127.0.0.1", port))
+            return port
+    raise RuntimeError("of 100 ports between 10000 and 32767 none is free")
 
 
 @pytest.fixture

@@ -1,5 +1,6 @@
 """A real Slurm on this machine: munged, slurmctld and slurmd, as root, without systemd."""
 
+import getpass
 import os
 import shutil
 import socket
@@ -65,6 +66,7 @@ class Cluster:
     folder: Path
     host: str
     processes: "list[subprocess.Popen[bytes]]"
+    controller: "subprocess.Popen[bytes] | None" = None
 
     def run(self, *command: str) -> str:
         """Return what a command of Slurm prints."""
@@ -78,17 +80,32 @@ class Cluster:
         """Jobs that run."""
         return [line.split()[0] for line in self.queue() if line.endswith("RUNNING")]
 
+    def repair(self) -> None:
+        """Bring it into the state in which tests find it, whatever an earlier try of one has left."""
+        if not _answers("scontrol", "ping"):
+            self.stop_controller()
+            self.start_controller()
+        if "DRAIN" in self.run("scontrol", "show", "node", self.host):
+            self.set_node("State=RESUME")
+        self.run("scancel", "--quiet", f"--user={getpass.getuser()}")
+        until(lambda: self.queue() == [])
+
     def start_controller(self) -> None:
-        """Start slurmctld, and wait until it answers."""
-        self.processes.append(_start(self.folder, "slurmctld", "-D"))
-        until(lambda: _answers("scontrol", "ping") and "UP" in self.run("scontrol", "ping"))
+        """Start slurmctld, again if it ends at once, and wait until it answers."""
+
+        def answers() -> bool:
+            if self.controller is None or self.controller.poll() is not None:
+                self.controller = _start(self.folder, "slurmctld", "-D")
+                self.processes.append(self.controller)
+            return _answers("scontrol", "ping") and "UP" in self.run("scontrol", "ping")
+
+        until(answers)
 
     def stop_controller(self) -> None:
         """End slurmctld, as when its machine fails."""
-        for process in self.processes:
-            if str(process.args[0]).endswith("slurmctld"):  # type: ignore[index] # a list
-                process.kill()
-                process.wait()
+        if self.controller is not None:
+            self.controller.kill()
+            self.controller.wait()
 
     def set_node(self, *settings: str) -> None:
         """Change the node's state."""
@@ -147,14 +164,21 @@ def slurm(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
     finally:
         for process in reversed(processes):
             process.terminate()
-            process.wait()
+            try:
+                process.wait(20)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
         del os.environ["SLURM_CONF"]
 
 
 @pytest.fixture(autouse=True)
 def empty(request: pytest.FixtureRequest) -> Iterator[None]:
-    """Every test leaves an empty queue behind."""
+    """Every test finds a cluster at work and leaves an empty queue behind."""
+    if "slurm" not in request.fixturenames:
+        yield
+        return
+    cluster: Cluster = request.getfixturevalue("slurm")
+    cluster.repair()
     yield
-    if "slurm" in request.fixturenames:
-        cluster: Cluster = request.getfixturevalue("slurm")
-        assert cluster.queue() == []
+    assert cluster.queue() == []
