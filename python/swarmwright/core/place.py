@@ -14,7 +14,8 @@ class Place:
     @property
     def path(self) -> Path:
         """The path: as it was given where that is right, absolute where the working folder is another one."""
-        return self._given if self._working == _working_folder() else self.absolute
+        stays = self._working is None or self._working == _working_folder()
+        return self._given if stays else self.absolute
 
     @property
     def absolute(self) -> Path:

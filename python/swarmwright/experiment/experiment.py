@@ -22,7 +22,7 @@ from swarmwright.experiment.fitness import FitnessExpression
 from swarmwright.experiment.fitting import check_fits
 from swarmwright.experiment.settings import ANNOUNCED, apply, parse_settings, restricted
 from swarmwright.experiment.start_from import genomes_of
-from swarmwright.experiment.unavailable import UnavailableOptions, copies, method_of, require
+from swarmwright.experiment.unavailable import UnavailableOptions, copies, method_of, not_installed, require
 from swarmwright.launchers._entries import Entries, written
 from swarmwright.methods import Method, MethodOptions
 from swarmwright.rankings import RANKINGS, Ranking, RankingOptions
@@ -190,16 +190,19 @@ class Experiment:
         return cls._checked(Source("", values=values), None, ask=False, folder=folder)
 
     @classmethod
-    def of_store(cls, store: StoreReader) -> Self:
-        """Return the experiment as a run has stored it. Raises InputError when it cannot be used here."""
+    def of_store(cls, store: StoreReader, values: Mapping[str, Any] | None = None) -> Self:
+        """Return the experiment as a run has stored it. Raises InputError when it cannot be used here.
+
+        values: of the experiment, read from the store before; default: those that it has now.
+        """
         folder = store.file.parent
         try:
-            experiment = cls.unasked(store.experiment(), folder)
+            experiment = cls.unasked(store.experiment() if values is None else values, folder)
         except InputError as error:
-            needed = [one for one in ("controller", "ranking") if f"{one}.kind: unknown " in str(error)]
+            used = store.experiment() if values is None else values
             copied = "".join(
                 f"; the run used the module {module}, of which {place} is a copy: install its package"
-                for module, place in copies(folder, needed)
+                for module, place in copies(folder, not_installed(used))
             )
             raise InputError(
                 f"{folder}: the experiment in {store.file.name} cannot be used: {error}{copied}"

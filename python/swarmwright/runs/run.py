@@ -67,6 +67,8 @@ class Run:
 
     _finished: int | None = None
     """Generations, where the history is read later."""
+    _values: dict[str, Any] | None = None
+    """The experiment as plain values, where it is made of them later."""
 
     def __init__(self, path: str | os.PathLike[str], store: StoreReader | None = None) -> None:
         folder = path_of("path", path, "a run folder")
@@ -107,13 +109,13 @@ class Run:
             run = cls(path, store)
             last = store.last()
             run._finished = 0 if last is None else last.generation + 1
-            _ = run.experiment
+            run._values = store.experiment()
         return run
 
     @cached_property
     def experiment(self) -> Experiment:
         """The experiment as it was run."""
-        return Experiment.of_store(self.store)
+        return Experiment.of_store(self.store, self._values)
 
     @property
     def name(self) -> str:

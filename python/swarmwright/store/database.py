@@ -3,7 +3,8 @@
 import shutil
 import sqlite3
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
+from functools import lru_cache
 from pathlib import Path
 
 from swarmwright.core.errors import InputError, RunError
@@ -62,16 +63,13 @@ def create(file: Path, facts: Mapping[str, str], generation: int = 0) -> sqlite3
     """
     new = file.with_name(NEW)
     with errors(file, InputError, disk=RunError):
-        new.write_bytes(b"")  # what another process left behind when it was killed
+        # In the place of what another process left behind when it was killed.
+        new.write_bytes(_without_facts(next(page for least, page in _PAGES if generation >= least)))
         connection = sqlite3.connect(new, isolation_level=None)
         try:
-            page = next(page for least, page in _PAGES if generation >= least)
-            connection.execute(f"PRAGMA page_size = {page}")
             connection.execute("PRAGMA journal_mode = MEMORY")
             connection.execute("PRAGMA synchronous = OFF")
-            connection.executescript(
-                f"BEGIN; PRAGMA application_id = {_APPLICATION}; PRAGMA user_version = {FORMAT};{_TABLES}"
-            )
+            connection.execute("BEGIN")
             connection.executemany("INSERT INTO fact VALUES (?, ?)", facts.items())
             seal_facts(connection)
             connection.execute("COMMIT")
@@ -79,6 +77,20 @@ def create(file: Path, facts: Mapping[str, str], generation: int = 0) -> sqlite3
             connection.close()
             raise
     return connection
+
+
+@lru_cache
+def _without_facts(page: int) -> bytes:
+    """Return a store with nothing in it: to make its tables takes longer than to write the file.
+
+    page: bytes of a page.
+    """
+    with closing(sqlite3.connect(":memory:", isolation_level=None)) as connection:
+        connection.executescript(
+            f"PRAGMA page_size = {page}; BEGIN; PRAGMA application_id = {_APPLICATION};"
+            f"PRAGMA user_version = {FORMAT};{_TABLES} COMMIT"
+        )
+        return connection.serialize()
 
 
 def connect(file: Path) -> sqlite3.Connection:
