@@ -1,33 +1,29 @@
-"""Comparison of runs: groups, their final fitness, and whether the groups differ."""
+"""Comparison of runs: groups, their final fitness or another indicator, and whether the groups differ."""
 
 import os
-import shlex
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.analysis.after_evaluations import by_generation, fitness_at
+from swarmwright.analysis.caveats import caveats
 from swarmwright.analysis.groups import RunGroup, group
+from swarmwright.analysis.indicators import FITNESS, By, Indicator, measure
 from swarmwright.analysis.significance import Difference, Kruskal, difference, holm, kruskal_wallis
 from swarmwright.core.arguments import checked, listed
 from swarmwright.core.errors import InputError
-from swarmwright.runs.elites import has_elites
-from swarmwright.runs.instances import by_instance
+from swarmwright.core.problems import shown
 from swarmwright.runs.post_evaluation import EPISODES
 from swarmwright.runs.run import Run, run_of
 from swarmwright.runs.validation import command_to_validate
-from swarmwright.user_code.copying import shown
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-FEW = 5
-"""Runs of a group below which a test has little power."""
 
 
 @dataclass(frozen=True)
@@ -40,13 +36,13 @@ class Group:
     """Keys of the experiment that differ between the groups, with this group's values."""
     runs: tuple[Run, ...]
     final: NDArray[np.float64]
-    """Best fitness of each run, or that of its best candidate on held-out seeds, (runs,), more is better; NaN
-    where no candidate could be evaluated."""
+    """What is compared of each run, (runs,), more is better: its best fitness, that of its best candidate on
+    held-out seeds, or an indicator. NaN where no candidate could be evaluated; the indicator is 0 then."""
     counts: tuple[int, ...]
     """Evaluations of each run that count."""
 
     def quantile(self, share: float) -> float:
-        """Return a quantile of the final fitness; a run without any counts as minus infinity."""
+        """Return a quantile of `final`; a run without any fitness counts as minus infinity."""
         values = np.sort(np.where(np.isnan(self.final), -np.inf, self.final))
         position = share * (len(values) - 1)
         low = int(position)
@@ -58,12 +54,12 @@ class Group:
 
     @property
     def median(self) -> float:
-        """Median of the final fitness."""
+        """Median of `final`."""
         return self.quantile(0.5)
 
     @property
     def quartiles(self) -> tuple[float, float]:
-        """Lower and upper quartile of the final fitness."""
+        """Lower and upper quartile of `final`."""
         return self.quantile(0.25), self.quantile(0.75)
 
     @property
@@ -86,7 +82,7 @@ class Pair:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Runs in groups, with tests of their final fitness; made by `swarmwright.compare`.
+    """Runs in groups, with tests of their final fitness or another indicator; made by `swarmwright.compare`.
 
     `print(comparison)` shows it as a table, `figure()` as a picture, `to_mapping()` as plain values.
     """
@@ -97,11 +93,14 @@ class Comparison:
     kruskal: Kruskal | None
     """Test of all groups at once; None for fewer than three."""
     at: int | None
-    """Evaluations after which fitness is compared; None: at each run's end."""
+    """Evaluations after which runs are compared; None: at each run's end."""
     notes: tuple[str, ...]
     """Caveats, a sentence each."""
     held_out: bool = False
     """Whether the fitness on held-out seeds is compared."""
+    indicator: Indicator = FITNESS
+    """What is compared, in `by`, and the constants by which it is measured: `offset` of the QD score,
+    `reference` and `ranges` of the hypervolume."""
 
     def __str__(self) -> str:
         from swarmwright.analysis.table import table
@@ -116,9 +115,10 @@ class Comparison:
 
     @checked
     def figure(self, *, x: str = "evaluations") -> "Figure":
-        """Return a matplotlib figure: best fitness over `x`, and the final fitness of every run.
+        """Return a matplotlib figure: best fitness or the indicator over `x`, and that of every run.
 
-        x: "evaluations" or "generations".
+        x: "evaluations" or "generations". Hypervolume of more than four objectives takes long, so that best
+        fitness is drawn over `x` then.
         """
         from swarmwright.figures.comparison import draw
 
@@ -137,7 +137,13 @@ class Comparison:
 
 @checked
 def compare(
-    runs: Iterable[Run | str | os.PathLike[str]], *, at: int | None = None, held_out: bool = False
+    runs: Iterable[Run | str | os.PathLike[str]],
+    *,
+    at: int | None = None,
+    held_out: bool = False,
+    by: By = "fitness",
+    reference: Mapping[str, float] | None = None,
+    offset: float | None = None,
 ) -> Comparison:
     """Compare runs: group them by what differs between their experiments, and test whether groups differ.
 
@@ -145,20 +151,35 @@ def compare(
     The best fitness of each run is compared by Mann and Whitney's test, with Vargha and Delaney's A12 as the
     size of the effect and Hodges and Lehmann's estimate of the difference with its 95 % confidence interval;
     three groups and more by Kruskal and Wallis' test as well, and p of pairs is corrected after Holm.
+    One group alone is described and not tested.
+
+    Runs of `nsga2` with the same objectives can be compared by the hypervolume of their fronts, those of
+    `map_elites` with the same measures, ranges and bins by the QD score and the coverage of their archives,
+    with the same tests. Fronts and archives are those of all evaluations that count.
 
     Args:
-        runs: run folders, or runs. One group alone is described and not tested.
+        runs: run folders, or runs.
         at: compare the best of the first so many evaluations instead of that at each run's end. Runs that
             ended earlier count with what they had, and those whose candidates are evaluated again (racing,
             `reevaluate`) with their last generation that was finished by then.
         held_out: compare the fitness of each run's best candidate on held-out seeds, by its validation,
             instead of the best recorded fitness, which is too high where fitness depends on the seed.
+        by: "fitness", "hypervolume", "qd_score" (sum over elites of fitness minus the offset) or "coverage"
+            (share of cells that have an elite).
+        reference: of hypervolume, a value of `fitness` and of each objective that is worse than those of
+            interest; hypervolume is then in the units of the objectives. Default: each objective is scaled
+            from 0 to 1 between its worst and its best value in the fronts of these runs, and the reference
+            point is -0.1 in each.
+        offset: of the QD score, the worst possible fitness. Default: 0, or the lowest fitness of an elite of
+            these runs where that is negative.
 
     Raises:
         InputError: no run is given, a folder is not a run, a run holds no finished generation, one had none
-            yet after `at` evaluations, or, with `held_out`, a run has no validation.
+            yet after `at` evaluations, with `held_out` a run has no validation, or a run does not have what
+            is compared.
     """
     listed("runs", runs, "run folders")
+    _check_options(by, reference, offset, held_out=held_out)
     opened = [run_of(run) for run in runs]
     if not opened:
         raise InputError("there are no runs to compare; name run folders such as runs/minisim-1")
@@ -170,7 +191,20 @@ def compare(
     if at is not None:
         _check_finished(opened, at)
     grouped, notes = group(opened)
-    groups = tuple(_group(one, at, held_out=held_out) for one in grouped)
+    indicator = FITNESS
+    if by == "fitness":
+        found = [
+            (_validated(run), run.evaluations) if held_out else fitness_at(run, at)
+            for one in grouped
+            for run in one.runs
+        ]
+    else:
+        kept = [run for one in grouped for run in one.runs]
+        indicator, measured = measure(by, kept, at, reference=reference, offset=offset)
+        counts = [run.evaluations if at is None else min(at, run.evaluations) for run in kept]
+        found = list(zip(measured, counts, strict=True))
+    values = iter(found)
+    groups = tuple(_group(one, list(islice(values, len(one.runs)))) for one in grouped)
     pairs = tuple(combinations(groups, 2))
     differences = [difference(one.final, other.final) for one, other in pairs]
     corrected = holm([found.p for found in differences])
@@ -182,9 +216,24 @@ def compare(
         ),
         kruskal_wallis([one.final for one in groups]) if len(groups) > 2 else None,
         at,
-        (*notes, *_cautions(groups, at, held_out=held_out)),
+        (*notes, *caveats(groups, at, indicator, held_out=held_out)),
         held_out,
+        indicator,
     )
+
+
+def _check_options(by: object, reference: object, offset: object, *, held_out: bool) -> None:
+    kinds = get_args(By)
+    if by not in kinds:
+        raise InputError(f"by: must be one of {', '.join(kinds)}, not {shown(by)}")
+    if held_out and by != "fitness":
+        raise InputError("held_out: compares fitness, which validations have; leave it or by")
+    if reference is not None and by != "hypervolume":
+        raise InputError(
+            "reference: is the reference point of hypervolume; leave it, or give by='hypervolume'"
+        )
+    if offset is not None and by != "qd_score":
+        raise InputError("offset: is that of the QD score; leave it, or give by='qd_score'")
 
 
 def _check_finished(runs: Sequence[Run], at: int) -> None:
@@ -211,158 +260,12 @@ def _episodes(runs: Iterable[Run]) -> int:
     return max((len(run.unseen.seeds) for run in runs if run.unseen is not None), default=EPISODES)
 
 
-def _group(one: RunGroup, at: int | None, *, held_out: bool) -> Group:
-    found = [(_validated(run), run.evaluations) if held_out else fitness_at(run, at) for run in one.runs]
-    final = np.array([fitness for fitness, _ in found], dtype=np.float64)
+def _group(one: RunGroup, found: Sequence[tuple[float, int]]) -> Group:
+    """found: of each run what is compared, and after how many evaluations it is."""
+    final = np.array([value for value, _ in found], dtype=np.float64)
     return Group(one.label, one.differs, one.runs, final, tuple(count for _, count in found))
 
 
 def _validated(run: Run) -> float:
     assert run.validation is not None
     return run.validation.best.fitness.mean
-
-
-_DEFINITIONS = {
-    "fitness": "its expression",
-    "ranking.aggregate": "the aggregate of episodes",
-    "ranking.level": "the level of the aggregate",
-}
-"""Keys by which fitness is another quantity."""
-
-
-_JUDGING = {"code", "code.simulation", "code.ranking"}
-"""Code by which fitness may be another quantity; that of methods and controllers is what is compared."""
-
-
-def _command(groups: Sequence[Group], option: str) -> str:
-    """Return the command that compares the runs otherwise; what lies beside them is not named."""
-    paths = [run.path for one in groups for run in one.runs]
-    folder = paths[0].parent
-    everything = {path.name for path in folder.iterdir() if path.is_dir()} if folder.is_dir() else set()
-    all_of_it = {path.parent for path in paths} == {folder} and everything <= {path.name for path in paths}
-    which = f"{shlex.quote(str(folder))}/*" if all_of_it and len(paths) > 1 else "RUN .."
-    return f"`swarmwright runs compare {which} {option}`"
-
-
-def _definitions(groups: Sequence[Group], *, held_out: bool) -> Iterator[str]:
-    """Yield why fitness of the groups may not be comparable."""
-    keys = {key for one in groups for key in one.differs}
-    others = [words for key, words in _DEFINITIONS.items() if key in keys]
-    if others:
-        yield f"fitness of different definitions is compared: groups differ in {' and '.join(others)}"
-    parameters = {key.split(".")[1] for key in keys if key.startswith("parameters.")} - {"seed"}
-    if parameters:
-        names = ", ".join(sorted(parameters))
-        yield f"groups differ in the simulation's parameters, so they solve different tasks: {names}"
-    if held_out:
-        yield from _held_out(groups)
-        return
-    made = {_recorded(one.runs[0]) for one in groups}
-    command = f"{_command(groups, '--held-out')} compares fitness on held-out seeds"
-    missing = [run for one in groups for run in one.runs if run.validation is None]
-    if missing:
-        count = sum(len(one.runs) for one in groups)
-        command = f"fitness on held-out seeds is known of {count - len(missing)} of {count} runs"
-    if len(made) > 1:
-        yield (
-            f"the best recorded fitness is made of different episodes ({'; '.join(sorted(made))}), and the "
-            f"fewer they are, the more it is too high; {command}"
-        )
-    elif any(_lucky(run) for one in groups for run in one.runs):
-        yield (
-            "the best recorded fitness is too high where fitness depends on the seed, most of all with "
-            f"new seeds in each generation; {command}"
-        )
-
-
-def _elites(groups: Sequence[Group]) -> Iterator[str]:
-    """Yield that runs of methods that are made for many candidates are compared by one of them."""
-    kinds = [one.label for one in groups if has_elites(one.runs[0])]
-    if kinds:
-        yield (
-            f"only the best fitness is compared, not the archive or the front of {' and '.join(kinds)}: "
-            "`swarmwright runs elites RUN --json` has the coverage and QD score of an archive, and the "
-            "candidates of a front"
-        )
-
-
-def _held_out(groups: Sequence[Group]) -> Iterator[str]:
-    """Yield why fitness on held-out seeds of runs may not be comparable."""
-    of_runs = [run.unseen.seeds for one in groups for run in one.runs if run.unseen is not None]
-    least, most = (limit(map(len, of_runs), default=0) for limit in (min, max))
-    if least != most:
-        yield (
-            f"the runs were validated in {least:,} to {most:,} episodes, and the fewer they are, the less "
-            f"certain fitness is; `swarmwright resume RUN --set validate.episodes={most}` validates a run "
-            "in as many"
-        )
-    elif len(set(map(tuple, of_runs))) > 1:
-        yield "the runs were validated on different held-out seeds"
-
-
-def _lucky(run: Run) -> bool:
-    """Return whether the best of a run may owe its recorded fitness to its seeds."""
-    return run.experiment.ranking.seeds == "new" or run.unseen is not None
-
-
-def _recorded(run: Run) -> str:
-    """Return of what recorded fitness is made."""
-    experiment = run.experiment
-    if by_instance(experiment):
-        return "the mean of all instances of racing"
-    episodes = experiment.ranking.episodes
-    past = " and those before, evaluated again" if experiment.ranking.reevaluate else ""
-    return f"{episodes} episode{'s' if episodes > 1 else ''}{past}"
-
-
-def _waits(one: Group, at: int) -> bool:
-    """Return whether evaluations of a generation that was not finished do not count."""
-    return any(count < min(at, run.evaluations) for run, count in zip(one.runs, one.counts, strict=True))
-
-
-def _cautions(groups: Sequence[Group], at: int | None, *, held_out: bool) -> list[str]:
-    found = []
-    few = [one for one in groups if len(one.runs) < FEW]
-    if few and len(groups) > 1:
-        least = min(len(one.runs) for one in few)
-        counts = "; ".join(f"{one.label}: {len(one.runs)}" for one in few)
-        if len(few) > 3:
-            counts = f"{len(few)} groups have {least} or more"
-        found.append(f"with fewer than {FEW} runs in a group ({counts}) a test has little power")
-    shortest = min(one.evaluations[0] for one in groups)
-    longest = max(one.evaluations[1] for one in groups)
-    ended = [str(run.path) for one in groups for run in one.runs if run.evaluations < (at or 0)]
-    if ended:
-        more = f" and {len(ended) - 5} more" if len(ended) > 5 else ""
-        found.append(
-            f"ended before {at:,} evaluations, and count with what they had: {', '.join(ended[:5])}{more}"
-        )
-    waiting = [one.label for one in groups if at is not None and _waits(one, at)]
-    if waiting:
-        found.append(
-            f"candidates of {' and '.join(waiting)} are evaluated again, so the last generation that was "
-            f"finished within the first {at:,} evaluations counts"
-        )
-    if at is None and not held_out and len(groups) > 1 and longest > 1.1 * shortest:
-        found.append(
-            f"the runs have {shortest:,} to {longest:,} evaluations, and each is compared at its end; "
-            f"{_command(groups, f'--at {shortest}')} compares all after as many"
-        )
-    found += _definitions(groups, held_out=held_out)
-    found += _elites(groups)
-    simulations = {shown(one.runs[0].experiment.simulation) for one in groups}
-    if len(simulations) > 1:
-        found.append(f"fitness of different simulations is compared: {', '.join(sorted(simulations))}")
-    if any(_JUDGING & one.differs.keys() for one in groups):
-        found.append(
-            "fitness that different code computed is compared: `swarmwright runs show` names the files"
-        )
-    interrupted = [run for one in groups for run in one.runs if run.interrupted]
-    running = [run for run in interrupted if run.state == "running"]
-    for words, some in (
-        ("still running", running),
-        ("ended early", [run for run in interrupted if run not in running]),
-    ):
-        if some:
-            found.append(f"{words}: {', '.join(str(run.path) for run in some)}")
-    return found

@@ -18,6 +18,7 @@ Values = NDArray[np.float64]
 _EXACT = 60
 """Runs in both groups together up to which the test is exact."""
 _CONFIDENCE = 0.95
+"""Level of confidence intervals."""
 _WORDED = 3
 """Values of a group from which on the size of the effect has a word: A12 of fewer is 0 or 1 by chance."""
 

@@ -35,6 +35,8 @@ def table(comparison: "Comparison") -> str:
         lines += ["", *_pairs(comparison.pairs)]
     if comparison.held_out:
         lines = ["Mean fitness of each run's best candidate on held-out seeds:", "", *lines]
+    if comparison.indicator.heading:
+        lines = [one_line(comparison.indicator.heading), "", *lines]
     return "\n".join([*lines, *(f"Note: {one_line(note)}." for note in comparison.notes)])
 
 
@@ -84,6 +86,7 @@ def to_mapping(comparison: "Comparison") -> dict[str, Any]:
     return {
         "at": comparison.at,
         "held_out": comparison.held_out,
+        **comparison.indicator.to_mapping(),
         "groups": [
             {
                 "label": one.label,
@@ -91,9 +94,9 @@ def to_mapping(comparison: "Comparison") -> dict[str, Any]:
                 "runs": [
                     {
                         "run": str(run.path), "seed": run.experiment.seed, "evaluations": count,
-                        "fitness": float(fitness),
+                        comparison.indicator.by: float(value),
                     }
-                    for run, fitness, count in zip(one.runs, one.final, one.counts, strict=True)
+                    for run, value, count in zip(one.runs, one.final, one.counts, strict=True)
                 ],
                 "median": one.median,
                 "quartiles": list(one.quartiles),

@@ -1,6 +1,7 @@
 """Output of commands that compare runs."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,6 +11,7 @@ from swarmwright.cli._output import Output, complain
 
 if TYPE_CHECKING:
     from swarmwright.analysis.comparison import Comparison
+    from swarmwright.analysis.indicators import By
 
 
 def run_folders(paths: Sequence[Path]) -> list[Path]:
@@ -28,19 +30,48 @@ def run_folders(paths: Sequence[Path]) -> list[Path]:
     return folders
 
 
-def show_comparison(
-    output: Output, runs: Sequence[Path], *, at: int | None = None, held_out: bool = False
-) -> "Comparison":
+@dataclass(frozen=True)
+class Compared:
+    """What of runs is compared: the options of `runs compare` and `plot`."""
+
+    at: int | None = None
+    held_out: bool = False
+    by: "By" = "fitness"
+    reference: tuple[tuple[str, float], ...] = ()
+    offset: float | None = None
+
+    def check(self) -> None:
+        """Raise UsageError for options that contradict each other."""
+        if self.held_out and self.at is not None:
+            raise click.UsageError("--held-out compares runs at their end; leave --at.")
+        if self.held_out and self.by != "fitness":
+            raise click.UsageError("--held-out compares fitness; leave it, or --by.")
+        if self.reference and self.by != "hypervolume":
+            raise click.UsageError("--reference is for --by hypervolume; leave it, or give that.")
+        names = [name for name, _ in self.reference]
+        twice = next((name for name in names if names.count(name) > 1), None)
+        if twice is not None:
+            raise click.UsageError(f"--reference: {twice} is given twice; name each objective once.")
+        if self.offset is not None and self.by != "qd_score":
+            raise click.UsageError("--offset is for --by qd_score; leave it, or give that.")
+
+
+def show_comparison(output: Output, runs: Sequence[Path], what: Compared) -> "Comparison":
     """Compare runs and print it, as a table or as one JSON object; return it.
 
-    at: evaluations after which to compare; None: at each run's end. held_out: compare fitness on held-out
-    seeds. Raises InputError.
+    Raises InputError, and UsageError for options that contradict each other.
     """
     from swarmwright.analysis.comparison import compare
 
-    if held_out and at is not None:
-        raise click.UsageError("--held-out compares runs at their end; leave --at.")
-    comparison = compare(runs, at=at, held_out=held_out)
+    what.check()
+    comparison = compare(
+        runs,
+        at=what.at,
+        held_out=what.held_out,
+        by=what.by,
+        reference=dict(what.reference) or None,
+        offset=what.offset,
+    )
     output.block(str(comparison))
     output.json(comparison.to_mapping())
     return comparison

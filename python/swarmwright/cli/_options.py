@@ -295,6 +295,62 @@ at_option: Decorator = click.option(
     "reevaluate), the last generation that was finished by then. Default: at each run's end.",
 )
 
+
+class ObjectiveValue(click.ParamType[tuple[str, float]]):
+    """`NAME=VALUE`, a value of an objective."""
+
+    name = "value"
+
+    def convert(
+        self,
+        value: Any,  # noqa: ANN401 - click's signature
+        param: click.Parameter | None,
+        ctx: click.Context | None,
+    ) -> tuple[str, float]:
+        """The name and the value."""
+        if isinstance(value, tuple):
+            return value
+        name, equals, number = value.partition("=")
+        if not name or not equals:
+            self.fail(f"'{value}' is not NAME=VALUE, such as fitness=0.", param, ctx)
+        return name, FiniteNumber().convert(number, param, ctx)
+
+
+_BY: tuple[Decorator, ...] = (
+    click.option(
+        "--by",
+        type=click.Choice(["fitness", "hypervolume", "qd_score", "coverage"]),
+        default="fitness",
+        show_default=True,
+        help="What is compared: the best fitness, the hypervolume of the fronts of nsga2, or the QD score or "
+        "the coverage of the archives of map_elites.",
+    ),
+    click.option(
+        "--reference",
+        type=ObjectiveValue(),
+        multiple=True,
+        metavar="NAME=VALUE",
+        help="With --by hypervolume: reference point, once for fitness and for each objective; hypervolume "
+        "is then in their units. Default: objectives are scaled to the range that they have in the fronts "
+        "that are compared, and the point is a tenth of it worse.",
+    ),
+    click.option(
+        "--offset",
+        type=FiniteNumber(),
+        metavar="FITNESS",
+        help="With --by qd_score: worst possible fitness, which is subtracted from that of each elite. "
+        "Default: 0, or the lowest fitness of an elite that is compared where that is negative.",
+    ),
+)
+
+
+def by_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """`--by`, `--reference` and `--offset`: what of runs is compared."""
+    for option in reversed(_BY):
+        command = option(command)
+    return command
+
+
 prefix_option: Decorator = click.option(
     "--prefix",
     type=Prefix(),

@@ -2,12 +2,17 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from swarmwright.cli._commands import Command
-from swarmwright.cli._options import ExistingPath, at_option, held_out_option, json_option
+from swarmwright.cli._options import ExistingPath, at_option, by_options, held_out_option, json_option
 from swarmwright.cli._output import Output
+
+if TYPE_CHECKING:
+    from swarmwright.analysis.indicators import By
+    from swarmwright.cli._comparison import Compared
 
 
 @click.command(
@@ -33,26 +38,36 @@ from swarmwright.cli._output import Output
     show_default=True,
     help="What the runs are drawn over.",
 )
+@by_options
 @at_option
 @held_out_option
 @json_option
 def command(
-    runs: tuple[Path, ...], file: Path | None, x: str, at: int | None, held_out: bool, as_json: bool
+    runs: tuple[Path, ...],
+    file: Path | None,
+    x: str,
+    by: "By",
+    reference: tuple[tuple[str, float], ...],
+    offset: float | None,
+    at: int | None,
+    held_out: bool,
+    as_json: bool,
 ) -> None:
     """Draw one RUN, or compare several.
 
     One run: fitness and diversity of its candidates. Several: runs whose experiments differ in the seed alone
     are a group; the groups are drawn on one axis, and the final fitness of their runs is tested
-    (Mann-Whitney, Kruskal-Wallis, with effect sizes).
+    (Mann-Whitney, Kruskal-Wallis, with effect sizes), or what --by names.
     """
-    from swarmwright.cli._comparison import run_folders
+    from swarmwright.cli._comparison import Compared, run_folders
 
+    what = Compared(at, held_out, by, reference, offset)
     output = Output(as_json=as_json)
     folders = run_folders(runs)
-    if len({run.resolve() for run in folders}) == 1 and at is None and not held_out:
+    if len({run.resolve() for run in folders}) == 1 and what == Compared():
         _draw_one(output, folders[0], file or folders[0] / "plot.png", x)
     else:
-        _draw_several(output, folders, file or Path("comparison.png"), x, at, held_out=held_out)
+        _draw_several(output, folders, file or Path("comparison.png"), x, what)
 
 
 def _draw_one(output: Output, folder: Path, file: Path, x: str) -> None:
@@ -82,13 +97,11 @@ def _draw_one(output: Output, folder: Path, file: Path, x: str) -> None:
     )  # fmt: skip
 
 
-def _draw_several(
-    output: Output, runs: Sequence[Path], file: Path, x: str, at: int | None, *, held_out: bool
-) -> None:
+def _draw_several(output: Output, runs: Sequence[Path], file: Path, x: str, what: "Compared") -> None:
     from swarmwright.cli._comparison import show_comparison
     from swarmwright.figures import style
 
     style.check(file)
-    comparison = show_comparison(output, runs, at=at, held_out=held_out)
+    comparison = show_comparison(output, runs, what)
     comparison.plot(file, x=x)
     output.text(f"The figure is in {file}")

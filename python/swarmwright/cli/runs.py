@@ -3,13 +3,24 @@
 import shlex
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from swarmwright.cli._commands import Command, Group
-from swarmwright.cli._options import ExistingPath, FiniteNumber, at_option, held_out_option, json_option
+from swarmwright.cli._options import (
+    ExistingPath,
+    FiniteNumber,
+    at_option,
+    by_options,
+    held_out_option,
+    json_option,
+)
 from swarmwright.cli._output import Output, aside, complain
 from swarmwright.cli._runs import describe, facts_of, list_table
+
+if TYPE_CHECKING:
+    from swarmwright.analysis.indicators import By
 
 
 @click.group(
@@ -159,22 +170,35 @@ def diff(one: Path, other: Path, as_json: bool) -> int:
     cls=Command,
     example="swarmwright runs compare runs/nnga-* runs/random-*\n"
     "swarmwright runs compare runs/* --held-out\n"
-    "swarmwright runs compare runs/* --at 1000 --json",
+    "swarmwright runs compare runs/* --at 1000 --json\n"
+    "swarmwright runs compare fronts/* --by hypervolume --reference fitness=0 --reference speed=0.12",
 )
 @click.argument("runs", type=ExistingPath(folder=None), nargs=-1, required=True, metavar="RUN...")
+@by_options
 @at_option
 @held_out_option
 @json_option
-def compare(runs: tuple[Path, ...], at: int | None, held_out: bool, as_json: bool) -> None:
-    """Compare the best fitness that runs reached.
+def compare(
+    runs: tuple[Path, ...],
+    by: "By",
+    reference: tuple[tuple[str, float], ...],
+    offset: float | None,
+    at: int | None,
+    held_out: bool,
+    as_json: bool,
+) -> None:
+    """Compare the best fitness that runs reached, or their fronts or archives.
 
     Statistical tests and effect sizes are printed. Runs whose experiments differ in the seed alone are a
-    group. Files beside them, which a pattern such as
-    results/* names as well, are left out. `swarmwright plot` draws it as well.
+    group. Fronts are compared by hypervolume where all runs have the same objectives, archives by QD score
+    or coverage where all have the same measures, ranges and bins; reference point and offset are printed.
+    Files beside runs, which a pattern such as results/* names as well, are left out. `swarmwright plot`
+    draws it as well.
     """
-    from swarmwright.cli._comparison import run_folders, show_comparison
+    from swarmwright.cli._comparison import Compared, run_folders, show_comparison
 
-    show_comparison(Output(as_json=as_json), run_folders(runs), at=at, held_out=held_out)
+    what = Compared(at, held_out, by, reference, offset)
+    show_comparison(Output(as_json=as_json), run_folders(runs), what)
 
 
 @command.command(

@@ -77,7 +77,8 @@ def command(
     compete for servers. A run that is finished is not run again, one that was interrupted goes on: after
     Ctrl-C the same command continues. A run that fails does not stop the others; it is named at the end, and
     the exit status is 1. At the end the comparison is printed, and drawn into comparison.png in the folder of
-    the runs.
+    the runs. Variants of nsga2 with the same objectives are compared by hypervolume as well (with up to 3
+    objectives beside fitness), those of map_elites with the same measures by QD score and coverage.
     """
     from swarmwright.analysis.sweep import Sweep, conduct, tasks
     from swarmwright.analysis.sweep.run import UnreadableRunError
@@ -118,10 +119,19 @@ def command(
 
 def _conclude(output: Output, runs: "list[Run]", folder: Path) -> None:
     from swarmwright import compare
+    from swarmwright.analysis.indicators import shared_indicators
 
     comparison = compare(runs)
     picture = comparison.plot(folder / "comparison.png")
-    output.text()
-    output.block(str(comparison))
+    indicators = [compare(runs, by=by) for by in shared_indicators(runs)]
+    for one in (comparison, *indicators):
+        output.text()
+        output.block(str(one))
     output.text(f"The figure is in {picture}")
-    output.json({"comparison": comparison.to_mapping(), "picture": str(picture)})
+    output.json(
+        {
+            "comparison": comparison.to_mapping(),
+            "indicators": [one.to_mapping() for one in indicators],
+            "picture": str(picture),
+        }
+    )

@@ -14,6 +14,6 @@ if find_spec("paho") is None or find_spec("msgpack") is None:
 
 from swarmwright.conformance._check_optimizer import check_optimizer
 from swarmwright.conformance._check_server import check_server
-from swarmwright.conformance._results import Report, Result
+from swarmwright.conformance.results import Report, Result
 
 __all__ = ["Report", "Result", "check_optimizer", "check_server"]

@@ -8,11 +8,11 @@ from pathlib import Path
 
 from swarmwright.conformance._broker import open_broker
 from swarmwright.conformance._process import Process
-from swarmwright.conformance._results import Report, Result
-from swarmwright.conformance._rules import Profile
 from swarmwright.conformance._run import run
 from swarmwright.conformance.optimizer import RULES
 from swarmwright.conformance.optimizer._tool import Tool, ToolSettings, write_experiment
+from swarmwright.conformance.results import Report, Result
+from swarmwright.conformance.rules import Profile
 
 
 def check_optimizer(

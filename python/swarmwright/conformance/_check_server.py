@@ -1,20 +1,18 @@
 """The check of one server: broker, process, search, rules."""
 
-import json
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from pathlib import Path
 from typing import Any
 
 from swarmwright.conformance._broker import open_broker
 from swarmwright.conformance._client import PRESENCE, TO_TOOL, Client
 from swarmwright.conformance._process import Process
-from swarmwright.conformance._results import Report, Result
-from swarmwright.conformance._rules import Profile, Rule
 from swarmwright.conformance._run import run
 from swarmwright.conformance._server_peer import ServerPeer, found
-from swarmwright.conformance._server_under_test import Json, Settings
+from swarmwright.conformance._server_under_test import Settings
+from swarmwright.conformance.results import Report, Result
+from swarmwright.conformance.rules import Profile, Rule
 from swarmwright.conformance.server import RULES
 from swarmwright.core.errors import InputError, RunError
 
@@ -170,26 +168,3 @@ def _dimensions(peer: ServerPeer, given: float | None, wait: float) -> float:
         if peer.gone():
             raise RunError(f"--exec: {peer.gone()}")
     return guesses[0]
-
-
-def parameters_of(text: str | None, option: str = "--parameters") -> Json:
-    """Parameters from the command line: a JSON object, or the name of a file that holds one.
-
-    Raises InputError.
-    """
-    if text is None:
-        return {}
-    source = option
-    if not text.lstrip().startswith(("{", "[")):
-        source = text
-        try:
-            text = Path(text).read_text(encoding="utf-8")
-        except OSError as error:
-            raise InputError(f"{option}: {source}: {error.strerror}") from None
-    try:
-        value = json.loads(text)
-    except ValueError as error:
-        raise InputError(f"{source}: is not valid JSON: {error}") from None
-    if not isinstance(value, dict):
-        raise InputError(f'{source}: must be a JSON object, such as {{"maxSteps": 5}}')
-    return value

@@ -17,7 +17,7 @@ from paho.mqtt.enums import CallbackAPIVersion, MQTTErrorCode
 from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
 
-from swarmwright.conformance._rules import Failure
+from swarmwright.conformance.rules import Failure
 from swarmwright.core.errors import InputError, RunError
 
 TOPICS = ("discovery", "server", "parameters", "control", "sensor", "actuator", "fitness")

@@ -14,7 +14,7 @@ from swarmwright.core.suggestions import did_you_mean
 
 _PLACEHOLDER = re.compile(r"(?<!\$)\{([A-Za-z_]\w*)\}")
 """A word in braces, but for variables of a shell."""
-GRACE = 10.0
+GRACE_S = 10.0
 """Seconds for an orderly end."""
 
 
@@ -117,7 +117,7 @@ class Process:
         if self._process is None:
             return
         self.signal(signal.SIGTERM)
-        if self.wait(GRACE) is None:
+        if self.wait(GRACE_S) is None:
             self.signal(signal.SIGKILL)
             self._process.wait()
 

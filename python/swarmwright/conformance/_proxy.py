@@ -4,7 +4,8 @@ import contextlib
 import socket
 import threading
 
-_SIZE = 1 << 16
+_CHUNK_BYTES = 1 << 16
+"""Passed on at a time."""
 
 
 class Door:
@@ -77,7 +78,7 @@ class Door:
 
 def _pass_on(source: socket.socket, sink: socket.socket) -> None:
     with contextlib.suppress(OSError):
-        while data := source.recv(_SIZE):
+        while data := source.recv(_CHUNK_BYTES):
             sink.sendall(data)
     _end(source, sink)
 

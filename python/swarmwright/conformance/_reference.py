@@ -1,7 +1,7 @@
 """The reference page of the rules, made of the rules themselves."""
 
-from swarmwright.conformance._rules import Rules
 from swarmwright.conformance.optimizer import RULES as OPTIMIZER
+from swarmwright.conformance.rules import Rules
 from swarmwright.conformance.server import RULES as SERVER
 
 INTRODUCTION = """\

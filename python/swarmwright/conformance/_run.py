@@ -5,8 +5,8 @@ from collections.abc import Callable, Sequence
 from typing import Protocol
 
 from swarmwright.conformance._client import Overdue
-from swarmwright.conformance._results import BAD, Result
-from swarmwright.conformance._rules import Failure, NotTried, Rule, Skip
+from swarmwright.conformance.results import BAD, Result
+from swarmwright.conformance.rules import Failure, NotTried, Rule, Skip
 
 
 class Peer(Protocol):
@@ -57,12 +57,12 @@ def _result(rule: Rule, status: str, detail: str = "", **more: object) -> Result
 
 def _tried(peer: Peer, rule: Rule) -> Result:
     start = time.monotonic()
-    status, detail, failure = "passed", "", None
+    status, detail, advice, failure = "passed", "", "", None
     try:
         peer.ready(rule)
         detail = rule.check(peer) or ""
     except Skip as skip:
-        status, detail = "skipped", str(skip)
+        status, detail, advice = "skipped", str(skip), skip.advice
     except NotTried as unknown:
         status, detail = "not run", str(unknown)
     except Failure as one:
@@ -81,7 +81,7 @@ def _tried(peer: Peer, rule: Rule) -> Result:
         )
         status = "died"
     if failure is None:
-        return _result(rule, status, detail, seconds=seconds)
+        return _result(rule, status, detail, seconds=seconds, advice=advice)
     return _result(
         rule,
         status,

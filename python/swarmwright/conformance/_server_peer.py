@@ -4,16 +4,16 @@ import time
 from contextlib import suppress
 
 from swarmwright.conformance._client import Client, Message, Overdue
-from swarmwright.conformance._rules import Failure, Rule
 from swarmwright.conformance._server_under_test import Episode, Server
+from swarmwright.conformance.rules import Failure, Rule
 
-EPISODES = 40
+MOST_EPISODES = 40
 """Episodes that a rule may play at most; their time is added to its deadline."""
-FREE_AFTER = 8.0
+FREE_AFTER_S = 8.0
 """Seconds in which a server comes free by itself, with some to spare."""
 
 
-WATCH = 2.0
+WATCH_S = 2.0
 """Seconds in which a server that does not wait for actuators has asked again."""
 
 
@@ -32,13 +32,13 @@ class ServerPeer(Server):
     def _allow(self, seconds: float) -> None:
         """Set the deadline, with the time of some episodes to spare."""
         episode = self.trajectory.seconds if self.trajectory else self.settings.timeout
-        self.client.deadline = time.monotonic() + seconds + EPISODES * episode
+        self.client.deadline = time.monotonic() + seconds + MOST_EPISODES * episode
 
     def recover(self) -> str:
         """End what is under way, until the server answers discovery; why it does not, empty if it does."""
         if self.left:
             return ""
-        self.client.deadline = time.monotonic() + FREE_AFTER + 4 * self.settings.timeout
+        self.client.deadline = time.monotonic() + FREE_AFTER_S + 4 * self.settings.timeout
         try:
             return self._recovered()
         except Overdue:
@@ -51,12 +51,12 @@ class ServerPeer(Server):
             episode.stop()
         for tool in self.tools:
             self._end_episode(tool)
-        limit = time.monotonic() + FREE_AFTER
+        limit = time.monotonic() + FREE_AFTER_S
         while not self.gone():
             if self._is_free(min(1.0, self.settings.timeout)):
                 return ""
             if time.monotonic() > limit:
-                return f"it answered no discovery for {FREE_AFTER:g} s"
+                return f"it answered no discovery for {FREE_AFTER_S:g} s"
             for episode in self.episodes:
                 self._play_out(episode)
             for tool in self.tools:
@@ -107,13 +107,13 @@ class ServerPeer(Server):
     def waits(self) -> bool:
         """Whether it waits for actuators: it sends nothing while no agent is answered. Tried once."""
         if self._waits is None:
-            self.client.deadline = time.monotonic() + WATCH + 2 * self.settings.timeout
+            self.client.deadline = time.monotonic() + WATCH_S + 2 * self.settings.timeout
             episode = self.episode()
             episode.configure()
             episode.start()
             with suppress(Failure, Overdue):
                 episode.gather()
-                limit = time.monotonic() + WATCH
+                limit = time.monotonic() + WATCH_S
                 while time.monotonic() < limit and not (episode.repeated or episode.over):
                     for message in self.client.drain(0.1):
                         if episode.is_mine(message):

@@ -15,10 +15,10 @@ import numpy as np
 from swarmwright.conformance._client import TO_SERVER, TO_TOOL, Client, Message, shown
 from swarmwright.conformance._process import Process
 from swarmwright.conformance._proxy import Door
-from swarmwright.conformance._rules import Failure, NotTried, Skip, WentOn
 from swarmwright.conformance._trajectory import Numbers, Policy, Trajectory, Wander
+from swarmwright.conformance.rules import Failure, NotTried, Skip, WentOn
 
-QUIET = 0.05
+QUIET_S = 0.05
 """Seconds in which a quick server would have sent a message."""
 
 Json = dict[str, Any]
@@ -68,7 +68,7 @@ class Server:
         self.token = secrets.token_hex(8)
         self.capabilities: Json = {}
         self.trajectory: Trajectory | None = None
-        self.quiet = QUIET
+        self.quiet = QUIET_S
         self.deterministic: bool | None = None
         self.repeats: bool | None = None
         self.carries_over = False
@@ -128,7 +128,10 @@ class Server:
         known = self.settings.actuators or self.announced.get("actuators")
         if isinstance(known, int):
             return known
-        raise Skip("the server does not announce how many actuators an agent has; give --actuators")
+        raise Skip(
+            "the server does not announce how many actuators an agent has; give --actuators",
+            "Many rules were skipped because the number of actuators is not known: give --actuators N.",
+        )
 
     @property
     def undisturbed(self) -> Trajectory:
@@ -162,7 +165,7 @@ class Server:
         Not longer than half of what an answer may take, nor than a quarter of what an episode waits.
         """
         most = min(self.settings.timeout / 2, (self.settings.step_timeout or 60.0) / 4)
-        self.quiet = min(most, max(QUIET, seconds))
+        self.quiet = min(most, max(QUIET_S, seconds))
 
     @property
     def repeatable(self) -> bool:

@@ -14,6 +14,7 @@ from swarmwright.core.errors import InputError
 from swarmwright.core.problems import shown
 
 _LARGEST_SEED = 2**63 - 1
+"""Of an experiment."""
 _Parameters = ParamSpec("_Parameters")
 _Result = TypeVar("_Result")
 

@@ -1,4 +1,4 @@
-"""Arrays that callers give, as 32-bit floats."""
+"""Arrays of 32-bit floats: from what callers give, and as numbers that are written."""
 
 import numbers
 
@@ -39,6 +39,12 @@ def float32_of(name: str, given: ArrayLike) -> NDArray[np.float32]:
     raise InputError(
         f"{name}: {values[tuple(place)]:g} at {place} is too large for a 32-bit float, at most {_LARGEST:g}"
     )
+
+
+def shortest(genome: NDArray[np.float32]) -> list[float]:
+    """Return float32 numbers as the Python floats whose shortest decimals read back as the same float32."""
+    # As plain str: float() of a numpy string may swallow a KeyboardInterrupt that comes in between.
+    return [float(text) for text in genome.astype(np.float32).astype(str).tolist()]
 
 
 def _is_masked(given: object) -> bool:

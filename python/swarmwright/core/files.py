@@ -7,8 +7,10 @@ from pathlib import Path
 
 from swarmwright.core.errors import InputError
 
-_PIECE = 1 << 20
-_LARGEST = 1 << 28
+_CHUNK_BYTES = 1 << 20
+"""Read at a time."""
+_LARGEST_FILE_BYTES = 1 << 28
+"""Of files that are read as text."""
 _KINDS = (
     (stat.S_ISFIFO, "a pipe"),
     (stat.S_ISSOCK, "a socket"),
@@ -35,7 +37,7 @@ def read_bytes(path: Path, largest: int) -> bytes:
         if status.st_size <= largest:
             # Files in /proc report size 0 although they have content.
             data = file.read(status.st_size + 1)
-            while len(data) <= largest and (more := file.read(_PIECE)):
+            while len(data) <= largest and (more := file.read(_CHUNK_BYTES)):
                 data += more
             if len(data) <= largest:
                 return data
@@ -48,7 +50,7 @@ def contents(path: Path) -> bytes:
     Raises InputError when it cannot be read, is not a regular file, or is larger than 256 MiB.
     """
     try:
-        return read_bytes(path, _LARGEST)
+        return read_bytes(path, _LARGEST_FILE_BYTES)
     except FileNotFoundError:
         raise InputError(f"{path}: there is no such file") from None
     except OSError as error:

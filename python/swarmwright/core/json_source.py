@@ -15,6 +15,7 @@ _BLANK = re.compile(r"[ \t\r\n]*")
 _WORDS = {"null": None, "true": True, "false": False}
 _NOT_FINITE = re.compile(r"[+-]?(?:NaN|Infinity|inf|nan)")
 _DEEPEST = 100
+"""Levels of nesting."""
 _LONGEST_INTEGER = 1000
 """Digits."""
 

@@ -118,7 +118,10 @@ class SimulationName:
         return f"{file}:{self.member}"
 
     def options(self) -> dict[str, Any]:
-        """Return the options of an environment. Raises InputError for options that are not `name=value`."""
+        """Return the options of an environment.
+
+        Raises InputError for options that are not `name=value`, or are given twice.
+        """
         options = {}
         for part in filter(None, self.query.split("&")):
             key, equals, value = part.partition("=")
@@ -126,6 +129,8 @@ class SimulationName:
                 raise InputError(
                     f"{self.text}: {part!r} found after the question mark, expected option=value"
                 )
+            if key in options:
+                raise InputError(f"{self.text}: the option {key} is given twice; leave one")
             options[key] = _value(value)
         return options
 

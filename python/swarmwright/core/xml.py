@@ -14,6 +14,7 @@ from swarmwright.core.files import contents
 
 _MOST = 2_000_000  # elements and attributes; some 400 bytes each
 _DEEPEST = 50
+"""Levels of nesting."""
 
 
 @dataclass

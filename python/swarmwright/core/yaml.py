@@ -29,6 +29,7 @@ _WORDS = re.compile(r"[A-Za-z_](?:[A-Za-z0-9_]|[ ./-](?=[A-Za-z0-9_]))*")
 _NO_TEXT = frozenset({"null", "true", "false", "yes", "no", "on", "off", "y", "n"})
 _CONTROL = re.compile(r"[^\t\n -~\xa0-\u2027\u202a-\ud7ff\ue000-\ufefe\uff00-\ufffd\U00010000-\U0010ffff]")
 _WIDTH = 110
+"""Characters of a line."""
 
 
 @dataclass
@@ -225,6 +226,11 @@ class _Builder:
 
     def _problem(self, node: Node, path: Path_, message: str) -> None:
         self._source.problems.append((path, node.start_mark.line + 1, message))
+
+
+def without_places(problems: str, name: str) -> str:
+    """Return problems of a text that was parsed under a name, such as one that is in no file, without it."""
+    return re.sub(rf"{re.escape(name)}(:\d+)*: ", "", problems)
 
 
 def _integer(text: str) -> int:

@@ -5,12 +5,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from swarmwright.display._caption import Caption
-from swarmwright.display._drawing import Picture
 from swarmwright.display._episode import Recording
 from swarmwright.display._frames import in_between, pace
 from swarmwright.display._key import scale_of
 from swarmwright.display._look import Looks, floor_color, floors, palette
 from swarmwright.display._shown import Shown
+from swarmwright.display.drawing import Picture
 
 FRAME_SECONDS = 0.06
 """Seconds that a frame is shown, about; viewers show nothing faster than 0.02."""

@@ -12,15 +12,16 @@ from typing import TYPE_CHECKING
 
 from swarmwright.core.errors import InputError, RunError
 from swarmwright.display._caption import Caption
-from swarmwright.display._drawing import Picture
 from swarmwright.display._episode import Recording
 from swarmwright.display._frames import in_between, pace
 from swarmwright.display._shown import Shown
+from swarmwright.display.drawing import Picture
 
 if TYPE_CHECKING:
     from PIL.Image import Image
 
 FRAME_SECONDS = 1 / 30
+"""Of a frame of a film."""
 MOST_FRAMES = 3000
 LAST_FRAME_SECONDS = 2.0
 

@@ -6,9 +6,9 @@ from pathlib import Path
 
 from swarmwright.core.plain_figures import plain
 from swarmwright.display._caption import Caption
-from swarmwright.display._drawing import Picture
 from swarmwright.display._episode import Recording
 from swarmwright.display._shown import Shown
+from swarmwright.display.drawing import Picture
 
 
 @plain()

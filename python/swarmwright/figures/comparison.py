@@ -1,15 +1,16 @@
-"""The figure of a comparison: fitness curves of the groups, and the final fitness of every run."""
+"""The figure of a comparison: curves of the groups, and what is compared of every run."""
 
 import re
 import textwrap
 from collections.abc import Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from swarmwright.core.formatting import p_value
 from swarmwright.core.plain_figures import plain
-from swarmwright.figures.curves import bands, together
+from swarmwright.figures.curves import Curve, bands, best_so_far, indicator_so_far, together
 from swarmwright.figures.style import (
     AXES,
     INK,
@@ -54,11 +55,18 @@ def draw(comparison: "Comparison", *, x: str = "evaluations") -> "Figure":
     figure = new_figure(7.0 + width, height)
     left, right = figure.subplots(1, 2, width_ratios=[6.0, width])
     drawn = []
+    indicator = comparison.indicator
+    curve = partial(indicator_so_far, indicator) if indicator.has_curve else best_so_far
     for index, one in enumerate(groups):
-        drawn.append(_curve(left, one, index, x, extremes=len(groups) <= _CLEAR))
+        drawn.append(_curve(left, one, index, x, curve, extremes=len(groups) <= _CLEAR))
         _final(right, one, index)
     zoom(left, drawn)
-    dress(left, x=AXES[x], y="best fitness so far (more is better)")
+    subject = (
+        f"{indicator.words} (more is better)"
+        if indicator.has_curve
+        else "best fitness so far (more is better)"
+    )
+    dress(left, x=AXES[x], y=subject)
     thousands(left.xaxis)
     left.margins(x=0.01)
     if comparison.at is not None and x == "evaluations":
@@ -67,7 +75,9 @@ def draw(comparison: "Comparison", *, x: str = "evaluations") -> "Figure":
         when = "on held-out seeds"
     else:
         when = "at the end" if comparison.at is None else f"after {comparison.at:,} evaluations"
-    what = "fitness of the best" if comparison.held_out else "best fitness"
+    what = indicator.words
+    if indicator.by == "fitness":
+        what = "fitness of the best" if comparison.held_out else "best fitness"
     dress(right, y=f"{what} of each run, {when}")
     style: dict[str, Any] = {"rotation": 40, "ha": "right", "rotation_mode": "anchor"} if slanted else {}
     right.set_xticks(range(len(groups)), names, **style)
@@ -132,10 +142,10 @@ def _legend(figure: "Figure", axes: "Axes", groups: "tuple[Group, ...]") -> None
         axes.set_title(meaning, loc="left", fontsize=10, color=SOFT)
 
 
-def _curve(axes: "Axes", one: "Group", index: int, x: str, *, extremes: bool) -> Drawn:
-    """Draw a group's fitness curve; return x, and the least and the greatest that is drawn there."""
+def _curve(axes: "Axes", one: "Group", index: int, x: str, curve: Curve, *, extremes: bool) -> Drawn:
+    """Draw a group's curve; return x, and the least and the greatest that is drawn there."""
     color, dashes = look(index)
-    places, values, shortest = together(one.runs, x)
+    places, values, shortest = together(one.runs, x, curve)
     low, lower, middle, upper, high = map(drawable, bands(values))
     if len(one.runs) > 1:
         steps: dict[str, Any] = {"step": "post", "color": color, "linewidth": 0}

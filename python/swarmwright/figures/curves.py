@@ -1,16 +1,18 @@
-"""Fitness curves of runs: the best fitness so far, on an axis that several runs share."""
+"""Curves of runs: the best fitness so far or an indicator, on an axis that several runs share."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
+    from swarmwright.analysis.indicators import Indicator
     from swarmwright.runs.run import Run
 
 Values = NDArray[np.float64]
+Curve = Callable[["Run", str], tuple[Values, Values]]
 
 _POINTS = 600
 """Most points of a shared axis; finer than a figure can show."""
@@ -27,14 +29,24 @@ def best_so_far(run: "Run", x: str) -> tuple[Values, Values]:
     return np.array(places, dtype=np.float64), np.array(values, dtype=np.float64)
 
 
-def together(runs: Sequence["Run"], x: str) -> tuple[Values, Values, float]:
+def indicator_so_far(indicator: "Indicator", run: "Run", x: str) -> tuple[Values, Values]:
+    """Return x of some finished generations, and an indicator of fronts or archives there."""
+    found = indicator.curve(run)
+    history = {one.generation: one.evaluations for one in run.history}
+    places = [history[generation] if x == "evaluations" else generation for generation in found]
+    return np.array(places, dtype=np.float64), np.array(list(found.values()), dtype=np.float64)
+
+
+def together(runs: Sequence["Run"], x: str, curve: Curve = best_so_far) -> tuple[Values, Values, float]:
     """Put runs on one axis.
 
+    curve: of a run, x of some generations and a value there.
+
     Returns:
-        The axis, (points,); best fitness so far of each run there, (runs, points), NaN before its first
+        The axis, (points,); the value of each run there, (runs, points), NaN before its first
         generation was finished, the last value after its end; and where the shortest run ends.
     """
-    curves = [best_so_far(run, x) for run in runs]
+    curves = [curve(run, x) for run in runs]
     axis = np.unique(np.concatenate([places for places, _ in curves]))
     if len(axis) > _POINTS:
         axis = axis[np.unique(np.linspace(0, len(axis) - 1, _POINTS).round().astype(int))]

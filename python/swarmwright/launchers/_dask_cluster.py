@@ -13,15 +13,15 @@ from typing import TYPE_CHECKING, Any
 from distributed import Client, get_worker, wait
 
 from swarmwright.launchers._base import Health, LauncherError
-from swarmwright.launchers._slot import GRACE, End, Slot
+from swarmwright.launchers._slot import GRACE_S, End, Slot
 from swarmwright.launchers._specification import Specification
 
 if TYPE_CHECKING:
     from swarmwright.launchers.dask import DaskOptions
 
-_CONNECT = 15.0
+_CONNECT_S = 15.0
 """Seconds for reaching the scheduler."""
-_SHORT = 5.0
+_ANSWER_S = 5.0
 """Seconds for a question to workers."""
 _SLOTS: dict[str, Slot] = {}
 """On a worker: the servers that run in it, by their tasks' names."""
@@ -78,7 +78,7 @@ class Cluster:
                 raise LauncherError(f"scheduler_file: {options.scheduler_file} is not there")
             given = {"scheduler_file": options.scheduler_file}
         warnings.simplefilter("ignore")  # about versions, which are compared below
-        self._client = Client(**given, timeout=_CONNECT)
+        self._client = Client(**given, timeout=_CONNECT_S)
         self._compare_versions()
         self._options, self._label = options, specification.label
         self._topic = f"swarmwright-{secrets.token_hex(8)}"
@@ -137,7 +137,7 @@ class Cluster:
         self._client.run(end, [one.key for one in unfinished], on_error="ignore")
         if running:
             with suppress(TimeoutError):
-                wait([one.future for one in unfinished if one.key in running], timeout=GRACE + _SHORT)
+                wait([one.future for one in unfinished if one.key in running], timeout=GRACE_S + _ANSWER_S)
         for one in leaving.values():
             one.future.cancel()
 
@@ -153,7 +153,7 @@ class Cluster:
     def close(self) -> None:
         """End all tasks, and the connection."""
         self.stop(list(self._tasks))
-        self._client.close(timeout=_SHORT)
+        self._client.close(timeout=_ANSWER_S)
 
     def _workers(self) -> dict[str, Any]:
         """Return the cluster's workers, by address. Raises LauncherError."""

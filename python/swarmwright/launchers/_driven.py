@@ -15,12 +15,13 @@ from urllib.parse import urlsplit
 
 from swarmwright.core.errors import InputError
 from swarmwright.launchers._base import Health, Launcher, LauncherError
-from swarmwright.launchers._slot import GRACE
+from swarmwright.launchers._slot import GRACE_S
 from swarmwright.launchers._specification import Specification
 
 _CONNECT = 10.0
 """Seconds for reaching a cluster's address."""
-_KEPT = 40
+_KEPT_LINES = 40
+"""Lines that are kept of what the driver prints."""
 
 
 class DrivenLauncher(Launcher):
@@ -35,7 +36,7 @@ class DrivenLauncher(Launcher):
         super().__init__(options, specification)
         self._process: subprocess.Popen[str] | None = None
         self._pipe: Connection[Any, Any] | None = None
-        self._said: deque[str] = deque(maxlen=_KEPT)
+        self._said: deque[str] = deque(maxlen=_KEPT_LINES)
         self._number = 0
         self._servers: set[int] = set()
         self._lost: dict[int, str] = {}
@@ -72,7 +73,7 @@ class DrivenLauncher(Launcher):
             self._lost.pop(server, None)
             self._servers.discard(server)
         if self._pipe is not None:
-            self._call("stop", list(servers), most=3 * GRACE)
+            self._call("stop", list(servers), most=3 * GRACE_S)
 
     def logs(self, server: int, lines: int = 20) -> Sequence[str]:
         """Return the last lines of a server."""
@@ -83,7 +84,7 @@ class DrivenLauncher(Launcher):
         if self._pipe is None:
             return
         try:
-            self._call("close", most=4 * GRACE)
+            self._call("close", most=4 * GRACE_S)
         finally:
             self._end()
 
@@ -175,7 +176,7 @@ class DrivenLauncher(Launcher):
         if process is None:
             return
         with suppress(subprocess.TimeoutExpired):
-            process.wait(2 * GRACE)
+            process.wait(2 * GRACE_S)
         process.kill()
         process.wait()
 

@@ -19,7 +19,7 @@ from typing import Any, Protocol
 from swarmwright.launchers._base import Health, LauncherError
 
 _POLL_S = 0.5
-LAST = 30.0
+GRACE_S = 30.0
 """Seconds to end all servers in after the tool has ended."""
 
 
@@ -84,7 +84,7 @@ def _words(error: BaseException) -> str:
 def _watch(parent: int) -> None:
     while os.getppid() == parent:
         time.sleep(_POLL_S)
-    time.sleep(LAST)
+    time.sleep(GRACE_S)
     os._exit(1)
 
 

@@ -11,9 +11,10 @@ from swarmwright.core.errors import InputError
 from swarmwright.launchers._base import LauncherError
 from swarmwright.launchers._kubernetes_manifests import CONTAINER
 
-_TIMEOUT = (10.0, 60.0)
+_TIMEOUTS_S = (10.0, 60.0)
 """Seconds for a connection, and for an answer."""
-_PAGE = 500
+_PAGE_ITEMS = 500
+"""Items that one request lists."""
 _OLDEST = (1, 29)
 _ACCOUNT = Path("/var/run/secrets/kubernetes.io/serviceaccount/namespace")
 
@@ -124,7 +125,7 @@ class Api:
                     container=CONTAINER,
                     tail_lines=lines,
                     _preload_content=False,
-                    _request_timeout=_TIMEOUT,
+                    _request_timeout=_TIMEOUTS_S,
                 )
                 return str(answer.data.decode(errors="replace")).splitlines()
         except LauncherError:
@@ -172,7 +173,7 @@ class Api:
         found: list[dict[str, Any]] = []
         more: dict[str, Any] = {}
         while True:
-            answer = self._json(method, self.namespace, limit=_PAGE, **chosen, **more)
+            answer = self._json(method, self.namespace, limit=_PAGE_ITEMS, **chosen, **more)
             found += answer.get("items") or []
             token = answer.get("metadata", {}).get("continue")
             if not token:
@@ -182,7 +183,7 @@ class Api:
     def _json(self, method: Callable[..., Any], *arguments: object, **others: object) -> dict[str, Any]:
         """Call the client, without its models: these refuse what later versions of Kubernetes answer."""
         with self._errors():
-            answer = method(*arguments, _preload_content=False, _request_timeout=_TIMEOUT, **others)
+            answer = method(*arguments, _preload_content=False, _request_timeout=_TIMEOUTS_S, **others)
             found: dict[str, Any] = json.loads(answer.data)
             return found
 

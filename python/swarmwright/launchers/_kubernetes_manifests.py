@@ -21,11 +21,11 @@ CONTAINER = "server"
 FILES, CODE = "/run/swarmwright/files", "/run/swarmwright/code"
 """Folders in the containers: the Secret, and the unpacked code."""
 ARCHIVE = "code.tar.gz"
-LARGEST = 1 << 20
+LARGEST_SECRET_BYTES = 1 << 20
 """Bytes in a Secret, of Kubernetes."""
-FINISHED_KEPT = 300
+FINISHED_KEPT_S = 300
 """Seconds after which Kubernetes deletes a job that has ended, should the tool be gone."""
-LOST_NODE = 30
+LOST_NODE_S = 30
 """Seconds after which a pod is replaced whose node does not answer; Kubernetes's default is 300."""
 
 
@@ -41,11 +41,11 @@ def secret(name: str, run: str, specification: Specification, owner: Mapping[str
     if specification.code is not None:
         data[ARCHIVE] = specification.code.archive
     size = sum(map(len, data.values()))
-    if size > LARGEST:
+    if size > LARGEST_SECRET_BYTES:
         raise InputError(
-            f"servers: the simulation's code and files are {size / LARGEST:.1f} MiB, compressed; a Secret of "
-            "Kubernetes holds 1 MiB: put them into the image, and name their folder in it with the option "
-            "code"
+            f"servers: the simulation's code and files are {size / LARGEST_SECRET_BYTES:.1f} MiB, compressed;"
+            " a Secret of Kubernetes holds 1 MiB: put them into the image, and name their folder in it with "
+            "the option code"
         )
     return {
         "apiVersion": "v1",
@@ -93,7 +93,7 @@ def job(
                     {"action": "Ignore", "onPodConditions": [{"type": "DisruptionTarget", "status": "True"}]}
                 ]
             },
-            "ttlSecondsAfterFinished": FINISHED_KEPT,
+            "ttlSecondsAfterFinished": FINISHED_KEPT_S,
             "template": {
                 "metadata": {"labels": labels, "annotations": options.annotations},
                 "spec": _merged(_pod(name, servers, options, specification), options.pod),
@@ -119,7 +119,7 @@ def _pod(
             "key": f"node.kubernetes.io/{key}",
             "operator": "Exists",
             "effect": "NoExecute",
-            "tolerationSeconds": LOST_NODE,
+            "tolerationSeconds": LOST_NODE_S,
         }
         for key in ("not-ready", "unreachable")
     ]

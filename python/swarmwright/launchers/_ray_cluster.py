@@ -10,13 +10,13 @@ import ray
 from ray.exceptions import GetTimeoutError, RayError
 
 from swarmwright.launchers._base import Health
-from swarmwright.launchers._slot import GRACE, End, Slot
+from swarmwright.launchers._slot import GRACE_S, End, Slot
 from swarmwright.launchers._specification import Specification
 
 if TYPE_CHECKING:
     from swarmwright.launchers.ray import RayOptions
 
-_SHORT = 5.0
+_ANSWER_S = 5.0
 """Seconds for a question to an actor."""
 
 
@@ -102,7 +102,7 @@ class Cluster:
             one.handle.stop.remote()
         if running:
             ends = [one.end for one in running]
-            ray.wait(ends, num_returns=len(ends), timeout=GRACE + _SHORT)
+            ray.wait(ends, num_returns=len(ends), timeout=GRACE_S + _ANSWER_S)
         for one in leaving.values():
             with suppress(RayError, ValueError):
                 ray.kill(one.handle)
@@ -113,7 +113,7 @@ class Cluster:
         if one is None or one.ended is not None or not self._is_there(one):
             return list(self._printed.get(server, ()))[-lines:]
         with suppress(RayError, GetTimeoutError):
-            found: Sequence[str] = ray.get(one.handle.tail.remote(lines), timeout=_SHORT)
+            found: Sequence[str] = ray.get(one.handle.tail.remote(lines), timeout=_ANSWER_S)
             return found
         return []
 

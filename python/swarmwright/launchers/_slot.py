@@ -19,9 +19,9 @@ from tempfile import TemporaryDirectory
 
 from swarmwright.launchers._specification import Specification
 
-GRACE = 10.0
+GRACE_S = 10.0
 """Seconds that a server has to end after SIGTERM."""
-_KEPT = 200
+_KEPT_LINES = 200
 """Lines kept of what a server prints."""
 
 
@@ -47,7 +47,7 @@ class Slot:
         self, specification: Specification, server: int, code: str | None, base: str | None = None
     ) -> None:
         self._specification, self._server, self._code, self._base = specification, server, code, base
-        self._lines: deque[str] = deque(maxlen=_KEPT)
+        self._lines: deque[str] = deque(maxlen=_KEPT_LINES)
         self._process: subprocess.Popen[str] | None = None
         self._lock = threading.Lock()
         self._stopping = False
@@ -78,14 +78,14 @@ class Slot:
         return list(self._lines)[-lines:]
 
     def stop(self) -> None:
-        """Ask the server to end, by SIGTERM; end it by force after GRACE. Returns at once."""
+        """Ask the server to end, by SIGTERM; end it by force after GRACE_S. Returns at once."""
         with self._lock:
             again, self._stopping = self._stopping, True
             process = self._process
         if again or process is None:
             return
         process.terminate()
-        timer = threading.Timer(GRACE, process.kill)
+        timer = threading.Timer(GRACE_S, process.kill)
         timer.daemon = True
         timer.start()
 

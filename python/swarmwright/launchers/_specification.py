@@ -8,7 +8,7 @@ from swarmwright.launchers._code import Code
 
 PASSWORD, AUTHORITY = "password", "ca.pem"
 """Names of files that servers read."""
-BROKER_TIMEOUT = 60.0
+BROKER_TIMEOUT_S = 60.0
 """Seconds after which a server ends that cannot reach its broker: what started it is gone."""
 
 
@@ -58,8 +58,8 @@ class Specification:
             *("--broker", self.broker),
             *("--id", str(server)),
             *("--step-timeout", f"{self.step_timeout:g}"),
-            *("--wait", f"{BROKER_TIMEOUT:g}"),
-            *("--broker-timeout", f"{BROKER_TIMEOUT:g}"),
+            *("--wait", f"{BROKER_TIMEOUT_S:g}"),
+            *("--broker-timeout", f"{BROKER_TIMEOUT_S:g}"),
             *prefix,
             *(word for name in self.modules for word in ("--modules", name)),
         ]

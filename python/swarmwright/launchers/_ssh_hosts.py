@@ -17,17 +17,18 @@ from swarmwright.launchers._specification import Specification
 if TYPE_CHECKING:
     from swarmwright.launchers.ssh import Host, SshOptions
 
-GRACE = 10.0
+GRACE_S = 10.0
 """Seconds that a server has to end after SIGTERM."""
-RETRY = 5.0
+RETRY_S = 5.0
 """Seconds between two attempts to reach a machine."""
-CONNECT = 15.0
+CONNECT_S = 15.0
 """Seconds for connecting and logging in."""
-KEEPALIVE = 10.0
+KEEPALIVE_S = 10.0
 """Seconds between signs of life on an idle connection; the third that is not answered ends it."""
-_LAST_WORDS = 0.1
+_JUMP_CLOSE_S = 0.1
 """Seconds for connections to jump hosts, which close after those that they carry."""
-_KEPT = 200
+_KEPT_LINES = 200
+"""Lines that are kept of what a server prints."""
 
 
 class _Unusable(Exception):  # noqa: N818 - a state
@@ -56,7 +57,7 @@ class _Remote:
     """A server."""
 
     health: Health = field(default_factory=lambda: Health("waiting", "for a free slot"))
-    lines: deque[str] = field(default_factory=lambda: deque(maxlen=_KEPT))
+    lines: deque[str] = field(default_factory=lambda: deque(maxlen=_KEPT_LINES))
     task: "asyncio.Task[None] | None" = None
     process: Any = None
     stopped: bool = False
@@ -112,7 +113,7 @@ class Hosts:
         await asyncio.gather(
             *(_closed(one.connection) for one in self._machines if one.connection is not None)
         )
-        await asyncio.sleep(_LAST_WORDS)
+        await asyncio.sleep(_JUMP_CLOSE_S)
 
     async def _end(self, server: _Remote) -> None:
         server.stopped = True
@@ -121,19 +122,19 @@ class Hosts:
         with suppress(Exception):  # the connection may be gone
             if server.process is not None:
                 server.process.stdin.write_eof()  # on which the script there ends the server
-        _, unfinished = await asyncio.wait([server.task], timeout=GRACE + 2.0)
+        _, unfinished = await asyncio.wait([server.task], timeout=GRACE_S + 2.0)
         for task in unfinished:
             task.cancel()
 
     async def _connect(self, machine: _Machine) -> None:
         import asyncssh  # noqa: PLC0415 - optional
 
-        machine.again_at = asyncio.get_running_loop().time() + RETRY
+        machine.again_at = asyncio.get_running_loop().time() + RETRY_S
         if machine.connection is not None:
             machine.connection.abort()
         try:
             machine.connection = await asyncio.wait_for(
-                asyncssh.connect(machine.host.host, **self._arguments(machine.host)), CONNECT
+                asyncssh.connect(machine.host.host, **self._arguments(machine.host)), CONNECT_S
             )
             machine.home = (await self._ask(machine, 'printf "%s" "$HOME"')).strip()
             machine.slots = machine.host.slots or int(await self._ask(machine, "nproc"))
@@ -144,7 +145,7 @@ class Hosts:
         except _Unusable as error:
             machine.problem = str(error)
         except TimeoutError:
-            machine.problem = f"no answer within {CONNECT:g} s"
+            machine.problem = f"no answer within {CONNECT_S:g} s"
         except asyncssh.HostKeyNotVerifiable as error:
             machine.problem = (
                 f"its host key is not trusted ({error.reason}); log in once with ssh and compare it, or name "
@@ -173,7 +174,7 @@ class Hosts:
             "config": None if options.config is None else [options.config],
         }
         named = {name: value for name, value in given.items() if value is not None}
-        return {**named, "keepalive_interval": KEEPALIVE, "login_timeout": CONNECT}
+        return {**named, "keepalive_interval": KEEPALIVE_S, "login_timeout": CONNECT_S}
 
     async def _ask(self, machine: _Machine, command: str, problem: str | None = None) -> str:
         setup = f"{self._options.setup}\n" if self._options.setup else ""
@@ -252,7 +253,7 @@ class Hosts:
 
     def _lost(self, machine: _Machine, words: str) -> None:
         machine.problem = words
-        machine.again_at = asyncio.get_running_loop().time() + RETRY
+        machine.again_at = asyncio.get_running_loop().time() + RETRY_S
 
     async def _copy_secrets(self, machine: _Machine, server: int) -> str:
         import asyncssh  # noqa: PLC0415 - optional
@@ -287,7 +288,7 @@ class Hosts:
                 "(",
                 "  cat <&3",
                 "  kill -TERM $server",
-                f"  left={10 * GRACE:g}",
+                f"  left={10 * GRACE_S:g}",
                 "  while kill -0 $server && [ $left -gt 0 ]; do sleep 0.1; left=$((left - 1)); done",
                 "  kill -KILL $server",
                 ") > /dev/null 2>&1 &",
@@ -304,7 +305,7 @@ class Hosts:
 async def _closed(connection: Any) -> None:  # noqa: ANN401 - of asyncssh
     """Wait until a connection is closed, and close it by force if it does not."""
     try:
-        await asyncio.wait_for(connection.wait_closed(), GRACE)
+        await asyncio.wait_for(connection.wait_closed(), GRACE_S)
     except Exception:  # noqa: BLE001 - it may have broken in any way
         connection.abort()
 

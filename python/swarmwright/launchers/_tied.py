@@ -13,7 +13,7 @@ import sys
 import threading
 import time
 
-from swarmwright.launchers._slot import GRACE
+from swarmwright.launchers._slot import GRACE_S
 
 _SET_PARENT_DEATH_SIGNAL = 1  # PR_SET_PDEATHSIG, <linux/prctl.h>
 _POLL_S = 0.5
@@ -39,7 +39,7 @@ def _watch(parent: int, folder: str) -> None:
     """End by force what does not end on SIGTERM after the parent has ended."""
     while os.getppid() == parent:
         time.sleep(_POLL_S)
-    time.sleep(GRACE)
+    time.sleep(GRACE_S)
     shutil.rmtree(folder, ignore_errors=True)
     os.killpg(0, signal.SIGKILL)
 

@@ -15,9 +15,9 @@ from swarmwright.launchers._kubernetes_manifests import INDEX, INSTANCE, JOB, MA
 from swarmwright.launchers._remote import RemoteOptions
 from swarmwright.launchers._specification import Specification
 
-LEAVE = 60.0
+LEAVE_S = 60.0
 """Seconds beyond their grace that deleted pods have to leave."""
-_TOGETHER = 200
+_PODS_PER_REQUEST = 200
 """Pods deleted by one request, whose selector is part of its address."""
 Quantity = str | int | float
 
@@ -170,7 +170,7 @@ class Kubernetes(Launcher):
         if api is None or self._number == 0:
             return
         api.delete_all(self._selector)
-        deadline = time.monotonic() + self.options.grace + LEAVE
+        deadline = time.monotonic() + self.options.grace + LEAVE_S
         while left := api.left(self._selector):
             if time.monotonic() > deadline:
                 raise LauncherError(f"these were deleted, and are still there: {', '.join(left)}")
@@ -183,8 +183,8 @@ class Kubernetes(Launcher):
         return self._api
 
     def _delete_pods(self, name: str, indexes: Sequence[int]) -> None:
-        for first in range(0, len(indexes), _TOGETHER):
-            some = ",".join(map(str, indexes[first : first + _TOGETHER]))
+        for first in range(0, len(indexes), _PODS_PER_REQUEST):
+            some = ",".join(map(str, indexes[first : first + _PODS_PER_REQUEST]))
             self._opened().delete_pods(f"{JOB}={name},{INDEX} in ({some})")
 
     def _end_late(

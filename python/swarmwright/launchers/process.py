@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 
 _WARNINGS = {"warning", "waiting", "lost"}
 """Events of servers that say what is wrong with them."""
-_KEPT = 5
+_KEPT_WARNINGS = 5
+"""Warnings that are kept of each server."""
 
 
 class ProcessOptions(LauncherOptions):
@@ -124,7 +125,7 @@ class Process(Launcher):
     def _hear(self, news: News) -> None:
         if isinstance(news, Event) and news.report.get("event") in _WARNINGS:
             words = news.report.get("message") or news.report.get("reason")
-            kept = self._warnings.setdefault(news.server, deque(maxlen=_KEPT))
+            kept = self._warnings.setdefault(news.server, deque(maxlen=_KEPT_WARNINGS))
             if words and words not in kept:
                 kept.append(str(words))
 

@@ -20,11 +20,11 @@ from swarmwright.launchers._base import Health, Launcher, LauncherError
 from swarmwright.launchers._remote import RemoteOptions, called, prepared, unpacked
 from swarmwright.launchers._specification import Specification
 
-ANSWER = 60.0
+ANSWER_S = 60.0
 """Seconds for Slurm's programs to answer."""
-LEAVE = 60.0
+LEAVE_S = 60.0
 """Seconds that cancelled jobs have to leave the queue."""
-BEFORE_LIMIT = 30
+BEFORE_LIMIT_S = 30
 """Seconds before its time limit at which a server is asked to end."""
 ARCHIVE = "code.tar.gz"
 _WAITING = {"PENDING", "CONFIGURING", "REQUEUED", "REQUEUE_HOLD", "REQUEUE_FED", "SPECIAL_EXIT", "SUSPENDED"}
@@ -171,7 +171,7 @@ class Slurm(Launcher):
 
     def _cancel_all(self) -> None:
         self._slurm("scancel", "--quiet", f"--name={self.name}", f"--user={getpass.getuser()}")
-        deadline = time.monotonic() + LEAVE
+        deadline = time.monotonic() + LEAVE_S
         while left := [job for job, state, _ in self._listed() if state in _WAITING | _RUNNING]:
             if time.monotonic() > deadline:
                 raise LauncherError(f"the jobs {', '.join(left)} were cancelled and are still in the queue")
@@ -212,7 +212,7 @@ class Slurm(Launcher):
             "--open-mode=append",
             f"--chdir={self._folder}",
             # To the program itself, in whose place the shell of the script is.
-            f"--signal=B:TERM@{BEFORE_LIMIT}",
+            f"--signal=B:TERM@{BEFORE_LIMIT_S}",
             "--requeue" if options.requeue else "--no-requeue",
             *(f"--{name}={value}" for name, value in given.items() if value is not None),
             *options.arguments,
@@ -249,12 +249,12 @@ class Slurm(Launcher):
                 capture_output=True,
                 text=True,
                 errors="replace",
-                timeout=ANSWER,
+                timeout=ANSWER_S,
                 env={**os.environ, "LC_ALL": "C"},
                 check=False,
             )
         except subprocess.TimeoutExpired as error:
-            raise LauncherError(f"{command[0]} has not answered within {ANSWER:g} s") from error
+            raise LauncherError(f"{command[0]} has not answered within {ANSWER_S:g} s") from error
         except OSError as error:
             raise LauncherError(f"{command[0]}: {error.strerror}") from error
         if result.returncode != 0:

@@ -14,7 +14,7 @@ from swarmwright.core.problems import shown
 from swarmwright.launchers._base import Health, Launcher, LauncherError
 from swarmwright.launchers._remote import RemoteOptions
 from swarmwright.launchers._specification import Specification
-from swarmwright.launchers._ssh_hosts import GRACE, Hosts
+from swarmwright.launchers._ssh_hosts import GRACE_S, Hosts
 
 Result = TypeVar("Result")
 
@@ -150,7 +150,7 @@ class Ssh(Launcher):
         if loop is None or self._thread is None:
             return
         if self._hosts is not None:
-            asyncio.run_coroutine_threadsafe(self._hosts.close(), loop).result(3 * GRACE)
+            asyncio.run_coroutine_threadsafe(self._hosts.close(), loop).result(3 * GRACE_S)
         loop.call_soon_threadsafe(loop.stop)
         self._thread.join()
         loop.close()

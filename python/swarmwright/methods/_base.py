@@ -15,7 +15,7 @@ from swarmwright.core.options import Options
 from swarmwright.core.plug_in_code import is_plug_in, numbers
 from swarmwright.core.random_numbers import Stream, Streams
 from swarmwright.methods._steady import SteadyState
-from swarmwright.representations._base import Representation
+from swarmwright.representations import Representation
 from swarmwright.typing import Fitness, Genomes
 
 NO_LIMIT = 1_000_000_000

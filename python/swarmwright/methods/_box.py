@@ -5,8 +5,8 @@ from pydantic import Field
 
 from swarmwright.methods._base import MethodOptions
 from swarmwright.methods._numbers import DISCRETE, center_and_reach, limits
-from swarmwright.methods._search import KeepsMembers
-from swarmwright.representations._base import Representation
+from swarmwright.methods.search import KeepsMembers
+from swarmwright.representations import Representation
 from swarmwright.typing import Genomes, Limits
 
 

@@ -12,8 +12,8 @@ from swarmwright.core.random_numbers import Stream
 from swarmwright.methods._base import MethodOptions
 from swarmwright.methods._gaussian import logarithm
 from swarmwright.methods._numbers import DISCRETE, center_and_reach
-from swarmwright.methods._search import SearchMethod
-from swarmwright.representations._base import Representation
+from swarmwright.methods.search import SearchMethod
+from swarmwright.representations import Representation
 
 
 class CmaOptions(MethodOptions):

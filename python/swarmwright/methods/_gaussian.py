@@ -5,8 +5,8 @@ from numpy.typing import NDArray
 
 from swarmwright import _engine
 from swarmwright.methods._numbers import DISCRETE, center_and_reach, limits
-from swarmwright.methods._search import SearchMethod
-from swarmwright.representations._base import Representation
+from swarmwright.methods.search import SearchMethod
+from swarmwright.representations import Representation
 
 Numbers = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ from swarmwright import _engine
 from swarmwright.core.random_numbers import Streams
 from swarmwright.methods._base import MethodOptions
 from swarmwright.methods._gaussian import Gaussian, Numbers, logarithm
-from swarmwright.representations._base import Representation
+from swarmwright.representations import Representation
 from swarmwright.typing import Genome
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from swarmwright import _engine
 from swarmwright.core.random_numbers import Streams
-from swarmwright.representations._base import Representation
+from swarmwright.representations import Representation
 from swarmwright.typing import Fitness, Genome, Genomes
 
 if TYPE_CHECKING:

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.representations._base import Representation
+from swarmwright.representations import Representation
 
 _LARGEST_GENE = float(np.finfo(np.float32).max)
 

@@ -11,7 +11,7 @@ import numpy as np
 from swarmwright.core.errors import InputError
 from swarmwright.core.plug_in_code import is_plug_in, numbers
 from swarmwright.core.random_numbers import Streams
-from swarmwright.representations._base import Representation
+from swarmwright.representations import Representation
 from swarmwright.typing import Genome, Genomes
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ from pydantic import Field, model_validator
 from swarmwright import _engine
 from swarmwright.core.random_numbers import Streams
 from swarmwright.methods._base import Method, MethodOptions
-from swarmwright.representations._base import Representation
+from swarmwright.representations import Representation
 from swarmwright.typing import Fitness, Genome, Genomes
 
 

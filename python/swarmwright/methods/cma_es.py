@@ -4,9 +4,10 @@ from typing import ClassVar, Literal
 
 from swarmwright.methods._cma import Cma, CmaOptions
 from swarmwright.methods._numbers import beyond_covariance
-from swarmwright.representations._base import Representation
+from swarmwright.representations import Representation
 
-_LARGEST = 5000
+_MOST_GENES = 5000
+"""Genes for which a covariance matrix is affordable."""
 
 
 class CmaEsOptions(CmaOptions):
@@ -33,6 +34,6 @@ class CmaEs(Cma):
     @classmethod
     def unsuitable(cls, representation: Representation) -> str | None:
         """Refuse discrete representations, and genomes whose covariance matrix would be too large."""
-        return beyond_covariance(representation, _LARGEST, "sep_cma_es or openai_es") or super().unsuitable(
-            representation
-        )
+        return beyond_covariance(
+            representation, _MOST_GENES, "sep_cma_es or openai_es"
+        ) or super().unsuitable(representation)

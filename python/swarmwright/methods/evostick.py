@@ -8,8 +8,8 @@ from pydantic import Field
 from swarmwright import _engine
 from swarmwright.methods._base import MethodOptions
 from swarmwright.methods._numbers import DISCRETE, center_and_reach, limits
-from swarmwright.methods._search import SearchMethod
-from swarmwright.representations._base import Representation
+from swarmwright.methods.search import SearchMethod
+from swarmwright.representations import Representation
 
 
 class EvostickOptions(MethodOptions):

@@ -7,13 +7,14 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from swarmwright.core.options import Options
-from swarmwright.methods._archive import Archive, Axis, Grid, Values
 from swarmwright.methods._base import Method, MethodOptions
 from swarmwright.methods._numbers import center_and_reach
-from swarmwright.representations._base import Representation
+from swarmwright.methods.archive import Archive, Axis, Grid, Values
+from swarmwright.representations import Representation
 from swarmwright.typing import Fitness, Genome, Genomes
 
 _MOST_CELLS = 1_000_000
+"""Cells of an archive."""
 
 
 class Measure(Options):

@@ -10,12 +10,13 @@ from pydantic import Field, model_validator
 from swarmwright import _engine
 from swarmwright.methods._base import MethodOptions
 from swarmwright.methods._nnga_steady import SteadyMembers
-from swarmwright.methods._search import KeepsMembers
-from swarmwright.representations._base import Representation
-from swarmwright.representations._network import NodeNetwork
+from swarmwright.methods.search import KeepsMembers
+from swarmwright.representations import Representation
+from swarmwright.representations.network import NodeNetwork
 from swarmwright.typing import Fitness, Genome, Genomes
 
 _MOST_MEMBERS = 10_000_000
+"""Of a population."""
 
 
 @dataclass(frozen=True)

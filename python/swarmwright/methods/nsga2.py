@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from swarmwright.core.random_numbers import Streams
-from swarmwright.methods._archive import Values, crowding, ranks
 from swarmwright.methods._base import Method, MethodOptions
-from swarmwright.representations._base import Representation
+from swarmwright.methods.archive import Values, crowding, ranks
+from swarmwright.representations import Representation
 from swarmwright.typing import Fitness, Genome, Genomes
 
 _ATTEMPTS = 20

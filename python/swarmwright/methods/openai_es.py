@@ -7,7 +7,7 @@ from pydantic import Field
 from swarmwright import _engine
 from swarmwright.methods._base import MethodOptions
 from swarmwright.methods._gaussian import Pairs
-from swarmwright.representations._base import Representation
+from swarmwright.representations import Representation
 
 
 class OpenaiEsOptions(MethodOptions):

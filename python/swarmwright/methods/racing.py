@@ -11,7 +11,7 @@ from swarmwright.core.race_tests import Test
 from swarmwright.core.random_numbers import Stream, Streams
 from swarmwright.methods._base import NO_LIMIT, Incumbent, Method, MethodOptions
 from swarmwright.methods._race import Entrant, Race, Rules
-from swarmwright.representations._base import Representation
+from swarmwright.representations import Representation
 from swarmwright.typing import Fitness, Genomes
 
 _SAME = 1e-4

@@ -6,7 +6,7 @@ import numpy as np
 from pydantic import Field
 
 from swarmwright.methods._base import Method, MethodOptions
-from swarmwright.representations._base import Representation
+from swarmwright.representations import Representation
 from swarmwright.typing import Fitness, Genome, Genomes
 
 

@@ -6,9 +6,10 @@ from typing import ClassVar, Literal
 from swarmwright.methods._gaussian import logarithm
 from swarmwright.methods._nes import Nes, NesOptions
 from swarmwright.methods._numbers import beyond_covariance
-from swarmwright.representations._base import Representation
+from swarmwright.representations import Representation
 
-_LARGEST = 500
+_MOST_GENES = 500
+"""Genes for which a matrix exponential is affordable."""
 
 
 class XnesOptions(NesOptions):
@@ -36,7 +37,7 @@ class Xnes(Nes):
     def unsuitable(cls, representation: Representation) -> str | None:
         """Refuse discrete representations, and genomes whose covariance matrix would be too large."""
         return beyond_covariance(
-            representation, _LARGEST, "snes, sep_cma_es or openai_es"
+            representation, _MOST_GENES, "snes, sep_cma_es or openai_es"
         ) or super().unsuitable(representation)
 
     @staticmethod

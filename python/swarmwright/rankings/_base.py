@@ -131,9 +131,3 @@ class Ranking(ABC):
     @abstractmethod
     def _score(self, episodes: Sequence[Sequence[float]]) -> Fitness:
         """Return (candidates,) fitness of each one's results: finite, at least one, not all equally many."""
-
-
-def best_first(fitness: Fitness) -> NDArray[np.intp]:
-    """Return indices from the best to the worst; equal ones by index, failed ones (NaN) last, by index."""
-    order: NDArray[np.intp] = np.argsort(-fitness, kind="stable")  # NaN sorts last
-    return order

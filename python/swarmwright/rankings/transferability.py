@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from swarmwright.rankings._base import best_first
-from swarmwright.rankings._slow import Episodes, Ranked, Rounds, SlowOptions, SlowRanking, row_means
+from swarmwright.core.order import best_first
+from swarmwright.rankings.slow_simulation import Episodes, Ranked, Rounds, SlowOptions, SlowRanking, row_means
 from swarmwright.typing import Fitness
 
 Values = NDArray[np.float64]

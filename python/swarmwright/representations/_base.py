@@ -6,6 +6,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmwright.core.arrays import shortest
 from swarmwright.core.errors import InputError
 from swarmwright.core.options import Options
 from swarmwright.core.plug_in_code import is_plug_in, numbers
@@ -303,9 +304,3 @@ def in_parts(count: int, each: int) -> list[slice]:
     """Return slices of `count` things of `each` numbers, so that arrays of a part stay small."""
     step = max(1, FEW // max(each, 1))
     return [slice(first, first + step) for first in range(0, count, step)]
-
-
-def shortest(genome: Genome) -> list[float]:
-    """Return float32 numbers as the Python floats whose shortest decimals read back as the same float32."""
-    # As plain str: float() of a numpy string may swallow a KeyboardInterrupt that comes in between.
-    return [float(text) for text in genome.astype(np.float32).astype(str).tolist()]

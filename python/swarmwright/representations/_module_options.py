@@ -12,7 +12,7 @@ from swarmwright.core.automode import machine_of, tree_of
 from swarmwright.core.errors import InputError
 from swarmwright.core.options import Options
 from swarmwright.core.yaml import path_of, read
-from swarmwright.modules._registered import module
+from swarmwright.modules.registered import module
 
 _BUILT_IN = frozenset({*modules.BEHAVIOURS, *modules.CONDITIONS})
 

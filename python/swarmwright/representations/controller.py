@@ -16,10 +16,10 @@ from swarmwright.core.errors import InputError, engine_errors, explained
 from swarmwright.core.files import read_bytes, write_text
 from swarmwright.core.modules import ACTUATORS, PYTHON_KIND, SENSORS
 from swarmwright.core.teams import is_team, parts_of
-from swarmwright.modules._machine import Swarm
-from swarmwright.modules._registered import find
+from swarmwright.modules.machine import Swarm
+from swarmwright.modules.registered import find
 
-_LARGEST = 1 << 28
+_LARGEST_FILE_BYTES = 1 << 28
 """Bytes of a file."""
 
 
@@ -248,7 +248,7 @@ def genome_beside(file: Path) -> Any:  # noqa: ANN401 - whatever the file says
 def _read(file: Path) -> Any:  # noqa: ANN401 - whatever the file says
     """Return what a file says. Raises InputError when it cannot be read or is not JSON."""
     try:
-        return json.loads(read_bytes(file, _LARGEST))
+        return json.loads(read_bytes(file, _LARGEST_FILE_BYTES))
     except FileNotFoundError:
         raise InputError(f"{file}: there is no such file") from None
     except OSError as error:

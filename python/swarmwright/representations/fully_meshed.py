@@ -5,7 +5,7 @@ from typing import Any, ClassVar, Literal
 
 from pydantic import Field
 
-from swarmwright.representations._network import NetworkOptions, NodeNetwork
+from swarmwright.representations.network import NetworkOptions, NodeNetwork
 
 
 class FullyMeshedOptions(NetworkOptions):

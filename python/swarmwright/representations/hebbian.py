@@ -8,7 +8,7 @@ from pydantic import Field
 
 from swarmwright.core.options import Options
 from swarmwright.core.random_numbers import Stream, Streams
-from swarmwright.representations._network import NodeNetwork
+from swarmwright.representations.network import NodeNetwork
 from swarmwright.typing import Genome, Genomes, Limits
 
 

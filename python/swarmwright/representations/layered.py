@@ -6,7 +6,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
-from swarmwright.representations._network import NetworkOptions, NodeNetwork
+from swarmwright.representations.network import NetworkOptions, NodeNetwork
 
 Size = Annotated[int, Field(ge=1, le=10_000)]
 

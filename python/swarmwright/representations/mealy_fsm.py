@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, WithJsonSchema
 
+from swarmwright.core.arrays import shortest
 from swarmwright.core.errors import InputError
 from swarmwright.core.options import Options
 from swarmwright.core.problems import shown
 from swarmwright.core.random_numbers import Stream, Streams
-from swarmwright.representations._base import MANY, Representation, in_parts, shortest
+from swarmwright.representations._base import MANY, Representation, in_parts
 from swarmwright.typing import Genome, Genomes, Limits
 
 _MOST_LEVELS = 1000

@@ -7,9 +7,10 @@ from pydantic import Field
 
 from swarmwright.core.errors import InputError
 from swarmwright.core.options import Options
-from swarmwright.representations._network import NodeNetwork
+from swarmwright.representations.network import NodeNetwork
 
-_MOST = 1_000_000
+_MOST_WEIGHTS = 1_000_000
+"""Of a network."""
 
 
 class NeatOptions(Options):
@@ -18,8 +19,12 @@ class NeatOptions(Options):
     kind: Literal["neat"] = "neat"
     sources: (
         Annotated[
-            list[Annotated[list[Annotated[int, Field(ge=0, le=2 * _MOST)]], Field(max_length=_MOST)]],
-            Field(min_length=1, max_length=_MOST),
+            list[
+                Annotated[
+                    list[Annotated[int, Field(ge=0, le=2 * _MOST_WEIGHTS)]], Field(max_length=_MOST_WEIGHTS)
+                ]
+            ],
+            Field(min_length=1, max_length=_MOST_WEIGHTS),
         ]
         | None
     ) = None
@@ -72,8 +77,10 @@ class Neat(NodeNetwork):
                     f"controller.sources[{row}]: the node {beyond[0]} found, but with {sensors} sensors the "
                     f"last one is {nodes - 1}"
                 )
-        if self.genome_size > _MOST:
-            raise InputError(f"controller.sources: {self.genome_size} weights, at most {_MOST} are possible")
+        if self.genome_size > _MOST_WEIGHTS:
+            raise InputError(
+                f"controller.sources: {self.genome_size} weights, at most {_MOST_WEIGHTS} are possible"
+            )
 
     @property
     def sources(self) -> list[list[int]]:

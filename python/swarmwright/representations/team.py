@@ -21,7 +21,8 @@ from swarmwright.representations._base import Representation
 from swarmwright.typing import Genome, Genomes, Limits
 
 _DEFAULT_KIND = "layered"
-_LARGEST = 1_000_000
+_LARGEST_COUNT = 1_000_000
+"""Agents, sensors or actuators of a group, at most."""
 
 
 class GroupOptions(Options):
@@ -31,13 +32,13 @@ class GroupOptions(Options):
 
     kind: str = _DEFAULT_KIND
     """The representation of the group's controllers, with the options of that kind beside it."""
-    agents: int | None = Field(default=None, ge=0, le=_LARGEST)
+    agents: int | None = Field(default=None, ge=0, le=_LARGEST_COUNT)
     """Number of agents. Only for simulations that do not declare groups; the last group has all other agents
     where it is left out."""
-    sensors: int | None = Field(default=None, ge=1, le=_LARGEST)
+    sensors: int | None = Field(default=None, ge=1, le=_LARGEST_COUNT)
     """Sensor values of an agent. Only for simulations that do not declare groups; default: what servers
     announce for all agents."""
-    actuators: int | None = Field(default=None, ge=1, le=_LARGEST)
+    actuators: int | None = Field(default=None, ge=1, le=_LARGEST_COUNT)
     """Actuator values of an agent, in the same way."""
     _options: Any = PrivateAttr(default=None)
 

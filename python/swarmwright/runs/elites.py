@@ -1,7 +1,7 @@
 """Elites of a run with several objectives or with quality diversity, made from its record."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from swarmwright.core.errors import InputError
 from swarmwright.core.statistics import means
-from swarmwright.methods._archive import Archive, Axis, Grid, Values, front_with
+from swarmwright.methods.archive import Archive, Axis, Grid, Values, front_with
 from swarmwright.methods.map_elites import MapElitesOptions
 from swarmwright.methods.nsga2 import Nsga2Options
 from swarmwright.typing import Fitness
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from swarmwright.runs.run import Run
+    from swarmwright.store import Evaluated
 
 
 class Elite(NamedTuple):
@@ -155,34 +156,75 @@ def has_elites(run: "Run") -> bool:
     return isinstance(run.experiment.method, MapElitesOptions | Nsga2Options)
 
 
-def of_run(run: "Run") -> Elites:
-    """Return the elites of a run, from its record. Raises InputError for other methods."""
-    options = run.experiment.method
-    if not isinstance(options, MapElitesOptions | Nsga2Options):
-        kind: str = options.kind
-        raise InputError(
-            f"{run.path}: was made by {kind}, which has one objective and no archive; runs of map_elites and "
-            "nsga2 have elites"
-        )
-    names = list(options.needed_metrics)
-    columns = [run.metrics.index(name) for name in names]
-    kept = _Best(options.grid) if isinstance(options, MapElitesOptions) else _Front(options)
-    seen = _Metrics(names, options.grid.axes if isinstance(options, MapElitesOptions) else ())
+def of_run(run: "Run", at: int | None = None) -> Elites:
+    """Return the elites of a run, from its record. Raises InputError for other methods.
+
+    at: of its first so many evaluations; None: of all.
+    """
+    collected = _Collected(run)
+    left = run.evaluations if at is None else at
+    for evaluated in run.store.generations():
+        if evaluated.generation >= run.generations or left <= 0:
+            break
+        left -= collected.add(evaluated, left)
+    return collected.elites()
+
+
+def over_generations(run: "Run", chosen: Container[int]) -> Iterator[tuple[int, Elites]]:
+    """Yield the elites of a run as they were at the end of these generations, with the generation's number.
+
+    Raises InputError for other methods.
+    """
+    collected = _Collected(run)
     for evaluated in run.store.generations():
         if evaluated.generation >= run.generations:
             break
-        values = means(evaluated.metrics[:, :, columns])
-        kept.add(evaluated.generation, evaluated.fitness, values)
-        seen.add(evaluated.fitness, values)
-    rows = sorted(kept.rows(), key=lambda row: (-row[2], row[0], row[1]))
-    found = [
-        Elite(generation, candidate, fitness, dict(zip(names, metrics, strict=True)))
-        for generation, candidate, fitness, metrics in rows
-    ]
-    counts = seen.candidates, seen.missing(), seen.outside()
-    if isinstance(options, MapElitesOptions):
-        return Elites("archive", dict.fromkeys(names, "measure"), found, options.grid, *counts)
-    return Elites("front", dict(options.objectives), found, None, *counts)
+        collected.add(evaluated, len(evaluated.fitness))
+        if evaluated.generation in chosen:
+            yield evaluated.generation, collected.elites()
+
+
+class _Collected:
+    """Elites of a run whose generations are added one after the other."""
+
+    def __init__(self, run: "Run") -> None:
+        options = run.experiment.method
+        if not isinstance(options, MapElitesOptions | Nsga2Options):
+            kind: str = options.kind
+            raise InputError(
+                f"{run.path}: was made by {kind}, which has one objective and no archive; runs of map_elites "
+                "and nsga2 have elites"
+            )
+        self._options = options
+        self._names = list(options.needed_metrics)
+        self._columns = [run.metrics.index(name) for name in self._names]
+        if isinstance(options, MapElitesOptions):
+            self._kept: _Best | _Front = _Best(options.grid)
+            self._seen = _Metrics(self._names, options.grid.axes)
+        else:
+            self._kept = _Front(options)
+            self._seen = _Metrics(self._names, ())
+
+    def add(self, evaluated: "Evaluated", count: int) -> int:
+        """Add the first `count` candidates of a generation, or all where it has fewer; return how many."""
+        fitness, values = evaluated.fitness[:count], means(evaluated.metrics[:count, :, self._columns])
+        self._kept.add(evaluated.generation, fitness, values)
+        self._seen.add(fitness, values)
+        return len(fitness)
+
+    def elites(self) -> Elites:
+        """Return those so far."""
+        rows = sorted(self._kept.rows(), key=lambda row: (-row[2], row[0], row[1]))
+        found = [
+            Elite(generation, candidate, fitness, dict(zip(self._names, metrics, strict=True)))
+            for generation, candidate, fitness, metrics in rows
+        ]
+        counts = self._seen.candidates, self._seen.missing(), self._seen.outside()
+        options = self._options
+        if isinstance(options, MapElitesOptions):
+            goals = dict.fromkeys(self._names, "measure")
+            return Elites("archive", goals, found, options.grid, *counts)
+        return Elites("front", dict(options.objectives), found, None, *counts)
 
 
 _Row = tuple[int, int, float, list[float]]

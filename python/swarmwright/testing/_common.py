@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from swarmwright.core.descriptions import described
 from swarmwright.core.options import Options
 from swarmwright.core.registry import Registry
-from swarmwright.methods._base import Method
+from swarmwright.methods import Method
 from swarmwright.representations import REPRESENTATIONS, Representation
 from swarmwright.typing import Fitness, Genomes
 

@@ -5,10 +5,9 @@ from numpy.typing import NDArray
 
 from swarmwright.core import modules
 from swarmwright.core.random_numbers import Stream
-from swarmwright.modules import Senses
-from swarmwright.modules._base import Numbers, RandomNumbers, pcg4d
-from swarmwright.modules._machine import called
-from swarmwright.modules._registered import implementation, module
+from swarmwright.modules import RandomNumbers, Senses
+from swarmwright.modules.machine import called, random_words
+from swarmwright.modules.registered import implementation, module
 
 _ROBOTS, _STEPS = 40, 30
 
@@ -46,7 +45,9 @@ def _check(what: str, name: str) -> None:
         assert ((together >= 0) & (together <= 1)).all(), f"{name}: probabilities must be 0 to 1"
 
 
-def _run(what: str, name: str, sensors: Numbers, parameters: dict[str, Numbers]) -> NDArray[np.float32]:
+def _run(
+    what: str, name: str, sensors: NDArray[np.float32], parameters: dict[str, NDArray[np.float32]]
+) -> NDArray[np.float32]:
     """Return what comes out in each step, (steps, robots, ..), with a new object."""
     robots = sensors.shape[1]
     shape: tuple[int, ...]
@@ -60,7 +61,7 @@ def _run(what: str, name: str, sensors: Numbers, parameters: dict[str, Numbers])
     found = []
     for seen in sensors:
         bits = (seen[:, 8] * 16777216).astype(np.uint32)
-        random = RandomNumbers(bits, 0, pcg4d(bits, 1, 2, 3))
+        random = RandomNumbers(bits, 0, random_words(bits))
         before, given = seen.tobytes(), {key: value.copy() for key, value in parameters.items()}
         found.append(called(method, name, Senses.of(seen), given, state, random, shape=shape))
         assert seen.tobytes() == before, f"{name}: the senses must not be changed"
@@ -70,7 +71,7 @@ def _run(what: str, name: str, sensors: Numbers, parameters: dict[str, Numbers])
     return np.array(found)
 
 
-def _sensors() -> Numbers:
+def _sensors() -> NDArray[np.float32]:
     """Return what robots might sense, (steps, robots, 9)."""
     stream = Stream(1, "senses")
     found = stream.unit(_STEPS * _ROBOTS * modules.SENSORS).reshape(_STEPS, _ROBOTS, modules.SENSORS)
@@ -80,7 +81,7 @@ def _sensors() -> Numbers:
     return found.astype(np.float32)
 
 
-def _parameters(known: modules.Module) -> dict[str, Numbers]:
+def _parameters(known: modules.Module) -> dict[str, NDArray[np.float32]]:
     stream = Stream(1, "parameters")
     made = {}
     for name, (low, high, whole) in known.parameters.items():

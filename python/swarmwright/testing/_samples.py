@@ -6,7 +6,7 @@ import numpy as np
 
 from swarmwright.core.options import Options
 from swarmwright.core.random_numbers import Stream
-from swarmwright.representations._base import Representation
+from swarmwright.representations import Representation
 from swarmwright.typing import Genome, Limits
 
 _GENES = 12

@@ -6,8 +6,8 @@ from collections.abc import Callable
 import numpy as np
 
 from swarmwright.core.errors import InputError
-from swarmwright.methods._base import Method
-from swarmwright.representations._base import Representation
+from swarmwright.methods import Method
+from swarmwright.representations import Representation
 from swarmwright.typing import Genome
 
 _GENERATIONS = 3

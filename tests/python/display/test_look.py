@@ -11,7 +11,6 @@ from PIL import Image
 
 from swarmwright.core.state_colors import STATE_COLORS, state_color
 from swarmwright.display import Body, Patch, Recording, Scene
-from swarmwright.display._drawing import Picture
 from swarmwright.display._look import (
     DARK,
     FIELD,
@@ -28,6 +27,7 @@ from swarmwright.display._look import (
     rgb,
 )
 from swarmwright.display._look import STATES as OF_CONTROLLERS
+from swarmwright.display.drawing import Picture
 from swarmwright.display.files import save
 
 STATES = ("free", "carrying", "charging", "waiting")

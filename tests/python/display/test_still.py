@@ -8,8 +8,8 @@ from PIL import Image
 from swarmwright import Controller, Experiment, _engine
 from swarmwright.core.random_numbers import Stream
 from swarmwright.display import Body, Recording, Scene, record
-from swarmwright.display._drawing import LEFT, RIGHT, STATUS, WIDTH, Picture
 from swarmwright.display._ground import cell_step
+from swarmwright.display.drawing import LEFT, RIGHT, STATUS, WIDTH, Picture
 from swarmwright.display.files import save
 
 

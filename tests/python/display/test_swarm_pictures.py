@@ -10,8 +10,8 @@ from PIL import Image
 
 from swarmwright import InputError
 from swarmwright.display import Bodies, Part, Recording, Scene, Shown, Style
-from swarmwright.display._drawing import Picture
 from swarmwright.display._look import FIELD, FLOOR, INK, LIGHT, Looks, lightened, rgb, value_colors
+from swarmwright.display.drawing import Picture
 from swarmwright.display.files import save
 from tests.python.display.test_page_swarm import MODULES, lit, swarm
 

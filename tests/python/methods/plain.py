@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
+from swarmwright.core.order import best_first
 from swarmwright.core.random_numbers import Stream, Streams
 from swarmwright.methods._nnga_steady import SteadyMembers
 from swarmwright.methods.cea2d import Cea2d
 from swarmwright.methods.nnga import Nnga, NngaOptions
-from swarmwright.rankings._base import best_first
 from swarmwright.representations import Representation
 from swarmwright.typing import Fitness, Genome, Genomes
 

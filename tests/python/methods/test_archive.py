@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pymoo.operators.survival.rank_and_crowding.metrics import calc_crowding_distance
 from pymoo.util.nds.non_dominated_sorting import NonDominatedSorting
 
-from swarmwright.methods._archive import Archive, Axis, Grid, crowding, front_with, ranks
+from swarmwright.methods.archive import Archive, Axis, Grid, crowding, front_with, ranks
 
 GRID = Grid((Axis(0.0, 1.0, 4), Axis(-10.0, 10.0, 3)))
 

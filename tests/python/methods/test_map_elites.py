@@ -8,7 +8,7 @@ from pydantic import ValidationError
 
 from swarmwright import InputError
 from swarmwright.methods import METHODS, Method
-from swarmwright.methods._archive import Archive
+from swarmwright.methods.archive import Archive
 from swarmwright.methods.map_elites import MapElites
 from swarmwright.typing import Genomes
 from tests.python.methods.functions import new, sphere, ten_genes

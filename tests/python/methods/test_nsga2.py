@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pymoo.indicators.hv import Hypervolume
 
 from swarmwright import InputError
-from swarmwright.methods._archive import ranks
+from swarmwright.methods.archive import ranks
 from swarmwright.methods.nsga2 import Nsga2
 from swarmwright.representations import REPRESENTATIONS
 from tests.python.methods.functions import new, sphere

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from swarmwright.modules import BEHAVIOURS, CONDITIONS, _registered
+from swarmwright.modules import BEHAVIOURS, CONDITIONS, registered
 from swarmwright.simulations import loading, names
 from swarmwright.user_code import notices
 
@@ -52,7 +52,7 @@ SPEED = "SPEED = -0.5\n"
 
 def forget() -> None:
     """Forget what was imported, as another process would."""
-    for known in (names.files, loading._stamps, loading._digests, _registered._in_files, notices._told):
+    for known in (names.files, loading._stamps, loading._digests, registered._in_files, notices._told):
         known.clear()
     sys.modules.pop("wheel_speeds", None)
 
@@ -81,7 +81,7 @@ def _forget() -> None:
     for registry in (BEHAVIOURS, CONDITIONS):
         registry.__dict__.pop("_announced", None)
         registry._loaded.clear()
-    _registered._by_name.cache_clear()
+    registered._by_name.cache_clear()
     sys.modules.pop("own_modules", None)
     importlib.invalidate_caches()
 

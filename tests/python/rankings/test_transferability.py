@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from swarmwright.rankings._slow import Ranked
+from swarmwright.rankings.slow_simulation import Ranked
 from swarmwright.rankings.transferability import Transferability, TransferabilityOptions
 from swarmwright.testing import check_ranking
 

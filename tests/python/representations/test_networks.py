@@ -13,8 +13,8 @@ from pydantic import ValidationError
 from swarmwright import Controller, Experiment, InputError, _engine
 from swarmwright.core.random_numbers import Stream, Streams
 from swarmwright.representations import REPRESENTATIONS
-from swarmwright.representations._network import NodeNetwork
 from swarmwright.representations.layered import Layered, LayeredOptions
+from swarmwright.representations.network import NodeNetwork
 from swarmwright.typing import Genome
 
 KINDS = ["layered", "fully_meshed"]

@@ -8,7 +8,7 @@ from swarmwright.core.errors import InputError
 from swarmwright.evaluation import opening
 from swarmwright.evaluation.base import HERE, Servers, chosen
 from swarmwright.experiment.experiment import Experiment
-from swarmwright.launchers._entries import written
+from swarmwright.launchers.entries import written
 from swarmwright.simulations import catalogue
 from swarmwright.supervision.local_servers import automatic_count, processors
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from swarmwright.analysis.comparison import Comparison, compare
 from swarmwright.analysis.groups import distinguishing, flattened_of
+from swarmwright.analysis.indicators import By, measure, shared_indicators
 from swarmwright.analysis.sweep.execution import Listener, conduct
 from swarmwright.analysis.sweep.file import Sweep
 from swarmwright.analysis.sweep.remaining import Status
@@ -58,10 +59,13 @@ class SweepResult:
 
         Keys: variant, seed, fitness (the best of the run), held_out (its fitness on held-out seeds; None
         where it was not validated, or where fitness does not depend on the seed), evaluations, generations,
-        seconds, run (its folder), then what the experiments differ in, such as method.population.
+        seconds, run (its folder), then what the experiments differ in, such as method.population. Where all
+        runs can be compared by them, before these: hypervolume (up to four objectives), or qd_score and
+        coverage, as `compare` has them.
         """
         experiments = [flattened_of(run) for run in self.runs]
         differing = distinguishing(experiments)
+        of_runs = {by: measure(by, self.runs)[1] for by in shared_indicators(self.runs)}
         return [
             {
                 "variant": label,
@@ -72,15 +76,24 @@ class SweepResult:
                 "generations": run.generations,
                 "seconds": run.seconds,
                 "run": str(run.path),
+                **{by: values[index] for by, values in of_runs.items()},
                 **{key: one.get(key) for key in differing},
             }
-            for run, label, one in zip(self.runs, self.labels, experiments, strict=True)
+            for index, (run, label, one) in enumerate(zip(self.runs, self.labels, experiments, strict=True))
         ]
 
     @checked
-    def compare(self, *, at: int | None = None, held_out: bool = False) -> Comparison:
+    def compare(
+        self,
+        *,
+        at: int | None = None,
+        held_out: bool = False,
+        by: By = "fitness",
+        reference: Mapping[str, float] | None = None,
+        offset: float | None = None,
+    ) -> Comparison:
         """Compare the variants; see `swarmwright.compare`. Raises InputError when no run was finished."""
-        return compare(self.runs, at=at, held_out=held_out)
+        return compare(self.runs, at=at, held_out=held_out, by=by, reference=reference, offset=offset)
 
     @checked
     def plot(self, path: str | Path | None = None, *, x: str = "evaluations") -> "Figure":

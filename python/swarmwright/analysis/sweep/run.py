@@ -13,7 +13,7 @@ from swarmwright.core.simulation_names import SimulationName
 from swarmwright.evaluation import opening
 from swarmwright.evaluation.base import HERE, Chosen, Progress, Servers, chosen
 from swarmwright.experiment.experiment import ELSEWHERE, Experiment
-from swarmwright.launchers._entries import Entries
+from swarmwright.launchers.entries import Entries
 from swarmwright.optimization.loop import OnGeneration
 from swarmwright.optimization.optimize import optimize, resume
 from swarmwright.runs.code import changed_code, check_trusted

@@ -30,7 +30,7 @@ from swarmwright.optimization.memory import progress
 
 EVERY = 0.25
 """Seconds between two reports of how far a generation is."""
-GRACE = 30.0
+GRACE_S = 30.0
 """Seconds that the run under way has to end after the parent."""
 
 Json = dict[str, Any]
@@ -58,7 +58,7 @@ class Worker:
             self._lines.put("")
             if self._busy:
                 os.kill(os.getpid(), signal.SIGINT)
-        threading.Event().wait(GRACE)
+        threading.Event().wait(GRACE_S)
         os._exit(1)
 
     def run(self) -> int:

@@ -23,10 +23,12 @@ from swarmwright.optimization.loop import Generation
 from swarmwright.runs.run import Run
 from swarmwright.supervision.local_servers import processors
 
-GRACE = 20.0
+GRACE_S = 20.0
 """Seconds that interrupted runs have to end and be stored."""
-_PAUSE = 0.2
-_LAST_WORDS = 2000
+_POLL_S = 0.2
+"""Seconds between two checks of the processes."""
+_LAST_BYTES = 2000
+"""Of what a process printed that are shown."""
 
 Json = dict[str, Any]
 
@@ -89,7 +91,7 @@ class _Process:
         status = self.process.wait()
         how = f"was killed by signal {-status}" if status < 0 else f"ended with status {status}"
         end = self._stderr.seek(0, os.SEEK_END)
-        self._stderr.seek(max(0, end - _LAST_WORDS))
+        self._stderr.seek(max(0, end - _LAST_BYTES))
         words = self._stderr.read().decode(errors="replace").strip()
         return f"the process that did this run {how}" + (f": {words}" if words else "")
 
@@ -142,7 +144,7 @@ class SideBySide:
             for place in range(len(self._processes)):
                 self._start(place)
             while waiting or any(one is not None and one.task for one in self._processes):
-                for key, _ in self._selector.select(_PAUSE):
+                for key, _ in self._selector.select(_POLL_S):
                     self._receive(key.data, waiting)
                 self._listener.tick()
         finally:
@@ -232,13 +234,13 @@ class SideBySide:
 
     def _close(self) -> None:
         """End all processes and read their last reports: how interrupted runs ended."""
-        deadline = time.monotonic() + GRACE
+        deadline = time.monotonic() + GRACE_S
         for process in self._processes:
             if process is not None:
                 process.dismiss()
         try:
             while self._selector.get_map() and time.monotonic() < deadline:
-                for key, _ in self._selector.select(_PAUSE):
+                for key, _ in self._selector.select(_POLL_S):
                     process = self._processes[key.data]
                     assert process is not None
                     messages = process.read_reports()

@@ -1,6 +1,6 @@
 """The table of the rules for optimization tools; each group is a file beside this one."""
 
-from swarmwright.conformance._rules import Rules
+from swarmwright.conformance.rules import Rules
 
 GROUPS = {
     "O1": "Discovery",

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from swarmwright.conformance._client import TO_SERVER, Client, Message
-from swarmwright.conformance._rules import Failure
+from swarmwright.conformance.rules import Failure
 
 Json = dict[str, Any]
 AGENTS, STEPS = 2, 3

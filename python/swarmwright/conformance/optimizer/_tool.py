@@ -10,10 +10,10 @@ from pathlib import Path
 from swarmwright.conformance._client import TO_SERVER, TOPICS, Client
 from swarmwright.conformance._process import Process
 from swarmwright.conformance._proxy import Door
-from swarmwright.conformance._rules import Failure, Rule, Skip
 from swarmwright.conformance.optimizer._stage import TOOL_TOPICS, Actor, Record, Stage
+from swarmwright.conformance.rules import Failure, Rule, Skip
 
-SILENT = 3.0
+SILENCE_S = 3.0
 """Seconds of silence after which a tool that the kit did not start has ended its run."""
 
 
@@ -98,7 +98,7 @@ class Tool:
                 nonlocal last, heard
                 count = len(stage.record.messages) + len(stage.record.requests)
                 if count > heard:
-                    heard, last = count, time.monotonic() + SILENT
+                    heard, last = count, time.monotonic() + SILENCE_S
                 return self._ended() if self.process is not None else time.monotonic() > last
 
             stage.play(over, self.settings.lasts)

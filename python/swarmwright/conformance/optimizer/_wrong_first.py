@@ -7,7 +7,7 @@ from collections import defaultdict, deque
 from swarmwright.conformance._client import shown
 from swarmwright.conformance.optimizer._stage import Actor, Json
 
-PAUSE = 0.03
+PAUSE_S = 0.03
 """Seconds between a wrong message and the next."""
 Tried = defaultdict[str, int]
 """How many wrong messages have been sent on each topic, by all servers of a scene."""
@@ -54,7 +54,7 @@ class WrongFirst(Actor):
                 self.stage.record.notes["last wrong"] = self.wrong
                 self.stage.record.sent.append((topic, payload))
                 self.stage.client.publish(topic, payload)
-                self.until = time.monotonic() + PAUSE
+                self.until = time.monotonic() + PAUSE_S
                 return
             self.waits.popleft()
             self.wrong, self.left = "", self.at_once

@@ -4,11 +4,11 @@ import json
 from collections import Counter
 from collections.abc import Iterator
 
-from swarmwright.conformance._rules import Failure, Skip
 from swarmwright.conformance._server_under_test import is_number
 from swarmwright.conformance.optimizer._rules import rule
 from swarmwright.conformance.optimizer._stage import AGENTS, STEPS, Actor, Played
 from swarmwright.conformance.optimizer._tool import Tool, must_go_on
+from swarmwright.conformance.rules import Failure, Skip
 
 
 def answers(tool: Tool) -> Iterator[tuple[Played, int, int, list[object]]]:

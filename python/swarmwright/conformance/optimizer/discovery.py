@@ -3,11 +3,11 @@
 import json
 import time
 
-from swarmwright.conformance._rules import Failure
 from swarmwright.conformance._server_under_test import is_number
 from swarmwright.conformance.optimizer._rules import rule
 from swarmwright.conformance.optimizer._stage import Actor, Json
 from swarmwright.conformance.optimizer._tool import Tool
+from swarmwright.conformance.rules import Failure
 
 EPISODE = "protocol.md, An episode"
 

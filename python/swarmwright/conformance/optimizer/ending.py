@@ -3,10 +3,10 @@
 import json
 import time
 
-from swarmwright.conformance._rules import Failure, Skip
 from swarmwright.conformance.optimizer._rules import rule
 from swarmwright.conformance.optimizer._stage import Actor, Record
 from swarmwright.conformance.optimizer._tool import Tool
+from swarmwright.conformance.rules import Failure, Skip
 
 TAKEN = "protocol.md, Who is taken, and when"
 

@@ -3,10 +3,10 @@
 import json
 from collections import Counter
 
-from swarmwright.conformance._rules import Failure, Skip
 from swarmwright.conformance._server_under_test import is_number
 from swarmwright.conformance.optimizer._rules import rule
 from swarmwright.conformance.optimizer._tool import Tool
+from swarmwright.conformance.rules import Failure, Skip
 
 EPISODE = "protocol.md, An episode"
 

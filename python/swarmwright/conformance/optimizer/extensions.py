@@ -9,10 +9,10 @@ import numpy as np
 from swarmwright import _engine
 from swarmwright.conformance._client import TO_TOOL, Message
 from swarmwright.conformance._extensions import KINDS, decoded
-from swarmwright.conformance._rules import Failure, Skip
 from swarmwright.conformance.optimizer._rules import rule
 from swarmwright.conformance.optimizer._stage import AGENTS, STEPS, Actor, Json, Record, sensed
 from swarmwright.conformance.optimizer._tool import Tool
+from swarmwright.conformance.rules import Failure, Skip
 
 NUMBERS = "protocol.md, Messages of numbers"
 REPLY = re.compile(f"{re.escape(TO_TOOL)}[A-Za-z0-9_-]{{1,200}}")

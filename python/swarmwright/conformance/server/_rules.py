@@ -1,6 +1,6 @@
 """The table of the rules for simulation servers; each group is a file beside this one."""
 
-from swarmwright.conformance._rules import Rules
+from swarmwright.conformance.rules import Rules
 
 GROUPS = {
     "S1": "Discovery",

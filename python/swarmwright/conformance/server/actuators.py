@@ -1,8 +1,8 @@
 """S4: handling of actuators."""
 
-from swarmwright.conformance._rules import Failure, Skip
 from swarmwright.conformance._server_under_test import Server
 from swarmwright.conformance._trajectory import Always, Policy, Trajectory, Wander
+from swarmwright.conformance.rules import Failure, Skip
 from swarmwright.conformance.server._rules import rule
 from swarmwright.conformance.server.episodes import until_several
 

@@ -18,9 +18,9 @@ from swarmwright.conformance._extensions import (
     numbers,
     played,
 )
-from swarmwright.conformance._rules import Failure, Skip
 from swarmwright.conformance._server_under_test import Json, Server
 from swarmwright.conformance._trajectory import Steer, Trajectory, same
+from swarmwright.conformance.rules import Failure, Skip
 from swarmwright.conformance.server._rules import rule
 from swarmwright.conformance.server.reservation import must_be_taken
 

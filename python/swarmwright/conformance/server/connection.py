@@ -5,13 +5,13 @@ import time
 
 from swarmwright.conformance._client import PRESENCE, shown
 from swarmwright.conformance._proxy import Door
-from swarmwright.conformance._rules import Failure, Skip
 from swarmwright.conformance._server_under_test import Server, new_hash
+from swarmwright.conformance.rules import Failure, Skip
 from swarmwright.conformance.server._rules import rule
 from swarmwright.conformance.server.episodes import begun
 from swarmwright.conformance.server.presence import kept
 
-BACK = 15.0
+BACK_S = 15.0
 """Seconds in which a server is back when the broker is."""
 BROKER = "decision 003"
 
@@ -29,10 +29,10 @@ def must_come_back(server: Server, why: str) -> float:
     """Open the proxy and ask until it answers; after how many seconds it did."""
     door(server).open()
     start = time.monotonic()
-    while time.monotonic() < start + BACK:
+    while time.monotonic() < start + BACK_S:
         if server.discover(within=0.1) is not None:
             return time.monotonic() - start
-    raise Failure(f"it answered no discovery within {BACK:g} s after the broker was back", "an answer", why)
+    raise Failure(f"it answered no discovery within {BACK_S:g} s after the broker was back", "an answer", why)
 
 
 @rule(
@@ -125,7 +125,7 @@ def leftovers(server: Server) -> None:
         gate.open()
         question = server.discovery()
         asked = {hash_, question["simulation_hash"]}
-        limit = time.monotonic() + BACK
+        limit = time.monotonic() + BACK_S
         answer = None
         while answer is None and time.monotonic() < limit:
             client.send("discovery", **question)
@@ -160,14 +160,14 @@ def cut_short(server: Server) -> None:
     episode = begun(server)
     door(server).shut()
     door(server).open()
-    limit = time.monotonic() + BACK
+    limit = time.monotonic() + BACK_S
     while time.monotonic() < limit:
         sent = episode.stop()
         if server.discover(within=0.1) is not None:
             break
     else:
         raise Failure(
-            f"it answered no discovery for {BACK:g} s", "free again", f"the connection was cut, then {sent}"
+            f"it answered no discovery for {BACK_S:g} s", "free again", f"the connection was cut, then {sent}"
         )
     trajectory = server.play()
     difference = server.reference.difference(trajectory) if server.deterministic else ""

@@ -1,14 +1,18 @@
 """S3: determinism of episodes."""
 
-from swarmwright.conformance._rules import Failure, Skip
 from swarmwright.conformance._server_under_test import Json, Server, is_number
 from swarmwright.conformance._trajectory import Trajectory, Wander
+from swarmwright.conformance.rules import Failure, Skip
 from swarmwright.conformance.server._rules import rule
 
 SAME = "decision 002; protocol.md, Presence"
 SEED_UNUSED = (
     "the seeds 1 and 2 give the same episode: the server ignores seed, or nothing is random with these "
     "parameters; give --parameters with which something is, or --vary another parameter"
+)
+SEED_UNUSED_ADVICE = (
+    "The seeds 1 and 2 gave the same episode: either the server ignores the parameter seed, and all episodes "
+    "of a run would be the same, or nothing is random with these --parameters."
 )
 LARGEST_SEED = 2**63 - 1
 PAIRS = 8
@@ -127,7 +131,7 @@ def differing(server: Server) -> tuple[Json, Json, Trajectory, Trajectory]:
         two = {**one, **server.settings.vary}
         second = server.play(parameters=two)
     if not first.difference(second):
-        raise Skip(SEED_UNUSED)
+        raise Skip(SEED_UNUSED, SEED_UNUSED_ADVICE)
     return one, two, first, second
 
 
@@ -187,7 +191,7 @@ def exact_seed(server: Server) -> None:
     episode.play()
     server.comparable()
     if not server.play(parameters=seeded(server, 1)).difference(server.play(parameters=seeded(server, 2))):
-        raise Skip(SEED_UNUSED)
+        raise Skip(SEED_UNUSED, SEED_UNUSED_ADVICE)
     for distance, base, lost in (
         (2**32, 1, "the seed is truncated to 32 bits"),
         (1, 2**53, "the seed is read through a double, which has 53 bits"),

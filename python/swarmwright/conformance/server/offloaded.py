@@ -24,10 +24,10 @@ from swarmwright.conformance._extensions import (
     numbers,
     played,
 )
-from swarmwright.conformance._rules import Failure, Skip
 from swarmwright.conformance._samples import genomes_of, makes_samples, sample_of, wrong_samples
 from swarmwright.conformance._server_under_test import Json, Server, is_number
 from swarmwright.conformance._trajectory import Trajectory, same
+from swarmwright.conformance.rules import Failure, Skip
 from swarmwright.conformance.server._rules import rule
 from swarmwright.conformance.server.episodes import begun
 from swarmwright.conformance.server.reservation import must_be_taken
@@ -36,7 +36,7 @@ OFFLOADED = "protocol.md, Offloaded evaluation"
 NUMBERS = "protocol.md, Messages of numbers"
 SEEDS = (3, 1)
 CANDIDATES = 3
-LONG = 0.5
+LONG_REQUEST_S = 0.5
 """Seconds of a request during which any other must have come."""
 _LARGEST = 1e38
 """Numbers from here on may not be finite as weights."""
@@ -553,7 +553,7 @@ def lease(server: Server) -> None:
         kind, _ = error_of(answer_to(server, second, sent, 4 * server.settings.timeout))
         if kind == "failed":
             return
-        if seconds > LONG or times == _MOST_TIMES:
+        if seconds > LONG_REQUEST_S or times == _MOST_TIMES:
             left -= 1
         else:
             times *= 4

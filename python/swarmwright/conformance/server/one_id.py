@@ -6,15 +6,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from swarmwright.conformance._client import PRESENCE, Message
-from swarmwright.conformance._rules import Failure, Skip
 from swarmwright.conformance._server_peer import ServerPeer
 from swarmwright.conformance._server_under_test import Json, Server
+from swarmwright.conformance.rules import Failure, Skip
 from swarmwright.conformance.server._rules import rule
 from swarmwright.conformance.server.connection import door, must_come_back
 from swarmwright.conformance.server.presence import kept, presence
 
 WHERE = "protocol.md, Two servers with one ID"
-LEAVES_WITHIN = 30.0
+LEAVES_WITHIN_S = 30.0
 """Seconds in which a process starts, finds another server with its ID, and ends."""
 OTHER = "another-instance"
 """The instance of the other server, which the kit plays."""
@@ -67,14 +67,14 @@ def second_leaves(server: Server) -> str:
     sent = f"the server was started once more with the ID {server.id}"
     try:
         second.start()
-        status = second.wait(LEAVES_WITHIN)
+        status = second.wait(LEAVES_WITHIN_S)
     finally:
         second.close()
         found = [_instance_of(message.json) for message in kept(server, [f"{PRESENCE}{server.id}"])]
         if found != [mine]:
             _publish(server, own)
     if status is None:
-        raise Failure(f"the second one still ran {LEAVES_WITHIN:g} s later", "its end", sent)
+        raise Failure(f"the second one still ran {LEAVES_WITHIN_S:g} s later", "its end", sent)
     if status == 0:
         raise Failure("the second one ended with exit status 0", "another exit status", sent)
     if found != [mine]:
@@ -123,7 +123,7 @@ def gives_way(server: ServerPeer) -> str:
         _must_publish(server, mine, "lost", "the presence of another instance was retained")
         _publish(server, other)
         sent = "then the other server published its presence again"
-        status = server.process.wait(server.settings.timeout + LEAVES_WITHIN / 3)
+        status = server.process.wait(server.settings.timeout + LEAVES_WITHIN_S / 3)
         if status is None:
             raise Failure("it still ran", "its end", sent)
         found = _instance_of(presence(server))
@@ -181,7 +181,7 @@ def _must_publish(server: Server, mine: str, wanted: str, sent: str) -> None:
             and _instance_of(message.json) == mine
         )
 
-    limit = time.monotonic() + server.settings.timeout + LEAVES_WITHIN / 2
+    limit = time.monotonic() + server.settings.timeout + LEAVES_WITHIN_S / 2
     message = server.client.next(is_own, limit - time.monotonic())
     if message is None:
         raise Failure(f'its presence did not say "{wanted}"', f'presence with the state "{wanted}"', sent)

@@ -5,14 +5,14 @@ import re
 import time
 
 from swarmwright.conformance._client import PRESENCE, TOPICS, Client, Message, shown
-from swarmwright.conformance._rules import Failure, Skip
 from swarmwright.conformance._server_under_test import Json, Server, is_number
+from swarmwright.conformance.rules import Failure, Skip
 from swarmwright.conformance.server._rules import rule
 
 WHERE = "protocol.md, Presence"
 STAMP = re.compile(r"\d{4}-\d\d-\d\d[Tt]\d\d:\d\d:\d\d(\.\d+)?([Zz]|[+-]\d\d:\d\d)")
 DETERMINISM = ("bitwise", "statistical", "none")
-TOLD = 2.0
+CHANGE_TOLD_S = 2.0
 """Seconds in which a change of presence is told; 150 ms of them it must have lasted."""
 
 
@@ -33,7 +33,7 @@ def presence(server: Server) -> Json:
 
 def told(server: Server, wanted: str) -> Json:
     """Wait until presence has a state."""
-    limit = time.monotonic() + TOLD + server.settings.timeout
+    limit = time.monotonic() + CHANGE_TOLD_S + server.settings.timeout
     state: object = None
     while time.monotonic() < limit:
         found = presence(server)

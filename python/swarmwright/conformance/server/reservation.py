@@ -4,16 +4,16 @@ import time
 
 from swarmwright.conformance._client import TO_TOOL, Message
 from swarmwright.conformance._extensions import decoded
-from swarmwright.conformance._rules import Failure, Skip
 from swarmwright.conformance._server_under_test import Episode, Server
+from swarmwright.conformance.rules import Failure, Skip
 from swarmwright.conformance.server._rules import rule
 from swarmwright.conformance.server.episodes import begun
 
 LONGEST_REASON = 2000
 TAKEN = "protocol.md, Who is taken, and when"
-HOLD = 5.0
+HOLD_S = 5.0
 """Seconds for which parameters without control, and a tool that named itself, keep a server."""
-TURN = 5.0
+TURN_S = 5.0
 """Seconds after which another tool that requests the server gets it."""
 
 
@@ -133,8 +133,8 @@ def parameters_time_out(server: Server) -> str:
     sent = episode.configure()
     start = time.monotonic()
     episode.over = True
-    seconds = must_be_free_within(server, HOLD + 3, "free 5 s after parameters without control", sent)
-    if seconds < HOLD - 1:
+    seconds = must_be_free_within(server, HOLD_S + 3, "free 5 s after parameters without control", sent)
+    if seconds < HOLD_S - 1:
         raise Failure(f"it was free after {time.monotonic() - start:.1f} s", "taken for 5 s", sent)
     return f"free after {seconds:.1f} s"
 
@@ -313,8 +313,8 @@ def _must_go_on(server: Server, tool: str | None, others: list[dict[str, str]]) 
 def hold_ends(server: Server) -> str:
     """An episode with a name, then discoveries of others until one is answered."""
     named(server, "conformance/a")
-    seconds = must_be_free_within(server, HOLD + 3, "free 5 s after the episode", "an episode with a name")
-    if seconds < HOLD - 1:
+    seconds = must_be_free_within(server, HOLD_S + 3, "free 5 s after the episode", "an episode with a name")
+    if seconds < HOLD_S - 1:
         raise Failure(f"it was free for others after {seconds:.1f} s", "held for 5 s")
     return f"free after {seconds:.1f} s"
 
@@ -334,7 +334,7 @@ def takes_turns(server: Server) -> str:
     start = time.monotonic()
     asked: set[str] = set()
     sent = "episodes of conformance/a, and between them discoveries of conformance/b"
-    while time.monotonic() < start + TURN + 3 or len(asked) < 2:
+    while time.monotonic() < start + TURN_S + 3 or len(asked) < 2:
         named(server, "conformance/a")
         question = server.discovery(tool="conformance/b")
         asked.add(question["simulation_hash"])
@@ -344,7 +344,7 @@ def takes_turns(server: Server) -> str:
     else:
         raise Failure(f"conformance/b got no answer for {time.monotonic() - start:.1f} s", "its turn", sent)
     seconds = time.monotonic() - start
-    if seconds < TURN - 1:
+    if seconds < TURN_S - 1:
         raise Failure(f"conformance/b was answered after {seconds:.1f} s", "5 s for conformance/a", sent)
     server.client.drain()
     must_be_taken(server, "it is the turn of conformance/b", tool="conformance/a")

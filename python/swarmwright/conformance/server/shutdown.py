@@ -3,9 +3,9 @@
 import signal
 
 from swarmwright.conformance._client import PRESENCE
-from swarmwright.conformance._process import GRACE
-from swarmwright.conformance._rules import Failure, Skip
+from swarmwright.conformance._process import GRACE_S
 from swarmwright.conformance._server_under_test import Server
+from swarmwright.conformance.rules import Failure, Skip
 from swarmwright.conformance.server._rules import rule
 from swarmwright.conformance.server.presence import kept
 
@@ -25,8 +25,8 @@ def leaves(server: Server) -> str:
     announced = bool(kept(server, [topic]))
     server.left = True
     server.process.signal(signal.SIGTERM)
-    if server.process.wait(GRACE) is None:
-        raise Failure(f"it still ran {GRACE:g} s later", "its end", "SIGTERM")
+    if server.process.wait(GRACE_S) is None:
+        raise Failure(f"it still ran {GRACE_S:g} s later", "its end", "SIGTERM")
     if not announced:
         return "no presence to be removed"
     left = kept(server, [topic])

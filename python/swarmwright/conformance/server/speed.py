@@ -4,11 +4,11 @@ import time
 
 from swarmwright import _engine
 from swarmwright.conformance._extensions import controller_set
-from swarmwright.conformance._rules import Skip
 from swarmwright.conformance._server_under_test import Server
+from swarmwright.conformance.rules import Skip
 from swarmwright.conformance.server._rules import rule
 
-LASTS = 0.5
+MEASUREMENT_S = 0.5
 """Seconds that are aimed at for one measurement."""
 
 
@@ -37,8 +37,10 @@ def _measured(server: Server, mode: str) -> str:
     try:
         pool.wait_for_server()
         count, seconds, rate = 1, 0.0, 0.0
-        while seconds < LASTS / 4:
-            count = max(count * 2, min(100_000, int(count * LASTS / max(seconds, LASTS / 64))))
+        while seconds < MEASUREMENT_S / 4:
+            count = max(
+                count * 2, min(100_000, int(count * MEASUREMENT_S / max(seconds, MEASUREMENT_S / 64)))
+            )
             controllers = controller_set(server, "layered", count)
             start = time.perf_counter()
             pool.evaluate(controllers.architecture, controllers.weights, [1])

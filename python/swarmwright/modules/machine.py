@@ -12,7 +12,7 @@ from swarmwright.core.errors import InputError, RunError
 from swarmwright.core.tracebacks import is_installed, shown
 from swarmwright.modules._base import Behaviour, Condition, Numbers, Parameters, RandomNumbers, Senses, pcg4d
 from swarmwright.modules._built_in import below
-from swarmwright.modules._registered import implementation, place_of
+from swarmwright.modules.registered import implementation, place_of
 
 Made = TypeVar("Made")
 _UNIT = np.float32(2.0**-24)
@@ -97,7 +97,7 @@ class Swarm:
         """
         within = np.clip(sensors[:, 8], np.float32(0), 1 - _UNIT)
         bits = (within * np.float32(16777216)).astype(np.uint32)
-        words = pcg4d(bits, 1, 2, 3)
+        words = random_words(bits)
         if self._tree:
             return self._tick(robots, sensors, bits, words)
         part = self._table[self._owners[robots], self.current[robots]]
@@ -275,3 +275,11 @@ def _line(kind: type[Any], error: BaseException) -> str:
     if frames:
         return f"{shown(frames[-1].filename)}:{frames[-1].lineno}"
     return place_of(kind)
+
+
+def random_words(bits: NDArray[np.uint32]) -> list[NDArray[np.uint32]]:
+    """Return the random words that a step's behaviours and conditions share.
+
+    bits: (n,), of each robot's random sensor: 24 of them.
+    """
+    return pcg4d(bits, 1, 2, 3)

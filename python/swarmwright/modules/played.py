@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from swarmwright import _engine
 from swarmwright.core.engine_types import SceneArrays, SceneFields
 from swarmwright.core.processes import use_threads
-from swarmwright.modules._stepping import Robots
+from swarmwright.modules.stepping import Robots
 
 
 class PlayedEpisode:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from swarmwright import _engine
 from swarmwright.core.errors import RunError
-from swarmwright.modules._machine import Swarm
+from swarmwright.modules.machine import Swarm
 
 
 class Robots:

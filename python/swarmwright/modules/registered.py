@@ -18,10 +18,12 @@ from swarmwright.core.suggestions import did_you_mean
 from swarmwright.core.tracebacks import shown
 from swarmwright.modules._base import Behaviour, Condition, Parameter
 
-_LARGEST = 1e6
+_LARGEST_LIMIT = 1e6
+"""Of the range of a parameter, without its sign."""
 _TAKEN = {"name", "behaviour", "transitions", "to", "condition"}
 """Keys of machines in files."""
 _MOST_STATE = 1000
+"""Numbers of a module's state for each robot."""
 
 BEHAVIOURS: Registry[Behaviour] = Registry(
     "behaviour",
@@ -199,7 +201,9 @@ def _range(where: str, name: object, given: object) -> modules.Range:
         )
     for limit in (given.low, given.high):
         if not _is_number(limit):
-            raise InputError(f"{where}: {limit!r} is not a number of -{_LARGEST:g} to {_LARGEST:g}")
+            raise InputError(
+                f"{where}: {limit!r} is not a number of -{_LARGEST_LIMIT:g} to {_LARGEST_LIMIT:g}"
+            )
         if given.integer and limit != int(limit):
             raise InputError(f"{where}: {limit!r} is not an integer, but integer is True")
     if given.integer:
@@ -215,7 +219,7 @@ def _is_number(limit: object) -> bool:
     """Whether it is a number that a parameter may have."""
     if not isinstance(limit, int | float) or isinstance(limit, bool):
         return False
-    return math.isfinite(limit) and abs(limit) <= _LARGEST
+    return math.isfinite(limit) and abs(limit) <= _LARGEST_LIMIT
 
 
 def place_of(kind: type) -> str:

@@ -3,8 +3,8 @@
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from swarmwright.conformance._results import BAD, Report, Result, by_source, explained, summary
-from swarmwright.conformance._rules import Rule
+from swarmwright.conformance.results import BAD, Report, Result, by_source, explained, summary
+from swarmwright.conformance.rules import Rule
 from swarmwright.core.untrusted import lines
 
 if TYPE_CHECKING:

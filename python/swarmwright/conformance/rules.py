@@ -15,7 +15,16 @@ OWNERS = ("D6.1", "Swarmwright")
 
 
 class Skip(Exception):  # noqa: N818 - it is not an error
-    """The rule does not apply here; the message says why."""
+    """The rule does not apply here; the message says why.
+
+    Args:
+        reason: the message.
+        advice: what to do so that rules like this one apply, which is said once; empty for nothing.
+    """
+
+    def __init__(self, reason: str, advice: str = "") -> None:
+        super().__init__(reason)
+        self.advice = advice
 
 
 class NotTried(Exception):  # noqa: N818 - it is not an error

@@ -4,7 +4,7 @@ from collections import Counter
 from dataclasses import asdict, dataclass, field
 from typing import Literal
 
-from swarmwright.conformance._rules import OWNERS, owner
+from swarmwright.conformance.rules import OWNERS, owner
 from swarmwright.core.untrusted import lines, one_line
 
 Status = Literal["passed", "failed", "died", "skipped", "not run"]
@@ -19,7 +19,8 @@ class Result:
 
     source: the rule's origin and section: `D6.1, ...` or `Swarmwright, ...`. status: `died` when the
     peer was gone after it, `not run` when it could not be tried, `skipped` when it does not apply. detail: a
-    note, or the reason. sent, came, expected, fix: of a failure. seconds: how long it took.
+    note, or the reason. sent, came, expected, fix: of a failure. seconds: how long it took. advice: what to
+    do so that rules that were skipped apply.
     """
 
     id: str
@@ -33,6 +34,7 @@ class Result:
     expected: str = ""
     fix: str = ""
     seconds: float = 0.0
+    advice: str = ""
 
     @property
     def owner(self) -> str:
@@ -40,8 +42,8 @@ class Result:
         return owner(self.source)
 
     def record(self) -> dict[str, object]:
-        """As a JSON object without empty values; `fix` has the key `mend`, which programs read."""
-        values = {_KEYS.get(name, name): value for name, value in asdict(self).items()}
+        """As a JSON object without empty values and advice; `fix` has the key `mend`, which programs read."""
+        values = {_KEYS.get(name, name): value for name, value in asdict(self).items() if name != "advice"}
         return {key: value for key, value in values.items() if value != ""}
 
 

@@ -1,0 +1,306 @@
+"""Quality indicators of fronts and archives, by which runs of `nsga2` and `map_elites` are compared."""
+
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from swarmwright.analysis.hypervolume import hypervolume
+from swarmwright.core.arguments import mapping, number
+from swarmwright.core.errors import InputError
+from swarmwright.core.problems import shown
+from swarmwright.methods.archive import Values
+from swarmwright.methods.map_elites import MapElitesOptions
+from swarmwright.methods.nsga2 import Nsga2Options
+from swarmwright.runs.elites import Elites, of_run, over_generations
+from swarmwright.runs.run import Run
+
+By = Literal["fitness", "hypervolume", "qd_score", "coverage"]
+"""What of runs is compared."""
+WORDS: Mapping[By, str] = {
+    "fitness": "fitness",
+    "hypervolume": "hypervolume",
+    "qd_score": "QD score",
+    "coverage": "coverage",
+}
+_MARGIN = 0.1
+"""Share of an objective's range by which the reference point is worse than all that is compared."""
+_POINTS = 40
+"""Most generations that a curve has."""
+_QUICK = 4
+"""Objectives up to which hypervolume takes seconds."""
+
+
+@dataclass(frozen=True)
+class Indicator:
+    """What of runs is compared, and by which constants."""
+
+    by: By = "fitness"
+    offset: float | None = None
+    """What the QD score subtracts from the fitness of each elite; None of others."""
+    reference: dict[str, float] | None = None
+    """Reference point of hypervolume, in the units of the objectives; None of others."""
+    ranges: dict[str, tuple[float, float]] | None = None
+    """Worst and best value of each objective in the fronts that are compared, which count as 0 and 1; None
+    where objectives are not scaled."""
+    given: bool = False
+    """Whether offset or reference point were given."""
+    notes: tuple[str, ...] = ()
+    """Caveats, a sentence each."""
+
+    @property
+    def words(self) -> str:
+        """What it is called in texts."""
+        return WORDS[self.by]
+
+    @property
+    def has_curve(self) -> bool:
+        """Whether it is one of fronts or archives that can be computed for many generations in seconds."""
+        return self.by != "fitness" and (self.reference is None or len(self.reference) <= _QUICK)
+
+    @property
+    def options(self) -> str:
+        """The options of the command line by which runs are compared in this way; empty for fitness."""
+        if self.by == "fitness":
+            return ""
+        found = [f"--by {self.by}"]
+        if self.given and self.offset is not None:
+            found.append(f"--offset {self.offset:.15g}")
+        if self.given and self.reference is not None:
+            found += [
+                f"--reference {shlex.quote(f'{name}={value:.15g}')}" for name, value in self.reference.items()
+            ]
+        return " ".join(found)
+
+    def value(self, elites: Elites) -> float:
+        """Return it of a front or an archive."""
+        if self.by == "hypervolume":
+            return _hypervolume(self, elites)
+        found = elites.coverage if self.by == "coverage" else elites.qd_score(self.offset or 0.0)
+        return found or 0.0
+
+    def curve(self, run: Run) -> dict[int, float]:
+        """Return it at the end of some generations, by their number.
+
+        run: one of those that `measure` was given.
+        """
+        chosen = np.linspace(0, run.generations - 1, _POINTS).round().astype(int)
+        return {
+            generation: self.value(elites)
+            for generation, elites in over_generations(run, frozenset(chosen.tolist()))
+        }
+
+    @property
+    def heading(self) -> str:
+        """What is compared, in words; empty for fitness."""
+        if self.by == "coverage":
+            return "Coverage of each run's archive: the share of its cells that have an elite."
+        if self.by == "qd_score":
+            assert self.offset is not None
+            why = "" if self.given or not self.offset else ", the lowest fitness of an elite of these runs"
+            return (
+                "QD score of each run's archive: the sum over its elites of fitness minus an offset of "
+                f"{self.offset:.6g}{why}."
+            )
+        if self.by == "hypervolume":
+            assert self.reference is not None
+            point = ", ".join(f"{name} {value:.6g}" for name, value in self.reference.items())
+            if self.ranges is None:
+                return (
+                    "Hypervolume of each run's front, in the units of its objectives; reference point: "
+                    f"{point}."
+                )
+            scales = ", ".join(
+                f"{name} {worst:.6g} to {best:.6g}" for name, (worst, best) in self.ranges.items()
+            )
+            return (
+                "Hypervolume of each run's front; each objective is scaled from 0 to 1 between its worst and "
+                f"its best value in the fronts of these runs: {scales}; reference point: {point} "
+                f"(-{_MARGIN:g} in each, scaled)."
+            )
+        return ""
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Return it as plain values, for JSON."""
+        return {
+            "by": self.by,
+            "offset": self.offset,
+            "reference": self.reference,
+            "ranges": None if self.ranges is None else {name: list(of) for name, of in self.ranges.items()},
+        }
+
+
+FITNESS = Indicator()
+
+
+def shared_indicators(runs: Sequence[Run]) -> tuple[By, ...]:
+    """Return the indicators by which all of these runs can be compared, without those that take long."""
+    if not runs:
+        return ()
+    methods = [run.experiment.method for run in runs]
+    fronts = [one for one in methods if isinstance(one, Nsga2Options)]
+    archives = [one for one in methods if isinstance(one, MapElitesOptions)]
+    if len(fronts) == len(methods) and all(one.objectives == fronts[0].objectives for one in fronts):
+        return ("hypervolume",) if len(fronts[0].objectives) < _QUICK else ()
+    if len(archives) == len(methods) and all(one.measures == archives[0].measures for one in archives):
+        return "qd_score", "coverage"
+    return ()
+
+
+def measure(
+    by: By,
+    runs: Sequence[Run],
+    at: int | None = None,
+    *,
+    reference: Mapping[str, float] | None = None,
+    offset: float | None = None,
+) -> tuple[Indicator, list[float]]:
+    """Return an indicator, and its value of each run.
+
+    Args:
+        by: one of fronts or archives.
+        runs: at least one.
+        at: for the elites of the first so many evaluations; None: of all.
+        reference: reference point of hypervolume. Default: made of all fronts.
+        offset: of the QD score. Default: 0, or the lowest fitness of all elites where that is lower.
+
+    Raises:
+        InputError: a run has no such indicator, the runs have different objectives or cells, or the reference
+            point is wrong.
+    """
+    (_check_objectives if by == "hypervolume" else _check_cells)(by, runs)
+    point = None if reference is None else _reference(reference, runs[0])
+    given = None if offset is None else number("offset", offset)
+    elites = [run.elites if at is None or at >= run.evaluations else of_run(run, at) for run in runs]
+    indicator = Indicator(by)
+    if by == "hypervolume":
+        indicator = _of_fronts(elites, point)
+    if by == "qd_score":
+        indicator = _of_archives(elites, given)
+    return indicator, [indicator.value(one) for one in elites]
+
+
+def _check_objectives(by: By, runs: Sequence[Run]) -> None:
+    first = _options(by, runs[0], Nsga2Options, "nsga2, which have a front")
+    for run in runs[1:]:
+        options = _options(by, run, Nsga2Options, "nsga2, which have a front")
+        if options.objectives != first.objectives:
+            raise InputError(
+                f"{runs[0].path} and {run.path} have different objectives, and so no {WORDS[by]} that can be "
+                f"compared: {_objectives(first)}; {_objectives(options)}. Name runs with the same objectives"
+            )
+
+
+def _check_cells(by: By, runs: Sequence[Run]) -> None:
+    first = _options(by, runs[0], MapElitesOptions, "map_elites, which have an archive")
+    for run in runs[1:]:
+        options = _options(by, run, MapElitesOptions, "map_elites, which have an archive")
+        if options.measures != first.measures:
+            raise InputError(
+                f"{runs[0].path} and {run.path} have archives of different cells, and so no {WORDS[by]} that "
+                f"can be compared: {_cells(first)}; {_cells(options)}. Name runs with the same measures, "
+                "ranges and bins"
+            )
+
+
+def _options(by: By, run: Run, kind: type[Any], which: str) -> Any:  # noqa: ANN401 - of the kind
+    options = run.experiment.method
+    if not isinstance(options, kind):
+        raise InputError(
+            f"{run.path}: was made by {options.kind}, and has no {WORDS[by]}; only runs of {which}, can be "
+            "compared by it. Leave the others out, or compare by fitness"
+        )
+    return options
+
+
+def _objectives(options: Nsga2Options) -> str:
+    goals = [f"{name} ({goal})" for name, goal in sorted(options.objectives.items())]
+    return ", ".join(["fitness (maximize)", *goals])
+
+
+def _cells(options: MapElitesOptions) -> str:
+    return ", ".join(
+        f"{name} {one.range[0]:g} to {one.range[1]:g} in {one.bins} bins"
+        for name, one in sorted(options.measures.items())
+    )
+
+
+def _reference(given: Mapping[str, float], run: Run) -> dict[str, float]:
+    names = ["fitness", *run.experiment.method.needed_metrics]
+    example = f"a value of each objective: {', '.join(names)}"
+    found = mapping("reference", given, example)
+    wrong = [name for name in found if name not in names]
+    if wrong:
+        raise InputError(
+            f"reference: {shown(wrong[0])} is not an objective of {run.path}; the reference point has "
+            f"{example}"
+        )
+    missing = [name for name in names if name not in found]
+    if missing:
+        raise InputError(
+            f"reference: has no value of {' and '.join(missing)}; the reference point has {example}"
+        )
+    return {name: float(number(f"reference.{name}", found[name])) for name in names}
+
+
+def _of_fronts(elites: Sequence[Elites], reference: dict[str, float] | None) -> Indicator:
+    names = ["fitness", *elites[0].goals]
+    every = np.concatenate([_maximized(one, names) for one in elites])
+    signs = _signs(elites[0], names)
+    if reference is not None:
+        point = np.array(list(reference.values())) * signs
+        behind = int((~np.logical_and.reduce(every > point, axis=1)).sum())
+        note = (
+            f"{behind:,} of {len(every):,} candidates of the fronts are not better than the reference point "
+            "in every objective, and add nothing"
+        )
+        return Indicator("hypervolume", reference=reference, given=True, notes=(note,) if behind else ())
+    # Fronts without candidates have no range, and no hypervolume with any.
+    known = every if len(every) else np.array([[0.0], [1.0]]) * np.ones(len(names))
+    worst, best = known.min(axis=0), known.max(axis=0)
+    point = (worst - 2 * _MARGIN * _half_width(worst, best)) * signs + 0.0
+    ranges = zip((worst * signs + 0.0).tolist(), (best * signs + 0.0).tolist(), strict=True)
+    return Indicator(
+        "hypervolume",
+        reference=dict(zip(names, point.tolist(), strict=True)),
+        ranges=dict(zip(names, ranges, strict=True)),
+    )
+
+
+def _hypervolume(indicator: Indicator, elites: Elites) -> float:
+    assert indicator.reference is not None
+    names = list(indicator.reference)
+    front, signs = _maximized(elites, names), _signs(elites, names)
+    if indicator.ranges is None:
+        return hypervolume(front, np.array(list(indicator.reference.values())) * signs)
+    worst, best = np.array(list(indicator.ranges.values())).T * signs
+    scaled = (front / 2 - worst / 2) / _half_width(worst, best)
+    return hypervolume(scaled, np.full(len(names), -_MARGIN))
+
+
+def _half_width(worst: Values, best: Values) -> Values:
+    """Return half of each range, which is finite for huge values, too; that of a single value has width 1."""
+    return np.where(best > worst, best / 2 - worst / 2, 0.5)
+
+
+def _signs(elites: Elites, names: Sequence[str]) -> Values:
+    return np.array([-1.0 if elites.goals.get(name) == "minimize" else 1.0 for name in names])
+
+
+def _maximized(elites: Elites, names: Sequence[str]) -> Values:
+    """Return fitness and metrics of a front, (candidates, names), with signs so that more is better."""
+    rows = [[one.fitness, *(one.metrics[name] for name in names[1:])] for one in elites.candidates]
+    return np.array(rows, dtype=np.float64).reshape(len(rows), len(names)) * _signs(elites, names)
+
+
+def _of_archives(elites: Sequence[Elites], given: float | None) -> Indicator:
+    lowest = min((one.fitness for archive in elites for one in archive.candidates), default=0.0)
+    offset = min(0.0, lowest) if given is None else float(given)
+    note = (
+        f"the offset is above the lowest fitness of an elite, {lowest:.6g}, so that more elites can have a "
+        "lower QD score; give the worst possible fitness"
+    )
+    notes = (note,) if lowest < offset else ()
+    return Indicator("qd_score", offset=offset, given=given is not None, notes=notes)

@@ -1,0 +1,90 @@
+"""`runs compare --by`, `plot --by` and what `sweep` says of fronts and archives, as programs."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+BASE = """\
+simulation: minisim
+parameters: {maxSteps: 6}
+method:
+  METHOD
+  population: 6
+  generations: 2
+servers: local
+"""
+METHODS = {
+    "fronts": "kind: nsga2\n  objectives: {steps: minimize}",
+    "archives": "kind: map_elites\n  measures: {steps: {range: [0, 6], bins: 3}}",
+}
+SWEEP = "experiment: KIND.yaml\ngrid: {method.population: [4, 6]}\nseeds: 2\nout: KIND\n"
+
+
+@pytest.fixture
+def swept(program: Any, tmp_path: Path) -> Any:
+    """Make runs of a kind in a folder of that name; return what the sweep printed."""
+
+    def run(kind: str, *options: str) -> str:
+        (tmp_path / f"{kind}.yaml").write_text(BASE.replace("METHOD", METHODS[kind]))
+        (tmp_path / "sweep.yaml").write_text(SWEEP.replace("KIND", kind))
+        result = program("sweep", "sweep.yaml", *options)
+        assert result.returncode == 0, result.stderr
+        return str(result.stdout)
+
+    return run
+
+
+def folders(path: Path) -> list[str]:
+    return [str(one) for one in sorted(path.iterdir()) if one.is_dir()]
+
+
+def test_fronts(program: Any, swept: Any, tmp_path: Path) -> None:
+    said = swept("fronts")
+    assert "\nHypervolume of each run's front; each objective is scaled from 0 to 1" in said
+    assert said.endswith("The figure is in fronts/comparison.png\n")
+    runs = folders(tmp_path / "fronts")
+    by = ["--by", "hypervolume"]
+    point = ["--reference", "fitness=-20", "--reference", "steps=7"]
+    result = program("runs", "compare", *runs, *by, *point, "--json")
+    assert result.returncode == 0, result.stderr
+    found = json.loads(result.stdout)
+    assert (found["by"], found["reference"]) == ("hypervolume", {"fitness": -20.0, "steps": 7.0})
+    assert found["groups"][0]["runs"][0]["hypervolume"] > 0
+    result = program("plot", runs[0], *by, "--out", "one.svg")
+    assert result.stdout.startswith("Hypervolume of each run's front; ")
+    assert "hypervolume of each run, at the end" in (tmp_path / "one.svg").read_text()
+
+
+def test_archives(program: Any, swept: Any, tmp_path: Path) -> None:
+    *_, last = swept("archives", "--json").splitlines()
+    assert [one["by"] for one in json.loads(last)["indicators"]] == ["qd_score", "coverage"]
+    runs = folders(tmp_path / "archives")
+    result = program("runs", "compare", *runs, "--by", "qd_score", "--offset", "-20", "--at", "5")
+    assert result.returncode == 0, result.stderr
+    assert "minus an offset of -20.\n" in result.stdout
+    # Where runs differ in length, a note has a command that compares in the same way.
+    result = program("runs", "compare", *runs, "--by", "qd_score", "--offset", "-20")
+    assert "--by qd_score --offset -20 --at 8` compares all" in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--by", "coverage", "--held-out"], "--held-out compares fitness; leave it, or --by."),
+        (["--reference", "fitness=1"], "--reference is for --by hypervolume;"),
+        (["--by", "coverage", "--offset", "1"], "--offset is for --by qd_score;"),
+        (["--by", "hypervolume", "--reference", "1"], "'1' is not NAME=VALUE, such as fitness=0."),
+        (["--by", "hypervolume", "--reference", "fitness=high"], "'high' is not a valid float"),
+        (["--by", "hypervolume", "--reference", "steps=1", "--reference", "steps=2"], "steps is given twice"),
+    ],
+)
+@pytest.mark.parametrize("command", [("plot",), ("runs", "compare")])
+def test_options_that_contradict_each_other(
+    program: Any, tmp_path: Path, command: tuple[str, ...], options: list[str], message: str
+) -> None:
+    (tmp_path / "run").mkdir()
+    result = program(*command, "run", *options)
+    assert result.returncode == 2
+    assert message in result.stderr
