@@ -129,7 +129,7 @@ test-peers: $(VENV)/.engine $(VENV)/.dev $(JAVA) $(CPP)/address/.built $(CPP)/th
 	@command -v mosquitto > /dev/null || [ -x /usr/sbin/mosquitto ] || { $(call install,mosquitto); }
 	command -v nginx > /dev/null || [ -x /usr/sbin/nginx ] || { $(call install,nginx-light); }
 	ls /usr/lib/python3/dist-packages/pyenki.* > /dev/null 2>&1 || { $(call install,python3-enki2); }
-	$(PYTEST) tests/benchmarks tests/conformance tests/system tests/wrappers
+	$(PYTEST) -n 5 tests/benchmarks tests/conformance tests/system tests/wrappers
 
 test-docs: $(VENV)/.engine $(VENV)/.dev $(JAVA) $(CPP)/.built $(JAVASCRIPT) $(GO)
 	@command -v mosquitto > /dev/null || [ -x /usr/sbin/mosquitto ] || { $(call install,mosquitto); }

@@ -12,9 +12,9 @@ from unittest.mock import patch
 import pytest
 
 from swarmwright.conformance._check_server import check_server
-from swarmwright.conformance._results import Report
-from swarmwright.conformance._rules import Profile
-from swarmwright.conformance._server_under_test import QUIET
+from swarmwright.conformance._server_under_test import QUIET_S
+from swarmwright.conformance.results import Report
+from swarmwright.conformance.rules import Profile
 from swarmwright.conformance.server import one_id
 from tests.conformance.broken.base import Broken
 from tests.conformance.broken.servers import SERVERS, FitnessOfTheLast, Leaks, QuotesAMetric
@@ -67,7 +67,7 @@ class LateAgents(GivesUp):
 
         with patch.object(self, "publish", one):
             super().sense()
-        self.late, self.due = tuple(late), time.monotonic() + 4 * QUIET
+        self.late, self.due = tuple(late), time.monotonic() + 4 * QUIET_S
 
     def tick(self) -> None:
         if self.late and time.monotonic() >= self.due:
@@ -140,6 +140,8 @@ def test_another_parameter_stands_in_for_the_seed() -> None:
     report = report_of(IgnoresTheSeed, "S2,S3")
     assert set(report.of("skipped")) == {"S3.3", "S3.4", "S3.5"}
     assert "the server ignores seed, or nothing is random" in report.results[-1].detail
+    assert "the server ignores the parameter seed" in report.results[-1].advice
+    assert "advice" not in report.results[-1].record()
     report = report_of(IgnoresTheSeed, "S2,S3", vary={"agents": 2})
     assert set(report.of("skipped")) == {"S3.5"}
     assert report.ok, str(report)
@@ -158,7 +160,7 @@ def test_a_second_server_that_does_not_leave_is_caught(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT), str(ROOT / "python")]))
-    monkeypatch.setattr(one_id, "LEAVES_WITHIN", 4.0)
+    monkeypatch.setattr(one_id, "LEAVES_WITHIN_S", 4.0)
     (tmp_path / "server.py").write_text(TWICE)
     report = check_server(
         command=f"{sys.executable} {tmp_path / 'server.py'} {{broker}}", rules=["S1.1,S2.3,S7.2,S16.2"]

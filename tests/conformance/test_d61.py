@@ -7,8 +7,8 @@ import sys
 import pytest
 
 from swarmwright.conformance import check_server
-from swarmwright.conformance._rules import Rules
 from swarmwright.conformance.optimizer import RULES as OPTIMIZER
+from swarmwright.conformance.rules import Rules
 from swarmwright.conformance.server import RULES as SERVER
 from swarmwright.core.errors import InputError
 from tests.conformance.broken.base import Broken

@@ -6,7 +6,7 @@ import sys
 import pytest
 
 from swarmwright.conformance import Report, check_optimizer
-from swarmwright.conformance._rules import Profile
+from swarmwright.conformance.rules import Profile
 from tests.conformance.broken.tools import TOOLS, SoundTool
 from tests.conftest import ROOT
 

@@ -209,7 +209,7 @@ def test_a_cluster_that_is_gone_in_mid_run(
     cluster: Cluster, namespace: Namespace, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Its API does not answer, and no server is left: the results are kept, and `resume` goes on."""
-    monkeypatch.setattr("swarmwright.evaluation.launched.servers.PATIENCE", 2.0)
+    monkeypatch.setattr("swarmwright.evaluation.launched.servers.LAUNCHER_TIMEOUT_S", 2.0)
     control, name = cluster.control, namespace("gone")
     made = experiment(cluster, name, written(tmp_path / "simulation"))
     here = optimize(made, out=tmp_path / "here", servers="in-process", progress=False)

@@ -7,7 +7,7 @@ its constructor gets: `pettingzoo:mpe2.simple_spread_v3?N=5&local_ratio=0.2`.
 
 from functools import cache
 from importlib import import_module
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from swarmwright.core.errors import InputError
 from swarmwright.core.simulation_names import LIBRARIES, SimulationName, is_command
@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from swarmwright.simulations.batches import BatchSimulation
 
 __all__ = ["simulation"]
+
+NEW_EACH_EPISODE = "new_each_episode"
+"""The option in a name that sets this attribute of the class, and is not passed to the environment."""
 
 
 def simulation(name: str) -> "type[Simulation | BatchSimulation]":
@@ -45,7 +48,7 @@ def _of_library(name: str) -> "type[Simulation | BatchSimulation]":
             f"{name}: {error.name} is not installed; pip install 'swarmwright[{library}]'"
         ) from error
     base: type[Simulation | BatchSimulation] = getattr(module, LIBRARIES[library])
-    attributes = {
+    attributes = _of_adapter(name, base, options) | {
         "environment": environment,
         "options": options,
         "title": name.partition(":")[2],
@@ -54,6 +57,18 @@ def _of_library(name: str) -> "type[Simulation | BatchSimulation]":
         "__doc__": base.__doc__,
     }
     return type(base.__name__, (base,), attributes)
+
+
+def _of_adapter(
+    name: str, base: "type[Simulation | BatchSimulation]", options: dict[str, Any]
+) -> dict[str, Any]:
+    """Take out of options the one that is not for the environment; return it as the class's attribute."""
+    if not hasattr(base, NEW_EACH_EPISODE) or NEW_EACH_EPISODE not in options:
+        return {}
+    value = options.pop(NEW_EACH_EPISODE)
+    if not isinstance(value, bool):
+        raise InputError(f"{name}: {NEW_EACH_EPISODE}={value} found, expected true or false")
+    return {NEW_EACH_EPISODE: value}
 
 
 @cache

@@ -25,6 +25,7 @@ from swarmwright.core.errors import InputError
 from swarmwright.ros.reductions import FUNCTIONS
 
 _TRIES = 10_000
+"""Places that are tried for a robot before it is said that there is none."""
 _PATIENCE_S = 2.0
 """Seconds that a simulator has to end when it is asked to."""
 

@@ -1,7 +1,10 @@
 """What adapters of libraries of environments have in common."""
 
+import inspect
+import logging
 import math
 import os
+import warnings
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, nullcontext
@@ -10,11 +13,15 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmwright.adapters import NEW_EACH_EPISODE
+from swarmwright.adapters._restoring import Actions, Restoring, found_by_trials
 from swarmwright.core.errors import InputError, SimulationError, explained
 from swarmwright.simulations.base import Simulation
 from swarmwright.simulations.calls import short
 from swarmwright.simulations.groups import Group
 from swarmwright.simulations.isolation import Apart
+
+_log = logging.getLogger("swarmwright")
 
 _ARRAY = "rgb_array"
 """The render mode that gives pictures as arrays."""
@@ -40,13 +47,19 @@ class Environment(Simulation):
     """The modules of a run's copy, of which the environment is."""
     most_steps: int = 10_000
     """An episode that the environment does not end is ended after so many."""
+    new_each_episode: ClassVar[bool | None] = None
+    """Whether each episode gets a new object of the environment, rather than `reset` of one for all.
+
+    None: where a trial before the first episode of a process shows that `reset` does not restore the
+    environment. It has 200 steps at most; no trial is made where `copies` is false, or of `render_mode`
+    human."""
     rendering: ClassVar[bool] = False
     """Whether environments are made with `render_mode="rgb_array"`, see `rendered`."""
 
     def __init__(self) -> None:
         self.env: Any = None
         self._given: dict[str, Any] | None = None
-        self._renew({})
+        self._make_anew({})
         self.sensors, self.actuators = self._sizes()
 
     @abstractmethod
@@ -125,28 +138,67 @@ class Environment(Simulation):
     def _sizes(self) -> tuple[int, int]:
         """Read the spaces of the environment; return how many sensors and actuators an agent has."""
 
-    def _renew(self, parameters: dict[str, Any]) -> bool:
-        """Make the environment anew where parameters are others than before. Returns whether it was."""
-        if parameters == self._given:
-            return False
+    @abstractmethod
+    def _trial(self, env: Any, seed: int, actions: Actions) -> Iterator[bytes]:  # noqa: ANN401 - types of libraries
+        """Run an episode; yield what `reset` and each step return."""
+
+    def _made(self, parameters: dict[str, Any], *, rendering: bool) -> Any:  # noqa: ANN401 - types of libraries
+        """Return a new environment. Raises InputError where there is none with these parameters."""
         label = f"{type(self).__name__} {self.environment}"
         try:
-            rendering = {"render_mode": _ARRAY} if self.rendering else {}
+            shown = {"render_mode": _ARRAY} if rendering else {}
             with self._modules():
-                made = self.make({**self.options, **parameters, **rendering})
+                made = self.make({**self.options, **parameters, **shown})
+            _check_flags(made, {**self.options, **parameters}, label)
+            return made
         except InputError:
             raise
         except Exception as error:  # libraries raise various exceptions
             where = f"{', '.join(parameters)}: {label}" if parameters else label
             raise InputError(f"{where}: {explained(error)}") from error
+
+    def _make_anew(self, parameters: dict[str, Any]) -> None:
+        """Have a new environment with these parameters. Raises InputError where there is none."""
+        made = self._made(parameters, rendering=self.rendering)
+        self._close()
+        self.env, self._given = made, dict(parameters)
+
+    def _close(self) -> None:
         if self.env is not None:
             self.env.close()
-        self.env, self._given = made, dict(parameters)
-        return True
+        self.env = self._given = None
+
+    def _is_new_each_episode(self) -> bool:
+        """Return what `new_each_episode` says, or else a trial, which a class has once in a process.
+
+        It has the parameters of the name alone, so that all servers find the same.
+        """
+        kind = type(self)
+        if kind.new_each_episode is not None:
+            return kind.new_each_episode
+        found = vars(kind).get("_restoring")
+        if found is None:
+            if not self.copies or getattr(self.env, "render_mode", None) == "human":
+                return False
+            # Closing an environment may end what others draw with, so there is none beside those of trials.
+            self._close()
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # those of the episodes are enough
+                found = found_by_trials(lambda: self._made({}, rendering=False), self._trial)
+            kind._restoring = found  # type: ignore[attr-defined]
+            _tell(found, self.adapted or kind.__name__)
+        return bool(found is Restoring.NEW_ONLY)
 
     def _start(self, parameters: dict[str, Any]) -> None:
         """Be ready for an episode with these parameters. Raises InputError where they do not fit."""
-        if not self._renew(parameters):
+        before = self._given
+        is_new = self._is_new_each_episode()
+        if parameters == self._given and not is_new:
+            return
+        if is_new:
+            self._close()
+        self._make_anew(parameters)
+        if parameters == before:
             return
         groups = self.groups
         sizes = self._sizes()
@@ -159,6 +211,34 @@ class Environment(Simulation):
         raise InputError(
             f"{', '.join(parameters)}: with it agents have {found} instead of {before}; put it into the "
             f"simulation's name, as {self.environment}?{'&'.join(f'{name}=..' for name in parameters)}"
+        )
+
+
+def _check_flags(env: Any, given: Mapping[str, Any], label: str) -> None:  # noqa: ANN401 - types of libraries
+    """Raise InputError for text where the environment has a flag: any text counts as true in Python."""
+    try:
+        expected = inspect.signature(type(getattr(env, "unwrapped", env))).parameters
+    except (TypeError, ValueError):  # it does not say what it takes
+        return
+    for name, value in given.items():
+        if isinstance(value, str) and name in expected and isinstance(expected[name].default, bool):
+            raise InputError(f"{name}: {label}: {value!r} found, expected true or false")
+
+
+def _tell(found: Restoring, name: str) -> None:
+    """Say what trials have found, where it is not what is expected of environments."""
+    if found is Restoring.NEW_ONLY:
+        _log.warning(
+            "%s: reset() does not restore all of its state, so that an episode would depend on those before; "
+            "each episode gets a new environment, which takes longer (%s=true says so without this message)",
+            name,
+            NEW_EACH_EPISODE,
+        )
+    elif found is Restoring.NEVER:
+        _log.warning(
+            "%s: episodes with the same seed differ, even in new environments, so that runs cannot be "
+            "repeated; reset(seed=..) has to seed all random numbers",
+            name,
         )
 
 

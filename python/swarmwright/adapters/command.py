@@ -18,7 +18,7 @@ from swarmwright.adapters import _controller_files
 from swarmwright.adapters._stepped_episodes import SteppedEpisodes
 from swarmwright.commands import builds, folders, logs, parameter_file
 from swarmwright.commands.definition import STANDARD_OUTPUT, CommandOptions
-from swarmwright.commands.failure import CommandFailure
+from swarmwright.commands.failure import CommandFailure, ReportedFailure
 from swarmwright.commands.output import Printed
 from swarmwright.commands.placeholders import IN_A_COMMAND, filled, filled_file, names_in
 from swarmwright.commands.process import Processes, found
@@ -68,6 +68,8 @@ class CommandSimulation(Simulation):
     """`timeout` is the limit."""
     steers_itself = True
     """Parameter sets are possible; said so that no episode is run to find out."""
+    _is_own_program: ClassVar[bool] = False
+    """Whether the command is Swarmwright's own program: the reasons that it reports are complete messages."""
     visual: ClassVar[bool] = False
     """Whether episodes are run by `runVisual`, as `swarmwright simulate --visual` asks for."""
 
@@ -306,7 +308,7 @@ class CommandSimulation(Simulation):
             failed = False
         except CommandFailure as failure:
             kept = self._put_away(failed=True)
-            raise self._explained(str(failure), self._printed, kept) from None
+            raise self._explained(failure, self._printed, kept) from None
         finally:
             self._put_away(failed=failed)
 
@@ -349,8 +351,11 @@ class CommandSimulation(Simulation):
         folders.remove(self.folder)
         return None
 
-    def _explained(self, reason: str, printed: Printed, kept: Path | None) -> EpisodeError:
+    def _explained(self, failure: CommandFailure, printed: Printed, kept: Path | None) -> EpisodeError:
         """Return a failure with the last of what the command printed."""
+        reason = str(failure)
+        if self._is_own_program and isinstance(failure, ReportedFailure):
+            reason = failure.reason
         last = f"; its last output: {printed.summary}" if printed.summary else ""
         where = f"; its files: {kept}" if kept is not None else ""
         return EpisodeError(f"{self._label}: {reason}{last}{where}", printed.tail or None)
@@ -463,5 +468,5 @@ class CommandSimulation(Simulation):
             if self._stepped.done:
                 self._check_used()
         except CommandFailure as failure:
-            raise self._explained(str(failure), self._stepped.abandon(), None) from None
+            raise self._explained(failure, self._stepped.abandon(), None) from None
         return np.zeros((1, self.sensors)) if sensors is None else sensors

@@ -21,6 +21,7 @@ from swarmwright.core.errors import InputError
 PORT = 23000
 """Of a CoppeliaSim that was started without an option for it."""
 _LONGEST_STOP = 1000
+"""Checks, `_CHECK_MS` apart, in which a simulation must have stopped."""
 _CHECK_MS = 200
 
 

@@ -24,6 +24,7 @@ from swarmwright.simulations.physics import Physics, PushedObject, World
 
 _DEBIAN = Path("/usr/lib/python3/dist-packages")
 _TRIES = 10_000
+"""Places that are tried for a robot before it is said that there is none."""
 
 
 def _library() -> Any:  # noqa: ANN401 - it has no types

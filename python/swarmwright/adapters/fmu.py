@@ -1,15 +1,13 @@
 """FMUs as simulations, stepped by a program in a process of its own."""
 
 import json
-from typing import Any
+from typing import ClassVar
 
 from swarmwright.adapters._fmu_parameters import announced
 from swarmwright.adapters.command import CommandSimulation
 from swarmwright.commands.definition import CommandOptions
 from swarmwright.commands.fmu_definition import ATTACHMENT, FmuOptions
-from swarmwright.commands.output import Printed
 from swarmwright.commands.stepwise import Start
-from swarmwright.core.errors import EpisodeError
 from swarmwright.core.ranges import Range
 from swarmwright.core.simulation_names import SimulationName
 from swarmwright.fmu.layout import AGENT
@@ -17,6 +15,8 @@ from swarmwright.fmu.layout import AGENT
 
 class FmuSimulation(CommandSimulation):
     """A Functional Mock-up Unit: its inputs are actuators, its outputs sensors, its parameters parameters."""
+
+    _is_own_program: ClassVar[bool] = True
 
     def __init__(self) -> None:
         self._definition = FmuOptions.of(self.adapted)
@@ -51,6 +51,3 @@ class FmuSimulation(CommandSimulation):
         start = super()._start()
         (self.folder / ATTACHMENT).write_text(json.dumps(self._definition.attachment()), "utf-8")
         return start
-
-    def _explained(self, reason: str, printed: Printed, kept: Any) -> EpisodeError:  # noqa: ANN401 - as in the base class
-        return super()._explained(reason.removeprefix("reports: "), printed, kept)

@@ -20,6 +20,7 @@ from swarmwright.adapters._environment import (
     one_number,
     single,
 )
+from swarmwright.adapters._restoring import Actions
 from swarmwright.adapters._spaces import actuators, sensors
 from swarmwright.core.errors import InputError, SimulationError, explained
 from swarmwright.simulations.calls import short
@@ -91,6 +92,10 @@ class Gymnasium(Environment):
         """Return the sum of rewards."""
         return self._reward
 
+    def truncated(self) -> bool:
+        """Return whether the episode has ended without the environment coming to an end."""
+        return self._over and not self._terminated
+
     def measure(self) -> dict[str, float]:
         """Return the metrics."""
         return {"steps": self._steps, "terminated": float(self._terminated)}
@@ -135,6 +140,14 @@ class Gymnasium(Environment):
             except SimulationError as error:
                 raise InputError(f"{type(self).__name__} {error}") from None
             return
+
+    def _trial(self, env: Any, seed: int, actions: Actions) -> Iterator[bytes]:  # noqa: ANN401 - an environment
+        yield self._read(env.reset(seed=seed)[0]).tobytes()
+        over = False
+        while not over:
+            seen, reward, terminated, truncated, _ = env.step(self._act(actions(self.actuators)))
+            over = bool(terminated or truncated)
+            yield self._read(seen).tobytes() + np.asarray(reward, float).tobytes() + bytes([over])
 
     def _stepped(self, action: Any) -> tuple[Any, ...]:  # noqa: ANN401 - of the space's type
         """Make a step of the environment; return the five values. Raises SimulationError for others."""

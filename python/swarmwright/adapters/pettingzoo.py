@@ -4,7 +4,7 @@ Source: https://pettingzoo.farama.org/api/parallel/
 """
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from importlib import import_module
 from itertools import groupby
 from typing import Any
@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.adapters._environment import Environment, check_step, environment_seed, single, total
+from swarmwright.adapters._restoring import Actions
 from swarmwright.adapters._spaces import actuators, sensors
 from swarmwright.core.errors import InputError, SimulationError, explained
 from swarmwright.core.ranges import common
@@ -69,6 +70,8 @@ class PettingZoo(Environment):
         self._rewards = np.zeros(len(self._agents))
         self._steps = 0
         self._ended: set[str] = set()
+        self._truncated = False
+        self._check_seen(seen)
         return self._rows(seen)
 
     def step(self, actions: NDArray[np.float32]) -> NDArray[np.float64]:
@@ -90,6 +93,9 @@ class PettingZoo(Environment):
         flagged = {name for ends in flags for name, ended in ends.items() if ended}
         # One that leaves the environment is gone, and comes back if the environment has it again.
         self._ended = {name for name in self.env.agents if name in self._ended or name in flagged}
+        terminations, truncations = ({name for name in alive if ends.get(name)} for ends in flags)
+        self._truncated = bool(truncations) and not terminations
+        self._check_seen(seen)
         read = alive.union(name for name in self.env.agents if name not in self._ended)
         return self._rows({name: observation for name, observation in seen.items() if name in read})
 
@@ -100,6 +106,10 @@ class PettingZoo(Environment):
     def done(self) -> bool:
         """Return whether no agent is left, or the episode has had all its steps."""
         return len(self._ended) == len(self.env.agents) or self._steps >= self.most_steps
+
+    def truncated(self) -> bool:
+        """Return whether agents were left, or the last ones were truncated and none was terminated."""
+        return self._truncated or len(self._ended) < len(self.env.agents)
 
     def fitness(self) -> float:
         """Return the mean over agents of the sum of rewards."""
@@ -114,6 +124,18 @@ class PettingZoo(Environment):
             found[_metric(group)] = total(np.array(own))
         return found
 
+    def _trial(self, env: Any, seed: int, actions: Actions) -> Iterator[bytes]:  # noqa: ANN401 - an environment
+        def read(name: str, seen: Any) -> bytes:  # noqa: ANN401 - an observation
+            return str(name).encode() + self._spaces[name][0].read(seen).tobytes()
+
+        seen, _ = env.reset(seed=seed)
+        yield b"".join(read(*one) for one in seen.items())
+        while env.agents:
+            given = {name: self._spaces[name][1] for name in env.agents}
+            seen, rewards, *_ = env.step({name: act.act(actions(act.width)) for name, act in given.items()})
+            gained = np.array([float(reward) for reward in rewards.values()])
+            yield b"".join(read(*one) for one in seen.items()) + gained.tobytes()
+
     def _rows(self, seen: dict[str, Any]) -> NDArray[np.float64]:
         """Return what agents sense, (agents, sensors), 0 for those that are gone."""
         self._check_known((*seen, *self.env.agents))
@@ -122,6 +144,14 @@ class PettingZoo(Environment):
             read = self._spaces[name][0]
             rows[self._agents[name], : read.width] = read.read(observation)
         return rows
+
+    def _check_seen(self, seen: Mapping[str, Any]) -> None:
+        """Raise SimulationError for an agent that acts next without an observation."""
+        for name in self.env.agents:
+            if name not in seen and name not in self._ended:
+                raise SimulationError(
+                    f"{self.environment}: agent {name!r} is among its agents, but has no observation"
+                )
 
     def _check_known(self, names: Iterable[str]) -> None:
         """Raise SimulationError for an agent that is not among the possible ones."""

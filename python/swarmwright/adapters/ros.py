@@ -8,16 +8,15 @@ import os
 import weakref
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from swarmwright.adapters.command import CommandSimulation
 from swarmwright.commands.definition import CommandOptions
 from swarmwright.commands.folders import Instance, default_place
-from swarmwright.commands.output import Printed
 from swarmwright.commands.process import found
 from swarmwright.commands.ros_definition import ATTACHMENT, DOMAINS, RosOptions
 from swarmwright.commands.stepwise import Start
-from swarmwright.core.errors import EpisodeError, InputError
+from swarmwright.core.errors import InputError
 from swarmwright.core.ranges import Range
 from swarmwright.core.simulation_names import SimulationName
 
@@ -28,6 +27,8 @@ class RosSimulation(CommandSimulation):
     A program that knows the definition runs in the Python of the middleware; it is stepped over its standard
     input and output as any command can be.
     """
+
+    _is_own_program: ClassVar[bool] = True
 
     def __init__(self) -> None:
         self._definition = RosOptions.of(self.adapted)
@@ -97,6 +98,3 @@ class RosSimulation(CommandSimulation):
             reset["command"] = [found(word, here) for word in reset["command"]]
         values = {name: str(value) for name, value in self._values.items() if name != "episode"}
         return {**attachment, "values": values}
-
-    def _explained(self, reason: str, printed: Printed, kept: Path | None) -> EpisodeError:
-        return super()._explained(reason.removeprefix("reports: "), printed, kept)

@@ -30,7 +30,8 @@ PORT = 1234
 SUPERVISOR = "supervisor"
 """The robot that resets, in worlds whose robots have no supervisor's rights."""
 _ROBOT = Path(__file__).with_name("_webots_robot.py")
-_PIECE = 1 << 16
+_CHUNK_BYTES = 1 << 16
+"""Read at a time."""
 _END_S = 2.0
 _CHECK_S = 0.5
 _LATE_S = 0.1
@@ -72,7 +73,7 @@ class _Robot:
 
     def answer(self) -> dict[str, Any] | None:
         """Take what has come; return the answer when it is whole. Raises AttachmentError for an error."""
-        piece = os.read(self.output, _PIECE)
+        piece = os.read(self.output, _CHUNK_BYTES)
         if not piece:
             raise AttachmentError(f"{self.name}: its controller has ended")
         self._rest += piece

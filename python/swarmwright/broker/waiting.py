@@ -8,8 +8,8 @@ from swarmwright import _engine
 
 Result = TypeVar("Result")
 
-FIRST_PAUSE = 0.1
-LONGEST_PAUSE = 2.0
+FIRST_PAUSE_S = 0.1
+LONGEST_PAUSE_S = 2.0
 """Seconds between two attempts; they double."""
 
 
@@ -27,7 +27,7 @@ def patiently(connect: Callable[[], Result], seconds: float, tell: Callable[[str
         _engine.NoBrokerError: no broker answered in that time.
     """
     began, since = time.monotonic(), time.strftime("%H:%M:%S")
-    pause, told = FIRST_PAUSE, ""
+    pause, told = FIRST_PAUSE_S, ""
     while True:
         try:
             result = connect()
@@ -42,7 +42,7 @@ def patiently(connect: Callable[[], Result], seconds: float, tell: Callable[[str
                 tell(f"{reason}; waiting for it since {since}, for {seconds:g} s at most")
                 told = reason
             time.sleep(min(pause, left))
-            pause = min(2 * pause, LONGEST_PAUSE)
+            pause = min(2 * pause, LONGEST_PAUSE_S)
         else:
             if told:
                 tell(f"the broker answers after {time.monotonic() - began:.1f} s")

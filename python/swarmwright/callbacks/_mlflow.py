@@ -22,6 +22,7 @@ _log = logging.getLogger("swarmwright")
 _PERIOD = 1.0  # seconds between two messages to the server, however quick generations are
 _MOST = 900  # figures in one message; the server takes 1000
 _MOST_PARAMETERS = 100
+"""Parameters that MLflow takes at a time."""
 _LONGEST = 6000  # characters of a parameter's value that the server keeps
 _FILES = ("experiment.yaml", "best.json", "fitness.png")
 

@@ -260,16 +260,20 @@ def _hint(output: Output, run: "Run", broker: str | None) -> None:
         except SwarmwrightError:
             return  # it has nothing to show
     output.text()
-    output.text("See the best controller at work:")
     if here:
+        output.text("See the best controller at work:")
         output.text(f"  {program()} replay {folder}")
         output.text(f"  {program()} replay {folder} --save best.gif")
-    else:
-        file = shlex.quote(str(run.path / "experiment.yaml"))
-        where = shlex.quote(broker or run.experiment.broker or "URL")
-        # A server that has scenes sends them here; another one may have a display of its own.
-        output.text(f"  {program()} replay {folder} --broker {where}")
-        output.text(f"  {program()} simulate {file} --controller {folder} --visual --broker {where}")
+        return
+    file = shlex.quote(str(run.path / "experiment.yaml"))
+    where = shlex.quote(broker or run.experiment.broker or "URL")
+    # What a server can show, and whether its simulation can be run here, is not known.
+    output.text("See the best controller at work, if a server on the broker has scenes:")
+    output.text(f"  {program()} replay {folder} --broker {where}")
+    output.text("If a server draws on a display of its own:")
+    output.text(f"  {program()} simulate {file} --controller {folder} --visual --broker {where}")
+    output.text("If the simulation can be run here, by its class FILE:Class or as LIBRARY:ENVIRONMENT:")
+    output.text(f"  {program()} replay {folder} --simulation NAME")
 
 
 def program() -> str:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from swarmwright import Generation
     from swarmwright.evaluation.base import Progress as EpisodeProgress
 
-PATIENCE = 2.0
+PATIENCE_S = 2.0
 """Seconds without a result after which the blocking server is shown."""
 
 
@@ -46,9 +46,9 @@ class Stall:
         return now - self._since
 
     def line_due(self, done: int, total: int) -> float | None:
-        """The seconds, after PATIENCE and at every doubling of it; else None."""
+        """The seconds, after PATIENCE_S and at every doubling of it; else None."""
         seconds = self.seconds(done, total)
-        if seconds < max(PATIENCE, 2 * self._said):
+        if seconds < max(PATIENCE_S, 2 * self._said):
             return None
         self._said = seconds
         return seconds
@@ -110,7 +110,7 @@ class BarProgress:
         """Note how far the generation is, and what is waited for."""
         self._part = done / total if total else 0.0
         seconds = self._stall.seconds(done, total)
-        self._waiting = _reason(waiting_for, seconds) if seconds >= PATIENCE else ""
+        self._waiting = _reason(waiting_for, seconds) if seconds >= PATIENCE_S else ""
 
     def _completed(self) -> float:
         """Return the share of the run that is done, the generation under way counted in part."""

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from swarmwright.cli._output import Output
-from swarmwright.cli._progress import PATIENCE
+from swarmwright.cli._progress import PATIENCE_S
 from swarmwright.core.formatting import duration
 
 if TYPE_CHECKING:
@@ -80,7 +80,7 @@ class BarStatus:
         yield _bar(Text(_head(status), style="bold"), whole / max(status.total, 1))
         for one in running[:_SHOWN]:
             yield _bar(text(f"  {_words(one)}"), one.share)
-            if one.waiting_for and time.monotonic() - max(one.heard, one.begun) >= PATIENCE:
+            if one.waiting_for and time.monotonic() - max(one.heard, one.begun) >= PATIENCE_S:
                 waiting = text(f"    {one.waiting_for}", "yellow")
                 waiting.no_wrap, waiting.overflow = True, "ellipsis"
                 yield waiting

@@ -10,7 +10,7 @@ from swarmwright.core.untrusted import one_line
 if TYPE_CHECKING:
     from swarmwright.evaluation.reports import Report
 
-PAUSE = 10.0
+PAUSE_S = 10.0
 """Seconds between two counts of one kind."""
 _NUMBER = re.compile(r"\d+(\.\d+)?")
 _SERVER = re.compile(r"\bserver (\d+)")
@@ -47,7 +47,7 @@ class Warnings:
             _show(text)
             return
         kind.add(text)
-        if time.monotonic() - kind.told >= PAUSE:
+        if time.monotonic() - kind.told >= PAUSE_S:
             kind.count()
 
     def close(self) -> None:

@@ -1,5 +1,6 @@
 """`swarmwright conformance`: checks of a peer against the protocol."""
 
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,10 +17,11 @@ from swarmwright.cli._options import (
     prefix_option,
 )
 from swarmwright.cli._output import Output, aside
+from swarmwright.core.errors import InputError
 
 if TYPE_CHECKING:
-    from swarmwright.conformance._results import Report, Result
-    from swarmwright.conformance._rules import Profile, Rules
+    from swarmwright.conformance.results import Report, Result
+    from swarmwright.conformance.rules import Profile, Rules
 
 LARGEST_ID = 2**63 - 1
 
@@ -179,7 +181,7 @@ def server_command(
         return _list(output, RULES, rules, profile)
     if server is None and start is None:
         raise click.UsageError("which server? Give its --id, or let it be started with --exec.")
-    from swarmwright.conformance._check_server import check_server, parameters_of
+    from swarmwright.conformance import check_server
 
     reporter = _Reporter(output)
     report = check_server(
@@ -189,8 +191,8 @@ def server_command(
         prefix=prefix,
         simulation=simulation,
         dimensions=dimensions,
-        parameters=parameters_of(parameters),
-        vary=parameters_of(vary, "--vary"),
+        parameters=_parameters_of(parameters),
+        vary=_parameters_of(vary, "--vary"),
         sensors=sensors,
         actuators=actuators,
         step_timeout=step_timeout,
@@ -275,7 +277,7 @@ def optimizer_command(
     output = Output(as_json=as_json)
     if listing:
         return _list(output, RULES, rules, profile)
-    from swarmwright.conformance._check_optimizer import check_optimizer
+    from swarmwright.conformance import check_optimizer
 
     reporter = _Reporter(output)
     report = check_optimizer(
@@ -297,7 +299,7 @@ def optimizer_command(
 
 
 def _list(output: Output, rules: "Rules", wanted: tuple[str, ...], profile: "Profile") -> int:
-    from swarmwright.conformance._table import rules_table
+    from swarmwright.conformance.table import rules_table
 
     chosen = rules.chosen(wanted, profile)
     for line in rules_table(chosen):
@@ -306,6 +308,28 @@ def _list(output: Output, rules: "Rules", wanted: tuple[str, ...], profile: "Pro
         said = {"id": rule.id, "rule": rule.sentence, "source": rule.source, "where": rule.where}
         output.json({**said, "needs": list(rule.needs)})
     return 0
+
+def _parameters_of(text: str | None, option: str = "--parameters") -> dict[str, Any]:
+    """Parameters from the command line: a JSON object, or the name of a file that holds one.
+
+    Raises InputError.
+    """
+    if text is None:
+        return {}
+    source = option
+    if not text.lstrip().startswith(("{", "[")):
+        source = text
+        try:
+            text = Path(text).read_text(encoding="utf-8")
+        except OSError as error:
+            raise InputError(f"{option}: {source}: {error.strerror}") from None
+    try:
+        value = json.loads(text)
+    except ValueError as error:
+        raise InputError(f"{source}: is not valid JSON: {error}") from None
+    if not isinstance(value, dict):
+        raise InputError(f'{source}: must be a JSON object, such as {{"maxSteps": 5}}')
+    return value
 
 
 class _Reporter:
@@ -320,7 +344,7 @@ class _Reporter:
 
     def tell(self, result: "Result") -> None:
         """One result: a line where there is no terminal; the table comes at the end."""
-        from swarmwright.conformance._table import line
+        from swarmwright.conformance.table import line
 
         self._output.json(result.record())
         if self._output.terminal:
@@ -330,19 +354,12 @@ class _Reporter:
 
     def finish(self, report: "Report", rules: "Rules", junit: Path | None) -> int:
         """The table, the file; the exit status."""
-        from swarmwright.conformance._junit import write_junit
-        from swarmwright.conformance._results import by_source, summary
-        from swarmwright.conformance._table import print_table
+        from swarmwright.conformance.junit import write_junit
+        from swarmwright.conformance.results import by_source, summary
+        from swarmwright.conformance.table import print_table
 
-        if any("give --actuators" in result.detail for result in report.results):
-            self.say(
-                "Many rules were skipped because the number of actuators is not known: give --actuators N."
-            )
-        if any("the server ignores seed" in result.detail for result in report.results):
-            self.say(
-                "The seeds 1 and 2 gave the same episode: either the server ignores the parameter seed, and "
-                "all episodes of a run would be the same, or nothing is random with these --parameters."
-            )
+        for advice in dict.fromkeys(result.advice for result in report.results if result.advice):
+            self.say(advice)
         if junit is not None:
             write_junit(report, junit, rules.groups)
         if self._output.terminal:

@@ -22,7 +22,8 @@ from swarmwright.cli._output import Output, show_warnings
     "connections",
     multiple=True,
     metavar="A.OUT:B.IN",
-    help="Connect an output of a component with an input of another. Units are converted. May be repeated.",
+    help="Connect an output of a component with an input of another. Units are converted, and so are scaled "
+    "variables (-1 to 1) of FMUs that Swarmwright exported. May be repeated.",
 )
 @click.option(
     "--output",
@@ -54,7 +55,7 @@ def command(
     if output.exists() and not force:
         raise InputError(f"{output}: is there already; name another --output, or write over it with --force")
     files = component_files(fmus)
-    data = coupled(output.stem, files, connections)
+    data, scaled = coupled(output.stem, files, connections)
     try:
         output.parent.mkdir(parents=True, exist_ok=True)
         output.write_bytes(data)
@@ -62,4 +63,7 @@ def command(
         raise InputError(f"{output}: cannot be written: {error.strerror}") from error
     plural = "" if len(connections) == 1 else "s"
     said.text(f"{output}: {', '.join(files)}; {len(connections)} connection{plural}")
-    said.json({"file": str(output), "components": list(files), "connections": list(connections)})
+    for words in scaled.values():
+        said.text(f"  {words}: converted")
+    about = {"file": str(output), "components": list(files), "connections": list(connections)}
+    said.json({**about, "scaled": scaled})

@@ -44,11 +44,9 @@ from swarmwright.cli._output import Output, show_warnings
 )
 @click.option(
     "--prefix",
-    default="controller",
-    show_default=True,
     metavar="NAME",
     help="Prefix of the names of files, functions and types: NAME.c, NAME_step. Give each controller in a "
-    "program another one.",
+    "program another one. Default: controller, or the name of the group.",
 )
 @click.option(
     "--verify",
@@ -99,7 +97,7 @@ def command(
     output: Path | None,
     chosen: tuple[int | None, int] | None,
     group: str | None,
-    prefix: str,
+    prefix: str | None,
     verify: bool,
     bundle: Path | None,
     mapping: Path | None,
@@ -115,7 +113,7 @@ def command(
     simulation, or for ONNX differs by 1e-5 at most.
     """
     from swarmwright.export import EXPORTERS
-    from swarmwright.export.exporting import export_controller
+    from swarmwright.export.exporting import PREFIX, export_controller
 
     said = Output(as_json=as_json)
     show_warnings()
@@ -127,6 +125,7 @@ def command(
             )
         if group is not None:
             raise click.UsageError("--group goes with --to: a bundle holds one controller for all agents")
+        prefix = prefix or PREFIX
         return _bundle(said, run, bundle, generation, candidate, prefix, mapping, terms, force=force)
     if model:
         if form is not None or verify or output is None:

@@ -153,7 +153,7 @@ def command(
     how: dict[str, Any] = {
         "simulation": simulation,
         "settings": settings,
-        "broker": _broker(opened, broker),
+        "broker": _broker(simulation or opened.experiment.simulation, opened, broker),
     }
     replay = Replay.of(
         opened,
@@ -187,11 +187,11 @@ def _check_unsaved() -> None:
             raise click.UsageError(f"{option} is for pictures, films and pages: give --save FILE as well.")
 
 
-def _broker(run: "Run", broker: str | None) -> str | None:
+def _broker(simulation: str, run: "Run", broker: str | None) -> str | None:
     """The broker that is named; for a simulation that is not here, also the one of the environment."""
     from swarmwright.simulations import catalogue
 
-    if broker is not None or catalogue.is_here(run.experiment.simulation):
+    if broker is not None or catalogue.is_here(simulation):
         return broker
     return experiment_broker(None, run.experiment.broker, None)
 

@@ -24,12 +24,13 @@ import sys
 import time
 from pathlib import Path
 
-_LINGER = 0.3
+_LINGER_S = 0.3
 """Seconds that what a command has started may take to end after it."""
-_POLITE = 2.0
+_GRACE_S = 2.0
 """Seconds for what is asked to end because the other end of the socket is gone."""
 _SUBREAPER, _DEATH_SIGNAL = 36, 1
-_LARGEST = 1 << 20
+_LARGEST_MESSAGE_BYTES = 1 << 20
+"""Of a message of the parent."""
 _IGNORED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _LINUX = sys.platform == "linux"
 
@@ -101,10 +102,10 @@ class Keeper:
                 if self._process is not None and self._process.returncode is not None:
                     self._ended()
             if self._channel.fileno() in readable:
-                data, descriptors, _, _ = socket.recv_fds(self._channel, _LARGEST, 3)
+                data, descriptors, _, _ = socket.recv_fds(self._channel, _LARGEST_MESSAGE_BYTES, 3)
                 if not data:
                     if self._process is not None:
-                        self._kill(_POLITE)
+                        self._kill(_GRACE_S)
                     return
                 self._take(json.loads(data), descriptors)
 
@@ -166,7 +167,7 @@ class Keeper:
         assert self._process is not None
         status, self._process = self._process.returncode, None
         if left is None:
-            until = time.monotonic() + _LINGER
+            until = time.monotonic() + _LINGER_S
             while (names := _descendants()) and time.monotonic() < until:
                 time.sleep(0.005)
                 _reap(None)

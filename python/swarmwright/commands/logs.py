@@ -73,8 +73,10 @@ _FORMATS = {
 }
 Reader = Callable[[str, Path | bytes, Collection[str]], Iterator[Row]]
 """Takes a log's name and path or content, and which columns are wanted."""
-_SHOWN = 12
-_LONGEST_LINE = 60
+_SHOWN_NAMES = 12
+"""Names of columns that a message lists."""
+_SHOWN_CHARACTERS = 60
+"""Characters of a line that a message shows."""
 _PLAIN = re.compile(r"[0-9A-Za-z.+-]+")
 """A number, NaN or infinity, or another word."""
 _WORDS = {"true": 1.0, "false": 0.0}
@@ -125,7 +127,7 @@ def read(files: Mapping[str, Path | bytes], formats: str, wanted: Collection[str
     for column, values in columns.items():
         if not values:
             known = list(seen)
-            there = ", ".join(known[:_SHOWN]) + (", .." if len(known) > _SHOWN else "")
+            there = ", ".join(known[:_SHOWN_NAMES]) + (", .." if len(known) > _SHOWN_NAMES else "")
             where, hint = ", ".join(files), did_you_mean(column, known)
             raise CommandFailure(f"{where}: has no column {column!r}{hint}; there is: {there}")
     return columns
@@ -201,7 +203,7 @@ def _named_once(name: str, header: list[str], wanted: Collection[str]) -> list[s
 
 
 def _taken(names: str) -> str:
-    return f"this line was taken for their names: {names.strip()[:_LONGEST_LINE]!r}"
+    return f"this line was taken for their names: {names.strip()[:_SHOWN_CHARACTERS]!r}"
 
 
 def _header(name: str, text: str, delimiter: str, wanted: Collection[str]) -> tuple[str | None, int, str]:
@@ -331,8 +333,8 @@ def _what_is_there(folder: Path) -> str:
     names = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
     if not names:
         return "its work folder is empty: have the command write into {folder}, its working folder"
-    more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
-    return f"there is: {', '.join(names[:_SHOWN])}{more}"
+    more = f" and {len(names) - _SHOWN_NAMES} more" if len(names) > _SHOWN_NAMES else ""
+    return f"there is: {', '.join(names[:_SHOWN_NAMES])}{more}"
 
 
 _READERS: dict[str, Reader] = {

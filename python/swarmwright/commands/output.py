@@ -6,10 +6,11 @@ from collections import deque
 
 LINES, _LINE = 20, 400
 """Lines that are kept of the end, and characters of each."""
-_LOGGED = 4096
+_LOGGED_CHARACTERS = 4096
 """Characters of a line that are logged."""
-_PIECE = 1 << 16
-_SUMMARY = 3
+_CHUNK_BYTES = 1 << 16
+"""Read at a time."""
+_SUMMARY_LINES = 3
 """Lines in a reason."""
 
 
@@ -35,7 +36,7 @@ class Printed:
 
     def read(self, descriptor: int) -> bool:
         """Take what can be read; return False at the end."""
-        data = os.read(descriptor, _PIECE)
+        data = os.read(descriptor, _CHUNK_BYTES)
         self.take(data)
         return bool(data)
 
@@ -49,7 +50,7 @@ class Printed:
         lines, end, self._line = (self._line + data).rpartition(b"\n")
         if end:
             self._tell(lines)
-        if len(self._line) > _PIECE:
+        if len(self._line) > _CHUNK_BYTES:
             self._tell(self._line)
             self._line = b""
 
@@ -64,8 +65,8 @@ class Printed:
         lines = data.decode("utf-8", "replace").replace("\r\n", "\n").removesuffix("\r").split("\n")
         for line in lines[-LINES:]:
             self._last.append(line if len(line) <= _LINE else f"{line[: _LINE - 3]}...")
-        if len(data) > _LOGGED:
-            lines = [line[:_LOGGED] for line in lines]
+        if len(data) > _LOGGED_CHARACTERS:
+            lines = [line[:_LOGGED_CHARACTERS] for line in lines]
         lines.append("")
         sys.stderr.write("\n".join(lines))
 
@@ -80,4 +81,4 @@ class Printed:
         lines = [
             line.strip() for line in self._last if line.strip("^~ \t")
         ]  # marks in tracebacks do not count
-        return " | ".join(lines[-_SUMMARY:])
+        return " | ".join(lines[-_SUMMARY_LINES:])

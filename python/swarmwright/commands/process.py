@@ -23,8 +23,9 @@ from swarmwright.commands.failure import CommandFailure
 from swarmwright.core.suggestions import did_you_mean
 
 KEEPER = Path(__file__).with_name("keeper.py")
-_LARGEST = 1 << 20
-_ANSWER = 30.0
+_LARGEST_MESSAGE_BYTES = 1 << 20
+"""Of the keeper's answer."""
+_ANSWER_S = 30.0
 """Seconds in which the keeper answers, when the machine is slow."""
 _MARK = "SWARMWRIGHT_COMMAND"
 """Variable of the environment by which processes are found whose keeper was killed."""
@@ -36,7 +37,7 @@ _INTERPRETER = re.compile(
 _FLAGS = frozenset({"-u", "-O", "-OO", "-B", "-E", "-I", "-s", "-S", "-x", "-jar", "--vanilla"})
 """Options of interpreters behind which the script may stand."""
 _SCRIPTS = frozenset({".py", ".sh", ".R", ".r", ".pl", ".rb", ".js", ".mjs", ".lua", ".jl", ".jar"})
-POLITE = 2.0
+GRACE_S = 2.0
 """Seconds between asking a process to end and killing it."""
 
 
@@ -110,7 +111,7 @@ class Processes:
         answer = self._answer()
         return Ended(int(answer["ended"]), tuple(map(str, answer["left"])))
 
-    def kill(self, patience: float = POLITE) -> Ended:
+    def kill(self, patience: float = GRACE_S) -> Ended:
         """End the process and everything below it; first ask, and wait for so many seconds."""
         with contextlib.suppress(OSError):
             self.channel.send(json.dumps({"kill": patience}).encode())
@@ -120,8 +121,8 @@ class Processes:
             return Ended(-9, ())
 
     def _answer(self) -> dict[str, Any]:
-        readable, _, _ = select.select([self.channel], [], [], _ANSWER)
-        data = self.channel.recv(_LARGEST) if readable else b""
+        readable, _, _ = select.select([self.channel], [], [], _ANSWER_S)
+        data = self.channel.recv(_LARGEST_MESSAGE_BYTES) if readable else b""
         if not data:
             self.close()
             raise CommandFailure("the process that starts commands has ended, and all commands with it")
@@ -151,7 +152,7 @@ def _kill_marked(mark: str) -> None:
     it was loading its program and had no environment. So this is done until nothing is found three times.
     """
     wanted = f"{_MARK}={mark}".encode()
-    until, quiet = time.monotonic() + _ANSWER, 0
+    until, quiet = time.monotonic() + _ANSWER_S, 0
     while quiet < _LOOKS and time.monotonic() < until:
         found = False
         for place in Path("/proc").glob("[0-9]*/environ"):

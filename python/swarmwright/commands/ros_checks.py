@@ -1,6 +1,5 @@
 """What is wrong with a definition of robots of a ROS system beyond the form of each key."""
 
-import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -8,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from swarmwright.commands.ros_sections import GET_ENTITIES_STATES, RESET_SIMULATION, SPAWN_ENTITY
 from swarmwright.core.suggestions import did_you_mean
 from swarmwright.core.yaml import Path_, dotted_path
-from swarmwright.ros.fields import READERS, STATES, WRITERS, reader, writers
+from swarmwright.ros.fields import READERS, STATES, WRITERS, SameFieldError, reader, writers
 from swarmwright.ros.mapping import MappingError, choice, read_mapping, short_type
 from swarmwright.ros.names import resolve
 
@@ -44,10 +43,10 @@ def _of_topics(options: "RosOptions") -> Iterator[tuple[Path_, str]]:
         actuators = read_mapping(block, [], own_names).actuators
         for topic in dict.fromkeys(one.place.topic for one in actuators):
             writers([one for one in actuators if one.place.topic == topic])
-    except MappingError as error:
-        path, message = _placed(str(error))
-        if "writes the same field" in message:
-            yield path, message
+    except SameFieldError as error:
+        yield ("actuators", error.actuator.terms[0][0]), error.reason
+    except MappingError:
+        pass  # of one entry, which is told of above
 
 
 def _types(options: "RosOptions") -> Iterator[tuple[Path_, str]]:
@@ -134,16 +133,8 @@ def _problem(entry: Mapping[str, Any], key: str, path: Path_) -> Iterator[tuple[
         else:
             writers(mapping.actuators)
     except MappingError as error:
-        _, message = _placed(str(error))
-        for field in ("type", "field", "sector", "clip", "limits", "reduce", "infinite"):
-            if message.startswith((f"{field}:", f"{field} ", f"the {field} ")):
-                path = (*path, field)
-                message = message.removeprefix(f"{field}:").removeprefix(f"{field} ").strip()
-                break
-        yield path, message
-
-
-def _placed(message: str) -> tuple[Path_, str]:
-    """Return the place that a mistake in a mapping names, and the rest."""
-    match = re.fullmatch(r"(sensors|actuators)\[(\d+)\](?: \(.*?\))?: (.*)", message, re.DOTALL)
-    return ((match[1], int(match[2])), match[3]) if match else ((), message)
+        if not error.key:
+            yield path, error.reason
+        else:
+            message = error.reason.removeprefix(f"{error.key}:").removeprefix(f"{error.key} ")
+            yield (*path, error.key), message.strip()

@@ -14,7 +14,7 @@ from swarmwright.commands.folders import size_of
 from swarmwright.commands.output import Printed
 from swarmwright.commands.process import Ended, Processes
 
-_LOOK = 0.25
+_SIZE_CHECK_S = 0.25
 """Seconds between two looks at the size of the work folder, at least."""
 MEGABYTE = 1_000_000
 
@@ -48,7 +48,7 @@ class Watch:
 
     def __init__(self, folder: Path, limits: Limits) -> None:
         self._folder, self._limits = folder, limits
-        self._looked, self._pause = time.monotonic(), _LOOK
+        self._looked, self._pause = time.monotonic(), _SIZE_CHECK_S
         self.deadline = time.monotonic() + limits.timeout
 
     def begin_again(self) -> None:
@@ -72,7 +72,7 @@ class Watch:
         if now - self._looked >= self._pause:
             self.check_disk()
             took = time.monotonic() - now
-            self._looked, self._pause = now, max(_LOOK, 20 * took)
+            self._looked, self._pause = now, max(_SIZE_CHECK_S, 20 * took)
 
     def check_disk(self) -> None:
         """Raise CommandFailure when the work folder is too large."""

@@ -24,16 +24,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
 
-from swarmwright.commands.failure import CommandFailure
+from swarmwright.commands.failure import CommandFailure, ReportedFailure
 from swarmwright.commands.output import Printed
 from swarmwright.commands.process import Ended, Processes
 from swarmwright.commands.running import Limits, Watch, check_end
 
-_PIECE = 1 << 16
-_LONGEST = 1 << 26
+_CHUNK_BYTES = 1 << 16
+"""Read at a time."""
+_LONGEST_LINE_BYTES = 1 << 26
+"""Of an answer."""
 _ENCODER = json.JSONEncoder(separators=(",", ":"))
 _log = logging.getLogger("swarmwright")
-_SURPLUS = 0.05
+_SURPLUS_S = 0.05
 """Seconds in which the answer to a reset comes that seems to be the end of the episode before."""
 _PART, _LONGEST_LOOK, _LOOK_AT_END = 0.02, 0.002, 0.0002
 """Share of a step's time, and seconds at most, in which a second answer is waited for; and seconds at the end
@@ -41,7 +43,7 @@ of one of the first episodes at least."""
 _TRIED = 5
 """In so many episodes, at the start and after a second answer, one is waited for after short steps, too."""
 _END = b'"done"'
-_GOODBYE = 2.0
+_GRACE_S = 2.0
 """Seconds that a process has to end when its standard input is closed."""
 
 
@@ -104,7 +106,7 @@ class Dialogue:
             answer = self.ask(message)
             if fresh or answer.get("done") is not True:
                 return answer
-            if not self._has_surplus(_SURPLUS if self._close_look else 0.0):
+            if not self._has_surplus(_SURPLUS_S if self._close_look else 0.0):
                 return answer
             # What came is the end of the episode before, said twice.
             self._end_for_surplus()
@@ -176,7 +178,7 @@ class Dialogue:
             # Not by poll, whose times are whole milliseconds.
             if not select.select([self._pipes[1]], [], [], left)[0]:
                 return False
-            data = os.read(self._pipes[1], _PIECE)
+            data = os.read(self._pipes[1], _CHUNK_BYTES)
             self._rest += data
             has_read = True
             if not data:
@@ -216,7 +218,7 @@ class Dialogue:
         if not isinstance(answer, dict):
             raise CommandFailure("wrote a line that is no JSON object")
         if "error" in answer:
-            raise CommandFailure(f"reports: {answer['error']}")
+            raise ReportedFailure(str(answer["error"]))
         return answer
 
     def _begin(self) -> None:
@@ -277,11 +279,11 @@ class Dialogue:
         """Take a line of what was read, also the beginning of one that is too long to be an answer."""
         end = self._rest.find(b"\n", self._searched) + 1
         self._searched = len(self._rest)
-        if not end and len(self._rest) > _PIECE and not self._rest.lstrip().startswith(b"{"):
+        if not end and len(self._rest) > _CHUNK_BYTES and not self._rest.lstrip().startswith(b"{"):
             end = len(self._rest)
         if not end:
-            if len(self._rest) > _LONGEST:
-                raise CommandFailure(f"wrote a line of more than {_LONGEST} bytes")
+            if len(self._rest) > _LONGEST_LINE_BYTES:
+                raise CommandFailure(f"wrote a line of more than {_LONGEST_LINE_BYTES} bytes")
             return None
         line = bytes(self._rest[:end])
         del self._rest[:end]
@@ -302,7 +304,7 @@ class Dialogue:
             self._watch.check(self.printed)
         for descriptor, _ in ready:
             if descriptor == self._pipes[1]:
-                data = os.read(descriptor, _PIECE)
+                data = os.read(descriptor, _CHUNK_BYTES)
                 self._rest += data
                 if not data:
                     self._poll.unregister(descriptor)
@@ -319,7 +321,7 @@ class Dialogue:
         for descriptor in self._pipes[1:]:
             os.set_blocking(descriptor, False)
         with contextlib.suppress(BlockingIOError):
-            while data := os.read(self._pipes[1], _PIECE):
+            while data := os.read(self._pipes[1], _CHUNK_BYTES):
                 self._rest += data
         with contextlib.suppress(BlockingIOError):
             while self.printed.read(self._pipes[2]):
@@ -349,7 +351,7 @@ class Dialogue:
         if self._ended is None:
             os.close(self._pipes[0])
             self._pipes = (-1, *self._pipes[1:])
-            if select.select([self._processes.channel], [], [], _GOODBYE)[0]:
+            if select.select([self._processes.channel], [], [], _GRACE_S)[0]:
                 with contextlib.suppress(CommandFailure, OSError):
                     self._note_end()  # it may have printed something at its end
             else:

@@ -11,6 +11,7 @@ from gymnasium.spaces import Box
 from numpy.typing import NDArray
 from pettingzoo import ParallelEnv  # type: ignore[import-untyped]
 
+from swarmwright.core.arguments import simulation_seed
 from swarmwright.core.errors import InputError
 from swarmwright.environments._world import OfWorld, World
 
@@ -25,9 +26,11 @@ class SwarmEnv(OfWorld, ParallelEnv):  # type: ignore[misc] # PettingZoo has no 
     def __init__(self, world: World) -> None:
         self._world = world
         self.render_mode = world.render_mode
-        self.metadata = {**self.metadata, "name": self._world.experiment.label}
+        self.metadata = {**self.metadata, **world.frames, "name": self._world.experiment.label}
         self.possible_agents = list(self._world.names)
         self.agents: list[str] = []
+        self._begun = False
+        self._generator: np.random.Generator | None = None
         self._numbers = {name: number for number, name in enumerate(self.possible_agents)}
         spaces = [self._world.spaces(number) for number in range(len(self.possible_agents))]
         self.observation_spaces = {
@@ -48,17 +51,22 @@ class SwarmEnv(OfWorld, ParallelEnv):  # type: ignore[misc] # PettingZoo has no 
         seed: int | None = None,
         options: dict[str, Any] | None = None,  # noqa: ARG002 - PettingZoo's
     ) -> tuple[_Sensed, dict[str, dict[str, Any]]]:
-        """Begin an episode."""
-        sensed = self._by_name(self._world.reset(seed))
+        """Begin an episode: with this seed, or with one that is drawn after the last one that was given."""
+        if seed is not None or self._generator is None:
+            self._generator = np.random.default_rng(None if seed is None else simulation_seed("seed", seed))
+        sensed = self._by_name(self._world.reset(seed, self._generator))
+        self._begun = True
         self.agents = list(sensed)
         return sensed, {name: {} for name in self.agents}
 
     def step(
         self, actions: dict[str, NDArray[np.float32]]
     ) -> tuple[_Sensed, dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
-        """Let all agents act."""
+        """Let all agents act. Without agents, at the end, nothing happens, as in PettingZoo's conversions."""
+        if not self._begun:
+            raise InputError("step: no episode has begun; call reset() first")
         if not self.agents:
-            raise InputError("step: the episode has ended, or none has begun; call reset() first")
+            return {}, {}, {}, {}, {}
         missing = [name for name in self.agents if name not in actions]
         if missing:
             raise InputError(f"actions: there is none for {', '.join(missing)}")

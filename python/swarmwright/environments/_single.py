@@ -10,6 +10,7 @@ import numpy as np
 from gymnasium.spaces import Space
 from numpy.typing import NDArray
 
+from swarmwright.core.arguments import simulation_seed
 from swarmwright.core.errors import InputError
 from swarmwright.environments._world import OfWorld, World
 
@@ -26,6 +27,7 @@ class AgentEnv(OfWorld, gymnasium.Env[NDArray[np.float32], NDArray[np.float32]])
                 f"simulation: {self._world.experiment.simulation} has {len(self._world.names)} agents; "
                 "use parallel_env"
             )
+        self.metadata = {**self.metadata, **world.frames}
         self.render_mode = world.render_mode
         sensors, actuators = self._world.spaces(0)
         self.observation_space = cast("Space[NDArray[np.float32]]", sensors)
@@ -38,9 +40,11 @@ class AgentEnv(OfWorld, gymnasium.Env[NDArray[np.float32], NDArray[np.float32]])
         seed: int | None = None,
         options: dict[str, Any] | None = None,
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
-        """Begin an episode."""
-        sensed = self._world.reset(seed)[0]  # checks the seed before the base class does
+        """Begin an episode: with this seed, or with one that is drawn from `np_random`."""
+        if seed is not None:
+            simulation_seed("seed", seed)  # before the base class takes it
         super().reset(seed=seed, options=options)
+        sensed = self._world.reset(seed, self.np_random)[0]
         self._going = True
         return sensed, {}
 

@@ -1,5 +1,6 @@
 """What environments of all libraries have in common: an episode, its agents, and how its fitness changes."""
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -9,9 +10,10 @@ from numpy.typing import NDArray
 
 from swarmwright.core.arguments import simulation_seed
 from swarmwright.core.arrays import float32_of
-from swarmwright.core.errors import InputError
+from swarmwright.core.errors import InputError, RunError
+from swarmwright.core.simulation_names import is_python
 from swarmwright.display import Recording
-from swarmwright.display._drawing import Picture
+from swarmwright.display.drawing import Picture
 from swarmwright.evaluation.episodes import Episodes
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.simulations import catalogue
@@ -23,7 +25,9 @@ _METRICS_OF_EARLY_ENDS: Mapping[str | None, tuple[str, ...]] = {
     "minisim": ("arrived", "caught"),
 }
 """Of built-in simulations, whose episodes end after some time: metrics that count agents which have ended
-before. Episodes of other simulations do not say why they have ended."""
+before."""
+_SEEDS = 2**63
+"""Seeds that are drawn are below."""
 
 
 class World:
@@ -42,7 +46,6 @@ class World:
         self.episode = Episodes(simulation, parameters)
         self.experiment = self.episode.experiment
         self.render_mode = render_mode
-        self._next_seed = self.experiment.first_seed
         if not self.episode.actuators:
             raise InputError(
                 f"simulation: {self.experiment.simulation} controls its agents itself: nothing acts here"
@@ -56,6 +59,10 @@ class World:
                 "with these parameters; make it longer, and see that it has agents"
             )
         self.names = self._named(len(acting))
+        self.frames: dict[str, float] = (
+            {"render_fps": 1 / seconds} if (seconds := self.episode.step_seconds) else {}
+        )
+        """Of the metadata of environments: how fast it is shown."""
         self._fitness = 0.0
         # Only a step tells whether agents act in turn.
         self.episode.step(np.zeros((len(acting), self.episode.actuators), np.float32))
@@ -83,11 +90,10 @@ class World:
             Box(-1.0, 1.0, (actuators,), np.float32),
         )
 
-    def reset(self, seed: int | None) -> dict[int, NDArray[np.float32]]:
-        """Begin an episode; return what the agents sense."""
-        chosen = self._next_seed if seed is None else simulation_seed("seed", seed)
+    def reset(self, seed: int | None, generator: np.random.Generator) -> dict[int, NDArray[np.float32]]:
+        """Begin an episode; return what the agents sense. generator: of the seed where there is none."""
+        chosen = int(generator.integers(_SEEDS)) if seed is None else simulation_seed("seed", seed)
         self.episode = Episodes(self.experiment, seeds=[chosen])
-        self._next_seed = chosen + 1
         self._fitness = 0.0
         self.last = self._sensed()
         return self.last
@@ -109,29 +115,55 @@ class World:
                 )
             row[:expected] = given
         self.episode.step(rows)
-        now = float(self.episode.fitness[0])
+        now = self._fitness_now()
         reward, self._fitness = now - self._fitness, now
         if not self.episode.done:
             self.last = {**self.last, **(sensed := self._sensed())}
             return sensed, reward
         return {}, reward
 
+    def _fitness_now(self) -> float:
+        """Return the fitness so far: before the end the last one, 0 at first, where it has no value.
+
+        Raises RunError where it has none at the end.
+        """
+        try:
+            values, faults = self.episode.fitness_and_faults()
+        except RunError:
+            if self.episode.done:
+                raise
+            return self._fitness
+        now = float(values[0])
+        if math.isfinite(now):
+            return now
+        if self.episode.done:
+            reason = f"fitness: {faults[0].reason}" if faults else "its fitness is not a finite number"
+            raise RunError(f"the episode failed: {reason}")
+        return self._fitness
+
     @property
     def is_truncated(self) -> bool:
-        """Whether the episode has ended since its time was over: agents do not sense how much is left.
-
-        Known of built-in simulations only.
-        """
-        counted = _METRICS_OF_EARLY_ENDS.get(catalogue.built_in(self.experiment.simulation))
-        if counted is None or not self.episode.done:
+        """Whether the episode has ended since its time was over: agents do not sense how much is left."""
+        counted = _METRICS_OF_EARLY_ENDS.get(self._built_in)
+        if counted is None:
+            return self.episode.is_truncated
+        if not self.episode.done:
             return False
         metrics = self.episode.metrics
         return sum(float(metrics[name][0]) for name in counted) < self._finishing
 
+    @property
+    def _built_in(self) -> str | None:
+        """The built-in simulation whose episodes it has; also those of missions in a class in Python."""
+        simulation = self.experiment.simulation
+        if is_python(simulation):
+            return catalogue.ARENA if catalogue.has_missions(simulation) else None
+        return catalogue.built_in(simulation)
+
     def outcome(self) -> dict[str, Any]:
         """Return what is known at the end of an episode."""
         metrics = {name: float(values[0]) for name, values in self.episode.metrics.items()}
-        return {"fitness": self._fitness, "metrics": metrics}
+        return {"fitness": self._fitness, "metrics": metrics, "seed": self.episode.seeds[0]}
 
     def picture(self) -> NDArray[np.uint8] | None:
         """Return what the world looks like, (height, width, 3)."""

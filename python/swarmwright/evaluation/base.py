@@ -16,7 +16,7 @@ from swarmwright.core.yaml import dotted_path
 from swarmwright.experiment.document import MOST_SERVERS
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.fitness import FitnessExpression
-from swarmwright.launchers._entries import WORDS, Entries, entries_of, of_text
+from swarmwright.launchers.entries import WORDS, Entries, entries_of, of_text
 from swarmwright.representations import Representation
 from swarmwright.store import Journal, WarningEntry
 from swarmwright.typing import Genomes

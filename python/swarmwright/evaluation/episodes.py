@@ -16,6 +16,7 @@ from swarmwright.core.suggestions import did_you_mean
 from swarmwright.display import Caption, Recording, Scene
 from swarmwright.display.files import save
 from swarmwright.experiment.experiment import Experiment
+from swarmwright.experiment.fitness import Fault
 from swarmwright.simulations import catalogue
 
 
@@ -79,6 +80,7 @@ class Episodes:
         playable = catalogue.playable(self.experiment.simulation)
         with engine_errors():
             self._episodes = _engine.Episodes(playable, dict(self.experiment.parameters), self.seeds)
+        self._host = None if isinstance(playable, str) else playable
         self._seen: Observation | None = None
         self._scenes: list[Scene] | None = [] if watch else None
         self._fitness_so_far: list[float] = []
@@ -93,6 +95,17 @@ class Episodes:
     def acts_in_turn(self) -> bool:
         """Of the first episode: whether agents act in turn, and others have yet to in this step."""
         return self._episodes.mid_step
+
+    @property
+    def is_truncated(self) -> bool:
+        """Of the first episode: whether a simulation in Python says that it has ended as its time was over.
+
+        Raises RunError when the code of the simulation failed.
+        """
+        if self._host is None or not self._episodes.done:
+            return False
+        with engine_errors():
+            return bool(self._host.truncated())
 
     @property
     def step_seconds(self) -> float:
@@ -152,13 +165,16 @@ class Episodes:
     @property
     def fitness(self) -> NDArray[np.float64]:
         """Fitness so far, (episodes,); NaN where the experiment's expression has no value."""
+        return self.fitness_and_faults()[0]
+
+    def fitness_and_faults(self) -> tuple[NDArray[np.float64], list[Fault]]:
+        """Return the fitness so far, and why the experiment's expression has no value where it has none."""
         expression = self.experiment.fitness_expression
         with engine_errors():
             own = self._episodes.fitness()
             if expression is None:
-                return own
-            values, _ = expression(own, self._episodes.metrics(list(expression.metrics)))
-        return values
+                return own, []
+            return expression(own, self._episodes.metrics(list(expression.metrics)))
 
     @property
     def metrics(self) -> dict[str, NDArray[np.float64]]:

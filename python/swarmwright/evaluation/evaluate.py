@@ -24,7 +24,7 @@ from swarmwright.evaluation.prepared import check_finite, check_size, prepared
 from swarmwright.evaluation.seeds import seeds_of
 from swarmwright.experiment.evolved import unknown
 from swarmwright.experiment.experiment import Experiment, experiment_of
-from swarmwright.rankings._slow import SlowOptions
+from swarmwright.rankings.slow_simulation import SlowOptions
 from swarmwright.representations.controller import Controller
 from swarmwright.simulations import catalogue
 from swarmwright.store import Journal

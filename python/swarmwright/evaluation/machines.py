@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from swarmwright import _engine
 from swarmwright.core.errors import RunError, engine_errors
 from swarmwright.core.processes import use_threads
-from swarmwright.modules._stepping import Robots
+from swarmwright.modules.stepping import Robots
 
 TOGETHER = 256
 """Episodes that are stepped side by side; of a simulation in Python one."""

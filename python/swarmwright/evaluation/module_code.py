@@ -9,7 +9,7 @@ from swarmwright.core.errors import InputError
 from swarmwright.core.modules import PYTHON_KIND, Catalogue, Module
 from swarmwright.core.simulation_names import SimulationName
 from swarmwright.modules import Condition
-from swarmwright.modules._registered import REGISTRIES, module, name_of
+from swarmwright.modules.registered import REGISTRIES, module, name_of
 from swarmwright.simulations.loading import code_in
 from swarmwright.user_code import trust
 from swarmwright.user_code.parts import of_plug_in, part_of

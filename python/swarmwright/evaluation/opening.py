@@ -32,10 +32,10 @@ from swarmwright.evaluation.launched import LaunchedServers, start
 from swarmwright.evaluation.module_code import is_in_python, names_of, with_digests
 from swarmwright.evaluation.through_broker import BrokerBackend
 from swarmwright.experiment.experiment import Experiment
-from swarmwright.launchers._entries import Entries
+from swarmwright.launchers.entries import Entries
 from swarmwright.simulations import catalogue
 from swarmwright.supervision.local_servers import LocalServers, automatic_count, processors, running_on
-from swarmwright.supervision.supervisor import START
+from swarmwright.supervision.supervisor import START_S
 from swarmwright.user_code.changes import files_of
 from swarmwright.user_code.notices import say
 
@@ -249,7 +249,7 @@ def open_servers(
         settings,
         visual=visual,
         episode_timeout=experiment.timeouts.episode,
-        start_timeout=max(START, experiment.timeouts.discovery),
+        start_timeout=max(START_S, experiment.timeouts.discovery),
         environment=experiment.timeouts.variables(),
     )
     return address, stack.enter_context(servers)

@@ -16,7 +16,7 @@ from swarmwright.core.modules import Module
 from swarmwright.core.tracebacks import is_installed
 from swarmwright.evaluation.machines import TOGETHER, MachineEvaluations
 from swarmwright.evaluation.module_code import ROLES, offered, sha256_of
-from swarmwright.modules._played import PlayedEpisode
+from swarmwright.modules.played import PlayedEpisode
 
 _STACK = 8000
 """Characters of a traceback that are kept, of its end."""

@@ -35,11 +35,12 @@ from swarmwright.supervision.marked_output import mark_output
 from swarmwright.supervision.process import STACK_SIGNAL
 from swarmwright.supervision.progress import Sample
 
-GRACE = 2.0
+DISCONNECT_S = 2.0
 """Seconds for disconnecting from the broker."""
-PREEMPTION_GRACE = 3.0
+PREEMPTION_GRACE_S = 3.0
 """Seconds for finishing a request on SIGTERM, unless `grace` says otherwise."""
-_LOOK = 0.01
+_POLL_S = 0.01
+"""Seconds between two checks whether the request has ended."""
 
 
 def _take_standard_input() -> int:
@@ -60,7 +61,7 @@ def _end_with_parent(pipe: int) -> None:
             pass
     finally:
         os.kill(os.getpid(), signal.SIGINT)
-        threading.Event().wait(GRACE)
+        threading.Event().wait(DISCONNECT_S)
         os._exit(0)
 
 
@@ -70,7 +71,7 @@ class _Preemption:
     def __init__(self, settings: Mapping[str, Any]) -> None:
         self.has_come = False
         self._progress: int | None = settings.get("progress")
-        self._grace = float(settings.get("grace", PREEMPTION_GRACE))
+        self._grace = float(settings.get("grace", PREEMPTION_GRACE_S))
         signal.signal(signal.SIGTERM, self._begin)
 
     def _begin(self, _number: int, _frame: object) -> None:
@@ -85,9 +86,9 @@ class _Preemption:
         while (now := self._sample()).candidates and now.request == before.request:
             if time.monotonic() > deadline:
                 break
-            time.sleep(_LOOK)
+            time.sleep(_POLL_S)
         os.kill(os.getpid(), signal.SIGINT)
-        threading.Event().wait(GRACE)
+        threading.Event().wait(DISCONNECT_S)
         self.finish()
 
     def _sample(self) -> Sample:

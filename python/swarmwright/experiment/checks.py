@@ -23,8 +23,8 @@ from swarmwright.experiment.start_from import genomes_of
 from swarmwright.methods import METHODS, MethodOptions
 from swarmwright.plug_ins import REGISTRIES
 from swarmwright.rankings import Ranking, RankingOptions
-from swarmwright.rankings._slow import METRIC, SlowOptions
 from swarmwright.rankings.race import RaceOptions
+from swarmwright.rankings.slow_simulation import METRIC, SlowOptions
 from swarmwright.representations import Representation
 from swarmwright.representations.parameter_set import ParameterSetOptions
 from swarmwright.representations.team import TeamOptions, check_counts, most, with_groups

@@ -62,10 +62,17 @@ def name_of(
     options, problems = read_definition(given, Path(), base)
     for path, message in problems:
         note(path, message)
+    unknown: list[tuple[str, str]] = []
     if isinstance(options, RosOptions):
-        _check_metrics(options, list(options.metrics), note)
+        unknown = _unknown_metrics(options, list(options.metrics))
     elif isinstance(options, FmuOptions) and base is not None:
-        _check_metrics(options, list(options.below(base).columns), note)
+        unknown = _unknown_metrics(options, list(options.below(base).columns))
+    for key, message in unknown:
+        if key == "fitness" and key not in definition:  # it is the experiment's
+            wrong.append((key,))
+            report((key,), message)
+        else:
+            note((key,), message)
     return WRONG if options is None or wrong else options.name
 
 
@@ -253,19 +260,21 @@ def _is_named(file: str, options: CommandOptions) -> bool:
     return False
 
 
-def _check_metrics(options: RosOptions | FmuOptions, names: list[str], note: Report) -> None:
-    """Check the expressions over the metrics that the definition names."""
+def _unknown_metrics(options: RosOptions | FmuOptions, names: list[str]) -> list[tuple[str, str]]:
+    """Return what is wrong with the expressions over metrics of these names: key and message."""
+    found = []
     for key, text in (("done", options.done), ("fitness", options.fitness)):
         expression = _expression(text)
         if isinstance(expression, str) and key == "done":
-            note((key,), expression)
+            found.append((key, expression))
         elif isinstance(expression, FitnessExpression):
             used = (*expression.metrics, *([OWN] if expression.uses_own else []))
             for name in used:
                 if name not in names:
                     hint = did_you_mean(name, names)
                     there = hint or f"; there is: {', '.join(names) or 'none'}"
-                    note(("metrics",), f"{key} uses {name!r}, which is none of them{there}")
+                    found.append((key, f"{name!r} is not a metric{there}"))
+    return found
 
 
 def _check_ros(options: RosOptions, checked: dict[str, Any], report: Report) -> None:

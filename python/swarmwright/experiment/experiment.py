@@ -23,10 +23,10 @@ from swarmwright.experiment.fitting import check_fits
 from swarmwright.experiment.settings import ANNOUNCED, apply, parse_settings, restricted
 from swarmwright.experiment.start_from import genomes_of
 from swarmwright.experiment.unavailable import UnavailableOptions, copies, method_of, not_installed, require
-from swarmwright.launchers._entries import Entries, written
+from swarmwright.launchers.entries import Entries, written
 from swarmwright.methods import Method, MethodOptions
 from swarmwright.rankings import RANKINGS, Ranking, RankingOptions
-from swarmwright.rankings._slow import SlowOptions
+from swarmwright.rankings.slow_simulation import SlowOptions
 from swarmwright.representations import REPRESENTATIONS, Representation
 from swarmwright.simulations.names import name_of
 from swarmwright.store import StoreReader

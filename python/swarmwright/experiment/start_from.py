@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from swarmwright.core.arrays import shortest
 from swarmwright.core.errors import InputError
 from swarmwright.core.problems import shown
-from swarmwright.representations._base import Representation, shortest
+from swarmwright.representations import Representation
 from swarmwright.representations.controller import Controller, controller_words, genome_beside
 from swarmwright.store import StoreReader
 from swarmwright.store.folder import find_store

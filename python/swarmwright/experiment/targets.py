@@ -14,8 +14,8 @@ from swarmwright.core.yaml import Path_, Source, dotted_path, read
 from swarmwright.experiment.document import Validate
 from swarmwright.experiment.experiment import ELSEWHERE, Experiment
 from swarmwright.experiment.ranges import E_PUCKS, Range, ranges_of, require_e_pucks
-from swarmwright.rankings._slow import SlowOptions
 from swarmwright.rankings.absolute import AbsoluteOptions
+from swarmwright.rankings.slow_simulation import SlowOptions
 from swarmwright.rankings.transferability import TransferabilityOptions
 from swarmwright.simulations import catalogue
 from swarmwright.simulations.names import absolute

@@ -1,8 +1,8 @@
 """Methods of runs that are not installed here: the runs can be read and evaluated, but not resumed."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import ClassVar, NoReturn
+from typing import Any, ClassVar, NoReturn
 
 from pydantic import ConfigDict
 
@@ -96,6 +96,20 @@ def _refuse(kind: str, reason: str, folder: Path | None) -> NoReturn:
         f"method.kind: {reason}{copied}. Install the package that provides {kind!r}: resuming the run needs "
         "the method, everything else does not"
     )
+
+
+def not_installed(values: Mapping[str, Any]) -> list[str]:
+    """Return the sections of an experiment, `controller` or `ranking`, whose kind no package here has."""
+    kinds = {
+        section: values[section].get("kind")
+        for section in ("controller", "ranking")
+        if isinstance(values.get(section), Mapping)
+    }
+    return [
+        section
+        for section, kind in kinds.items()
+        if isinstance(kind, str) and kind not in REGISTRIES[section].names()
+    ]
 
 
 def copies(folder: Path, sections: Sequence[str]) -> Sequence[tuple[str, Path]]:

@@ -16,7 +16,7 @@ from swarmwright.experiment.document import DEFAULT_KINDS
 from swarmwright.experiment.parameter_files import resolve
 from swarmwright.experiment.start_from import entries
 from swarmwright.experiment.unavailable import UnavailableMethod
-from swarmwright.launchers._entries import entries_of, names_launchers
+from swarmwright.launchers.entries import entries_of, names_launchers
 from swarmwright.plug_ins import REGISTRIES
 from swarmwright.simulations import catalogue
 from swarmwright.simulations.names import absolute, of_run

@@ -13,6 +13,7 @@ from swarmwright.core.evostick import STEEP, as_layered
 from swarmwright.core.hebbian import as_meshed
 from swarmwright.core.neat import EXP
 from swarmwright.core.neat import rows as neat_rows
+from swarmwright.core.ranges import shortest
 from swarmwright.export._base import not_exported
 from swarmwright.export.c_modules import catalogue_of, own_code
 from swarmwright.export.subject import Subject
@@ -267,7 +268,8 @@ def _actuator(low: float, high: float, language: dict[str, str]) -> tuple[str, s
         f"{p}_product product = share * 2.0f;",
         f"{p}_real a = product - 1.0f;",
     ]
-    return f"{bounds[0]:g}..{bounds[1]:g} becomes -1..1", "\n".join(f"    {line}" for line in lines)
+    first, last = (shortest(float(one)) for one in bounds)
+    return f"{first}..{last} becomes -1..1", "\n".join(f"    {line}" for line in lines)
 
 
 def machine_tables(subject: Subject) -> tuple[NDArray[np.int64], NDArray[np.float32]]:

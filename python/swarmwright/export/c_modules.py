@@ -11,7 +11,7 @@ from swarmwright.core import modules
 from swarmwright.core.errors import InputError
 from swarmwright.export.text import is_reserved, plain, render
 from swarmwright.modules import Behaviour, Condition
-from swarmwright.modules._registered import implementation, place_of
+from swarmwright.modules.registered import implementation, place_of
 
 _SENSES = {
     "proximity_x": 0,

@@ -5,11 +5,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from swarmwright.core.arguments import checked, text
+from swarmwright.core.errors import RunError
 from swarmwright.export import EXPORTERS
 from swarmwright.export.subject import Subject, subject_of
-from swarmwright.export.text import check_prefix
+from swarmwright.export.text import check_prefix, word_of
 from swarmwright.export.verification import Verification, verify
-from swarmwright.export.writing import check_case, write
+from swarmwright.export.writing import check_case, check_replaceable, write
 
 if TYPE_CHECKING:
     from swarmwright.runs.run import Run
@@ -38,7 +39,7 @@ def export_controller(
     generation: int | None = None,
     candidate: int | None = None,
     group: str | None = None,
-    prefix: str = PREFIX,
+    prefix: str | None = None,
     verify: bool = False,
     force: bool = False,
 ) -> Exported:
@@ -55,7 +56,8 @@ def export_controller(
         generation: of the candidate, from 0; as in `Run.evaluation`.
         candidate: as in `Run.evaluation`; default: the best one.
         group: of agents, whose controller is written; needed where groups have controllers of their own.
-        prefix: begins names of files, functions and types, so that a program can hold several controllers.
+        prefix: begins names of files, functions and types, so that a program can hold several controllers;
+            by default "controller", or the name of the group.
         verify: compile and run what was written, in 10,000 random sequences and in the run's episodes, and
             compare its actuators with the simulation's.
         force: write over files that were not exported by Swarmwright, or that were edited since.
@@ -63,11 +65,13 @@ def export_controller(
     Raises:
         InputError: there is no such candidate, group or form, the prefix is not an identifier, or differs
             in case only from that of files there, a file is in the way, or a program that verification needs
-            is not installed.
+            is not installed. Nothing is written then.
         RunError: what was written does not compile or run.
     """
     from swarmwright.runs.run import run_of  # noqa: PLC0415 - with figures and more
 
+    if prefix is None:
+        prefix = PREFIX if group is None else _prefix_of(group)
     check_prefix(prefix)
     exporter = EXPORTERS.get(text("to", to, "the name of a form"))()
     opened = run_of(run)
@@ -75,9 +79,19 @@ def export_controller(
     files = exporter.files(subject, prefix)
     folder = Path(output if output is not None else prefix)
     check_case(files, folder, prefix)
-    written = write(files, folder, force=force)
-    found = _verify(exporter, subject, prefix, files) if verify else None
-    return Exported(written, subject, found)
+    check_replaceable(files, folder, force=force)
+    try:
+        found = _verify(exporter, subject, prefix, files) if verify else None
+    except RunError:
+        write(files, folder, force=force)  # to look at what does not compile
+        raise
+    return Exported(write(files, folder, force=force), subject, found)
+
+
+def _prefix_of(group: str) -> str:
+    """Return the prefix that names a group of agents have by default."""
+    word = word_of(group)
+    return word if word[:1].isalpha() else f"group_{word}"
 
 
 _verify = verify

@@ -1,5 +1,6 @@
 """Functional Mock-up Units for co-simulation: `--to fmu` (FMI 2.0) and `--to fmu3` (FMI 3.0)."""
 
+import re
 import subprocess
 import sys
 import tempfile
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from swarmwright.core.errors import InputError, RunError
 from swarmwright.export._base import Exporter, Files, facts, file_bytes
 from swarmwright.export.c import C
-from swarmwright.export.fmu_parts import add_units, named, token, unit_name, xml, zipped
+from swarmwright.export.fmu_parts import add_range, add_units, named, token, unit_name, xml, zipped
 from swarmwright.export.programs import command, run
 from swarmwright.export.python_code import golden_text
 from swarmwright.export.sequences import Sequences
@@ -27,10 +28,18 @@ if TYPE_CHECKING:
 _FIRST_SENSOR = 2
 """Value references: 0 is the time, 1 the period, then come sensors and actuators."""
 _SYSTEMS = {"linux": ("linux", ".so"), "darwin": ("darwin", ".dylib"), "mingw": ("windows", ".dll")}
-_MACHINES = {
-    "x86_64": "x86_64", "amd64": "x86_64", "aarch64": "aarch64", "arm64": "aarch64", "i386": "x86",
-    "i486": "x86", "i586": "x86", "i686": "x86", "riscv64": "riscv64",
-}  # fmt: skip
+_MACHINES = """\
+#if defined __x86_64__ && __SIZEOF_POINTER__ == 8
+machine: x86_64
+#elif defined __i386__
+machine: x86
+#elif defined __aarch64__ && __SIZEOF_POINTER__ == 8
+machine: aarch64
+#elif defined __riscv && __riscv_xlen == 64
+machine: riscv64
+#endif
+"""
+"""Preprocessed, this is the machine: options such as -m32 change it, and not what -dumpmachine says."""
 _TIME_OUT_S = 120
 
 
@@ -174,10 +183,10 @@ class Fmu(Exporter):
         first = _FIRST_SENSOR + len(variables.sensors)
         outputs = structure if three else ET.SubElement(structure, "Outputs")
         for index in range(len(variables.actuators)):
-            if three:
-                ET.SubElement(outputs, "Output", valueReference=str(first + index))
-            else:  # the place among the variables, from 1; there is no time among them
-                ET.SubElement(outputs, "Unknown", index=str(first + index))
+            # In FMI 2.0 the place among the variables, from 1; there is no time among them. Outputs change in
+            # steps only, whatever the inputs are.
+            about = {"valueReference" if three else "index": str(first + index), "dependencies": ""}
+            ET.SubElement(outputs, "Output" if three else "Unknown", about)
         return xml(root, comment=f"{MARK} {__version__}; changes here are lost.")
 
 
@@ -207,7 +216,8 @@ class _Variables:
         self.sensors = named("sensors", [one.name for one in subject.sensors])
         self.actuators = named("actuators", [one.name for one in subject.actuators])
         channels = [*subject.sensors, *subject.actuators]
-        self.units = sorted({"s", *filter(None, (unit_name(channel.unit) for channel in channels))})
+        units = [unit for one in channels for unit in (one.unit, one.range.unit if one.range else "")]
+        self.units = sorted({"s", *filter(None, map(unit_name, units))})
 
     def _channels(self, subject: Subject) -> list[tuple[str, Channel, str]]:
         return [
@@ -218,7 +228,7 @@ class _Variables:
     def two(self, listed: ET.Element, subject: Subject) -> None:
         """Add the variables of FMI 2.0: the place of each, from 1, is its value reference."""
         period = {"name": "period", "valueReference": "1", "causality": "parameter", "variability": "fixed"}
-        element = ET.SubElement(listed, "ScalarVariable", {**period, "description": _PERIOD})
+        element = ET.SubElement(listed, "ScalarVariable", {**period, "description": _of_period(subject)})
         ET.SubElement(element, "Real", unit="s", start=repr(_period(subject)))
         for index, (name, channel, causality) in enumerate(self._channels(subject)):
             about = {"name": name, "valueReference": str(_FIRST_SENSOR + index), "causality": causality}
@@ -227,7 +237,9 @@ class _Variables:
             else:
                 about |= {"variability": "discrete"}
             element = ET.SubElement(listed, "ScalarVariable", {**about, "description": _words(channel)})
-            ET.SubElement(element, "Real", {**_unit(channel), "start": "0"})
+            ET.SubElement(element, "Real", {**_unit(channel), **_bounds(causality), "start": "0"})
+            if channel.range is not None:
+                add_range(element, channel.range, "2.0")
 
     def three(self, listed: ET.Element, subject: Subject) -> None:
         """Add the variables of FMI 3.0."""
@@ -235,22 +247,35 @@ class _Variables:
         ET.SubElement(listed, "Float64", {**time, "variability": "continuous", "unit": "s"})
         period = {"name": "period", "valueReference": "1", "causality": "parameter", "variability": "fixed"}
         start = {"unit": "s", "start": repr(_period(subject))}
-        ET.SubElement(listed, "Float64", {**period, "description": _PERIOD, **start})
+        ET.SubElement(listed, "Float64", {**period, "description": _of_period(subject), **start})
         for index, (name, channel, causality) in enumerate(self._channels(subject)):
             about = {"name": name, "valueReference": str(_FIRST_SENSOR + index), "causality": causality}
             about |= {"variability": "discrete", "description": _words(channel)}
             if causality == "output":
                 about["initial"] = "exact"
-            ET.SubElement(listed, "Float32", {**about, **_unit(channel), "start": "0"})
+            about |= {**_unit(channel), **_bounds(causality), "start": "0"}
+            element = ET.SubElement(listed, "Float32", about)
+            if channel.range is not None:
+                add_range(element, channel.range, "3.0")
 
 
-_PERIOD = "Time from one control step to the next, above 0"
+def _of_period(subject: Subject) -> str:
+    """Return what is said of the parameter `period`."""
+    text = "Time from one control step to the next, above 0"
+    if subject.step_size:
+        return text
+    return f"{text}; a guess, since the simulation's steps have no known duration in physical time"
 
 
 def _unit(channel: Channel) -> dict[str, str]:
     """Return the attribute of a variable with a unit."""
     unit = unit_name(channel.unit)
     return {"unit": unit} if unit else {}
+
+
+def _bounds(causality: str) -> dict[str, str]:
+    """Return the limits of a variable: actuators have some, while sensors may be beyond their range."""
+    return {"min": "-1", "max": "1"} if causality == "output" else {}
 
 
 def _about(subject: Subject) -> str:
@@ -269,21 +294,26 @@ def _period(subject: Subject) -> float:
 
 def _platform(compiler: list[str]) -> tuple[str, str, str]:
     """Return machine and system as FMI 3.0 names them, and how libraries end there."""
-    try:
-        done = subprocess.run(
-            [*compiler, "-dumpmachine"], capture_output=True, text=True, timeout=_TIME_OUT_S, check=False
-        )
-    except (OSError, subprocess.TimeoutExpired) as error:
-        raise InputError(f"{' '.join(compiler)}: does not say what it compiles for: {error}") from None
-    triple = done.stdout.strip()
-    machine = _MACHINES.get(triple.partition("-")[0])
+    triple = _said([*compiler, "-dumpmachine"]).strip()
+    preprocessed = _said([*compiler, "-E", "-P", "-x", "c", "-"], _MACHINES)
+    machine = re.search(r"^machine: (\w+)$", preprocessed, re.MULTILINE)
     system = next((found for word, found in _SYSTEMS.items() if word in triple), None)
     if machine is None or system is None:
         raise InputError(
             f"{' '.join(compiler)}: compiles for {triple or 'an unknown machine'}, which FMI has no name "
             "for; name another compiler with CC"
         )
-    return machine, *system
+    return machine[1], *system
+
+
+def _said(words: list[str], text: str = "") -> str:
+    """Return what a compiler prints about itself."""
+    try:
+        return subprocess.run(
+            words, input=text, capture_output=True, text=True, timeout=_TIME_OUT_S, check=False
+        ).stdout
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise InputError(f"{' '.join(words)}: does not say what it compiles for: {error}") from None
 
 
 def _build_description(prefix: str) -> str:

@@ -7,8 +7,10 @@ import zipfile
 from collections.abc import Iterable
 from xml.etree import ElementTree as ET
 
+from swarmwright.core.ranges import Range
 from swarmwright.export._base import Files, file_bytes
-from swarmwright.export.text import identifiers
+from swarmwright.export.text import identifiers, plain
+from swarmwright.fmu.description import RANGE
 
 _DATE = (1980, 1, 1, 0, 0, 0)
 """Of all entries, so that the same controller gives the same bytes."""
@@ -18,8 +20,19 @@ UNITS: dict[str, dict[str, str]] = {
     "V": {"kg": "1", "m": "2", "s": "-3", "A": "-1"}, "K": {"K": "1"},
     "N": {"kg": "1", "m": "1", "s": "-2"}, "W": {"kg": "1", "m": "2", "s": "-3"},
     "deg": {"rad": "1", "factor": "0.017453292519943295"},
+    "m^2": {"m": "2"}, "m^3": {"m": "3"}, "rad/s^2": {"rad": "1", "s": "-2"}, "A": {"A": "1"},
+    "Pa": {"kg": "1", "m": "-1", "s": "-2"}, "J": {"kg": "1", "m": "2", "s": "-2"},
+    "N.m": {"kg": "1", "m": "2", "s": "-2"}, "Nm": {"kg": "1", "m": "2", "s": "-2"},
+    "ohm": {"kg": "1", "m": "2", "s": "-3", "A": "-2"}, "T": {"kg": "1", "s": "-2", "A": "-1"},
+    "lx": {"cd": "1", "m": "-2"}, "%": {"factor": "0.01"}, "g": {"kg": "1", "factor": "0.001"},
+    "min": {"s": "1", "factor": "60.0"}, "h": {"s": "1", "factor": "3600.0"},
+    "deg/s": {"rad": "1", "s": "-1", "factor": "0.017453292519943295"},
+    "degC": {"K": "1", "offset": "273.15"},
 }  # fmt: skip
-"""Units in SI base units; others are named only."""
+"""Units in SI base units, spelled in ASCII; others, and those with other prefixes, are named only."""
+_PREFIXES = {"n": 1e-9, "u": 1e-6, "m": 1e-3, "c": 1e-2, "k": 1e3, "M": 1e6, "G": 1e9}
+_PREFIXED = ("m", "s", "V", "A", "N", "W", "Hz", "Pa", "J", "N.m", "ohm", "T", "g", "rad")
+"""Units that are used with prefixes."""
 _NOT_IN_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
@@ -33,8 +46,30 @@ def add_units(root: ET.Element, names: Iterable[str]) -> None:
     units = ET.SubElement(root, "UnitDefinitions")
     for name in names:
         one = ET.SubElement(units, "Unit", name=name)
-        if name in UNITS:
-            ET.SubElement(one, "BaseUnit", UNITS[name])
+        if base := _base_unit(name):
+            ET.SubElement(one, "BaseUnit", base)
+
+
+def _base_unit(name: str) -> dict[str, str]:
+    """Return a unit, such as `m/s²` or `kΩ`, in SI base units; empty for others."""
+    spelled = plain(name)
+    if spelled in UNITS:
+        return UNITS[spelled]
+    factor, rest = _PREFIXES.get(spelled[:1]), spelled[1:]
+    if factor is None or rest not in _PREFIXED:
+        return {}
+    return {**UNITS[rest], "factor": repr(factor * float(UNITS[rest].get("factor", "1")))}
+
+
+def add_range(variable: ET.Element, stands_for: Range, fmi: str) -> None:
+    """Add an annotation to a variable: what -1 and 1 stand for, see `swarmwright.fmu.description`."""
+    annotations = ET.SubElement(variable, "Annotations")
+    if fmi == "3.0":
+        one = ET.SubElement(annotations, "Annotation", type=RANGE)
+    else:
+        one = ET.SubElement(annotations, "Tool", name=RANGE)
+    about = {"low": repr(stands_for.low), "high": repr(stands_for.high)}
+    ET.SubElement(one, "Range", about | ({"unit": unit} if (unit := unit_name(stands_for.unit)) else {}))
 
 
 def named(group: str, names: Iterable[str]) -> list[str]:

@@ -13,7 +13,7 @@ from swarmwright.core.yaml import read
 from swarmwright.export._base import Exporter, Files, facts
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Subject
-from swarmwright.modules._registered import module
+from swarmwright.modules.registered import module
 
 _EDITABLE = "it can be edited and evaluated, or evolution start from it"
 

@@ -216,11 +216,12 @@ def _mealy_fsm(subject: Subject, graph: Graph) -> None:
     graph.numbers_at_once = most * len(counts)
     column = graph.add("Unsqueeze", "sensors", graph.whole(2))
     over = graph.add("Less", graph.constant(padded.astype(np.float32), "thresholds"), column)
-    intervals = graph.add(
-        "ReduceSum", graph.add("Cast", over, to=TensorProto.INT64), graph.whole(2), keepdims=0
+    # A selection and one sum: OpenVINO 2026.4 miscomputes a product behind a sum over an axis of length 1.
+    places = np.broadcast_to(radix[:, np.newaxis], padded.shape)
+    digits = graph.add(
+        "Where", over, graph.constant(places, "radix"), graph.constant(np.array(0, np.int64), "none")
     )
-    digits = graph.add("Mul", intervals, graph.constant(radix, "radix"))
-    symbol = graph.add("ReduceSum", digits, graph.whole(1), keepdims=0)
+    symbol = graph.add("ReduceSum", digits, graph.whole(1, 2), keepdims=0)
     of_state = graph.add("Mul", "state", graph.constant(np.array(np.prod(counts), np.int64), "symbols"))
     row = graph.add("Add", of_state, symbol)
     states, outputs = machine_tables(subject)

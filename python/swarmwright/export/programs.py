@@ -55,7 +55,8 @@ def run(
         raise RunError(f"{during}: {what}: {words[0]}: {error.strerror}") from error
     if done.returncode:
         said = (done.stderr or done.stdout).decode(errors="replace").strip()[-_TOLD:]
-        raise RunError(f"{during}: {what} ended with status {done.returncode}:\n{said}")
+        said = f":\n{said}" if said else f", and printed nothing: {shlex.join(words)}"
+        raise RunError(f"{during}: {what} ended with status {done.returncode}{said}")
     return done.stdout
 
 

@@ -12,7 +12,7 @@ from swarmwright.export._base import Files, facts
 from swarmwright.export.c_modules import catalogue_of, own_modules
 from swarmwright.export.subject import Subject
 from swarmwright.export.text import MARK, plain, render
-from swarmwright.modules._registered import Kind, implementation, place_of
+from swarmwright.modules.registered import Kind, implementation, place_of
 from swarmwright.user_code import trust
 from swarmwright.user_code.copying import Copy
 from swarmwright.user_code.parts import Part, distributions

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from swarmwright import _engine
 from swarmwright.core.errors import InputError, engine_errors
 from swarmwright.core.modules import PYTHON_KIND
-from swarmwright.modules._machine import Swarm
+from swarmwright.modules.machine import Swarm
 
 RANDOM_SEQUENCES = 10_000
 LONGEST = 30

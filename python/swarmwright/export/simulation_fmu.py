@@ -11,7 +11,7 @@ from xml.etree import ElementTree as ET
 
 from swarmwright.core.errors import InputError
 from swarmwright.export._base import Files
-from swarmwright.export.fmu_parts import add_units, token, xml, zipped
+from swarmwright.export.fmu_parts import add_range, add_units, token, unit_name, xml, zipped
 from swarmwright.export.simulation_model import Model, Variable
 from swarmwright.export.text import MARK, check_prefix, render
 
@@ -113,7 +113,8 @@ def _description(model: Model, fmi: str, name: str, made: str) -> str:
         **({} if three else {"canNotUseMemoryManagementFunctions": "true"}),
     }
     ET.SubElement(root, "CoSimulation", what)
-    add_units(root, sorted({"s", *(one.unit for one in variables if one.unit)}))
+    scales = [unit_name(one.stands_for.unit) for one in variables if one.stands_for is not None]
+    add_units(root, sorted({"s", *filter(None, (*scales, *(one.unit for one in variables)))}))
     categories = ET.SubElement(root, "LogCategories")
     for category in ("logStatusDiscard", "logStatusError"):
         ET.SubElement(categories, "Category", name=category)
@@ -157,6 +158,8 @@ def _add_two(listed: ET.Element, one: Variable) -> None:
     element = ET.SubElement(listed, "ScalarVariable", _about(one))
     start = {} if one.start is None else {"start": _start(one.start)}
     ET.SubElement(element, _TWO[one.kind], {**_limits(one), **start})
+    if one.stands_for is not None:
+        add_range(element, one.stands_for, "2.0")
 
 
 def _add_three(listed: ET.Element, one: Variable) -> None:
@@ -166,7 +169,9 @@ def _add_three(listed: ET.Element, one: Variable) -> None:
         ET.SubElement(element, "Start", value=str(one.start))
         return
     start = {} if one.start is None else {"start": _start(one.start)}
-    ET.SubElement(listed, kind, {**_about(one), **_limits(one), **start})
+    element = ET.SubElement(listed, kind, {**_about(one), **_limits(one), **start})
+    if one.stands_for is not None:
+        add_range(element, one.stands_for, "3.0")
 
 
 def _add_structure(structure: ET.Element, variables: list[Variable], *, three: bool) -> None:

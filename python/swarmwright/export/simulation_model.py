@@ -10,7 +10,7 @@ import numpy as np
 from swarmwright import _engine
 from swarmwright.core.errors import InputError, engine_errors
 from swarmwright.core.groups import DeclaredGroup
-from swarmwright.core.ranges import ranges_of
+from swarmwright.core.ranges import Range, ranges_of
 from swarmwright.core.suggestions import did_you_mean
 from swarmwright.export.fmu_parts import named, unit_name
 from swarmwright.simulations import catalogue
@@ -40,6 +40,8 @@ class Variable:
     start: Any = None
     unit: str = ""
     range: tuple[float, float] | None = None
+    stands_for: Range | None = None
+    """What -1 and 1 stand for; None where it is not scaled."""
 
 
 @dataclass(frozen=True)
@@ -156,16 +158,17 @@ class Model:
                 "output",
                 "Whether the actuators of the agent count in the next step",
             )
-            for index, (name, text, unit, of_range) in enumerate(self._channels("sensor", group)):
-                full, about = f"agent[{agent + 1}].{name}", f"{text}{of_range}"
-                yield Variable(full, first + 1 + index, "single", "output", about, unit=unit)
-            for index, (name, text, unit, of_range) in enumerate(self._channels("actuator", group)):
-                full, reference = f"agent[{agent + 1}].{name}", first + 1 + most["sensor"] + index
-                about = f"{text}{of_range or ', -1 to 1'}"
-                yield Variable(full, reference, "single", "input", about, 0.0, unit, (-1.0, 1.0))
+            for index, (name, text, unit, scale) in enumerate(self._channels("sensor", group)):
+                full, about = f"agent[{agent + 1}].{name}", f"{text}{_words(scale)}"
+                number = first + 1 + index
+                yield Variable(full, number, "single", "output", about, unit=unit, stands_for=scale)
+            for index, (name, text, unit, scale) in enumerate(self._channels("actuator", group)):
+                full, number = f"agent[{agent + 1}].{name}", first + 1 + most["sensor"] + index
+                about = f"{text}{_words(scale) or ', -1 to 1'}"
+                yield Variable(full, number, "single", "input", about, 0.0, unit, (-1.0, 1.0), scale)
 
-    def _channels(self, which: str, group: DeclaredGroup | None) -> list[tuple[str, str, str, str]]:
-        """Return name, text and unit of an agent's sensors or actuators, and what -1 to 1 stand for."""
+    def _channels(self, which: str, group: DeclaredGroup | None) -> list[tuple[str, str, str, Range | None]]:
+        """Return name, text and unit of an agent's sensors or actuators, and what -1 and 1 stand for."""
         if group is None:
             count = self.description[f"{which}s"]
             names, units = self.description[f"{which}_names"], self.description[f"{which}_units"]
@@ -178,13 +181,17 @@ class Model:
         given = self.ranges.get(None if group is None else group.name, {}).get(f"{which}_ranges", ())
         ranges = ranges_of(given, count) or (None,) * count
         about = [
-            (unit, "") if one is None else ("", f", {one._replace(unit=one.unit or unit).scaled_words}")
+            (unit, None) if one is None else ("", one._replace(unit=one.unit or unit))
             for one, unit in zip(ranges, known, strict=True)
         ]
         return [
             (name, text, *rest)
             for name, text, rest in zip(named(f"{which}s", texts), texts, about, strict=True)
         ]
+
+
+def _words(stands_for: Range | None) -> str:
+    return "" if stands_for is None else f", {stands_for.scaled_words}"
 
 
 def unit_of(words: str) -> str:

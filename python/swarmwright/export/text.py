@@ -4,6 +4,7 @@ import hashlib
 import keyword
 import re
 import sys
+import unicodedata
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
@@ -20,9 +21,21 @@ _TEMPLATES = Path(__file__).parent / "templates"
 _PLACEHOLDER = re.compile(r"@([A-Za-z_]+)@")
 _TRIGRAPH = re.compile(r"\?\?(?=[=/'()!<>-])")
 _DEGREE = "\N{DEGREE SIGN}"
+_SUPERSCRIPTS = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁺⁻", "0123456789+-")
+_RAISED = re.compile(r"[⁰¹²³⁴⁵⁶⁷⁸⁹⁺⁻]+")
+_LATIN = {
+    "ß": "ss", "æ": "ae", "Æ": "AE", "œ": "oe", "Œ": "OE", "ø": "o", "Ø": "O", "ł": "l", "Ł": "L", "đ": "d",
+    "Đ": "D", "ı": "i", "þ": "th", "Þ": "Th", "ð": "d", "Ð": "D", "·": ".", "⋅": ".", "×": "x", "⁄": "/",
+    "−": "-", "‐": "-", "–": "-", "—": "-", "‘": "'", "’": "'", "“": "'", "”": "'",
+    "Ω": "ohm", "μ": "u",
+}  # fmt: skip
+"""Text in ASCII for characters that no decomposition of Unicode has: letters, signs of units, punctuation."""
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+_IDENTIFIER = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _LONGEST_NAME = 50
+"""Characters."""
 _WIDTH = 100
+"""Characters of a line of code."""
 
 _C = (
     "auto break case char const continue default do double else enum extern float for goto if inline int "
@@ -113,13 +126,29 @@ def is_edited(content: bytes) -> bool:
 def plain(text: object) -> str:
     """Return text that cannot leave a comment of C or C++: printable ASCII without quotes and backslashes.
 
-    Applied again, it changes nothing. Other languages hold texts as they are, see `quoted`.
+    Letters lose their accents, and units are spelled in ASCII; what has no spelling becomes `?`. Applied
+    again, it changes nothing. Other languages hold texts as they are, see `quoted`.
     """
-    shown = re.sub(rf"(?<=\w){_DEGREE}", f" {_DEGREE}", str(text))
+    shown = re.sub(rf"(?<=\w){_DEGREE}", f" {_DEGREE}", _spelled(str(text)))
     shown = re.sub(rf"{_DEGREE}(?=\w)", f"{_DEGREE} ", shown).replace(_DEGREE, "degrees")
     shown = shown.replace("\\", "/").replace('"', "'").replace("*/", "* /").replace("/*", "/ *")
     shown = "".join(one if 32 <= ord(one) < 127 else "?" for one in shown)
     return _TRIGRAPH.sub("? ?", shown)
+
+
+def _spelled(text: str) -> str:
+    """Return text with letters and signs of units in ASCII: `m/s²` becomes m/s^2, `größe` becomes grosse."""
+    if text.isascii():
+        return text
+    raised = _RAISED.sub(lambda found: f"^{found[0].translate(_SUPERSCRIPTS)}", text)
+    letters = (one for one in unicodedata.normalize("NFKD", raised) if not unicodedata.combining(one))
+    return "".join(one if one.isascii() else _LATIN.get(one) or _greek(one) or one for one in letters)
+
+
+def _greek(letter: str) -> str:
+    """Return the name of a Greek letter, such as alpha; empty for others."""
+    found = re.fullmatch(r"GREEK (?:SMALL|CAPITAL) LETTER (?:FINAL )?(\w+)", unicodedata.name(letter, ""))
+    return found[1].lower() if found else ""
 
 
 def quoted(text: str) -> str:
@@ -136,16 +165,32 @@ def c_literal(text: str) -> str:
     return '"' + re.sub(r"\?(?=\?)", r"?\\", shown) + '"'
 
 
+def word_of(text: str) -> str:
+    """Return text as letters, digits and underscores, as part of an identifier; it may be empty."""
+    return re.sub(r"[^A-Za-z0-9]+", "_", plain(text)).strip("_")[:_LONGEST_NAME]
+
+
 def identifiers(names: Iterable[str], fallback: str) -> list[str]:
-    """Return a different identifier for each name, in capitals: `goal x` becomes GOAL_X."""
-    names = map(plain, names)
-    found: list[str] = []
+    """Return a different identifier for each name, in capitals: `goal x` becomes GOAL_X.
+
+    Where two would be the same, the name that is an identifier already keeps it, and others are numbered.
+    """
+    names = list(names)
+    words = [word_of(name).upper() or f"{fallback}_{index}" for index, name in enumerate(names)]
+    keepers: dict[str, int] = {}
     for index, name in enumerate(names):
-        word = re.sub(r"[^A-Za-z0-9]+", "_", name).strip("_").upper()[:_LONGEST_NAME] or f"{fallback}_{index}"
-        while word in found:
-            word = f"{word}_{index}"
-        found.append(word)
-    return found
+        if _IDENTIFIER.fullmatch(name):
+            keepers.setdefault(words[index], index)
+    taken = set(keepers)
+    for index, word in enumerate(words):
+        if keepers.get(word) == index:
+            continue
+        different = word
+        while different in taken:
+            different = f"{different}_{index}"
+        taken.add(different)
+        words[index] = different
+    return words
 
 
 def decimals(values: NDArray[np.float32]) -> list[str]:

@@ -2,12 +2,18 @@
 
 import hashlib
 import logging
+import re
 from pathlib import Path
 
 from swarmwright.core.errors import InputError
 from swarmwright.export._base import Files, file_bytes
 from swarmwright.export.text import MARK, has_seal, is_edited
 
+DIGESTS = ".swarmwright-export"
+"""Beside exported files: the SHA-256 of each text as it was written, as `sha256sum` has them."""
+_DIGEST = re.compile(r"([0-9a-f]{64})  (.+)")
+_GROUP = re.compile(rb"^[^\w\n]*Group {2,}(\S.*?)\s*$|Group: ([^;]+); Controller: ", re.MULTILINE)
+"""The fact in the comment of a text, and in the description of an FMU."""
 _SEARCHED = 1 << 16
 """Bytes at the beginning of a file in which the mark is looked for."""
 
@@ -16,30 +22,15 @@ def write(files: Files, folder: Path, *, force: bool = False) -> list[Path]:
     """Write files into a folder, which is made if needed; return their paths.
 
     One that users are to edit is kept where they have: the new one has `.new` behind its name, and a warning
-    says so.
+    says so. Any other file that was edited is refused; `DIGESTS` has the digests by which this is noticed,
+    and which files of earlier versions lack.
 
     force: write over files that Swarmwright did not export, and over edited ones.
 
-    Raises InputError, and writes nothing, when there is such a file, a folder in the place of a file, or a
-    module in the other dialect of Python, which has the same name.
+    Raises InputError, and writes nothing, as `check_replaceable` does, and where a file cannot be written.
     """
-    if folder.exists() and not folder.is_dir():
-        raise InputError(f"{folder}: is a file where a folder is expected; name another --output")
+    check_replaceable(files, folder, force=force)
     paths = [folder / name for name in files]
-    for path in paths:
-        if path.is_dir():
-            raise InputError(f"{path}: is a folder where a file is to be written; name another --output")
-        if path.exists() and not force and not _ours(path):
-            raise InputError(
-                f"{path}: is there already and was not exported by Swarmwright; name another --output or "
-                "--prefix, or write over it with --force"
-            )
-    for path, content in zip(paths, files.values(), strict=True):
-        if path.suffix == ".py" and path.exists() and not force and _swapped(path, content):
-            raise InputError(
-                f"{path}: is the export to the other one of Python and MicroPython; name another --output "
-                "or --prefix, or write over it with --force"
-            )
     if not force:
         paths = [_beside(path, content) for path, content in zip(paths, files.values(), strict=True)]
     for path, content in zip(paths, files.values(), strict=True):
@@ -48,7 +39,97 @@ def write(files: Files, folder: Path, *, force: bool = False) -> list[Path]:
             path.write_bytes(file_bytes(content))
         except OSError as error:
             raise InputError(f"{path}: cannot be written: {error.strerror}") from error
+    _remember(folder, files)
     return paths
+
+
+def check_replaceable(files: Files, folder: Path, *, force: bool) -> None:
+    """Raise InputError where an export would write over what it may not, see `write`.
+
+    That is a file of others, an edited one, a folder in the place of a file, the controller of another group
+    of agents, or a module in the other dialect of Python, which has the same name.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder}: is a file where a folder is expected; name another --output")
+    paths = [folder / name for name in files]
+    digests = _digests(folder)
+    for path, (name, content) in zip(paths, files.items(), strict=True):
+        if path.is_dir():
+            raise InputError(f"{path}: is a folder where a file is to be written; name another --output")
+        if path.exists() and not force:
+            _check_file(path, content, digests.get(name))
+    for path, content in zip(paths, files.values(), strict=True):
+        if not path.exists() or force:
+            continue
+        there, new = _group(path.read_bytes()), _group(file_bytes(content))
+        if there and new and there != new:
+            raise InputError(
+                f"{path}: has the controller of the group {there}; name another --output or --prefix, or "
+                "write over it with --force"
+            )
+        if path.suffix == ".py" and _swapped(path, content):
+            raise InputError(
+                f"{path}: is the export to the other one of Python and MicroPython; name another --output "
+                "or --prefix, or write over it with --force"
+            )
+
+
+def _check_file(path: Path, content: str | bytes, digest: str | None) -> None:
+    """Raise InputError for a file that an export may not replace; digest: of it as it was exported, if known.
+
+    One that has the new content already may be, and so may a sketch, which `_beside` keeps if it was edited.
+    """
+    if digest is None or has_seal(content):
+        if not _ours(path) and path.read_bytes() != file_bytes(content):
+            raise InputError(
+                f"{path}: is there already and was not exported by Swarmwright; name another --output or "
+                "--prefix, or write over it with --force"
+            )
+        return
+    try:
+        there = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
+    # Editors and version control change the ends of lines.
+    unedited = digest in (_sha256(there), _sha256(there.replace(b"\r\n", b"\n")))
+    if not unedited and there != file_bytes(content):
+        raise InputError(
+            f"{path}: has been edited since it was exported; name another --output or --prefix, or write "
+            "over it with --force"
+        )
+
+
+def _digests(folder: Path) -> dict[str, str]:
+    """Return the digests of what was exported into a folder, by its path in it."""
+    try:
+        lines = (folder / DIGESTS).read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError:
+        return {}
+    return {found[2]: found[1] for found in map(_DIGEST.fullmatch, lines) if found}
+
+
+def _group(content: bytes) -> str:
+    """Return the group of agents whose controller an exported file has; empty where it has that of all."""
+    found = _GROUP.search(content[:_SEARCHED])
+    return (found[1] or found[2]).decode("utf-8", "replace") if found else ""
+
+
+def _remember(folder: Path, files: Files) -> None:
+    """Write the digests of texts; archives and copies say themselves what they are."""
+    texts = {
+        name: _sha256(file_bytes(content)) for name, content in files.items() if isinstance(content, str)
+    }
+    if not texts:
+        return
+    lines = [f"{digest}  {name}\n" for name, digest in sorted({**_digests(folder), **texts}.items())]
+    try:
+        (folder / DIGESTS).write_bytes("".join(lines).encode())
+    except OSError as error:
+        raise InputError(f"{folder / DIGESTS}: cannot be written: {error.strerror}") from error
+
+
+def _sha256(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
 
 
 def _beside(path: Path, content: str | bytes) -> Path:
@@ -105,7 +186,7 @@ def _ours(path: Path) -> bool:
             begin = file.read(_SEARCHED)
             if MARK.encode() in begin:
                 return True
-            digest = hashlib.sha256(begin + file.read()).hexdigest().encode()
+            digest = _sha256(begin + file.read()).encode()
         for folder in path.parents:
             package = folder / "__init__.py"
             if package != path and package.is_file():

@@ -41,8 +41,11 @@ def component_files(words: Sequence[str]) -> dict[str, Path]:
     return files
 
 
-def coupled(name: str, files: Mapping[str, Path], connections: Sequence[str]) -> bytes:
-    """Return an SSP 1.0 of FMUs, the same bytes for the same FMUs.
+def coupled(name: str, files: Mapping[str, Path], connections: Sequence[str]) -> tuple[bytes, dict[str, str]]:
+    """Return an SSP 1.0 of FMUs, the same bytes for the same FMUs, and by connection how it is scaled.
+
+    A variable that Swarmwright exported with a range is -1 to 1; a connection with one in physical units gets
+    a linear transformation.
 
     Args:
         name: of the system.
@@ -65,17 +68,22 @@ def coupled(name: str, files: Mapping[str, Path], connections: Sequence[str]) ->
         }
         one = ET.SubElement(elements, f"{{{_SSD}}}Component", about)
         _add_connectors(ET.SubElement(one, f"{{{_SSD}}}Connectors"), known)
+    scaled: dict[str, str] = {}
     if connections:
         listed = ET.SubElement(top, f"{{{_SSD}}}Connections")
         taken: dict[str, str] = {}
         for text in connections:
             start, end = _ends(text)
             first, last = checked(system, start, end)
-            conversion(system, start, end, first.unit, last.unit, {})
+            by, words = _scaling(system, start, end, first, last)
             if end in taken:
                 raise InputError(f"{text}: {end} is connected already, to {taken[end]}")
             taken[end] = start
-            ET.SubElement(listed, f"{{{_SSD}}}Connection", _attributes(start, end))
+            one = ET.SubElement(listed, f"{{{_SSD}}}Connection", _attributes(start, end))
+            if by is not None:
+                about = {"factor": repr(by[0]), "offset": repr(by[1])}
+                ET.SubElement(one, f"{{{_SSC}}}LinearTransformation", about)
+                scaled[text] = words
     _add_units(root, components)
     ET.register_namespace("ssd", _SSD)
     ET.register_namespace("ssc", _SSC)
@@ -83,7 +91,36 @@ def coupled(name: str, files: Mapping[str, Path], connections: Sequence[str]) ->
     text = f'<?xml version="1.0" encoding="UTF-8"?>\n{ET.tostring(root, encoding="unicode")}\n'
     contents = {STRUCTURE: text.encode()}
     contents |= {f"resources/{component}.fmu": file.read_bytes() for component, file in files.items()}
-    return _zipped(contents)
+    return _zipped(contents), scaled
+
+
+def _scaling(
+    system: System, start: str, end: str, first: Variable, last: Variable
+) -> tuple[tuple[float, float] | None, str]:
+    """Return factor and offset between a scaled variable and one that is not, and words; None for others.
+
+    Raises InputError for units that cannot be converted.
+    """
+    one, other = first.stands_for, last.stands_for
+    units = [variable.unit if of is None else of.unit for variable, of in ((first, one), (last, other))]
+    factor, offset = conversion(system, start, end, units[0], units[1], {})
+    # One in -1 to 1 that does not say what they stand for, as of an earlier version, is scaled, too.
+    if one == other or (one is None and _is_scaled(first)) or (other is None and _is_scaled(last)):
+        return None, ""
+    words = []
+    if one is not None:
+        by = one.to_value
+        factor, offset = factor * by[0], factor * by[1] + offset
+        words.append(f"{start} is {one.scaled_words}")
+    if other is not None:
+        by = other.from_value
+        factor, offset = factor * by[0], by[0] * offset + by[1]
+        words.append(f"{end} is {other.scaled_words}")
+    return (factor, offset), ", ".join(words)
+
+
+def _is_scaled(variable: Variable) -> bool:
+    return (variable.minimum, variable.maximum) == (-1.0, 1.0) and not variable.unit
 
 
 def _ends(text: str) -> tuple[str, str]:

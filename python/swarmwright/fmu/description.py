@@ -12,6 +12,7 @@ from typing import Any
 from xml.etree import ElementTree as ET
 
 from swarmwright.core.errors import InputError, explained
+from swarmwright.core.ranges import Range
 from swarmwright.fmu.conversions import conversions, inverse_units
 from swarmwright.fmu.terminals import terminals_of
 from swarmwright.fmu.units import Unit
@@ -27,7 +28,10 @@ _TOLERANCE = 1e-5
 """Of solvers, where the FMU proposes none: FMPy's."""
 STRUCTURAL = "structuralParameter"
 """The causality of parameters of FMI 3.0 that sizes of arrays depend on."""
+RANGE = "swarmwright.range"
+"""The annotation of a scaled variable: what -1 and 1 stand for, `<Range low=".." high=".." unit=".."/>`."""
 _MOST_ELEMENTS = 10_000
+"""Of an array variable."""
 _MOST_FAULTS = 300
 """Characters of what is wrong with a file that are repeated."""
 
@@ -58,6 +62,8 @@ class Variable:
     """Of an element: how many the array has."""
     items: tuple[int, ...] = ()
     """Of an enumeration: the values that it can have."""
+    stands_for: Range | None = None
+    """What -1 and 1 stand for, of a scaled variable of an FMU that Swarmwright exported."""
 
     @property
     def is_number(self) -> bool:
@@ -163,6 +169,7 @@ def _described(file: Path, _changed: int, given: tuple[tuple[str, int], ...]) ->
             found = read_model_description(str(file), validate=False)
             text = archive.read("modelDescription.xml")
             _add_limits(found.modelVariables, text)
+            ranges = _ranges(text)
             inverse = inverse_units(text)
             terminals = terminals_of(archive.read(TERMINALS)) if TERMINALS in archive.namelist() else {}
     except Exception as error:  # noqa: BLE001 - whatever a broken file leads to
@@ -180,7 +187,9 @@ def _described(file: Path, _changed: int, given: tuple[tuple[str, int], ...]) ->
     try:
         sizes = dict(given)
         variables = {
-            one.name: one for variable in found.modelVariables for one in _with_elements(variable, sizes)
+            one.name: replace(one, stands_for=ranges.get(one.name))
+            for variable in found.modelVariables
+            for one in _with_elements(variable, sizes)
         }
         exchange = _exchange(found)
         times = {
@@ -215,6 +224,19 @@ def _add_limits(variables: Any, text: bytes) -> None:  # noqa: ANN401 - FMPy has
     for one in variables:
         if one.name in unsigned:
             one.min, one.max = unsigned[one.name].get("min"), unsigned[one.name].get("max")
+
+
+def _ranges(text: bytes) -> dict[str, Range]:
+    """Return the ranges of scaled variables, see `RANGE`. Raises ValueError for one that is not a range."""
+    root = ET.fromstring(text)  # noqa: S314 - expat limits entities
+    return {
+        variable.get("name", ""): found
+        for variable in root.iterfind("ModelVariables/*")
+        for annotation in variable.iterfind("Annotations/*")
+        if RANGE in (annotation.get("name"), annotation.get("type"))
+        for one in annotation.iterfind("Range")
+        if (found := Range.of((float(one.get("low", "")), float(one.get("high", "")), one.get("unit", ""))))
+    }
 
 
 def _exchange(found: Any) -> Exchange | None:  # noqa: ANN401 - FMPy has no types

@@ -10,7 +10,7 @@ from typing import Any
 from swarmwright.core.arguments import checked
 from swarmwright.core.errors import InputError
 from swarmwright.core.registry import Registry
-from swarmwright.core.yaml import parse
+from swarmwright.core.yaml import parse, without_places
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.validation import check
 from swarmwright.frevo._document import SECTIONS, Section, Session, open_session
@@ -81,11 +81,13 @@ def load(
         _sensors(named or EMERGENCY_EXIT),
     )
     text = _yaml(session, mapped, Path(folder))
+    # The name says what the field's path is relative to; there is no such file.
+    name = str(Path(folder) / "imported.yaml")
     try:
-        # The name replaces the folder that the field's path is relative to.
-        experiment = Experiment(**check(parse(text, str(Path(folder) / "imported.yaml"))))
+        experiment = Experiment(**check(parse(text, name)))
     except InputError as error:
-        raise InputError(f"{path}: does not make a valid experiment:\n{error}") from error
+        problems = without_places(str(error), name)
+        raise InputError(f"{path}: does not make a valid experiment:\n{problems}") from error
     return Imported(text, experiment, tuple(mapped.notes))
 
 

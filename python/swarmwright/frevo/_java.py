@@ -16,7 +16,7 @@ from swarmwright.core.files import read_bytes
 _NULL, _REFERENCE, _CLASS, _OBJECT, _STRING, _ARRAY, _END = 0x70, 0x71, 0x72, 0x73, 0x74, 0x75, 0x78
 _FIRST_HANDLE = 0x7E0000
 _SERIALIZABLE = 0x02
-_LARGEST = 1 << 27  # bytes
+_LARGEST_FILE_BYTES = 1 << 27  # bytes
 
 
 class _UnreadableError(Exception):
@@ -126,7 +126,7 @@ def read_field(path: Path) -> dict[str, Any]:
     Raises InputError when the file holds something else.
     """
     try:
-        read = _Stream(read_bytes(path, _LARGEST)).start()
+        read = _Stream(read_bytes(path, _LARGEST_FILE_BYTES)).start()
         return _field(read)
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from error

@@ -4,9 +4,9 @@ from typing import Any
 
 import numpy as np
 
+from swarmwright.core.arrays import shortest
 from swarmwright.core.xml import Element
 from swarmwright.frevo._document import attribute_count, attribute_number, members
-from swarmwright.representations._base import shortest
 
 TAG = "NEAT"
 """Of a network in a file."""

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from swarmwright.core.arrays import shortest
 from swarmwright.core.xml import Element
 from swarmwright.frevo._components import COMPLETE, HEBBIAN, LAYERS, MACHINE, MESHED, NEAT, THREE_LAYERS
 from swarmwright.frevo._document import (
@@ -19,7 +20,6 @@ from swarmwright.frevo._document import (
 )
 from swarmwright.frevo._neat import TAG, neat_network
 from swarmwright.frevo._representations import check_deterministic, take_activation, take_passes
-from swarmwright.representations._base import shortest
 
 _TAGS = {
     MESHED: "FullyMeshedNet",

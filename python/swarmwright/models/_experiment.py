@@ -8,7 +8,7 @@ from typing import Any
 
 from swarmwright.core.errors import InputError
 from swarmwright.core.registry import Registry
-from swarmwright.core.yaml import parse
+from swarmwright.core.yaml import parse, without_places
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.start_from import entry_of
 from swarmwright.experiment.validation import check
@@ -66,14 +66,18 @@ def load(
     draft = Draft(model, _simulation(model, simulation), folder, method or "nnga", controller)
     machine = None if draft.behaviour is None or target is None else f"{Path(target).stem}.controller.json"
     text = draft.text(machine)
+    # The name says what paths are relative to; there is no such file.
+    name = str(folder / "imported.yaml")
     try:
-        source = parse(text, str(folder / "imported.yaml"))
+        source = parse(text, name)
         if draft.behaviour is not None:
             source.values["start_from"] = entry_of(draft.behaviour, machine or "behaviour")
         experiment = Experiment(**check(source))
     except InputError as error:
         files = ", ".join(str(part.path) for part in model.parts)
-        raise InputError(f"{files}: do not make a valid experiment:\n{error}") from error
+        verb = "does" if len(model.parts) == 1 else "do"
+        problems = without_places(str(error), name)
+        raise InputError(f"{files}: {verb} not make a valid experiment:\n{problems}") from error
     if draft.behaviour is not None and machine is None:
         raise InputError(
             f"{model.file_of('a behaviour')}: becomes a file beside the experiment; name the experiment: "

@@ -33,6 +33,8 @@ def load(path: Path) -> Part:
 
     Raises InputError when it is of no known kind, or with everything that is wrong in it, file and line each.
     """
+    if path.suffix.lower() == ".onnx":
+        raise InputError(f"{path}: is an ONNX model, from which no controller can be made; {_expected()}")
     first = first_character(path)
     if first == "<":
         return _load_xml(path)

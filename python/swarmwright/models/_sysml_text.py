@@ -8,8 +8,9 @@ from pathlib import Path
 from swarmwright.core.errors import InputError
 from swarmwright.core.files import read_bytes
 
-_LARGEST = 1 << 24
+_LARGEST_FILE_BYTES = 1 << 24
 _DEEPEST = 50
+"""Levels of nesting."""
 _WITH_COMMENT = frozenset({"comment", "doc", "rep"})
 """Words of statements that end with a comment."""
 _TOKEN = re.compile(
@@ -53,7 +54,7 @@ class Statement:
 def read_text(path: Path) -> str:
     """Return a file's text. Raises InputError when it cannot be read or is not UTF-8."""
     try:
-        return read_bytes(path, _LARGEST).decode("utf-8-sig")
+        return read_bytes(path, _LARGEST_FILE_BYTES).decode("utf-8-sig")
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:

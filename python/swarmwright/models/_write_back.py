@@ -24,7 +24,7 @@ from swarmwright.runs.run import Run, run_of
 
 CANDIDATE = "candidate.json"
 """The values as CPSwarm's optimization tool hands a candidate to simulators and robots."""
-_LARGEST = 1 << 28
+_LARGEST_FILE_BYTES = 1 << 28
 _COMMENT = re.compile(r"<!--.*?-->|<!\[CDATA\[.*?\]\]>", re.DOTALL)
 _TAG = re.compile(r"<(?:[\w.-]+:)?(SwarmMember|swarmMember|propentry)\b(?:[^>\"']|\"[^\"]*\"|'[^']*')*>")
 
@@ -148,7 +148,7 @@ def _optimised(part: Part, value: Callable[[str], Any]) -> str | None:
 
 def _tags(path: Path, value: Callable[[str], Any]) -> bytes:
     """Return XML in which attributes have other values; all else stays as it is, the encoding too."""
-    data = read_bytes(path, _LARGEST)
+    data = read_bytes(path, _LARGEST_FILE_BYTES)
     encoding = _encoding(data)
     try:
         text = data.decode(encoding)

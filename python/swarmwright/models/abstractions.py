@@ -40,7 +40,8 @@ _MESSAGES = {
 _PLAIN = re.compile(r"(?:Float|U?Int)(?:8|16|32|64)|Bool|Byte|Char")
 """Messages of ROS's std_msgs with one number, `data`."""
 _ARRAY = re.compile(r"(.+)\[(\d{0,6})\]")
-_LONGEST = 1000
+_LONGEST_ARRAY = 1000
+"""Numbers of an array in a message."""
 
 
 def recognises(values: object) -> bool:
@@ -171,11 +172,11 @@ def _field(source: Source, at: Path_, field: Any, problems: Problems) -> list[st
 
 
 def _count(source: Source, at: Path_, array: re.Match[str], problems: Problems) -> int:
-    if not array[2] or not 1 <= int(array[2]) <= _LONGEST:
+    if not array[2] or not 1 <= int(array[2]) <= _LONGEST_ARRAY:
         _note(
             source,
             at,
-            f"class: {array[0]!r} found, expected an array of 1 to {_LONGEST} numbers, {array[1]}[8]",
+            f"class: {array[0]!r} found, expected an array of 1 to {_LONGEST_ARRAY} numbers, {array[1]}[8]",
             problems,
         )
         return 0

@@ -21,7 +21,8 @@ OPTIMIZE = frozenset({"optimize", "optimise"})
 SIMULATION = "simulation"
 """Name of the attribute with the simulation's name."""
 _BEGIN = re.compile(r"\b(?:package|part|attribute|port)\b")
-_MOST = 1_000_000
+_MOST_AGENTS = 1_000_000
+"""The largest multiplicity of a part."""
 
 
 def recognises(text: str) -> bool:
@@ -208,8 +209,10 @@ class _Reader:
             if not acting and usage.multiplicity is None:
                 continue
             number = 1 if usage.multiplicity is None else literal(usage.multiplicity)
-            if isinstance(number, bool) or not isinstance(number, int) or not 1 <= number <= _MOST:
-                self.problems.add(self.place(usage), f"its multiplicity is not 1 to {_MOST}; write [3]")
+            if isinstance(number, bool) or not isinstance(number, int) or not 1 <= number <= _MOST_AGENTS:
+                self.problems.add(
+                    self.place(usage), f"its multiplicity is not 1 to {_MOST_AGENTS}; write [3]"
+                )
                 continue
             if first is not None and first != interface:
                 self.problems.add(

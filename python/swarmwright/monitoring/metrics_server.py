@@ -13,9 +13,9 @@ from prometheus_client import MetricsHandler
 if TYPE_CHECKING:
     from prometheus_client import CollectorRegistry
 
-MOST = 16
+MOST_CONNECTIONS = 16
 """Connections at a time; beyond, the oldest is closed."""
-LONGEST = 10.0
+LONGEST_S = 10.0
 """Seconds that a connection may last."""
 
 
@@ -40,7 +40,7 @@ class MetricsServer(socketserver.ThreadingMixIn, HTTPServer):
     def process_request(self, request: Any, client_address: Any) -> None:  # noqa: ANN401 - the base class's
         """Answer in a thread."""
         with self._lock:
-            while len(self._began) >= MOST:
+            while len(self._began) >= MOST_CONNECTIONS:
                 self._end(next(iter(self._began)))
             self._began[request] = time.monotonic()
         super().process_request(request, client_address)
@@ -54,7 +54,7 @@ class MetricsServer(socketserver.ThreadingMixIn, HTTPServer):
     def service_actions(self) -> None:
         """End connections that last too long; called twice a second."""
         with self._lock:
-            oldest = time.monotonic() - LONGEST
+            oldest = time.monotonic() - LONGEST_S
             for request in [one for one, began in self._began.items() if began < oldest]:
                 self._end(request)
 

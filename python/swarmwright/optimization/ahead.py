@@ -10,8 +10,8 @@ from swarmwright.core.errors import engine_errors
 from swarmwright.core.statistics import Figures
 from swarmwright.evaluation.base import Backend, Progress, Results
 from swarmwright.methods import Method
-from swarmwright.methods._search import SearchMethod
-from swarmwright.rankings._base import Ranking
+from swarmwright.methods.search import SearchMethod
+from swarmwright.rankings import Ranking
 from swarmwright.rankings.absolute import Absolute
 from swarmwright.representations import Representation
 from swarmwright.store import Journal

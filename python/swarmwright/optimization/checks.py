@@ -8,7 +8,7 @@ from swarmwright.core.errors import PlugInError
 from swarmwright.core.plug_in_code import count, is_plug_in, numbers, place
 from swarmwright.core.untrusted import one_line
 from swarmwright.methods import Method
-from swarmwright.rankings._base import Ranking
+from swarmwright.rankings import Ranking
 from swarmwright.representations import Representation
 
 

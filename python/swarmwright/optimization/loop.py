@@ -23,7 +23,7 @@ from swarmwright.evaluation.seeds import check_seeds
 from swarmwright.experiment.budget import Ended, Limit
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.methods import Method
-from swarmwright.methods._search import SearchMethod
+from swarmwright.methods.search import SearchMethod
 from swarmwright.optimization.ahead import Ahead, Produced, can_be_ahead
 from swarmwright.optimization.checks import check_plug_ins
 from swarmwright.optimization.failures import Failures
@@ -37,9 +37,9 @@ from swarmwright.optimization.two_simulations import (
     evaluate_both,
     needed_columns,
 )
-from swarmwright.rankings._base import Ranking
-from swarmwright.rankings._slow import SlowRanking
+from swarmwright.rankings import Ranking
 from swarmwright.rankings.race import Race
+from swarmwright.rankings.slow_simulation import SlowRanking
 from swarmwright.representations import Representation
 from swarmwright.store import Evaluated, Journal, StoreReader, StoreWriter
 from swarmwright.typing import Fitness, Genomes

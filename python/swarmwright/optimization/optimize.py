@@ -2,6 +2,7 @@
 
 import dataclasses
 import logging
+import shlex
 import sqlite3
 from collections.abc import Iterable
 from contextlib import ExitStack, suppress
@@ -365,19 +366,20 @@ def _how_to_go_on(error: RunError, folder: Path | None) -> str | None:
     """Return what is kept of a run that failed, and how it goes on."""
     if folder is None or isinstance(error, MovedError) or not is_run(folder):
         return None
+    resume = f"swarmwright resume {shlex.quote(str(folder))}"
     try:
         done = len(StoreReader(folder).history())
     except InputError:  # a reader writes, too: an index of the log, beside it
-        return f"what was finished is kept: `swarmwright resume {folder}` continues from there"
+        return f"what was finished is kept: `{resume}` continues from there"
     if done and isinstance(error, StrayedError):
         return f"the results of {done} generation{'s' if done > 1 else ''} are kept"
     if done:
         kept = f"the results of {done} generation{'s' if done > 1 else ''} are kept, and"
         # Corrected code of a plug-in is not the code that the run began with.
         option = " --accept-changed-code" if isinstance(error, PlugInError) else ""
-        return f"{kept} `swarmwright resume {folder}{option}` continues from there"
+        return f"{kept} `{resume}{option}` continues from there"
     if isinstance(error.__cause__, sqlite3.Error | OSError):
-        return f"no generation was finished: `swarmwright resume {folder}` begins again"
+        return f"no generation was finished: `{resume}` begins again"
     return None
 
 

@@ -26,8 +26,8 @@ from swarmwright.evaluation.opening import open_backend
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.targets import OtherSimulation, slow_of
 from swarmwright.optimization.raced import extend
-from swarmwright.rankings._base import Ranking
-from swarmwright.rankings._slow import METRIC, SlowRanking
+from swarmwright.rankings import Ranking
+from swarmwright.rankings.slow_simulation import METRIC, SlowRanking
 from swarmwright.simulations import catalogue
 from swarmwright.store import Journal
 from swarmwright.user_code.permission import require_named

@@ -22,7 +22,8 @@ from .simulation_interfaces import MESSAGES, SERVICES, SimulationError
 
 _IDLE_S = 1.0
 """Seconds beyond a step's duration without a message until robots that move by themselves are stopped."""
-_PIECE = 1 << 16
+_CHUNK_BYTES = 1 << 16
+"""Read at a time."""
 _FAILURES = (Failure, MappingError, MiddlewareError, ProcessError, SimulationError, TimeoutError)
 
 
@@ -72,7 +73,7 @@ class _Program:
                 continue
             rest = line
             self._await_input()
-            piece = os.read(0, _PIECE)
+            piece = os.read(0, _CHUNK_BYTES)
             if not piece:
                 return
             rest += piece

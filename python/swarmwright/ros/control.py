@@ -20,6 +20,7 @@ _REPEAT_S = 0.5
 _STEPS_DEPTH = 1000
 _EVENTS_DEPTH = 10
 _DEEPEST = 10
+"""Levels of nesting in a mapping."""
 
 
 class Controller(Protocol):
@@ -224,11 +225,11 @@ def load(file: str) -> object:
         with open(file, encoding="utf-8") as stream:  # noqa: PTH123 - as short as pathlib, for old Pythons
             value: object = yaml.load(stream, Loader=_loader(yaml))  # noqa: S506 - one for plain values
     except OSError as error:
-        raise MappingError(f"mapping: {file}: cannot be read: {error.strerror}") from None
+        raise MappingError("mapping", f"{file}: cannot be read: {error.strerror}") from None
     except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
-        raise MappingError(f"mapping: {file}: is not YAML: {_line(error)}") from None
+        raise MappingError("mapping", f"{file}: is not YAML: {_line(error)}") from None
     if _depth(value) > _DEEPEST:
-        raise MappingError(f"mapping: {file}: is nested more than {_DEEPEST} levels deep")
+        raise MappingError("mapping", f"{file}: is nested more than {_DEEPEST} levels deep")
     return value
 
 

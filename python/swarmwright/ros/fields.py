@@ -23,6 +23,14 @@ _LINEAR_ANGULAR = tuple(f"{part}.{axis}" for part in ("linear", "angular") for a
 _POSITION = ("position.x", "position.y", "position.z")
 
 
+class SameFieldError(MappingError):
+    """Two actuators write the same field of a topic; `actuator` is the later one."""
+
+    def __init__(self, actuator: ActuatorMapping, first: Place) -> None:
+        super().__init__(actuator.place.where, f"writes the same field as {first.where}", "field")
+        self.actuator = actuator
+
+
 def reader(sensor: SensorMapping) -> Reader:
     """Return what reads a sensor from a message: a finite number of binary32, or None.
 
@@ -66,7 +74,8 @@ def writers(
     Args:
         actuators: those of the topic, all of one type. What is returned takes all of the controller's.
 
-    Raises MappingError for a type that is not known, a field that it does not have, or one that two write.
+    Raises MappingError for a type that is not known, or a field that it does not have; SameFieldError for a
+    field that two write.
     """
     uses: list[tuple[ActuatorMapping, Writer]] = []
     first: dict[str, Place] = {}
@@ -76,7 +85,7 @@ def writers(
             raise _unknown_type(place, list(WRITERS))
         name, write = _field(WRITERS[place.type], place)
         if name in first:
-            raise MappingError(f"{place.where}: writes the same field as {first[name].where}")
+            raise SameFieldError(actuator, first[name])
         first[name] = place
         uses.append((actuator, write))
 
@@ -130,11 +139,12 @@ def _field(fields: dict[str, _Use], place: Place) -> tuple[str, _Use]:
     if place.field in fields:
         return place.field, fields[place.field]
     what = f"'{place.field}' is not in {place.type}" if place.field else "is missing"
-    raise MappingError(f"{place.where}: field {what}; expected {choice(sorted(fields))}")
+    raise MappingError(place.where, f"field {what}; expected {choice(sorted(fields))}", "field")
 
 
 def _unknown_type(place: Place, known: list[str]) -> MappingError:
-    return MappingError(f"{place.where}: the type '{place.type}' is not known here; expected {choice(known)}")
+    reason = f"the type '{place.type}' is not known here; expected {choice(known)}"
+    return MappingError(place.where, reason, "type")
 
 
 def _range(value: float, smallest: float, largest: float, sensor: SensorMapping) -> float | None:

@@ -14,7 +14,18 @@ _EXPONENT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)[eE][-+]?[0-9]+")
 
 
 class MappingError(ValueError):
-    """A mistake in the mapping: where it is and how to repair it."""
+    """A mistake in the mapping: where it is and how to repair it.
+
+    Args:
+        where: its place, `sensors[0] (goal x)`.
+        reason: what is wrong.
+        key: that is wrong; empty where it is the entry as a whole.
+    """
+
+    def __init__(self, where: str, reason: str, key: str = "") -> None:
+        super().__init__(f"{where}: {reason}")
+        self.reason = reason
+        self.key = key
 
 
 @dataclass(frozen=True)
@@ -116,7 +127,7 @@ def resolved(mapping: Mapping, resolve: Callable[[str], str]) -> Mapping:
         try:
             return replace(place, topic=resolve(place.topic))
         except ValueError as error:
-            raise MappingError(f"{place.where}: topic '{place.topic}': {error}") from None
+            raise MappingError(place.where, f"topic '{place.topic}': {error}", "topic") from None
 
     return replace(
         mapping,
@@ -173,8 +184,8 @@ class _Block:
             raise self.mistake("expected keys and values")
         self._value = _sorted(value)
 
-    def mistake(self, reason: str) -> MappingError:
-        return MappingError(f"{self.where}: {reason}")
+    def mistake(self, reason: str, key: str = "") -> MappingError:
+        return MappingError(self.where, reason, key)
 
     def has(self, key: str) -> bool:
         if key not in self._known:
@@ -183,15 +194,15 @@ class _Block:
 
     def get(self, key: str) -> object:
         if not self.has(key):
-            raise self.mistake(f"{key} is missing")
+            raise self.mistake(f"{key} is missing", key)
         return self._value[key]
 
     def text(self, key: str) -> str:
         value = self.get(key)
         if not isinstance(value, str):
-            raise self.mistake(f"{key}: {shown(value)} found, expected text")
+            raise self.mistake(f"{key}: {shown(value)} found, expected text", key)
         if not value:
-            raise self.mistake(f"{key} is empty")
+            raise self.mistake(f"{key} is empty", key)
         return value
 
     def number(self, key: str, otherwise: float) -> float:
@@ -200,7 +211,7 @@ class _Block:
     def positive(self, key: str, otherwise: float) -> float:
         value = self.number(key, otherwise)
         if not value > 0:
-            raise self.mistake(f"{key}: {shown(value)} found, expected more than 0")
+            raise self.mistake(f"{key}: {shown(value)} found, expected more than 0", key)
         return value
 
     def flag(self, key: str) -> bool:
@@ -208,7 +219,7 @@ class _Block:
             return False
         value = self._value[key]
         if not isinstance(value, bool):
-            raise self.mistake(f"{key}: {shown(value)} found, expected true or false")
+            raise self.mistake(f"{key}: {shown(value)} found, expected true or false", key)
         return value
 
     def interval(self, key: str) -> Interval | None:
@@ -216,17 +227,18 @@ class _Block:
             return None
         value = self._value[key]
         if not isinstance(value, (list, tuple)) or len(value) != 2:
-            raise self.mistake(f"{key}: expected two numbers [low, high]")
+            raise self.mistake(f"{key}: expected two numbers [low, high]", key)
         low, high = self._finite(key, value[0]), self._finite(key, value[1])
         if not low < high:
-            raise self.mistake(f"{key}: the first number must be below the second")
+            raise self.mistake(f"{key}: the first number must be below the second", key)
         return low, high
 
     def weights(self, key: str) -> dict[str, float]:
         value = self.get(key)
         if not isinstance(value, dict) or not value:
             raise self.mistake(
-                f"{key}: {shown(value)} found, expected weights by name, such as {{left: 0.5, right: 0.5}}"
+                f"{key}: {shown(value)} found, expected weights by name, such as {{left: 0.5, right: 0.5}}",
+                key,
             )
         return {name: self._finite(f"{key}.{name}", weight) for name, weight in _sorted(value).items()}
 
@@ -236,7 +248,8 @@ class _Block:
         value = self.number(key, 0)
         if not (0 <= value < 2**53 and value == math.floor(value)):
             raise self.mistake(
-                f"{key}: {shown(self.get(key))} found, expected a whole number from 0 to 2^53 - 1"
+                f"{key}: {shown(self.get(key))} found, expected a whole number from 0 to 2^53 - 1",
+                key,
             )
         return int(value)
 
@@ -255,7 +268,7 @@ class _Block:
         elif isinstance(value, str) and _EXPONENT.fullmatch(value):
             number = float(value)
         if not math.isfinite(number):
-            raise self.mistake(f"{key}: {shown(value)} found, expected a number")
+            raise self.mistake(f"{key}: {shown(value)} found, expected a number", key)
         return number
 
 
@@ -268,7 +281,7 @@ def _sensor(block: _Block, timeout: float) -> SensorMapping:
     if block.has("source"):
         source = block.text("source")
         if source != "random":
-            raise block.mistake(f"source: '{source}' found, expected random")
+            raise block.mistake(f"source: '{source}' found, expected random", "source")
         nowhere = Place(block.where, "", "", "")
         return SensorMapping(nowhere, 1, 0, None, timeout, random=True, seed=block.seed("seed"))
     found = SensorMapping(
@@ -282,7 +295,7 @@ def _sensor(block: _Block, timeout: float) -> SensorMapping:
         sector = block.interval("sector")
         reduce = block.text("reduce") if block.has("reduce") else "min"
         if reduce not in ("min", "mean"):
-            raise block.mistake(f"reduce: '{reduce}' found, expected min or mean")
+            raise block.mistake(f"reduce: '{reduce}' found, expected min or mean", "reduce")
         found = replace(found, sector=sector, mean=reduce == "mean")
     if found.place.type in ("sensor_msgs/LaserScan", "sensor_msgs/Range") and block.has("infinite"):
         found = replace(found, infinite=block.number("infinite", 0))
@@ -315,7 +328,7 @@ def _index(block: _Block, kind: str, names: Sequence[str], name: str) -> int:
 def _check_all(kind: str, names: Sequence[str], used: Container[int]) -> None:
     for index, name in enumerate(names):
         if index not in used:
-            raise MappingError(f"{kind}s: '{name}' is missing; every {kind} needs an entry")
+            raise MappingError(f"{kind}s", f"'{name}' is missing; every {kind} needs an entry")
 
 
 def _sensors(mapping: _Block, names: Sequence[str], timeout: float) -> list[SensorMapping]:

@@ -177,12 +177,14 @@ def _type_of(node: Middleware, topic: str, entries: _Entries) -> str:
     for place in places:
         if place.type != first.type:
             raise MappingError(
-                f"{place.where}: {topic} has the type {first.type} at {first.where} and {place.type} here; "
-                "a topic has one type"
+                place.where,
+                f"{topic} has the type {first.type} at {first.where} and {place.type} here; "
+                "a topic has one type",
+                "type",
             )
     for other in node.types(topic):
         if other != first.type:
             raise MappingError(
-                f"{first.where}: {topic} has the type {other}, but the mapping says {first.type}"
+                first.where, f"{topic} has the type {other}, but the mapping says {first.type}", "type"
             )
     return first.type

@@ -16,7 +16,7 @@ from swarmwright.display import Caption, Part, Playable, Recording, record
 from swarmwright.experiment.fitness import JudgedEpisode
 from swarmwright.experiment.kinds import kinds
 from swarmwright.experiment.settings import refuse_seed
-from swarmwright.modules._played import PlayedEpisode
+from swarmwright.modules.played import PlayedEpisode
 from swarmwright.representations.controller import Controller, controller_words
 from swarmwright.runs import remote
 from swarmwright.runs.choice import Choice, choose
@@ -90,7 +90,7 @@ class Replay:
         """
         settings = list(settings)
         refuse_seed(settings)
-        broker = broker or _broker_of(run)
+        broker = broker or _broker_of(run, simulation)
         chosen = None if controller is not None else choose(run, generation, candidate)
         used = used_for(run, None if chosen is None else chosen.generation, simulation)
         experiment = used.with_settings(
@@ -352,15 +352,19 @@ def _origin(experiment: "Experiment") -> list[tuple[str, str]]:
     return [("method", method), ("seed of the run", str(experiment.seed))]
 
 
-def _broker_of(run: "Run") -> str | None:
-    """Where a simulation is computed that is not here; None for one that is."""
-    title, broker = run.experiment.simulation, run.experiment.broker
-    if catalogue.is_here(title):
+def _broker_of(run: "Run", simulation: str | type | None) -> str | None:
+    """Where a simulation is computed that is not here; None for one that is.
+
+    simulation: instead of the run's.
+    """
+    title, broker = simulation or run.experiment.simulation, run.experiment.broker
+    if isinstance(title, type) or catalogue.is_here(title):
         return None
     if broker is not None:
         return broker
     raise InputError(
         f"{run.path}: the simulation '{title}' is not built in; name the broker of a server that offers it "
-        f"and has scenes (--broker URL), or have a server draw it itself: swarmwright simulate "
+        f"and has scenes (--broker URL), name its class or environment if that is here (--simulation NAME), "
+        f"or have a server draw it itself: swarmwright simulate "
         f"{run.path / 'experiment.yaml'} --controller {run.path} --visual --broker URL"
     )

@@ -16,8 +16,8 @@ from swarmwright.core.place import Place
 from swarmwright.core.statistics import Summary
 from swarmwright.experiment.budget import Ended
 from swarmwright.experiment.experiment import Experiment
-from swarmwright.rankings._slow import METRIC, SlowOptions
 from swarmwright.rankings.race import RaceOptions
+from swarmwright.rankings.slow_simulation import METRIC, SlowOptions
 from swarmwright.representations.controller import Controller
 from swarmwright.runs.export import write_table
 from swarmwright.store import Attempt, Evaluation, Event, Session, StoreReader

@@ -27,7 +27,7 @@ from swarmwright.experiment.document import AUTO
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.targets import slow_of
 from swarmwright.rankings import Ranking
-from swarmwright.rankings._slow import METRIC
+from swarmwright.rankings.slow_simulation import METRIC
 from swarmwright.representations import Representation
 from swarmwright.runs.instances import by_instance
 from swarmwright.runs.post_evaluation import (

@@ -16,8 +16,10 @@ Bits = NDArray[np.bool_]
 Thresholds = dict[int, list[float]]
 """Sensor -> where one interval ends and the next begins, ascending."""
 
-_LONGEST = 10_000
+_MOST_CHARACTERS = 10_000
+"""Of a condition."""
 _DEEPEST = 100
+"""Levels of parentheses."""
 _LARGEST = float(np.finfo(np.float32).max)
 _WORDS = {"&&": " and ", "||": " or ", "!==": "!=", "===": "==", "true": " True ", "false": " False "}
 _WORD = re.compile(r"&&|\|\||!==|!=|===|!|\btrue\b|\bfalse\b")
@@ -73,8 +75,8 @@ Condition = Above | Active | Combined | bool
 
 def parse(text: str) -> ast.expr:
     """Return an expression as a tree. Raises ConditionError where it is none."""
-    if len(text) > _LONGEST:
-        raise ConditionError(f"has {len(text)} characters; at most {_LONGEST} are possible")
+    if len(text) > _MOST_CHARACTERS:
+        raise ConditionError(f"has {len(text)} characters; at most {_MOST_CHARACTERS} are possible")
     plain_text = _STRING.sub(lambda found: found[0][0] + " " * (len(found[0]) - 2) + found[0][0], text)
     if "#" in plain_text:
         raise ConditionError(f"{text!r}: # begins no comment here, and is no operator; leave it out")

@@ -15,7 +15,7 @@ from swarmwright.scxml._machine import EVENT, StateMachine, in_expression
 from swarmwright.scxml._steps import matches
 
 _BARE = re.compile(rb"<state\s*>")
-_LARGEST = 1 << 28
+_LARGEST_FILE_BYTES = 1 << 28
 _IGNORED = frozenset({"log"})
 _NAMESPACE = "http://www.w3.org/2005/07/scxml"
 _EDITORS = frozenset({"http://www.qt.io/2015/02/scxml-ext"})
@@ -100,7 +100,7 @@ class _Namespaces:
 
 def _not_closed(path: Path) -> str | None:
     """Return what is wrong with a file in which `<state>` stands for `</state>`; None for another one."""
-    data = read_bytes(path, _LARGEST)
+    data = read_bytes(path, _LARGEST_FILE_BYTES)
     found = _BARE.search(data)
     if found is None or data.count(b"</state") >= len(re.findall(rb"<state\s[^>]*[^/]>", data)):
         return None

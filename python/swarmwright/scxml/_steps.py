@@ -19,6 +19,7 @@ Rows = NDArray[np.int64]
 Output = tuple[int, float]
 """An actuator, and the number that it gets."""
 _MOST_MICROSTEPS = 1000
+"""Transitions of one step after which a machine is said not to come to rest."""
 
 
 @dataclass(frozen=True)

@@ -138,7 +138,11 @@ class Simulation(Described):
 
     @abstractmethod
     def fitness(self) -> float:
-        """Return how well it went, more is better, finite; asked when the episode has ended."""
+        """Return how well it went, more is better, finite; asked when the episode has ended.
+
+        `swarmwright.environments` asks after every step, since rewards are how it changes. Where it fails
+        before the end, or is not a finite number, the reward comes later, at the end at the latest.
+        """
 
     def measure(self) -> Mapping[str, float]:
         """Return the metrics of the episode, all that `metrics` names.
@@ -148,6 +152,14 @@ class Simulation(Described):
         it.
         """
         return {}
+
+    def truncated(self) -> bool:
+        """Return whether the episode has ended only as its time was over, which agents do not sense.
+
+        Asked at the end by `swarmwright.environments`, so that learning does not take the last state for one
+        after which nothing can be gained. The default is False.
+        """
+        return False
 
     def acting(self) -> ArrayLike | None:
         """Return who acts next: indices of agents, or (agents,) booleans; None, the default, for all.

@@ -17,8 +17,10 @@ from swarmwright.simulations.groups import Group
 from swarmwright.simulations.groups import declared as declared_groups
 from swarmwright.simulations.parameters import Parameter, declared
 
-_LARGEST = 1_000_000
+_LARGEST_COUNT = 1_000_000
+"""Agents, sensors or actuators, at most."""
 _MOST_STEPS = 10**15
+"""Steps of an episode."""
 _DETERMINISMS = ("bitwise", "statistical", "none")
 
 
@@ -210,7 +212,7 @@ def _metrics(where: str, metrics: Any) -> dict[str, str]:  # noqa: ANN401 - what
     return named
 
 
-def _count(where: str, name: str, value: Any, *, least: int = 1, most: int = _LARGEST) -> int:  # noqa: ANN401 - whatever it says
+def _count(where: str, name: str, value: Any, *, least: int = 1, most: int = _LARGEST_COUNT) -> int:  # noqa: ANN401 - whatever it says
     with suppress(TypeError):
         if not isinstance(value, bool) and least <= operator.index(value) <= most:
             return operator.index(value)

@@ -10,7 +10,8 @@ from swarmwright.core.groups import DeclaredGroup
 from swarmwright.core.ranges import ranges_of
 from swarmwright.simulations.parameters import Parameter
 
-_LARGEST = 1_000_000
+_LARGEST_COUNT = 1_000_000
+"""Agents, sensors or actuators of a group, at most."""
 
 
 @dataclass(frozen=True)
@@ -55,8 +56,10 @@ class Group:
         if isinstance(self.agents, int):
             return self.agents
         value = parameters.get(self.agents)
-        if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= _LARGEST:
-            raise InputError(f"{self.agents}: {value!r} found, expected a number of agents, 0 to {_LARGEST}")
+        if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= _LARGEST_COUNT:
+            raise InputError(
+                f"{self.agents}: {value!r} found, expected a number of agents, 0 to {_LARGEST_COUNT}"
+            )
         return value
 
 
@@ -85,8 +88,8 @@ def declared(groups: Any, parameters: Mapping[str, Parameter], where: str) -> di
 def _check(one: Any, parameters: Mapping[str, Parameter], at: str) -> None:  # noqa: ANN401 - fields may be anything
     for key in ("sensors", "actuators"):
         number, names = getattr(one, key), getattr(one, f"{key[:-1]}_names")
-        if isinstance(number, bool) or not isinstance(number, int) or not 1 <= number <= _LARGEST:
-            raise InputError(f"{at}.{key}: {number!r} found, expected an integer from 1 to {_LARGEST}")
+        if isinstance(number, bool) or not isinstance(number, int) or not 1 <= number <= _LARGEST_COUNT:
+            raise InputError(f"{at}.{key}: {number!r} found, expected an integer from 1 to {_LARGEST_COUNT}")
         if names and len(names) != number:
             raise InputError(f"{at}.{key[:-1]}_names: {len(names)} found, expected {number}")
         try:
@@ -99,10 +102,14 @@ def _check(one: Any, parameters: Mapping[str, Parameter], at: str) -> None:  # n
             raise InputError(f"{at}.agents: there is no parameter {one.agents!r}; there are: {known}")
         if parameters[one.agents].kind != "integer":
             raise InputError(f"{at}.agents: the parameter {one.agents!r} is not an integer")
-    elif isinstance(one.agents, bool) or not isinstance(one.agents, int) or not 0 <= one.agents <= _LARGEST:
+    elif (
+        isinstance(one.agents, bool)
+        or not isinstance(one.agents, int)
+        or not 0 <= one.agents <= _LARGEST_COUNT
+    ):
         raise InputError(
-            f"{at}.agents: {one.agents!r} found, expected a number from 0 to {_LARGEST}, or the name of a "
-            "parameter"
+            f"{at}.agents: {one.agents!r} found, expected a number from 0 to {_LARGEST_COUNT}, or the name "
+            "of a parameter"
         )
 
 

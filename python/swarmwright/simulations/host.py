@@ -132,6 +132,18 @@ class Host(Calls[Simulation | BatchSimulation]):
             self._fail(f"fitness: {short(returned)} returned, expected a finite number")
         return value
 
+    def truncated(self) -> bool:
+        """Return whether the episode has ended since its time was over, see `Simulation.truncated`.
+
+        Raises SimulationError when the code fails.
+        """
+        if not isinstance(self._object, Simulation):
+            return False
+        returned = self._call("truncated")
+        if not isinstance(returned, bool | np.bool_):
+            self._fail(f"truncated: {short(returned)} returned, expected True or False")
+        return bool(returned)
+
     def measure(self) -> list[float]:
         """Return the metrics, in the order of `metrics`; they may be NaN or infinite.
 

@@ -1,6 +1,7 @@
 """Run folders without a store: whether a run may be created there, and why a folder is not a run."""
 
 import os
+import shlex
 from pathlib import Path
 
 from swarmwright.core.errors import InputError
@@ -31,7 +32,7 @@ def check_folder(folder: Path) -> None:
         if (folder / FILE).exists():
             raise InputError(
                 f"{folder}: holds a run already, and results are never written over; name another folder, "
-                f"or resume that run: swarmwright resume {folder}"
+                f"or resume that run: swarmwright resume {shlex.quote(str(folder))}"
             )
         if folder.is_dir() and not _broken_off(folder) and any(folder.iterdir()):
             raise InputError(

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from swarmwright import _engine
 from swarmwright.core.errors import InputError
+from swarmwright.core.order import best_first
 from swarmwright.core.statistics import Summary
-from swarmwright.rankings._base import best_first
 from swarmwright.store import digests
 from swarmwright.store.blocks import COLUMNS, EvaluationsDigest, Record, Sample, decoded, of_columns
 from swarmwright.store.database import SAMPLES, version_of

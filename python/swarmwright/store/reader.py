@@ -17,14 +17,14 @@ from numpy.typing import NDArray
 from swarmwright import _engine
 from swarmwright.core.channels import problem_of
 from swarmwright.core.errors import InputError, RunError
+from swarmwright.core.order import best_first
 from swarmwright.core.place import Place
 from swarmwright.core.server_use import ServerUse, read
 from swarmwright.core.statistics import Summary
-from swarmwright.rankings._base import best_first
 from swarmwright.store.blocks import Record, joined
 from swarmwright.store.database import FILE, checked_facts, reading, reading_on
 from swarmwright.store.generations import Generations, Row
-from swarmwright.store.rows import Attempt, Evaluated, Event, ServerShare, Session, journal_line
+from swarmwright.store.rows import CANCELLED, Attempt, Evaluated, Event, ServerShare, Session, journal_line
 from swarmwright.typing import Genome
 
 
@@ -77,8 +77,8 @@ _LOOKED_AT = 50
 _SHARES = """
 WITH numbers AS (
     SELECT server, iif(error IS NULL, candidates * episodes, 0) AS evaluations, started,
-        started + seconds AS ended, coalesce(error LIKE 'server % was faster', 0) AS slower,
-        coalesce(error NOT LIKE 'server % was faster', 0) AS failed, mode <> 'stepwise' AS is_together
+        started + seconds AS ended, coalesce(error LIKE :cancelled, 0) AS slower,
+        coalesce(error NOT LIKE :cancelled, 0) AS failed, mode <> 'stepwise' AS is_together
     FROM attempt),
 one AS (
     SELECT *, max(ended) OVER (
@@ -89,8 +89,7 @@ SELECT server, sum(evaluations), sum(failed),
 FROM one GROUP BY server ORDER BY server
 """
 """What each server did; attempts that overlap count once as time: what is before the end of an earlier one is
-left out. They are sorted for that: as numbers, without the texts of errors. `server % was faster` is what the
-pool says of the other attempts of work that is done: engine/pool/src/scheduler/settle.rs."""
+left out. They are sorted for that: as numbers, without the texts of errors."""
 
 
 class StoreReader:
@@ -471,7 +470,9 @@ class StoreReader:
         with self._reading() as connection:
             return [
                 ServerShare(int(server), int(evaluations), int(failed), seconds, int(slower), bool(within))
-                for server, evaluations, failed, seconds, slower, within in connection.execute(_SHARES)
+                for server, evaluations, failed, seconds, slower, within in connection.execute(
+                    _SHARES, {"cancelled": CANCELLED}
+                )
             ]
 
     def events(self) -> Iterator[Event]:

@@ -12,12 +12,12 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 from swarmwright import _engine
+from swarmwright.core.arrays import shortest
 from swarmwright.core.errors import InputError, RunError
 from swarmwright.core.files import write_text
 from swarmwright.core.server_use import ServerUses, together, written
 from swarmwright.core.yaml import dump
 from swarmwright.representations import Representation
-from swarmwright.representations._base import shortest
 from swarmwright.store.blocks import EvaluationsDigest, Sample, encoded, of_columns
 from swarmwright.store.database import FILE, NEW, code_of, seal_facts, transaction
 from swarmwright.store.digests import of_generation

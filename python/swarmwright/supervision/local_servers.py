@@ -13,7 +13,7 @@ from swarmwright import _engine
 from swarmwright.core.errors import RunError
 from swarmwright.core.server_use import ServerUses
 from swarmwright.supervision import Ended, Event, Output, Supervisor
-from swarmwright.supervision.supervisor import START, News
+from swarmwright.supervision.supervisor import START_S, News
 
 _log = logging.getLogger("swarmwright")
 
@@ -57,7 +57,7 @@ class LocalServers:
         *,
         visual: bool = False,
         episode_timeout: float | None = None,
-        start_timeout: float = START,
+        start_timeout: float = START_S,
         environment: Mapping[str, str] = MappingProxyType({}),
     ) -> None:
         self._start = start_timeout

@@ -13,13 +13,13 @@ from pathlib import Path
 from swarmwright.core import untrusted
 from swarmwright.supervision.marked_output import MARK
 
-KEPT = 1000
+MOST_WAITING_LINES = 1000
 """Lines that wait for a file."""
-LONGEST = 4000
+LONGEST_LINE_CHARACTERS = 4000
 """Characters of a line that are kept."""
-MOST = 1000
+MOST_LINES_PER_SECOND = 1000
 """Lines of one server that are kept in a second."""
-LARGEST = 5_000_000
+LARGEST_FILE_BYTES = 5_000_000
 """Bytes of the file before it is put aside; one that was put aside is kept."""
 
 Place = tuple[int, int, int | None, str | None]
@@ -48,7 +48,7 @@ class Output:
     """Takes the lines of all servers of a run; of any thread."""
 
     def __init__(self) -> None:
-        self._waiting: deque[str] = deque(maxlen=KEPT)
+        self._waiting: deque[str] = deque(maxlen=MOST_WAITING_LINES)
         self._file: _File | None = None
         self._lock = threading.Lock()
         self._second: dict[int, tuple[int, int]] = {}
@@ -59,7 +59,7 @@ class Output:
         """Write to a file, which is made with the first line; what came before is written, too."""
         with self._lock:
             self._close()
-            self._file = _File(path, maxBytes=LARGEST, backupCount=1, encoding="utf-8", delay=True)
+            self._file = _File(path, maxBytes=LARGEST_FILE_BYTES, backupCount=1, encoding="utf-8", delay=True)
             while self._waiting:
                 self._write(self._waiting.popleft())
 
@@ -79,7 +79,7 @@ class Output:
         if raw.startswith(MARK):
             mark, _, raw = raw[1:].partition(MARK)
             place = self._named(mark)
-        text = raw.decode(errors="replace").rstrip("\r\n")[:LONGEST]
+        text = raw.decode(errors="replace").rstrip("\r\n")[:LONGEST_LINE_CHARACTERS]
         self.say(server, text, place)
         return text
 
@@ -111,13 +111,13 @@ class Output:
         with self._lock:
             second, count = self._second.get(server, (0, 0))
             count = count + 1 if second == int(now) else 1
-            dropped = self._second.get(server, (0, 0))[1] - MOST if count == 1 else 0
+            dropped = self._second.get(server, (0, 0))[1] - MOST_LINES_PER_SECOND if count == 1 else 0
             self._second[server] = (int(now), count)
             stamp = datetime.fromtimestamp(now, UTC).strftime("%Y-%m-%dT%H:%M:%S.%f")[:-3]
             who = f"{stamp}Z server {server}"
             if dropped > 0:
                 self._keep(f"{who}: {dropped} more lines in that second were left out")
-            if count > MOST:
+            if count > MOST_LINES_PER_SECOND:
                 return
             said = "".join(untrusted.lines(text))  # of one line; terminal control characters are dropped
             self._keep(f"{who}, {place}: {said}" if place else f"{who}: {said}")

@@ -18,12 +18,13 @@ from swarmwright.supervision.server_exit import ServerExit, split
 
 LAST_LINES = 20
 """Lines before the stack that are shown of what a server wrote last."""
-_KEPT = 200
-_LONGEST_LINE = 1 << 16
+_KEPT_LINES = 200
+"""Lines that are kept of what a server prints."""
+_LONGEST_LINE_BYTES = 1 << 16
 
-GRACE = 5.0
+GRACE_S = 5.0
 """Seconds that servers have to say good-bye before they are killed."""
-_STACK = 0.5
+_STACK_S = 0.5
 """Seconds that one has to write its stack before it is killed."""
 
 STACK_SIGNAL = signal.SIGUSR1
@@ -59,7 +60,7 @@ class Process:
         """Why its supervisor ended it."""
         self.started = time.monotonic()
         self.progress = Progress()
-        self._lines: deque[str] = deque(maxlen=_KEPT)
+        self._lines: deque[str] = deque(maxlen=_KEPT_LINES)
         self._spoke = 0.0
         self.silent = False
         """Whether nothing can come from it any more."""
@@ -106,7 +107,7 @@ class Process:
         stream = self.process.stdout or self.process.stderr
         assert stream is not None
         with stream, suppress(OSError, ValueError):
-            while line := stream.readline(_LONGEST_LINE):
+            while line := stream.readline(_LONGEST_LINE_BYTES):
                 self._lines.append(self._on_line(self.identifier, line))
                 self._spoke = time.monotonic()
         self.silent = True
@@ -148,7 +149,7 @@ class Process:
         began = time.monotonic()
         with suppress(ProcessLookupError):
             self.process.send_signal(STACK_SIGNAL)
-        while time.monotonic() - began < _STACK:
+        while time.monotonic() - began < _STACK_S:
             time.sleep(0.02)
             if self._spoke > began and time.monotonic() - self._spoke > 0.1:
                 break
@@ -170,11 +171,11 @@ class Process:
         """Wait for its end and release its resources."""
         self.dismiss()
         try:
-            self.process.wait(GRACE)
+            self.process.wait(GRACE_S)
         except subprocess.TimeoutExpired:
             self._kill_group()
             self.process.kill()
             self.process.wait()
         for thread in self._threads:
-            thread.join(GRACE)
+            thread.join(GRACE_S)
         self.progress.close()

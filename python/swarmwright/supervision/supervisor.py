@@ -18,17 +18,18 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger("swarmwright")
 
-LOOK = 0.2
+CHECK_S = 0.2
 """Seconds between two checks of the servers, and when one seems to end."""
-SOON = 0.01
+FAST_CHECK_S = 0.01
+"""Seconds between two checks where a server is silent or is about to end."""
 
-START = 30.0
+START_S = 30.0
 """Seconds that a server has to start, at least."""
 
-FIRST_PAUSE = 0.1
+FIRST_PAUSE_S = 0.1
 """Seconds before a server is started again; doubled with each end in a row before which it did nothing."""
-LONGEST_PAUSE = 5.0
-LONGEST_PAUSE_AT_WORK = 1.0
+LONGEST_PAUSE_S = 5.0
+LONGEST_PAUSE_AT_WORK_S = 1.0
 """For servers that ended while they evaluated: these ends are counted by candidate."""
 
 MOST_STARTS = 5
@@ -117,7 +118,7 @@ class Supervisor:
         tell: Callable[[News], None],
         step_timeout: float | None = None,
         episode_timeout: float | None = None,
-        start_timeout: float = START,
+        start_timeout: float = START_S,
         environment: Mapping[str, str] | None = None,
     ) -> None:
         self._places = {int(one["id"]): _Place(one) for one in settings}
@@ -225,7 +226,7 @@ class Supervisor:
                 if not now.candidates or now.request != before.request:
                     process.dismiss()
                     del computing[process]
-            time.sleep(SOON)
+            time.sleep(FAST_CHECK_S)
 
     def attach(self, supervision: "_engine.Supervision | None") -> None:
         """Report the state of the servers to this pool from now on; None: to no pool."""
@@ -293,7 +294,7 @@ class Supervisor:
                 self._remove()
             now = time.monotonic()
             # This process slept, and the servers probably, too.
-            away = max(0.0, now - last - 5 * LOOK)
+            away = max(0.0, now - last - 5 * CHECK_S)
             last = now
             overdue = self._overdue()
             for place in self._places.values():
@@ -307,7 +308,9 @@ class Supervisor:
         times = [place.again_at for place in self._places.values() if place.again_at is not None]
         # The end of what it writes is seen a moment before that of the process.
         look = (
-            SOON if any(place.process and place.process.silent for place in self._places.values()) else LOOK
+            FAST_CHECK_S
+            if any(place.process and place.process.silent for place in self._places.values())
+            else CHECK_S
         )
         return max(0.0, min([look, *(at - time.monotonic() for at in times)]))
 
@@ -397,8 +400,8 @@ class Supervisor:
         place.fruitless = place.fruitless + 1 if wasted else 0
         if place.failed_starts >= MOST_STARTS or place.fruitless >= 2 * MOST_STARTS:
             return None
-        longest = LONGEST_PAUSE_AT_WORK if sample.is_at_work else LONGEST_PAUSE
-        return min(FIRST_PAUSE * 2.0 ** max(place.ends - 1, 0), longest)
+        longest = LONGEST_PAUSE_AT_WORK_S if sample.is_at_work else LONGEST_PAUSE_S
+        return min(FIRST_PAUSE_S * 2.0 ** max(place.ends - 1, 0), longest)
 
     def _begin_again(self, place: _Place) -> None:
         try:
@@ -409,7 +412,7 @@ class Supervisor:
                 self.restarts += 1
                 process = place.process
         except OSError as error:  # too many processes or no memory: possibly temporary
-            place.again_at = time.monotonic() + LONGEST_PAUSE
+            place.again_at = time.monotonic() + LONGEST_PAUSE_S
             self._output.say(int(place.settings["id"]), f"[cannot be started: {error}]")
             return
         assert process is not None

@@ -17,6 +17,7 @@ from swarmwright.user_code.parts import Part, Source, is_plug_in, of_plug_in, of
 LINES = 60
 """Of a difference, at most."""
 _WIDTH = 200
+"""Characters of a line that are shown."""
 
 
 def present(copy: Copy, kept: Kept) -> Part | None:

@@ -17,7 +17,8 @@ class Parallel:
     trouble: raise, more (a third agent appears), shape (the observation grows), assert (in the constructor,
     without a word), flags (agents that have ended are flagged, and stay), dropped (agents that are gone have
     rewards and observations all the same), alone (reset returns observations alone), four (step returns four
-    values), all (a reward of `__all__`), refused (SimulationError), none. extra: more agents like b. alike:
+    values), all (a reward of `__all__`), refused (SimulationError), unseen (a has no
+    observation in the third step), none. extra: more agents like b. alike:
     agents have names of one kind. reward: instead of a number.
     """
 
@@ -69,6 +70,8 @@ class Parallel:
         if self.trouble == "all":
             rewards["__all__"] = 1.0
         seen = self.seen()
+        if self.trouble == "unseen" and self.left == 3:
+            del seen["a"]
         if self.trouble == "dropped":
             rewards = dict.fromkeys(self.possible_agents, float(self.left))
             seen = {name: np.ones(self.size) for name in self.possible_agents}
@@ -155,3 +158,28 @@ gymnasium.register("Limited-v0", entry_point="broken:Odd", disable_env_checker=T
 gymnasium.register("Nowhere-v0", entry_point="broken:Nowhere", disable_env_checker=True)
 gymnasium.register("Several-v0", entry_point="broken:Several")
 gymnasium.register("Failing-v0", entry_point="broken:Failing")
+
+
+class Remembering(gymnasium.Env[Any, Any]):
+    """`reset` keeps how many steps there have been; or nothing is determined by the seed."""
+
+    observation_space = SPACE
+    action_space = SPACE
+    unseeded = np.random.default_rng()
+
+    def __init__(self, random: bool = False) -> None:
+        self.random, self.steps = random, 0
+
+    def reset(self, *, seed: int | None = None, options: Any = None) -> Any:
+        super().reset(seed=seed, options=options)
+        self.left = 3
+        return np.zeros(2, np.float32), {}
+
+    def step(self, _action: Any) -> Any:
+        self.steps += 1
+        self.left -= 1
+        reward = self.unseeded.random() if self.random else self.steps
+        return np.zeros(2, np.float32), reward, not self.left, False, {}
+
+
+gymnasium.register("Remembering-v0", entry_point="broken:Remembering")

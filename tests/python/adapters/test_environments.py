@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from mpe2 import simple_spread_v3
 
-from swarmwright import Controller, Experiment, InputError, RunError, adapters, optimize, simulate
+from swarmwright import Controller, Experiment, InputError, RunError, adapters, evaluate, optimize, simulate
 from swarmwright.adapters.gymnasium import Gymnasium
 from swarmwright.simulations import catalogue
 from swarmwright.simulations.loading import load
@@ -194,6 +194,7 @@ def test_a_parameter_that_changes_the_number_of_agents_alone(tmp_path: Path) -> 
             "pettingzoo:broken?trouble=four",
             r"broken: step returned 4 values, expected \(observation, reward, ter",
         ),
+        ("pettingzoo:broken?trouble=unseen", "step: broken: agent 'a' is among its agents, but has no obs"),
         ("pettingzoo:broken?trouble=all", "broken: agent '__all__' is not among its possible_agents, a, b"),
         ("pettingzoo:broken?reward=[1,2]", "step: broken: its reward has 2 numbers, a fitness is one"),
         (
@@ -225,6 +226,48 @@ def test_a_reward_in_an_array() -> None:
     assert simulate(experiment("pettingzoo:broken?reward=[2.0]"), servers="in-process") == (6 * 2 + 4 * 2) / 2
 
 
+REMEMBERING = "gymnasium:broken:Remembering-v0"
+
+
+def test_an_environment_that_reset_does_not_restore_is_new_in_each_episode(
+    caplog: pytest.LogCaptureFixture, tmp_path: Path
+) -> None:
+    here = optimize(experiment(REMEMBERING), servers="in-process", out=tmp_path / "here")
+    assert here.history[0].best == here.history[0].mean == 1 + 2 + 3
+    said = [one.message for one in caplog.records if "restore" in one.message]
+    assert len(said) == 1
+    assert said[0].startswith(f"{REMEMBERING}: reset() does not restore all of its state")
+    assert "new_each_episode=true" in said[0]
+    same_record(optimize(experiment(REMEMBERING), servers=2, out=tmp_path / "servers"), here)
+
+
+def test_the_name_says_whether_each_episode_has_a_new_environment(caplog: pytest.LogCaptureFixture) -> None:
+    genomes = np.zeros((2, 6), np.float32)
+    for value, difference in (("true", 0), ("false", 3 * 3)):
+        one = experiment(f"{REMEMBERING}?new_each_episode={value}", ranking={"episodes": 1})
+        first, second = evaluate(one, genomes, servers="in-process")
+        assert second - first == difference
+    assert not caplog.records
+    with pytest.raises(InputError, match="new_each_episode=no found, expected true or false"):
+        experiment(f"{REMEMBERING}?new_each_episode=no")
+
+
+def test_an_environment_whose_seed_determines_nothing(caplog: pytest.LogCaptureFixture) -> None:
+    simulate(experiment(f"{REMEMBERING}?random=true"), servers="in-process")
+    assert "episodes with the same seed differ, even in new environments" in caplog.text
+
+
+def test_trials_leave_an_environment_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    kind: Any = adapters.simulation(f"{SPREAD}?N=2")
+    records = []
+    for new in (None, False, True):
+        monkeypatch.setattr(kind, "new_each_episode", new)
+        one = kind()
+        records.append([one.reset({}, 5), *(one.step(np.ones((2, 5), np.float32)) for _ in range(4))])
+    np.testing.assert_array_equal(records[0], records[1])
+    np.testing.assert_array_equal(records[0], records[2])
+
+
 def test_an_endless_episode_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Gymnasium, "most_steps", 50)
     assert simulate(experiment("gymnasium:broken:Failing-v0?endless=true"), servers="in-process") == 50
@@ -235,6 +278,12 @@ def test_an_endless_episode_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:
     [
         ("gymnasium:CartPol-v1", "Gymnasium CartPol-v1: NameNotFound: .* Did you mean: `CartPole`"),
         ("gymnasium:CartPole-v1?gravi=1", "unexpected keyword argument 'gravi'"),
+        (
+            "gymnasium:CartPole-v1?sutton_barto_reward=no",
+            "sutton_barto_reward: Gymnasium CartPole-v1: 'no' found, expected true or false",
+        ),
+        (f"{SPREAD}?continuous_actions=off", "continuous_actions: .*: 'off' found, expected true or false"),
+        (f"{SPREAD}?N=2&max_cycles=9&N=3", "the option N is given twice; leave one"),
         ("gymnasium:CartPole-v1?fast", "'fast' found after the question mark, expected option=value"),
         (
             "gymnasium:broken:Failing-v0?text=true",
@@ -281,6 +330,10 @@ def test_parameters_that_change_the_agents() -> None:
     wrong = experiment("gymnasium:CartPole-v1", parameters={"gravi": 3})
     with pytest.raises(InputError, match=r"gravi: .*unexpected keyword argument"):
         simulate(wrong, servers="in-process")
+    # YAML 1.2 has true and false alone.
+    flag = experiment("gymnasium:CartPole-v1", parameters={"sutton_barto_reward": "no"})
+    with pytest.raises(InputError, match=r"sutton_barto_reward: .*'no' found, expected true or false"):
+        simulate(flag, servers="in-process")
 
 
 @pytest.mark.parametrize("servers", ["local", 1])

@@ -18,6 +18,31 @@ simulation: minisim
 method: {kind: nnga, population: 12, generations: 4}
 seed: 3
 """
+TOY = """\
+from swarmwright import Simulation
+from swarmwright.display import Body, Scene
+
+
+class Toy(Simulation):
+    sensors, actuators = 2, 1
+
+    def reset(self, parameters, seed):
+        self.steps = 0
+        return [[0.0, 0.0]]
+
+    def step(self, actions):
+        self.steps += 1
+        return [[0.0, 0.0]]
+
+    def done(self):
+        return self.steps == 3
+
+    def fitness(self):
+        return 1.0
+
+    def scene(self):
+        return Scene(2, 2, step=self.steps, bodies=[Body("agent", 1.0, 1.0)])
+"""
 ENDLESS = """\
 simulation: minisim
 method: {kind: nnga, population: 30, generations: 1000000}
@@ -61,14 +86,20 @@ def test_a_simulation_of_a_server_elsewhere_is_shown_from_the_broker_of_the_run(
     try:
         result = program("optimize", "toy.yaml", "--broker", broker.url, "--out", "result")
         assert result.returncode == 0, result.stderr
-        (hint,) = (line for line in result.stdout.splitlines() if "replay" in line)
+        hint, instead = (line for line in result.stdout.splitlines() if "replay" in line)
         words = hint.rpartition("swarmwright ")[2].split()
         assert words == ["replay", "result", "--broker", broker.url]
         shown = program(*words, "--save", "best.html")
         assert shown.returncode == 0, shown.stderr
+        words = instead.rpartition("swarmwright ")[2].split()
+        assert words == ["replay", "result", "--simulation", "NAME"]
     finally:
         server.close()
         broker.stop()
+    # Without the broker, in a simulation that is here.
+    (tmp_path / "toy.py").write_text(TOY)
+    shown = program("replay", "result", "--simulation", "toy.py:Toy", "--save", "here.html")
+    assert shown.returncode == 0, shown.stderr
 
 
 def test_a_plot_that_is_not_wanted_is_not_listed(program: Any, quick: Path) -> None:

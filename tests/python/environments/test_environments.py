@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from swarmwright import Episodes, Experiment, InputError, Simulation, environments
+from swarmwright import Episodes, Experiment, InputError, RunError, Simulation, environments
 from swarmwright.simulations import catalogue
 
 SWARM: dict[str, Any] = {"mission": "aggregation", "duration": 3, "robots": 4}
@@ -47,7 +47,8 @@ def test_gymnasium_accepts_it() -> None:
 
 def test_rewards_add_up_to_the_fitness_of_the_same_episode() -> None:
     swarm = environments.parallel_env("arena", SWARM | {"mission": "homing"})
-    for seed in (7, 8, 9):
+    drawn = np.random.default_rng(7).integers(2**63, size=2).tolist()
+    for seed in (7, *drawn):
         swarm.reset(seed=7) if seed == 7 else swarm.reset()
         episodes = Episodes("arena", SWARM | {"mission": "homing"}, seeds=[seed])
         total = 0.0
@@ -65,6 +66,7 @@ def test_rewards_add_up_to_the_fitness_of_the_same_episode() -> None:
                 assert infos == {name: {} for name in swarm.agents}
         assert total == pytest.approx(episodes.fitness[0])
         assert infos["agent_0"]["fitness"] == episodes.fitness[0]
+        assert infos["agent_1"]["seed"] == seed
         assert infos["agent_3"]["metrics"]["order"] == episodes.metrics["order"][0]
 
 
@@ -81,6 +83,104 @@ def test_the_reward_is_that_of_the_experiment() -> None:
     assert total == info["fitness"] == -3 * info["metrics"]["steps"]
     with pytest.raises(InputError, match="call reset"):
         agent.step(np.zeros(1, np.float32))
+
+
+def test_seeds_are_drawn_after_the_one_that_was_given_and_from_the_system_without_any() -> None:
+    agent = environments.gymnasium_env("minisim", {"maxSteps": 1, "seed": 4})
+
+    def seeds(*given: int | None) -> list[int]:
+        found = []
+        for seed in given:
+            agent.reset(seed=seed)
+            found.append(agent.step(np.zeros(1, np.float32))[4]["seed"])
+        return found
+
+    first = seeds(100, None, None)
+    assert first[0] == 100
+    assert first[1:] == np.random.default_rng(100).integers(2**63, size=2).tolist()
+    assert seeds(100, None, None) == first
+    assert not set(seeds(101, None, None)) & set(first)
+    copies = [environments.parallel_env("arena", SWARM).reset()[0]["agent_0"] for _ in range(2)]
+    assert not np.array_equal(*copies)
+
+
+class Late(Simulation):
+    """Its fitness is known at some step; `truncated` says that the time was over."""
+
+    sensors, actuators = 1, 1
+    parameters = {"known": 3, "before": "raise", "cut": True}  # noqa: RUF012
+    metrics = ("steps_left",)
+    step_seconds = frame_seconds = 0.05
+
+    def reset(self, parameters: dict[str, Any], _seed: int) -> Any:
+        self.given, self.steps = parameters, 0
+        return [[0.0]]
+
+    def step(self, _actions: Any) -> Any:
+        self.steps += 1
+        return [[0.0]]
+
+    def done(self) -> bool:
+        return self.steps == 3
+
+    def fitness(self) -> Any:
+        if self.steps >= self.given["known"]:
+            return 10.0 * self.steps
+        if self.given["before"] == "raise":
+            raise ZeroDivisionError
+        return None if self.given["before"] == "none" else float("nan")
+
+    def measure(self) -> Any:
+        return {"steps_left": 3 - self.steps}
+
+    def truncated(self) -> bool:
+        return bool(self.given["cut"])
+
+
+def rewards_of(agent: Any) -> tuple[list[float], bool, bool]:
+    agent.reset(seed=1)
+    rewards, ended, cut = [], False, False
+    while not (ended or cut):
+        _, reward, ended, cut, _ = agent.step(np.zeros(agent.action_space.shape, np.float32))
+        rewards.append(reward)
+    return rewards, ended, cut
+
+
+@pytest.mark.parametrize("before", ["raise", "none", "nan"])
+def test_a_fitness_that_is_not_known_before_the_end_is_rewarded_later(before: str) -> None:
+    for known, expected in ((2, [0, 20, 10]), (3, [0, 0, 30])):
+        agent = environments.gymnasium_env(Late, {"known": known, "before": before})
+        assert rewards_of(agent) == (expected, False, True)
+    with pytest.raises(RunError, match=r"Late.fitness: "):
+        rewards_of(environments.gymnasium_env(Late, {"known": 4, "before": before}))
+
+
+def test_an_expression_without_a_value_is_rewarded_later() -> None:
+    def agent(fitness: str) -> Any:
+        return environments.gymnasium_env(
+            Experiment.from_mapping({"simulation": Late, "parameters": {"known": 0}, "fitness": fitness})
+        )
+
+    assert rewards_of(agent("1 / (2 - steps_left)"))[0] == [0, 1, -0.5]
+    with pytest.raises(RunError, match="the episode failed: fitness: "):
+        rewards_of(agent("1 / steps_left"))
+
+
+def test_simulations_say_that_their_time_was_over() -> None:
+    for cut in (True, False):
+        agent = environments.gymnasium_env(Late, {"cut": cut})
+        assert rewards_of(agent)[1:] == (not cut, cut)
+        assert agent.metadata["render_fps"] == 20
+    assert rewards_of(environments.gymnasium_env("gymnasium:Pendulum-v1"))[1:] == (False, True)
+    assert rewards_of(environments.gymnasium_env("gymnasium:CartPole-v1"))[1:] == (True, False)
+    swarm = environments.parallel_env("pettingzoo:mpe2.simple_tag_v3?max_cycles=3")
+    swarm.reset(seed=1)
+    while swarm.agents:
+        still = {name: np.zeros(swarm.action_space(name).shape, np.float32) for name in swarm.agents}
+        _, _, ended, cuts, _ = swarm.step(still)
+    assert all(cuts.values())
+    assert not any(ended.values())
+    assert swarm.step({}) == ({}, {}, {}, {}, {})
 
 
 @pytest.mark.parametrize("arrived", [True, False])

@@ -12,8 +12,7 @@ import pytest
 from swarmwright import Experiment, InputError, Run, optimize
 from swarmwright.evaluation.base import Controllers
 from swarmwright.evaluation.opening import open_backend
-from swarmwright.methods import METHODS
-from swarmwright.methods._base import Method
+from swarmwright.methods import METHODS, Method
 from swarmwright.optimization.loop import Generation
 from tests.python.records import same_record
 

@@ -5,6 +5,7 @@ import shutil
 import subprocess
 import sys
 import zipfile
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -243,6 +244,57 @@ def test_mistakes_of_masters_are_errors(form: str, tmp_path: Path) -> None:
         pass
 
 
+@pytest.mark.parametrize("form", FORMS)
+def test_calls_that_do_not_belong_to_a_phase_are_errors(form: str, tmp_path: Path) -> None:
+    """FMI 2.0.4, section 4.2.4; FMI 3.0.1, section 2.3."""
+    name = "fmi2" if form == "fmu" else "fmi3"
+    with Driver(written(KEEPS_STATE, form, tmp_path)) as driver:
+        fmu = driver.instance._fmu
+
+        def step(time: float = 0.0) -> None:
+            fmu.doStep(currentCommunicationPoint=time, communicationStepSize=1.0)
+
+        def enter(stop: float | None = None) -> None:
+            if form == "fmu":
+                fmu.setupExperiment(startTime=0.0, stopTime=stop)
+                fmu.enterInitializationMode()
+            else:
+                fmu.enterInitializationMode(startTime=0.0, stopTime=stop)
+
+        def refused(call: Callable[[], object], said: str) -> None:
+            with pytest.raises(FMICallException):
+                call()
+            assert driver.instance._last == said
+
+        belongs = "but belongs between initialization and termination"
+        early = "is called before initialization"
+        refused(step, f"{name}DoStep {early}, {belongs}")
+        refused(fmu.terminate, f"{name}Terminate {early}, {belongs}")
+        refused(
+            fmu.exitInitializationMode,
+            f"{name}ExitInitializationMode {early}, but belongs in initialization mode",
+        )
+        enter(2.0)
+        refused(
+            fmu.enterInitializationMode,
+            f"{name}EnterInitializationMode is called in initialization mode, but belongs before "
+            "initialization",
+        )
+        refused(step, f"{name}DoStep is called in initialization mode, {belongs}")
+        fmu.exitInitializationMode()
+        step()
+        step(1.0 + 1e-12)  # rounding errors of the master's sum
+        refused(lambda: step(2.0), "the step goes past the stop time that was set up")
+        fmu.terminate()
+        refused(step, f"{name}DoStep is called after termination, {belongs}")
+        refused(fmu.terminate, f"{name}Terminate is called after termination, {belongs}")
+        fmu.reset()
+        enter()
+        fmu.exitInitializationMode()
+        for time in range(4):
+            step(float(time))
+
+
 def zipped(file: Path) -> dict[str, bytes]:
     with zipfile.ZipFile(file) as archive:
         return {name: archive.read(name) for name in archive.namelist()}
@@ -319,6 +371,31 @@ def test_names_and_units_are_those_of_the_simulation(form: str, tmp_path: Path) 
     assert (degrees.baseUnit.rad, float(degrees.baseUnit.factor)) == (1, np.deg2rad(1.0))
 
 
+def test_units_are_defined_however_they_are_written(tmp_path: Path) -> None:
+    units = {
+        "m/s²": ({"m": 1, "s": -2}, 1.0),
+        "N·m": ({"kg": 1, "m": 2, "s": -2}, 1.0),
+        "kΩ": ({"kg": 1, "m": 2, "s": -3, "A": -2}, 1e3),
+        "µT": ({"kg": 1, "s": -2, "A": -1}, 1e-6),
+        "%": ({}, 0.01),
+        "mm": ({"m": 1}, 1e-3),
+    }
+    for first in (0, 3):
+        names = [*units][first : first + 3]
+        made = replace(subject(ALL[KEEPS_STATE]), description={"sensor_units": names})
+        write(exporter("fmu3").files(made, "robot"), tmp_path)
+        assert validate_fmu(str(tmp_path / "robot.fmu")) == []
+        found = {
+            one.name: one.baseUnit
+            for one in read_model_description(str(tmp_path / "robot.fmu")).unitDefinitions
+        }
+        for name in names:
+            exponents, factor = units[name]
+            assert float(found[name].factor) == factor
+            for base in ("kg", "m", "s", "A", "rad"):
+                assert getattr(found[name], base) == exponents.get(base, 0)
+
+
 def test_the_same_bytes_and_not_over_the_files_of_others(tmp_path: Path) -> None:
     made = [exporter("fmu").files(subject(ALL["mealy_fsm"]), "robot") for _ in range(2)]
     assert made[0] == made[1]
@@ -330,6 +407,28 @@ def test_the_same_bytes_and_not_over_the_files_of_others(tmp_path: Path) -> None
     (tmp_path / "robot.fmu").write_bytes(foreign.getvalue())
     with pytest.raises(InputError, match=r"robot\.fmu: is there already and was not exported by Swarmwright"):
         write(made[0], tmp_path)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_the_library_is_in_the_folder_of_the_machine_it_is_for(
+    form: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With -m32 a compiler names the machine for which it writes without that option."""
+    compiler = tmp_path / "cc32"
+    compiler.write_text(
+        "#!/bin/sh\n"
+        'case "$*" in *-dumpmachine*) echo x86_64-linux-gnu;;\n'
+        '*-E*) echo "machine: x86";;\n'
+        '*) while [ "$1" != -o ]; do shift; done; echo library > "$2";; esac\n'
+    )
+    compiler.chmod(0o755)
+    monkeypatch.setenv("CC", f"{compiler} -m32")
+    written("mealy_fsm", form, tmp_path)
+    names = [name for name in zipped(tmp_path / "robot.fmu") if name.startswith("binaries/")]
+    assert names == [f"binaries/{'linux32' if form == 'fmu' else 'x86-linux'}/robot.so"]
+    monkeypatch.setenv("CC", "false")
+    with pytest.raises(InputError, match="false: compiles for an unknown machine"):
+        written("mealy_fsm", form, tmp_path)
 
 
 def test_what_is_missing_is_said(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -125,3 +125,23 @@ def test_without_the_libraries(missing: str, tmp_path: Path, monkeypatch: pytest
     sequences = random_sequences(made.specification, 1)
     with pytest.raises(InputError, match=said):
         _ = Onnx().files(made, "robot") if missing == "onnx" else Onnx().run(tmp_path, "robot", sequences)
+
+
+def test_a_machine_has_no_product_that_openvino_miscomputes(tmp_path: Path) -> None:
+    """It is an integer product behind a sum over an axis of length 1, in OpenVINO 2026.4 and for batches."""
+    import onnx
+
+    one_each = {**ALL["mealy_fsm"], "thresholds": [[0.1], [-0.2], [0.3]]}
+    one_each["weights"] = [0.5 * (-1) ** index for index in range(_machine_weights(one_each))]
+    sequences, actuators = found(one_each, tmp_path)
+    assert difference(sequences, actuators) == (0.0, 0)
+    nodes = onnx.load(str(tmp_path / "robot.onnx")).graph.node
+    sums = {name for node in nodes if node.op_type == "ReduceSum" for name in node.output}
+    assert not [node for node in nodes if node.op_type == "Mul" and sums.intersection(node.input)]
+
+
+def _machine_weights(specification: Specification) -> int:
+    """Return how many weights a machine has: for each row of its table, scores of states and actuators."""
+    symbols = int(np.prod([len(one) + 1 for one in specification["thresholds"]]))
+    per_row = len(ALL["mealy_fsm"]["weights"]) // (ALL["mealy_fsm"]["states"] * 6)
+    return int(specification["states"]) * symbols * per_row

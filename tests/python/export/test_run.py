@@ -12,6 +12,7 @@ import pytest
 import swarmwright
 from swarmwright import InputError, Run
 from swarmwright.export.subject import Subject, subject_of
+from swarmwright.export.text import identifiers, plain
 from swarmwright.simulations import catalogue
 from swarmwright.store.database import seal_facts
 
@@ -254,6 +255,7 @@ def test_no_compiler(program: Any, minisim: Run, tmp_path: Path, monkeypatch: py
     result = program("export", minisim.path, "--to", "c", "--verify")
     assert result.returncode == 2
     assert result.stderr == "swarmwright: CC=nocc -O2: there is no such program\n"
+    assert not (tmp_path / "controller").exists()
     monkeypatch.delenv("CC")
     monkeypatch.setenv("PATH", "/nowhere")
     with pytest.raises(InputError, match="verification needs cc, which is not installed: apt install gcc"):
@@ -376,6 +378,26 @@ def test_a_simulation_that_only_servers_have(
     )
     assert exported.verification.words.endswith(" steps), without episodes of the simulation")
     assert "20 random sequences" in (tmp_path / "controller_test.py").read_text()
+
+
+def test_names_and_units_are_spelled_in_ascii() -> None:
+    """In comments and identifiers of C; what has no spelling is a question mark."""
+    for text, expected in {
+        "m/s²": "m/s^2", "m·s⁻¹": "m.s^-1", "kΩ": "kohm", "µT": "uT", "℃": "degrees C", "größe": "grosse",
+        "état": "etat", "Łódź": "Lodz", "Δx": "deltax", "日": "?", "＊／": "* /",
+    }.items():  # fmt: skip
+        assert plain(text) == expected
+        assert plain(plain(text)) == expected
+
+
+def test_a_name_that_is_an_identifier_keeps_it() -> None:
+    assert identifiers(["goal x", "goal_x", "goal-x", "größe", ""], "SENSOR") == [
+        "GOAL_X_0",
+        "GOAL_X",
+        "GOAL_X_2",
+        "GROSSE",
+        "SENSOR_4",
+    ]
 
 
 def test_names_of_many_sensors_are_made_different_in_time() -> None:

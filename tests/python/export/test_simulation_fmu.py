@@ -144,7 +144,7 @@ def test_coupled_with_controllers_it_gives_the_fitness_of_the_run(tmp_path: Path
     ]
     files = {name: tmp_path / f"{name.rstrip('12')}.fmu" for name in ("robot1", "robot2", "world")}
     file = tmp_path / "system.ssp"
-    file.write_bytes(coupled("system", files, connections))
+    file.write_bytes(coupled("system", files, connections)[0])
     system = Coupled(str(file), system_of(file), tmp_path / "unpacked", "gauss_seidel")
     variables, step = described(file).variables, 0
     system.begin({}, 0.0, 10.0)

@@ -176,6 +176,7 @@ def test_files_that_contradict_each_other(edited: Edited, tmp_path: Path) -> Non
         ("x.json", '{"parameters": [}', "x.json:1: is not valid JSON"),
         ("x.json", "", "is empty; expected"),
         ("x.txt", "hello", "is of no kind that is known; expected"),
+        ("x.onnx", "\x08\x08", r"x\.onnx: is an ONNX model, from which no controller can be made; expected"),
         ("x.zse", "<frevo/>", "is a FREVO session, which is imported alone"),
     ],
 )

@@ -173,3 +173,16 @@ def test_the_command_line(program: Any, tmp_path: Path) -> None:
     done = program("import", "escape.sysml", "-o", "escape.yaml")
     assert done.returncode == 0, done.stderr
     assert "not taken over: state in line 26" in done.stderr
+
+
+def test_values_that_the_simulation_refuses_are_not_blamed_on_a_file_that_is_not_there(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "swarm.sysml"
+    path.write_text(MODEL.replace('placement = "random"', 'placement = "randm"'))
+    with pytest.raises(InputError) as caught:
+        models.load([path])
+    first, *problems = str(caught.value).splitlines()
+    assert first == f"{path}: does not make a valid experiment:"
+    assert problems
+    assert all(line.startswith("  parameters.placement: ") for line in problems)

@@ -11,8 +11,8 @@ import pytest
 from swarmwright import Experiment, Run, RunError, optimize, resume
 from swarmwright.methods import METHODS
 from swarmwright.methods._nes import Nes
-from swarmwright.methods._search import SearchMethod
 from swarmwright.methods.openai_es import OpenaiEs
+from swarmwright.methods.search import SearchMethod
 from swarmwright.optimization.ahead import Ahead
 from swarmwright.store import StoreReader
 from tests.python.records import same_record

@@ -3,12 +3,14 @@
 import logging
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from swarmwright import Experiment, optimize, resume
 from swarmwright.evaluation.base import Results
+from swarmwright.evaluation.evaluate import tell_failures
 from swarmwright.optimization.failures import Failures
 from swarmwright.store import Journal, WarningEntry
 from swarmwright.store.rows import AttemptEntry
@@ -53,6 +55,15 @@ def results(fitness: list[list[float]], *attempts: AttemptEntry) -> Results:
     ]
     values = np.array(fitness)
     return Results(values, np.empty((*values.shape, 0)), Journal(list(attempts), warnings))
+
+
+def test_attempts_that_were_cancelled_did_not_fail(caplog: pytest.LogCaptureFixture) -> None:
+    tried = [attempt(0, 0, 1, "server 2 was faster"), attempt(0, 0, 2, None)]
+    journal = Journal([*tried, attempt(1, 0, 1, "no licence")], [])
+    assert journal.errors == ["no licence"]
+    backend: Any = None  # of no kind that tells by itself
+    tell_failures(backend, Results(np.ones((2, 1)), np.empty((2, 1, 0)), journal))
+    assert caplog.messages == ["an episode failed: no licence"]
 
 
 def test_candidate_episode_and_seed_are_named(caplog: pytest.LogCaptureFixture) -> None:

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmwright.ros.fields import READERS, WRITERS, binary32, reader, writers
+from swarmwright.ros.fields import READERS, WRITERS, SameFieldError, binary32, reader, writers
 from swarmwright.ros.mapping import ActuatorMapping, Interval, MappingError, Place, SensorMapping
 
 
@@ -155,6 +155,19 @@ def test_commands_are_scaled_and_limited() -> None:
     assert number.data == -math.inf  # as a cast to binary32 gives it
     with pytest.raises(MappingError, match=r"actuators\[0\] \(a\): writes the same field as actuators\[0\]"):
         writers([actuator(kind, "angular.z"), actuator(kind, "angular.z")])
+
+
+def test_errors_name_the_key() -> None:
+    with pytest.raises(MappingError) as caught:
+        writers([actuator("geometry_msgs/Twist", "linear.w")])
+    assert (caught.value.key, caught.value.reason[:10]) == ("field", "field 'lin")
+    with pytest.raises(MappingError) as caught:
+        writers([actuator("std_msgs/Byte", "data")])
+    assert caught.value.key == "type"
+    same = [actuator("geometry_msgs/Twist", "linear.x"), actuator("geometry_msgs/Twist", "linear.x")]
+    with pytest.raises(SameFieldError) as twice:
+        writers(same)
+    assert twice.value.actuator is same[1]
 
 
 @given(st.lists(st.floats(-1, 1, width=32), min_size=3, max_size=3))

@@ -206,8 +206,10 @@ def test_results_are_never_written_over(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="is a file"):
         optimize(EXPERIMENT, out=tmp_path / "full" / "thesis.txt")
     assert [file.name for file in (tmp_path / "full").iterdir()] == ["thesis.txt"]
-    (tmp_path / "empty").mkdir()
-    assert optimize(EXPERIMENT, lambda _: False, out=tmp_path / "empty").generations == 1
+    (tmp_path / "of a run").mkdir()
+    assert optimize(EXPERIMENT, lambda _: False, out=tmp_path / "of a run").generations == 1
+    with pytest.raises(InputError, match="resume that run: swarmwright resume '.*of a run'$"):
+        optimize(EXPERIMENT, out=tmp_path / "of a run")
 
 
 def test_the_best_controller_can_be_pickled(finished: Run) -> None:

@@ -121,6 +121,9 @@ def test_a_group_is_exported_by_itself(run: Run, built_in: Run, tmp_path: Path) 
         assert found.verification is not None
         assert found.verification.ok
         assert found.subject.episode_count
+        assert found.files[0].name == f"{name}.py"  # of a group, by default
+    with pytest.raises(InputError, match="has the controller of the group hunters; name another"):
+        export_controller(run, to="python", group="prey", prefix="hunters", output=tmp_path / "hunters")
     named = export_controller(built_in, to="python", group="defenders", output=tmp_path / "named")
     assert [one.name for one in named.subject.sensors] == ["agent x", "agent y", "goal x", "goal y"]
 

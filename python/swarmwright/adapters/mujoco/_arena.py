@@ -19,6 +19,7 @@ WALL = 0.05
 """Half the thickness of a wall."""
 _KEYS = {"width", "depth", "height", "pillars"}
 _TRIES = 10_000
+"""Places that are tried for a body before it is said that there is none."""
 
 
 @dataclass(frozen=True)

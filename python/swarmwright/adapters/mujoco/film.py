@@ -25,7 +25,7 @@ from swarmwright.simulations.loading import load
 from swarmwright.simulations.parameters import declared, filled_in
 
 COLORS = 200
-LAST_FRAME = 1500  # milliseconds
+LAST_FRAME_MS = 1500  # milliseconds
 
 
 def frames(
@@ -86,7 +86,7 @@ def write(run: Run, path: Path, *, episode: int = 0, size: tuple[int, int] = (48
     # Include rare colours: robots are small.
     palette = _strip(pictures[:: max(1, len(pictures) // 4)]).quantize(COLORS)
     indexed = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
-    durations = [round(1000 * kind.frame_seconds)] * (len(indexed) - 1) + [LAST_FRAME]
+    durations = [round(1000 * kind.frame_seconds)] * (len(indexed) - 1) + [LAST_FRAME_MS]
     indexed[0].save(path, save_all=True, append_images=indexed[1:], duration=durations, loop=0, optimize=True)
 
 

@@ -25,6 +25,7 @@ _THRESHOLD_DBM = -82.0
 _LOSS_AT_ONE_METRE_DB = 40.05
 """At 2.4 GHz in free space, as in radios.cpp."""
 _MOST_RADIOS = 10_000
+"""Of a simulation."""
 
 
 class Delivery(NamedTuple):

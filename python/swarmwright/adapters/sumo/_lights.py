@@ -10,10 +10,11 @@ from swarmwright.adapters.sumo._traffic import Traffic
 from swarmwright.core.errors import InputError
 from swarmwright.simulations.parameters import Parameter
 
-_FOR_EVER = 1e6
-_VEHICLE = 7.5
+_FOR_EVER_S = 1e6
+"""Seconds of a phase that ends only when it is changed."""
+_VEHICLE_M = 7.5
 """Metres of a lane that a waiting vehicle takes."""
-_LONG = 60.0
+_LONG_WAIT_S = 60.0
 """Seconds that make the sensor of time 1."""
 
 
@@ -59,7 +60,7 @@ class TrafficLights(Traffic):
         self._phases = {light: self._program(light) for light in self.lights}
         self._since: dict[str, float | None] = dict.fromkeys(self.lights)
         lanes = {lane for phases in self._phases.values() for one in phases if one for lane in _all(one)}
-        self._holds = {lane: max(self.sumo.lane.getLength(lane) / _VEHICLE, 1.0) for lane in sorted(lanes)}
+        self._holds = {lane: max(self.sumo.lane.getLength(lane) / _VEHICLE_M, 1.0) for lane in sorted(lanes)}
         for light in self.lights:
             self._hold(light)
         return self.look(lately)
@@ -85,7 +86,7 @@ class TrafficLights(Traffic):
             row[0] = self._share(green.driving, halting)
             row[1] = self._share(green.waiting, halting)
             row[2] = self._share(green.exits, taken)
-            row[3] = min((self._now() - (self._since[light] or 0.0)) / _LONG, 1)
+            row[3] = min((self._now() - (self._since[light] or 0.0)) / _LONG_WAIT_S, 1)
         return seen
 
     def fitness(self) -> float:
@@ -97,7 +98,7 @@ class TrafficLights(Traffic):
         lights = self.sumo.trafficlight
         green: _Green | None = self._phases[light][lights.getPhase(light)]
         if green is not None:
-            lights.setPhaseDuration(light, _FOR_EVER)
+            lights.setPhaseDuration(light, _FOR_EVER_S)
             if self._since[light] is None:
                 self._since[light] = self._now()
         return green

@@ -18,27 +18,28 @@ from swarmwright.evaluation.base import BudgetSpent
 from swarmwright.evaluation.launched.access import Access
 from swarmwright.evaluation.launched.scaling import Load, Scaling
 from swarmwright.launchers import Health, Launcher, LauncherError, LauncherOptions
-from swarmwright.supervision.output import KEPT, Output
+from swarmwright.supervision.output import MOST_WAITING_LINES, Output
 
 _log = logging.getLogger("swarmwright")
 
-LOOK = 0.5
+POLL_S = 0.5
 """Seconds between two looks, unless something is heard before."""
-SOON = 5.0
+LATE_S = 5.0
 """Seconds for which servers may wait in a queue before that is reported."""
-LINES = 20
+SHOWN_LINES = 20
 """Lines of a server that ended too early which are shown."""
-ASKED = 3
+SHOWN_SERVERS = 3
 """Servers that are late whose lines are shown; elsewhere each takes a request."""
 MOST_FAILURES = 3
 """Servers in a row that end without having been on the broker before a launcher is given up."""
-FIRST_PAUSE, LONGEST_PAUSE = 1.0, 60.0
+FIRST_PAUSE_S, LONGEST_PAUSE_S = 1.0, 60.0
 """Seconds before a server is replaced; doubled with each one in a row that was never on the broker."""
-PATIENCE = 60.0
+LAUNCHER_TIMEOUT_S = 60.0
 """Seconds for which a launcher may not answer, while none of its servers is on the broker."""
-COLLECT = 10.0
+COLLECT_S = 10.0
 """Seconds at most for collecting at the end of a run what servers elsewhere have printed."""
-_LARGEST = 2**31 - 1
+_LARGEST_ID = 2**31 - 1
+"""The largest of servers' IDs."""
 
 
 @dataclass
@@ -156,7 +157,7 @@ class LaunchedServers:
         self._told: set[str] = set()
         self._began = time.monotonic()
         # Others may have servers on this broker; ids must differ.
-        self._next = 1 + secrets.randbelow(_LARGEST // 2)
+        self._next = 1 + secrets.randbelow(_LARGEST_ID // 2)
         self._reserved: dict[str, list[int]] = {}
         self._load: Load | None = None
         self._output: Output | None = None
@@ -274,7 +275,7 @@ class LaunchedServers:
         self._stopping.set()
         if self._thread.is_alive():
             self._thread.join()
-        deadline = time.monotonic() + COLLECT
+        deadline = time.monotonic() + COLLECT_S
         for entry in self._entries:
             for server in entry.servers:
                 if time.monotonic() < deadline:
@@ -320,7 +321,7 @@ class LaunchedServers:
         """Take what servers say of themselves on the broker."""
         assert self._watcher is not None
         own = {server: entry for entry in self._entries for server in entry.servers}
-        for news in self._watcher.poll(min(LOOK, *(entry.launcher.interval for entry in self._entries))):
+        for news in self._watcher.poll(min(POLL_S, *(entry.launcher.interval for entry in self._entries))):
             told = cast("dict[str, Any]", news)
             if "left" in told:
                 self._present.discard(told["left"])
@@ -391,7 +392,7 @@ class LaunchedServers:
         """Note the end of a server."""
         one = entry.servers.pop(server)
         self._present.discard(server)
-        printed = [line for line in self._printed(entry, server) if line.strip()][-LINES:]
+        printed = [line for line in self._printed(entry, server) if line.strip()][-SHOWN_LINES:]
         with suppress(LauncherError):
             entry.launcher.stop([server])
         words = one.health.reason or "ended"
@@ -405,7 +406,7 @@ class LaunchedServers:
         if not one.was_ready:
             entry.failures += 1
             entry.words = [*entry.words, text][-MOST_FAILURES:]
-            pause = min(FIRST_PAUSE * 2.0 ** (entry.failures - 1), LONGEST_PAUSE)
+            pause = min(FIRST_PAUSE_S * 2.0 ** (entry.failures - 1), LONGEST_PAUSE_S)
             if entry.failures >= min(MOST_FAILURES, max(entry.wanted, 1)) and not self._on_broker(entry):
                 entry.given_up = "no server starts:\n" + "\n".join(dict.fromkeys(entry.words))
         entry.again_at = max(entry.again_at, time.monotonic() + pause)
@@ -414,7 +415,7 @@ class LaunchedServers:
         """Return the last lines that a server printed; those of servers elsewhere are written to the log."""
         lines: Sequence[str] = ()
         with suppress(LauncherError):
-            lines = entry.launcher.logs(server, KEPT)
+            lines = entry.launcher.logs(server, MOST_WAITING_LINES)
         if self._output is not None and not entry.launcher.is_here:
             for line in lines:
                 self._output.say(server, line)
@@ -432,14 +433,14 @@ class LaunchedServers:
         if self._on_broker(entry):
             entry.answered = now
         self._warn_once(f"{entry.name}: {words}\nTried again meanwhile; servers that are there go on.")
-        entry.again_at = now + FIRST_PAUSE
-        if now - entry.answered > PATIENCE:
+        entry.again_at = now + FIRST_PAUSE_S
+        if now - entry.answered > LAUNCHER_TIMEOUT_S:
             entry.given_up = words
 
     def _tell_waiting(self, entry: Entry, now: float) -> None:
         """Say why servers wait in a queue, when that takes long or its reason changes."""
         waiting = [one.health.reason for one in entry.servers.values() if one.health.state == "waiting"]
-        if not waiting or now - self._began < SOON or not any(waiting):
+        if not waiting or now - self._began < LATE_S or not any(waiting):
             return
         reasons = ", ".join(sorted({reason for reason in waiting if reason}))
         told = f"{len(waiting)} of {entry.wanted} servers wait: {reasons}"
@@ -452,22 +453,22 @@ class LaunchedServers:
         late = [
             server
             for server, one in entry.servers.items()
-            if one.health.state == "running" and not one.was_ready and now - one.since >= SOON
+            if one.health.state == "running" and not one.was_ready and now - one.since >= LATE_S
         ]
         if self._present or entry.is_told_starting or not late:
             return
         entry.is_told_starting = True
         lines: list[str] = []
-        for server in late[:ASKED]:
+        for server in late[:SHOWN_SERVERS]:
             with suppress(LauncherError):
-                lines += [line for line in entry.launcher.logs(server, LINES) if line.strip()]
+                lines += [line for line in entry.launcher.logs(server, SHOWN_LINES) if line.strip()]
         began = (
             f"{entry.name}: no server is on {entry.launcher.specification.broker} yet, {len(late)} started; "
             f"each has {entry.options.start_timeout:g} s for that"
         )
         if lines:
             began += f"; {self._needed(entry)}. They print:"
-        _log.warning("%s", "\n".join([began, *dict.fromkeys(lines[-LINES:])]))
+        _log.warning("%s", "\n".join([began, *dict.fromkeys(lines[-SHOWN_LINES:])]))
 
     def _needed(self, entry: Entry) -> str:
         """Say what servers need to come to the broker."""

@@ -19,7 +19,7 @@ from swarmwright.evaluation.launched.servers import Entry, LaunchedServers
 from swarmwright.evaluation.module_code import names_of
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.launchers import LAUNCHERS, LauncherOptions, Specification
-from swarmwright.launchers._entries import Entries
+from swarmwright.launchers.entries import Entries
 from swarmwright.user_code.changes import files_of
 
 MOST_EMBEDDED = 4_000

@@ -3,6 +3,7 @@
 import itertools
 import math
 import os
+import re
 import shutil
 import zipfile
 from pathlib import Path
@@ -409,3 +410,20 @@ def test_the_best_are_transferred_to_an_fmu_beside_the_experiment(fmus: Path, tm
         InputError, match=r"x\.yaml:5: validate\.to\[0\]: other\.fmu: .*agents of other have 4 sensors"
     ):
         Experiment.load(path)
+
+
+@pytest.mark.parametrize(
+    ("definition", "changes", "key"),
+    [
+        ({"done": "distanze < 1"}, {}, r"simulation\.done"),
+        ({"fitness": "-distanze"}, {}, r"simulation\.fitness"),
+        ({}, {"fitness": "-distanze"}, "fitness"),
+    ],
+)
+def test_an_expression_over_unknown_metrics_is_named_by_its_key(
+    definition: dict[str, Any], changes: dict[str, Any], key: str, fmus: Path
+) -> None:
+    simulation = {"fmu": str(fmus / "Vehicle.fmu"), "sensors": ["goal_x", "goal_y"], **definition}
+    with pytest.raises(InputError) as caught:
+        vehicle(fmus, simulation=simulation, **changes)
+    assert re.search(rf"(^|\s){key}: 'distanze' is not a metric; did you mean 'distance'", str(caught.value))

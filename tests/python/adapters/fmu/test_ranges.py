@@ -3,10 +3,16 @@
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+import pytest
+
 import swarmwright
 from swarmwright import Experiment, optimize
 from swarmwright.export import EXPORTERS
 from swarmwright.export.writing import write
+from swarmwright.fmu.coupled import Coupled
+from swarmwright.fmu.coupling import coupled
+from swarmwright.fmu.ssp import described, system_of
 from swarmwright.simulations import catalogue
 from tests.python.export.specifications import ALL, subject
 
@@ -50,3 +56,50 @@ def test_a_range_reaches_the_description_and_the_export(tmp_path: Path) -> None:
     assert "actuators.dist, -1 to 1 for 0 to 10 m, scaled: " in header
     assert "sensors.thrust, -1 to 1 for 0 to 100 N */" in header
     assert "sensors.steer in rad, -1 to 1 */" in header
+
+
+@pytest.mark.parametrize("form", ["fmu", "fmu3"])
+def test_coupled_with_its_world_a_scaled_controller_gives_the_fitness_of_the_run(
+    form: str, tmp_path: Path
+) -> None:
+    run = optimize(attached(tmp_path), servers="in-process", out=tmp_path / "run")
+    swarmwright.export_controller(run, to=form, output=tmp_path, prefix="robot")
+    names = {"dist": ("plant.actuators.dist", "robot.sensors.actuators_dist"),
+             "speed": ("plant.actuators.speed", "robot.sensors.actuators_speed"),
+             "thrust": ("robot.actuators.sensors_thrust", "plant.sensors.thrust"),
+             "steer": ("robot.actuators.sensors_steer", "plant.sensors.steer")}  # fmt: skip
+    files = {name: tmp_path / f"{name}.fmu" for name in ("robot", "plant")}
+    data, scaled = coupled("system", files, [":".join(ends) for ends in names.values()])
+    assert scaled == {
+        ":".join(names["dist"]): "robot.sensors.actuators_dist is -1 to 1 for 0 to 10 m",
+        ":".join(names["thrust"]): "robot.actuators.sensors_thrust is -1 to 1 for 0 to 100 N",
+    }
+    file = tmp_path / "system.ssp"
+    file.write_bytes(data)
+    by = {one.start[1]: (one.factor, one.offset) for one in system_of(file).connections}
+    assert by["actuators.sensors_thrust"] == (50.0, 50.0)
+    assert by["actuators.dist"] == (0.2, -1.0)
+    system = Coupled(str(file), system_of(file), tmp_path / "unpacked", "gauss_seidel")
+    system.begin({}, 0.0, 10.0)
+    size = described(file).step_size
+    for step in range(3):
+        system.step(step * size, size)
+    assert np.float32(system.get(described(file).variables["plant.actuators.dist"])) == run.best.fitness
+    system.end()
+
+
+def test_scaled_variables_say_so(tmp_path: Path) -> None:
+    """Actuators have limits; two that are scaled in the same way are connected as they are."""
+    specification = ALL["layered-direct"]
+    known = {}
+    for which in ("sensor", "actuator"):
+        others = int(specification[f"{which}s"]) - 1
+        known[f"{which}_names"] = ["goal", *map(str, range(others))]
+        known[f"{which}_ranges"] = [(0, 5, "km"), *[None] * others]
+    made = replace(subject(specification), description=known)
+    write(EXPORTERS.get("fmu3")().files(made, "robot"), tmp_path)
+    file = tmp_path / "robot.fmu"
+    variables = described(file).variables
+    assert variables["sensors.goal"].stands_for == variables["actuators.goal"].stands_for == (0, 5, "km")
+    assert (variables["actuators.goal"].minimum, variables["actuators.goal"].maximum) == (-1, 1)
+    assert coupled("pair", {"a": file, "b": file}, ["a.actuators.goal:b.sensors.goal"])[1] == {}

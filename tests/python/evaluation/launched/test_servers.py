@@ -161,7 +161,7 @@ def test_servers_that_their_broker_refuses_are_reported_soon_with_its_words(
         certificate=str(lab / "broker.pem"),
         key=str(lab / "broker-key.pem"),
     )
-    monkeypatch.setattr(servers, "SOON", 2.0)
+    monkeypatch.setattr(servers, "LATE_S", 2.0)
     monkeypatch.setenv("SWARMWRIGHT_USERNAME", "tool")
     monkeypatch.setenv("SWARMWRIGHT_PASSWORD_FILE", str(lab / "tool.password"))
     monkeypatch.setenv("SWARMWRIGHT_CA_FILE", str(lab / "ca.pem"))
