@@ -188,3 +188,41 @@ fn what_came_under_an_id_that_two_have_who_cannot_be_told_apart_is_done_again() 
     tool.pass(100);
     assert_eq!(controls(&tool), before + 1, "one is left");
 }
+
+/// A tool whose server 1 has sent the first fitness of its first episode, and that episode's hash.
+fn answered_once() -> (Alone, Value) {
+    let mut tool = Alone::new(work(7, &[3]));
+    tool.answer(1, None);
+    tool.pass(40);
+    let first = tool.last("control");
+    tool.sense(&first);
+    tool.hear("fitness", &json!({"simulation_hash": first, "fitness": 1}));
+    assert_eq!(tool.machine.done(), 1);
+    (tool, first)
+}
+
+#[test]
+fn two_values_for_one_episode_come_from_two_servers() {
+    let (mut tool, first) = answered_once();
+    tool.hear("fitness", &json!({"simulation_hash": first, "fitness": 2}));
+    assert_eq!(tool.machine.done(), 0);
+    assert_eq!(tool.machine.counts().double, 1);
+    let told = "two servers answer to the id 1, so neither is used; give one another --id; 1 evaluations that came under it \
+                are done again";
+    assert_eq!(tool.warnings, [told]);
+}
+
+#[test]
+fn a_server_that_sends_every_result_twice_is_named_once() {
+    let (mut tool, first) = answered_once();
+    let mut hash = first;
+    for done in 1..6 {
+        tool.hear("fitness", &json!({"simulation_hash": hash, "fitness": 1}));
+        assert_eq!(tool.machine.done(), done, "the same value does no harm");
+        assert_eq!(tool.warnings.len(), usize::from(done >= 3));
+        hash = tool.last("control");
+        tool.sense(&hash);
+        tool.hear("fitness", &json!({"simulation_hash": hash, "fitness": 1}));
+    }
+    assert!(tool.warnings[0].starts_with("server 1 sends every result twice"));
+}

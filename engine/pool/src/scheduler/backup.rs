@@ -49,9 +49,28 @@ impl Scheduler {
             }
         }
         if given {
+            let once = if self.has_other(server) {
+                ""
+            } else {
+                " once there is one"
+            };
             self.outbox.warn(format!(
-                "{words}, much longer than ever before; the work goes to another server as well"
+                "{words}, much longer than ever before; the work goes to another server as well{once}"
             ));
+        }
+    }
+
+    /// Whether there is another server than this one.
+    fn has_other(&self, server: u64) -> bool {
+        self.fleet.slots().any(|(id, _)| id != server)
+    }
+
+    /// Where what this server failed is tried again, in words.
+    pub(super) fn again(&self, server: u64) -> &'static str {
+        if self.has_other(server) {
+            " elsewhere"
+        } else {
+            "; there is no other server"
         }
     }
 

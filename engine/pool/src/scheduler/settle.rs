@@ -3,10 +3,13 @@
 use std::time::Instant;
 
 use crate::scheduler::Scheduler;
-use crate::scheduler::modes::in_flight::Dropped;
+use crate::scheduler::modes::in_flight::{Again, Dropped};
 use crate::scheduler::queue::blame::Blame;
 use crate::scheduler::queue::piece::{Piece, Purpose};
 use crate::scheduler::queue::results::Found;
+
+/// How many episodes have to have their fitness twice before it is told: a single one may have come twice on its way.
+const MOST_REPEATED: usize = 3;
 
 impl Scheduler {
     /// A result came. It counts, unless the evaluation has one, or is first to be compared with another server's.
@@ -117,11 +120,24 @@ impl Scheduler {
     }
 
     /// A fitness for no episode under way.
-    pub(super) fn unexpected_fitness(&mut self, hash: &str) {
-        match self.in_flight.ended(hash) {
-            Some((_, true)) => self.counts.double += 1,
-            Some(_) => self.counts.late += 1,
-            None => {}
+    pub(super) fn unexpected_fitness(&mut self, hash: &str, fitness: f64, now: Instant) {
+        match self.in_flight.came_again(hash, fitness) {
+            Again::Other(server) => {
+                self.counts.double += 1;
+                self.found_two(server, self.discovery.round(), now);
+                self.dispatch(now);
+            }
+            Again::Same(server, times) => {
+                self.counts.double += 1;
+                if times >= MOST_REPEATED {
+                    self.outbox.warn_once(format!(
+                        "server {server} sends every result twice; two servers may have this id: if so, end one of them, or \
+                         give it another --id"
+                    ));
+                }
+            }
+            Again::Late => self.counts.late += 1,
+            Again::Unknown => {}
         }
     }
 }

@@ -67,6 +67,11 @@ impl Fleet {
         }
         for (id, presence) in &self.presences {
             let misfit = self.misfit(demand, &presence.simulations, &presence.capabilities);
+            if misfit.is_none() && presence.state == State::Ready && self.unmatched.contains_key(id)
+            {
+                // What it answers says more.
+                continue;
+            }
             let state = match (presence.state, &presence.tool) {
                 (State::Lost, _) => format!("lost since {}", presence.since),
                 (State::Busy, Some(tool)) => format!("fits, but is busy for {tool}"),

@@ -162,9 +162,8 @@ impl Fleet {
     /// A server answered with a hash that this tool has not asked with: another tool's, mostly. One that knows D6.1 alone
     /// may do so always, for section 7.2.2 can be read so that its answer is fixed.
     pub fn answered_other_discovery(&mut self, message: ServerMessage, demand: &Demand) {
-        let announced = message.capabilities.swarmwright.is_some();
         let few = self.unmatched.len() < MOST_UNMATCHED;
-        if few && !announced && message.simulations.contains(&demand.simulation) {
+        if few && message.simulations.contains(&demand.simulation) {
             let hash = shortened(message.simulation_hash, MOST_HASH);
             self.unmatched.insert(message.server, hash);
         }

@@ -22,6 +22,22 @@ struct Ended {
     answered: bool,
     /// Whether its server may still be at it: nothing has shown that the server is not.
     open: bool,
+    /// The value of its fitness.
+    fitness: Option<f64>,
+    /// Whether the same fitness came again.
+    repeated: bool,
+}
+
+/// What a fitness means that came for an episode that is over.
+pub(crate) enum Again {
+    /// Its server sent another value before.
+    Other(u64),
+    /// Its server sent the same value before; and for how many episodes that are remembered it did so.
+    Same(u64, usize),
+    /// The episode was given up.
+    Late,
+    /// The episode is not known.
+    Unknown,
 }
 
 /// What was taken back of one server.
@@ -194,6 +210,8 @@ impl InFlight {
             server,
             answered,
             open: !answered,
+            fitness: None,
+            repeated: false,
         });
         if answered {
             self.forget_unanswered(server);
@@ -201,6 +219,37 @@ impl InFlight {
         if self.ended.len() > REMEMBERED {
             self.ended.pop_front();
         }
+    }
+
+    /// The fitness of an episode that ended last.
+    pub fn answered_with(&mut self, hash: &str, fitness: f64) {
+        let mut ended = self.ended.iter_mut().rev();
+        if let Some(ended) = ended.find(|ended| ended.hash == hash) {
+            ended.fitness = Some(fitness);
+        }
+    }
+
+    /// A fitness came for an episode that is not under way.
+    pub fn came_again(&mut self, hash: &str, fitness: f64) -> Again {
+        let mut ended = self.ended.iter_mut();
+        let Some(found) = ended.find(|ended| ended.hash == hash) else {
+            return Again::Unknown;
+        };
+        if !found.answered {
+            return Again::Late;
+        }
+        let server = found.server;
+        // Not-a-number is the same each time.
+        if found
+            .fitness
+            .is_some_and(|first| first.total_cmp(&fitness).is_ne())
+        {
+            return Again::Other(server);
+        }
+        found.repeated = true;
+        let repeated = self.ended.iter();
+        let repeated = repeated.filter(|ended| ended.server == server && ended.repeated);
+        Again::Same(server, repeated.count())
     }
 
     /// The server of an episode that is over, and whether its fitness came.

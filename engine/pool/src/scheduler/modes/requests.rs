@@ -270,8 +270,9 @@ impl Scheduler {
 
     /// A server failed: the oldest of its jobs is held against it, all are tried elsewhere, and it has a pause.
     fn fail_server(&mut self, server: u64, reason: &str, blame: Blame, now: Instant) {
+        let again = self.again(server);
         self.outbox
-            .warn(format!("{reason}; the work is tried again elsewhere"));
+            .warn(format!("{reason}; the work is tried again{again}"));
         self.let_go(server);
         self.failed_in_vain(server, reason, now);
         let jobs = match self.fleet.slot(server) {

@@ -165,8 +165,10 @@ impl Scheduler {
             return;
         }
         let Some(run) = self.in_flight.end_episode(&message.simulation_hash, true) else {
-            return self.unexpected_fitness(&message.simulation_hash);
+            return self.unexpected_fitness(&message.simulation_hash, message.fitness, now);
         };
+        self.in_flight
+            .answered_with(&message.simulation_hash, message.fitness);
         let job = Job::Episode(message.simulation_hash.clone());
         self.fleet.finished(run.server, &job);
         self.answered_after(run.server, now.saturating_duration_since(run.heard()));
@@ -370,8 +372,9 @@ impl Scheduler {
             let reason = refusal
                 .as_ref()
                 .map_or(waiting, |reason| format!("server {server}: {reason}"));
+            let again = self.again(server);
             self.outbox
-                .warn(format!("{reason}; the episode is tried again elsewhere"));
+                .warn(format!("{reason}; the episode is tried again{again}"));
             self.end_run(server, &hash);
             let blame = if refusal.is_none() {
                 self.counts.time_outs += 1;
