@@ -46,7 +46,7 @@ def test_steps_are_those_of_the_parts_and_a_lost_server_is_named(
         "battery.agent[1].actuators.actuator_1",
     )
     file = tmp_path / "system.ssp"
-    file.write_bytes(coupled("system", files, [f"{force}:vehicle.agent[1].actuators.actuator_1"]))
+    file.write_bytes(coupled("system", files, [f"{force}:vehicle.agent[1].actuators.actuator_1"])[0])
     variables = described(file).variables
     for algorithm in ("jacobi", "gauss_seidel"):
         system = Coupled(str(file), system_of(file), tmp_path / algorithm, algorithm)

@@ -21,6 +21,12 @@ __all__ = ["simulation"]
 NEW_EACH_EPISODE = "new_each_episode"
 """The option in a name that sets this attribute of the class, and is not passed to the environment."""
 
+_EXAMPLES = {
+    "gymnasium": "as gymnasium:CartPole-v1",
+    "pettingzoo": "a module that has parallel_env, as pettingzoo:mpe2.simple_spread_v3",
+    "vmas": "as vmas:navigation",
+}
+
 
 def simulation(name: str) -> "type[Simulation | BatchSimulation]":
     """Return the class of simulations with an adapter's name.
@@ -39,6 +45,8 @@ def simulation(name: str) -> "type[Simulation | BatchSimulation]":
 def _of_library(name: str) -> "type[Simulation | BatchSimulation]":
     parsed = SimulationName.parse(name)
     library, environment, options = parsed.library, parsed.place, parsed.options()
+    if not environment:
+        raise InputError(f"{name} names no environment; expected {library}:ENVIRONMENT, {_EXAMPLES[library]}")
     try:
         module = import_module(f"swarmwright.adapters.{library}")
     except ModuleNotFoundError as error:

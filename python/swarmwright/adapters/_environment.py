@@ -8,6 +8,7 @@ import warnings
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, nullcontext
+from difflib import get_close_matches
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -66,12 +67,21 @@ class Environment(Simulation):
     def make(self, options: dict[str, Any]) -> Any:  # noqa: ANN401 - types of libraries
         """Return a new environment. Raises any exception when there is none with these options."""
 
+    def _named(self) -> str:
+        """Return the environment's name. Raises InputError for a class that has none."""
+        if self.environment:
+            return self.environment
+        kind = type(self)
+        alike = get_close_matches("environment", vars(kind), 1)
+        hint = f"; there is {alike[0]!r}, is it a typing error?" if alike else ""
+        raise InputError(f"{kind.__name__}: has no attribute 'environment', the environment's name{hint}")
+
     def described_with(self, parameters: dict[str, Any]) -> Self:
         """Return this object with what it announces with these parameters: ranges may depend on them.
 
         Raises InputError where they do not fit.
         """
-        self._start(parameters)
+        self._be_made(parameters, anew=False)
         return self
 
     @contextmanager
@@ -191,14 +201,20 @@ class Environment(Simulation):
 
     def _start(self, parameters: dict[str, Any]) -> None:
         """Be ready for an episode with these parameters. Raises InputError where they do not fit."""
-        before = self._given
-        is_new = self._is_new_each_episode()
-        if parameters == self._given and not is_new:
+        self._be_made(parameters, anew=self._is_new_each_episode())
+
+    def _be_made(self, parameters: dict[str, Any], *, anew: bool) -> None:
+        """Have an environment with these parameters, a new one where they are others or `anew`.
+
+        Raises InputError where they do not fit.
+        """
+        is_known = parameters == self._given
+        if is_known and not anew:
             return
-        if is_new:
+        if anew:
             self._close()
         self._make_anew(parameters)
-        if parameters == before:
+        if is_known:
             return
         groups = self.groups
         sizes = self._sizes()

@@ -52,7 +52,7 @@ class Gymnasium(Environment):
     def make(self, options: dict[str, Any]) -> "gymnasium.Env[Any, Any]":
         """Return a new environment; override it to add wrappers."""
         try:
-            return gymnasium.make(self.environment, **options)
+            return gymnasium.make(self._named(), **options)
         except gymnasium.error.UnregisteredEnv as error:
             if ":" in self.environment or "Did you mean" in str(error):
                 raise

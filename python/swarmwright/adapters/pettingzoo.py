@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 from importlib import import_module
 from itertools import groupby
+from pkgutil import iter_modules
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from swarmwright.adapters._restoring import Actions
 from swarmwright.adapters._spaces import actuators, sensors
 from swarmwright.core.errors import InputError, SimulationError, explained
 from swarmwright.core.ranges import common
+from swarmwright.core.suggestions import did_you_mean
 from swarmwright.simulations.calls import short
 from swarmwright.simulations.groups import Group
 
@@ -47,11 +49,18 @@ class PettingZoo(Environment):
 
     def make(self, options: dict[str, Any]) -> Any:  # noqa: ANN401 - parallel environments, or what acts like one
         """Return a new environment; override it to add wrappers."""
-        module = import_module(self.environment)
+        name = self._named()
+        try:
+            module = import_module(name)
+        except ModuleNotFoundError as error:
+            hint = _alike(name) if error.name == name else ""
+            if not hint:
+                raise
+            raise InputError(f"PettingZoo {name}: {explained(error)}{hint}") from error
         if not hasattr(module, "parallel_env"):
             raise InputError(
-                f"{self.environment}: has no parallel_env; agents that act in turn are not a swarm, "
-                "or another module of this package is meant"
+                f"{name}: has no parallel_env; agents that act in turn are not a swarm, "
+                f"or another module of this package is meant{_alike(name)}"
             )
         return module.parallel_env(**options)
 
@@ -212,6 +221,15 @@ class PettingZoo(Environment):
                 actuator_ranges=common([act.ranges for _, act in spaces]),
             )
         return made if len(made) > 1 else {}
+
+
+def _alike(module: str) -> str:
+    """Return a hint at a module of the same package with a similar name; empty without one."""
+    package, _, name = module.rpartition(".")
+    if not package:
+        return ""
+    names = [one.name for one in iter_modules(getattr(import_module(package), "__path__", ()))]
+    return did_you_mean(name, names)
 
 
 def _kind(agent: str) -> str:

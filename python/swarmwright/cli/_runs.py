@@ -111,6 +111,7 @@ def elites_facts(elites: "Elites", offset: float = 0.0) -> dict[str, Any]:
         "evaluated": elites.evaluated,
         "missing": elites.missing,
         "outside": {name: one._asdict() for name, one in elites.outside.items()},
+        "partial": elites.partial,
     }
 
 

@@ -309,6 +309,7 @@ def _list(output: Output, rules: "Rules", wanted: tuple[str, ...], profile: "Pro
         output.json({**said, "needs": list(rule.needs)})
     return 0
 
+
 def _parameters_of(text: str | None, option: str = "--parameters") -> dict[str, Any]:
     """Parameters from the command line: a JSON object, or the name of a file that holds one.
 

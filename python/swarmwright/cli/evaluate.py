@@ -231,8 +231,10 @@ def _show_metrics(output: Output, found: "PostEvaluation") -> None:
     from swarmwright.core.statistics import estimate
 
     for name, values in found.metrics.items():
-        measured = estimate([value for value in values.tolist() if math.isfinite(value)])
-        output.text(f"  {name}: mean {_interval(measured)}")
+        known = [value for value in values.tolist() if math.isfinite(value)]
+        without = len(values) - len(known)
+        gaps = f"; {without} of {len(values)} episodes have no finite value" if without else ""
+        output.text(f"  {name}: mean {_interval(estimate(known))}{gaps}")
 
 
 def _interval(estimate: "Estimate") -> str:

@@ -125,20 +125,22 @@ def elites(run: Path, limit: int, file: Path | None, offset: float | None, as_js
             "--offset is for the QD score of an archive, and this run has a front; leave it."
         )
     offset = offset or 0.0
-    if file is not None:
+    if file is not None and found.candidates:
         found.plot(file)
     output.json(
         {
             "run": str(run),
             **elites_facts(found, offset),
             "elites": [one._asdict() for one in found.candidates],
-            "picture": None if file is None else str(file),
+            "picture": None if file is None or not found.candidates else str(file),
         }
     )
     if not as_json:
         list_elites(output, found, limit, offset)
-        if file is not None:
+        if file is not None and found.candidates:
             output.text(f"The figure is in {file}")
+    if file is not None and not found.candidates:
+        found.plot(file)  # says why there is none
 
 
 @command.command("diff", cls=Command, example="swarmwright runs diff runs/minisim-1 runs/minisim-1-2")

@@ -3,6 +3,7 @@
 import re
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+_OTHER = re.compile(r"[^A-Za-z0-9_]")
 
 
 def problem_of(name: object) -> str | None:
@@ -12,7 +13,17 @@ def problem_of(name: object) -> str | None:
     """
     if isinstance(name, str) and _NAME.fullmatch(name):
         return None
-    return f"{name!r}: a metric's name has letters, digits and _, and does not begin with a digit"
+    rule = "a metric's name has letters, digits and _, and does not begin with a digit"
+    return f"{name!r}: {_wrong_in(name)}; {rule}"
+
+
+def _wrong_in(name: object) -> str:
+    if not isinstance(name, str):
+        return f"is of the type {type(name).__name__}, not text"
+    if not name:
+        return "is empty"
+    others = dict.fromkeys(_OTHER.findall(name))
+    return f"has {', '.join(map(repr, others))}" if others else "begins with a digit"
 
 
 def suggested(name: str) -> str:

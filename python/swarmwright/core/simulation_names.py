@@ -20,7 +20,7 @@ LIBRARIES = {"gymnasium": "Gymnasium", "pettingzoo": "PettingZoo", "vmas": "Vmas
 MISSIONS = "arena-"
 """What the titles of the arena's missions in other simulators begin with."""
 
-_ENVIRONMENT = re.compile(rf"({'|'.join(LIBRARIES)}):([^\s?]+)(?:\?(\S*))?")
+_ENVIRONMENT = re.compile(rf"({'|'.join(LIBRARIES)}):([^\s?]*)(?:\?(\S*))?")
 _DEFINED = re.compile(r"(command|fmu|ros):\{")
 _CLASS = re.compile(r"(?:.*\.py|[^\W\d]\w*(?:\.[^\W\d]\w*)*):[^\W\d]\w*")
 

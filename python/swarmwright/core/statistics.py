@@ -71,12 +71,21 @@ def mean(values: Sequence[float]) -> float:
 
 
 def means(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the means over episodes, as `mean`, without those that are not finite: (n, e, k) to (n, k)."""
+    """Return the means over episodes, as `mean`: (n, e, k) to (n, k).
+
+    Episodes without a value, NaN, are left out; NaN where all are, and where a value is infinite: a finite
+    mean of the others would make a candidate better than it is.
+    """
     if values.shape[1] == 1:
         return np.where(np.isfinite(values[:, 0]), values[:, 0], np.nan)
     rows = values.transpose(0, 2, 1)
-    found = [[mean([one for one in of if math.isfinite(one)]) for of in row] for row in rows.tolist()]
+    found = [[_finite_mean(of) for of in row] for row in rows.tolist()]
     return np.array(found, dtype=np.float64).reshape(rows.shape[:2])
+
+
+def _finite_mean(values: list[float]) -> float:
+    known = [one for one in values if not math.isnan(one)]
+    return mean(known) if all(map(math.isfinite, known)) else math.nan
 
 
 _SMALLER = 2.0**-64

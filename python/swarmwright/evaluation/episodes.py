@@ -80,7 +80,7 @@ class Episodes:
         playable = catalogue.playable(self.experiment.simulation)
         with engine_errors():
             self._episodes = _engine.Episodes(playable, dict(self.experiment.parameters), self.seeds)
-        self._host = None if isinstance(playable, str) else playable
+        self._host: Any = None if isinstance(playable, str) else playable
         self._seen: Observation | None = None
         self._scenes: list[Scene] | None = [] if watch else None
         self._fitness_so_far: list[float] = []
@@ -102,7 +102,7 @@ class Episodes:
 
         Raises RunError when the code of the simulation failed.
         """
-        if self._host is None or not self._episodes.done:
+        if not (self._episodes.done and hasattr(self._host, "truncated")):  # missions have time alone
             return False
         with engine_errors():
             return bool(self._host.truncated())

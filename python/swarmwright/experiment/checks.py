@@ -64,7 +64,7 @@ def check_values(
         if isinstance(section, Mapping):
             checked[name] = _check_section(name, dict(section), registry, report, ask=ask)
     _check_reevaluation(checked, report)
-    problem = race_problem(checked.get("ranking"), checked.get("method")) if new else None
+    problem = metrics_problem(checked.get("ranking"), checked.get("method")) if new else None
     if problem is not None:
         report(("ranking", "kind"), problem)
     _check_validation(checked, report)
@@ -177,16 +177,25 @@ def _check_race(ranking: RaceOptions, method: MethodOptions, kind: str, report: 
     report(("ranking", "kind"), reason)
 
 
-def race_problem(ranking: object, method: object) -> str | None:
-    """Return why candidates may not race, where the method compares metrics beside fitness; else None."""
-    if not (isinstance(ranking, RaceOptions) and isinstance(method, MethodOptions) and method.needed_metrics):
+def metrics_problem(ranking: object, method: object) -> str | None:
+    """Return why a ranking is refused with a method that compares metrics beside fitness; None where not."""
+    if not (isinstance(method, MethodOptions) and method.needed_metrics):
         return None
     kind: str = method.kind
     names = ", ".join(method.needed_metrics)
-    return (
-        f"race leaves out episodes of candidates, so {kind} would compare their metrics ({names}) as "
-        "means over different seeds; take kind: absolute"
-    )
+    if isinstance(ranking, RaceOptions):
+        return (
+            f"race leaves out episodes of candidates, so {kind} would compare their metrics ({names}) as "
+            "means over different seeds; take kind: absolute"
+        )
+    if isinstance(ranking, SlowOptions):
+        slow: str = ranking.kind
+        return (
+            f"{slow} estimates the fitness of most candidates, so {kind} would keep those whose estimate is "
+            f"too high, and compare it with metrics ({names}) of the fast simulation; take kind: absolute, "
+            "and evaluate the result in the slow simulation"
+        )
+    return None
 
 
 def _check_slow(method: MethodOptions, kind: str, report: Report) -> None:

@@ -308,9 +308,9 @@ class Experiment:
 
     def check_new(self) -> None:
         """Raise InputError for what runs of earlier versions may have, but none may begin with."""
-        from swarmwright.experiment.checks import race_problem  # noqa: PLC0415 - takes long, not for reading attributes
+        from swarmwright.experiment.checks import metrics_problem  # noqa: PLC0415 - takes long, not for reading attributes
 
-        problem = race_problem(self.ranking, self.method)
+        problem = metrics_problem(self.ranking, self.method)
         if problem is not None:
             raise InputError(f"ranking.kind: {problem}")
 

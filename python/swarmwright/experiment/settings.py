@@ -201,6 +201,20 @@ def _other_simulation(source: Source, setting: Setting) -> None:
             _forget(source, (name,))
 
 
+def assign(values: dict[str, Any], path: tuple[str, ...], value: Any) -> None:  # noqa: ANN401 - as in a file
+    """Set what is at a path below the first key, as `--set` does. Raises InputError where it cannot be set.
+
+    Args:
+        values: of an experiment, with its `simulation`; they are changed.
+        path: keys and numbers of items.
+        value: None takes the key back to its default.
+    """
+    source = Source("", values)
+    _assign(source, Setting(path, value, dotted_path(path)))
+    if source.problems:
+        raise InputError("\n".join(message for _, _, message in source.problems))
+
+
 def _assign(source: Source, setting: Setting) -> None:
     container: Any = source.values
     path: Path_ = ()

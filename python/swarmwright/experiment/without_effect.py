@@ -1,4 +1,4 @@
-"""Keys of an experiment that were set and have no effect with its other keys."""
+"""Keys of an experiment that were set and have no effect, or an undesired one, with its other keys."""
 
 from collections.abc import Iterator
 
@@ -7,7 +7,7 @@ from swarmwright.experiment.experiment import Experiment
 
 
 def without_effect(experiment: Experiment) -> list[str]:
-    """Return sentences on keys that are not at their defaults and have no effect."""
+    """Return sentences on keys that are not at their defaults and have no effect, or an undesired one."""
     method, validate = experiment.method, experiment.validate
     found = []
     if method.operation != "steady_state":
@@ -20,6 +20,14 @@ def without_effect(experiment: Experiment) -> list[str]:
             f"validate.{key} has no effect without validate.to, validate.vary or validate.pseudo_reality"
             for key in _set_in(validate, "seeds", "random")
         ]
+    ranking = experiment.ranking
+    if method.needed_metrics and ranking.seeds == "new":
+        episodes = ranking.episodes
+        found.append(
+            f"ranking.seeds: new lets {method.kind} compare candidates that were evaluated on different "
+            "seeds, and those with easy seeds stay to the end; take seeds: same with more episodes "
+            f"(ranking.episodes is {episodes}), and evaluate the result on held-out seeds"
+        )
     return found
 
 

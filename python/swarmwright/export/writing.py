@@ -3,10 +3,11 @@
 import hashlib
 import logging
 import re
+from collections.abc import Mapping
 from pathlib import Path
 
 from swarmwright.core.errors import InputError
-from swarmwright.export._base import Files, file_bytes
+from swarmwright.export._base import file_bytes
 from swarmwright.export.text import MARK, has_seal, is_edited
 
 DIGESTS = ".swarmwright-export"
@@ -18,7 +19,7 @@ _SEARCHED = 1 << 16
 """Bytes at the beginning of a file in which the mark is looked for."""
 
 
-def write(files: Files, folder: Path, *, force: bool = False) -> list[Path]:
+def write(files: Mapping[str, str | bytes], folder: Path, *, force: bool = False) -> list[Path]:
     """Write files into a folder, which is made if needed; return their paths.
 
     One that users are to edit is kept where they have: the new one has `.new` behind its name, and a warning
@@ -43,7 +44,7 @@ def write(files: Files, folder: Path, *, force: bool = False) -> list[Path]:
     return paths
 
 
-def check_replaceable(files: Files, folder: Path, *, force: bool) -> None:
+def check_replaceable(files: Mapping[str, str | bytes], folder: Path, *, force: bool) -> None:
     """Raise InputError where an export would write over what it may not, see `write`.
 
     That is a file of others, an edited one, a folder in the place of a file, the controller of another group
@@ -114,7 +115,7 @@ def _group(content: bytes) -> str:
     return (found[1] or found[2]).decode("utf-8", "replace") if found else ""
 
 
-def _remember(folder: Path, files: Files) -> None:
+def _remember(folder: Path, files: Mapping[str, str | bytes]) -> None:
     """Write the digests of texts; archives and copies say themselves what they are."""
     texts = {
         name: _sha256(file_bytes(content)) for name, content in files.items() if isinstance(content, str)
@@ -148,7 +149,7 @@ def _beside(path: Path, content: str | bytes) -> Path:
     return new
 
 
-def check_case(files: Files, folder: Path, prefix: str) -> None:
+def check_case(files: Mapping[str, str | bytes], folder: Path, prefix: str) -> None:
     """Raise InputError where files of another prefix are there that differs in case only.
 
     Include guards, macros and enumerations are in capitals, so a program could not have both controllers;

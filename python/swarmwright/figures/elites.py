@@ -1,7 +1,7 @@
 """The figures of an archive of elites and of a front of trade-offs."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -54,6 +54,9 @@ def archive(
 def front(values: "Values", names: Sequence[str], goals: Sequence[str]) -> "Figure":
     """Return the points of a front: fitness over the first metric, in colours of the second one.
 
+    The title names those that are not shown. With one metric, a line of steps bounds what the front
+    dominates.
+
     Args:
         values: fitness and metrics of the candidates, (n, 1 + metrics), n >= 1.
         names: of the metrics.
@@ -72,9 +75,16 @@ def front(values: "Values", names: Sequence[str], goals: Sequence[str]) -> "Figu
         bar = figure.colorbar(points, ax=axes)
         bar.set_label(labels[1], fontsize=11, color=INK)
     else:
-        axes.plot(drawn[order, 1], drawn[order, 0], color=COLORS[0], linewidth=0.8, alpha=0.5, zorder=2)
+        # What the front dominates ends at steps, not at lines between its candidates.
+        x, y = drawn[order, 1], drawn[order, 0]
+        where: Literal["pre", "post"] = "pre" if goals[0] == "maximize" else "post"
+        axes.step(x, y, where=where, color=COLORS[0], linewidth=0.8, alpha=0.5, zorder=2)
         axes.scatter(drawn[:, 1], drawn[:, 0], color=COLORS[0], s=34, zorder=3)
     dress(axes, x=labels[0], y="fitness (more is better)")
     title = f"{len(values):,} candidate{'s' if len(values) > 1 else ''} that no other one dominates"
+    if len(names) > 2:
+        title += f"; a projection: 3 of {1 + len(names)} objectives are shown,\nnot " + one_line(
+            ", ".join(names[2:])
+        )
     axes.set_title(title, loc="left", fontsize=10.5, color=SOFT)
     return figure

@@ -13,6 +13,10 @@ Values = NDArray[np.float64]
 """Of each candidate (a row) several values (columns)."""
 
 
+_EPSILON = 1e-6
+"""Share of a bin by which values are moved up, since the ends of bins are rounded."""
+
+
 @dataclass(frozen=True)
 class Axis:
     """A measure by which an archive is divided into cells."""
@@ -43,6 +47,7 @@ class Grid:
         """Return the cells of candidates, (n,), from 0; -1 where a measure is not finite.
 
         Values beyond the range of a measure belong to its first or last bin. The last measure counts fastest.
+        As in the GridArchive of pyribs, values that rounding puts just below the begin of a bin belong to it.
 
         Args:
             measures: (n, measures).
@@ -51,7 +56,10 @@ class Grid:
         bins = np.array(self.shape)
         low = np.array([one.low for one in self.axes])
         width = np.array([one.high - one.low for one in self.axes])
-        places = (np.where(known[:, np.newaxis], measures, low) - low) / width * bins
+        # pyribs adds 1e-6 in the unit of the measure, which could be many bins of a small range.
+        with np.errstate(over="ignore"):  # far beyond the range
+            above = bins * (np.where(known[:, np.newaxis], measures, low) - low)
+            places = above / width + _EPSILON
         indices = np.clip(np.floor(places), 0, bins - 1).astype(np.int64)
         found = np.zeros(len(measures), dtype=np.int64)
         for axis, size in enumerate(self.shape):

@@ -1,6 +1,7 @@
 """MAP-Elites: the best candidates for each kind of behaviour."""
 
 import math
+import sys
 from typing import ClassVar, Literal, Self
 
 import numpy as np
@@ -28,8 +29,15 @@ class Measure(Options):
     @model_validator(mode="after")
     def _ordered(self) -> Self:
         low, high = self.range
-        if not low < high or not math.isfinite(high - low):
+        if not low < high:
             raise ValueError(f"range must be [low, high] with low < high, not [{low:g}, {high:g}]")
+        if not math.isfinite(high - low):
+            raise ValueError(f"range [{low:g}, {high:g}] is too wide: its width is not a finite number")
+        if (high - low) / self.bins < sys.float_info.min:
+            raise ValueError(
+                f"range [{low:g}, {high:g}] is too narrow for {self.bins} bins: each would be narrower than "
+                f"{sys.float_info.min:.3g}, the smallest number with all its digits"
+            )
         return self
 
 

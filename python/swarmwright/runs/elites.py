@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from swarmwright.core.errors import InputError
 from swarmwright.core.statistics import means
@@ -63,6 +64,8 @@ class Elites:
             metrics that all had.
         outside: how many of them were outside of the range of a measure, by its name; without measures whose
             range held all.
+        partial: how many of `candidates` had no value of a metric in some of their episodes, so that it is
+            the mean of the others, by its name; without metrics that have all.
     """
 
     kind: Literal["archive", "front"]
@@ -72,6 +75,7 @@ class Elites:
     evaluated: int
     missing: dict[str, int]
     outside: dict[str, Outside]
+    partial: dict[str, int]
 
     def __repr__(self) -> str:
         """Return what they are and how many, without each."""
@@ -86,6 +90,11 @@ class Elites:
             f"{count:,} of {self.evaluated:,} candidates have no finite value of {name}, and are not in the "
             f"{self.kind}."
             for name, count in self.missing.items()
+        ]
+        found += [
+            f"{name} of {count:,} of the {len(self.candidates):,} elites is the mean of fewer episodes than "
+            "they have: in the others it has no value (nan)."
+            for name, count in self.partial.items()
         ]
         for name, one in self.outside.items():
             parts = [(one.below, "below", "first"), (one.above, "above", "last")]
@@ -207,8 +216,11 @@ class _Collected:
 
     def add(self, evaluated: "Evaluated", count: int) -> int:
         """Add the first `count` candidates of a generation, or all where it has fewer; return how many."""
-        fitness, values = evaluated.fitness[:count], means(evaluated.metrics[:count, :, self._columns])
-        self._kept.add(evaluated.generation, fitness, values)
+        fitness, episodes = evaluated.fitness[:count], evaluated.metrics[:count, :, self._columns]
+        values = means(episodes)
+        self._kept.add(
+            evaluated.generation, fitness, values, np.logical_or.reduce(np.isnan(episodes), axis=1)
+        )
         self._seen.add(fitness, values)
         return len(fitness)
 
@@ -217,9 +229,11 @@ class _Collected:
         rows = sorted(self._kept.rows(), key=lambda row: (-row[2], row[0], row[1]))
         found = [
             Elite(generation, candidate, fitness, dict(zip(self._names, metrics, strict=True)))
-            for generation, candidate, fitness, metrics in rows
+            for generation, candidate, fitness, metrics, _ in rows
         ]
-        counts = self._seen.candidates, self._seen.missing(), self._seen.outside()
+        gaps = np.array([row[4] for row in rows], dtype=bool).reshape(len(rows), len(self._names)).sum(axis=0)
+        partial = {name: count for name, count in zip(self._names, gaps.tolist(), strict=True) if count}
+        counts = self._seen.candidates, self._seen.missing(), self._seen.outside(), partial
         options = self._options
         if isinstance(options, MapElitesOptions):
             goals = dict.fromkeys(self._names, "measure")
@@ -227,8 +241,12 @@ class _Collected:
         return Elites("front", dict(options.objectives), found, None, *counts)
 
 
-_Row = tuple[int, int, float, list[float]]
-"""Generation, candidate, fitness, metrics."""
+_Row = tuple[int, int, float, list[float], list[bool]]
+"""Generation, candidate, fitness, metrics, and which of them had no value in some episodes."""
+
+
+def _row(generation: int, row: int, fitness: Fitness, metrics: Values, gaps: NDArray[np.bool_]) -> _Row:
+    return generation, row, float(fitness[row]), metrics[row].tolist(), gaps[row].tolist()
 
 
 class _Best:
@@ -238,9 +256,9 @@ class _Best:
         self._cells = Archive(grid)
         self._rows: dict[int, _Row] = {}
 
-    def add(self, generation: int, fitness: Fitness, metrics: Values) -> None:
+    def add(self, generation: int, fitness: Fitness, metrics: Values, gaps: NDArray[np.bool_]) -> None:
         for cell, row in self._cells.add(range(len(fitness)), fitness, metrics):
-            self._rows[cell] = generation, row, float(fitness[row]), metrics[row].tolist()
+            self._rows[cell] = _row(generation, row, fitness, metrics, gaps)
 
     def rows(self) -> list[_Row]:
         return list(self._rows.values())
@@ -254,13 +272,13 @@ class _Front:
         self._rows: list[_Row] = []
         self._values: Values = np.empty((0, 1 + len(options.objectives)))
 
-    def add(self, generation: int, fitness: Fitness, metrics: Values) -> None:
+    def add(self, generation: int, fitness: Fitness, metrics: Values, gaps: NDArray[np.bool_]) -> None:
         values = self._options.values(fitness, metrics)
         finite = np.flatnonzero(np.isfinite(values).all(axis=1)).tolist()
         stays, joins = front_with(self._values, values[finite])
         new = [finite[index] for index in np.flatnonzero(joins)]
         self._rows = [row for row, kept in zip(self._rows, stays.tolist(), strict=True) if kept]
-        self._rows += [(generation, row, float(fitness[row]), metrics[row].tolist()) for row in new]
+        self._rows += [_row(generation, row, fitness, metrics, gaps) for row in new]
         self._values = np.concatenate([self._values[stays], values[new]])
 
     def rows(self) -> list[_Row]:

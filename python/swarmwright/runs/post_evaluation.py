@@ -106,7 +106,11 @@ class PostEvaluation:
             "seeds": self.seeds,
             "values": self.episodes.tolist(),
             "metrics": {
-                name: {**vars(estimate(_finite_of(column))), "values": column.tolist()}
+                name: {
+                    **vars(estimate(_finite_of(column))),
+                    "without": len(column) - len(_finite_of(column)),
+                    "values": column.tolist(),
+                }
                 for name, column in self.metrics.items()
             },
         }

@@ -20,7 +20,7 @@ from swarmwright.core.errors import InputError, RunError
 from swarmwright.core.order import best_first
 from swarmwright.core.place import Place
 from swarmwright.core.server_use import ServerUse, read
-from swarmwright.core.statistics import Summary
+from swarmwright.core.statistics import Summary, means
 from swarmwright.store.blocks import Record, joined
 from swarmwright.store.database import FILE, checked_facts, reading, reading_on
 from swarmwright.store.generations import Generations, Row
@@ -396,7 +396,7 @@ class StoreReader:
                 last = generations.last()
                 if last is None:
                     raise RunError(nothing(self._folder))
-                candidate = last.leader
+                candidate = self._best_number(generations, last)
             row = generations.of_evaluation(candidate)
             if row is None:
                 last = generations.last()
@@ -410,6 +410,38 @@ class StoreReader:
             there = _range(row.count, "candidate")
             raise InputError(f"{self._folder}: generation {generation} has {there}, not {candidate}")
         return row, row.first + candidate
+
+    def _best_number(self, generations: Generations, last: Row) -> int:
+        """Return the number of the best evaluation.
+
+        Of a run with several objectives, it is the first of equal fitness that no other one dominates; of
+        other runs, the first.
+        """
+        method = self.experiment()["method"]
+        goals: dict[str, str] = (method.get("objectives") or {}) if method.get("kind") == "nsga2" else {}
+        if not goals:
+            return last.leader
+        from swarmwright.methods.archive import ranks  # noqa: PLC0415 - takes long, for such runs only
+
+        columns = [self.metrics.index(name) for name in goals]
+        signs = [1.0 if goal == "maximize" else -1.0 for goal in goals.values()]
+        numbers, found, whole = (
+            [],
+            [],
+            self._whole(generations, self._place(generations, last.leader, None)[0]),
+        )
+        best = whole.part.fitness[last.leader - whole.row.first]
+        for number in generations.by_fitness(0, last.summary.evaluations).tolist():
+            if number not in whole:  # of equals, the first comes first: each generation is read once
+                whole = self._whole(generations, self._place(generations, number, None)[0])
+            index = number - whole.row.first
+            if whole.part.fitness[index] != best:
+                break
+            values = means(whole.part.metrics[index : index + 1][:, :, columns])[0] * signs
+            if np.isfinite(values).all():
+                numbers.append(number)
+                found.append(values)
+        return numbers[int(np.argmin(ranks(np.array(found), last=0) != 0))] if found else last.leader
 
     def _row(self, generations: Generations, generation: int) -> Row:
         """Return a generation. Raises InputError without that one."""

@@ -289,7 +289,17 @@ def test_an_endless_episode_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:
             "gymnasium:broken:Failing-v0?text=true",
             "observation_space: a Text space cannot be read by sensors",
         ),
-        ("pettingzoo:mpe2.simple_spreat_v3", "ModuleNotFoundError: No module named 'mpe2.simple_spreat_v3'"),
+        (
+            "pettingzoo:mpe2.simple_spread_v1",
+            "ModuleNotFoundError: No module named 'mpe2.simple_spread_v1'; did you mean 'simple_spread_v3'",
+        ),
+        ("pettingzoo:mpe2.simple_spread", "has no parallel_env.*; did you mean 'simple_spread_v3'"),
+        ("pettingzoo:os.nothing", "No module named 'os.nothing'"),
+        (
+            "pettingzoo:",
+            "^simulation: pettingzoo: names no environment; expected pettingzoo:ENVIRONMENT, a mod",
+        ),
+        (f"{__file__}:Misspelt", "Misspelt: has no attribute 'environment', .* there is 'enviroment'"),
         ("pettingzoo:mpe2", "mpe2: has no parallel_env"),
         pytest.param(
             "vmas:navigation",
@@ -382,6 +392,12 @@ def test_a_reset_that_returns_the_observation_alone() -> None:
         RunError, match=r"old: reset returned array\(.*expected \(observation, info\), info a"
     ):
         Old().reset({}, 1)
+
+
+class Misspelt(Gymnasium):
+    """The name of its attribute is wrong."""
+
+    enviroment = "CartPole-v1"
 
 
 class Reach(gymnasium.Env[Any, Any]):

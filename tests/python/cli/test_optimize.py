@@ -41,7 +41,7 @@ class Toy(Simulation):
         return 1.0
 
     def scene(self):
-        return Scene(2, 2, step=self.steps, bodies=[Body("agent", 1.0, 1.0)])
+        return Scene(2, 2, step=self.steps, message="toy", bodies=[Body("agent", 1.0, 1.0, "free")])
 """
 ENDLESS = """\
 simulation: minisim

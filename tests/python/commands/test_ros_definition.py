@@ -101,7 +101,7 @@ def with_(**changes: Any) -> dict[str, Any]:
         ({"metrics__near__time": "average"}, "simulation.metrics.near.time: must be one of last, first,"),
         ({"metrics__near__topic": "scan"}, "metrics.near.topic: give a topic, a sensor, or type: simulation"),
         ({"done": "near <"}, "simulation.done: 'near <' is not a valid expression: invalid syntax"),
-        ({"done": "far < 1"}, "simulation.done: 'far' is not a metric; did you mean"),
+        ({"done": "far < 1"}, "simulation.done: 'far' is not a metric; there is: near"),
         (
             {"spawn": {"uri": "rover", "poses": [{"x": 1}]}},
             "simulation.spawn.poses: must have a pose of each of the 2 robots, not 1",

@@ -22,5 +22,14 @@ def test_what_is_no_name(name: str, better: str) -> None:
         CommandOptions.model_validate({"command": "run", "metrics": {name: "last(x)"}})
 
 
-def test_what_is_no_text() -> None:
-    assert problem_of(7) is not None
+@pytest.mark.parametrize(
+    ("name", "wrong"),
+    [
+        (7, "7: is of the type int, not text; "),
+        ("", "'': is empty; "),
+        ("1st", "'1st': begins with a digit; "),
+        ("a-b c-d", "'a-b c-d': has '-', ' '; "),
+    ],
+)
+def test_the_message_says_what_is_wrong(name: object, wrong: str) -> None:
+    assert str(problem_of(name)).startswith(f"{wrong}a metric's name")

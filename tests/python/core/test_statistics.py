@@ -5,10 +5,11 @@ import math
 import sys
 from fractions import Fraction
 
+import numpy as np
 import pytest
 from scipy.special import stdtrit
 
-from swarmwright.core.statistics import estimate, mean, student_t
+from swarmwright.core.statistics import estimate, mean, means, student_t
 
 LARGEST = sys.float_info.max
 
@@ -71,3 +72,24 @@ def test_ordinary_means_keep_their_bits() -> None:
     values = [0.1 * number for number in range(1, 50)] + [1e300, -1e290]
     assert mean(values) == math.fsum(values) / len(values)
     assert math.isnan(mean([]))
+
+
+@pytest.mark.parametrize(
+    ("episodes", "expected"),
+    [
+        ([1.0, 2.0, 6.0], 3.0),
+        ([1.0, math.nan, 5.0], 3.0),
+        ([math.nan] * 3, math.nan),
+        ([math.inf, 1.0, 2.0], math.nan),
+        ([-math.inf, math.nan, 2.0], math.nan),
+        ([math.inf, -math.inf, 2.0], math.nan),
+        ([math.inf], math.nan),
+        ([2.0], 2.0),
+    ],
+)
+def test_a_mean_over_episodes_leaves_out_nan_and_keeps_no_infinity(
+    episodes: list[float], expected: float
+) -> None:
+    found = means(np.array(episodes)[np.newaxis, :, np.newaxis])
+    assert found.shape == (1, 1)
+    assert np.array_equal(found[0, 0], expected, equal_nan=True)

@@ -100,8 +100,8 @@ def test_seeds_are_drawn_after_the_one_that_was_given_and_from_the_system_withou
     assert first[1:] == np.random.default_rng(100).integers(2**63, size=2).tolist()
     assert seeds(100, None, None) == first
     assert not set(seeds(101, None, None)) & set(first)
-    copies = [environments.parallel_env("arena", SWARM).reset()[0]["agent_0"] for _ in range(2)]
-    assert not np.array_equal(*copies)
+    one, other = (environments.parallel_env("arena", SWARM).reset()[0]["agent_0"] for _ in range(2))
+    assert not np.array_equal(one, other)
 
 
 class Late(Simulation):

@@ -30,6 +30,19 @@ def test_keys_without_effect(method: dict[str, Any], validate: dict[str, Any], k
     assert without_effect(written_out) == without_effect(experiment)
 
 
+@pytest.mark.parametrize("seeds", ["same", "new"])
+def test_elites_of_lucky_seeds_are_warned_of(seeds: str) -> None:
+    for method in (
+        {"kind": "nsga2", "objectives": {"steps": "minimize"}},
+        {"kind": "map_elites", "measures": {"steps": {"range": [0, 9]}}},
+        {"kind": "nnga"},
+    ):
+        values = {"simulation": "minisim", "method": method, "ranking": {"seeds": seeds}}
+        expected = [["ranking.seeds:", "new"]] if seeds == "new" and method["kind"] != "nnga" else []
+        found = without_effect(Experiment.from_mapping(values))
+        assert [text.split()[:2] for text in found] == expected
+
+
 def test_a_run_begins_with_a_warning(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:

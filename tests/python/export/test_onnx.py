@@ -143,5 +143,5 @@ def test_a_machine_has_no_product_that_openvino_miscomputes(tmp_path: Path) -> N
 def _machine_weights(specification: Specification) -> int:
     """Return how many weights a machine has: for each row of its table, scores of states and actuators."""
     symbols = int(np.prod([len(one) + 1 for one in specification["thresholds"]]))
-    per_row = len(ALL["mealy_fsm"]["weights"]) // (ALL["mealy_fsm"]["states"] * 6)
+    per_row: int = len(ALL["mealy_fsm"]["weights"]) // (ALL["mealy_fsm"]["states"] * 6)
     return int(specification["states"]) * symbols * per_row

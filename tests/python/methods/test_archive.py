@@ -26,6 +26,24 @@ def test_cells_divide_the_ranges_and_what_lies_beyond_belongs_to_the_ends() -> N
     assert GRID.cells_of(measures).tolist() == [0, 0, 4, 11, 2, 9, 7]
 
 
+@pytest.mark.parametrize("bins", [1, 3, 7, 49, 100, 1000])
+@pytest.mark.parametrize("scale", [1.0, 0.12, 1e-9, 3e7, 1e300])
+def test_the_begin_of_a_bin_belongs_to_it_however_it_is_rounded(bins: int, scale: float) -> None:
+    for low in (0.0, -0.3 * scale):
+        grid = Grid((Axis(low, low + scale, bins),))
+        begins = np.array([[low + scale * (number / bins)] for number in range(bins)])
+        assert grid.cells_of(begins).tolist() == list(range(bins))
+        inside = np.array([[low + scale * ((number + 0.999) / bins)] for number in range(bins)])
+        assert grid.cells_of(inside).tolist() == list(range(bins))
+
+
+@pytest.mark.parametrize("largest", [3, 10, 49, 1000])
+def test_whole_numbers_have_a_bin_each(largest: int) -> None:
+    numbers = np.arange(largest + 1.0)[:, np.newaxis]
+    found = Grid((Axis(0.0, float(largest), largest),)).cells_of(numbers)
+    assert found.tolist() == [*range(largest), largest - 1]
+
+
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
 def test_a_measure_that_is_not_finite_has_no_cell(value: float) -> None:
     assert GRID.cells_of(np.array([[0.1, value], [value, 0.0]])).tolist() == [-1, -1]

@@ -124,7 +124,11 @@ def test_telling_it_needs_metrics_of_the_right_shape() -> None:
             {"measures": {"x": {"range": [1, 1]}}},
             r"range must be \[low, high\] with low < high, not \[1, 1\]",
         ),
-        ({"measures": {"x": {"range": [-1e308, 1e308]}}}, "range must be"),
+        (
+            {"measures": {"x": {"range": [-1e308, 1e308]}}},
+            r"range \[-1e\+308, 1e\+308\] is too wide: its width is not a finite number",
+        ),
+        ({"measures": {"x": {"range": [0, 1e-308], "bins": 9}}}, "is too narrow for 9 bins"),
         ({"measures": {"x": {"range": [0, 1, 2]}}}, "at most 2 items"),
         (
             {"measures": {name: {"range": [0, 1], "bins": 200} for name in "abc"}},

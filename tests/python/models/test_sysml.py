@@ -185,4 +185,4 @@ def test_values_that_the_simulation_refuses_are_not_blamed_on_a_file_that_is_not
     first, *problems = str(caught.value).splitlines()
     assert first == f"{path}: does not make a valid experiment:"
     assert problems
-    assert all(line.startswith("  parameters.placement: ") for line in problems)
+    assert all(line.startswith("parameters.placement: ") for line in problems)

@@ -146,7 +146,7 @@ def test_a_race_is_refused_whose_metrics_would_have_different_seeds(
     with pytest.raises(InputError, match=words):
         Sweep.from_mapping(sweep)
     with monkeypatch.context() as earlier:
-        earlier.setattr("swarmwright.experiment.checks.race_problem", lambda *_: None)
+        earlier.setattr("swarmwright.experiment.checks.metrics_problem", lambda *_: None)
         run = optimize(experiment, lambda told: told.generation < 1, out=tmp_path / "run")
     # Runs of earlier versions can be used.
     run = Run.open(run.path)
@@ -157,12 +157,113 @@ def test_a_race_is_refused_whose_metrics_would_have_different_seeds(
     assert resume(run.path).generations == values["method"]["generations"]
 
 
+@pytest.mark.parametrize("values", [ARCHIVE, FRONT])
+@pytest.mark.parametrize("kind", ["multi_fidelity", "transferability"])
+def test_estimates_of_a_slow_simulation_are_refused(
+    values: dict[str, Any], kind: str, tmp_path: Path
+) -> None:
+    ranking: dict[str, Any] = {"kind": kind, "slow": {"parameters": {"maxSteps": 9}}}
+    if kind == "transferability":
+        ranking |= {"descriptor": ["steps"], "threshold": 1.0}
+    words = rf"ranking\.kind: {kind} estimates the fitness of most .* \(steps, distance\) .*kind: absolute"
+    experiment = Experiment.from_mapping({**values, "ranking": ranking})
+    experiment.save(file := tmp_path / "slow.yaml")
+    with pytest.raises(InputError, match=words):
+        Experiment.load(file)
+    with pytest.raises(InputError, match=words):
+        optimize(experiment, out=tmp_path / "refused")
+
+
+UNSTEADY = """
+from swarmwright import Simulation
+
+class Unsteady(Simulation):
+    sensors, actuators = 1, 1
+    metrics = ("cost", "sometimes")
+
+    def reset(self, parameters, seed):
+        self.value, self.seed = None, seed
+        return [[0.5]]
+
+    def step(self, actuators):
+        self.value = float(actuators[0][0])
+        return [[0.5]]
+
+    def done(self):
+        return self.value is not None
+
+    def fitness(self):
+        return 1.0
+
+    def measure(self):
+        cost = float("inf") if self.value > 0.2 and self.seed % 3 else self.value
+        return {"cost": cost, "sometimes": float("nan") if self.seed % 3 == 0 else self.value}
+"""
+
+
+@pytest.fixture
+def unsteady(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
+    (tmp_path / "unsteady.py").write_text(UNSTEADY)
+    monkeypatch.chdir(tmp_path)
+    values = {
+        "simulation": "unsteady.py:Unsteady",
+        "method": {
+            "kind": "nsga2", "population": 20, "generations": 2,
+            "objectives": {"cost": "maximize", "sometimes": "maximize"},
+        },
+        "ranking": {"episodes": 3},
+        "validate": {"episodes": 6},
+        "servers": "in-process",
+    }  # fmt: skip
+    return optimize(Experiment.from_mapping(values), out=tmp_path / "run")
+
+
+def test_infinite_episodes_make_no_elite_and_missing_ones_are_counted(unsteady: Run, program: Any) -> None:
+    infinite = int(
+        np.isinf(np.column_stack([unsteady.record[f"cost_{one}"] for one in range(3)])).any(1).sum()
+    )
+    assert 0 < infinite < 40
+    found = unsteady.elites
+    assert found.missing == {"cost": infinite}
+    assert all(one.metrics["cost"] <= 0.2 for one in found.candidates)
+    count = len(found.candidates)
+    assert found.partial == {"sometimes": count} != {"sometimes": 0}
+    (note,) = (text for text in found.notes if "fewer episodes" in text)
+    assert note.startswith(f"sometimes of {count} of the {count} elites is the mean of fewer episodes")
+    assert note in program("runs", "elites", "run").stdout
+    assert json.loads(program("runs", "elites", "run", "--json").stdout)["partial"] == found.partial
+    evaluated = program("evaluate", "run", "--episodes", "6", "--metrics", "sometimes")
+    assert "; 2 of 6 episodes have no finite value" in evaluated.stdout
+
+
+def test_the_best_of_equal_fitness_is_one_of_the_front(unsteady: Run) -> None:
+    first = unsteady.elites.candidates[0]
+    place = first.generation, first.candidate
+    assert place != (0, 0), "the run's first candidate has the same fitness"
+    best = json.loads((unsteady.path / "best.json").read_text())
+    assert (best["generation"], best["candidate"]) == place
+    assert (unsteady.best.generation, unsteady.best.candidate) == place
+    for one in (unsteady.evaluation(), unsteady.store.leading(3)[0]):
+        assert (one.generation, one.candidate) == place
+    assert unsteady.validation is not None
+    assert (unsteady.validation.best.generation, unsteady.validation.best.candidate) == place
+
+
+def test_an_archive_without_elites_has_its_notes_before_the_error(partial: Any, program: Any) -> None:
+    partial(kind="map_elites", population=1, measures={"never": {"range": [0, 1]}})
+    result = program("runs", "elites", "run", "--plot", "x.png")
+    assert result.returncode == 2
+    assert result.stdout.startswith("The archive has elites in 0 of 20 cells")
+    assert "1 of 1 candidates have no finite value of never" in result.stdout
+    assert "there is no elite to draw" in result.stderr
+
+
 PARTIAL = """
 from swarmwright import Simulation
 
 class Partial(Simulation):
     sensors, actuators = 1, 1
-    metrics = ("there", "sometimes")
+    metrics = ("there", "sometimes", "never")
 
     def reset(self, parameters, seed):
         self.value = None
@@ -179,7 +280,8 @@ class Partial(Simulation):
         return self.value
 
     def measure(self):
-        return {"there": self.value, "sometimes": self.value if self.value > 0 else float("nan")}
+        return {"there": self.value, "sometimes": self.value if self.value > 0 else float("nan"),
+                "never": float("nan")}
 """
 
 

@@ -208,7 +208,7 @@ def test_results_are_never_written_over(tmp_path: Path) -> None:
     assert [file.name for file in (tmp_path / "full").iterdir()] == ["thesis.txt"]
     (tmp_path / "of a run").mkdir()
     assert optimize(EXPERIMENT, lambda _: False, out=tmp_path / "of a run").generations == 1
-    with pytest.raises(InputError, match="resume that run: swarmwright resume '.*of a run'$"):
+    with pytest.raises(InputError, match=r"resume that run: swarmwright resume '.*of a run'$"):
         optimize(EXPERIMENT, out=tmp_path / "of a run")
 
 

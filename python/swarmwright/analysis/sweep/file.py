@@ -1,5 +1,6 @@
 """Sweep files: which variants of an experiment, with which seeds, where the results go."""
 
+import copy
 import itertools
 import math
 from collections.abc import Iterable, Mapping
@@ -14,7 +15,7 @@ from swarmwright.core.suggestions import did_you_mean
 from swarmwright.core.yaml import Source, read
 from swarmwright.experiment.budget import LIMITS, sets_limit
 from swarmwright.experiment.experiment import Experiment
-from swarmwright.experiment.settings import kept_options
+from swarmwright.experiment.settings import assign, kept_options, key_path
 from swarmwright.plug_ins import REGISTRIES
 from swarmwright.runs.folders import RUNS
 
@@ -48,10 +49,10 @@ class Sweep:
         """Read a sweep file (YAML).
 
         Keys: `experiment`, the path of an experiment file, relative to the sweep file; `grid`, a mapping from
-        keys of the experiment (`method.population`) to lists of values, of which every combination is a
-        variant, or a list of such mappings, default: the experiment alone; `seeds`, how many (1, 2, ..), or a
-        list, default 5; `out`, a folder, relative to where the program is started, default runs/<name of the
-        file>.
+        keys of the experiment, as for `--set` (`method.population`, `method.measures.speed.bins`), to lists
+        of values, of which every combination is a variant, or a list of such mappings, default: the
+        experiment alone; `seeds`, how many (1, 2, ..), or a list, default 5; `out`, a folder, relative to
+        where the program is started, default runs/<name of the file>.
 
         A variant with another kind of method, controller or ranking than the experiment is what the settings
         of `Experiment.load` would make of it: it has that kind's defaults; a method keeps the experiment's
@@ -207,6 +208,11 @@ def _combinations(source: Source, grid: Any, at: tuple[Any, ...]) -> list[dict[s
             raise InputError(
                 f"{source.place((*at, key))}the grid names the whole of '{section}', too; name one of the two"
             )
+        whole = next((one for one in map(str, grid) if "." in one and str(key).startswith(f"{one}.")), None)
+        if whole is not None:
+            raise InputError(
+                f"{source.place((*at, key))}the grid names the whole of '{whole}', too; name one of the two"
+            )
     count = math.prod(map(len, grid.values()))
     if count > _MOST_RUNS:
         raise InputError(f"{source.place(at)}makes {count} variants; at most {_MOST_RUNS} are possible")
@@ -214,9 +220,9 @@ def _combinations(source: Source, grid: Any, at: tuple[Any, ...]) -> list[dict[s
 
 
 def _changed(base: Experiment, changes: Mapping[str, Any]) -> Experiment:
-    """Return the experiment with changed keys; kinds first, for other keys may be theirs."""
+    """Return the experiment with changed keys: kinds first, others may be theirs; parts of options last."""
     merged: dict[str, Any] = {}
-    for key in sorted(changes, key=lambda key: not key.endswith(".kind")):
+    for key in sorted(changes, key=lambda key: (not key.endswith(".kind"), _part_of_option(base, key) or ())):
         value = changes[key]
         section, _, option = key.partition(".")
         if not option:
@@ -226,8 +232,33 @@ def _changed(base: Experiment, changes: Mapping[str, Any]) -> Experiment:
             merged[section] = {}
         if option == "kind" and section in REGISTRIES:
             merged[section].update(_kept(base, section, value, changes))
-        merged[section][option] = value
+        path = _part_of_option(base, key)
+        if path is None:
+            merged[section][option] = value
+        else:
+            _set_part(base, merged[section], path, value)
     return base.replace(**merged)
+
+
+def _part_of_option(base: Experiment, key: str) -> tuple[str, ...] | None:
+    """Return the path of a key that names a part of an option, `method.measures.steps.bins`; else None."""
+    section, _, option = key.partition(".")
+    if not ("." in option or "[" in option) or (section == "parameters" and option in base.parameters):
+        return None
+    path = key_path(f"{key}=")[0]
+    return path if len(path) > 2 else None
+
+
+def _set_part(base: Experiment, merged: dict[str, Any], path: tuple[str, ...], value: Any) -> None:  # noqa: ANN401
+    """Set a part of an option, the rest of which is kept unless the variant has another kind."""
+    section, option = path[:2]
+    values = base.to_mapping()
+    options = values.get(section)
+    same_kind = isinstance(options, dict) and merged.get("kind", options.get("kind")) == options.get("kind")
+    kept = options.get(option) if isinstance(options, dict) and same_kind else None
+    values[section] = {option: copy.deepcopy(merged.get(option, kept))}
+    assign(values, path, value)
+    merged[option] = values[section][option]
 
 
 def _kept(base: Experiment, section: str, kind: Any, changes: Mapping[str, Any]) -> dict[str, Any]:  # noqa: ANN401

@@ -82,6 +82,7 @@ def test_coupled_with_its_world_a_scaled_controller_gives_the_fitness_of_the_run
     system = Coupled(str(file), system_of(file), tmp_path / "unpacked", "gauss_seidel")
     system.begin({}, 0.0, 10.0)
     size = described(file).step_size
+    assert size is not None
     for step in range(3):
         system.step(step * size, size)
     assert np.float32(system.get(described(file).variables["plant.actuators.dist"])) == run.best.fitness
@@ -91,7 +92,7 @@ def test_coupled_with_its_world_a_scaled_controller_gives_the_fitness_of_the_run
 def test_scaled_variables_say_so(tmp_path: Path) -> None:
     """Actuators have limits; two that are scaled in the same way are connected as they are."""
     specification = ALL["layered-direct"]
-    known = {}
+    known: dict[str, list[object]] = {}
     for which in ("sensor", "actuator"):
         others = int(specification[f"{which}s"]) - 1
         known[f"{which}_names"] = ["goal", *map(str, range(others))]
@@ -100,6 +101,7 @@ def test_scaled_variables_say_so(tmp_path: Path) -> None:
     write(EXPORTERS.get("fmu3")().files(made, "robot"), tmp_path)
     file = tmp_path / "robot.fmu"
     variables = described(file).variables
-    assert variables["sensors.goal"].stands_for == variables["actuators.goal"].stands_for == (0, 5, "km")
-    assert (variables["actuators.goal"].minimum, variables["actuators.goal"].maximum) == (-1, 1)
+    actuator = variables["actuators.goal"]
+    assert {variables["sensors.goal"].stands_for, actuator.stands_for} == {(0.0, 5.0, "km")}
+    assert (actuator.minimum, actuator.maximum) == (-1, 1)
     assert coupled("pair", {"a": file, "b": file}, ["a.actuators.goal:b.sensors.goal"])[1] == {}

@@ -182,3 +182,39 @@ def test_mistakes_are_named(tmp_path: Path, text: str, said: str) -> None:
     with pytest.raises(InputError) as error:
         sweep(tmp_path, text)
     assert said in str(error.value)
+
+
+def test_parts_of_options_are_set_as_on_the_command_line(tmp_path: Path) -> None:
+    method = {"kind": "map_elites", "generations": 3, "measures": {
+        "steps": {"range": [0, 12], "bins": 6}, "distance": {"range": [0, 30], "bins": 5},
+    }}  # fmt: skip
+    (tmp_path / "base.yaml").write_text(f"simulation: minisim\nmethod: {json.dumps(method)}\n")
+    grid = {
+        "method.measures.steps.bins": [3, 9],
+        "method.measures.distance.range[1]": [40],
+        "method.population": [7],
+    }
+    (tmp_path / "parts.yaml").write_text(f"experiment: base.yaml\ngrid: {json.dumps(grid)}\n")
+    found = Sweep.load(tmp_path / "parts.yaml").variants
+    assert len(found) == 2
+    for variant, bins in zip(found, (3, 9), strict=True):
+        settings = [
+            f"method.measures.steps.bins={bins}", "method.measures.distance.range[1]=40",
+            "method.population=7",
+        ]  # fmt: skip
+        assert variant.experiment == Experiment.load(tmp_path / "base.yaml", settings)
+        assert f"bins {bins}" in variant.label
+
+
+def test_a_part_of_an_option_of_another_kind(tmp_path: Path) -> None:
+    grid = {"method.kind": ["nsga2"], "method.objectives.steps": ["minimize", "maximize"]}
+    found = sweep(tmp_path, f"experiment: base.yaml\ngrid: {json.dumps(grid)}\n")
+    objectives = [one.experiment.method.objectives for one in found.variants]  # type: ignore[attr-defined]
+    assert objectives == [{"steps": "minimize"}, {"steps": "maximize"}]
+
+
+def test_a_part_of_what_has_none_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"with .*method\.population is 6, which has no part 'x'"):
+        sweep(tmp_path, "experiment: base.yaml\ngrid: {method.population.x: [1]}\n")
+    with pytest.raises(InputError, match=r"names the whole of 'parameters\.a', too"):
+        sweep(tmp_path, "experiment: base.yaml\ngrid: {parameters.a: [1], parameters.a.b: [1]}\n")
