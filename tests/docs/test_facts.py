@@ -7,6 +7,7 @@ from pathlib import Path
 from ruamel.yaml import YAML
 
 import swarmwright
+from swarmwright.monitoring.prometheus import COUNTS
 
 
 def test_the_page_on_libraries_lists_all_extras(root: Path) -> None:
@@ -26,3 +27,10 @@ def test_the_citation_names_this_version_and_licence(root: Path) -> None:
     assert citation["version"] == swarmwright.__version__
     assert citation["license"] == project["license"]
     assert {"cff-version", "message", "title", "authors"} <= citation.keys(), "what CFF 1.2 requires"
+
+
+def test_the_page_on_faults_explains_all_incidents(root: Path) -> None:
+    page = (root / "docs" / "explanation" / "faults.md").read_text(encoding="utf-8")
+    section = page.split("\n## Incidents that a run counts\n")[1].split("\n## ")[0]
+    listed = re.findall(r"^\| ([a-z ]+) \| ", section, re.MULTILINE)
+    assert listed[1:] == [name.replace("_", " ") for name in COUNTS], "the first row is the heading"

@@ -29,6 +29,9 @@ CERTIFICATE_DAYS = 730
 ITERATIONS = 210_000
 """Rounds of PBKDF2 with HMAC-SHA-512, as OWASP's Password Storage Cheat Sheet advises."""
 
+LARGEST_PACKET_BYTES = (64 << 20) + (1 << 20)
+"""What the built-in broker accepts, too."""
+
 _TO_SERVERS = ("discovery", "parameters", "control", "actuator", "swarmwright/v1/server/+")
 _TO_TOOLS = ("server", "sensor", "fitness", "swarmwright/v1/tool/+")
 _PRESENCE = ("swarmwright/v1/presence/+",)
@@ -60,8 +63,9 @@ acl_file {folder}/acl
 set_tcp_nodelay true
 # Sensor and actuator messages are not repeated: none may be dropped.
 max_queued_messages 0
-# The longest message of the protocol, bytes.
-message_size_limit 67108864
+# Bytes: the longest message of the protocol, 64 MiB, and its heading. Clients are told; `message_size_limit`
+# drops larger messages and tells nobody.
+max_packet_size {largest_packet}
 """
 
 
@@ -153,7 +157,9 @@ def write_configuration(
     passwords = {account.user: secrets.token_urlsafe(24) for account in made}
     authority, authority_key, certificate, key = _engine.certificates(names, CERTIFICATE_DAYS)
     public = {
-        "mosquitto.conf": _CONFIGURATION.format(folder=folder, port=port),
+        "mosquitto.conf": _CONFIGURATION.format(
+            folder=folder, port=port, largest_packet=LARGEST_PACKET_BYTES
+        ),
         "ca.pem": authority,
         "broker.pem": certificate,
     }

@@ -108,3 +108,11 @@ def test_nothing_is_left_of_one_that_cannot_be_written(
     assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
     monkeypatch.undo()
     write(tmp_path)
+
+
+def test_the_longest_message_of_the_protocol_fits_and_the_limit_is_announced(tmp_path: Path) -> None:
+    """`message_size_limit` would drop larger messages without telling anybody."""
+    lines = (write(tmp_path) / "mosquitto.conf").read_text().splitlines()
+    (limit,) = (int(line.split()[1]) for line in lines if line.startswith("max_packet_size "))
+    assert limit >= (64 << 20) + (1 << 16)
+    assert not any(line.startswith("message_size_limit") for line in lines)
