@@ -411,25 +411,28 @@ class StoreReader:
             raise InputError(f"{self._folder}: generation {generation} has {there}, not {candidate}")
         return row, row.first + candidate
 
+    @cached_property
+    def _goals(self) -> dict[str, str]:
+        """Objectives beside the fitness of a run of `nsga2`, each "maximize" or "minimize"."""
+        method = self._parsed(self._facts["experiment"]).get("method", {})
+        goals: dict[str, str] = (method.get("objectives") or {}) if method.get("kind") == "nsga2" else {}
+        return goals
+
     def _best_number(self, generations: Generations, last: Row) -> int:
         """Return the number of the best evaluation.
 
         Of a run with several objectives, it is the first of equal fitness that no other one dominates; of
         other runs, the first.
         """
-        method = self.experiment()["method"]
-        goals: dict[str, str] = (method.get("objectives") or {}) if method.get("kind") == "nsga2" else {}
+        goals = self._goals
         if not goals:
             return last.leader
         from swarmwright.methods.archive import ranks  # noqa: PLC0415 - takes long, for such runs only
 
         columns = [self.metrics.index(name) for name in goals]
         signs = [1.0 if goal == "maximize" else -1.0 for goal in goals.values()]
-        numbers, found, whole = (
-            [],
-            [],
-            self._whole(generations, self._place(generations, last.leader, None)[0]),
-        )
+        numbers, found = [], []
+        whole = self._whole(generations, self._place(generations, last.leader, None)[0])
         best = whole.part.fitness[last.leader - whole.row.first]
         for number in generations.by_fitness(0, last.summary.evaluations).tolist():
             if number not in whole:  # of equals, the first comes first: each generation is read once
