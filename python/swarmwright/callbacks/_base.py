@@ -7,10 +7,10 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 from swarmwright.core.arguments import function
-from swarmwright.optimization.loop import goes_on
+from swarmwright.optimization.generation import goes_on
 
 if TYPE_CHECKING:
-    from swarmwright.optimization.loop import Generation
+    from swarmwright.optimization.generation import Generation
     from swarmwright.runs.run import Run
 
 

@@ -15,7 +15,7 @@ from swarmwright.runs import picture
 
 if TYPE_CHECKING:
     from swarmwright.experiment.experiment import Experiment
-    from swarmwright.optimization.loop import Generation
+    from swarmwright.optimization.generation import Generation
     from swarmwright.runs.run import Run
 
 _log = logging.getLogger("swarmwright")

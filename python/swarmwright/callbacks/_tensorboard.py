@@ -12,7 +12,7 @@ from swarmwright.core.yaml import dump
 
 if TYPE_CHECKING:
     from swarmwright.experiment.experiment import Experiment
-    from swarmwright.optimization.loop import Generation
+    from swarmwright.optimization.generation import Generation
     from swarmwright.runs.run import Run
 
 

@@ -15,7 +15,7 @@ from swarmwright.core.errors import InputError
 if TYPE_CHECKING:
     from prometheus_client.core import Metric
 
-    from swarmwright.optimization.loop import Generation
+    from swarmwright.optimization.generation import Generation
 
 COUNTS = {
     "server_failures": "Times that a server was lost, fell silent for too long, or sent what cannot be used.",

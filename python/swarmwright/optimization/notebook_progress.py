@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from swarmwright.core.formatting import duration
 from swarmwright.core.notebook import Text, in_notebook
 from swarmwright.evaluation.base import Progress
-from swarmwright.optimization.loop import Generation, OnGeneration
+from swarmwright.optimization.generation import Generation, OnGeneration
 
 Callbacks = tuple[OnGeneration | None, Progress | None]
 

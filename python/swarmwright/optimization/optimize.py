@@ -19,7 +19,8 @@ from swarmwright.core.processes import use_threads
 from swarmwright.evaluation.base import Backend, Progress, Servers
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.without_effect import without_effect
-from swarmwright.optimization.loop import Generation, Loop, OnGeneration
+from swarmwright.optimization.generation import Generation, OnGeneration
+from swarmwright.optimization.loop import Loop
 from swarmwright.optimization.memory import check_memory, stored
 from swarmwright.optimization.notebook_progress import shown
 from swarmwright.optimization.resuming import Resumption

@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 from swarmwright.evaluation.base import Backend, Controllers, Progress, Results, weights_of
 from swarmwright.experiment.budget import Ended
 from swarmwright.optimization.ahead import Produced
-from swarmwright.optimization.loop import Loop, OnGeneration, Told
-from swarmwright.store import Journal, StoreReader
+from swarmwright.optimization.generation import OnGeneration, Told
+from swarmwright.optimization.loop import Loop
+from swarmwright.store import Evaluated, Journal
 from swarmwright.typing import Genome, Genomes
 
 
@@ -47,20 +48,15 @@ class SteadyLoop(Loop):
         self._journal = Journal()
         self._over = False  # the time is over
 
-    def replay(self, reader: StoreReader, edited: Sequence[str] = ()) -> None:
-        """Go through the generations in a store; see `Loop.replay`."""
-        for evaluated in reader.generations():
-            self._check_not_done(reader)
-            rows = zip(evaluated.made(), evaluated.episodes, evaluated.metrics, strict=True)
-            for genome, episodes, metrics in rows:
-                self._ask_all()
-                if not self._flying or self._flying[0].tobytes() != genome.tobytes():
-                    raise self._strayed(reader, evaluated.generation, edited)
-                self._tell_first(episodes, metrics)
-            again = self._told_part()
-            if again.found.fitness.tobytes() != evaluated.fitness.tobytes():
-                raise self._strayed(reader, evaluated.generation, edited)
-        self._continue_from(reader)
+    def _again(self, evaluated: Evaluated) -> bool:
+        """Tell the method a generation that is stored; see `Loop`."""
+        rows = zip(evaluated.made(), evaluated.episodes, evaluated.metrics, strict=True)
+        for genome, episodes, metrics in rows:
+            self._ask_all()
+            if not self._flying or self._flying[0].tobytes() != genome.tobytes():
+                return False
+            self._tell_first(episodes, metrics)
+        return self._told_part().found.fitness.tobytes() == evaluated.fitness.tobytes()
 
     def _ask_all(self) -> list[Genome]:
         """Ask for all candidates available now; return the new ones."""
@@ -84,7 +80,7 @@ class SteadyLoop(Loop):
     def _told_part(self) -> Told:
         """Return the candidates told as a generation, and begin the next one."""
         part, self._part = self._part, _Part()
-        number = self._evaluations // self._method.generation_size
+        number = self._account.evaluations // self._method.generation_size
         genomes: Genomes = np.array(part.genomes, dtype=np.float32)
         fitness = np.array(part.fitness)
         found = Produced.of(genomes, part.results(), fitness, self._population_fitness())
@@ -114,10 +110,10 @@ class SteadyLoop(Loop):
 
         self._check_first(self._method.generation_size)
         self._ask_all()
-        done, whole = (count * len(self._seeds) for count in (first, self._whole()))
+        done, whole = (count * len(self._seeds) for count in (first, self._account.most))
         self._announce(backend, None, (done, whole))  # several are under way
         controllers = Controllers.of(self._representation, np.array(self._flying, dtype=np.float32))
-        backend.stream(controllers, self._seeds, feed, self._watched(on_progress))
+        backend.stream(controllers, self._seeds, feed, self._recorder.watched(on_progress))
         return stopped and not self._over and not self._method.done
 
     def _used_up(self) -> Ended:
@@ -128,18 +124,18 @@ class SteadyLoop(Loop):
 
     def _fits(self, most: int) -> bool:
         """Return whether there are no more candidates than so many; the method keeps to whole generations."""
-        return self._evaluations <= most
+        return self._account.evaluations <= most
 
     def _complete(self, on_generation: OnGeneration | None) -> bool:
         """Store a generation; return whether to go on."""
-        number = self._evaluations // self._method.generation_size
+        number = self._account.evaluations // self._method.generation_size
         fitness = np.array(self._part.fitness)
         journal, self._journal = self._journal, Journal()
-        with self._kept(number, journal):
+        with self._recorder.journal_kept(number, journal):
             self._check(fitness, number, self._part.results())
         self._failures.tell()
-        goes_on = self._finish(self._told_part().evaluated(), journal, on_generation)
-        self._over = goes_on and not self._method.done and self._time_is_over()
+        goes_on = self._recorder.finish(self._told_part().evaluated(), journal, on_generation)
+        self._over = goes_on and not self._method.done and self._account.time_is_over
         return goes_on and not self._over
 
     def _weights(self, genomes: list[Genome]) -> NDArray[np.float32]:

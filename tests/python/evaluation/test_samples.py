@@ -13,7 +13,7 @@ from swarmwright import Experiment, InputError, Run, optimize
 from swarmwright.evaluation.base import Controllers
 from swarmwright.evaluation.opening import open_backend
 from swarmwright.methods import METHODS, Method
-from swarmwright.optimization.loop import Generation
+from swarmwright.optimization.generation import Generation
 from tests.python.records import same_record
 
 SAMPLED: tuple[dict[str, Any], ...] = (

@@ -332,18 +332,19 @@ def test_repeating_compares_the_episodes_that_were_run(
 
 def test_candidates_that_were_dropped_do_not_hide_that_the_ranking_failed() -> None:
     from swarmwright.evaluation.base import Results
-    from swarmwright.optimization.loop import _why
+    from swarmwright.optimization.evaluators import RaceEvaluator
     from swarmwright.rankings.race import Race, RaceOptions
     from swarmwright.store import Journal
 
     ranking = Race(RaceOptions(episodes=6, first_test=3))
+    evaluator = RaceEvaluator(ranking)
     episodes = np.add.outer([4.0, 3.0, 2.0, 1.0], np.zeros(6))
     episodes[ranking.ran(episodes)[:, np.newaxis] <= np.arange(6)] = np.nan
     assert np.isnan(episodes).any()
     metrics = np.empty((4, 6, 0))
-    assert "all of their episodes worked" in _why(Results(episodes, metrics, Journal()), ranking)
+    assert "all of their episodes worked" in evaluator.why_failed(Results(episodes, metrics, Journal()))
     episodes[0, 1] = np.inf
-    assert _why(Results(episodes, metrics, Journal()), ranking) == ""
+    assert evaluator.why_failed(Results(episodes, metrics, Journal())) == ""
 
 
 def test_huge_fitness_does_not_end_a_race(tmp_path: Path) -> None:

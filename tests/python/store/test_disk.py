@@ -21,12 +21,12 @@ FILLING = """
 import os, signal, sys
 from pathlib import Path
 from swarmwright import cli
-from swarmwright.optimization import loop as loops
+from swarmwright.optimization.account import Account
 
 folder, at, number = Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3])
-report = loops.Loop._report
+report = Account.report
 
-def filled(loop, summary, *rest):  # called when a generation is committed
+def filled(account, summary, waiting_for):  # called when a generation is committed
     if summary.generation == at:
         with (folder / "rest").open("wb", buffering=0) as file:
             try:
@@ -36,9 +36,9 @@ def filled(loop, summary, *rest):  # called when a generation is committed
                 pass
         if number:
             os.kill(os.getpid(), number)
-    return report(loop, summary, *rest)
+    return report(account, summary, waiting_for)
 
-loops.Loop._report = filled
+Account.report = filled
 sys.exit(cli.run(sys.argv[4:]))
 """
 

@@ -257,6 +257,17 @@ def test_a_store_changed_by_hand_does_not_go_on(copy: Path) -> None:
         resume(copy, generations=9)
 
 
+@pytest.mark.parametrize("column", ["fitness", "genomes"])
+def test_a_steady_store_changed_by_hand_does_not_go_on(tmp_path: Path, column: str) -> None:
+    method = {"operation": "steady_state", "population": 6, "generations": 3}
+    steady = EXPERIMENT.replace(method=method, servers="in-process")
+    folder = optimize(steady, out=tmp_path / "run").path
+    change_numbers(folder, column, slice(0, 1), 1.0, generation=1)
+    seal(folder)
+    with pytest.raises(RunError, match="generation 1 comes out differently here"):
+        resume(folder, generations=9)
+
+
 def test_what_a_killed_process_left_of_a_store_is_in_nobody_s_way(copy: Path) -> None:
     folder = copy.parent / "broken"
     folder.mkdir()

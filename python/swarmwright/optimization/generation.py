@@ -1,0 +1,92 @@
+"""A generation: what a callback gets of it, and what the loop knows of it until it is stored."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from swarmwright.core.statistics import figures_of, summarize
+from swarmwright.experiment.budget import Limit
+from swarmwright.optimization.ahead import Produced
+from swarmwright.store import Evaluated
+
+
+@dataclass(frozen=True, kw_only=True)
+class Generation:
+    """The progress of an optimization, after a generation: what a callback of `optimize` gets.
+
+    Fitness is in units of the simulation, more is better.
+    """
+
+    generation: int
+    """Index of the generation, from 0."""
+    generations: int | None
+    """Generations of the whole run; None where only evaluations or seconds are limited."""
+    best: float
+    """Best fitness in the population; NaN where all of it failed."""
+    mean: float
+    """Mean fitness of the population, failed members left out; NaN where all failed."""
+    best_so_far: float
+    """Best fitness since the start of the run; where members are evaluated again, that of the best one
+    now."""
+    failed: int
+    """Candidates of this generation whose evaluation failed."""
+    evaluations: int
+    """Candidates evaluated since the start, failed ones included."""
+    seconds: float
+    """Seconds since the start, or since the run was resumed."""
+    evaluations_per_second: float
+    """Candidates per second over about the last two seconds, or since the generation before where that is
+    longer ago; at most since the start."""
+    seconds_left: float
+    """Seconds until the nearest limit is reached, estimated."""
+    waiting_for: str
+    """What the evaluation waited for last; empty when it waited for nothing."""
+    budget: Limit = "generations"
+    """Which limit is nearest: generations, evaluations or seconds."""
+    share: float = 0.0
+    """Share of that limit which is used, 0 to 1."""
+
+
+class Told(NamedTuple):
+    """A generation that the method has been told of, and what is known of the run then."""
+
+    generation: int
+    seeds: list[int]
+    found: Produced
+    evaluations: int
+    """Since the start."""
+    best_so_far: float
+    leader: int
+
+    def evaluated(self) -> Evaluated:
+        """Return what is to be stored."""
+        found = self.found
+        summary = summarize(
+            found.figures or figures_of(found.population),
+            generation=self.generation,
+            evaluations=self.evaluations,
+            best_so_far=self.best_so_far,
+            failed=found.failed,
+        )
+        return Evaluated(
+            generation=self.generation,
+            seeds=self.seeds,
+            genomes=found.genomes,
+            episodes=found.results.fitness,
+            metrics=found.results.metrics,
+            fitness=found.fitness,
+            summary=summary,
+            leader=self.leader,
+            digests=found.digests,
+        )
+
+
+OnGeneration = Callable[[Generation], bool | None]
+"""Called after each generation; False ends the run."""
+
+
+def goes_on(returned: bool | np.bool_ | None) -> bool:
+    """Return whether a run goes on after a callback: unless that returned False, NumPy's included."""
+    return not (isinstance(returned, bool | np.bool_) and not returned)
