@@ -12,6 +12,11 @@ from swarmwright.cli._output import Output, complain
 if TYPE_CHECKING:
     from swarmwright.analysis.comparison import Comparison
     from swarmwright.analysis.indicators import By
+    from swarmwright.runs.run import Run
+
+
+INCOMPLETE = 1
+"""Exit status where runs were left out that cannot be read."""
 
 
 def run_folders(paths: Sequence[Path]) -> list[Path]:
@@ -28,6 +33,30 @@ def run_folders(paths: Sequence[Path]) -> list[Path]:
         which = "is a file, not a run folder" if len(files) == 1 else "are files, not run folders"
         complain(f"left out: {', '.join(files)} {which}")
     return folders
+
+
+def _readable(folders: Sequence[Path]) -> "tuple[list[Run], bool]":
+    """Return the runs that can be compared, and whether others were left out, as a sweep leaves them out.
+
+    Those are named on standard error. Raises InputError when there is nothing else.
+    """
+    from swarmwright import InputError, Run
+
+    runs: list[Run] = []
+    errors: list[InputError] = []
+    for folder in folders:
+        try:
+            run = Run.open(folder)
+            if not run.history:
+                raise InputError(f"{folder}: holds no finished generation to compare")
+            runs.append(run)
+        except InputError as error:
+            errors.append(error)
+    if errors and not runs:
+        raise errors[0]
+    for one in errors:
+        complain(f"left out: {one}")
+    return runs, bool(errors)
 
 
 @dataclass(frozen=True)
@@ -56,14 +85,16 @@ class Compared:
             raise click.UsageError("--offset is for --by qd_score; leave it, or give that.")
 
 
-def show_comparison(output: Output, runs: Sequence[Path], what: Compared) -> "Comparison":
-    """Compare runs and print it, as a table or as one JSON object; return it.
+def show_comparison(output: Output, folders: Sequence[Path], what: Compared) -> "tuple[Comparison, int]":
+    """Compare runs and print it, as a table or as one JSON object; return it, and the exit status.
 
-    Raises InputError, and UsageError for options that contradict each other.
+    That is 1 where runs were left out. Raises InputError, and UsageError for options that contradict each
+    other.
     """
     from swarmwright.analysis.comparison import compare
 
     what.check()
+    runs, incomplete = _readable(folders)
     comparison = compare(
         runs,
         at=what.at,
@@ -74,4 +105,4 @@ def show_comparison(output: Output, runs: Sequence[Path], what: Compared) -> "Co
     )
     output.block(str(comparison))
     output.json(comparison.to_mapping())
-    return comparison
+    return comparison, INCOMPLETE if incomplete else 0

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from swarmwright import Experiment, Generation, Run
     from swarmwright.callbacks import Callback
     from swarmwright.evaluation.base import Progress as OnProgress
-    from swarmwright.optimization.loop import OnGeneration
+    from swarmwright.optimization.generation import OnGeneration
 
 FILES = {
     "best.json": "the best controller",

@@ -49,9 +49,10 @@ def line(status: "Status") -> str:
 
 def _head(status: "Status") -> str:
     failed = f", {status.failures} failed" if status.failures else ""
+    elsewhere = f", {status.elsewhere} left to other processes" if status.elsewhere else ""
     left = status.seconds_left()
     time_left = "" if left is None else f", {duration(left)} left"
-    return f"{status.finished} of {status.total} runs done{failed}{time_left}"
+    return f"{status.finished} of {status.total} runs done{failed}{elsewhere}{time_left}"
 
 
 def _words(one: "UnderWay") -> str:
@@ -76,7 +77,7 @@ class BarStatus:
 
         status = self._status
         running = list(status.under_way.values())
-        whole = status.finished + status.failures + sum(one.share for one in running)
+        whole = status.finished + status.failures + status.elsewhere + sum(one.share for one in running)
         yield _bar(Text(_head(status), style="bold"), whole / max(status.total, 1))
         for one in running[:_SHOWN]:
             yield _bar(text(f"  {_words(one)}"), one.share)

@@ -71,6 +71,11 @@ class Report(Status):
         self._observer.log.write("error", "run_failed", seed=task.seed, message=message)
         self._say(task, lambda: self._failed(task, message))
 
+    def busy(self, task: Task) -> None:
+        """Say that another process does it."""
+        super().busy(task)
+        self._say(task, lambda: self._busy(task))
+
     def tick(self) -> None:
         """Show how far it is."""
         self._tick()
@@ -112,3 +117,7 @@ class Report(Status):
     def _failed(self, task: Task, message: str) -> None:
         self._output.item(f"{self._where(task)}: failed: {message}")
         self._output.json({"variant": task.variant.label, "seed": task.seed, "error": message})
+
+    def _busy(self, task: Task) -> None:
+        self._output.text(f"{self._where(task)}: left to another process, which works on it")
+        self._output.json({"variant": task.variant.label, "seed": task.seed, "state": "running"})

@@ -52,12 +52,13 @@ def command(
     at: int | None,
     held_out: bool,
     as_json: bool,
-) -> None:
+) -> int:
     """Draw one RUN, or compare several.
 
     One run: fitness and diversity of its candidates. Several: runs whose experiments differ in the seed alone
     are a group; the groups are drawn on one axis, and the final fitness of their runs is tested
-    (Mann-Whitney, Kruskal-Wallis, with effect sizes), or what --by names.
+    (Mann-Whitney, Kruskal-Wallis, with effect sizes), or what --by names. Runs that are damaged or hold no
+    generation are left out and named; the exit status is then 1.
     """
     from swarmwright.cli._comparison import Compared, run_folders
 
@@ -66,8 +67,8 @@ def command(
     folders = run_folders(runs)
     if len({run.resolve() for run in folders}) == 1 and what == Compared():
         _draw_one(output, folders[0], file or folders[0] / "plot.png", x)
-    else:
-        _draw_several(output, folders, file or Path("comparison.png"), x, what)
+        return 0
+    return _draw_several(output, folders, file or Path("comparison.png"), x, what)
 
 
 def _draw_one(output: Output, folder: Path, file: Path, x: str) -> None:
@@ -97,11 +98,12 @@ def _draw_one(output: Output, folder: Path, file: Path, x: str) -> None:
     )  # fmt: skip
 
 
-def _draw_several(output: Output, runs: Sequence[Path], file: Path, x: str, what: "Compared") -> None:
+def _draw_several(output: Output, runs: Sequence[Path], file: Path, x: str, what: "Compared") -> int:
     from swarmwright.cli._comparison import show_comparison
     from swarmwright.figures import style
 
     style.check(file)
-    comparison = show_comparison(output, runs, what)
+    comparison, status = show_comparison(output, runs, what)
     comparison.plot(file, x=x)
     output.text(f"The figure is in {file}")
+    return status

@@ -188,19 +188,20 @@ def compare(
     at: int | None,
     held_out: bool,
     as_json: bool,
-) -> None:
+) -> int:
     """Compare the best fitness that runs reached, or their fronts or archives.
 
     Statistical tests and effect sizes are printed. Runs whose experiments differ in the seed alone are a
     group. Fronts are compared by hypervolume where all runs have the same objectives, archives by QD score
     or coverage where all have the same measures, ranges and bins; reference point and offset are printed.
-    Files beside runs, which a pattern such as results/* names as well, are left out. `swarmwright plot`
-    draws it as well.
+    Files beside runs, which a pattern such as results/* names as well, are left out. Runs that are damaged or
+    hold no generation are left out and named, and the exit status is then 1. `swarmwright plot` draws it as
+    well.
     """
     from swarmwright.cli._comparison import Compared, run_folders, show_comparison
 
     what = Compared(at, held_out, by, reference, offset)
-    show_comparison(Output(as_json=as_json), run_folders(runs), what)
+    return show_comparison(Output(as_json=as_json), run_folders(runs), what)[1]
 
 
 @command.command(

@@ -24,7 +24,8 @@ from swarmwright.cli._signals import INTERRUPTED
 from swarmwright.core.formatting import counted
 
 if TYPE_CHECKING:
-    from swarmwright import Run
+    from swarmwright.analysis.comparison import Comparison
+    from swarmwright.analysis.sweep import Outcome
 
 FAILED = 1
 
@@ -76,9 +77,11 @@ def command(
     Every variant that FILE names is run with every seed. Several runs go on at a time where they do not
     compete for servers. A run that is finished is not run again, one that was interrupted goes on: after
     Ctrl-C the same command continues. A run that fails does not stop the others; it is named at the end, and
-    the exit status is 1. At the end the comparison is printed, and drawn into comparison.png in the folder of
-    the runs. Variants of nsga2 with the same objectives are compared by hypervolume as well (with up to 3
-    objectives beside fitness), those of map_elites with the same measures by QD score and coverage.
+    the exit status is 1. A run that another process works on is left to it, so that several processes, on
+    several machines as well, can do one sweep together. At the end the comparison is printed, and drawn into
+    comparison.png in the folder of the runs. Variants of nsga2 with the same objectives are compared by
+    hypervolume as well (with up to 3 objectives beside fitness), those of map_elites with the same measures
+    by QD score and coverage.
     """
     from swarmwright.analysis.sweep import Sweep, conduct, tasks
     from swarmwright.analysis.sweep.run import UnreadableRunError
@@ -103,10 +106,7 @@ def command(
             with report.shown():
                 outcome = conduct(sweep, todo, report, jobs=jobs, broker=broker, servers=servers)
             report.conclude()
-        if outcome.runs:
-            _conclude(output, outcome.finished, sweep.out)
-        for task, message in outcome.failures.items():
-            output.item(f"Failed: {task.variant.label}, seed {task.seed}: {message}")
+        _conclude(output, outcome, sweep.out)
         if outcome.interrupted:
             done, whole = len(outcome.runs), len(todo)
             output.text(f"Interrupted after {done} of {whole} runs; run the same command to continue.")
@@ -117,21 +117,43 @@ def command(
     return FAILED if outcome.failures else 0
 
 
-def _conclude(output: Output, runs: "list[Run]", folder: Path) -> None:
+def _conclude(output: Output, outcome: "Outcome", folder: Path) -> None:
+    """Print the comparison and what is missing in it, then draw it: that can fail where the disk is full."""
     from swarmwright import compare
     from swarmwright.analysis.indicators import shared_indicators
 
-    comparison = compare(runs)
-    picture = comparison.plot(folder / "comparison.png")
-    indicators = [compare(runs, by=by) for by in shared_indicators(runs)]
-    for one in (comparison, *indicators):
+    runs = outcome.finished
+    comparisons = [compare(runs), *(compare(runs, by=by) for by in shared_indicators(runs))] if runs else []
+    for one in comparisons:
         output.text()
         output.block(str(one))
-    output.text(f"The figure is in {picture}")
+    for task, message in outcome.failures.items():
+        output.item(f"Failed: {task.variant.label}, seed {task.seed}: {message}")
+    for task in outcome.busy:
+        output.text(
+            f"Left to another process: {task.variant.label}, seed {task.seed}; when that has ended, the same "
+            "command compares it as well"
+        )
+    if not comparisons:
+        return
+    picture = _drawn(comparisons[0], folder / "comparison.png")
+    if picture is not None:
+        output.text(f"The figure is in {picture}")
     output.json(
         {
-            "comparison": comparison.to_mapping(),
-            "indicators": [one.to_mapping() for one in indicators],
-            "picture": str(picture),
+            "comparison": comparisons[0].to_mapping(),
+            "indicators": [one.to_mapping() for one in comparisons[1:]],
+            "picture": None if picture is None else str(picture),
         }
     )
+
+
+def _drawn(comparison: "Comparison", path: Path) -> Path | None:
+    """Draw the figure; return its path, or None where it cannot be written, which is said."""
+    from swarmwright import InputError
+
+    try:
+        return comparison.plot(path)
+    except InputError as error:
+        complain(f"the runs are whole, but the figure was not drawn: {error}")
+        return None

@@ -3,6 +3,8 @@
 import errno
 import os
 import stat
+import threading
+from contextlib import suppress
 from pathlib import Path
 
 from swarmwright.core.errors import InputError
@@ -74,6 +76,25 @@ def _check_kind(path: Path, mode: int) -> None:
     for is_kind, words in _KINDS:
         if is_kind(mode):
             raise InputError(f"{path}: is {words}; expected a file")
+
+
+def write_whole(path: Path, data: bytes) -> None:
+    """Write a file that is there as a whole or not at all, beside its place first: the disk may be full.
+
+    Raises OSError; what was there before then stays.
+    """
+    if path.exists() and not path.is_file():  # a device, such as /dev/null
+        path.write_bytes(data)
+        return
+    target = path.resolve()
+    part = target.with_name(f".{os.getpid()}-{threading.get_ident()}.part")
+    try:
+        part.write_bytes(data)
+        part.replace(target)
+    except BaseException:
+        with suppress(OSError):
+            part.unlink(missing_ok=True)
+        raise
 
 
 def write_text(path: str | Path, text: str) -> None:

@@ -159,6 +159,11 @@ def _unknown_key(key: str, model: type[BaseModel] | None) -> str:
     other = next((name for name in (*of_kind, *ALIASES.get(folded, ())) if name in keys), None)
     if other is not None:
         return f"unknown key; it is called '{other}' here"
+    if folded == "files" and "servers" in keys:
+        return (
+            "unknown key; files that the simulation reads are named in the section servers, such as "
+            "servers: {launcher: process, count: 4, files: [map.json]}"
+        )
     hint = did_you_mean(key, keys)
     return f"unknown key{hint}" if hint else f"unknown key; known keys: {', '.join(keys)}"
 

@@ -16,7 +16,7 @@ from swarmwright.core.yaml import dotted_path
 from swarmwright.experiment.document import MOST_SERVERS
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.fitness import FitnessExpression
-from swarmwright.launchers.entries import WORDS, Entries, entries_of, of_text
+from swarmwright.launchers.entries import WORDS, Entries, entries_of, of_text, with_files
 from swarmwright.representations import Representation
 from swarmwright.store import Journal, WarningEntry
 from swarmwright.typing import Genomes
@@ -207,7 +207,8 @@ def chosen(experiment: Experiment, servers: Servers | None) -> Chosen:
     """Return the servers that a caller asks for, or else the experiment's.
 
     servers: as in an experiment file; `slurm:4` takes the other options from the experiment's entry for that
-    launcher. Raises InputError for something else.
+    launcher; every launcher copies the files that the experiment's entries name. Raises InputError for
+    something else.
     """
     if servers is None:
         return experiment.servers
@@ -218,7 +219,7 @@ def chosen(experiment: Experiment, servers: Servers | None) -> Chosen:
         raise InputError(f"servers: is the text {servers!r}; write {int(servers)}, a number")
     if isinstance(servers, str) and servers not in WORDS:
         try:
-            return of_text(servers, given)
+            return with_files(of_text(servers, given), given)
         except InputError as error:
             raise InputError(f"servers: {error}") from error
     if isinstance(servers, Mapping | Sequence) and not isinstance(servers, str):
@@ -228,7 +229,7 @@ def chosen(experiment: Experiment, servers: Servers | None) -> Chosen:
         )
         if found is None:
             raise InputError("\n".join(problems))
-        return found
+        return with_files(found, given)
     return cast("Chosen", servers)
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from swarmwright.core.errors import InputError
+from swarmwright.core.files import write_whole
 from swarmwright.core.html import png_of
 from swarmwright.core.plain_figures import plain
 from swarmwright.figures.cut import Values, cut
@@ -121,7 +122,7 @@ def save(figure: "Figure", path: Path) -> Path:
         warnings.filterwarnings("ignore", message="Glyph .* missing", category=UserWarning)
         figure.savefig(buffer, format=kind, metadata=date)
     try:
-        path.write_bytes(buffer.getvalue())
+        write_whole(path, buffer.getvalue())
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror}") from error
     return path

@@ -150,6 +150,25 @@ def of_text(text: str, given: Sequence[LauncherOptions]) -> Entries:
     return tuple(made)
 
 
+def files_of(entries: Entries) -> list[str]:
+    """Return the patterns of the files that are copied with the simulation's code."""
+    return list(dict.fromkeys(file for one in entries if one.code is None for file in one.files))
+
+
+def with_files(entries: Entries, given: Entries) -> Entries:
+    """Return entries that replace the experiment's, with the files of these: the simulation needs them.
+
+    given: the experiment's entries.
+    """
+    files = files_of(given)
+    return tuple(
+        one.model_copy(update={"files": files})
+        if files and one.code is None and "files" not in one.model_fields_set
+        else one
+        for one in entries
+    )
+
+
 def written(entries: Entries) -> Any:  # noqa: ANN401 - a mapping or a list
     """Return entries as an experiment file has them, every default written out; a single one as a mapping."""
     found = [one.model_dump(exclude_none=True) for one in entries]

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 from swarmwright.core.errors import InputError
 from swarmwright.core.simulation_names import SimulationName, is_environment, is_python
 from swarmwright.experiment.experiment import Experiment
+from swarmwright.launchers.entries import files_of
 from swarmwright.runs import edits
 from swarmwright.simulations import catalogue
 from swarmwright.simulations.names import absolute, environment_held, environment_in, name_of
@@ -60,7 +61,7 @@ def parts_of(experiment: Experiment, patterns: Sequence[str] | None = None) -> l
 def _patterns(experiment: Experiment) -> list[str]:
     """Return the patterns of files that are copied with a simulation's code."""
     entries = experiment.servers if isinstance(experiment.servers, tuple) else ()
-    return list(dict.fromkeys(file for one in entries if one.code is None for file in one.files))
+    return files_of(entries)
 
 
 def _original(part: Part) -> Part:

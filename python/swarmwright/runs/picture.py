@@ -46,6 +46,13 @@ def draw_later(folder: Path) -> None:
             _timer.start()
 
 
+def draw_missing(folder: Path) -> None:
+    """Have the plot of a finished run drawn soon where it is missing or empty, because a disk was full."""
+    file = folder / FILE
+    if os.access(folder, os.W_OK) and not (file.exists() and file.stat().st_size):
+        draw_later(folder)
+
+
 def wait() -> None:
     """Wait until all plots are drawn. Errors are printed on standard error."""
     with _lock:

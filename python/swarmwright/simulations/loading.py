@@ -315,7 +315,7 @@ def _module(name: str) -> ModuleType:
             if error.name is None or not f"{name}.".startswith(f"{error.name}."):
                 raise
             raise InputError(
-                f"there is no module {name!r} here or among Python's; "
+                f"there is no module {name!r} in the working folder, {Path.cwd()}, or among Python's; "
                 f"a file is named like path/to/{name.rpartition('.')[2]}.py:Class"
             ) from error
 
@@ -353,6 +353,23 @@ def _failure(name: str, error: BaseException) -> str:
     if isinstance(error, SwarmwrightError | ImportError):  # which says what is wrong with the file's own line
         frames = [frame for frame in frames if frame.filename == name] or frames
     place = f"{frames[-1].filename}:{frames[-1].lineno}" if frames else name
+    if isinstance(error, ImportError) and FROM_FILE in str(error):
+        return f"{place}: {_relative_import(Path(frames[-1].filename if frames else name))}"
     said = words_of(error)
     words = f": {said}" if said.strip() else ""
     return f"{place}: {type(error).__name__} while it is imported{words}"
+
+
+def _relative_import(path: Path) -> str:
+    """Say how to name a class whose file imports others of its package by their place, `from . import`."""
+    root = path.parent
+    while (root / "__init__.py").is_file():
+        root = root.parent
+    if root == path.parent:  # a package without this file
+        root = root.parent
+    module = ".".join(path.relative_to(root).with_suffix("").parts)
+    return (
+        "a relative import needs a package, and a file that is named by its path is imported without one; "
+        f"name the class by its module, {module}:Class, and start in {root}, or import without the dot: "
+        "modules beside the file are found"
+    )

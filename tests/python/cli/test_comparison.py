@@ -88,3 +88,18 @@ def test_options_that_contradict_each_other(
     result = program(*command, "run", *options)
     assert result.returncode == 2
     assert message in result.stderr
+
+
+def test_damaged_runs_are_left_out_and_named(program: Any, swept: Any, tmp_path: Path) -> None:
+    swept("archives")
+    first, *others = folders(tmp_path / "archives")
+    (Path(first) / "run.sqlite").write_bytes(b"nothing" * 1000)
+    for command in (["runs", "compare"], ["plot", "--out", "all.svg"]):
+        result = program(*command, first, *others)
+        assert result.returncode == 1
+        assert result.stderr.startswith(f"swarmwright: left out: {first}/run.sqlite: is damaged")
+        assert "against second" in result.stdout
+    assert (tmp_path / "all.svg").exists()
+    alone = program("runs", "compare", first)
+    assert alone.returncode == 2
+    assert alone.stderr.startswith(f"swarmwright: {first}/run.sqlite: is damaged")

@@ -94,11 +94,13 @@ def test_what_cannot_be_plotted(program: Any, runs: Path, tmp_path: Path) -> Non
         ((run, "--out", "x.gif"), ".png, .svg or .pdf"),
         ((run, "--out", "nowhere/x.png"), "there is no folder 'nowhere'"),
         ((run, "--at", "0"), "--at"),
-        ((run, run, "empty"), "empty"),
     ):
         result = program("plot", *arguments)
         assert result.returncode == 2, result.stdout
         assert said in result.stderr
+    result = program("plot", run, run, "empty")
+    assert result.returncode == 1, result.stdout
+    assert result.stderr == "swarmwright: left out: empty: is not a run folder: run.sqlite is missing\n"
 
 
 def test_controllers_are_drawn(program: Any, runs: Path, tmp_path: Path) -> None:

@@ -109,3 +109,15 @@ def test_results_of_another_experiment_are_left_alone(program: Any, tmp_path: Pa
         "run; name another folder" in result.stderr
     )
     assert records(tmp_path / "results") == before
+
+
+def test_a_figure_that_cannot_be_written_comes_last_and_fails_nothing(program: Any, tmp_path: Path) -> None:
+    write(tmp_path)
+    (tmp_path / "results" / "comparison.png").mkdir(parents=True)
+    result = program("sweep", "sweep.yaml")
+    assert result.returncode == 0
+    assert "against second" in result.stdout
+    assert result.stderr.startswith("swarmwright: the runs are whole, but the figure was not drawn: results/")
+    last = json.loads(program("sweep", "sweep.yaml", "--json").stdout.splitlines()[-1])
+    assert last["picture"] is None
+    assert len(last["comparison"]["groups"]) == 2

@@ -11,7 +11,7 @@ import pytest
 from swarmwright import Controller, Experiment, InputError, frevo, sweep
 from swarmwright.broker.passwords import set_password
 from swarmwright.core import yaml
-from swarmwright.core.files import read_bytes
+from swarmwright.core.files import read_bytes, write_whole
 
 Read = Callable[[Path], object]
 Named = Callable[[Path, Path], Path]
@@ -111,3 +111,24 @@ def test_values_of_a_yaml_file_are_counted_while_it_is_read(
     with pytest.raises(InputError, match=r"x\.yaml: .*more than 100 values"):
         yaml.read(tmp_path / "x.yaml")
     assert len(composed) < 300
+
+
+def test_a_file_that_cannot_be_written_as_a_whole_stays_as_it_was(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "fitness.png"
+    write_whole(file, b"first")
+
+    def full(path: Path, _: bytes) -> int:
+        path.touch()
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Path, "write_bytes", full)
+        with pytest.raises(OSError, match="No space"):
+            write_whole(file, b"second")
+    assert (file.read_bytes(), list(tmp_path.iterdir())) == (b"first", [file])
+    link = tmp_path / "link.png"
+    link.symlink_to(file)
+    write_whole(link, b"third")
+    assert (file.read_bytes(), link.is_symlink()) == (b"third", True)

@@ -87,6 +87,10 @@ def test_only_the_simulation_is_required() -> None:
         ),
         ("method: {popsize: 9}\n", "my.yaml:2: method.popsize: unknown key; it is called 'population' here"),
         ("random_seed: 9\n", "my.yaml:2: random_seed: unknown key; it is called 'seed' here"),
+        (
+            "files: [map.json]\n",
+            "my.yaml:2: files: unknown key; files that the simulation reads are named in",
+        ),
         # The same name means different things to different methods.
         (
             "method: {kind: openai_es, learning_rate: 1}\n",

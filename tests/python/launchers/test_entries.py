@@ -46,6 +46,15 @@ def test_the_number_on_the_command_line_keeps_other_options() -> None:
     assert chosen(made, 4) == 4
 
 
+def test_another_launcher_on_the_command_line_keeps_the_files_of_the_simulation() -> None:
+    made = loaded({"launcher": "ssh", "hosts": ["one"], "files": ["maps/*.json"]})
+    assert chosen(made, "process:5") == (ProcessOptions(count=5, files=["maps/*.json"]),)
+    assert chosen(made, {"launcher": "process", "files": []}) == (ProcessOptions(files=[]),)
+    there = {"launcher": "process", "code": "/code"}
+    assert chosen(made, there) == (ProcessOptions(code="/code"),)
+    assert chosen(made, "local") == "local"
+
+
 @pytest.mark.parametrize(
     ("servers", "message"),
     [

@@ -217,7 +217,11 @@ def test_a_class_is_found_by_its_name(tmp_path: Path) -> None:
             "did you mean 'Gather'",
         ),
         ("", "away.py:A", "away.py: there is no such file"),
-        ("", "no.such.module:A", "there is no module 'no.such.module'"),
+        (
+            "",
+            "no.such.module:A",
+            f"there is no module 'no.such.module' in the working folder, {Path.cwd()}, ",
+        ),
         ("x = 1\ny = x /", "there.py:A", "there.py:2: invalid syntax"),
         (
             "x = 1\n\ny = x / 0",
@@ -235,6 +239,7 @@ def test_a_class_is_found_by_its_name(tmp_path: Path) -> None:
             "there.py:2: ImportError while it is imported: the file is named as a simulation while it is",
         ),
         ("import no_such_thing", "there.py:A", "there.py:1: ModuleNotFoundError while it is imported"),
+        ("from .parts import A", "there.py:A", "there.py:1: a relative import needs a package"),
     ],
 )
 def test_what_cannot_be_loaded(text: str, name: str, words: str, tmp_path: Path) -> None:
@@ -245,6 +250,17 @@ def test_what_cannot_be_loaded(text: str, name: str, words: str, tmp_path: Path)
         Experiment.load(file)
     assert words in str(caught.value)
     assert str(caught.value).startswith(f"{file}:1: simulation: ")
+
+
+def test_a_relative_import_is_answered_with_the_name_of_the_module(tmp_path: Path) -> None:
+    package = tmp_path / "mysim"
+    package.mkdir()
+    (package / "__init__.py").touch()
+    (package / "world.py").write_text("from .parts import A")
+    with pytest.raises(InputError) as caught:
+        load(f"{package}/world.py:A")
+    assert f"by its module, mysim.world:Class, and start in {tmp_path}, or" in str(caught.value)
+    assert "swarmwright simulation" not in str(caught.value)
 
 
 def test_the_class_cannot_be_made_without_its_methods() -> None:

@@ -1,14 +1,16 @@
 """Execution of a sweep's runs, sequentially or in parallel, with progress reports."""
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 
 from swarmwright.analysis.sweep.file import Sweep
 from swarmwright.analysis.sweep.jobs import shares
-from swarmwright.analysis.sweep.run import Executor, Task, UnreadableRunError, reason
+from swarmwright.analysis.sweep.run import BusyRunError, Executor, Task, UnreadableRunError, reason
 from swarmwright.core.errors import InputError
 from swarmwright.evaluation.base import HERE, Servers
-from swarmwright.optimization.loop import Generation
+from swarmwright.optimization.generation import Generation
+from swarmwright.runs import picture
 from swarmwright.runs.run import Run
 
 
@@ -36,6 +38,9 @@ class Listener:
     def failed(self, task: Task, message: str) -> None:
         """A run failed; the others go on."""
 
+    def busy(self, task: Task) -> None:
+        """Another process works on a run, which is left to it."""
+
     def tick(self) -> None:
         """Some time has passed, a quarter of a second or less."""
 
@@ -49,6 +54,8 @@ class Outcome:
     """Finished ones."""
     failures: dict[Task, str] = field(default_factory=dict)
     """Why runs failed."""
+    busy: list[Task] = field(default_factory=list)
+    """Those that another process works on, and had not finished at the end."""
     interrupted: bool = False
     """Whether Ctrl-C ended it before all runs were done."""
 
@@ -82,6 +89,10 @@ class _Noting(Listener):
         self._outcome.failures[task] = message
         self._listener.failed(task, message)
 
+    def busy(self, task: Task) -> None:
+        self._outcome.busy.append(task)
+        self._listener.busy(task)
+
 
 def conduct(
     sweep: Sweep,
@@ -95,7 +106,7 @@ def conduct(
     """Do all runs of a sweep that are not finished; return the outcome.
 
     A run that fails does not stop the others. Ctrl-C does; then `interrupted` is set, and what was finished
-    is kept.
+    is kept. A run that another process works on is left to it, and counts if it is finished at the end.
 
     Args:
         sweep: whose runs.
@@ -114,10 +125,13 @@ def conduct(
     before = [_before(task) for task in tasks]  # report errors before anything is started
     left = []
     for task, run in zip(tasks, before, strict=True):
-        if isinstance(run, UnreadableRunError):
+        if isinstance(run, BusyRunError):
+            noting.busy(task)
+        elif isinstance(run, UnreadableRunError):
             noting.failed(task, str(run))
         elif run is not None:
             noting.found(task, run)
+            picture.draw_missing(task.folder)
         else:
             left.append(task)
     experiments = [one.experiment for one in sweep.variants]
@@ -134,7 +148,18 @@ def conduct(
             outcome.interrupted = not _one_after_another(sweep, left, noting, broker, parts[0])
     except KeyboardInterrupt:
         outcome.interrupted = True
+    _look_again(outcome)
     return outcome
+
+
+def _look_again(outcome: Outcome) -> None:
+    """Take over the runs that other processes have finished meanwhile."""
+    for task in list(outcome.busy):
+        with suppress(InputError):  # it remains what it was: a run of another process
+            run = _before(task)
+            if isinstance(run, Run):
+                outcome.busy.remove(task)
+                outcome.runs[task] = run
 
 
 def _before(task: Task) -> Run | UnreadableRunError | None:
@@ -162,6 +187,9 @@ def _one_after_another(
                 run = executor.run(task, _of(listener.generation, task), _of(listener.evaluating, task))
             except BrokenPipeError:  # the listener's output pipe is closed
                 raise
+            except BusyRunError:
+                listener.busy(task)
+                continue
             except Exception as error:  # noqa: BLE001 - whatever a plug-in raises, the other runs go on
                 listener.failed(task, reason(error))
                 continue

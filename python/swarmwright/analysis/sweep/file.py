@@ -144,7 +144,13 @@ def _seeds(source: Source) -> tuple[int, ...]:
     if _whole(seeds) and 1 <= seeds <= _MOST_RUNS:
         return tuple(range(1, seeds + 1))
     if isinstance(seeds, list) and seeds and all(_whole(seed) and seed >= 0 for seed in seeds):
-        return tuple(dict.fromkeys(seeds))
+        twice = next((seed for seed in seeds if seeds.count(seed) > 1), None)
+        if twice is not None:
+            raise InputError(
+                f"{source.place(('seeds',))}the seed {twice} is there twice; runs with the same seed are the "
+                "same, so name each seed once"
+            )
+        return tuple(seeds)
     raise InputError(
         f"{source.place(('seeds',))}must be a number of seeds, from 1 on, or a list of seeds, which are "
         f"whole numbers from 0 on, not {shown(seeds)}"

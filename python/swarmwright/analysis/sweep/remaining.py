@@ -8,7 +8,7 @@ from statistics import fmean
 from swarmwright.analysis.sweep.execution import Listener
 from swarmwright.analysis.sweep.file import Variant
 from swarmwright.analysis.sweep.run import Task
-from swarmwright.optimization.loop import Generation
+from swarmwright.optimization.generation import Generation
 from swarmwright.runs.run import Run
 
 _MANY = 1000  # generations, where their number is not known
@@ -66,7 +66,7 @@ class Status(Listener):
         self._clock = clock
         self.total = total
         self.jobs = 1
-        self.finished = self.failures = 0
+        self.finished = self.failures = self.elsewhere = 0
         self.under_way: dict[Task, UnderWay] = {}
         self._took: dict[Variant, list[float]] = {}
         self._waiting: list[Variant] = []
@@ -107,6 +107,11 @@ class Status(Listener):
         """Count it."""
         self._end(task, None)
         self.failures += 1
+
+    def busy(self, task: Task) -> None:
+        """Count it."""
+        self._end(task, None)
+        self.elsewhere += 1
 
     def _end(self, task: Task, seconds: float | None) -> None:
         self.under_way.pop(task, None)

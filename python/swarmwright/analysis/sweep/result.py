@@ -23,7 +23,7 @@ from swarmwright.runs.run import Run
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from swarmwright.optimization.loop import Generation
+    from swarmwright.optimization.generation import Generation
 
 
 _MOST_JOBS = 1024
@@ -53,6 +53,8 @@ class SweepResult:
     """Runs that failed, and why."""
     interrupted: bool
     """Whether Ctrl-C ended it before all runs were done; the same call goes on."""
+    busy: tuple[Path, ...] = ()
+    """Folders of runs that another process works on; they are not among `runs`."""
 
     def table(self) -> list[dict[str, Any]]:
         """Return a row for each run, for `pandas.DataFrame(result.table())` and the like.
@@ -111,7 +113,8 @@ class SweepResult:
     def __repr__(self) -> str:
         """Name the folder and how many runs there are."""
         failed = f", {len(self.failures)} failed" if self.failures else ""
-        return f"<SweepResult {self.path}: {len(self.runs)} runs{failed}>"
+        busy = f", {len(self.busy)} left to other processes" if self.busy else ""
+        return f"<SweepResult {self.path}: {len(self.runs)} runs{failed}{busy}>"
 
     def _repr_html_(self) -> str:
         """Return the runs as a table, for notebooks."""
@@ -140,7 +143,7 @@ def sweep(
     """Run an experiment in every variant and with every seed; return what came out.
 
     A run that is finished is not run again, one that was interrupted goes on: after Ctrl-C, the same call
-    continues. A run that fails does not stop the others.
+    continues. A run that fails does not stop the others; one that another process works on is left to it.
 
     Args:
         source: path of a sweep file, or a mapping with its keys: `experiment` (an `Experiment`, a mapping,
@@ -179,6 +182,7 @@ def sweep(
         tuple(task.variant.label for task in finished),
         tuple(Failure(task.variant.label, task.seed, message) for task, message in outcome.failures.items()),
         outcome.interrupted,
+        tuple(task.folder for task in outcome.busy),
     )
 
 

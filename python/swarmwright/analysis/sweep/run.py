@@ -14,13 +14,14 @@ from swarmwright.evaluation import opening
 from swarmwright.evaluation.base import HERE, Chosen, Progress, Servers, chosen
 from swarmwright.experiment.experiment import ELSEWHERE, Experiment
 from swarmwright.launchers.entries import Entries
-from swarmwright.optimization.loop import OnGeneration
+from swarmwright.optimization.generation import OnGeneration
 from swarmwright.optimization.optimize import optimize, resume
 from swarmwright.runs.code import changed_code, check_trusted
 from swarmwright.runs.edits import differences
 from swarmwright.runs.run import Run
 from swarmwright.store import FILE
-from swarmwright.store.folder import check_folder
+from swarmwright.store.folder import check_folder, without_store
+from swarmwright.store.lock import is_locked
 from swarmwright.supervision.local_servers import LocalServers
 from swarmwright.user_code.copying import shown
 
@@ -32,6 +33,13 @@ class UnreadableRunError(InputError):
     """A run of a sweep that is there and cannot be read or used: it is damaged, or lacks a plug-in here."""
 
 
+class BusyRunError(UnreadableRunError):
+    """Another process works on a run of a sweep."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__(f"{folder}: another process works on this run; wait for it or stop it")
+
+
 @contextmanager
 def readable(folder: Path) -> Iterator[None]:
     """Within the block, a run is read: what is wrong with it concerns no other run."""
@@ -41,6 +49,19 @@ def readable(folder: Path) -> Iterator[None]:
         raise UnreadableRunError(
             f"{error}; when the folder {folder} is deleted, the same sweep repeats this run alone"
         ) from error
+
+
+def _check_new(folder: Path) -> None:
+    """Raise unless a run can be begun in a folder without a store, as `Task.found` says."""
+    try:
+        check_folder(folder)
+    except InputError:
+        if is_locked(folder):
+            raise BusyRunError(folder) from None
+        if not folder.is_dir() or not any(folder.iterdir()):
+            raise  # no right to write, or the path is too long: other runs fail as well
+        with readable(folder):
+            raise without_store(folder) from None
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,11 +80,12 @@ class Task:
     def found(self) -> Run | None:
         """Return the run that is there already, finished or not; None when there is none.
 
-        Raises UnreadableRunError when the run is damaged, InputError when the folder holds something else, or
-        another process works on it.
+        Raises UnreadableRunError when the run is damaged or the folder is not that of a run, BusyRunError
+        when another process works on it, InputError when it is a run of another experiment, or the folder
+        cannot be made.
         """
         if not (self.folder / FILE).exists():
-            check_folder(self.folder)
+            _check_new(self.folder)
             return None
         with readable(self.folder):
             run = Run.open(self.folder)
@@ -81,7 +103,7 @@ class Task:
                 "another folder for the results (out)"
             )
         if run.state == "running":
-            raise InputError(f"{self.folder}: another process works on this run; wait for it or stop it")
+            raise BusyRunError(self.folder)
         if run.state != "done":
             check_trusted(run)  # workers, which continue it, cannot ask
         return run
@@ -104,12 +126,14 @@ def _values(experiment: Experiment) -> dict[str, Any]:
     values: dict[str, Any] = {
         key: value for key, value in experiment.to_mapping().items() if key not in _NO_MATTER
     }
-    values["simulation"] = shown(experiment.simulation)
     parsed = SimulationName.parse(experiment.simulation)
     if parsed.is_command:
         values["simulation"] = parsed.in_file(SimulationName.DEFINITION)
-    elif parsed.file is not None:  # the same file in any folder: `changed_code` compares its content
-        values["simulation"] = parsed.in_file(parsed.file.name)
+    else:
+        # A copy of a module is a file, which `shown` names as the experiment does: package.module:Class.
+        named = SimulationName.parse(shown(experiment.simulation))
+        # The same file in any folder: `changed_code` compares its content.
+        values["simulation"] = named.text if named.file is None else named.in_file(named.file.name)
     found: dict[str, Any] = json.loads(json.dumps(values, default=str))  # tuples are lists
     return found
 
@@ -186,8 +210,8 @@ class Executor:
     ) -> Run:
         """Do a task, or what is left of it; return the run.
 
-        Raises InputError and RunError as `optimize` and `resume`; KeyboardInterrupt before the first
-        generation.
+        Raises InputError and RunError as `optimize` and `resume`; BusyRunError when another process works on
+        it; KeyboardInterrupt before the first generation.
         """
         for local in self._started:
             local.check()
@@ -196,6 +220,11 @@ class Executor:
             where = {**where, "servers": self._launched}
         elif self._broker is None:
             where = {"servers": self._here, "on_progress": on_progress, "progress": False}
-        if task.found() is not None:
-            return resume(task.folder, on_generation, **where)
-        return optimize(task.experiment, on_generation, out=task.folder, **where)
+        try:
+            if task.found() is not None:
+                return resume(task.folder, on_generation, **where)
+            return optimize(task.experiment, on_generation, out=task.folder, **where)
+        except InputError as error:
+            if is_locked(task.folder):  # another process began it in the meantime
+                raise BusyRunError(task.folder) from error
+            raise

@@ -21,11 +21,11 @@ from pathlib import Path
 from typing import Any
 
 from swarmwright.analysis.sweep.file import Sweep, Variant
-from swarmwright.analysis.sweep.run import Executor, Task, reason
+from swarmwright.analysis.sweep.run import BusyRunError, Executor, Task, reason
 from swarmwright.core.errors import SwarmwrightError
 from swarmwright.evaluation import reports as incidents
 from swarmwright.experiment.experiment import Experiment
-from swarmwright.optimization.loop import Generation
+from swarmwright.optimization.generation import Generation
 from swarmwright.optimization.memory import progress
 
 EVERY = 0.25
@@ -88,6 +88,8 @@ class Worker:
         try:
             run = executor.run(task, self._generation, self._evaluating)
             self._tell("interrupted" if run.interrupted else "done")
+        except BusyRunError:
+            self._tell("busy")
         except Exception as error:  # noqa: BLE001 - whatever a plug-in raises, the other runs go on
             self._tell("failed", message=reason(error))
         finally:

@@ -19,7 +19,7 @@ from swarmwright.analysis.sweep.run import Task
 from swarmwright.core.errors import InputError, RunError
 from swarmwright.evaluation import reports
 from swarmwright.evaluation.base import Servers
-from swarmwright.optimization.loop import Generation
+from swarmwright.optimization.generation import Generation
 from swarmwright.runs.run import Run
 from swarmwright.supervision.local_servers import processors
 
@@ -203,6 +203,8 @@ class SideBySide:
                 return task
             case "failed":
                 self._listener.failed(task, message["message"])
+            case "busy":
+                self._listener.busy(task)
             case "done":
                 self._listener.ended(task, Run.open(task.folder))
         return None  # interrupted: this worker, or all of them, received a signal

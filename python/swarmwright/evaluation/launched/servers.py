@@ -36,6 +36,8 @@ FIRST_PAUSE_S, LONGEST_PAUSE_S = 1.0, 60.0
 """Seconds before a server is replaced; doubled with each one in a row that was never on the broker."""
 LAUNCHER_TIMEOUT_S = 60.0
 """Seconds for which a launcher may not answer, while none of its servers is on the broker."""
+SHORTEST_USE_S = 36.0
+"""Seconds of servers below which their use is not reported where it has no price: 0.01 hours."""
 COLLECT_S = 10.0
 """Seconds at most for collecting at the end of a run what servers elsewhere have printed."""
 _LARGEST_ID = 2**31 - 1
@@ -90,12 +92,18 @@ class Entry:
         return not self.launcher.is_here or self.options.cost_per_hour is not None
 
     @property
+    def is_notable(self) -> bool:
+        """Whether its use is more than a hundredth of an hour, or has a price."""
+        seconds = (self.earlier + self.use).seconds
+        return self.options.cost_per_hour is not None or seconds >= SHORTEST_USE_S
+
+    @property
     def used(self) -> str:
         """What was used, in words."""
 
         def words(use: ServerUse) -> str:
             cost = "" if self.options.cost_per_hour is None else f", cost {use.cost:.2f}"
-            return f"{use.seconds / 3600:.2f} hours{cost}"
+            return f"{use.seconds / 3600:.2f} server hours{cost}"
 
         whole = f" (the whole run: {words(self.earlier + self.use)})" if self.earlier.seconds else ""
         return f"{self.name} {words(self.use)}{whole}"
@@ -208,8 +216,8 @@ class LaunchedServers:
 
     @property
     def usage(self) -> str:
-        """How long servers have run, and what they cost."""
-        return "; ".join(entry.used for entry in self._entries if entry.is_counted)
+        """How long servers have run, and what they cost; empty where it would be 0.00 hours of no price."""
+        return "; ".join(entry.used for entry in self._entries if entry.is_counted and entry.is_notable)
 
     @property
     def use(self) -> dict[str, ServerUse]:

@@ -64,7 +64,7 @@ def test_a_variant_is_the_experiment_with_its_values_set(tmp_path: Path) -> None
 def test_another_kind_keeps_no_options_of_the_same_name(tmp_path: Path) -> None:
     found = sweep(
         tmp_path,
-        "experiment: base.yaml\nseeds: [3, 1, 3]\n"
+        "experiment: base.yaml\nseeds: [3, 1]\n"
         "grid: {method.population: [7], method.kind: [random_search, nnga]}\n",
     )
     other, same = (one.experiment.method for one in found.variants)
@@ -155,6 +155,7 @@ def test_several_grids_may_overlap(tmp_path: Path) -> None:
         ),
         ("experiment: base.yaml\ngrid: {method.severity: []}", "must be a list"),
         ("experiment: base.yaml\ngrid: {seed: [1]}", "see the key 'seeds'"),
+        ("experiment: base.yaml\nseeds: [1, 2, 1]", "methods.yaml:2: seeds: the seed 1 is there twice"),
         ("experiment: base.yaml\ngrid: {method.severit: [1]}", "with severit 1: method.severit: unknown key"),
         ("experiment: base.yaml\ngrid: {method.kind: [magic]}", "magic"),
         (

@@ -77,8 +77,9 @@ def test_a_variant_that_fails_does_not_stop_the_others(
     lines = result.stdout.splitlines()
     assert lines[1].startswith("[1/2] trouble reset, seed 1: failed: every candidate of generation 0 failed")
     assert lines[2].startswith("[2/2] trouble , seed 1: best fitness")
-    assert lines[-1].startswith("Failed: trouble reset, seed 1: every candidate")
-    assert "LookupError: no start" in lines[-1]
+    assert lines[-2].startswith("Failed: trouble reset, seed 1: every candidate")
+    assert "LookupError: no start" in lines[-2]
+    assert lines[-1] == "The figure is in results/comparison.png"
 
 
 def begun(folder: Path) -> bool:

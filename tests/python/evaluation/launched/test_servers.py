@@ -74,7 +74,7 @@ def test_a_budget_is_that_of_the_whole_run(
     run = optimize(made, use_at(2, 20), out=tmp_path / "run", progress=False)
     assert run.interrupted
     assert 3 <= run.generations < 20
-    first = r"process 20\.\d\d hours, cost 10\.\d\d"
+    first = r"process 20\.\d\d server hours, cost 10\.\d\d"
     assert re.search(f"the budget for servers is spent: {first}; `swarmwright resume`", caplog.text)
     (text,) = used(run)
     assert re.fullmatch(first, text)
@@ -88,7 +88,9 @@ def test_a_budget_is_that_of_the_whole_run(
     at = run.generations + 1
     run = resume(run, use_at(at, 9), settings=["servers.budget=14.4"], progress=False)
     assert run.interrupted
-    second = r"process 9\.\d\d hours, cost 4\.\d\d \(the whole run: 29\.\d\d hours, cost 14\.\d\d\)"
+    second = (
+        r"process 9\.\d\d server hours, cost 4\.\d\d \(the whole run: 29\.\d\d server hours, cost 14\.\d\d\)"
+    )
     assert re.search(second, caplog.text)
     assert re.fullmatch(second, used(run)[1])
     run = resume(run, servers="in-process", progress=False)
