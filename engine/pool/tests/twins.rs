@@ -202,14 +202,25 @@ fn answered_once() -> (Alone, Value) {
 }
 
 #[test]
-fn two_values_for_one_episode_come_from_two_servers() {
-    let (mut tool, first) = answered_once();
-    tool.hear("fitness", &json!({"simulation_hash": first, "fitness": 2}));
-    assert_eq!(tool.machine.done(), 0);
-    assert_eq!(tool.machine.counts().double, 1);
-    let told = "two servers answer to the id 1, so neither is used; give one another --id; 1 evaluations that came under it \
-                are done again";
-    assert_eq!(tool.warnings, [told]);
+fn two_values_for_one_episode_are_told_once_and_the_first_counts() {
+    let (mut tool, mut hash) = answered_once();
+    for done in 1..4 {
+        tool.hear("fitness", &json!({"simulation_hash": hash, "fitness": 2}));
+        assert_eq!(
+            tool.machine.done(),
+            done,
+            "a server that does so alone comes to an end, too"
+        );
+        assert_eq!(tool.machine.counts().double, done as u64);
+        assert_eq!(tool.warnings.len(), 1);
+        hash = tool.last("control");
+        tool.sense(&hash);
+        tool.hear("fitness", &json!({"simulation_hash": hash, "fitness": 1}));
+    }
+    assert!(
+        tool.warnings[0]
+            .starts_with("server 1 has sent two different fitness values for one episode")
+    );
 }
 
 #[test]

@@ -120,12 +120,15 @@ impl Scheduler {
     }
 
     /// A fitness for no episode under way.
-    pub(super) fn unexpected_fitness(&mut self, hash: &str, fitness: f64, now: Instant) {
+    pub(super) fn unexpected_fitness(&mut self, hash: &str, fitness: f64) {
         match self.in_flight.came_again(hash, fitness) {
             Again::Other(server) => {
                 self.counts.double += 1;
-                self.found_two(server, self.discovery.round(), now);
-                self.dispatch(now);
+                // It may be one server: nothing is taken back, so that the run comes to an end.
+                self.outbox.warn_once(format!(
+                    "server {server} has sent two different fitness values for one episode, of which the first counts: \
+                     two servers may have this id, or it evaluates an episode twice; results of this run may be wrong"
+                ));
             }
             Again::Same(server, times) => {
                 self.counts.double += 1;

@@ -51,6 +51,7 @@ impl Fleet {
         now: Instant,
     ) -> Answer {
         let id = message.server;
+        self.unmatched.remove(&id);
         self.announced(id, &message.capabilities);
         if message.simulations.contains(&demand.simulation) {
             let announced = message.capabilities.swarmwright.as_ref();

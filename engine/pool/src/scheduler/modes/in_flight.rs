@@ -239,11 +239,8 @@ impl InFlight {
             return Again::Late;
         }
         let server = found.server;
-        // Not-a-number is the same each time.
-        if found
-            .fitness
-            .is_some_and(|first| first.total_cmp(&fitness).is_ne())
-        {
+        let is_same = |first: f64| first == fitness || (first.is_nan() && fitness.is_nan());
+        if !found.fitness.is_none_or(is_same) {
             return Again::Other(server);
         }
         found.repeated = true;

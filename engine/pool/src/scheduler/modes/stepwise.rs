@@ -165,7 +165,7 @@ impl Scheduler {
             return;
         }
         let Some(run) = self.in_flight.end_episode(&message.simulation_hash, true) else {
-            return self.unexpected_fitness(&message.simulation_hash, message.fitness, now);
+            return self.unexpected_fitness(&message.simulation_hash, message.fitness);
         };
         self.in_flight
             .answered_with(&message.simulation_hash, message.fitness);
