@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.adapters import NEW_EACH_EPISODE
-from swarmwright.adapters._restoring import Actions, Restoring, found_by_trials
+from swarmwright.adapters._restoring import SECONDS, Actions, Restoring, close, found_by_trials
 from swarmwright.core.errors import InputError, SimulationError, explained
 from swarmwright.simulations.base import Simulation
 from swarmwright.simulations.calls import short
@@ -28,6 +28,8 @@ _ARRAY = "rgb_array"
 """The render mode that gives pictures as arrays."""
 _MOST_FRAMES = 1000
 """Frames a second, at most, that an environment can ask for."""
+_FLAG_WORDS = frozenset({"true", "false", "yes", "no", "on", "off"})
+"""Texts that are meant as a flag, in lower case."""
 
 
 class Environment(Simulation):
@@ -52,8 +54,8 @@ class Environment(Simulation):
     """Whether each episode gets a new object of the environment, rather than `reset` of one for all.
 
     None: where a trial before the first episode of a process shows that `reset` does not restore the
-    environment. It has 200 steps at most; no trial is made where `copies` is false, or of `render_mode`
-    human."""
+    environment. It has 200 steps and 5 seconds at most; no trial is made where `copies` is false, or of
+    `render_mode` human."""
     rendering: ClassVar[bool] = False
     """Whether environments are made with `render_mode="rgb_array"`, see `rendered`."""
 
@@ -129,7 +131,7 @@ class Environment(Simulation):
         frames = getattr(trial.env, "metadata", {}).get("render_fps")
         if isinstance(frames, int | float) and 0 < frames <= _MOST_FRAMES:
             made.frame_seconds = 1 / frames
-        trial.env.close()
+        close(trial.env)
         if drawn is None:
             raise InputError(
                 f"{label}: cannot be rendered: it was made without render_mode={_ARRAY!r}; an "
@@ -159,7 +161,11 @@ class Environment(Simulation):
             shown = {"render_mode": _ARRAY} if rendering else {}
             with self._modules():
                 made = self.make({**self.options, **parameters, **shown})
-            _check_flags(made, {**self.options, **parameters}, label)
+            try:
+                _check_flags(made, {**self.options, **parameters}, label)
+            except InputError:
+                close(made)
+                raise
             return made
         except InputError:
             raise
@@ -175,7 +181,7 @@ class Environment(Simulation):
 
     def _close(self) -> None:
         if self.env is not None:
-            self.env.close()
+            close(self.env)
         self.env = self._given = None
 
     def _is_new_each_episode(self) -> bool:
@@ -231,13 +237,14 @@ class Environment(Simulation):
 
 
 def _check_flags(env: Any, given: Mapping[str, Any], label: str) -> None:  # noqa: ANN401 - types of libraries
-    """Raise InputError for text where the environment has a flag: any text counts as true in Python."""
+    """Raise InputError for words such as `no` where the environment has a flag: any text counts as true."""
     try:
         expected = inspect.signature(type(getattr(env, "unwrapped", env))).parameters
     except (TypeError, ValueError):  # it does not say what it takes
         return
     for name, value in given.items():
-        if isinstance(value, str) and name in expected and isinstance(expected[name].default, bool):
+        is_word = isinstance(value, str) and value.lower() in _FLAG_WORDS
+        if is_word and name in expected and isinstance(expected[name].default, bool):
             raise InputError(f"{name}: {label}: {value!r} found, expected true or false")
 
 
@@ -255,6 +262,14 @@ def _tell(found: Restoring, name: str) -> None:
             "%s: episodes with the same seed differ, even in new environments, so that runs cannot be "
             "repeated; reset(seed=..) has to seed all random numbers",
             name,
+        )
+    elif found is Restoring.UNKNOWN:
+        _log.warning(
+            "%s: is too slow to find out within %g s whether reset() restores all of its state; one object "
+            "is used for all episodes (%s=false says so without this message, true takes a new one for each)",
+            name,
+            SECONDS,
+            NEW_EACH_EPISODE,
         )
 
 

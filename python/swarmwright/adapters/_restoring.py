@@ -4,6 +4,9 @@ Some environments keep contacts, lists or running means over `reset`. What happe
 depend on the episodes before, and so on which server has evaluated which candidate.
 """
 
+import contextlib
+import hashlib
+import time
 from collections.abc import Callable, Iterator
 from enum import Enum, auto
 from typing import Any
@@ -14,6 +17,10 @@ from numpy.typing import NDArray
 STEPS = 200
 """Steps of a trial, at most. Those of BipedalWalker-v3 differ once it has fallen, those of
 knights_archers_zombies once a zombie has got through, after 141."""
+SECONDS = 5.0
+"""Time of all trials together, after which they end with what is known: servers have to begin their work."""
+_SEEDS = (1, 2)
+"""Seeds of the episode that is repeated, and of the one between: some environments take 0 for no seed."""
 
 Actions = Callable[[int], NDArray[np.float64]]
 """Number of actuators -> what they do in a step, -1 to 1."""
@@ -30,6 +37,12 @@ class Restoring(Enum):
     """It is the same in a new object only."""
     NEVER = auto()
     """It differs even in a new object: not all randomness comes from the seed."""
+    UNKNOWN = auto()
+    """There was not enough time to find out."""
+
+
+class _OutOfTimeError(Exception):
+    """The time of the trials is over."""
 
 
 def found_by_trials(make: Callable[[], Any], trial: Trial) -> Restoring:
@@ -41,37 +54,53 @@ def found_by_trials(make: Callable[[], Any], trial: Trial) -> Restoring:
         make: returns a new environment.
         trial: runs an episode.
     """
+    end = time.monotonic() + SECONDS
+    repeated, between = _SEEDS
     env = make()
     try:
-        first = _record(env, trial, 0)
-        _record(env, trial, 1)
-        if _record(env, trial, 0) == first:
+        first = _record(env, trial, repeated, end)
+        _record(env, trial, between, end)
+        if _record(env, trial, repeated, end) == first:
             return Restoring.RESTORED
+    except _OutOfTimeError:
+        return Restoring.UNKNOWN
     finally:
-        _close(env)
+        close(env)
     env = make()
     try:
-        return Restoring.NEW_ONLY if _record(env, trial, 0) == first else Restoring.NEVER
+        return Restoring.NEW_ONLY if _record(env, trial, repeated, end) == first else Restoring.NEVER
+    except _OutOfTimeError:
+        return Restoring.NEW_ONLY  # it is known that `reset` is not enough
     finally:
-        _close(env)
+        close(env)
 
 
-def _record(env: Any, trial: Trial, seed: int) -> list[bytes]:  # noqa: ANN401 - types of libraries
-    """Return what an episode returns; one that fails ends with the exception, which episodes report."""
+def _record(env: Any, trial: Trial, seed: int, end: float) -> list[bytes]:  # noqa: ANN401 - of libraries
+    """Return digests of what an episode returns, step after step.
+
+    One that fails ends with the exception, which episodes report.
+
+    Raises _OutOfTimeError after `end`, a time of `time.monotonic`.
+    """
     generator = np.random.default_rng(seed)
 
     def actions(width: int) -> NDArray[np.float64]:
-        return generator.uniform(-1, 1, width) if seed else np.zeros(width)
+        return np.zeros(width) if seed == _SEEDS[0] else generator.uniform(-1, 1, width)
 
     returned = []
     try:
         for _, one in zip(range(STEPS + 1), trial(env, seed, actions), strict=False):
-            returned.append(one)
+            returned.append(hashlib.sha256(one).digest())  # observations can be pictures
+            if time.monotonic() > end:
+                raise _OutOfTimeError
+    except _OutOfTimeError:
+        raise
     except Exception as error:  # noqa: BLE001 - libraries raise various exceptions
         returned.append(type(error).__name__.encode())
     return returned
 
 
-def _close(env: Any) -> None:  # noqa: ANN401 - types of libraries
-    if hasattr(env, "close"):
+def close(env: Any) -> None:  # noqa: ANN401 - types of libraries
+    """Close an environment; what it has computed counts also where it has no `close`, or that fails."""
+    with contextlib.suppress(Exception):
         env.close()

@@ -117,8 +117,8 @@ class Comparison:
     def figure(self, *, x: str = "evaluations") -> "Figure":
         """Return a matplotlib figure: best fitness or the indicator over `x`, and that of every run.
 
-        x: "evaluations" or "generations". Hypervolume of more than four objectives takes long, so that best
-        fitness is drawn over `x` then.
+        x: "evaluations" or "generations". Where hypervolume takes long, with more than four objectives,
+        fitness included, or large fronts of three or four, best fitness is drawn over `x`.
         """
         from swarmwright.figures.comparison import draw
 

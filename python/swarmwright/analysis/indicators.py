@@ -1,5 +1,6 @@
 """Quality indicators of fronts and archives, by which runs of `nsga2` and `map_elites` are compared."""
 
+import math
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -29,8 +30,9 @@ _MARGIN = 0.1
 """Share of an objective's range by which the reference point is worse than all that is compared."""
 _POINTS = 40
 """Most generations that a curve has."""
-_QUICK = 4
-"""Objectives up to which hypervolume takes seconds."""
+_QUICK = {2: math.inf, 3: 1000, 4: 300}
+"""By the number of objectives, with fitness: candidates of a front up to which hypervolume takes about 0.1 s;
+none for more objectives."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +47,8 @@ class Indicator:
     ranges: dict[str, tuple[float, float]] | None = None
     """Worst and best value of each objective in the fronts that are compared, which count as 0 and 1; None
     where objectives are not scaled."""
+    largest: int = 0
+    """Candidates of the largest front that is compared; 0 of others."""
     given: bool = False
     """Whether offset or reference point were given."""
     notes: tuple[str, ...] = ()
@@ -58,7 +62,9 @@ class Indicator:
     @property
     def has_curve(self) -> bool:
         """Whether it is one of fronts or archives that can be computed for many generations in seconds."""
-        return self.by != "fitness" and (self.reference is None or len(self.reference) <= _QUICK)
+        if self.reference is None:
+            return self.by != "fitness"
+        return self.largest <= _QUICK.get(len(self.reference), 0)
 
     @property
     def options(self) -> str:
@@ -136,17 +142,26 @@ FITNESS = Indicator()
 
 
 def shared_indicators(runs: Sequence[Run]) -> tuple[By, ...]:
-    """Return the indicators by which all of these runs can be compared, without those that take long."""
+    """Return the indicators by which all of these runs can be compared."""
     if not runs:
         return ()
     methods = [run.experiment.method for run in runs]
     fronts = [one for one in methods if isinstance(one, Nsga2Options)]
     archives = [one for one in methods if isinstance(one, MapElitesOptions)]
     if len(fronts) == len(methods) and all(one.objectives == fronts[0].objectives for one in fronts):
-        return ("hypervolume",) if len(fronts[0].objectives) < _QUICK else ()
+        return ("hypervolume",)
     if len(archives) == len(methods) and all(one.measures == archives[0].measures for one in archives):
         return "qd_score", "coverage"
     return ()
+
+
+def quick_indicators(runs: Sequence[Run]) -> tuple[By, ...]:
+    """Return those of `shared_indicators` that take little time, and so are computed unasked."""
+    shared = shared_indicators(runs)
+    if "hypervolume" not in shared:
+        return shared
+    most = _QUICK.get(1 + len(runs[0].experiment.method.needed_metrics), 0)
+    return shared if most and all(len(run.elites.candidates) <= most for run in runs) else ()
 
 
 def measure(
@@ -249,6 +264,7 @@ def _of_fronts(elites: Sequence[Elites], reference: dict[str, float] | None) -> 
     names = ["fitness", *elites[0].goals]
     every = np.concatenate([_maximized(one, names) for one in elites])
     signs = _signs(elites[0], names)
+    largest = max(len(one.candidates) for one in elites)
     if reference is not None:
         point = np.array(list(reference.values())) * signs
         behind = int((~np.logical_and.reduce(every > point, axis=1)).sum())
@@ -256,7 +272,8 @@ def _of_fronts(elites: Sequence[Elites], reference: dict[str, float] | None) -> 
             f"{behind:,} of {len(every):,} candidates of the fronts are not better than the reference point "
             "in every objective, and add nothing"
         )
-        return Indicator("hypervolume", reference=reference, given=True, notes=(note,) if behind else ())
+        notes = (note,) if behind else ()
+        return Indicator("hypervolume", reference=reference, largest=largest, given=True, notes=notes)
     # Fronts without candidates have no range, and no hypervolume with any.
     known = every if len(every) else np.array([[0.0], [1.0]]) * np.ones(len(names))
     worst, best = known.min(axis=0), known.max(axis=0)
@@ -266,6 +283,7 @@ def _of_fronts(elites: Sequence[Elites], reference: dict[str, float] | None) -> 
         "hypervolume",
         reference=dict(zip(names, point.tolist(), strict=True)),
         ranges=dict(zip(names, ranges, strict=True)),
+        largest=largest,
     )
 
 

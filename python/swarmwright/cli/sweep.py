@@ -1,5 +1,6 @@
 """`swarmwright sweep`: an experiment in many variants, and how they compare."""
 
+import shlex
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -120,13 +121,20 @@ def command(
 def _conclude(output: Output, outcome: "Outcome", folder: Path) -> None:
     """Print the comparison and what is missing in it, then draw it: that can fail where the disk is full."""
     from swarmwright import compare
-    from swarmwright.analysis.indicators import shared_indicators
+    from swarmwright.analysis.indicators import quick_indicators, shared_indicators
 
     runs = outcome.finished
-    comparisons = [compare(runs), *(compare(runs, by=by) for by in shared_indicators(runs))] if runs else []
+    quick = quick_indicators(runs)
+    comparisons = [compare(runs), *(compare(runs, by=by) for by in quick)] if runs else []
     for one in comparisons:
         output.text()
         output.block(str(one))
+    if quick != shared_indicators(runs):
+        output.text()
+        output.text(
+            "Hypervolume is left out, since it takes long with fronts of this size or so many objectives; "
+            f"`swarmwright runs compare {shlex.quote(str(folder))}/* --by hypervolume` computes it"
+        )
     for task, message in outcome.failures.items():
         output.item(f"Failed: {task.variant.label}, seed {task.seed}: {message}")
     for task in outcome.busy:

@@ -24,14 +24,15 @@ UNITS: dict[str, dict[str, str]] = {
     "Pa": {"kg": "1", "m": "-1", "s": "-2"}, "J": {"kg": "1", "m": "2", "s": "-2"},
     "N.m": {"kg": "1", "m": "2", "s": "-2"}, "Nm": {"kg": "1", "m": "2", "s": "-2"},
     "ohm": {"kg": "1", "m": "2", "s": "-3", "A": "-2"}, "T": {"kg": "1", "s": "-2", "A": "-1"},
-    "lx": {"cd": "1", "m": "-2"}, "%": {"factor": "0.01"}, "g": {"kg": "1", "factor": "0.001"},
+    "lx": {"cd": "1", "m": "-2"}, "%": {"factor": "0.01"},
     "min": {"s": "1", "factor": "60.0"}, "h": {"s": "1", "factor": "3600.0"},
     "deg/s": {"rad": "1", "s": "-1", "factor": "0.017453292519943295"},
     "degC": {"K": "1", "offset": "273.15"},
 }  # fmt: skip
-"""Units in SI base units, spelled in ASCII; others, and those with other prefixes, are named only."""
+"""Units in SI base units, spelled in ASCII; others, and those with other prefixes, are named only. So is g,
+which is a gram to some and 9.81 m/s^2 to accelerometers."""
 _PREFIXES = {"n": 1e-9, "u": 1e-6, "m": 1e-3, "c": 1e-2, "k": 1e3, "M": 1e6, "G": 1e9}
-_PREFIXED = ("m", "s", "V", "A", "N", "W", "Hz", "Pa", "J", "N.m", "ohm", "T", "g", "rad")
+_PREFIXED = ("m", "s", "V", "A", "N", "W", "Hz", "Pa", "J", "N.m", "ohm", "T", "rad")
 """Units that are used with prefixes."""
 _NOT_IN_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 

@@ -4,14 +4,17 @@ import hashlib
 import logging
 import re
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 
 from swarmwright.core.errors import InputError
+from swarmwright.core.files import write_whole
 from swarmwright.export._base import file_bytes
 from swarmwright.export.text import MARK, has_seal, is_edited
 
 DIGESTS = ".swarmwright-export"
-"""Beside exported files: the SHA-256 of each text as it was written, as `sha256sum` has them."""
+"""Beside exported files: the SHA-256 of each text as it was written, as `sha256sum` has them. While files are
+written, and after an export that was interrupted, it has those of both the earlier and the new ones."""
 _DIGEST = re.compile(r"([0-9a-f]{64})  (.+)")
 _GROUP = re.compile(rb"^[^\w\n]*Group {2,}(\S.*?)\s*$|Group: ([^;]+); Controller: ", re.MULTILINE)
 """The fact in the comment of a text, and in the description of an FMU."""
@@ -28,19 +31,32 @@ def write(files: Mapping[str, str | bytes], folder: Path, *, force: bool = False
 
     force: write over files that Swarmwright did not export, and over edited ones.
 
-    Raises InputError, and writes nothing, as `check_replaceable` does, and where a file cannot be written.
+    Raises InputError as `check_replaceable` does, and then writes nothing. Also where a file cannot be
+    written; the export can be repeated then: what it has written so far does not count as edited.
     """
     check_replaceable(files, folder, force=force)
     paths = [folder / name for name in files]
     if not force:
         paths = [_beside(path, content) for path, content in zip(paths, files.values(), strict=True)]
+    earlier = _digests(folder)
+    texts = {name: content for name, content in files.items() if isinstance(content, str)}
+    new = {name: {_sha256(file_bytes(text))} for name, text in texts.items()}
+    if new:  # archives and copies say themselves what they are
+        both = {name: digests | earlier.get(name, set()) for name, digests in new.items()}
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            _remember(folder, earlier | both)
+        except OSError as error:
+            raise InputError(f"{folder / DIGESTS}: cannot be written: {error.strerror}") from error
     for path, content in zip(paths, files.values(), strict=True):
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_bytes(file_bytes(content))
         except OSError as error:
             raise InputError(f"{path}: cannot be written: {error.strerror}") from error
-    _remember(folder, files)
+    if new:
+        with suppress(OSError):  # all is written, and those of both are known
+            _remember(folder, earlier | new)
     return paths
 
 
@@ -53,60 +69,71 @@ def check_replaceable(files: Mapping[str, str | bytes], folder: Path, *, force: 
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: is a file where a folder is expected; name another --output")
     paths = [folder / name for name in files]
-    digests = _digests(folder)
+    digests, found = _digests(folder), dict[Path, bytes]()
     for path, (name, content) in zip(paths, files.items(), strict=True):
         if path.is_dir():
             raise InputError(f"{path}: is a folder where a file is to be written; name another --output")
         if path.exists() and not force:
-            _check_file(path, content, digests.get(name))
+            found[path] = _read(path)
+            _check_file(path, found[path], content, digests.get(name))
     for path, content in zip(paths, files.values(), strict=True):
-        if not path.exists() or force:
+        if path not in found:
             continue
-        there, new = _group(path.read_bytes()), _group(file_bytes(content))
+        there, new = _group(found[path]), _group(file_bytes(content))
         if there and new and there != new:
             raise InputError(
                 f"{path}: has the controller of the group {there}; name another --output or --prefix, or "
                 "write over it with --force"
             )
-        if path.suffix == ".py" and _swapped(path, content):
+        if path.suffix == ".py" and _swapped(found[path], content):
             raise InputError(
                 f"{path}: is the export to the other one of Python and MicroPython; name another --output "
                 "or --prefix, or write over it with --force"
             )
 
 
-def _check_file(path: Path, content: str | bytes, digest: str | None) -> None:
-    """Raise InputError for a file that an export may not replace; digest: of it as it was exported, if known.
+def _check_file(path: Path, there: bytes, content: str | bytes, digests: set[str] | None) -> None:
+    """Raise InputError for a file that an export may not replace.
 
     One that has the new content already may be, and so may a sketch, which `_beside` keeps if it was edited.
+
+    there: what it holds. digests: of it as it was exported, if known.
     """
-    if digest is None or has_seal(content):
-        if not _ours(path) and path.read_bytes() != file_bytes(content):
+    if there == file_bytes(content):
+        return
+    if digests is None or has_seal(content):
+        if not _ours(path, there):
             raise InputError(
                 f"{path}: is there already and was not exported by Swarmwright; name another --output or "
                 "--prefix, or write over it with --force"
             )
         return
-    try:
-        there = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
     # Editors and version control change the ends of lines.
-    unedited = digest in (_sha256(there), _sha256(there.replace(b"\r\n", b"\n")))
-    if not unedited and there != file_bytes(content):
+    if digests.isdisjoint({_sha256(there), _sha256(there.replace(b"\r\n", b"\n"))}):
         raise InputError(
             f"{path}: has been edited since it was exported; name another --output or --prefix, or write "
             "over it with --force"
         )
 
 
-def _digests(folder: Path) -> dict[str, str]:
-    """Return the digests of what was exported into a folder, by its path in it."""
+def _read(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
+
+
+def _digests(folder: Path) -> dict[str, set[str]]:
+    """Return the digests of what was exported into a folder, by its path in it; see `DIGESTS`."""
     try:
         lines = (folder / DIGESTS).read_text(encoding="utf-8", errors="replace").splitlines()
     except OSError:
         return {}
-    return {found[2]: found[1] for found in map(_DIGEST.fullmatch, lines) if found}
+    digests: dict[str, set[str]] = {}
+    for found in map(_DIGEST.fullmatch, lines):
+        if found:
+            digests.setdefault(found[2], set()).add(found[1])
+    return digests
 
 
 def _group(content: bytes) -> str:
@@ -115,18 +142,10 @@ def _group(content: bytes) -> str:
     return (found[1] or found[2]).decode("utf-8", "replace") if found else ""
 
 
-def _remember(folder: Path, files: Mapping[str, str | bytes]) -> None:
-    """Write the digests of texts; archives and copies say themselves what they are."""
-    texts = {
-        name: _sha256(file_bytes(content)) for name, content in files.items() if isinstance(content, str)
-    }
-    if not texts:
-        return
-    lines = [f"{digest}  {name}\n" for name, digest in sorted({**_digests(folder), **texts}.items())]
-    try:
-        (folder / DIGESTS).write_bytes("".join(lines).encode())
-    except OSError as error:
-        raise InputError(f"{folder / DIGESTS}: cannot be written: {error.strerror}") from error
+def _remember(folder: Path, digests: Mapping[str, set[str]]) -> None:
+    """Write the digests of texts. Raises OSError, and then keeps those that were there."""
+    lines = [f"{digest}  {name}\n" for name, of in sorted(digests.items()) for digest in sorted(of)]
+    write_whole(folder / DIGESTS, "".join(lines).encode())
 
 
 def _sha256(content: bytes) -> str:
@@ -137,7 +156,7 @@ def _beside(path: Path, content: str | bytes) -> Path:
     """Return where a file is written: beside the one that is there if users were to edit it, and have."""
     if not has_seal(content) or not path.exists():
         return path
-    there = path.read_bytes()
+    there = _read(path)
     if there == file_bytes(content) or not is_edited(there):
         return path
     new = path.with_name(f"{path.name}.new")
@@ -160,7 +179,7 @@ def check_case(files: Mapping[str, str | bytes], folder: Path, prefix: str) -> N
             continue
         for other in sorted(path.parent.iterdir()):
             is_other = other.name != path.name and other.name.lower() == path.name.lower()
-            if is_other and other.is_file() and _ours(other):
+            if is_other and other.is_file() and _ours(other, _read(other)):
                 there = other.name[: len(prefix)]
                 raise InputError(
                     f"prefix: {prefix!r} differs from {there!r} of {other}, which is there already, in upper "
@@ -169,9 +188,9 @@ def check_case(files: Mapping[str, str | bytes], folder: Path, prefix: str) -> N
                 )
 
 
-def _swapped(path: Path, content: str | bytes) -> bool:
+def _swapped(there: bytes, content: str | bytes) -> bool:
     """Return whether a module for Python would replace one for MicroPython, or the other way round."""
-    new, old = (_first_line(one) for one in (file_bytes(content), path.read_bytes()))
+    new, old = (_first_line(one) for one in (file_bytes(content), there))
     begin = b'"""An evolved controller'
     return new.startswith(begin) and old.startswith(begin) and new != old
 
@@ -180,20 +199,15 @@ def _first_line(content: bytes) -> bytes:
     return content.split(b"\n", 1)[0]
 
 
-def _ours(path: Path) -> bool:
+def _ours(path: Path, content: bytes) -> bool:
     """Return whether a file was exported: it has the mark, or is a copy, as a package above it says."""
-    try:
-        with path.open("rb") as file:
-            begin = file.read(_SEARCHED)
-            if MARK.encode() in begin:
+    if MARK.encode() in content[:_SEARCHED]:
+        return True
+    digest = _sha256(content).encode()
+    for folder in path.parents:
+        package = folder / "__init__.py"
+        if package != path and package.is_file():
+            text = _read(package)
+            if MARK.encode() in text and digest in text:
                 return True
-            digest = _sha256(begin + file.read()).encode()
-        for folder in path.parents:
-            package = folder / "__init__.py"
-            if package != path and package.is_file():
-                text = package.read_bytes()
-                if MARK.encode() in text and digest in text:
-                    return True
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
     return False

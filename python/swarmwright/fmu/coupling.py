@@ -104,8 +104,7 @@ def _scaling(
     one, other = first.stands_for, last.stands_for
     units = [variable.unit if of is None else of.unit for variable, of in ((first, one), (last, other))]
     factor, offset = conversion(system, start, end, units[0], units[1], {})
-    # One in -1 to 1 that does not say what they stand for, as of an earlier version, is scaled, too.
-    if one == other or (one is None and _is_scaled(first)) or (other is None and _is_scaled(last)):
+    if one == other or not (_is_known(first) and _is_known(last)):
         return None, ""
     words = []
     if one is not None:
@@ -119,8 +118,13 @@ def _scaling(
     return (factor, offset), ", ".join(words)
 
 
-def _is_scaled(variable: Variable) -> bool:
-    return (variable.minimum, variable.maximum) == (-1.0, 1.0) and not variable.unit
+def _is_known(variable: Variable) -> bool:
+    """Whether a variable says what it is scaled from, or shows by unit or limits that it is not scaled.
+
+    Others may be scaled: FMUs of earlier versions do not say so, and have limits of -1 and 1 or none.
+    """
+    limits = variable.minimum, variable.maximum
+    return variable.stands_for is not None or bool(variable.unit) or limits not in ((None, None), (-1.0, 1.0))
 
 
 def _ends(text: str) -> tuple[str, str]:

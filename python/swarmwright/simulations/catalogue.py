@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable
+from contextlib import suppress
 from functools import cache
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -190,9 +191,8 @@ def _description_with(simulation: str, parameters: dict[str, Any]) -> Any:  # no
     try:
         return describe(made_with.described_with(given), kind.__name__)
     finally:
-        env: Any = getattr(made_with, "env", None)
-        if hasattr(env, "close"):
-            env.close()
+        with suppress(Exception):  # what it announces counts also where it cannot be closed
+            made_with.env.close()
 
 
 def _ranges(of: Any) -> dict[str, list[list[Any] | None]]:  # noqa: ANN401 - a Description or a Group

@@ -14,6 +14,9 @@ FILE = "run.sqlite"
 """Name of the store in a run folder."""
 NEW = f"{FILE}.new"
 """What it is called while it is made."""
+BEST, FRONT = "best", "front"
+"""Fact of runs of nsga2, and its value: of equal fitness, the best evaluation is one of the front. Stores of
+earlier versions lack it: there it is the first, and so is the one of the validation and of best.json."""
 FORMAT = 5
 """Version of the run folder: 1 had text files only, 2 a row for each evaluation, 3 no samples, 4 samples with
 other random numbers."""
@@ -24,6 +27,7 @@ _OLDEST = 3
 _PAGES = ((1 << 20, 65536), (3 << 14, 16384), (0, 4096))
 """Least bytes of a generation, and bytes of a page: larger pages take half the time, but make the file larger
 where generations do not fill them."""
+_CAN_SERIALIZE = hasattr(sqlite3.Connection, "serialize")  # SQLite can be built without it
 _APPLICATION = 0x5377_726D  # "Swrm", by which `file` and others tell what the file is
 
 _TABLES = """
@@ -64,9 +68,12 @@ def create(file: Path, facts: Mapping[str, str], generation: int = 0) -> sqlite3
     new = file.with_name(NEW)
     with errors(file, InputError, disk=RunError):
         # In the place of what another process left behind when it was killed.
-        new.write_bytes(_without_facts(next(page for least, page in _PAGES if generation >= least)))
+        page = next(page for least, page in _PAGES if generation >= least)
+        new.write_bytes(_without_facts(page) if _CAN_SERIALIZE else b"")
         connection = sqlite3.connect(new, isolation_level=None)
         try:
+            if not _CAN_SERIALIZE:
+                _make_tables(connection, page)
             connection.execute("PRAGMA journal_mode = MEMORY")
             connection.execute("PRAGMA synchronous = OFF")
             connection.execute("BEGIN")
@@ -86,11 +93,15 @@ def _without_facts(page: int) -> bytes:
     page: bytes of a page.
     """
     with closing(sqlite3.connect(":memory:", isolation_level=None)) as connection:
-        connection.executescript(
-            f"PRAGMA page_size = {page}; BEGIN; PRAGMA application_id = {_APPLICATION};"
-            f"PRAGMA user_version = {FORMAT};{_TABLES} COMMIT"
-        )
+        _make_tables(connection, page)
         return connection.serialize()
+
+
+def _make_tables(connection: sqlite3.Connection, page: int) -> None:
+    connection.executescript(
+        f"PRAGMA page_size = {page}; BEGIN; PRAGMA application_id = {_APPLICATION};"
+        f"PRAGMA user_version = {FORMAT};{_TABLES} COMMIT"
+    )
 
 
 def connect(file: Path) -> sqlite3.Connection:

@@ -260,6 +260,35 @@ class Generations:
             raise self.damaged(_DISAGREE) from error
         return best if math.isfinite(best) else math.nan
 
+    def with_fitness(
+        self, value: float, first: int, end: int, metrics: int
+    ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.float64]]]:
+        """Yield the evaluations of this fitness from `first` to before `end`, those of a block at a time.
+
+        They are numbers in the whole run, ascending, and metrics, (evaluations, episodes, metrics). Only
+        their fitness and metrics are read, and compared with nothing.
+
+        metrics: how many are stored.
+        """
+        cursor = self._connection.execute(
+            "SELECT first, fitness FROM block WHERE first + evaluations > ? AND first < ? ORDER BY first",
+            (first, end),
+        )
+        try:
+            for begin, fitness in cursor:
+                column = np.frombuffer(fitness, dtype="<f8")
+                places = np.flatnonzero(column == value)
+                places = places[(places >= first - begin) & (places < end - begin)]
+                if not len(places):
+                    continue
+                (stored,) = self._connection.execute(
+                    "SELECT metrics FROM block WHERE first = ?", (begin,)
+                ).fetchone()
+                table = np.frombuffer(stored, dtype="<f8").reshape(len(column), -1, metrics)
+                yield begin + places, table[places].astype(np.float64)
+        except _WRONG as error:
+            raise self.damaged(_DISAGREE) from error
+
     def of_genome(self, genome: bytes, last: int) -> list[int]:
         """Return the numbers of the evaluations of a genome up to the one with the number `last`, ascending.
 

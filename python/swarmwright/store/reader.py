@@ -9,7 +9,7 @@ from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Self, SupportsIndex
+from typing import Any, NamedTuple, Self, SupportsIndex
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,7 @@ from swarmwright.core.place import Place
 from swarmwright.core.server_use import ServerUse, read
 from swarmwright.core.statistics import Summary, means
 from swarmwright.store.blocks import Record, joined
-from swarmwright.store.database import FILE, checked_facts, reading, reading_on
+from swarmwright.store.database import BEST, FILE, FRONT, checked_facts, reading, reading_on
 from swarmwright.store.generations import Generations, Row
 from swarmwright.store.rows import CANCELLED, Attempt, Evaluated, Event, ServerShare, Session, journal_line
 from swarmwright.typing import Genome
@@ -71,6 +71,19 @@ class _Whole:
         return self.row.first <= number < self.row.summary.evaluations
 
 
+class _Equals(NamedTuple):
+    """What is known of evaluations with the same fitness as the first of the best."""
+
+    leader: int
+    """Number of this first one."""
+    end: int
+    """The evaluations before this number have been looked at."""
+    number: int
+    """Of the best of them."""
+    values: list[float] | None
+    """Its objectives, more is better; None where none of them has finite ones."""
+
+
 _LOOKED_AT = 50
 """Evaluations that are read for each of the leading ones, at most: many may have the same genome."""
 
@@ -110,6 +123,7 @@ class StoreReader:
         self._where = Place(folder)
         self._name = name
         self._connect = connect
+        self._equals: _Equals | None = None
         _ = self._facts  # report errors now rather than later
 
     @property
@@ -413,38 +427,42 @@ class StoreReader:
 
     @cached_property
     def _goals(self) -> dict[str, str]:
-        """Objectives beside the fitness of a run of `nsga2`, each "maximize" or "minimize"."""
-        method = self._parsed(self._facts["experiment"]).get("method", {})
-        goals: dict[str, str] = (method.get("objectives") or {}) if method.get("kind") == "nsga2" else {}
+        """Objectives beside the fitness by which the best of equals is found; empty: it is the first.
+
+        Each is "maximize" or "minimize". They are of a run of `nsga2` whose store has the fact BEST.
+        """
+        if self._facts.get(BEST) != FRONT:
+            return {}
+        goals: dict[str, str] = self._parsed(self._facts["experiment"])["method"]["objectives"]
         return goals
 
     def _best_number(self, generations: Generations, last: Row) -> int:
         """Return the number of the best evaluation.
 
-        Of a run with several objectives, it is the first of equal fitness that no other one dominates; of
-        other runs, the first.
+        Of those with equal fitness, it is the first; in a run with several objectives, the first of those
+        with the best value of the first objective, then of the second, and so on, so that no other evaluation
+        dominates it.
         """
         goals = self._goals
         if not goals:
             return last.leader
-        from swarmwright.methods.archive import ranks  # noqa: PLC0415 - takes long, for such runs only
-
+        end = last.summary.evaluations
+        known = self._equals
+        # No evaluation before the leader has its fitness; those after it are looked at once.
+        if known is None or known.leader != last.leader or known.end > end:
+            known = _Equals(last.leader, last.leader, last.leader, None)
+        best = generations.best_fitness(last.leader, last.leader + 1)
         columns = [self.metrics.index(name) for name in goals]
-        signs = [1.0 if goal == "maximize" else -1.0 for goal in goals.values()]
-        numbers, found = [], []
-        whole = self._whole(generations, self._place(generations, last.leader, None)[0])
-        best = whole.part.fitness[last.leader - whole.row.first]
-        for number in generations.by_fitness(0, last.summary.evaluations).tolist():
-            if number not in whole:  # of equals, the first comes first: each generation is read once
-                whole = self._whole(generations, self._place(generations, number, None)[0])
-            index = number - whole.row.first
-            if whole.part.fitness[index] != best:
-                break
-            values = means(whole.part.metrics[index : index + 1][:, :, columns])[0] * signs
-            if np.isfinite(values).all():
-                numbers.append(number)
-                found.append(values)
-        return numbers[int(np.argmin(ranks(np.array(found), last=0) != 0))] if found else last.leader
+        signs = np.array([1.0 if goal == "maximize" else -1.0 for goal in goals.values()])
+        number, leading = known.number, known.values
+        for numbers, metrics in generations.with_fitness(best, known.end, end, len(self.metrics)):
+            signed = means(metrics[:, :, columns]) * signs
+            for index in np.flatnonzero(np.isfinite(signed).all(axis=1)):
+                values = signed[index].tolist()
+                if leading is None or values > leading:
+                    number, leading = int(numbers[index]), values
+        self._equals = _Equals(last.leader, end, number, leading)
+        return number
 
     def _row(self, generations: Generations, generation: int) -> Row:
         """Return a generation. Raises InputError without that one."""

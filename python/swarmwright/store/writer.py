@@ -19,7 +19,7 @@ from swarmwright.core.server_use import ServerUses, together, written
 from swarmwright.core.yaml import dump
 from swarmwright.representations import Representation
 from swarmwright.store.blocks import EvaluationsDigest, Sample, encoded, of_columns
-from swarmwright.store.database import FILE, NEW, code_of, seal_facts, transaction
+from swarmwright.store.database import BEST, FILE, FRONT, NEW, code_of, seal_facts, transaction
 from swarmwright.store.digests import of_generation
 from swarmwright.store.folder import EXPERIMENT, check_folder, without_store
 from swarmwright.store.generations import digest_before
@@ -128,6 +128,8 @@ class StoreWriter:
             "metrics": json.dumps(list(metrics)),
             "created": timestamp(),
         }
+        if experiment.method.kind == "nsga2":
+            facts[BEST] = FRONT
         if channels is not None:
             facts["channels"] = json.dumps(channels, allow_nan=False)
         try:

@@ -161,19 +161,39 @@ gymnasium.register("Failing-v0", entry_point="broken:Failing")
 
 
 class Remembering(gymnasium.Env[Any, Any]):
-    """`reset` keeps how many steps there have been; or nothing is determined by the seed."""
+    """`reset` keeps how many steps there have been; or nothing is determined by the seed.
+
+    closing: what is wrong with `close`. zero_is_none: the seed 0 counts as none. video: has no effect.
+    """
 
     observation_space = SPACE
     action_space = SPACE
     unseeded = np.random.default_rng()
 
-    def __init__(self, random: bool = False) -> None:
+    def __init__(
+        self,
+        random: bool = False,
+        closing: str = "",
+        zero_is_none: bool = False,
+        video: bool = False,  # noqa: ARG002
+    ) -> None:
         self.random, self.steps = random, 0
+        self.closing, self.zero_is_none = closing, zero_is_none
+
+    def __getattribute__(self, name: str) -> Any:
+        if name == "close" and self.closing == "missing":
+            raise AttributeError(name)
+        return super().__getattribute__(name)
+
+    def close(self) -> None:
+        if self.closing == "fails":
+            raise RuntimeError("closed twice")
 
     def reset(self, *, seed: int | None = None, options: Any = None) -> Any:
-        super().reset(seed=seed, options=options)
+        super().reset(seed=seed or None if self.zero_is_none else seed, options=options)
         self.left = 3
-        return np.zeros(2, np.float32), {}
+        first = self.np_random.random() if self.zero_is_none else 0.0
+        return np.full(2, first, np.float32), {}
 
     def step(self, _action: Any) -> Any:
         self.steps += 1

@@ -252,6 +252,30 @@ def test_the_name_says_whether_each_episode_has_a_new_environment(caplog: pytest
         experiment(f"{REMEMBERING}?new_each_episode=no")
 
 
+@pytest.mark.parametrize("closing", ["missing", "fails"])
+def test_environments_need_not_close(closing: str) -> None:
+    one = experiment(f"{REMEMBERING}?closing={closing}", ranking={"episodes": 1})
+    first, second = evaluate(one, np.zeros((2, 6), np.float32), servers="in-process")
+    assert first == second == 1 + 2 + 3
+
+
+def test_a_slow_environment_ends_the_trial(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("swarmwright.adapters._restoring.SECONDS", 0.0)
+    one = experiment(f"{REMEMBERING}?video=true", ranking={"episodes": 1})
+    first, second = evaluate(one, np.zeros((2, 6), np.float32), servers="in-process")
+    assert second - first == 3 * 3
+    (said,) = [each.message for each in caplog.records]
+    assert "too slow to find out" in said
+    assert "new_each_episode=false" in said
+
+
+def test_no_trial_has_the_seed_0(caplog: pytest.LogCaptureFixture) -> None:
+    simulate(experiment(f"{REMEMBERING}?zero_is_none=true"), servers="in-process")
+    assert "reset() does not restore all of its state" in caplog.text
+
+
 def test_an_environment_whose_seed_determines_nothing(caplog: pytest.LogCaptureFixture) -> None:
     simulate(experiment(f"{REMEMBERING}?random=true"), servers="in-process")
     assert "episodes with the same seed differ, even in new environments" in caplog.text
@@ -346,6 +370,14 @@ def test_parameters_that_change_the_agents() -> None:
         simulate(flag, servers="in-process")
 
 
+def test_a_flag_can_also_take_text() -> None:
+    path = experiment("gymnasium:broken:Remembering-v0", parameters={"video": "films"})
+    assert simulate(path, servers="in-process") == 1 + 2 + 3
+    word = experiment("gymnasium:broken:Remembering-v0", parameters={"video": "OFF"})
+    with pytest.raises(InputError, match=r"video: .*'OFF' found, expected true or false"):
+        simulate(word, servers="in-process")
+
+
 @pytest.mark.parametrize("servers", ["local", 1])
 @pytest.mark.parametrize(
     ("name", "words"),
@@ -406,7 +438,7 @@ class Reach(gymnasium.Env[Any, Any]):
     open = 0
     """How many there are that are not closed."""
 
-    def __init__(self, reach: float = 3.0) -> None:
+    def __init__(self, reach: float = 3.0, far: bool = False) -> None:  # noqa: ARG002
         Reach.open += 1
         self.observation_space = gymnasium.spaces.Box(-reach, reach, (1,), np.float64)
         self.action_space = gymnasium.spaces.Box(0.0, 2 * reach, (1,), np.float64)
@@ -451,7 +483,9 @@ def test_environments_of_ranges_are_closed() -> None:
     before = reach.open
     catalogue.ranges(name, {"reach": 8.0})
     with pytest.raises(InputError, match="unexpected keyword argument"):
-        catalogue.ranges(name, {"far": 8.0})
+        catalogue.ranges(name, {"wide": 8.0})
+    with pytest.raises(InputError, match="'no' found, expected true or false"):
+        catalogue.ranges(name, {"far": "no"})
     assert reach.open == before
 
 

@@ -10,7 +10,8 @@ import pytest
 from pymoo.indicators.hv import Hypervolume
 
 from swarmwright import Experiment, InputError, Run, compare, optimize
-from swarmwright.analysis.indicators import shared_indicators
+from swarmwright.analysis import indicators
+from swarmwright.analysis.indicators import quick_indicators, shared_indicators
 from swarmwright.analysis.sweep.result import sweep
 from swarmwright.core.statistics import mean
 from tests.python.analysis.runs import KnownRun
@@ -249,10 +250,24 @@ def test_a_sweep_has_what_its_runs_share(tmp_path: Path) -> None:
     assert "hypervolume" not in rows[0]
 
 
-def test_what_takes_long_is_left_to_the_user(fronts: list[Run], archives: list[Run]) -> None:
-    assert shared_indicators(fronts) == ("hypervolume",)
-    assert shared_indicators(archives) == ("qd_score", "coverage")
+def test_what_takes_long_is_left_to_the_user(
+    fronts: list[Run], archives: list[Run], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert shared_indicators(fronts) == quick_indicators(fronts) == ("hypervolume",)
+    assert shared_indicators(archives) == quick_indicators(archives) == ("qd_score", "coverage")
     assert shared_indicators([*fronts, *archives]) == ()
+    largest = max(len(run.elites.candidates) for run in fronts)
+    monkeypatch.setattr(indicators, "_QUICK", {3: largest})
+    assert quick_indicators(fronts) == ("hypervolume",)
+    monkeypatch.setattr(indicators, "_QUICK", {3: largest - 1})
+    assert quick_indicators(fronts) == ()
+    for reference in (None, {"fitness": -9.0, "steps": 99.0, "distance": 99.0}):
+        found = compare(fronts, by="hypervolume", reference=reference)
+        assert min(found.groups[0].final) > 0
+        assert found.figure().axes[0].get_ylabel() == "best fitness so far (more is better)"
+    assert any("--by hypervolume` compares these" in note for note in compare(fronts).notes)
     many = dict.fromkeys(("steps", "distance", "caught", "arrived"), "minimize")
     experiment = Experiment.from_mapping({**BASE, "method": {**FRONT, "objectives": many}})
-    assert shared_indicators([KnownRun(Path("many"), [[1.0]], **experiment.to_mapping())]) == ()
+    known = KnownRun(Path("many"), [[1.0]], **experiment.to_mapping())
+    assert shared_indicators([known]) == ("hypervolume",)
+    assert quick_indicators([known]) == ()

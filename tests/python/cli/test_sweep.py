@@ -52,6 +52,20 @@ def test_variants_are_run_and_compared_once(program: Any, tmp_path: Path) -> Non
     assert records(tmp_path / "results") == before
 
 
+def test_hypervolume_that_takes_long_is_left_out_and_named(program: Any, tmp_path: Path) -> None:
+    goals = "{steps: minimize, distance: minimize, caught: minimize, arrived: maximize}"
+    (tmp_path / "base.yaml").write_text(
+        f"simulation: minisim\nparameters: {{maxSteps: 5}}\nservers: local\n"
+        f"method: {{kind: nsga2, population: 6, generations: 1, objectives: {goals}}}\n"
+    )
+    (tmp_path / "sweep.yaml").write_text(
+        "experiment: base.yaml\ngrid: {method.severity: [0.1, 0.9]}\nout: results\n"
+    )
+    result = program("sweep", "sweep.yaml")
+    assert result.returncode == 0, result.stderr
+    assert "`swarmwright runs compare results/* --by hypervolume` computes it" in result.stdout
+
+
 def begun(store: Path) -> bool:
     """Whether the run has some generations."""
     with contextlib.suppress(InputError):  # it is just being created

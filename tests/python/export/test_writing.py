@@ -46,6 +46,49 @@ def test_digests_are_of_all_that_was_exported_into_the_folder(tmp_path: Path) ->
     assert f"{hashlib.sha256(FILES['robot.c'].encode()).hexdigest()}  robot.c" in lines
 
 
+@pytest.mark.parametrize("interrupted", FILES)
+def test_an_interrupted_export_can_be_repeated(
+    interrupted: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write(FILES, tmp_path)
+    with monkeypatch.context() as full:
+        write_bytes = Path.write_bytes
+
+        def failing(path: Path, data: bytes) -> int:
+            if path == tmp_path / interrupted:
+                raise OSError(28, "No space left on device")
+            return write_bytes(path, data)
+
+        full.setattr(Path, "write_bytes", failing)
+        with pytest.raises(InputError, match=f"{interrupted}: cannot be written: No space left"):
+            write(NEW, tmp_path)
+    third = {name: text + "\n\n" for name, text in FILES.items()}
+    write(third, tmp_path)
+    assert {one: (tmp_path / one).read_text() for one in FILES} == third
+    assert len((tmp_path / DIGESTS).read_text().splitlines()) == len(FILES)
+
+
+def test_nothing_is_written_where_digests_cannot_be(tmp_path: Path) -> None:
+    write(FILES, tmp_path)
+    (tmp_path / DIGESTS).unlink()
+    (tmp_path / DIGESTS).mkdir()
+    (tmp_path / DIGESTS / "file").touch()
+    with pytest.raises(InputError, match=rf"{DIGESTS}: cannot be written"):
+        write(NEW, tmp_path, force=True)
+    assert {one: (tmp_path / one).read_text() for one in FILES} == FILES
+
+
+def test_a_file_that_cannot_be_read_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write(FILES, tmp_path)
+
+    def failing(_: Path) -> bytes:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "read_bytes", failing)
+    with pytest.raises(InputError, match=r"robot\.c: cannot be read: Permission denied"):
+        write(NEW, tmp_path)
+
+
 def test_files_of_earlier_versions_are_known_by_their_mark(tmp_path: Path) -> None:
     write(FILES, tmp_path)
     (tmp_path / DIGESTS).unlink()

@@ -2,6 +2,7 @@
 
 import json
 import shlex
+import sqlite3
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,8 @@ from swarmwright import Experiment, InputError, Run, optimize, repeat, resume, t
 from swarmwright.analysis.sweep import Sweep
 from swarmwright.cli._runs import saved_lines
 from swarmwright.core.statistics import mean
+from swarmwright.store import StoreReader
+from swarmwright.store.database import seal_facts
 from tests.python.records import same_record
 
 BASE: dict[str, Any] = {
@@ -203,13 +206,23 @@ class Unsteady(Simulation):
 
 @pytest.fixture
 def unsteady(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
+    return unsteady_run("maximize", tmp_path, monkeypatch)
+
+
+@pytest.fixture
+def opposed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
+    """The same, with a front of more than one candidate."""
+    return unsteady_run("minimize", tmp_path, monkeypatch)
+
+
+def unsteady_run(sometimes: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
     (tmp_path / "unsteady.py").write_text(UNSTEADY)
     monkeypatch.chdir(tmp_path)
     values = {
         "simulation": "unsteady.py:Unsteady",
         "method": {
             "kind": "nsga2", "population": 20, "generations": 2,
-            "objectives": {"cost": "maximize", "sometimes": "maximize"},
+            "objectives": {"cost": "maximize", "sometimes": sometimes},
         },
         "ranking": {"episodes": 3},
         "validate": {"episodes": 6},
@@ -247,6 +260,37 @@ def test_the_best_of_equal_fitness_is_one_of_the_front(unsteady: Run) -> None:
         assert (one.generation, one.candidate) == place
     assert unsteady.validation is not None
     assert (unsteady.validation.best.generation, unsteady.validation.best.candidate) == place
+
+
+def test_of_equal_fitness_the_best_has_the_best_objectives_in_their_order(opposed: Run) -> None:
+    front = opposed.elites.candidates  # equal in fitness, as all candidates are, and not in its objectives
+    assert len(front) > 1
+    best = max(front, key=lambda one: (one.metrics["cost"], -one.metrics["sometimes"]))
+    assert (opposed.best.generation, opposed.best.candidate) == (best.generation, best.candidate)
+    # A reader that has followed the run agrees with one that reads it at its end.
+    reader = StoreReader(opposed.path)
+    with reader._generations() as generations:
+        numbers = [reader._best_number(generations, row) for row in generations.rows()]
+    assert numbers[0] < 20
+    assert numbers[-1] == opposed.evaluation().number
+
+
+def test_in_stores_of_earlier_versions_the_best_stays_the_first(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("swarmwright.store.writer.FRONT", "")
+    run = unsteady_run("maximize", tmp_path, monkeypatch)
+    connection = sqlite3.connect(run.path / "run.sqlite")
+    with connection:
+        connection.execute("DELETE FROM fact WHERE name = 'best'")
+        seal_facts(connection)
+    connection.close()
+    earlier = Run.open(run.path)
+    assert (earlier.best.generation, earlier.best.candidate) == (0, 0)
+    assert earlier.evaluation().number == earlier.store.leading(3)[0].number == 0
+    assert earlier.validation is not None
+    assert (earlier.validation.best.generation, earlier.validation.best.candidate) == (0, 0)
+    assert not earlier.validation_is_due
 
 
 def test_an_archive_without_elites_has_its_notes_before_the_error(partial: Any, program: Any) -> None:

@@ -6,7 +6,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, closing, contextmanager
 from pathlib import Path
 
 import pytest
@@ -17,6 +17,7 @@ from swarmwright.store.database import NEW
 from tests.python.records import EXPERIMENT, same_record
 
 ENDLESS = EXPERIMENT.replace(method={"generations": 100_000}, servers="in-process")
+PRAGMAS = ("page_size", "application_id", "user_version", "encoding", "auto_vacuum")
 SLOW = """
 import time
 from swarmwright import Simulation
@@ -242,3 +243,17 @@ def test_an_interrupt_while_the_draft_is_published_loses_nothing(
     run = optimize(EXPERIMENT, lambda _: None, out=tmp_path / "run")
     assert (run.state, run.generations) == ("interrupted", 1)
     same_record(resume(run), optimize(EXPERIMENT, out=tmp_path / "whole"))
+
+
+@pytest.mark.parametrize("generation", [0, 1 << 20])
+def test_a_store_is_the_same_where_sqlite_cannot_serialize(
+    generation: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stores = []
+    for can in (True, False):
+        monkeypatch.setattr(database, "_CAN_SERIALIZE", can)
+        connection = database.create(tmp_path / f"{can}.sqlite", {"name": "value"}, generation)
+        with closing(connection):
+            pragmas = [connection.execute(f"PRAGMA {name}").fetchone() for name in PRAGMAS]
+            stores.append((pragmas, list(connection.iterdump())))
+    assert stores[0] == stores[1]

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from swarmwright.analysis.comparison import Comparison, compare
 from swarmwright.analysis.groups import distinguishing, flattened_of
-from swarmwright.analysis.indicators import By, measure, shared_indicators
+from swarmwright.analysis.indicators import By, measure, quick_indicators
 from swarmwright.analysis.sweep.execution import Listener, conduct
 from swarmwright.analysis.sweep.file import Sweep
 from swarmwright.analysis.sweep.remaining import Status
@@ -62,12 +62,13 @@ class SweepResult:
         Keys: variant, seed, fitness (the best of the run), held_out (its fitness on held-out seeds; None
         where it was not validated, or where fitness does not depend on the seed), evaluations, generations,
         seconds, run (its folder), then what the experiments differ in, such as method.population. Where all
-        runs can be compared by them, before these: hypervolume (up to four objectives), or qd_score and
-        coverage, as `compare` has them.
+        runs can be compared by them, before these: hypervolume (where it takes little time: fronts of at most
+        1,000 candidates with three objectives, fitness included, or 300 with four), or qd_score and coverage,
+        as `compare` has them.
         """
         experiments = [flattened_of(run) for run in self.runs]
         differing = distinguishing(experiments)
-        of_runs = {by: measure(by, self.runs)[1] for by in shared_indicators(self.runs)}
+        of_runs = {by: measure(by, self.runs)[1] for by in quick_indicators(self.runs)}
         return [
             {
                 "variant": label,

@@ -105,3 +105,24 @@ def test_scaled_variables_say_so(tmp_path: Path) -> None:
     assert {variables["sensors.goal"].stands_for, actuator.stands_for} == {(0.0, 5.0, "km")}
     assert (actuator.minimum, actuator.maximum) == (-1, 1)
     assert coupled("pair", {"a": file, "b": file}, ["a.actuators.goal:b.sensors.goal"])[1] == {}
+
+
+@pytest.mark.parametrize("unit", ["", "km"])
+def test_a_variable_without_limits_is_converted_only_if_it_has_a_unit(unit: str, tmp_path: Path) -> None:
+    """Without a unit, it may be a scaled one of an FMU of an earlier version, which does not say so."""
+    specification = ALL["layered-direct"]
+    known: dict[str, list[object]] = {}
+    for which in ("sensor", "actuator"):
+        count = int(specification[f"{which}s"])
+        known[f"{which}_names"] = ["goal", *map(str, range(count - 1))]
+        known[f"{which}_units"] = [unit, *[""] * (count - 1)]
+    ranges = {"actuator_ranges": [(0, 5, "km"), *[None] * (int(specification["actuators"]) - 1)]}
+    files = {name: tmp_path / f"{name}.fmu" for name in ("scaled", "other")}
+    for name, description in (("scaled", known | ranges), ("other", known)):
+        made = replace(subject(specification), description=description)
+        write(EXPORTERS.get("fmu3")().files(made, name), tmp_path)
+    sensor = described(files["other"]).variables["sensors.goal"]
+    assert (sensor.minimum, sensor.maximum, sensor.unit) == (None, None, unit)
+    connection = "scaled.actuators.goal:other.sensors.goal"
+    words = {connection: "scaled.actuators.goal is -1 to 1 for 0 to 5 km"} if unit else {}
+    assert coupled("pair", files, [connection])[1] == words
