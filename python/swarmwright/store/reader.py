@@ -9,7 +9,7 @@ from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple, Self, SupportsIndex
+from typing import Any, Self, SupportsIndex
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,8 @@ from swarmwright.core.errors import InputError, RunError
 from swarmwright.core.order import best_first
 from swarmwright.core.place import Place
 from swarmwright.core.server_use import ServerUse, read
-from swarmwright.core.statistics import Summary, means
+from swarmwright.core.statistics import Summary
+from swarmwright.store.best_of_equals import BestOfEquals
 from swarmwright.store.blocks import Record, joined
 from swarmwright.store.database import BEST, FILE, FRONT, checked_facts, reading, reading_on
 from swarmwright.store.generations import Generations, Row
@@ -49,7 +50,7 @@ class Evaluation:
 
 @dataclass(frozen=True)
 class Best:
-    """The evaluation that leads in the end; of equals, the first."""
+    """The evaluation that leads in the end; of equals, the first, in a run of `nsga2` one of the front."""
 
     fitness: float
     generation: int
@@ -69,19 +70,6 @@ class _Whole:
     def __contains__(self, number: int) -> bool:
         """Return whether the evaluation of this number in the run belongs to it."""
         return self.row.first <= number < self.row.summary.evaluations
-
-
-class _Equals(NamedTuple):
-    """What is known of evaluations with the same fitness as the first of the best."""
-
-    leader: int
-    """Number of this first one."""
-    end: int
-    """The evaluations before this number have been looked at."""
-    number: int
-    """Of the best of them."""
-    values: list[float] | None
-    """Its objectives, more is better; None where none of them has finite ones."""
 
 
 _LOOKED_AT = 50
@@ -123,7 +111,6 @@ class StoreReader:
         self._where = Place(folder)
         self._name = name
         self._connect = connect
-        self._equals: _Equals | None = None
         _ = self._facts  # report errors now rather than later
 
     @property
@@ -410,7 +397,8 @@ class StoreReader:
                 last = generations.last()
                 if last is None:
                     raise RunError(nothing(self._folder))
-                candidate = self._best_number(generations, last)
+                equals = self._best_of_equals
+                candidate = last.leader if equals is None else equals.number(generations, last)
             row = generations.of_evaluation(candidate)
             if row is None:
                 last = generations.last()
@@ -426,43 +414,12 @@ class StoreReader:
         return row, row.first + candidate
 
     @cached_property
-    def _goals(self) -> dict[str, str]:
-        """Objectives beside the fitness by which the best of equals is found; empty: it is the first.
-
-        Each is "maximize" or "minimize". They are of a run of `nsga2` whose store has the fact BEST.
-        """
+    def _best_of_equals(self) -> BestOfEquals | None:
+        """Finds the best in runs of `nsga2` whose store has the fact BEST; None: the first is the best."""
         if self._facts.get(BEST) != FRONT:
-            return {}
+            return None
         goals: dict[str, str] = self._parsed(self._facts["experiment"])["method"]["objectives"]
-        return goals
-
-    def _best_number(self, generations: Generations, last: Row) -> int:
-        """Return the number of the best evaluation.
-
-        Of those with equal fitness, it is the first; in a run with several objectives, the first of those
-        with the best value of the first objective, then of the second, and so on, so that no other evaluation
-        dominates it.
-        """
-        goals = self._goals
-        if not goals:
-            return last.leader
-        end = last.summary.evaluations
-        known = self._equals
-        # No evaluation before the leader has its fitness; those after it are looked at once.
-        if known is None or known.leader != last.leader or known.end > end:
-            known = _Equals(last.leader, last.leader, last.leader, None)
-        best = generations.best_fitness(last.leader, last.leader + 1)
-        columns = [self.metrics.index(name) for name in goals]
-        signs = np.array([1.0 if goal == "maximize" else -1.0 for goal in goals.values()])
-        number, leading = known.number, known.values
-        for numbers, metrics in generations.with_fitness(best, known.end, end, len(self.metrics)):
-            signed = means(metrics[:, :, columns]) * signs
-            for index in np.flatnonzero(np.isfinite(signed).all(axis=1)):
-                values = signed[index].tolist()
-                if leading is None or values > leading:
-                    number, leading = int(numbers[index]), values
-        self._equals = _Equals(last.leader, end, number, leading)
-        return number
+        return BestOfEquals(goals, self.metrics)
 
     def _row(self, generations: Generations, generation: int) -> Row:
         """Return a generation. Raises InputError without that one."""

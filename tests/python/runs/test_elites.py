@@ -13,7 +13,9 @@ from swarmwright import Experiment, InputError, Run, optimize, repeat, resume, t
 from swarmwright.analysis.sweep import Sweep
 from swarmwright.cli._runs import saved_lines
 from swarmwright.core.statistics import mean
+from swarmwright.methods.nsga2 import Nsga2Options
 from swarmwright.store import StoreReader
+from swarmwright.store.best_of_equals import BestOfEquals
 from swarmwright.store.database import seal_facts
 from tests.python.records import same_record
 
@@ -267,10 +269,12 @@ def test_of_equal_fitness_the_best_has_the_best_objectives_in_their_order(oppose
     assert len(front) > 1
     best = max(front, key=lambda one: (one.metrics["cost"], -one.metrics["sometimes"]))
     assert (opposed.best.generation, opposed.best.candidate) == (best.generation, best.candidate)
-    # A reader that has followed the run agrees with one that reads it at its end.
-    reader = StoreReader(opposed.path)
-    with reader._generations() as generations:
-        numbers = [reader._best_number(generations, row) for row in generations.rows()]
+    # What has followed the run agrees with what reads it at its end.
+    options = opposed.experiment.method
+    assert isinstance(options, Nsga2Options)
+    followed = BestOfEquals(options.objectives, opposed.metrics)
+    with StoreReader(opposed.path)._generations() as generations:
+        numbers = [followed.number(generations, row) for row in generations.rows()]
     assert numbers[0] < 20
     assert numbers[-1] == opposed.evaluation().number
 
