@@ -26,7 +26,7 @@ class Range(NamedTuple):
     def words(self) -> str:
         """The range as texts have it: `0 to 100 N`."""
         unit = f" {self.unit}" if self.unit else ""
-        return f"{shortest(self.low)} to {shortest(self.high)}{unit}"
+        return f"{shortest_decimal(self.low)} to {shortest_decimal(self.high)}{unit}"
 
     @property
     def scaled_words(self) -> str:
@@ -102,7 +102,7 @@ def _is_width(low: float, high: float) -> bool:
     return math.isfinite(width) and width != 0 and math.isfinite(2 / width)
 
 
-def shortest(value: float) -> str:
+def shortest_decimal(value: float) -> str:
     """Return a number in few digits that read back as the same one, or the same binary32."""
     short = f"{value + 0.0:g}"
     if float(short) == value:

@@ -6,7 +6,7 @@ from swarmwright.core.options import Options
 from swarmwright.experiment.experiment import Experiment
 
 
-def without_effect(experiment: Experiment) -> list[str]:
+def setting_warnings(experiment: Experiment) -> list[str]:
     """Return sentences on keys that are not at their defaults and have no effect, or an undesired one."""
     method, validate = experiment.method, experiment.validate
     found = []

@@ -13,7 +13,7 @@ from swarmwright.core.evostick import STEEP, as_layered
 from swarmwright.core.hebbian import as_meshed
 from swarmwright.core.neat import EXP
 from swarmwright.core.neat import rows as neat_rows
-from swarmwright.core.ranges import shortest
+from swarmwright.core.ranges import shortest_decimal
 from swarmwright.export._base import not_exported
 from swarmwright.export.c_modules import catalogue_of, own_code
 from swarmwright.export.subject import Subject
@@ -268,7 +268,7 @@ def _actuator(low: float, high: float, language: dict[str, str]) -> tuple[str, s
         f"{p}_product product = share * 2.0f;",
         f"{p}_real a = product - 1.0f;",
     ]
-    first, last = (shortest(float(one)) for one in bounds)
+    first, last = (shortest_decimal(float(one)) for one in bounds)
     return f"{first}..{last} becomes -1..1", "\n".join(f"    {line}" for line in lines)
 
 

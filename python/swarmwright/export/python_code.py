@@ -17,7 +17,7 @@ from swarmwright.core.evostick import STEEP, STEEPNESS, as_layered
 from swarmwright.core.hebbian import as_meshed
 from swarmwright.core.neat import EXP
 from swarmwright.core.neat import rows as neat_rows
-from swarmwright.core.ranges import shortest
+from swarmwright.core.ranges import shortest_decimal
 from swarmwright.export._base import not_exported
 from swarmwright.export.c_code import machine_tables, machine_weights
 from swarmwright.export.c_modules import catalogue_of
@@ -223,7 +223,7 @@ def _network(subject: Subject, numbers: Numbers) -> str:  # noqa: ARG001 - as th
 
 def _actuator_function(*output_range: float) -> str:
     low, high = np.array(output_range, np.float32)
-    words, lines = f"{shortest(float(low))}..{shortest(float(high))} becomes -1..1", []
+    words, lines = f"{shortest_decimal(float(low))}..{shortest_decimal(float(high))} becomes -1..1", []
     if (low, high) == (-1, 1):
         words = "as it is"
     elif (low, high) == (0, 1):

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from swarmwright.commands.ros_definition import RosOptions
 from swarmwright.core.errors import InputError, RunError, SwarmwrightError, engine_errors
-from swarmwright.core.ranges import CONVERSION, Range, ranges_of, shortest
+from swarmwright.core.ranges import CONVERSION, Range, ranges_of, shortest_decimal
 from swarmwright.core.simulation_names import SimulationName
 from swarmwright.export.groups import Member, member_of
 from swarmwright.export.sequences import Sequences, random_sequences
@@ -106,7 +106,9 @@ class Subject:
         for index, (name, unit, stands_for) in enumerate(self._channels("sensor")):
             limits = "any finite number" if self.description else "range and scale not known"
             if seen is not None:
-                low, high = (shortest(float(one)) for one in (seen[:, index].min(), seen[:, index].max()))
+                low, high = (
+                    shortest_decimal(float(one)) for one in (seen[:, index].min(), seen[:, index].max())
+                )
                 limits = f"{low} to {high} in the recorded episodes"
             if name == RANDOM and stands_for is None:
                 limits = "a new random number from 0 to 1 in each step, another one on each robot"
@@ -272,7 +274,7 @@ def _parameter_set(run: "Run", chosen: "Choice", facts: tuple[tuple[str, str], .
     options = run.experiment.controller.model_dump().get("parameters", {})
     options = options if isinstance(options, dict) else {}  # a plug-in may have other ones
     ranges = {
-        name: f"{shortest(one['range'][0])} to {shortest(one['range'][1])}"
+        name: f"{shortest_decimal(one['range'][0])} to {shortest_decimal(one['range'][1])}"
         for name, one in options.items()
         if one.get("range") is not None
     }

@@ -18,7 +18,7 @@ from swarmwright.core.plug_in_code import reported
 from swarmwright.core.processes import use_threads
 from swarmwright.evaluation.base import Backend, Progress, Servers
 from swarmwright.experiment.experiment import Experiment
-from swarmwright.experiment.without_effect import without_effect
+from swarmwright.experiment.setting_warnings import setting_warnings
 from swarmwright.optimization.generation import Generation, OnGeneration
 from swarmwright.optimization.loop import Loop
 from swarmwright.optimization.memory import check_memory, stored
@@ -108,7 +108,7 @@ def optimize(
     _ = experiment.first_seed  # report errors before anything is started
     at_end.check(experiment, broker)
     at_end.allow(experiment)
-    for text in without_effect(experiment):
+    for text in setting_warnings(experiment):
         say(text)
     folder: Place | None = None
     asked = None if out is None else Place(Path(out))

@@ -13,8 +13,8 @@ from pathlib import Path
 from swarmwright.core import untrusted
 from swarmwright.supervision.marked_output import MARK
 
-MOST_WAITING_LINES = 1000
-"""Lines that wait for a file."""
+MOST_KEPT_LINES = 1000
+"""Lines that are kept: of those that wait for a file, and of a server that has ended."""
 LONGEST_LINE_CHARACTERS = 4000
 """Characters of a line that are kept."""
 MOST_LINES_PER_SECOND = 1000
@@ -48,7 +48,7 @@ class Output:
     """Takes the lines of all servers of a run; of any thread."""
 
     def __init__(self) -> None:
-        self._waiting: deque[str] = deque(maxlen=MOST_WAITING_LINES)
+        self._waiting: deque[str] = deque(maxlen=MOST_KEPT_LINES)
         self._file: _File | None = None
         self._lock = threading.Lock()
         self._second: dict[int, tuple[int, int]] = {}

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from swarmwright import Experiment, optimize
-from swarmwright.experiment.without_effect import without_effect
+from swarmwright.experiment.setting_warnings import setting_warnings
 
 STEADY = {"operation": "steady_state"}
 TRANSFERRED = {"vary": {"parameters.speedDefenders": [0.4, 0.8]}}
@@ -25,9 +25,9 @@ TRANSFERRED = {"vary": {"parameters.speedDefenders": [0.4, 0.8]}}
 def test_keys_without_effect(method: dict[str, Any], validate: dict[str, Any], keys: list[str]) -> None:
     values = {"simulation": "minisim", "method": method, "validate": validate}
     experiment = Experiment.from_mapping(values)
-    assert [text.split()[0] for text in without_effect(experiment)] == keys
+    assert [text.split()[0] for text in setting_warnings(experiment)] == keys
     written_out = Experiment.from_mapping(experiment.to_mapping())
-    assert without_effect(written_out) == without_effect(experiment)
+    assert setting_warnings(written_out) == setting_warnings(experiment)
 
 
 @pytest.mark.parametrize("seeds", ["same", "new"])
@@ -39,7 +39,7 @@ def test_elites_of_lucky_seeds_are_warned_of(seeds: str) -> None:
     ):
         values = {"simulation": "minisim", "method": method, "ranking": {"seeds": seeds}}
         expected = [["ranking.seeds:", "new"]] if seeds == "new" and method["kind"] != "nnga" else []
-        found = without_effect(Experiment.from_mapping(values))
+        found = setting_warnings(Experiment.from_mapping(values))
         assert [text.split()[:2] for text in found] == expected
 
 

@@ -18,7 +18,7 @@ from swarmwright.evaluation.base import BudgetSpent
 from swarmwright.evaluation.launched.access import Access
 from swarmwright.evaluation.launched.scaling import Load, Scaling
 from swarmwright.launchers import Health, Launcher, LauncherError, LauncherOptions
-from swarmwright.supervision.output import MOST_WAITING_LINES, Output
+from swarmwright.supervision.output import MOST_KEPT_LINES, Output
 
 _log = logging.getLogger("swarmwright")
 
@@ -423,7 +423,7 @@ class LaunchedServers:
         """Return the last lines that a server printed; those of servers elsewhere are written to the log."""
         lines: Sequence[str] = ()
         with suppress(LauncherError):
-            lines = entry.launcher.logs(server, MOST_WAITING_LINES)
+            lines = entry.launcher.logs(server, MOST_KEPT_LINES)
         if self._output is not None and not entry.launcher.is_here:
             for line in lines:
                 self._output.say(server, line)
