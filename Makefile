@@ -1,7 +1,8 @@
 # make demo    set up what is missing and evolve the example
 # make java    the simulation wrapper for Java and its example server
 # make cpp     the simulation wrapper for C++ and its example server
-# make test    the tests of the engine and of the library, in about ten minutes
+# make test    the tests of the engine and of the library, in about ten minutes, without those that take longest
+# make test-python  all tests of the library
 # make test-peers  servers, tools and brokers of other makes and in other languages (Java, C++, JavaScript, Go)
 # make test-docs   every command and snippet of the documentation
 # make test-ros1  ROS 1 as Debian has it: real masters, nodes and launch files
@@ -26,7 +27,8 @@
 # make lint    every check that needs no run
 # make audit   look for known vulnerabilities in dependencies (queries databases in the network)
 # make bench   measure, into build/bench.json
-# make docs    write the reference pages that are generated from the code, build the site: build/site/index.html
+# make reference  write the reference pages that are generated from the code
+# make docs    these pages, and the site: build/site/index.html
 # make clean   remove what was built (results in runs/ stay)
 
 SHELL := /bin/bash
@@ -34,7 +36,7 @@ SHELL := /bin/bash
 .ONESHELL:
 .DELETE_ON_ERROR:
 .DEFAULT_GOAL := help
-.PHONY: wheel test-wheel brokers test-brokers test-ros1 test-ray test-slurm kubernetes test-kubernetes test-ssh test-preemption test-simulators test-export test-arm64 test-peers test-docs help demo java cpp test schedules test-engine test-java test-cpp test-python lint lint-engine lint-java lint-cpp lint-python lint-protocol audit bench docs check-docs clean fuzz gazebo test-gazebo gz test-gz
+.PHONY: wheel test-wheel brokers test-brokers test-ros1 test-ray test-slurm kubernetes test-kubernetes test-ssh test-preemption test-simulators test-export test-arm64 test-peers test-docs help demo java cpp test schedules test-engine test-java test-cpp test-python test-quick lint lint-engine lint-java lint-cpp lint-python lint-protocol audit bench reference docs check-docs clean fuzz gazebo test-gazebo gz test-gz
 
 VENV := .venv
 BIN := $(CURDIR)/$(VENV)/bin
@@ -96,7 +98,7 @@ java: $(JAVA)
 
 cpp: $(CPP)/.built
 
-test: test-engine test-python
+test: test-engine test-quick
 
 test-engine: $(VENV)/.created
 	@command -v mosquitto > /dev/null || [ -x /usr/sbin/mosquitto ] || { $(call install,mosquitto); }
@@ -115,15 +117,15 @@ test-cpp: $(CPP)/address/.built $(CPP)/thread/.built
 AGAIN := --reruns 1 --rerun-show-tracebacks -raR
 
 # Tests wait for other processes more than half of their time: four at a time keep two processors busy.
-PYTEST := $(BIN)/python -m pytest $(AGAIN) -n 4 --dist worksteal --durations=25 --durations-min=10
+PYTEST := $(BIN)/python -m pytest $(AGAIN) -n 4 --dist worksteal --durations=100 --durations-min=5
 
-test-python: $(VENV)/.engine $(VENV)/.dev protocol/node_modules/.package-lock.json
+test-python test-quick: $(VENV)/.engine $(VENV)/.dev protocol/node_modules/.package-lock.json
 	@command -v mosquitto > /dev/null || [ -x /usr/sbin/mosquitto ] || { $(call install,mosquitto); }
 	command -v chromedriver > /dev/null || { $(call install,chromium chromium-driver fonts-dejavu-core); }
 	ls /usr/lib/python3/dist-packages/pyenki.* > /dev/null 2>&1 || { $(call install,python3-enki2); }
 	ls /usr/lib/*/libOSMesa.so.8 > /dev/null 2>&1 || { $(call install,libosmesa6); }
 	[ -e /usr/include/yaml-cpp/yaml.h ] || { $(call install,libyaml-cpp-dev); }
-	$(PYTEST) tests/python tests/protocol
+	$(PYTEST) $(if $(filter test-quick,$@),-m "not long and not slow") tests/python tests/protocol
 
 test-peers: $(VENV)/.engine $(VENV)/.dev $(JAVA) $(CPP)/address/.built $(CPP)/thread/.built $(JAVASCRIPT) $(GO)
 	@command -v mosquitto > /dev/null || [ -x /usr/sbin/mosquitto ] || { $(call install,mosquitto); }
@@ -376,10 +378,12 @@ clean:
 	find python tests -name __pycache__ -type d -prune -exec rm -rf {} +
 	rm -f python/swarmwright/_engine*.so
 
-docs: $(VENV)/.engine $(VENV)/.docs build/site-scripts/.fetched
+reference: $(VENV)/.engine
 	$(BIN)/python -m swarmwright.cli._reference > docs/reference/command-line.md
 	$(BIN)/python -m swarmwright.experiment.reference > docs/reference/experiment.md
 	$(BIN)/python -m swarmwright.conformance._reference > docs/reference/conformance.md
+
+docs: reference $(VENV)/.docs build/site-scripts/.fetched
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 	@echo build/site/index.html
 

@@ -128,9 +128,12 @@ def kinds(found: Sequence[Design]) -> list[str]:
 
 def table(found: Sequence[Design]) -> Iterator[str]:
     """Yield a table in Markdown: medians of each kind, and the test of Mann and Whitney, or Kruskal's."""
-    names = ("mission", "design", "during evolution", "held-out seeds (range)", "p", "pseudo-reality", "p")
-    yield f"| {' | '.join(names)} | loss | p |"
-    yield "|---|---|---|---|---|---|---|---|---|"
+    names = (
+        "mission", "method", "during evolution", "held-out seeds (range)", "p (held-out)", "pseudo-reality",
+        "p (pseudo-reality)", "loss", "p (loss)",
+    )  # fmt: skip
+    yield f"| {' | '.join(names)} |"
+    yield "|---" * len(names) + "|"
     for mission in dict.fromkeys(one.mission for one in found):
         by_kind = {
             kind: [one for one in found if (one.mission, one.kind) == (mission, kind)]

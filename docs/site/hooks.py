@@ -77,6 +77,11 @@ def on_post_page(output: str, *, page: Page, config: MkDocsConfig) -> str:
     return output.replace("</head>", f'<script src="{source}"></script></head>', 1)
 
 
+def on_post_template(output: str, *, template_name: str, config: MkDocsConfig) -> str:
+    """Leave out the page for wrong addresses where the site's own is unknown: its links are absolute."""
+    return "" if template_name == "404.html" and not config.site_url else output
+
+
 def on_post_build(*, config: MkDocsConfig) -> None:
     """Fail where a page would load something from the network."""
     site = Path(config.site_dir)
@@ -166,6 +171,8 @@ def _fence(match: re.Match[str]) -> str:
     words = match[2].split()
     file = next((word.removeprefix("file=") for word in words if word.startswith("file=")), "")
     head = f'{match[1]} title="{file}"' if file else match[1]
-    return (
-        f"```{{ .{match[1]} .output }}\n{match[3]}```" if "output" in words else f"```{head}\n{match[3]}```"
-    )
+    if "output" in words:
+        return f"```{{ .{match[1]} .output }}\n{match[3]}```"
+    # The title says what the first line says where Markdown is shown without titles.
+    text = match[3].removeprefix(f"# {file}\n").removeprefix(f"// {file}\n") if file else match[3]
+    return f"```{head}\n{text}```"

@@ -79,7 +79,7 @@ if TYPE_CHECKING:
     from swarmwright.export.exporting import Exported, export_controller
     from swarmwright.optimization.optimize import Generation, optimize, resume
     from swarmwright.representations.controller import Controller
-    from swarmwright.runs.post_evaluation import PostEvaluation, post_evaluate
+    from swarmwright.runs.post_evaluation import ControllerEvaluation, PostEvaluation, post_evaluate
     from swarmwright.runs.repeat import Repeated, repeat
     from swarmwright.runs.run import Run
     from swarmwright.runs.validation import Validation
@@ -98,6 +98,7 @@ __all__ = [
     "CommandSimulation",
     "Comparison",
     "Controller",
+    "ControllerEvaluation",
     "Episodes",
     "EvaluatedEpisodes",
     "Experiment",
@@ -154,6 +155,7 @@ _LAZY = {
     "Group": "simulations.groups",
     "Parameter": "simulations.parameters",
     "Physics": "simulations.physics",
+    "ControllerEvaluation": "runs.post_evaluation",
     "PostEvaluation": "runs.post_evaluation",
     "Repeated": "runs.repeat",
     "Run": "runs.run",

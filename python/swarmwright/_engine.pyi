@@ -139,7 +139,7 @@ def steers_itself(title: str, parameters: dict[str, Any]) -> bool:
 class Controller:
     """Inference of one controller, sensors in, actuators out, in the arithmetic of docs/decisions/002-arithmetic.md.
 
-    specification: JSON text, see protocol/controller.schema.json. State is kept between steps until `reset`.
+    specification: JSON text, see protocol/schemas/controller.schema.json. State is kept between steps until `reset`.
     """
 
     def __new__(cls, specification: str) -> Controller: ...
@@ -813,7 +813,10 @@ def check_instructions() -> None:
 
 @final
 class Evaluator:
-    """Evaluates controllers of one architecture in this process; arguments as of the function `evaluate`."""
+    """Evaluates controllers of one architecture in this process; arguments as of the function `evaluate`.
+
+    `level` is the set of instructions here, and in `scores` the share of the results that an aggregate looks at.
+    """
 
     def __new__(
         cls,
@@ -842,7 +845,7 @@ class Evaluator:
         level: float,
         on_progress: Callable[[int, int, str], None] | None = None,
     ) -> NDArray[np.float64]:
-        """Return (candidates,): what each candidate's episodes come to, see `aggregates`."""
+        """Return (candidates,): what each candidate's episodes come to; aggregate and level as of `aggregates`."""
 
 def evaluate(
     title: str,
@@ -860,7 +863,7 @@ def evaluate(
 
     The parameter `seed` of episode e is seeds[e]. metrics: names; None for none.
     architecture: controller specification, its weights ignored. genomes: (candidates, weights), finite.
-    level: "auto" or one of `levels()`; threads: 0 for one per processor. The results depend on neither.
+    level: the set of instructions, "auto" or one of `levels()`; threads: 0 for one per processor. The results depend on neither.
     on_progress(done, total, "") is called about ten times a second and at the end; KeyboardInterrupt is raised promptly.
     Raises InputError for an unknown title, parameters that the simulation refuses, controllers that do not fit it, an unknown metric.
     """
@@ -881,6 +884,7 @@ class Broker:
         access: str | None = None,
         certificate: str | None = None,
         key: str | None = None,
+        client_ca: str | None = None,
         origins: Sequence[str] | None = None,
         rate: int | None = None,
         memory: int | None = None,
@@ -888,6 +892,8 @@ class Broker:
         """port 0, the default: any free one; None: no MQTT over TCP. socket: path of a Unix socket to listen on; who may write to its file,
         by socket_mode, may connect. users, access: paths of a password file and of an access file, Mosquitto's formats.
 
+        client_ca: path of a PEM file; clients need a certificate that an authority in it has signed, and where `users` is
+        given an account.
         origins: of web pages that may connect by websocket, as "https://dashboard.example.org"; "*" for all. Pages of the
         host that they connect to may in any case.
         rate: packets a second that are taken of one client; None for the default.
@@ -902,7 +908,7 @@ class Broker:
     @property
     def port(self) -> int: ...
     def reload(self) -> None:
-        """Read users, access, certificate and key again; accounts that are gone or have another password are disconnected.
+        """Read users, access, certificate, key and client_ca again; accounts that are gone or have another password are disconnected.
 
         Raises EngineError when one of the files cannot be used; then everything stays as it was.
         """
@@ -979,6 +985,12 @@ def servers(broker: str, *, prefix: str = "", wait: float = 1.0) -> list[Presenc
     Raises EngineError (no broker, refused) or InputError.
     """
 
+def forget(broker: str, servers: Sequence[int], *, prefix: str = "", wait: float = 1.0) -> list[int]:
+    """Remove what a broker retains of servers; those that it confirms within `wait` seconds.
+
+    Raises EngineError (no broker, refused, denied) or InputError.
+    """
+
 @final
 class Supervision:
     """What a pool and the supervisor of its servers report to each other; usable from any thread."""
@@ -1011,8 +1023,10 @@ class Supervision:
 class Watcher:
     """Hears what servers and optimization tools on a broker say of themselves; publishes nothing."""
 
-    def __new__(cls, broker: str, *, prefix: str = "") -> Watcher:
-        """Raises EngineError (no broker, refused) or InputError."""
+    def __new__(
+        cls, broker: str, *, prefix: str = "", account: tuple[str, str, str] | None = None
+    ) -> Watcher:
+        """Raises EngineError (no broker, refused) or InputError. account: as of `Pool`."""
     def poll(self, seconds: float) -> list[News]:
         """What came within so many seconds; returns as soon as there is something. KeyboardInterrupt is raised promptly."""
     def close(self) -> None:
@@ -1041,6 +1055,7 @@ class Pool:
         largest: int | None = None,
         alone: bool = False,
         controller: dict[str, Any] | None = None,
+        account: tuple[str, str, str] | None = None,
     ) -> Pool:
         """Connects and discovers. Raises NoBrokerError, EngineError (refused) or InputError.
 
@@ -1049,7 +1064,8 @@ class Pool:
         does not announce one of them is not used. visual: servers show their runs, which are stepwise then. alone: all servers on
         the broker are this process's own; without, a moment is waited in case two of them have one id. timeouts, faults: what
         they lack has the default of `TIMEOUTS`, `FAULTS`. controller: specification of the controllers, if it is known before they
-        come: servers that cannot evaluate them are not used.
+        come: servers that cannot evaluate them are not used. account: user name, password and the PEM file of the broker's
+        authority; None: the credentials of the environment.
         """
     def wait_for_server(self, *, sizes: bool = True) -> tuple[int, int]:
         """Block until a fitting server is there; (sensors, actuators). Raises EngineError naming what was required and what was found, NoServerError where that is nothing."""

@@ -155,6 +155,8 @@ class SoundServer:
         self.actuators: dict[int, list[float]] = {}
         self.parameters: dict[str, Json] = {}
         self.newest: str | None = None
+        self.early: tuple[Json, float] | None = None
+        self.answered: set[str] = set()
         self.topic: str | None = None
         self.told: tuple[str, str | None] | None = None
         self.changed = 0.0
@@ -317,6 +319,13 @@ class SoundServer:
         self.newest = hash_
         if self.state in {"free", "configured"}:
             self.enter("configured")
+        if self.early and self.early[0]["simulation_hash"] == hash_ and time.monotonic() < self.early[1]:
+            (control, _), self.early = self.early, None
+            self.on_control(control)
+
+    def keep(self, control: Json) -> None:
+        """Control whose parameters have not come yet."""
+        self.early = control, time.monotonic() + 1
 
     def on_control(self, content: Json) -> None:
         hash_, run = text(content["simulation_hash"]), flag(content.get("run", True))
@@ -324,10 +333,30 @@ class SoundServer:
             return
         tool = content.get("tool")
         if not run:
+            self.early = None
             self.end(hash_, tool)
-        elif self.offers(content) and hash_ in self.parameters and self.may_start(tool):
+        elif not self.may_start(tool):
+            self.reject()
+        elif not self.offers(content) or self.was_answered(content):
+            raise Refused("another title, or a repetition")
+        elif hash_ not in self.parameters:
+            self.keep(content)
+        else:
             self.topic = reply_of(content)
             self.start(hash_, tool)
+
+    def was_answered(self, content: Json) -> bool:
+        """Tools that give reply use a hash once."""
+        hash_ = content["simulation_hash"]
+        known = hash_ in self.answered
+        if "reply" in content and hash_ in self.parameters:
+            self.answered.add(hash_)
+        return known and "reply" in content
+
+    def reject(self) -> None:
+        """Another tool has it: it says so once more."""
+        self.told = None
+        self.tell()
 
     def offers(self, content: Json) -> bool:
         return bool(content.get("simulation", self.title) == self.title)

@@ -16,8 +16,12 @@ from swarmwright.conformance._server_under_test import QUIET_S
 from swarmwright.conformance.results import Report
 from swarmwright.conformance.rules import Profile
 from swarmwright.conformance.server import one_id
+from tests.conformance.broken import batches, offloaded
 from tests.conformance.broken.base import Broken
-from tests.conformance.broken.servers import SERVERS, FitnessOfTheLast, Leaks, QuotesAMetric
+from tests.conformance.broken.batches import Batched
+from tests.conformance.broken.episodes import QuotesAMetric
+from tests.conformance.broken.seeds import FitnessOfTheLast, Leaks
+from tests.conformance.broken.servers import SERVERS
 from tests.conformance.sound import PATIENCE, Json, SoundServer, World
 from tests.conftest import ROOT
 
@@ -139,17 +143,155 @@ class IgnoresTheSeed(SoundServer):
 def test_another_parameter_stands_in_for_the_seed() -> None:
     report = report_of(IgnoresTheSeed, "S2,S3")
     assert set(report.of("skipped")) == {"S3.3", "S3.4", "S3.5"}
-    assert "the server ignores seed, or nothing is random" in report.results[-1].detail
-    assert "the server ignores the parameter seed" in report.results[-1].advice
-    assert "advice" not in report.results[-1].record()
+    last = report.results[-1]
+    assert "the server ignores seed, or nothing is random" in last.detail
+    assert "the server ignores the parameter seed" in last.advice
+    assert not {"advice", "doubt"} & last.record().keys()
+    assert str(report).splitlines()[0].endswith("skipped; the seed changed nothing: is it ignored?")
     report = report_of(IgnoresTheSeed, "S2,S3", vary={"agents": 2})
     assert set(report.of("skipped")) == {"S3.5"}
     assert report.ok, str(report)
+    assert "ignored" not in str(report)
+
+
+class KeepsBatches(Batched):
+    """Waits for the actuators of a batch for ever."""
+
+    def patience(self) -> float:
+        return 1.0
+
+    def give_up(self) -> None:
+        pass
+
+
+def test_a_server_that_never_gives_up_a_batch_is_caught() -> None:
+    report = report_of(KeepsBatches, "S1.1,S2.3,S10.1,S10.9", step_timeout=1.0)
+    assert report.of("failed", "died") == ["S10.9"], str(report)
+
+
+class GivesUpSilently(Batched):
+    """Frees itself, and does not say that the batch failed."""
+
+    def patience(self) -> float:
+        return 1.0
+
+    def give_up(self) -> None:
+        self.enter("free")
+
+
+class Held(GivesUpSilently):
+    """Says that the batch failed, and is held for its tool, as after others."""
+
+    def give_up(self) -> None:
+        self.sensors_message(self.batch, error={"kind": "failed", "reason": "no actuators came"})
+        self.enter("held", self.holder)
+
+
+class Invalid(GivesUpSilently):
+    """Gives another error."""
+
+    def give_up(self) -> None:
+        self.sensors_message(self.batch, error={"kind": "invalid", "reason": "no actuators came"})
+        self.enter("free")
+
+
+@pytest.mark.parametrize(
+    ("kind", "failed", "doubt"), [(GivesUpSilently, [], True), (Held, [], False), (Invalid, ["S10.9"], False)]
+)
+def test_a_batch_that_is_given_up_without_the_error_failed_is_doubted(
+    kind: type[Batched], failed: list[str], *, doubt: bool
+) -> None:
+    """Servers from before the protocol demanded it are no broken ones."""
+    report = report_of(kind, "S1.1,S2.3,S10.1,S10.9", step_timeout=1.0)
+    assert report.of("failed", "died") == failed, str(report)
+    assert ("without the error failed" in str(report)) == doubt
+
+
+def test_an_ignored_output_activation_is_named() -> None:
+    report = report_of(offloaded.IgnoresOutputActivation, "S1.1,S2.3,S9.3,S9.14")
+    (failed,) = (result for result in report.results if result.status == "failed")
+    assert "the fitness without output_activation, which the server ignores" in failed.came
+    assert "or the error invalid that names output_activation" in failed.expected
+
+
+def test_mistakes_of_a_controller_are_none_of_seeds() -> None:
+    report = report_of(offloaded.LessSteepAndFirst, "S1.1,S2.3,S3,S9.20")
+    (result,) = (result for result in report.results if result.id == "S9.20")
+    assert result.status == "not run"
+    assert "evostick" in result.detail
+
+
+def test_the_words_of_the_report_name_how_a_seed_was_lost() -> None:
+    for kind, words in (
+        (offloaded.OffloadedSeeds, "the seed is truncated to 32 bits"),
+        (offloaded.PrefersTheSeedOfParameters, "the seed in parameters was used"),
+        (batches.BatchSeedsAsDoubles, "the seed is read through a double"),
+        (batches.BatchPrefersTheSeedOfParameters, "the seed in parameters was used"),
+    ):
+        report = report_of(kind, "S1.1,S2.3,S3.2,S9.3,S9.20,S10.1,S10.7")
+        (failed,) = (result for result in report.results if result.status == "failed")
+        assert words in failed.came, failed.came
+
+
+STARTED = """\
+import os, secrets, sys
+import msgpack
+from tests.conformance.sound import SoundServer
+
+instance = secrets.token_hex(4)
+
+class Server(SoundServer):
+    def capabilities(self):
+        found = super().capabilities()
+        found["swarmwright"]["instance"] = instance
+        return found
+
+    def on_control(self, content):
+        if "another" in content.get("simulation", ""):
+            print("out of wheels", flush=True)
+            os._exit(3)
+        super().on_control(content)
+
+    def requested(self, payload):
+        request = msgpack.unpackb(payload)
+        if {silent}:
+            print("refused: a request", flush=True)
+        elif request.get("instance", instance) != instance:
+            self.reply(request, error={"kind": "taken", "reason": "another instance"})
+        else:
+            super().requested(payload)
+
+Server(sys.argv[1]).client._thread.join()
+"""
+
+
+def started(folder: Path, monkeypatch: pytest.MonkeyPatch, *, silent: bool) -> str:
+    """The command of a server that ends at control with another title, and may answer no request."""
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT), str(ROOT / "python")]))
+    (folder / "server.py").write_text(STARTED.replace("{silent}", str(silent)))
+    return f"{sys.executable} {folder / 'server.py'} {{broker}}"
+
+
+def test_a_server_that_is_started_anew_has_another_instance(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    command = started(tmp_path, monkeypatch, silent=False)
+    report = check_server(command=command, rules=["S1.1,S2.3,S2.9,S2.15,S9.1,S9.9"], timeout=2.0)
+    assert report.of("failed", "died") == ["S2.15"], str(report)
+    assert "S9.9" in report.of("passed")
+
+
+def test_what_a_silent_server_printed_is_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    command = started(tmp_path, monkeypatch, silent=True)
+    report = check_server(command=command, rules=["S1.1,S2.3,S9.1"], timeout=1.0)
+    (failed,) = (result for result in report.results if result.status == "failed")
+    assert "no answer came within" in failed.came
+    assert "refused: a request" in failed.came, failed.came
 
 
 TWICE = """\
 import sys
-from tests.conformance.broken.servers import KeepsItsId
+from tests.conformance.broken.discovery import KeepsItsId
 
 server = KeepsItsId(sys.argv[1])
 server.client._thread.join()

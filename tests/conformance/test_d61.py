@@ -12,15 +12,9 @@ from swarmwright.conformance.rules import Rules
 from swarmwright.conformance.server import RULES as SERVER
 from swarmwright.core.errors import InputError
 from tests.conformance.broken.base import Broken
-from tests.conformance.broken.servers import (
-    AnyHash,
-    AnyServer,
-    ConvertsText,
-    CountsAnybody,
-    IgnoresTheEnd,
-    OffersEverything,
-    StaysTaken,
-)
+from tests.conformance.broken.discovery import OffersEverything
+from tests.conformance.broken.episodes import IgnoresTheEnd, StaysTaken
+from tests.conformance.broken.messages import AnyHash, AnyServer, ConvertsText, CountsAnybody
 from tests.conformance.broken.tools import AsksEverybody, LeastTool
 from tests.conformance.sound import Json
 from tests.conformance.test_broken_servers import report_of

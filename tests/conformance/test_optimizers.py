@@ -2,12 +2,23 @@
 
 import os
 import sys
+from unittest.mock import MagicMock
 
 import pytest
 
 from swarmwright.conformance import Report, check_optimizer
-from swarmwright.conformance.rules import Profile
-from tests.conformance.broken.tools import TOOLS, SoundTool
+from swarmwright.conformance.optimizer._stage import Record
+from swarmwright.conformance.optimizer._tool import Tool, ToolSettings
+from swarmwright.conformance.optimizer.discovery import only_those_who_answered
+from swarmwright.conformance.rules import Failure, Profile, Skip
+from tests.conformance.broken.tools import (
+    TOOLS,
+    FailsAtOnce,
+    LosesRefusedWork,
+    OnlyBatches,
+    OnlyOffloads,
+    SoundTool,
+)
 from tests.conftest import ROOT
 
 PLAIN = "O1.1,O1.2,O2,O3,O7.1"
@@ -48,3 +59,50 @@ def test_the_model_that_broken_tools_are_made_of_is_sound() -> None:
 def test_a_broken_tool_is_caught_by_the_right_rule(kind: type[SoundTool]) -> None:
     report = report_of(kind, ",".join([PLAIN, *sorted(kind.breaks)]))
     assert set(report.of("failed", "died")) == kind.breaks, str(report)
+
+
+@pytest.mark.timeout(180)
+@pytest.mark.usefixtures("places")
+@pytest.mark.parametrize(("kind", "requests"), [(OnlyOffloads, {"O6.1", "O6.2"}), (OnlyBatches, {"O6.3"})])
+def test_stepwise_rules_are_skipped_for_a_tool_of_another_mode(
+    kind: type[SoundTool], requests: set[str]
+) -> None:
+    report = report_of(kind, "O1,O2,O3.1,O3.7,O4.1,O6,O7.1")
+    assert report.ok, str(report)
+    assert set(report.of("passed")) == {"O1.1", "O1.3", "O2.4", *requests}, str(report)
+    assert "only" in next(result.detail for result in report.results if result.id == "O1.2")
+    assert str(report).splitlines()[0].endswith("it played no episode stepwise: is that meant?")
+
+
+@pytest.mark.timeout(120)
+@pytest.mark.usefixtures("places")
+@pytest.mark.parametrize("kind", [LosesRefusedWork, FailsAtOnce], ids=lambda kind: kind.__name__)
+def test_a_tool_of_one_mode_that_evaluates_too_little_is_caught(kind: type[SoundTool]) -> None:
+    """How many episodes its run has is not known from stepwise ones."""
+    report = report_of(kind, "O1.1,O1.2,O6.1,O6.2")
+    assert set(report.of("failed", "died")) == kind.breaks, str(report)
+
+
+class Recalled(Tool):
+    """A tool that offloads, and ended in some way where servers were stepwise."""
+
+    def __init__(self, ended: str, status: int | None, *, started: bool = True) -> None:
+        settings = ToolSettings(title=None, sensors=3, actuators=2, episodes=2, lasts=1.0, wait=1.0)
+        super().__init__("", "", settings, door=None, process=MagicMock() if started else None)
+        self._scenes["plain"] = Record(ended=ended, status=status)
+        if started:
+            self._scenes["offloaded"] = Record(requests=[{}])
+
+
+def test_a_tool_that_ends_with_an_error_at_stepwise_servers_is_doubted() -> None:
+    """It may have found no server of its mode; a signal that killed it is a mistake."""
+    with pytest.raises(Skip, match=r"only offloaded; with stepwise servers: ended with 1") as skipped:
+        only_those_who_answered(Recalled("ended with 1", 1))
+    assert skipped.value.doubt
+    with pytest.raises(Failure, match="SIGSEGV"):
+        only_those_who_answered(Recalled("killed by SIGSEGV", -11))
+
+
+def test_a_tool_that_others_start_is_to_be_started_by_the_kit_for_another_mode() -> None:
+    with pytest.raises(Failure, match=r"let the kit start the tool \(--exec\) if it only offloads"):
+        only_those_who_answered(Recalled("", None, started=False))

@@ -51,22 +51,29 @@ def test_a_peer_that_runs_is_met_on_the_broker_of_the_environment(program: Run) 
     # One that the kit starts meets it on a broker of the kit's own.
     started = program("conformance", "server", "--exec", SERVE, "--rules", "S1.1", env=where)
     assert started.returncode == 0, started.stderr
+    # Its prefix is that of its broker.
+    lab = {**where, "SWARMWRIGHT_PREFIX": "lab1"}
+    for more in ((), ("--prefix", "lab2")):
+        started = program("conformance", "server", "--exec", SERVE, "--rules", "S1.1", *more, env=lab)
+        assert started.returncode == 0, started.stderr
 
 
 BROKEN = """\
 import sys
-from tests.conformance.broken.servers import {name}
+from tests.conformance.broken.{module} import {name}
 
 server = {name}(sys.argv[1])
 server.client._thread.join()
 """
 
 
-@pytest.mark.parametrize(("name", "rule"), [("DoesNotClamp", "S4.1"), ("WrongEcho", "S1.2")])
+@pytest.mark.parametrize(
+    ("module", "name", "rule"), [("messages", "DoesNotClamp", "S4.1"), ("discovery", "WrongEcho", "S1.2")]
+)
 def test_what_is_broken_is_said_in_full(
-    program: Run, tmp_path: Path, root: Path, name: str, rule: str
+    program: Run, tmp_path: Path, root: Path, module: str, name: str, rule: str
 ) -> None:
-    (tmp_path / "server.py").write_text(BROKEN.format(name=name))
+    (tmp_path / "server.py").write_text(BROKEN.format(module=module, name=name))
     start = f"{sys.executable} server.py {{broker}}"
     result = program(
         "conformance", "server", "--exec", start, "--rules", "S1,S2,S3,S4.1", "--junit", "out.xml",

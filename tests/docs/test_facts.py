@@ -7,6 +7,8 @@ from pathlib import Path
 from ruamel.yaml import YAML
 
 import swarmwright
+from swarmwright import _engine
+from swarmwright.core.modules import BEHAVIOUR_PARAMETERS, BEHAVIOURS, CONDITION_PARAMETERS, CONDITIONS
 from swarmwright.monitoring.prometheus import COUNTS
 
 
@@ -33,4 +35,27 @@ def test_the_page_on_faults_explains_all_incidents(root: Path) -> None:
     page = (root / "docs" / "explanation" / "faults.md").read_text(encoding="utf-8")
     section = page.split("\n## Incidents that a run counts\n")[1].split("\n## ")[0]
     listed = re.findall(r"^\| ([a-z ]+) \| ", section, re.MULTILINE)
-    assert listed[1:] == [name.replace("_", " ") for name in COUNTS], "the first row is the heading"
+    counted = [name.replace("_", " ") for name in COUNTS]
+    assert listed[1:] == [*counted, "restarts"], "the first row is the heading; servers are not the pool's"
+
+
+def test_the_page_on_the_arena_has_a_row_for_each_mission(root: Path) -> None:
+    page = (root / "docs" / "reference" / "arena.md").read_text(encoding="utf-8")
+    section = page.split("\n## Missions\n")[1].split("\n### ")[0]
+    rows = re.findall(r"^\| (`.*?`) \| ", section, re.MULTILINE)
+    missions = _engine.missions()
+    assert sorted(rows) == sorted(
+        ", ".join(f"`{name}`" for name in (one["name"], one["also"]) if name) for one in missions
+    )
+
+
+def test_the_page_on_modules_has_each_behaviour_and_condition_with_its_parameters(root: Path) -> None:
+    page = (root / "docs" / "reference" / "modules.md").read_text(encoding="utf-8")
+    for title, names in (("Behaviours", BEHAVIOURS), ("Conditions", CONDITIONS)):
+        section = page.split(f"\n## {title}\n")[1].split("\n## ")[0]
+        rows = dict(re.findall(r"^\| `(\w+)` \| (.*?)\|", section, re.MULTILINE))
+        assert tuple(rows) == names
+        for name, parameters in rows.items():
+            behaviour = BEHAVIOUR_PARAMETERS.get(name)
+            expected = CONDITION_PARAMETERS.get(name, (behaviour,) if behaviour else ())
+            assert tuple(re.findall(r"`(\w+)`", parameters)) == expected

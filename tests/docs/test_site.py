@@ -20,6 +20,7 @@ A list without an empty line before it:
 ## Second part
 
 ```yaml file=small.yaml
+# small.yaml
 simulation: minisim
 ```
 
@@ -81,11 +82,13 @@ def test_the_site_has_what_a_code_host_shows(project: Path) -> None:
     assert "Small" in (site / "repository" / "protocol" / "small.json.html").read_text(encoding="utf-8")
     assert "<li>first</li>" in page
     assert '<span class="filename">small.yaml</span>' in page
+    assert page.count("small.yaml") == 1, "the title only"
     assert "ready=" not in page
     assert 'class="output' in page or "output highlight" in page
     assert '<script src="assets/mermaid.min.js"></script></head>' in page
     assert "Add two numbers." in page
     assert not (site / "site").exists()
+    assert not (site / "404.html").exists(), "it finds its styles at the root of a server alone"
 
 
 @pytest.mark.parametrize(

@@ -160,8 +160,8 @@ class Controller:
         }
         return kinds[self.specification["kind"]](list(sensors))
 
-    def _node(self, row: Sequence[Single], inputs: Sequence[Single]) -> Single:
-        return ACTIVATIONS[self.specification["activation"]](row[0] + self._total(row[1:], inputs))
+    def _node(self, function: str, row: Sequence[Single], inputs: Sequence[Single]) -> Single:
+        return ACTIVATIONS[function](row[0] + self._total(row[1:], inputs))
 
     def _total(self, weights: Sequence[Single], inputs: Sequence[Single]) -> Single:
         total = ZERO
@@ -171,10 +171,16 @@ class Controller:
 
     def _layered(self, values: list[Single]) -> list[Single]:
         rest = self.weights
-        for nodes in [*self.specification["hidden"], self.specification["actuators"]]:
+        everywhere = self.specification["activation"]
+        layers = [(nodes, everywhere) for nodes in self.specification["hidden"]]
+        layers.append(
+            (self.specification["actuators"], self.specification.get("output_activation", everywhere))
+        )
+        for nodes, function in layers:
             length = len(values) + 1
             rows, rest = rest[: nodes * length], rest[nodes * length :]
-            values = [self._node(rows[at : at + length], values) for at in range(0, len(rows), length)]
+            rows_of_nodes = [rows[at : at + length] for at in range(0, len(rows), length)]
+            values = [self._node(function, row, values) for row in rows_of_nodes]
         assert not rest
         return [self._actuator(value) for value in values]
 
@@ -182,8 +188,9 @@ class Controller:
         length = len(self.outputs) + 1
         rows = [self.weights[at : at + length] for at in range(0, len(self.weights), length)]
         self.outputs[: len(sensors)] = sensors
+        function = self.specification["activation"]
         for _ in range(self.specification["iterations"]):
-            self.outputs = sensors + [self._node(row, self.outputs) for row in rows]
+            self.outputs = sensors + [self._node(function, row, self.outputs) for row in rows]
         return [self._actuator(value) for value in self.outputs[-self.specification["actuators"] :]]
 
     def _hebbian(self, sensors: list[Single]) -> list[Single]:

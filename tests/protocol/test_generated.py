@@ -42,6 +42,7 @@ for (const topic of process.argv.slice(3)) {
 """
 
 
+@pytest.mark.slow
 def test_the_examples_of_d61_survive_in_typescript(classes: Path) -> None:
     arguments = ("--input-type=module", "-e", READ_AND_WRITE, "--")
     written = node(*arguments, classes / "messages.mjs", EXAMPLES, *TOPICS)

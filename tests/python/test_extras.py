@@ -59,6 +59,7 @@ def test_the_conformance_kit_without_its_libraries(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.slow
 def test_all_else_works_without_extras(tmp_path: Path) -> None:
     (tmp_path / "x.yaml").write_text(
         "simulation: minisim\nmethod: {kind: nnga, population: 10, generations: 2}\n"

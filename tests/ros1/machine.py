@@ -112,6 +112,10 @@ class Master:
             assert time.monotonic() < deadline, "roscore does not answer"
             time.sleep(0.05)
 
+    def kill(self) -> None:
+        """End it at once."""
+        end(self._process, signal.SIGKILL)
+
     def __exit__(self, *_: object) -> None:
         """End it."""
         end(self._process)

@@ -98,6 +98,8 @@ def test_steps_of_a_service_have_one_record_and_compute_what_plain_python_does(t
         for servers in (1, 2)
     ]
     same_record(*runs)
+    # Looking whether services are there leaves no warning of theirs.
+    assert not [log for log in tmp_path.glob("*/servers.log") if "Inbound TCP" in log.read_text("utf-8")]
     best = runs[0].best
     expected = [driven(best.controller, seed)[0] for seed in (0, 1)]
     assert best.fitness == sum(expected) / 2

@@ -20,9 +20,14 @@ DAY = dt.timedelta(days=1)
 
 
 class ReadyMade:
-    """The folder, and a broker that uses it: `mosquitto`, or the embedded one with the same files."""
+    """The folder, and a broker that uses it: `mosquitto`, or the embedded one with the same files.
 
-    def __init__(self, folder: Path, kind: str = "mosquitto", prefixes: Sequence[str] = ()) -> None:
+    mutual: clients need a certificate of the broker's authority, too.
+    """
+
+    def __init__(
+        self, folder: Path, kind: str = "mosquitto", prefixes: Sequence[str] = (), *, mutual: bool = False
+    ) -> None:
         self.folder = folder
         self.kind = kind
         self.port = free_port()
@@ -35,6 +40,10 @@ class ReadyMade:
         if os.getuid() == 0:  # it could not read this folder as anybody else
             with (folder / "mosquitto.conf").open("a") as file:
                 file.write("user root\n")
+        if mutual:
+            with (folder / "mosquitto.conf").open("a") as file:
+                file.write("require_certificate true\n")
+        self._mutual = mutual
         self._process: subprocess.Popen[bytes] | None = None
 
     def start(self) -> "ReadyMade":
@@ -63,6 +72,8 @@ class ReadyMade:
             assert binary, "mosquitto is missing; `make test` installs it"
             return [binary, "-v", "-c", str(self.folder / "mosquitto.conf")]
         files = {"users": "passwords", "access": "acl", "certificate": "broker.pem", "key": "broker-key.pem"}
+        if self._mutual:
+            files["client-ca"] = "ca.pem"
         options = [
             part for option, name in files.items() for part in (f"--{option}", str(self.folder / name))
         ]
@@ -91,22 +102,47 @@ class ReadyMade:
 
     def certify(self, *hosts: str, begins: dt.timedelta = -DAY, ends: dt.timedelta = DAY) -> None:
         """Exchange the broker's certificate for another of the same authority; the term counts from now."""
-        now = dt.datetime.now(dt.UTC)
         key = serialization.load_pem_private_key((self.folder / "broker-key.pem").read_bytes(), None)
-        signer = serialization.load_pem_private_key((self.folder / "ca-key.pem").read_bytes(), None)
         assert isinstance(key, ec.EllipticCurvePrivateKey)
+        self._sign("broker.pem", key, hosts, begins, ends)
+
+    def client(self, name: str, *, begins: dt.timedelta = -DAY, ends: dt.timedelta = DAY) -> dict[str, str]:
+        """Make a certificate for a client; the variables that name it and its key."""
+        key = ec.generate_private_key(ec.SECP256R1())
+        private = key.private_bytes(
+            serialization.Encoding.PEM,
+            serialization.PrivateFormat.PKCS8,
+            serialization.NoEncryption(),
+        )
+        (self.folder / f"{name}-client-key.pem").write_bytes(private)
+        self._sign(f"{name}-client.pem", key, (name,), begins, ends)
+        return {
+            "SWARMWRIGHT_CERTIFICATE_FILE": str(self.folder / f"{name}-client.pem"),
+            "SWARMWRIGHT_KEY_FILE": str(self.folder / f"{name}-client-key.pem"),
+        }
+
+    def _sign(
+        self,
+        file: str,
+        key: ec.EllipticCurvePrivateKey,
+        names: Sequence[str],
+        begins: dt.timedelta,
+        ends: dt.timedelta,
+    ) -> None:
+        now = dt.datetime.now(dt.UTC)
+        signer = serialization.load_pem_private_key((self.folder / "ca-key.pem").read_bytes(), None)
         assert isinstance(signer, ec.EllipticCurvePrivateKey)
         made = (
             x509.CertificateBuilder()
-            .subject_name(x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, hosts[0])]))
+            .subject_name(x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, names[0])]))
             .issuer_name(x509.load_pem_x509_certificate(self.authority.read_bytes()).subject)
             .public_key(key.public_key())
             .serial_number(x509.random_serial_number())
             .not_valid_before(now + begins)
             .not_valid_after(now + ends)
             .add_extension(
-                x509.SubjectAlternativeName([x509.DNSName(host) for host in hosts]), critical=False
+                x509.SubjectAlternativeName([x509.DNSName(name) for name in names]), critical=False
             )
             .sign(signer, hashes.SHA256())
         )
-        (self.folder / "broker.pem").write_bytes(made.public_bytes(serialization.Encoding.PEM))
+        (self.folder / file).write_bytes(made.public_bytes(serialization.Encoding.PEM))

@@ -6,6 +6,7 @@ import random
 import signal
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -58,10 +59,12 @@ class Stage:
         return int(self.servers[server].until_event("ready")["pid"])
 
     def kill_server(self, server: int) -> None:
-        """Another takes its place."""
+        """Another takes its place; its supervisor, which would start it again, is killed first."""
         self.incidents.append(f"server {server} killed")
-        os.kill(self._pid(server), signal.SIGKILL)
-        self.servers[server].until_event("ended")
+        for pid in (self.servers[server].pid, self._pid(server)):
+            with suppress(ProcessLookupError):  # it has ended with its supervisor
+                os.kill(pid, signal.SIGKILL)
+        self.servers[server].process.wait(10)
         self.servers[server] = self._serve(server)
 
     def stop_server(self, server: int) -> None:

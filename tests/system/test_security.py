@@ -3,6 +3,10 @@
 import contextlib
 import datetime as dt
 import itertools
+import json
+import os
+import signal
+import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
@@ -190,11 +194,51 @@ def test_an_account_without_the_rights_is_told_what_it_may_not_publish(
     tool = launch("optimize", experiment(), "--out", "denied", env=broker.variables("watcher"))
     assert tool.wait() == 1
     denied = 'does not let user "watcher" publish on "discovery"'
-    for word in (broker.url(), denied, "correct the broker's access rules"):
+    rules = (
+        "correct the broker's access rules, or set the topic prefix that this account belongs to (--prefix,"
+    )
+    for word in (broker.url(), denied, rules):
         assert word in tool.stderr
     server = launch("serve", "minisim", "--id", 1, env=broker.variables("tool"))
     words = 'does not let user "tool" publish on "swarmwright/v1/presence/1"'
     server.until(lambda program: words in "".join(program.lines) + program.stderr, "the refusal", 20)
+    assert rules in "".join(server.lines) + server.stderr
+
+
+def test_servers_without_the_prefix_of_their_account_end(make: Make, launch: Launch) -> None:
+    """Mosquitto closes the connection of a client that publishes what it may not."""
+    broker = make("mosquitto", ("lab/a",))
+    variables = {**broker.variables("lab-a-server"), "SWARMWRIGHT_PREFIX": ""}
+    servers = launch("serve", "minisim", "--count", 2, env=variables)
+    assert servers.wait() == 1
+    assert (
+        "the topic prefix that this account belongs to (--prefix," in "".join(servers.lines) + servers.stderr
+    )
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_lost_servers_are_forgotten_by_the_account_of_a_server_alone(
+    make: Make, launch: Launch, kind: str
+) -> None:
+    broker = make(kind)
+    server = launch("serve", "minisim", "--id", 1, "--json", env=broker.variables("server"))
+    ready = server.until_event("ready")
+    for pid in (server.pid, ready["pid"]):
+        os.kill(pid, signal.SIGKILL)
+    server.process.wait(10)
+
+    def states() -> list[str]:
+        listing = launch("servers", "--json", env=broker.variables("watcher"))
+        assert listing.wait() == 0
+        return [json.loads(line)["state"] for line in listing.lines]
+
+    deadline = time.monotonic() + 10
+    while states() != ["lost"]:
+        assert time.monotonic() < deadline
+    for account, status, left in (("tool", 1, ["lost"]), ("server", 0, [])):
+        forgetting = launch("servers", "--forget-lost", env=broker.variables(account))
+        assert forgetting.wait() == status, forgetting.stderr
+        assert states() == left
 
 
 def _later(days: float) -> dt.timedelta:

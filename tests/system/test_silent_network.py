@@ -107,7 +107,7 @@ def test_a_run_goes_on_when_connections_fail_silently(
 def test_a_keep_alive_interval_that_cannot_be_is_named(launch: Launch, experiment: Experiment) -> None:
     server = launch("serve", "minisim", env={"SWARMWRIGHT_KEEP_ALIVE": "often"})
     assert server.wait() != 0
-    assert "SWARMWRIGHT_KEEP_ALIVE: expected whole seconds from 1 to 3600" in server.stderr
+    assert "SWARMWRIGHT_KEEP_ALIVE (environment): expected whole seconds from 1 to 3600" in server.stderr
     run = launch("optimize", experiment("simulation: minisim\ntimeouts: {keep_alive: 0}\n"))
     assert run.wait() == 2
     assert "keep_alive" in run.stderr

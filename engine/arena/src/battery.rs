@@ -19,7 +19,7 @@ pub(super) fn stop<L: Lanes>(charges: &[Number<L>], row: usize, told: &mut [L]) 
     }
 }
 
-/// Writes in which lanes nobody hears a robot as it has no charge.
+/// Writes in which lanes no other robot hears a robot as it has no charge.
 #[inline(always)]
 pub(super) fn mute<L: Lanes>(charges: &[Number<L>], mute: &mut Vec<L::Mask>) {
     mute.resize(charges.len(), L::Mask::from_bits(0));

@@ -31,6 +31,35 @@ pub(super) fn shown<L: Lanes>(colors: &[LedColor], numbers: &[L]) -> Number<L> {
     shown
 }
 
+/// What a robot sees in a tick from where it is.
+struct View<'a, L: Lanes> {
+    camera: &'a Camera,
+    team: &'a Team,
+    place: &'a Place,
+    bodies: &'a Bodies<L>,
+    /// The robot.
+    index: usize,
+    others: &'a Others<L>,
+    keys: Keys<L>,
+    tick: u32,
+}
+
+/// Something that may be in sight.
+struct Thing<L: Lanes> {
+    /// From the middle of the robot to it, metres, along the axes of the arena.
+    way: [Number<L>; 2],
+    /// The square of its length.
+    square: Number<L>,
+    /// The code of its colour; 0 for none.
+    color: Number<L>,
+    /// The radii of the robot and of the thing together, centimetres.
+    rims: f32,
+    /// Addresses its noise.
+    number: usize,
+    /// Its index among the objects, if it is one: it does not hide itself.
+    object: Option<usize>,
+}
+
 /// Writes what a robot sees in a tick: colour by colour what the camera gives. `shown`: the code of each robot's colour.
 #[expect(clippy::too_many_arguments, reason = "what a tick consists of")]
 #[inline(always)]
@@ -49,30 +78,27 @@ pub(super) fn see<L: Lanes>(
         sum: [number(0.0); 2],
     };
     let mut seen = [nothing; LedColor::ALL.len()];
-    let range = number::<L>(camera.range * camera.range);
-    let position = [bodies.x[index], bodies.y[index]];
+    let view = View {
+        camera,
+        team,
+        place,
+        bodies,
+        index,
+        others,
+        keys,
+        tick,
+    };
     for k in 0..others.len() {
         let (other, sender) = (others[k], indices[k] as usize);
-        let color = shown[sender];
-        let lit = other.square.lt(range).and(number(0.0).lt(color));
-        if !lit.any() {
-            continue;
-        }
-        let way = [other.x, other.y];
-        let lit = lit.and_not(links::behind_robot(team, way, other.square, others));
-        let lit = lit.and_not(bodies.objects.hide(position, way));
-        let rims = 100.0 * (robot.radius + team.robot(sender).radius);
-        let sight = (way, other.square, lit, rims, sender);
-        note(
-            camera,
-            place,
-            bodies,
-            index,
-            sight,
-            color,
-            (keys, tick),
-            &mut seen,
-        );
+        let thing = Thing {
+            way: [other.x, other.y],
+            square: other.square,
+            color: shown[sender],
+            rims: 100.0 * (robot.radius + team.robot(sender).radius),
+            number: sender,
+            object: None,
+        };
+        view.look_at(&thing, &mut seen);
     }
     // What does not move: lamps, then spots on walls.
     let lamps = place.lights.len();
@@ -91,25 +117,15 @@ pub(super) fn see<L: Lanes>(
             number::<L>(at[0]) - bodies.x[index],
             number::<L>(at[1]) - bodies.y[index],
         ];
-        let square = way[0] * way[0] + way[1] * way[1];
-        let lit = square.lt(range);
-        if !lit.any() {
-            continue;
-        }
-        let lit = lit.and_not(links::behind_robot(team, way, square, others));
-        let lit = lit.and_not(bodies.objects.hide(position, way));
-        let sight = (way, square, lit, 100.0 * robot.radius, bodies.len() + still);
-        let color = number(color.code());
-        note(
-            camera,
-            place,
-            bodies,
-            index,
-            sight,
-            color,
-            (keys, tick),
-            &mut seen,
-        );
+        let thing = Thing {
+            way,
+            square: way[0] * way[0] + way[1] * way[1],
+            color: number(color.code()),
+            rims: 100.0 * robot.radius,
+            number: bodies.len() + still,
+            object: None,
+        };
+        view.look_at(&thing, &mut seen);
     }
     let first = bodies.len() + lamps + place.spots.len();
     for object in 0..bodies.objects.things.len() {
@@ -121,26 +137,15 @@ pub(super) fn see<L: Lanes>(
             continue;
         };
         let way = [moving.x - bodies.x[index], moving.y - bodies.y[index]];
-        let square = way[0] * way[0] + way[1] * way[1];
-        let lit = square.lt(range);
-        if !lit.any() {
-            continue;
-        }
-        let lit = lit.and_not(links::behind_robot(team, way, square, others));
-        let lit = lit.and_not(bodies.objects.hide_object(object, position, way));
-        let rims = 100.0 * (robot.radius + thing.radius);
-        let sight = (way, square, lit, rims, first + object);
-        let color = number(color.code());
-        note(
-            camera,
-            place,
-            bodies,
-            index,
-            sight,
-            color,
-            (keys, tick),
-            &mut seen,
-        );
+        let thing = Thing {
+            way,
+            square: way[0] * way[0] + way[1] * way[1],
+            color: number(color.code()),
+            rims: 100.0 * (robot.radius + thing.radius),
+            number: first + object,
+            object: Some(object),
+        };
+        view.look_at(&thing, &mut seen);
     }
     let mut at = 0;
     for color in &camera.colors {
@@ -173,48 +178,52 @@ pub(super) fn see<L: Lanes>(
     }
 }
 
-/// Adds one thing to its colour: the way to it, its square, the lanes in which it is lit, near and behind no robot and no object, what
-/// is subtracted from its distance in centimetres, and its number for the noise.
-#[expect(clippy::too_many_arguments, reason = "what a tick consists of")]
-#[inline(always)]
-fn note<L: Lanes>(
-    camera: &Camera,
-    place: &Place,
-    bodies: &Bodies<L>,
-    index: usize,
-    (way, square, lit, rims, thing): ([Number<L>; 2], Number<L>, L::Mask, f32, usize),
-    color: Number<L>,
-    (keys, tick): (Keys<L>, u32),
-    seen: &mut [Seen<L>; LedColor::ALL.len()],
-) {
-    let position = [bodies.x[index], bodies.y[index]];
-    let lit = lit.and_not(links::behind_wall(place, position, way));
-    if !lit.any() {
-        return;
-    }
-    let distance = square.sqrt();
-    let far = (distance * 100.0 - number(rims)).at_least(number(0.0)) + 1.0;
-    let weight = number::<L>(1.0) / (far * distance.at_least(number(f32::MIN_POSITIVE)));
-    // In the frame of the robot, turned by the noise.
-    let (cos, sin) = (bodies.cos[index], bodies.sin[index]);
-    let (mut x, mut y) = (
-        (way[0] * cos + way[1] * sin) * weight,
-        (way[1] * cos - way[0] * sin) * weight,
-    );
-    if camera.noise > 0.0 {
-        let word = keys.seen(tick, index, thing / LINKS)[thing % LINKS / 2];
-        let off = noise(halves::<L>(word)[thing % 2], camera.noise);
-        let (cos, sin) = (Number(cos_pi(off.0)), Number(sin_pi(off.0)));
-        (x, y) = (x * cos - y * sin, x * sin + y * cos);
-    }
-    for known in &camera.colors {
-        let code = number(known.code());
-        let same = lit.and(color.le(code)).and(code.le(color));
-        let seen = &mut seen[known.index()];
-        seen.count = seen.count.add_where(number(1.0), same);
-        seen.sum = [
-            seen.sum[0].add_where(x, same),
-            seen.sum[1].add_where(y, same),
-        ];
+impl<L: Lanes> View<'_, L> {
+    /// Adds a thing to its colour in the lanes in which it is lit, near, and behind no robot, object and wall.
+    #[inline(always)]
+    fn look_at(&self, thing: &Thing<L>, seen: &mut [Seen<L>; LedColor::ALL.len()]) {
+        let (camera, bodies, index) = (self.camera, self.bodies, self.index);
+        let (way, square, color) = (thing.way, thing.square, thing.color);
+        let range = number::<L>(camera.range * camera.range);
+        let lit = square.lt(range).and(number(0.0).lt(color));
+        if !lit.any() {
+            return;
+        }
+        let position = [bodies.x[index], bodies.y[index]];
+        let lit = lit.and_not(links::behind_robot(self.team, way, square, self.others));
+        let lit = lit.and_not(match thing.object {
+            Some(object) => bodies.objects.hide_object(object, position, way),
+            None => bodies.objects.hide(position, way),
+        });
+        let lit = lit.and_not(links::behind_wall(self.place, position, way));
+        if !lit.any() {
+            return;
+        }
+        let distance = square.sqrt();
+        let far = (distance * 100.0 - number(thing.rims)).at_least(number(0.0)) + 1.0;
+        let weight = number::<L>(1.0) / (far * distance.at_least(number(f32::MIN_POSITIVE)));
+        // In the frame of the robot, turned by the noise.
+        let (cos, sin) = (bodies.cos[index], bodies.sin[index]);
+        let (mut x, mut y) = (
+            (way[0] * cos + way[1] * sin) * weight,
+            (way[1] * cos - way[0] * sin) * weight,
+        );
+        if camera.noise > 0.0 {
+            let word =
+                self.keys.seen(self.tick, index, thing.number / LINKS)[thing.number % LINKS / 2];
+            let off = noise(halves::<L>(word)[thing.number % 2], camera.noise);
+            let (cos, sin) = (Number(cos_pi(off.0)), Number(sin_pi(off.0)));
+            (x, y) = (x * cos - y * sin, x * sin + y * cos);
+        }
+        for known in &camera.colors {
+            let code = number(known.code());
+            let same = lit.and(color.le(code)).and(code.le(color));
+            let seen = &mut seen[known.index()];
+            seen.count = seen.count.add_where(number(1.0), same);
+            seen.sum = [
+                seen.sum[0].add_where(x, same),
+                seen.sum[1].add_where(y, same),
+            ];
+        }
     }
 }

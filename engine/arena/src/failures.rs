@@ -48,7 +48,7 @@ pub(super) enum Failure {
         at: f64,
         until: Option<f64>,
     },
-    /// Nobody hears them.
+    /// No other robot hears them.
     Mute {
         share: f64,
         robots: Option<String>,
@@ -300,7 +300,7 @@ impl<L: Lanes> Failing<L> {
         }
     }
 
-    /// Writes in which lanes nobody hears a robot in a tick; nothing where all are heard.
+    /// Writes in which lanes no other robot hears a robot in a tick; nothing where all are heard.
     #[inline(always)]
     pub(super) fn mute(&self, tick: u32, robots: usize, mute: &mut Vec<L::Mask>) {
         mute.clear();

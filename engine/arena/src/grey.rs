@@ -6,8 +6,9 @@ use swarmwright_lanes::{Int, Lanes, Mask, Number, number};
 const KNOTS: usize = 65;
 
 /// Quantiles of the measured values of each sensor, left, middle, right, at multiples of 1/64; between them draws are
-/// interpolated. From the tables of the NEAT controllers for ARGoS: means 0.407, 0.342, 0.423, deviations 0.184, 0.119,
-/// 0.179.
+/// interpolated. From the tables of the NEAT controllers for ARGoS, whose means are 0.407, 0.342, 0.423 and deviations
+/// 0.184, 0.119, 0.179; those of draws are 0.407, 0.344, 0.424 and 0.182, 0.125, 0.181, since the outer intervals are
+/// interpolated, too.
 // What was measured is not the logarithm of 2.
 #[allow(clippy::approx_constant)]
 #[rustfmt::skip]

@@ -6,10 +6,10 @@ use swarmwright_controllers::LaneController;
 use swarmwright_lanes::Lanes;
 
 use super::metrics::Tally;
-use super::neighbours::MOST_IN_LANES;
 use super::settings::Settings;
 use super::start::Starts;
 use super::swarm::Swarm;
+use super::verlet::MOST_IN_LANES;
 use swarmwright_simulation::ParameterError;
 use swarmwright_simulation::block::{Block, LaneWorld};
 use swarmwright_simulation::rollout::stopped;
@@ -28,7 +28,7 @@ pub(crate) struct ArenaLanes {
     wanted: Vec<usize>,
 }
 
-pub(crate) struct Room<L: Lanes> {
+pub(crate) struct Workspace<L: Lanes> {
     swarm: Swarm<L>,
     tallies: Vec<Tally<L>>,
     /// State of the robots' controllers, one after another.
@@ -41,7 +41,7 @@ impl LaneWorld for ArenaLanes {
     const VECTORS: usize = 2;
     // In four portable lanes it is slower than one at a time.
     const PORTABLE: bool = false;
-    type Room<L: Lanes> = Room<L>;
+    type Workspace<L: Lanes> = Workspace<L>;
 
     fn new(block: &Block<'_>) -> Result<Option<Self>, ParameterError> {
         let mut settings = Settings::read(block.parameters)?;
@@ -64,9 +64,9 @@ impl LaneWorld for ArenaLanes {
         }))
     }
 
-    fn room<L: Lanes>(&self, controllers: &LaneController<'_, L>) -> Room<L> {
+    fn workspace<L: Lanes>(&self, controllers: &LaneController<'_, L>) -> Workspace<L> {
         let robots = self.settings.team.len();
-        Room {
+        Workspace {
             swarm: Swarm::new(&self.settings.team, &self.settings.mission.place.objects),
             tallies: Vec::new(),
             states: vec![L::splat(0.0); robots * controllers.state_length()],
@@ -77,7 +77,7 @@ impl LaneWorld for ArenaLanes {
     #[inline(always)]
     fn rollout<L: Lanes>(
         &self,
-        room: &mut Room<L>,
+        workspace: &mut Workspace<L>,
         controllers: &mut LaneController<'_, L>,
         episodes: &[usize],
         stop: Option<&AtomicBool>,
@@ -85,15 +85,16 @@ impl LaneWorld for ArenaLanes {
     ) {
         let Settings { mission, team, .. } = &self.settings;
         let place = &mission.place;
-        room.states.fill(L::splat(0.0));
-        room.tallies.clear();
-        room.tallies
+        workspace.states.fill(L::splat(0.0));
+        workspace.tallies.clear();
+        workspace
+            .tallies
             .extend(mission.metrics.iter().map(|_| Tally::new()));
         let starts = |lane: usize| &self.starts[episodes[lane]];
         L::apart(
             #[inline(always)]
             || {
-                room.swarm.start(
+                workspace.swarm.start(
                     team,
                     place,
                     &self.settings.failures,
@@ -104,15 +105,15 @@ impl LaneWorld for ArenaLanes {
             },
         );
         loop {
-            let last = room.swarm.tick >= self.settings.ticks;
-            let (bodies, colors) = (&room.swarm.bodies, &room.swarm.colors);
+            let last = workspace.swarm.tick >= self.settings.ticks;
+            let (bodies, colors) = (&workspace.swarm.bodies, &workspace.swarm.colors);
             let wanted: &[usize] = if last { &self.wanted } else { &[] };
             L::apart(
                 #[inline(always)]
                 || {
                     for index in (0..mission.counted).chain(wanted.iter().copied()) {
                         let metric = &mission.metrics[index].1;
-                        room.tallies[index].update(metric, bodies, place, colors, last);
+                        workspace.tallies[index].update(metric, bodies, place, colors, last);
                     }
                 },
             );
@@ -123,20 +124,20 @@ impl LaneWorld for ArenaLanes {
             let (sensors, actuators) = (team.sensors(), team.actuators());
             for index in 0..team.len() {
                 controllers.step_slice(
-                    &mut room.states[index * state..][..state],
-                    &room.swarm.senses.outputs[index * sensors..][..sensors],
-                    &mut room.actuators[index * actuators..][..actuators],
+                    &mut workspace.states[index * state..][..state],
+                    &workspace.swarm.senses.outputs[index * sensors..][..sensors],
+                    &mut workspace.actuators[index * actuators..][..actuators],
                 );
             }
-            room.swarm.step(team, place, &room.actuators);
+            workspace.swarm.step(team, place, &workspace.actuators);
         }
         for (lane, fitness) in fitness.iter_mut().enumerate() {
-            *fitness = mission.fitness(|metric| room.tallies[metric].values[lane]);
+            *fitness = mission.fitness(|metric| workspace.tallies[metric].values[lane]);
         }
     }
 
     #[inline(always)]
-    fn metric<L: Lanes>(&self, room: &Room<L>, index: usize, values: &mut [f64]) {
-        values.copy_from_slice(&room.tallies[index].values[..values.len()]);
+    fn metric<L: Lanes>(&self, workspace: &Workspace<L>, index: usize, values: &mut [f64]) {
+        values.copy_from_slice(&workspace.tallies[index].values[..values.len()]);
     }
 }

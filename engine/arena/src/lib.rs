@@ -5,7 +5,6 @@
     reason = "what iterators call is not always inlined into kernels"
 )]
 
-mod around;
 mod battery;
 mod camera;
 mod contact;
@@ -39,6 +38,7 @@ mod start;
 mod swarm;
 mod team;
 mod together;
+mod verlet;
 mod walls;
 
 use std::sync::Arc;
@@ -64,7 +64,7 @@ use swarmwright_simulation::{
 /// Evaluates a block of controllers that fit the robots.
 ///
 /// # Errors
-/// Parameters that are refused, weights that are no numbers.
+/// Parameters that are refused, weights that are not finite numbers.
 pub fn evaluate(block: &Block<'_>, means: Means, create: Create) -> Result<Vec<f64>, RolloutError> {
     block::evaluate::<ArenaLanes>(block, means, create)
 }

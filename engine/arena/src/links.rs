@@ -25,7 +25,7 @@ pub(super) struct LinkWindow<L: Lanes> {
     /// By robot: the sum over the window.
     pub attraction: Vec<[Number<L>; 2]>,
     sent: Sent<L>,
-    /// In which lanes nobody hears a robot; empty where all are heard.
+    /// In which lanes no other robot hears a robot; empty where all are heard.
     pub mute: Vec<L::Mask>,
     /// The probability with which failures lose messages, beside that of the robots; none where they lose none.
     pub failing: Option<f32>,

@@ -12,7 +12,7 @@ use super::swarm::Bodies;
 use super::team::Team;
 
 /// Writes the mean of the messages that a robot hears in a tick, number by number, of those that have it; 0 where none has.
-/// Those arrive that count as heard. `lacking`: room to count those without a number, empty where all have as many.
+/// Those arrive that count as heard. `lacking`: memory in which those without a number are counted, empty where all have as many.
 #[expect(clippy::too_many_arguments, reason = "what a tick consists of")]
 #[inline(always)]
 pub(super) fn hear<L: Lanes>(

@@ -34,7 +34,7 @@ macro_rules! missions {
 }
 
 /// Built-in missions: a file each.
-const MISSIONS: [BuiltIn; 22] = missions! {
+const MISSIONS: &[BuiltIn] = &missions! {
     "aac" or "aggregation",
     "area_coverage",
     "cfa" or "coverage_with_forbidden_areas",

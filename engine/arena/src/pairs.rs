@@ -161,7 +161,7 @@ impl<L: Lanes> Pairs<L> {
         for (index, (contact, [limit, smaller])) in contacts.iter_mut().enumerate() {
             let first = index * L::WIDTH;
             let touches = &all[first..all.len().min(first + L::WIDTH)];
-            // Where there are none: on each other, which is no contact.
+            // Lanes without one: the bodies lie on each other, which does not count as a contact.
             let (mut way, mut speed) = ([number(0.0); 2], [number(0.0); 2]);
             for (lane, touch) in touches.iter().enumerate() {
                 let [a, b] = touch.spots;

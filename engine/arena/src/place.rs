@@ -24,7 +24,7 @@ pub(super) struct Face {
     pub half: f32,
     /// Metres; it hides what lies lower.
     pub height: f32,
-    /// Whether it is a side of a convex arena: nobody is behind it, and nobody sees another robot through it.
+    /// Whether it is a side of a convex arena: no robot is behind it, and it is between no two robots.
     pub outer: bool,
 }
 

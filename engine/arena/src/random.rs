@@ -120,13 +120,13 @@ impl<L: Lanes> Keys<L> {
     }
 }
 
-/// An uneven multiple of 2^-17 in 0..1 from 16 bits.
+/// An odd multiple of 2^-17 in 0..1 from 16 bits.
 #[inline(always)]
 fn unit<L: Lanes>(half: L::Int) -> Number<L> {
     Number(L::from_int(half)) * (1.0 / 65536.0) + 0.5 / 65536.0
 }
 
-/// Two numbers in 0..1, uneven multiples of 2^-17, from the halves of a word.
+/// Two numbers in 0..1, odd multiples of 2^-17, from the halves of a word.
 #[inline(always)]
 pub(super) fn halves<L: Lanes>(word: L::Int) -> [Number<L>; 2] {
     [

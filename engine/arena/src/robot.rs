@@ -40,7 +40,7 @@ pub(super) struct Robot {
     pub ground: Option<GroundSensors>,
     pub links: Option<Links>,
     /// How far robots see others without loss or hiding, metres.
-    pub around: Option<f32>,
+    pub neighbour_range: Option<f32>,
     pub camera: Option<Camera>,
     /// The colours that the LEDs can show, an actuator each.
     pub leds: Vec<LedColor>,
@@ -79,7 +79,7 @@ impl Robot {
             light: None,
             ground: None,
             links: None,
-            around: None,
+            neighbour_range: None,
             camera: None,
             leds: Vec::new(),
             battery: None,
@@ -155,7 +155,7 @@ impl Robot {
             .as_ref()
             .map_or(0.0, Links::reach)
             .max(proximity)
-            .max(self.around.unwrap_or(0.0))
+            .max(self.neighbour_range.unwrap_or(0.0))
             .max(self.camera.as_ref().map_or(0.0, |camera| camera.range))
             .max(self.light.as_ref().map_or(0.0, |light| light.shadow))
     }

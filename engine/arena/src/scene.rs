@@ -279,7 +279,7 @@ fn look(scene: &mut Scene, team: &Team, place: &Place, swarm: &Swarm<f32>) {
     for index in 0..bodies.len() {
         let robot = team.robot(index);
         let others: Vec<([f32; 2], usize)> = swarm
-            .neighbours
+            .verlet
             .of(index)
             .iter()
             .map(|other| (at(*other as usize), *other as usize))
@@ -369,7 +369,7 @@ fn to_wall(from: [f32; 2], along: [f32; 2], face: &Face) -> Option<f32> {
     let across = along[0] * face.along[1] - along[1] * face.along[0];
     let far = (dx * face.along[1] - dy * face.along[0]) / across;
     let place = (dx * along[1] - dy * along[0]) / across;
-    // Of parallel lines both are no finite numbers.
+    // Of parallel lines neither is a finite number.
     (far >= 0.0 && far.is_finite() && place.abs() <= face.half).then_some(far)
 }
 

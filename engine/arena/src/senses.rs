@@ -5,14 +5,14 @@ use swarmwright_lanes::{Lanes, Mask, Number, number};
 
 use super::ground::GroundWindow;
 use super::links::LinkWindow;
-use super::neighbours::Neighbours;
 use super::place::Place;
 use super::proximity::Seen;
 use super::random::{Keys, Purpose, halves, noise, uniform};
 use super::robot::{Links, Output};
 use super::swarm::Bodies;
 use super::team::{Group, Team};
-use super::{around, camera, grey, light, messages, proximity, walls};
+use super::verlet::VerletLists;
+use super::{camera, grey, light, messages, neighbours, proximity, walls};
 
 /// The way to another robot, along the axes of the arena.
 #[derive(Clone, Copy)]
@@ -160,7 +160,7 @@ impl<L: Lanes> Senses<L> {
     pub(super) fn update(
         &mut self,
         bodies: &Bodies<L>,
-        neighbours: &Neighbours<L>,
+        verlet: &VerletLists<L>,
         team: &Team,
         (place, colors): (&Place, &[Number<L>]),
         keys: Keys<L>,
@@ -175,7 +175,7 @@ impl<L: Lanes> Senses<L> {
             let (group, robot) = (team.group(index), team.robot(index));
             let range = robot.range(largest);
             let beside = number(walls::reach_of_walls(robot, gap));
-            self.look_around(bodies, (neighbours, team), [range.max(reach), reach], index);
+            self.look_around(bodies, (verlet, team), [range.max(reach), reach], index);
             let first = self.close.faces.len();
             let (x, y) = (bodies.x[index], bodies.y[index]);
             for (face, wall) in place.faces.iter().enumerate() {
@@ -298,8 +298,8 @@ impl<L: Lanes> Senses<L> {
                     Output::GroundDrawn => {
                         copy(&grey::drawn(self.ground.seen[index], [d, e, f]), numbers);
                     }
-                    Output::Neighbours => copy(&[self.links.heard[index]], numbers),
-                    Output::NeighboursSquashed => {
+                    Output::MessageCount => copy(&[self.links.heard[index]], numbers),
+                    Output::MessageCountSquashed => {
                         let n = self.links.heard[index];
                         copy(&[Number(tanh((n * 0.5).0))], numbers);
                     }
@@ -344,12 +344,12 @@ impl<L: Lanes> Senses<L> {
                         let (x, y) = (bodies.cos[index], -bodies.sin[index]);
                         copy(&[x * cos - y * sin, x * sin + y * cos], numbers);
                     }
-                    Output::AroundCount
-                    | Output::AroundCenter
-                    | Output::AroundHeading
-                    | Output::AroundNearest => {
-                        let range = robot.around.unwrap_or(1.0);
-                        let seen = around::see(
+                    Output::NeighbourCount
+                    | Output::NeighbourCenter
+                    | Output::NeighbourHeading
+                    | Output::NeighbourNearest => {
+                        let range = robot.neighbour_range.unwrap_or(1.0);
+                        let seen = neighbours::see(
                             *output,
                             range,
                             bodies,
@@ -400,7 +400,7 @@ impl<L: Lanes> Senses<L> {
     fn look_around(
         &mut self,
         bodies: &Bodies<L>,
-        (neighbours, team): (&Neighbours<L>, &Team),
+        (verlet, team): (&VerletLists<L>, &Team),
         [range, reach]: [f32; 2],
         index: usize,
     ) {
@@ -408,7 +408,7 @@ impl<L: Lanes> Senses<L> {
         all.clear();
         ends.clear();
         self.indices.clear();
-        for other in neighbours.of(index) {
+        for other in verlet.of(index) {
             if *other as usize == index {
                 continue;
             }

@@ -10,7 +10,6 @@ use super::camera;
 use super::contacts::Contacts;
 use super::failures::{Failing, Failure};
 use super::functions::normal;
-use super::neighbours::Neighbours;
 use super::objects::{Kind, Objects};
 use super::place::Place;
 use super::random::{Keys, Purpose, halves, key};
@@ -18,6 +17,7 @@ use super::robot::{Drive, Output};
 use super::senses::Senses;
 use super::start::Pose;
 use super::team::Team;
+use super::verlet::VerletLists;
 
 /// Substeps of a tick.
 pub(super) const SUBSTEPS: u32 = 10;
@@ -91,7 +91,7 @@ impl<L: Lanes> Bodies<L> {
 /// The robots and all that they carry.
 pub(super) struct Swarm<L: Lanes> {
     pub bodies: Bodies<L>,
-    pub neighbours: Neighbours<L>,
+    pub verlet: VerletLists<L>,
     pub senses: Senses<L>,
     contacts: Contacts<L>,
     keys: Keys<L>,
@@ -105,13 +105,13 @@ pub(super) struct Swarm<L: Lanes> {
 }
 
 impl<L: Lanes> Swarm<L> {
-    /// Room for robots and objects; [`start`](Self::start) puts them somewhere.
+    /// Memory for robots and objects; [`start`](Self::start) places them.
     #[inline(always)]
     pub(super) fn new(team: &Team, objects: &[Kind]) -> Self {
         let robots = team.len();
         Self {
             bodies: Bodies::new(team, objects),
-            neighbours: Neighbours::new(robots, team.reach().max(team.range()), team.gap()),
+            verlet: VerletLists::new(robots, team.reach().max(team.range()), team.gap()),
             senses: Senses::new(team),
             contacts: Contacts::new(robots),
             keys: Keys::new(|_| key(0)),
@@ -122,7 +122,7 @@ impl<L: Lanes> Swarm<L> {
         }
     }
 
-    /// The first tick of an episode in each lane: nobody moves, all look.
+    /// The first tick of an episode in each lane: no robot moves, all sense.
     #[inline(always)]
     pub(super) fn start(
         &mut self,
@@ -330,7 +330,7 @@ impl<L: Lanes> Swarm<L> {
     fn sense(&mut self, team: &Team, place: &Place) {
         L::apart(
             #[inline(always)]
-            || self.neighbours.update(&self.bodies),
+            || self.verlet.update(&self.bodies),
         );
         let links = &mut self.senses.links;
         links.failing = self.failing.loss(self.tick);
@@ -344,7 +344,7 @@ impl<L: Lanes> Swarm<L> {
             || {
                 self.senses.update(
                     &self.bodies,
-                    &self.neighbours,
+                    &self.verlet,
                     team,
                     (place, &self.colors),
                     self.keys,

@@ -271,7 +271,7 @@ impl Team {
             return Err(wrong(place, reason));
         }
         if groups.iter().all(|group| group.robot.message == 0) {
-            // Whoever is to hear messages is told where it says so.
+            // No kind sends messages: the complaint names the sensor of the kind that is to hear some.
             for (index, item) in items.iter().enumerate() {
                 Robot::read(&item["robot"], &format!("{place}[{index}].robot"), false)?;
             }

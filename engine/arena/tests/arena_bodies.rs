@@ -14,7 +14,13 @@ struct Worst {
 }
 
 /// All robots drive into a corner, or else at random.
-fn crowd(robots: &Value, size: [f32; 2], objects: &Value, target: bool, seed: u64) -> Worst {
+fn worst_overlap(
+    robots: &Value,
+    size: [f32; 2],
+    objects: &Value,
+    target: bool,
+    seed: u64,
+) -> Worst {
     let mission = json!({"walls": {"rectangle": size}, "metrics": {}, "fitness": {"factors": {}}, "objects": objects,
         "start": {"rectangle": {"x": [-size[0] / 2.0 + 0.05, size[0] / 2.0 - 0.05],
             "y": [-size[1] / 2.0 + 0.05, size[1] / 2.0 - 0.05]}}});
@@ -80,7 +86,7 @@ fn robot(radius: f64, mass: f64, max_speed: f64, acceleration: f64) -> Value {
 /// In most episodes all press into a corner; in the others they drive about.
 fn check(name: &str, robots: &Value, size: [f32; 2], objects: &Value, most: f32) {
     for (target, seed) in [(true, 1), (true, 2), (false, 3)] {
-        let worst = crowd(robots, size, objects, target, seed);
+        let worst = worst_overlap(robots, size, objects, target, seed);
         assert_eq!(worst.outside, 0, "{name}, seed {seed}");
         assert!(
             worst.overlap < most,

@@ -120,7 +120,7 @@ fn colours_are_seen_where_nothing_stands_between() {
         assert_eq!(arena.actuator_names()[2..], ["led cyan", "led red"]);
         assert_eq!(arena.sensor_names()[2..4], ["red count", "red seen"]);
         assert_eq!(arena.sensor_names().len(), arena.description().sensors);
-        // At the start nobody shows anything.
+        // At the start no robot shows a colour.
         assert!((0..12).all(|agent| {
             sensed(&arena, agent)[2..]
                 .iter()

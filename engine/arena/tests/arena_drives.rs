@@ -294,7 +294,7 @@ fn values_are_means_of_the_messages_that_have_them() {
     let mut swarm = talking(&[(2, 1), (1, 3), (1, 0), (1, 2)]);
     assert_eq!(
         swarm.sensor_names(),
-        ["neighbours", "message 0", "message 1", "message 2"]
+        ["messages heard", "message 0", "message 1", "message 2"]
     );
     assert_eq!(
         swarm.actuator_names()[7..],
@@ -368,7 +368,7 @@ fn messages_need_a_kind_that_sends_them() {
     assert_eq!(
         swarm.sensor_names(),
         [
-            "neighbours",
+            "messages heard",
             "light 0",
             "light 1",
             "compass x",

@@ -56,7 +56,7 @@ fn kinds_have_their_own_bodies_and_looks() {
     assert_eq!(radii, [0.1, 0.1, 0.1, 0.03, 0.03, 0.03, 0.03, 0.03]);
     let states: Vec<&str> = before.iter().map(|body| body.state.as_ref()).collect();
     assert_eq!(states[2..4], ["large", "robot 1"]);
-    // Nobody overlaps anybody.
+    // No robot overlaps another one.
     for (index, a) in before.iter().enumerate() {
         for b in &before[index + 1..] {
             assert!((a.x - b.x).hypot(a.y - b.y) >= a.radius + b.radius - 1e-6);
@@ -250,7 +250,7 @@ fn a_list_of_one_kind_is_that_kind() {
     };
     let several = json!([{"robot": "e-puck-rm1.1", "count": 20}]);
     assert_eq!(run(json!({"robots": several})), run(json!({"robots": 20})));
-    // Two kinds that are the same but for their names are no different either.
+    // Two kinds that are the same but for their names do not differ either.
     let several = json!([
         {"robot": "e-puck-rm1.1", "count": 13, "name": "a"},
         {"robot": "e-puck-rm1.1", "count": 7, "name": "b"},
@@ -442,7 +442,7 @@ fn kinds_with_other_sensors_share_those_that_are_the_same() {
     assert_eq!(
         names[11..],
         [
-            "neighbours",
+            "messages heard",
             "attraction x",
             "attraction y",
             "carrier proximity 0",

@@ -12,6 +12,7 @@ fn driven(metrics: &Value, robots: u32, seed: u64) -> Arena {
         "floor": {"patches": [
             {"name": "west", "circle": {"center": [-0.6, 0], "radius": 0.1}, "color": "black"},
             {"name": "east", "circle": {"center": [0.6, 0], "radius": 0.1}, "color": "white"},
+            {"name": "all", "rectangle": {"x": [-2, 2], "y": [-1.5, 1.5]}, "color": "grey"},
         ]},
         "start": {"rectangle": {"x": [-0.8, 0.8], "y": [-0.6, 0.6]}},
         "metrics": metrics,
@@ -150,6 +151,68 @@ fn general_metrics_follow_from_positions() {
         });
         let share = seen.count() as f64 / f64::from(steps * steps * 3 / 4);
         close(value(&arena, "covered"), share, 0.01);
+    }
+}
+
+#[test]
+fn distances_are_limited_one_by_one() {
+    let metrics = json!({
+        "far": {"kind": "mean_distance", "radius": 1.4, "most": 5},
+        "near": {"kind": "mean_distance", "radius": 1.4, "most": 0.3},
+        "none": {"kind": "mean_distance", "radius": 1.4, "most": 0.3, "outside": ["all"]},
+    });
+    let arena = driven(&metrics, 3, 1);
+    let robots = positions(&arena);
+    let steps = 64;
+    let [mut far, mut near] = [0.0; 2];
+    for ring in 0..steps {
+        for place in 0..steps {
+            let radius = 1.4 * (f64::from(ring) + 0.5) / f64::from(steps);
+            let angle = 2.0 * std::f64::consts::PI * (f64::from(place) + 0.5) / f64::from(steps);
+            let point = [radius * angle.cos(), radius * angle.sin()];
+            let least = robots
+                .iter()
+                .map(|robot| distance(point, *robot))
+                .fold(5.0, f64::min);
+            far += least / f64::from(steps * steps);
+            near += least.min(0.3) / f64::from(steps * steps);
+        }
+    }
+    assert!(far > 0.3, "most points are further away from all robots");
+    close(value(&arena, "far"), far, 1e-4);
+    close(value(&arena, "near"), near, 1e-4);
+    close(value(&arena, "none"), 0.3, 1e-6);
+}
+
+#[test]
+fn the_area_of_the_largest_group_is_that_of_its_robots() {
+    let metrics = json!({
+        "area": {"kind": "largest_group_area", "link": 0.13, "disc": 0.1, "within": 1},
+        "group": {"kind": "largest_group", "link": 0.13, "when": "end"},
+    });
+    for (robots, seeds) in [(12, 10), (80, 2)] {
+        for seed in 0..seeds {
+            let arena = driven(&metrics, robots, seed);
+            let at = positions(&arena);
+            let group = groups(&at, 0.13);
+            let members = |of: &usize| group.iter().filter(|other| *other == of).count();
+            // The first one on ties.
+            let first = (0..at.len()).rev().max_by_key(members).unwrap();
+            let largest: Vec<[f64; 2]> = (0..at.len())
+                .filter(|index| group[*index] == first)
+                .map(|index| at[index])
+                .collect();
+            assert_eq!(value(&arena, "group"), largest.len() as f64);
+            let middle = |cell: i32| (f64::from(cell) + 0.5) * 0.02 - 1.0;
+            let covered = (0..100)
+                .flat_map(|row| (0..100).map(move |column| [middle(row), middle(column)]))
+                .filter(|point| {
+                    let near = |robot: &[f64; 2]| distance(*point, *robot) <= 0.1;
+                    distance(*point, [0.0; 2]) < 1.0 && largest.iter().any(near)
+                });
+            let area = covered.count() as f64 * 0.02 * 0.02;
+            close(value(&arena, "area"), area, 0.002);
+        }
     }
 }
 

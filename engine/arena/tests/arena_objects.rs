@@ -125,7 +125,7 @@ fn overlap(a: &[[f32; 2]], b: &[[f32; 2]]) -> f32 {
     inside(a, b).max(inside(b, a))
 }
 
-fn crowd(seed: u64) -> Value {
+fn many_objects(seed: u64) -> Value {
     let objects = json!([
         {"name": "disc", "radius": 0.1, "mass": 0.5, "friction": 0.1, "count": 3,
             "start": {"rectangle": {"x": [-1.2, 1.2], "y": [-0.7, 0.7]}}},
@@ -144,7 +144,7 @@ fn crowd(seed: u64) -> Value {
 fn nothing_is_pushed_through_walls_or_through_anything_else() {
     let (mut moved, mut deepest) = (0.0_f32, 0.0_f32);
     for seed in 0..4 {
-        let mut arena = arena(&crowd(seed));
+        let mut arena = arena(&many_objects(seed));
         let before = objects(&arena);
         for tick in 0..200 {
             // All in one direction for a time, so that they press objects against walls.
@@ -376,7 +376,7 @@ fn metrics_follow_from_where_objects_are() {
 #[test]
 fn the_same_seed_gives_the_same_episode_and_others_other_places() {
     let run = |seed: u64| {
-        let mut arena = arena(&crowd(seed));
+        let mut arena = arena(&many_objects(seed));
         let start = objects(&arena);
         drive_east(&mut arena, 40);
         (start, objects(&arena), robots(&arena))
@@ -386,7 +386,7 @@ fn the_same_seed_gives_the_same_episode_and_others_other_places() {
     assert_eq!(run(3).0[7], run(4).0[7], "a center is fixed");
     // None overlaps another, a wall or a robot at the start.
     for seed in 0..20 {
-        let arena = arena(&crowd(seed));
+        let arena = arena(&many_objects(seed));
         let rims = rims(&arena, 8);
         for (index, rim) in rims.iter().enumerate() {
             assert!(beyond_walls(rim) < 1e-5);

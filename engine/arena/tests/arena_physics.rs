@@ -95,8 +95,8 @@ fn floating(record: &Arc<Mutex<Record>>) -> PhysicsSimulation {
     .unwrap()
 }
 
-/// A wide room without anything in it, and robots without noise.
-fn room(drive: &Value, more: &Value) -> Value {
+/// A wide arena without anything in it, and robots without noise.
+fn empty_arena(drive: &Value, more: &Value) -> Value {
     let mut robot = json!({"radius": 0.05, "drive": drive,
         "sensors": [{"kind": "compass"}], "actuators": []});
     for (name, value) in more.as_object().unwrap() {
@@ -137,7 +137,7 @@ fn robots_go_as_in_the_arena_where_nothing_is_in_their_way() {
         ),
     ];
     for (drive, row) in drives {
-        let parameters = room(&drive, &json!({}));
+        let parameters = empty_arena(&drive, &json!({}));
         let parameters = parameters.as_object().unwrap();
         let (mut here, mut there) = (Arena::default(), floating(&Arc::default()));
         here.reset(parameters).unwrap();
@@ -191,7 +191,11 @@ fn all_but_the_motion_is_the_arenas() {
         here.step(&[0.0; 8]);
     }
     for agent in 0..4 {
-        assert_eq!(sensed(&here, agent), sensed(&there, agent), "nobody moved");
+        assert_eq!(
+            sensed(&here, agent),
+            sensed(&there, agent),
+            "no robot moved"
+        );
     }
     assert_eq!(
         (here.fitness(), here.metrics()),
@@ -259,7 +263,7 @@ fn rays_of_the_simulator_count() {
     let mut there = floating(&record);
     let proximity = json!({"sensors": [{"kind": "proximity", "angles": [0, 90, 200], "range": 0.4, "noise": 0.0}]});
     let drive = json!({"kind": "differential", "wheel_base": 0.08, "max_speed": 0.2});
-    let parameters = room(&drive, &proximity);
+    let parameters = empty_arena(&drive, &proximity);
     there.reset(parameters.as_object().unwrap()).unwrap();
     there.step(&[0.0; 10]);
     assert_eq!(sensed(&there, 3), [0.0; 3], "nothing is near");

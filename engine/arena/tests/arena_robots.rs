@@ -169,6 +169,19 @@ fn a_car_drives_in_a_circle_and_never_turns_on_the_spot() {
 }
 
 #[test]
+fn counts_are_named_after_what_they_count() {
+    let sensors = json!([
+        {"kind": "neighbours", "range": 0.7, "gives": ["count"]},
+        {"kind": "range_and_bearing", "range": 0.7, "gives": ["count", "squashed"]},
+    ]);
+    let arena = arena(&robot(&wheels(), &sensors), 3, 1);
+    assert_eq!(
+        arena.sensor_names(),
+        ["neighbours", "messages heard", "messages heard squashed"]
+    );
+}
+
+#[test]
 fn neighbours_are_seen_where_they_are() {
     let seen = json!([
         {"kind": "compass"},

@@ -27,6 +27,8 @@ pub struct Config {
     pub certificate: Option<PathBuf>,
     /// Private key of the certificate, PEM.
     pub key: Option<PathBuf>,
+    /// Authorities, PEM. With them only clients that have a certificate signed by one of them may connect to the TCP ports.
+    pub client_ca: Option<PathBuf>,
     /// Limits on what is stored.
     pub limits: Limits,
 }
@@ -67,6 +69,7 @@ impl Default for Config {
             origins: Vec::new(),
             certificate: None,
             key: None,
+            client_ca: None,
             limits: Limits::default(),
         }
     }

@@ -76,6 +76,9 @@ pub enum BrokerError {
         /// The one that is missing.
         missing: &'static str,
     },
+    /// Client certificates are to be verified, without TLS.
+    #[error("client certificates need TLS; the broker's own certificate and its key are missing")]
+    ClientsWithoutTls,
     /// Anything else that the operating system refuses.
     #[error("the broker could not {what}: {source}")]
     System {

@@ -99,7 +99,7 @@ impl Broker {
         })
     }
 
-    /// Reads the password file, the access file and the certificate with its key again. Connections that they no longer allow end: those of
+    /// Reads the password file, the access file, the certificate with its key and the authorities of clients again. Connections that they no longer allow end: those of
     /// removed accounts, or of accounts with another password, are closed, and the new access rules apply to every message from then on. All
     /// other clients stay connected.
     ///
@@ -190,7 +190,13 @@ impl std::fmt::Debug for Broker {
 /// Reads the files that a configuration names.
 fn read_files(config: &Config) -> Result<Renewal, BrokerError> {
     let tls = match (&config.certificate, &config.key) {
-        (Some(certificate), Some(key)) => Some(transport::server_config(certificate, key)?),
+        (Some(certificate), Some(key)) => {
+            let clients = config.client_ca.as_deref();
+            Some(transport::server_config(certificate, key, clients)?)
+        }
+        (None, None) if config.client_ca.is_some() => {
+            return Err(BrokerError::ClientsWithoutTls);
+        }
         (None, None) => None,
         (None, Some(_)) => {
             return Err(BrokerError::HalfTls {

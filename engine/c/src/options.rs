@@ -50,7 +50,7 @@ unsafe impl Send for Listener {}
 /// Reads options.
 ///
 /// # Errors
-/// A broker that is no URL, credentials that cannot be used, an id or a time that cannot be.
+/// A broker that is not a URL, credentials that cannot be used, an id or a time that cannot be.
 ///
 /// # Safety
 /// `pointer` is null or points to options as the header describes them.

@@ -307,7 +307,7 @@ pub unsafe extern "C" fn swarmwright_parameter_numbers(
 /// A position in 0..=width and 0..=height, rounded to binary32.
 ///
 /// # Safety
-/// As `swarmwright_parameter_integer`; `position` has room for two numbers.
+/// As `swarmwright_parameter_integer`; `position` points to two numbers.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn swarmwright_parameter_position(
     given: *const Given<'_>,

@@ -72,9 +72,10 @@ impl Server {
 pub(crate) fn trouble(error: ServeError) -> Trouble {
     match error {
         ServeError::Topic(_) | ServeError::NoSimulation => Trouble::Invalid(error.to_string()),
-        ServeError::Connect(_) | ServeError::IdTaken { .. } | ServeError::IdLost { .. } => {
-            Trouble::Failed(error.to_string())
-        }
+        ServeError::Connect(_)
+        | ServeError::IdTaken { .. }
+        | ServeError::IdLost { .. }
+        | ServeError::Unannounced(_) => Trouble::Failed(error.to_string()),
     }
 }
 

@@ -163,16 +163,32 @@ impl<'a> Reader<'a> {
         &mut self,
         allowed: &[Activation],
     ) -> Result<Activation, SpecificationError> {
+        self.function("activation", allowed)
+    }
+
+    /// The function of the output layer; `None` where it is left out, and the one of all nodes applies.
+    pub(crate) fn output_activation(
+        &mut self,
+        allowed: &[Activation],
+    ) -> Result<Option<Activation>, SpecificationError> {
+        let field = "output_activation";
+        if !self.fields.contains_key(field) {
+            self.known.push(field.to_owned());
+            return Ok(None);
+        }
+        self.function(field, allowed).map(Some)
+    }
+
+    fn function(
+        &mut self,
+        field: &str,
+        allowed: &[Activation],
+    ) -> Result<Activation, SpecificationError> {
         let names: Vec<_> = allowed.iter().map(|a| a.name()).collect();
         let expected = format!("one of {}", names.join(", "));
-        let found: String = self.read("activation", &expected)?;
+        let found: String = self.read(field, &expected)?;
         let known = allowed.iter().copied().find(|a| a.name() == found);
-        known.ok_or_else(|| {
-            wrong(
-                "activation",
-                format!("{found:?} found, expected {expected}"),
-            )
-        })
+        known.ok_or_else(|| wrong(field, format!("{found:?} found, expected {expected}")))
     }
 
     pub(crate) fn output_range(&mut self) -> Result<OutputRange, SpecificationError> {

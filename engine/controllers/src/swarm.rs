@@ -28,7 +28,7 @@ impl SwarmControllers {
         &self.prototype
     }
 
-    /// The controller of an agent. There is room for all agents up to this one: check `agent` first where it comes from elsewhere.
+    /// The controller of an agent. Memory is reserved for all agents up to this one: check `agent` first where it comes from elsewhere.
     ///
     /// # Errors
     /// An agent that belongs to no group of the team.

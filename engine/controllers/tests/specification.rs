@@ -60,6 +60,17 @@ fn accepts_and_counts() {
             *specification.architecture()
         );
     }
+    let mut linear = layered();
+    linear["output_activation"] = json!("linear");
+    let read = Specification::from_json(&linear.to_string()).unwrap();
+    assert_ne!(
+        read,
+        Specification::from_json(&layered().to_string()).unwrap()
+    );
+    assert_eq!(
+        serde_json::to_value(&read).unwrap()["output_activation"],
+        "linear"
+    );
     let mut whole = layered();
     whole["sensors"] = json!(2.0);
     assert!(
@@ -80,7 +91,7 @@ fn weights_are_read_as_binary32() {
 
 #[test]
 fn refuses_with_the_field_and_the_cure() {
-    let cases: [(Value, &str, Value, &[&str]); 37] = [
+    let cases: [(Value, &str, Value, &[&str]); 38] = [
         (
             neat(),
             "sources",
@@ -159,6 +170,15 @@ fn refuses_with_the_field_and_the_cure() {
         ),
         (layered(), "sensors", json!(1e300), &["controller.sensors"]),
         (layered(), "actuators", json!(0), &["controller.actuators"]),
+        (
+            layered(),
+            "output_activation",
+            json!("softmax"),
+            &[
+                "controller.output_activation",
+                "\"softmax\" found, expected one of tanh, sigmoid",
+            ],
+        ),
         (
             layered(),
             "hidden",

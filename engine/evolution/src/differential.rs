@@ -10,7 +10,7 @@ pub enum Base {
     Best,
     /// A random one.
     Random,
-    /// The member itself, moved towards the best one.
+    /// The member itself; the difference is the one between the best member and another, as in pymoo.
     TargetToBest,
 }
 
@@ -27,27 +27,26 @@ pub enum Crossover {
     Line,
 }
 
-/// Settings of differential evolution in a box.
-#[derive(Debug, Clone, Copy)]
-pub struct Differential<'a> {
+/// Settings of differential evolution.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Differential {
     /// What a difference is added to.
     pub base: Base,
     /// How member and mutant are mixed.
     pub crossover: Crossover,
     /// F: how much of a difference is added.
     pub factor: f64,
-    /// CR: probability of a gene of the mutant, or the largest share of it.
+    /// CR, 0..=1. Binomial: probability that a gene is the mutant's; exponential: probability that the run of the mutant's
+    /// genes has one more; hypercube and line: the largest share of the way from the member to the mutant, of which a uniform
+    /// part is taken.
     pub rate: f64,
     /// Probability of a polynomial mutation.
     pub mutate: f64,
-    /// Least value of each gene.
-    pub lower: &'a [f64],
-    /// Largest value of each gene.
-    pub upper: &'a [f64],
 }
 
-impl Differential<'_> {
-    /// Makes the trial vector of the member `target`; `members` are rows of as many genes as `trial` has.
+impl Differential {
+    /// Makes the trial vector of the member `target`, between the least and the largest value of each gene; `members` are
+    /// rows of as many genes as `trial` has.
     ///
     /// # Panics
     ///
@@ -57,11 +56,12 @@ impl Differential<'_> {
         members: &[f32],
         best: usize,
         target: usize,
+        (lower, upper): (&[f64], &[f64]),
         stream: &mut Stream,
         trial: &mut [f64],
     ) {
         let genes = trial.len();
-        assert_eq!((self.lower.len(), self.upper.len()), (genes, genes));
+        assert_eq!((lower.len(), upper.len()), (genes, genes));
         let count = members.len() / genes.max(1);
         assert!(genes == 0 || (count >= 4 && members.len() == count * genes));
         let member = |index: usize| &members[index * genes..(index + 1) * genes];
@@ -78,11 +78,11 @@ impl Differential<'_> {
         for gene in 0..genes {
             let from = f64::from(base[gene]);
             let value = from + self.factor * (f64::from(plus[gene]) - f64::from(minus[gene]));
-            trial[gene] = within(stream, value, from, self.lower[gene], self.upper[gene]);
+            trial[gene] = within(stream, value, from, lower[gene], upper[gene]);
         }
         self.cross(member(target), stream, trial);
         if stream.unit() < self.mutate {
-            mutate(stream, trial, self.lower, self.upper, PRECISION);
+            mutate(stream, trial, lower, upper, PRECISION);
         }
     }
 

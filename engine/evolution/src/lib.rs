@@ -51,8 +51,8 @@ pub use sample::GaussianSample;
 pub use sampling::{Scale, add_weighted, add_weighted_products, add_weighted_squares, samples};
 pub use search::{
     Bounded, Challenger, CmaSearch, CmaSettings, Evostick, EvostickSettings, Gaussian, Genetic,
-    GeneticSettings, Learning, Members, Nes, NesSettings, NoStart, Operators, Restart, Restarts,
-    Search, Shape, Space, Starts, SwarmSettings, Swarming, Variation,
+    GeneticSettings, Learning, Members, Nes, NesSettings, Operators, Restart, Restarts, Search,
+    Shape, Space, Starts, SwarmSettings, Swarming, Unavailable, Variation,
 };
 pub use shaping::{centered_ranks, utilities};
 pub use stream::{Stream, normal_rows, purpose_key, rows};

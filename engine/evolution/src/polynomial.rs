@@ -36,13 +36,13 @@ fn mutated(share: f64, value: f64, lower: f64, upper: f64, precision: f64) -> f6
     if width <= 0.0 {
         return value;
     }
-    let (down, room) = if share <= 0.5 {
+    let (down, margin) = if share <= 0.5 {
         (true, (value - lower) / width)
     } else {
         (false, (upper - value) / width)
     };
     let share = if down { share } else { 1.0 - share };
-    let rest = libm::pow(1.0 - room, precision + 1.0);
+    let rest = libm::pow(1.0 - margin, precision + 1.0);
     let inner = 2.0 * share + (1.0 - 2.0 * share) * rest;
     let change = 1.0 - libm::pow(inner, 1.0 / (precision + 1.0));
     let moved = if down {

@@ -30,7 +30,7 @@ pub struct GaussianSample<'a> {
 }
 
 impl GaussianSample<'_> {
-    /// The genomes of candidate `first` and those behind it, as many as there is room for: rows of `center.len()` numbers, as
+    /// The genomes of candidate `first` and those behind it, as many as fit: rows of `center.len()` numbers, as
     /// [`samples`] makes them from the directions of [`normal_rows`].
     ///
     /// # Panics

@@ -98,16 +98,16 @@ impl Stream {
             body = others;
         }
         // What is left may begin and end within a block: all of these are drawn side by side.
-        let mut room = [[0; WORDS]; SIDE];
+        let mut blocks = [[0; WORDS]; SIDE];
         while !body.is_empty() {
             let count = (self.passed + body.len()).div_ceil(WORDS).min(SIDE);
-            self.draw_blocks(&mut room[..count]);
-            let drawn = &room[..count].as_flattened()[self.passed..];
+            self.draw_blocks(&mut blocks[..count]);
+            let drawn = &blocks[..count].as_flattened()[self.passed..];
             let taken = drawn.len().min(body.len());
             let (places, others) = body.split_at_mut(taken);
             places.copy_from_slice(&drawn[..taken]);
             if taken < drawn.len() {
-                self.block = room[count - 1];
+                self.block = blocks[count - 1];
                 self.used = WORDS - (drawn.len() - taken);
             }
             self.passed = 0;
@@ -471,23 +471,24 @@ pub fn rows<T: Send>(
 
 /// Makes two rows of `length` numbers with each stream; see [`rows`].
 ///
-/// `few`: numbers that are made in little more time than another thread takes to begin. `room`: what `make` works in.
+/// `few`: numbers that are made in little more time than another thread takes to begin. `scratch` makes what `make` works in,
+/// once for each thread.
 pub(crate) fn rows_of_two<T: Send, U: Send, R>(
     streams: &mut [Stream],
     (ones, others): (&mut [T], &mut [U]),
     length: usize,
     few: usize,
-    room: impl Fn() -> R + Send + Sync,
+    scratch: impl Fn() -> R + Send + Sync,
     make: impl Fn(&mut R, usize, &mut Stream, &mut [T], &mut [U]) + Sync,
 ) {
     let length = length.max(1);
     if ones.len() < 2 * few {
-        let mut room = room();
+        let mut scratch = scratch();
         let both = ones
             .chunks_exact_mut(length)
             .zip(others.chunks_exact_mut(length));
         for (index, (stream, (one, other))) in streams.iter_mut().zip(both).enumerate() {
-            make(&mut room, index, stream, one, other);
+            make(&mut scratch, index, stream, one, other);
         }
         return;
     }
@@ -497,8 +498,8 @@ pub(crate) fn rows_of_two<T: Send, U: Send, R>(
         .zip(others.par_chunks_exact_mut(length))
         .with_min_len(few.div_ceil(length))
         .enumerate()
-        .for_each_init(room, |room, (index, ((stream, one), other))| {
-            make(room, index, stream, one, other);
+        .for_each_init(scratch, |scratch, (index, ((stream, one), other))| {
+            make(scratch, index, stream, one, other);
         });
 }
 

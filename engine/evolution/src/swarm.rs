@@ -297,24 +297,36 @@ pub fn spread(places: &[f32], best: &[f32], width: &[f64]) -> f64 {
         }
     }
     let mut distances = vec![0.0; count];
-    let mut mean = |from: &[f64], among: f64| {
+    let mut sums = vec![0.0; count];
+    let distances_to = |from: &[f32], first: usize, distances: &mut [f64]| {
+        let from: Vec<f64> = scaled(from, width).collect();
         Level::best().run(Distances {
-            from,
+            from: &from,
             columns: &columns,
-            distances: &mut distances,
+            first,
+            distances,
         });
-        distances.iter().sum::<f64>() / among
     };
+    // Each pair once. A sum has its distances in the order of the places: those before a place are in it when its turn comes.
+    for (place, row) in places.chunks_exact(genes.max(1)).enumerate() {
+        let distances = &mut distances[place + 1..];
+        distances_to(row, place + 1, distances);
+        let (before, after) = sums.split_at_mut(place + 1);
+        for (sum, distance) in after.iter_mut().zip(&*distances) {
+            *sum += distance;
+        }
+        before[place] = distances.iter().fold(before[place], |sum, next| sum + next);
+    }
     #[expect(clippy::cast_precision_loss, reason = "numbers of particles are small")]
     let others = count as f64 - 1.0;
     let (mut least, mut most) = (f64::INFINITY, 0.0_f64);
-    for row in places.chunks_exact(genes.max(1)) {
-        let row: Vec<f64> = scaled(row, width).collect();
-        let distance = mean(&row, others);
+    for sum in sums {
+        let distance = sum / others;
         (least, most) = (least.min(distance), most.max(distance));
     }
-    let best: Vec<f64> = scaled(best, width).collect();
-    (mean(&best, others + 1.0) - least) / (most - least + 1e-32)
+    distances_to(best, 0, &mut distances);
+    let mean = distances.iter().sum::<f64>() / (others + 1.0);
+    (mean - least) / (most - least + 1e-32)
 }
 
 fn scaled<'a>(row: &'a [f32], width: &'a [f64]) -> impl Iterator<Item = f64> + 'a {
@@ -323,11 +335,12 @@ fn scaled<'a>(row: &'a [f32], width: &'a [f64]) -> impl Iterator<Item = f64> + '
         .map(|(value, width)| f64::from(*value) / width)
 }
 
-/// Distances of one place to all; its squares are added gene after gene.
+/// Distances of one place to all from the first one on; their squares are added gene after gene.
 struct Distances<'a> {
     from: &'a [f64],
     /// (genes, places)
     columns: &'a [f64],
+    first: usize,
     distances: &'a mut [f64],
 }
 
@@ -338,9 +351,10 @@ impl Kernel for Distances<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self) {
         self.distances.fill(0.0);
-        let columns = self.columns.chunks_exact(self.distances.len().max(1));
+        let count = self.first + self.distances.len();
+        let columns = self.columns.chunks_exact(count.max(1));
         for (from, column) in self.from.iter().zip(columns) {
-            for (square, place) in self.distances.iter_mut().zip(column) {
+            for (square, place) in self.distances.iter_mut().zip(&column[self.first..]) {
                 let difference = from - place;
                 *square += difference * difference;
             }

@@ -6,15 +6,13 @@ const GENES: usize = 8;
 const LOWER: [f64; GENES] = [-10.0; GENES];
 const UPPER: [f64; GENES] = [10.0; GENES];
 
-fn settings() -> Differential<'static> {
+fn settings() -> Differential {
     Differential {
         base: Base::Best,
         crossover: Crossover::Binomial,
         factor: 0.5,
         rate: 1.0,
         mutate: 0.0,
-        lower: &LOWER,
-        upper: &UPPER,
     }
 }
 
@@ -25,10 +23,20 @@ fn members(count: u16) -> Vec<f32> {
         .collect()
 }
 
-fn trial(settings: Differential<'_>, members: &[f32], target: usize, candidate: u64) -> Vec<f64> {
+fn trial(settings: Differential, members: &[f32], target: usize, candidate: u64) -> Vec<f64> {
+    trial_in(settings, (&LOWER, &UPPER), members, target, candidate)
+}
+
+fn trial_in(
+    settings: Differential,
+    bounds: (&[f64], &[f64]),
+    members: &[f32],
+    target: usize,
+    candidate: u64,
+) -> Vec<f64> {
     let mut stream = Stream::new(1, purpose_key("trial"), 0, candidate);
     let mut made = vec![0.0; GENES];
-    settings.trial(members, 3, target, &mut stream, &mut made);
+    settings.trial(members, 3, target, bounds, &mut stream, &mut made);
     made
 }
 
@@ -102,18 +110,65 @@ fn at_least_one_gene_is_the_mutants() {
     }
 }
 
+/// Genes of many trial vectors as shares of the way from the target, at 0, to the mutant.
+fn shares(crossover: Crossover, rate: f64) -> Vec<Vec<f64>> {
+    let settings = Differential {
+        crossover,
+        rate,
+        factor: 1e-12,
+        ..settings()
+    };
+    let members = members(6);
+    (0..2000)
+        .map(|candidate| {
+            let made = trial(settings, &members, 0, candidate);
+            made.iter().map(|gene| gene / (3.0 / 16.0)).collect()
+        })
+        .collect()
+}
+
+#[test]
+fn the_rate_means_what_its_crossover_says() {
+    let mean = |shares: &[Vec<f64>]| {
+        let all = shares.concat();
+        all.iter().sum::<f64>() / all.len() as f64
+    };
+    let genes = GENES as f64;
+    // One gene in any case, each of the others with the probability of the rate.
+    let binomial = mean(&shares(Crossover::Binomial, 0.5));
+    assert!(
+        (binomial - (1.0 + 0.5 * (genes - 1.0)) / genes).abs() < 0.01,
+        "{binomial}"
+    );
+    // A run of one gene that goes on with the probability of the rate: 1 + r + r^2 + ... genes.
+    let exponential = mean(&shares(Crossover::Exponential, 0.5));
+    let run = (1.0 - 0.5_f64.powi(8)) / 0.5;
+    assert!((exponential - run / genes).abs() < 0.01, "{exponential}");
+    for crossover in [Crossover::Hypercube, Crossover::Line] {
+        let shares = shares(crossover, 0.5);
+        let uniform = mean(&shares);
+        assert!((uniform - 0.25).abs() < 0.01, "{crossover:?}: {uniform}");
+        let all = shares.concat();
+        let most = all.iter().copied().fold(0.0, f64::max);
+        assert!((0.49..0.500_001).contains(&most), "{crossover:?}: {most}");
+        let same = shares.iter().all(|one| {
+            let first = one[0];
+            one.iter().all(|share| (share - first).abs() < 1e-6)
+        });
+        assert_eq!(same, crossover == Crossover::Line);
+    }
+}
+
 #[test]
 fn what_leaves_the_box_comes_back_between_the_bound_and_where_it_came_from() {
     let members = members(6);
-    let narrow = [0.2; GENES];
+    let bounds = (&[0.15; GENES][..], &[0.2; GENES][..]);
     let wide = Differential {
         factor: 2.0,
-        upper: &narrow,
-        lower: &[0.15; GENES],
         ..settings()
     };
     for candidate in 0..500 {
-        for gene in trial(wide, &members, 1, candidate) {
+        for gene in trial_in(wide, bounds, &members, 1, candidate) {
             assert!((0.15..=0.2).contains(&gene), "{gene}");
         }
     }

@@ -211,7 +211,7 @@ fn members_are_made_in_the_ways_that_tickets_say() {
     assert_eq!(
         torus.choose(&fitness, 2, ways, [0.6, 0.0]),
         Way::Mutate(8),
-        "one that failed is no parent"
+        "one that failed is not a parent"
     );
     let failed = [f64::NAN; 9];
     assert_eq!(torus.choose(&failed, 2, ways, [0.0, 0.0]), Way::Renew);

@@ -90,3 +90,37 @@ fn the_spread_is_that_of_mean_distances() {
         "all in one place"
     );
 }
+
+#[test]
+fn distances_are_added_in_the_order_of_the_places() {
+    for (count, genes) in [(2, 1), (3, 5), (33, 7), (64, 49)] {
+        let mut numbers = stream(count as u64);
+        let places: Vec<f32> = (0..count * genes)
+            .map(|_| numbers.uniform(3.0) as f32)
+            .collect();
+        let width: Vec<f64> = (0..genes).map(|gene| 1.0 + gene as f64).collect();
+        let row = |place: usize| &places[place * genes..(place + 1) * genes];
+        let mean = |from: &[f32], among: usize| {
+            let mut sum = 0.0;
+            for place in 0..count {
+                let mut square = 0.0;
+                for gene in 0..genes {
+                    let scaled = |value: f32| f64::from(value) / width[gene];
+                    let difference = scaled(from[gene]) - scaled(row(place)[gene]);
+                    square += difference * difference;
+                }
+                sum += f64::sqrt(square);
+            }
+            sum / among as f64
+        };
+        let means: Vec<f64> = (0..count)
+            .map(|place| mean(row(place), count - 1))
+            .collect();
+        let least = means.iter().copied().fold(f64::INFINITY, f64::min);
+        let most = means.iter().copied().fold(0.0, f64::max);
+        let best = row(count / 2);
+        let expected = (mean(best, count) - least) / (most - least + 1e-32);
+        let found = spread(&places, best, &width);
+        assert_eq!(found.to_bits(), expected.to_bits(), "{count} places");
+    }
+}

@@ -335,19 +335,19 @@ extern "C" fn fmi2SerializedFMUstateSize(
     state: *mut State,
     size: *mut usize,
 ) -> c_int {
-    shield(c, |_| {
-        let bytes = state_bytes(state)?;
+    shield(c, |instance| {
+        let bytes = state_bytes(instance, state)?;
         // SAFETY: a place for a size, or null.
         unsafe { put(size, bytes.len()) };
         Ok(())
     })
 }
 
-pub fn state_bytes(state: *mut State) -> Result<Vec<u8>, Refusal> {
+pub fn state_bytes(instance: &Instance, state: *mut State) -> Result<Vec<u8>, Refusal> {
     // SAFETY: it came from `get_state`, or is null.
     unsafe { state.as_ref() }
         .ok_or("there is no state")?
-        .bytes()
+        .bytes(&instance.model.token)
 }
 
 #[unsafe(no_mangle)]
@@ -357,11 +357,16 @@ extern "C" fn fmi2SerializeFMUstate(
     bytes: *mut u8,
     size: usize,
 ) -> c_int {
-    shield(c, |_| serialize(state, bytes, size))
+    shield(c, |instance| serialize(instance, state, bytes, size))
 }
 
-pub fn serialize(state: *mut State, bytes: *mut u8, size: usize) -> Result<(), Refusal> {
-    let found = state_bytes(state)?;
+pub fn serialize(
+    instance: &Instance,
+    state: *mut State,
+    bytes: *mut u8,
+    size: usize,
+) -> Result<(), Refusal> {
+    let found = state_bytes(instance, state)?;
     if found.len() > size {
         return Err(format!("the state takes {} bytes, there are {size}", found.len()).into());
     }
@@ -379,12 +384,17 @@ extern "C" fn fmi2DeSerializeFMUstate(
     size: usize,
     state: *mut *mut State,
 ) -> c_int {
-    shield(c, |_| deserialize(bytes, size, state))
+    shield(c, |instance| deserialize(instance, bytes, size, state))
 }
 
-pub fn deserialize(bytes: *const u8, size: usize, state: *mut *mut State) -> Result<(), Refusal> {
+pub fn deserialize(
+    instance: &Instance,
+    bytes: *const u8,
+    size: usize,
+    state: *mut *mut State,
+) -> Result<(), Refusal> {
     // SAFETY: the array has `size` bytes.
-    let made = State::read(unsafe { slice(bytes, size)? })?;
+    let made = State::read(unsafe { slice(bytes, size)? }, &instance.model.token)?;
     free_state(state);
     // SAFETY: a place for a pointer, or null.
     let place = unsafe { state.as_mut() };

@@ -38,7 +38,7 @@ extern "C" fn fmi3InstantiateCoSimulation(
     resources: *const c_char,
     _visible: bool,
     _logging: bool,
-    _event_mode: bool,
+    event_mode: bool,
     _early_return: bool,
     _intermediate: References,
     _intermediate_count: usize,
@@ -50,6 +50,13 @@ extern "C" fn fmi3InstantiateCoSimulation(
         // SAFETY: texts are null or end with a null.
         let (token, resources) = unsafe { (text(token), text(resources)) };
         let log = logger.map_or(Log::None, |logger| Log::Three(logger, environment));
+        if event_mode {
+            log.tell(
+                Status::Error,
+                "this FMU has no event mode: instantiate it without",
+            );
+            return None;
+        }
         match Model::read(std::path::Path::new(resources.as_deref().unwrap_or(""))) {
             Ok(model) => {
                 let of = "instantiation token";
@@ -319,8 +326,8 @@ extern "C" fn fmi3SerializedFMUStateSize(
     state: *mut State,
     size: *mut usize,
 ) -> c_int {
-    shield(c, |_| {
-        let bytes = state_bytes(state)?;
+    shield(c, |instance| {
+        let bytes = state_bytes(instance, state)?;
         // SAFETY: a place for a size, or null.
         unsafe { put(size, bytes.len()) };
         Ok(())
@@ -334,7 +341,7 @@ extern "C" fn fmi3SerializeFMUState(
     bytes: *mut u8,
     size: usize,
 ) -> c_int {
-    shield(c, |_| serialize(state, bytes, size))
+    shield(c, |instance| serialize(instance, state, bytes, size))
 }
 
 #[unsafe(no_mangle)]
@@ -344,7 +351,7 @@ extern "C" fn fmi3DeserializeFMUState(
     size: usize,
     state: *mut *mut State,
 ) -> c_int {
-    shield(c, |_| deserialize(bytes, size, state))
+    shield(c, |instance| deserialize(instance, bytes, size, state))
 }
 
 #[unsafe(no_mangle)]

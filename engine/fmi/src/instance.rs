@@ -340,6 +340,7 @@ impl Instance {
                 "a communication step must have a finite time and a size of 0 s or more".into(),
             );
         }
+        self.follows(time, size)?;
         self.catch_up()?;
         let end = (time + size - self.state.start) / self.model.period + SLACK;
         let inputs = self.limited()?;
@@ -352,6 +353,28 @@ impl Instance {
         }
         self.state.time = time + size;
         Ok(())
+    }
+
+    /// Refuses a step that does not begin where the last one ended, but for rounding errors of the master: these may be
+    /// [`SLACK`] of the step or period, and some units in the last place of the time.
+    fn follows(&self, time: f64, size: f64) -> Result<(), Refusal> {
+        let State {
+            start, time: last, ..
+        } = self.state;
+        let shortest = if size > 0.0 && size < self.model.period {
+            size
+        } else {
+            self.model.period
+        };
+        if (time - last).abs() <= SLACK * shortest + 8.0 * f64::EPSILON * time.abs() {
+            return Ok(());
+        }
+        let expected = if last == start {
+            "start time that was set up is"
+        } else {
+            "last one ended at"
+        };
+        Err(format!("the step begins at {time} s, the {expected} {last} s").into())
     }
 
     /// The inputs, limited to -1..=1 as servers do.
@@ -440,15 +463,84 @@ impl Drop for Instance {
     }
 }
 
-/// A state as bytes, and back.
+/// Hexadecimal digits of a checksum.
+const DIGITS: usize = 16;
+
+/// A state as bytes, and back: a checksum, then JSON.
 impl State {
-    pub fn bytes(&self) -> Result<Vec<u8>, Refusal> {
-        serde_json::to_vec(self).map_err(|error| error.to_string().into())
+    /// `token`: of the FMU.
+    pub fn bytes(&self, token: &str) -> Result<Vec<u8>, Refusal> {
+        let json = serde_json::to_vec(self).map_err(|error| error.to_string())?;
+        let mut bytes = checksum(token, &json).into_bytes();
+        bytes.extend(json);
+        Ok(bytes)
     }
 
-    pub fn read(bytes: &[u8]) -> Result<Box<Self>, Refusal> {
-        serde_json::from_slice(bytes)
+    /// Refuses bytes that are damaged, or a state of an FMU with another token; blanks at the end are ignored.
+    pub fn read(bytes: &[u8], token: &str) -> Result<Box<Self>, Refusal> {
+        let (sum, json) = bytes
+            .trim_ascii_end()
+            .split_at_checked(DIGITS)
+            .ok_or("the bytes are not a state of this FMU")?;
+        if sum != checksum(token, json).as_bytes() {
+            return Err(
+                "the bytes are not a state of this FMU, or are damaged: the checksum differs"
+                    .into(),
+            );
+        }
+        serde_json::from_slice(json)
             .map(Box::new)
             .map_err(|error| format!("the bytes are not a state of this FMU: {error}").into())
+    }
+}
+
+/// FNV-1a, 64 bits, in hexadecimal digits.
+fn checksum(token: &str, bytes: &[u8]) -> String {
+    let sum = token
+        .bytes()
+        .chain(bytes.iter().copied())
+        .fold(0xcbf2_9ce4_8422_2325_u64, |sum, byte| {
+            (sum ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3)
+        });
+    format!("{sum:0DIGITS$x}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn state() -> State {
+        State {
+            phase: Phase::Stepping,
+            start: 0.5,
+            time: 1.25,
+            parameters: vec![Value::from("fixed")],
+            seed: 7,
+            inputs: vec![0.1, -1.0],
+            made: 1,
+            steps: vec![vec![0.25, 0.5]],
+        }
+    }
+
+    #[test]
+    fn a_state_is_read_from_its_bytes() {
+        let mut bytes = state().bytes("{a}").expect("finite numbers");
+        assert_eq!(State::read(&bytes, "{a}"), Ok(Box::new(state())));
+        bytes.extend(b"   ");
+        assert_eq!(State::read(&bytes, "{a}"), Ok(Box::new(state())));
+    }
+
+    #[test]
+    fn damaged_states_and_those_of_other_fmus_are_refused() {
+        let bytes = state().bytes("{a}").expect("finite numbers");
+        for place in 0..bytes.len() {
+            for bit in 0..8 {
+                let mut damaged = bytes.clone();
+                damaged[place] ^= 1 << bit;
+                assert!(State::read(&damaged, "{a}").is_err(), "{place}, {bit}");
+            }
+            assert!(State::read(&bytes[..place], "{a}").is_err(), "{place}");
+        }
+        assert!(State::read(&bytes, "{b}").is_err());
     }
 }

@@ -52,17 +52,20 @@ impl Local {
         } = self;
         view.acts.fill(false);
         view.done = simulation.done();
-        for agent in simulation.acting() {
+        let acting = simulation.acting();
+        let most = acting.last().map_or(0, |last| *last as usize + 1);
+        if most > self.agents {
+            // Where agents act in turn, there may be others.
+            let or_more = if acting.len() == most { "" } else { " or more" };
+            return Err(format!(
+                "the parameters make {most} agents{or_more}, the FMU has variables of {}; export it anew with these parameters \
+                 (swarmwright export-fmu --set)",
+                self.agents
+            ));
+        }
+        for agent in acting {
             let place = *agent as usize;
-            let Some(acts) = view.acts.get_mut(place) else {
-                return Err(format!(
-                    "the parameters make {} agents or more, the FMU has variables of {}; export it anew with these parameters \
-                     (swarmwright export-fmu --set)",
-                    place + 1,
-                    self.agents
-                ));
-            };
-            *acts = true;
+            view.acts[place] = true;
             let row = place * self.sensors..(place + 1) * self.sensors;
             simulation.sense(*agent, &mut view.sensors[row]);
         }

@@ -69,7 +69,7 @@ pub fn free(instance: *mut c_void) {
     if !instance.is_null() {
         // SAFETY: it came from `handed_over`, and masters do not use it afterwards.
         let instance = unsafe { Box::from_raw(instance.cast::<Instance>()) };
-        // A panic while it ends must not cross the border; there is nobody to tell.
+        // A panic while it ends must not cross the border to C, which has no way to return an error here.
         let _ = catch_unwind(AssertUnwindSafe(move || drop(instance)));
     }
 }

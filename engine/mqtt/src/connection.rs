@@ -100,6 +100,10 @@ pub struct Connection {
     waker: Waker,
     mio_events: Events,
     link: Option<Link>,
+    /// When the connection was made that is used, or was used last.
+    opened: Instant,
+    /// Connections in a row that broke soon.
+    short_lived: u32,
     out: Vec<u8>,
     retry_at: Instant,
     pause: Duration,
@@ -137,6 +141,8 @@ impl Connection {
             waker,
             mio_events: Events::with_capacity(8),
             link: None,
+            opened: Instant::now(),
+            short_lived: 0,
             out: Vec::new(),
             retry_at: Instant::now(),
             pause: FIRST_PAUSE,

@@ -1,6 +1,6 @@
 //! Connecting: handshakes, CONNECT, SUBSCRIBE, all acknowledged; repeated with other options where the broker requires that.
 
-use std::io::ErrorKind;
+use std::io::{self, ErrorKind};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -9,7 +9,7 @@ use crate::dialect::{Dialect, Remedy};
 use crate::session::{Granted, Received, Session, Subscription, Version};
 use crate::settings::Settings;
 use crate::transport::Transport;
-use crate::{ConnectError, MOST_TRIES};
+use crate::{ConnectError, MOST_TRIES, tls};
 
 /// The part of the time-out after which 3.1.1 is tried with a broker that does not answer MQTT 5.
 const SILENCE: f64 = 0.6;
@@ -101,18 +101,18 @@ fn attempt(
         .connect(settings, caller.client_id, dialect, out)
         .map_err(|error| broken(false, format!("{error:?}")))?;
     let deadline = Instant::now() + settings.timeout;
+    let unusable = |accepted: bool, error: &io::Error| match tls::refused(error, settings) {
+        Some(refused) if !accepted => Failure(refused, Remedy::None),
+        _ => broken(accepted, error.to_string()),
+    };
     let mut answers = Vec::new();
     let mut ready = false;
     loop {
-        while !out.is_empty() {
-            let count = transport
-                .write(out)
-                .map_err(|error| broken(accepted, error.to_string()))?;
-            out.drain(..count);
+        if let Err(error) = send(&mut transport, out) {
+            // What the broker said before it closed the connection is still to be read.
+            let said = transport.read(chunk).err();
+            return Err(unusable(accepted, &said.unwrap_or(error)));
         }
-        transport
-            .flush()
-            .map_err(|error| broken(accepted, error.to_string()))?;
         let late = || broken(accepted, "no answer in time".to_owned());
         if Instant::now() > deadline {
             return Err(late());
@@ -123,7 +123,7 @@ fn attempt(
             Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => {
                 return Err(late());
             }
-            Err(error) => return Err(broken(accepted, error.to_string())),
+            Err(error) => return Err(unusable(accepted, &error)),
         };
         session.receive(&chunk[..count], out, &mut |received| answers.push(received));
         for answer in answers.drain(..) {
@@ -161,6 +161,14 @@ fn attempt(
             return Ok((transport, session));
         }
     }
+}
+
+fn send(transport: &mut Transport, out: &mut Vec<u8>) -> io::Result<()> {
+    while !out.is_empty() {
+        let count = transport.write(out)?;
+        out.drain(..count);
+    }
+    transport.flush()
 }
 
 fn denied(caller: &Caller<'_>, index: usize, granted: &Granted) -> Failure {

@@ -23,7 +23,7 @@ pub use connection::{Connection, Event, TooLarge, Traffic, Waker};
 pub use probe::holds_back_small_packets;
 pub use publication::PublishOptions;
 pub use session::{Incoming, QoS, Subscription, Version};
-pub use settings::{BrokerUrl, Scheme, Settings, SettingsError, Will};
+pub use settings::{BrokerUrl, ClientCertificate, Scheme, Settings, SettingsError, Will};
 
 /// Attempts for a connection that the broker accepts and then closes.
 const MOST_TRIES: u32 = 5;
@@ -97,7 +97,8 @@ pub enum ConnectError {
     },
     /// The broker denies this client a subscription.
     #[error(
-        "the broker at {url} does not let {who} subscribe to {filter:?} ({reason}); correct the broker's access rules"
+        "the broker at {url} does not let {who} subscribe to {filter:?} ({reason}); correct the broker's access rules, or set the \
+         topic prefix that this account belongs to (--prefix, SWARMWRIGHT_PREFIX)"
     )]
     Denied {
         /// Where.
@@ -111,7 +112,8 @@ pub enum ConnectError {
     },
     /// The broker denies this client messages on a topic.
     #[error(
-        "the broker at {url} does not let {who} publish on {topic:?} ({reason}); correct the broker's access rules"
+        "the broker at {url} does not let {who} publish on {topic:?} ({reason}); correct the broker's access rules, or set the topic \
+         prefix that this account belongs to (--prefix, SWARMWRIGHT_PREFIX)"
     )]
     Unpublishable {
         /// Where.

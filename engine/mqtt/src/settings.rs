@@ -149,6 +149,11 @@ impl FromStr for BrokerUrl {
     }
 }
 
+/// A variable of the environment, None where it is empty, too.
+fn variable(name: &str) -> Option<String> {
+    env::var(name).ok().filter(|value| !value.is_empty())
+}
+
 /// A keep-alive interval.
 fn seconds(text: &str) -> Result<u16, SettingsError> {
     text.parse()
@@ -249,6 +254,8 @@ pub struct Settings {
     pub password: Option<String>,
     /// Certificate authority, PEM; the system's when absent.
     pub ca_file: Option<PathBuf>,
+    /// What proves to the broker who this client is, in addition to an account or instead of it.
+    pub certificate: Option<ClientCertificate>,
     /// Published by the broker when this connection breaks.
     pub will: Option<Will>,
     /// Keep-alive interval, seconds: within it a silent broker is asked and, when it does not answer, given up; the broker gives
@@ -260,17 +267,26 @@ pub struct Settings {
     pub clear_text_is_known: bool,
 }
 
+/// The files of a client certificate, PEM.
+#[derive(Debug, Clone)]
+pub struct ClientCertificate {
+    /// The certificate, followed by those of intermediate authorities.
+    pub chain: PathBuf,
+    /// Its private key, not encrypted.
+    pub key: PathBuf,
+}
+
 impl Settings {
     /// Settings with the credentials of the environment: `SWARMWRIGHT_USERNAME`, `SWARMWRIGHT_PASSWORD` or
-    /// `SWARMWRIGHT_PASSWORD_FILE` (first line), `SWARMWRIGHT_CA_FILE`; and with its keep-alive interval, `SWARMWRIGHT_KEEP_ALIVE`.
+    /// `SWARMWRIGHT_PASSWORD_FILE` (first line), `SWARMWRIGHT_CA_FILE`, `SWARMWRIGHT_CERTIFICATE_FILE` with
+    /// `SWARMWRIGHT_KEY_FILE`; and with its keep-alive interval, `SWARMWRIGHT_KEEP_ALIVE`.
     ///
     /// `url`: of a broker, or those of the brokers of a cluster, separated by commas.
     ///
     /// # Errors
-    /// A URL is not valid, the password file cannot be read, a password is set without a user name, or the keep-alive interval is
-    /// not a number of seconds.
+    /// A URL is not valid, the password file cannot be read, a password is set without a user name, a client certificate without
+    /// its key or the reverse, or the keep-alive interval is not a number of seconds.
     pub fn from_environment(url: &str) -> Result<Self, SettingsError> {
-        let variable = |name: &str| env::var(name).ok().filter(|value| !value.is_empty());
         let username = variable("SWARMWRIGHT_USERNAME");
         let password = match (
             variable("SWARMWRIGHT_PASSWORD"),
@@ -294,6 +310,40 @@ impl Settings {
                 "a password is set but SWARMWRIGHT_USERNAME is not; set both or neither".to_owned(),
             ));
         }
+        let certificate = match (
+            variable("SWARMWRIGHT_CERTIFICATE_FILE"),
+            variable("SWARMWRIGHT_KEY_FILE"),
+        ) {
+            (Some(chain), Some(key)) => Some(ClientCertificate {
+                chain: chain.into(),
+                key: key.into(),
+            }),
+            (None, None) => None,
+            (one, _) => {
+                let (set, unset) = match one {
+                    Some(_) => ("SWARMWRIGHT_CERTIFICATE_FILE", "SWARMWRIGHT_KEY_FILE"),
+                    None => ("SWARMWRIGHT_KEY_FILE", "SWARMWRIGHT_CERTIFICATE_FILE"),
+                };
+                return Err(SettingsError(format!(
+                    "{set} is set but {unset} is not; a client certificate needs both (PEM)"
+                )));
+            }
+        };
+        let mut settings = Self::at(url)?;
+        settings.username = username;
+        settings.password = password;
+        settings.ca_file = variable("SWARMWRIGHT_CA_FILE").map(PathBuf::from);
+        settings.certificate = certificate;
+        Ok(settings)
+    }
+
+    /// Settings without credentials, with the keep-alive interval of the environment, `SWARMWRIGHT_KEEP_ALIVE`.
+    ///
+    /// `url`: of a broker, or those of the brokers of a cluster, separated by commas.
+    ///
+    /// # Errors
+    /// A URL is not valid, or the keep-alive interval is not a number of seconds.
+    pub fn at(url: &str) -> Result<Self, SettingsError> {
         let mut urls = url
             .split(',')
             .map(|url| url.trim().parse())
@@ -303,9 +353,6 @@ impl Settings {
             .ok_or_else(|| SettingsError("no broker is named".to_owned()))?;
         let mut settings = Self::new(first);
         settings.others = urls;
-        settings.username = username;
-        settings.password = password;
-        settings.ca_file = variable("SWARMWRIGHT_CA_FILE").map(PathBuf::from);
         if let Some(text) = variable("SWARMWRIGHT_KEEP_ALIVE") {
             settings.keep_alive = seconds(&text)?;
         }
@@ -321,6 +368,7 @@ impl Settings {
             username: None,
             password: None,
             ca_file: None,
+            certificate: None,
             will: None,
             keep_alive: KEEP_ALIVE,
             timeout: Duration::from_secs(5),

@@ -1,16 +1,22 @@
-//! TLS to the broker: its certificate must come from a trusted authority, be for its name, and be valid now.
+//! TLS to the broker: its certificate must come from a trusted authority, be for its name, and be valid now. Some brokers
+//! require a certificate of the client, too.
 
 use std::io;
+use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
 use rustls::pki_types::pem::PemObject;
-use rustls::pki_types::{CertificateDer, ServerName, UnixTime, pem};
-use rustls::{CertificateError, ClientConfig, ClientConnection, RootCertStore, StreamOwned};
+use rustls::pki_types::{CertificateDer, PrivateKeyDer, ServerName, UnixTime, pem};
+use rustls::sign::{CertifiedKey, SingleCertAndKey};
+use rustls::{
+    AlertDescription, CertificateError, ClientConfig, ClientConnection, InconsistentKeys,
+    OtherError, RootCertStore, StreamOwned,
+};
 use swarmwright_sockets::Socket;
 
 use crate::ConnectError;
-use crate::settings::Settings;
+use crate::settings::{ClientCertificate, Settings};
 
 /// The TLS handshake over a connected socket.
 pub(crate) fn connect(
@@ -24,12 +30,18 @@ pub(crate) fn connect(
     let roots = authorities(settings).map_err(failed)?;
     let name = ServerName::try_from(settings.url.host.clone())
         .map_err(|error| failed(error.to_string()))?;
-    let config =
+    let verifying =
         ClientConfig::builder_with_provider(Arc::new(rustls::crypto::ring::default_provider()))
             .with_safe_default_protocol_versions()
             .map_err(|error| failed(error.to_string()))?
-            .with_root_certificates(roots)
-            .with_no_client_auth();
+            .with_root_certificates(roots);
+    let config = match &settings.certificate {
+        None => verifying.with_no_client_auth(),
+        Some(files) => {
+            let certified = identity(files).map_err(failed)?;
+            verifying.with_client_cert_resolver(Arc::new(SingleCertAndKey::from(certified)))
+        }
+    };
     let connection =
         ClientConnection::new(Arc::new(config), name).map_err(|error| failed(error.to_string()))?;
     let mut stream = StreamOwned::new(connection, stream);
@@ -70,6 +82,113 @@ fn authorities(settings: &Settings) -> Result<RootCertStore, String> {
     Ok(roots)
 }
 
+/// The client's certificate with those of intermediate authorities, and its key.
+fn identity(files: &ClientCertificate) -> Result<CertifiedKey, String> {
+    let unusable = |variable: &str, file: &Path, error: pem::Error, expected: &str| {
+        let what = match error {
+            pem::Error::Io(error) => error.to_string(),
+            pem::Error::NoItemsFound => format!("there is no {expected} in it"),
+            other => other.to_string(),
+        };
+        format!(
+            "{variable} {}: {what}; name a PEM file with the client's {expected}",
+            file.display()
+        )
+    };
+    let chain = CertificateDer::pem_file_iter(&files.chain)
+        .and_then(Iterator::collect::<Result<Vec<_>, _>>)
+        .and_then(|chain| match chain.is_empty() {
+            true => Err(pem::Error::NoItemsFound),
+            false => Ok(chain),
+        })
+        .map_err(|error| {
+            unusable(
+                "SWARMWRIGHT_CERTIFICATE_FILE",
+                &files.chain,
+                error,
+                "certificate",
+            )
+        })?;
+    let key = PrivateKeyDer::from_pem_file(&files.key).map_err(|error| {
+        unusable(
+            "SWARMWRIGHT_KEY_FILE",
+            &files.key,
+            error,
+            "private key without a passphrase (`openssl pkey -in FILE -out FILE` removes it)",
+        )
+    })?;
+    let key = rustls::crypto::ring::sign::any_supported_type(&key).map_err(|error| {
+        format!(
+            "SWARMWRIGHT_KEY_FILE {} cannot be used: {error}",
+            files.key.display()
+        )
+    })?;
+    let certified = CertifiedKey::new(chain, key);
+    // Other errors are the broker's business: it may accept certificates that `rustls` does not read, of X.509 version 1.
+    if let Err(rustls::Error::InconsistentKeys(InconsistentKeys::KeyMismatch)) =
+        certified.keys_match()
+    {
+        return Err(format!(
+            "SWARMWRIGHT_KEY_FILE {} is not the key of the certificate SWARMWRIGHT_CERTIFICATE_FILE {}",
+            files.key.display(),
+            files.chain.display()
+        ));
+    }
+    Ok(certified)
+}
+
+/// The error where the broker refuses this client's certificate, or that there is none; None for others.
+///
+/// In TLS 1.3 a broker says so only once the client takes the handshake as done.
+pub(crate) fn refused(error: &io::Error, settings: &Settings) -> Option<ConnectError> {
+    let alert = match error.get_ref()?.downcast_ref::<rustls::Error>()? {
+        rustls::Error::AlertReceived(alert) => *alert,
+        _ => return None,
+    };
+    Some(ConnectError::Tls {
+        url: settings.url.to_string(),
+        reason: told(alert, settings),
+    })
+}
+
+/// What an alert of the broker means, and how to fix it.
+fn told(alert: AlertDescription, settings: &Settings) -> String {
+    use AlertDescription as A;
+    match (alert, &settings.certificate) {
+        // It is sent for want of a certificate in TLS 1.2, and of anything else that both sides have to agree on.
+        (A::HandshakeFailure, certificate) => format!(
+            "the broker ends the handshake ({alert:?}): {}, or it has no version of TLS (1.2 and 1.3 are spoken here) or no \
+             cipher in common with this client; its log says which",
+            if certificate.is_some() {
+                "it refuses the client certificate SWARMWRIGHT_CERTIFICATE_FILE"
+            } else {
+                "it requires a client certificate (SWARMWRIGHT_CERTIFICATE_FILE and SWARMWRIGHT_KEY_FILE)"
+            }
+        ),
+        (A::CertificateRequired | A::BadCertificate, None) => format!(
+            "the broker ends the handshake ({alert:?}): it requires a client certificate; name its file with \
+             SWARMWRIGHT_CERTIFICATE_FILE and its private key with SWARMWRIGHT_KEY_FILE (PEM)"
+        ),
+        (
+            A::UnknownCA
+            | A::BadCertificate
+            | A::UnsupportedCertificate
+            | A::CertificateExpired
+            | A::CertificateRevoked
+            | A::CertificateUnknown
+            | A::CertificateRequired
+            | A::DecryptError
+            | A::AccessDenied,
+            Some(files),
+        ) => format!(
+            "the broker refuses the client certificate SWARMWRIGHT_CERTIFICATE_FILE {} ({alert:?}); it must be signed by an \
+             authority that the broker trusts for clients, contain intermediate certificates if there are any, and be valid now",
+            files.chain.display()
+        ),
+        _ => format!("the broker ends the handshake ({alert:?}); its log says why"),
+    }
+}
+
 /// What is wrong with the certificate, and how to fix it.
 fn explain(error: &io::Error, settings: &Settings) -> String {
     let Some(error) = error
@@ -106,12 +225,18 @@ fn explain(error: &io::Error, settings: &Settings) -> String {
                  one where it was made",
                 days(*not_before, *time)
             ),
+            CertificateError::Other(OtherError(reason)) if reason.to_string() == "CaUsedAsEndEntity" => {
+                "the broker's certificate is that of an authority (CA:TRUE), as `openssl req -x509` makes it; use one \
+                 that an authority signs: swarmwright broker --init DIR makes both"
+                    .to_owned()
+            }
             other => format!("the broker's certificate is refused: {other}"),
         },
         rustls::Error::InvalidMessage(_) => {
             "the server does not use TLS; check the port, or use mqtt:// or ws://"
                 .to_owned()
         }
+        rustls::Error::AlertReceived(alert) => told(*alert, settings),
         other => other.to_string(),
     }
 }

@@ -141,8 +141,12 @@ impl Transport {
             url.parse().map_err(|error| not_mqtt(format!("{error}")))?,
         )
         .with_sub_protocol("mqtt");
-        let (socket, _) =
-            tungstenite::client(request, channel).map_err(|error| not_mqtt(error.to_string()))?;
+        let (socket, _) = tungstenite::client(request, channel).map_err(|error| match &error {
+            tungstenite::HandshakeError::Failure(tungstenite::Error::Io(inner)) => {
+                tls::refused(inner, settings).unwrap_or_else(|| not_mqtt(error.to_string()))
+            }
+            _ => not_mqtt(error.to_string()),
+        })?;
         Ok(Self(Stream::WebSocket(Box::new(WebSocketStream {
             socket,
             rest: tungstenite::Bytes::new(),

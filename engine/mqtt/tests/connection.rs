@@ -201,3 +201,30 @@ fn tls_is_checked_against_the_named_authority() {
     writer.close(PATIENCE);
     assert_eq!(messages(&mut both, 1)[0].1.len(), 200_000);
 }
+
+#[test]
+fn the_certificate_of_an_authority_is_refused_as_that_of_a_broker() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut authority = rcgen::CertificateParams::new(vec!["localhost".to_owned()]).unwrap();
+    authority.is_ca = rcgen::IsCa::Ca(rcgen::BasicConstraints::Unconstrained);
+    let signing_key = rcgen::KeyPair::generate().unwrap();
+    let identity = authority.self_signed(&signing_key).unwrap();
+    let (certificate, key) = (
+        folder.path().join("cert.pem"),
+        folder.path().join("key.pem"),
+    );
+    std::fs::write(&certificate, identity.pem()).unwrap();
+    std::fs::write(&key, signing_key.serialize_pem()).unwrap();
+    let broker = Broker::start(&Config {
+        certificate: Some(certificate.clone()),
+        key: Some(key),
+        ..Config::default()
+    })
+    .unwrap();
+
+    let mut trusting = settings(&format!("mqtts://localhost:{}", broker.port()));
+    trusting.ca_file = Some(certificate);
+    let refused = Connection::open(trusting, subscription("t")).err().unwrap();
+    let said = refused.to_string();
+    assert!(said.contains("that of an authority (CA:TRUE)"), "{said}");
+}

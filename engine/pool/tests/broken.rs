@@ -5,7 +5,9 @@ use crate::common;
 
 use std::time::Duration;
 
-use common::{Alone, Extended, Line, Net, Party, refusal, server, tool, tool_in_mode, work};
+use common::{
+    Alone, Extended, Line, Net, Party, party, refusal, server, tool, tool_in_mode, tool_with, work,
+};
 use serde_json::json;
 use swarmwright_pool::Mode;
 use swarmwright_protocol::RefusalKind;
@@ -127,6 +129,30 @@ fn servers_that_refuse_everything_end_the_work() {
         "{reason}"
     );
     assert!(net.now - start > patience, "it may be cured meanwhile");
+}
+
+#[test]
+fn the_only_server_may_take_as_long_as_a_step_may_take() {
+    let mut net = Net::new(3);
+    let server = net.add(extended(1, false));
+    let tool = tool_with(Mode::Auto, "a", 0, net.now, |config| {
+        config.timeouts.step = Duration::from_secs(600);
+    });
+    let index = net.add(Party::Tool(Box::new(tool)));
+    net.submit(index, work(CANDIDATES, &SEEDS));
+    let (mut slow, patience) = (false, Duration::from_secs(10));
+    while !net.tool(index).finished() {
+        net.turn();
+        let now = net.now;
+        assert_eq!(net.tool(index).undecided(patience, now), None);
+        let late = net.tool(index).done() > CANDIDATES / 3;
+        // Much longer than anything before, so that its work would be given to another server as well.
+        let pace = if late && !slow { 120_000 } else { 50 };
+        slow |= late;
+        party(&mut net, server).pace = Duration::from_millis(pace);
+    }
+    assert!(slow);
+    assert_eq!(net.finish(index), undisturbed());
 }
 
 #[test]

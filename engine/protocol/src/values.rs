@@ -11,7 +11,7 @@ use serde_json::{Map, Number, Value};
 pub(crate) const MOST_WEIGHT: usize = 4 << 20;
 /// Bytes of memory.
 const UNIT: usize = 32;
-/// What a list weighs beside its items: its first items are given more room than they need.
+/// What a list weighs beside its items: it reserves more memory for its first items than they need.
 const LIST: usize = 4;
 /// What a map weighs beside its entries: it is made of nodes for eleven of them.
 const MAP: usize = 20;
@@ -137,6 +137,13 @@ impl<'de> Visitor<'de> for One<'_> {
         deserializer.deserialize_any(self)
     }
 
+    /// So `rmp_serde` hands over extension types, and nothing else of a value of any type.
+    fn visit_newtype_struct<D: Deserializer<'de>>(self, _: D) -> Result<Value, D::Error> {
+        Err(D::Error::custom(
+            "a MessagePack extension type (JavaScript: undefined), which JSON does not have",
+        ))
+    }
+
     fn visit_seq<A: SeqAccess<'de>>(self, mut items: A) -> Result<Value, A::Error> {
         take(self.0, LIST)?;
         let mut list = Vec::new();
@@ -199,6 +206,19 @@ mod tests {
             let error = read(&bytes, beside + 1000 * weight - 1).unwrap_err();
             assert!(
                 error.contains("more values than a message may have"),
+                "{error}"
+            );
+        }
+    }
+
+    #[test]
+    fn an_extension_type_is_named() {
+        let undefined = [0x81, 0xa1, b'x', 0xd4, 0x00, 0x00];
+        let nested = [0x81, 0xa1, b'x', 0x91, 0xd4, 0x00, 0x00];
+        for bytes in [&undefined[..], &nested[..]] {
+            let error = read(bytes, MOST_WEIGHT).unwrap_err();
+            assert!(
+                error.contains("a MessagePack extension type (JavaScript: undefined)"),
                 "{error}"
             );
         }

@@ -22,7 +22,7 @@ fn every_module_must_be_there_with_its_code() {
         missing_module(&[spiral], &needed).as_deref(),
         Some("has no condition 'parts.py:Elapsed'; start it with --modules parts.py:Elapsed")
     );
-    // A condition is no behaviour, whatever it is called.
+    // A condition is not a behaviour, whatever its name.
     let other = code("condition", "Spiral", Some("aa11"));
     assert!(missing_module(&[other, elapsed], &needed).is_some());
 }

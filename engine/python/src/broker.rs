@@ -21,7 +21,7 @@ pub struct PyBroker {
 impl PyBroker {
     #[new]
     #[expect(clippy::too_many_arguments, reason = "keywords, each with a default")]
-    #[pyo3(signature = (host="127.0.0.1", port=Some(0), *, socket=None, socket_mode=0o600, websocket_port=None, users=None, access=None, certificate=None, key=None, origins=None, rate=None, memory=None))]
+    #[pyo3(signature = (host="127.0.0.1", port=Some(0), *, socket=None, socket_mode=0o600, websocket_port=None, users=None, access=None, certificate=None, key=None, client_ca=None, origins=None, rate=None, memory=None))]
     fn new(
         py: Python<'_>,
         host: &str,
@@ -33,6 +33,7 @@ impl PyBroker {
         access: Option<PathBuf>,
         certificate: Option<PathBuf>,
         key: Option<PathBuf>,
+        client_ca: Option<PathBuf>,
         origins: Option<Vec<String>>,
         rate: Option<u32>,
         memory: Option<usize>,
@@ -50,6 +51,7 @@ impl PyBroker {
             access,
             certificate,
             key,
+            client_ca,
             origins: origins.unwrap_or_default(),
             limits,
         };

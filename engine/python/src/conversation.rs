@@ -3,7 +3,7 @@
 use std::sync::{Arc, Mutex};
 
 use pyo3::prelude::*;
-use swarmwright_evolution::{NoStart, Search};
+use swarmwright_evolution::{Search, Unavailable};
 use swarmwright_protocol::{F64s, NORMAL, Sample};
 
 use crate::errors::{engine, input};
@@ -37,7 +37,7 @@ impl Asked {
     }
 }
 
-/// Where an error of Python's goes, in whose stead there is only a [`NoStart`].
+/// Where an error of Python's goes, of which the engine knows only that there is one ([`Unavailable`]).
 pub type Failure = Arc<Mutex<Option<PyErr>>>;
 
 impl Conversation {
@@ -180,9 +180,9 @@ impl Conversation {
         self.genes
     }
 
-    fn reason(&self, NoStart: NoStart) -> PyErr {
+    fn reason(&self, Unavailable: Unavailable) -> PyErr {
         let failed = lock(&self.failed).take();
-        failed.unwrap_or_else(|| engine("there is no place for a new start"))
+        failed.unwrap_or_else(|| engine("a new start, or genomes, could not be made"))
     }
 }
 

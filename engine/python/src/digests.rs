@@ -13,6 +13,7 @@ use crate::errors::engine;
 use crate::local::lock;
 use crate::methods::Kept;
 use crate::sample;
+use crate::threads;
 
 /// Of fitness, episodes, metrics and genomes.
 pub type Columns = [[u8; 32]; 4];
@@ -61,9 +62,10 @@ impl PyDigests {
             Kept::Sample(sample) => Genes::Sample(of_sample(&sample.get().0)?),
             Kept::Genomes(genomes) => Genes::Genomes(genomes.as_array().iter().copied().collect()),
         };
+        threads::start()?;
         let (send, receive) = channel();
         rayon::spawn(move || {
-            // Nobody waits for it where the run has ended meanwhile.
+            // If the run has ended meanwhile, the receiver is gone and the digest is not needed.
             let genomes = match genomes {
                 Genes::Sample(digest) => digest,
                 Genes::Genomes(genomes) => of_genomes(&genomes),

@@ -1,5 +1,6 @@
 //! Python bindings of the engine: the module `swarmwright._engine`, described in `_engine.pyi`.
 
+mod account;
 mod arrays;
 mod broker;
 mod cma;
@@ -30,6 +31,7 @@ mod simulation;
 mod statistics;
 mod streams;
 mod supervision;
+mod threads;
 mod values;
 mod watch;
 mod worlds;
@@ -104,5 +106,6 @@ fn _engine(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(local::check_instructions, module)?)?;
     module.add_function(wrap_pyfunction!(server::serve, module)?)?;
     module.add_function(wrap_pyfunction!(watch::servers, module)?)?;
+    module.add_function(wrap_pyfunction!(watch::forget, module)?)?;
     Ok(())
 }

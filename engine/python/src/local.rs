@@ -16,6 +16,7 @@ use crate::errors::input;
 use crate::genomes::{architecture, rows};
 use crate::results::{Fitness, Metrics, apart, arrays};
 use crate::statistics::aggregate;
+use crate::threads;
 use crate::values::object;
 use crate::worlds::known;
 
@@ -95,6 +96,7 @@ impl PyEvaluator {
         level: &str,
         threads: usize,
     ) -> PyResult<Self> {
+        threads::start()?;
         let parameters = object("parameters", parameters)?;
         Ok(Self(Arc::new(Evaluation {
             metrics: known(title, &parameters)?

@@ -9,9 +9,9 @@ use numpy::{
 };
 use pyo3::prelude::*;
 use swarmwright_evolution::{
-    Base, Bounded, Challenger, CmaSearch, CmaSettings, Crossover, Evostick, EvostickSettings,
-    Gaussian, Genetic, GeneticSettings, Learning, Nes, NesSettings, NoStart, Restart, Restarts,
-    Search, Space, Starts, SwarmSettings, Swarming, Variation,
+    Base, Bounded, Challenger, CmaSearch, CmaSettings, Crossover, Differential, Evostick,
+    EvostickSettings, Gaussian, Genetic, GeneticSettings, Learning, Nes, NesSettings, Restart,
+    Restarts, Search, Space, Starts, SwarmSettings, Swarming, Unavailable, Variation,
 };
 
 use crate::conversation::{Conversation, Failure};
@@ -19,28 +19,30 @@ use crate::errors::input;
 use crate::local::lock;
 use crate::operators::operators;
 use crate::sample::PySample;
+use crate::threads;
 
 type Row<'py> = PyReadonlyArray1<'py, f64>;
 
 /// A method: it asks for evaluations and learns from what came out, generation after generation.
 #[pyclass(name = "Search", module = "swarmwright._engine")]
 pub struct PySearch {
-    /// None: somebody else goes on with it.
+    /// None once it was handed over.
     search: Option<Conversation>,
 }
 
 impl PySearch {
-    fn new(genes: usize, search: impl Search + 'static, failed: Failure) -> Self {
-        Self {
+    fn new(genes: usize, search: impl Search + 'static, failed: Failure) -> PyResult<Self> {
+        threads::start()?;
+        Ok(Self {
             search: Some(Conversation::new(genes, search, failed)),
-        }
+        })
     }
 
     fn here(&mut self) -> PyResult<&mut Conversation> {
         self.search.as_mut().ok_or_else(elsewhere)
     }
 
-    /// Hands it over to somebody who goes on with it.
+    /// Hands it over to the caller, who goes on with it.
     pub fn take(&mut self) -> PyResult<Conversation> {
         self.search.take().ok_or_else(elsewhere)
     }
@@ -94,7 +96,7 @@ impl PySearch {
             numbers,
             learning,
         );
-        Ok(Self::new(genes, search, Failure::default()))
+        Self::new(genes, search, Failure::default())
     }
 
     #[staticmethod]
@@ -129,7 +131,7 @@ impl PySearch {
         };
         let (starts, failed) = self::starts(starts, genes);
         let search = Nes::new((seed, kind), space, start.as_deref(), settings, starts);
-        Ok(Self::new(genes, search, failed))
+        Self::new(genes, search, failed)
     }
 
     #[staticmethod]
@@ -168,7 +170,7 @@ impl PySearch {
         let (starts, failed) = self::starts(starts, genes);
         let center = center.as_slice()?.to_vec();
         let search = CmaSearch::new((seed, kind), center, settings, starts);
-        Ok(Self::new(genes, search, failed))
+        Self::new(genes, search, failed)
     }
 
     #[staticmethod]
@@ -212,7 +214,7 @@ impl PySearch {
         rate: f64,
         mutate: f64,
     ) -> PyResult<Self> {
-        let challenger = Challenger::Differential {
+        let challenger = Challenger::Differential(Differential {
             base: match base {
                 "best" => Base::Best,
                 "rand" => Base::Random,
@@ -229,7 +231,7 @@ impl PySearch {
             factor,
             rate,
             mutate,
-        };
+        });
         at_least(first.shape()[0], 4)?;
         bounded(seed, kind, &first, (&lower, &upper), challenger)
     }
@@ -257,7 +259,7 @@ impl PySearch {
             upper: of_each(&upper, genes)?,
         };
         let search = Evostick::new((seed, kind), first.as_slice()?.to_vec(), settings);
-        Ok(Self::new(genes, search, Failure::default()))
+        Self::new(genes, search, Failure::default())
     }
 
     #[staticmethod]
@@ -307,7 +309,7 @@ impl PySearch {
         let operators = self::operators(operators, genes, failed.clone())?;
         let first = first.as_slice()?.to_vec();
         let search = Genetic::new((seed, kind), first, settings, operators);
-        Ok(Self::new(genes, search, failed))
+        Self::new(genes, search, failed)
     }
 
     fn ask<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f32>>> {
@@ -391,7 +393,7 @@ fn bounded(
     let bounds = (of_each(lower, genes)?, of_each(upper, genes)?);
     let first = first.as_slice()?.to_vec();
     let search = Bounded::new((seed, kind), bounds, first, challenger);
-    Ok(PySearch::new(genes, search, Failure::default()))
+    PySearch::new(genes, search, Failure::default())
 }
 
 fn space((middle, reach, lower, upper): &(Row<'_>, Row<'_>, Row<'_>, Row<'_>)) -> PyResult<Space> {
@@ -415,7 +417,7 @@ fn starts(callable: Py<PyAny>, genes: usize) -> (Starts, Failure) {
         })
         .map_err(|error: PyErr| {
             *lock(&place) = Some(error);
-            NoStart
+            Unavailable
         })
     };
     (Box::new(start), failed)

@@ -154,7 +154,7 @@ impl Simulation for WithModules {
 
     fn reset(&mut self, parameters: &Parameters) -> Result<(), ParameterError> {
         self.episode = None;
-        // Its description is that of the parameters, whoever steers.
+        // Its description follows from the parameters, also where agents steer themselves.
         self.inner.reset(parameters)?;
         let Some(machine) = self.machine.take() else {
             return Ok(());

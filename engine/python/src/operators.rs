@@ -6,7 +6,7 @@ use numpy::{
 };
 use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyTuple};
-use swarmwright_evolution::{NoStart, Operators, Stream, Variation};
+use swarmwright_evolution::{Operators, Stream, Unavailable, Variation};
 
 use crate::conversation::Failure;
 use crate::errors::input;
@@ -52,7 +52,7 @@ impl InPython {
         streams: &[Stream],
         arguments: impl FnOnce(Python<'_>, Py<PyStreams>) -> PyResult<(Py<PyTuple>, Option<Variation>)>
         + 'a,
-    ) -> Result<(), NoStart> {
+    ) -> Result<(), Unavailable> {
         Python::attach(|py| {
             let streams = Py::new(py, PyStreams(streams.to_vec()))?;
             let (arguments, variation) = arguments(py, streams)?;
@@ -81,7 +81,7 @@ impl InPython {
         })
         .map_err(|error: PyErr| {
             *lock(&self.failed) = Some(error);
-            NoStart
+            Unavailable
         })
     }
 
@@ -95,7 +95,7 @@ impl Operators for InPython {
         self.genes
     }
 
-    fn initials(&self, streams: &mut [Stream], genomes: &mut [f32]) -> Result<(), NoStart> {
+    fn initials(&self, streams: &mut [Stream], genomes: &mut [f32]) -> Result<(), Unavailable> {
         self.call("initials", genomes, streams, |py, streams| {
             Ok(((streams,).into_pyobject(py)?.unbind(), None))
         })
@@ -108,7 +108,7 @@ impl Operators for InPython {
         streams: &mut [Stream],
         mutation: Variation,
         children: &mut [f32],
-    ) -> Result<(), NoStart> {
+    ) -> Result<(), Unavailable> {
         self.call("mutations", children, streams, |py, streams| {
             let mut chosen = Vec::with_capacity(parents.len() * self.genes);
             for parent in parents {
@@ -129,7 +129,7 @@ impl Operators for InPython {
         partners: &[usize],
         streams: &mut [Stream],
         children: &mut [f32],
-    ) -> Result<(), NoStart> {
+    ) -> Result<(), Unavailable> {
         self.call("matings", children, streams, |py, streams| {
             let genomes = self.array(py, genomes)?;
             let columns = partners.len() / mothers.len().max(1);

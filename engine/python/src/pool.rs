@@ -4,10 +4,10 @@ use numpy::{PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use serde_json::Value;
-use swarmwright_mqtt::Settings;
 use swarmwright_pool::{About, Attempt, Demand, Options, Pool, PoolError, Report, Timeouts};
 use swarmwright_protocol::Requirements;
 
+use crate::account::{Account, settings};
 use crate::errors::{NoServerError, engine, input, unconnected};
 use crate::genomes::{architecture, work};
 use crate::results::{Fitness, Metrics, arrays};
@@ -60,7 +60,7 @@ pub fn error(error: &PoolError) -> PyErr {
 impl PyPool {
     #[new]
     #[pyo3(signature = (broker, *, simulation, parameters, requirements, sensors=None, actuators=None, prefix="", tool="",
-        mode="auto", metrics=None, visual=false, timeouts=None, faults=None, largest=None, alone=false, controller=None))]
+        mode="auto", metrics=None, visual=false, timeouts=None, faults=None, largest=None, alone=false, controller=None, account=None))]
     #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
     fn new(
         py: Python<'_>,
@@ -80,6 +80,7 @@ impl PyPool {
         largest: Option<usize>,
         alone: bool,
         controller: Option<&Bound<'_, PyDict>>,
+        account: Option<Account>,
     ) -> PyResult<Self> {
         let requirements = Requirements::from_object(object("requirements", requirements)?)
             .map_err(|error| input(format!("requirements: {error}")))?;
@@ -88,7 +89,7 @@ impl PyPool {
         let timeouts = timeouts.map(|given| read("timeouts", given)).transpose()?;
         let timeouts: Timeouts = timeouts.unwrap_or_default();
         let faults = faults.map(|given| read("faults", given)).transpose()?;
-        let mut settings = Settings::from_environment(broker).map_err(input)?;
+        let mut settings = settings(broker, account)?;
         settings.keep_alive = timeouts.keep_alive.unwrap_or(settings.keep_alive);
         let mut demand = Demand {
             simulation,

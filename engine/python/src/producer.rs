@@ -201,7 +201,7 @@ impl PyProducer {
     fn close(&mut self, py: Python<'_>) {
         self.stop();
         if let Some(thread) = self.thread.take() {
-            // How it ended was said by `next`, or nobody wants to know.
+            // `next` has reported an error of the thread, unless the run was ended before it.
             let ended = py.detach(|| thread.join());
             if let (Ok(Some(pool)), Some(lender)) = (ended, self.lender.take()) {
                 lender.borrow_mut(py).give_back(pool);

@@ -6,12 +6,12 @@ use numpy::{IntoPyArray, PyArray1};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use swarmwright_controllers::{Controller, Specification};
-use swarmwright_mqtt::Settings;
 use swarmwright_pool::{SceneEpisode, SceneError, SceneOptions};
 use swarmwright_protocol::Requirements;
 use swarmwright_worlds::{self as worlds, Scene};
 use swarmwright_wrapper::scenes::from_message;
 
+use crate::account::settings;
 use crate::errors::{LostError, engine, input, unconnected};
 use crate::values::{object, to_python};
 use crate::worlds::{Observed, arrays_of, observed};
@@ -86,7 +86,7 @@ impl PyRemoteEpisode {
             [0, 0]
         };
         let options = SceneOptions {
-            settings: Settings::from_environment(broker).map_err(input)?,
+            settings: settings(broker, None)?,
             prefix: prefix.to_owned(),
             simulation,
             requirements,

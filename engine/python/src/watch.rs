@@ -4,10 +4,10 @@ use std::time::{Duration, Instant};
 
 use pyo3::prelude::*;
 use serde_json::{Value, json};
-use swarmwright_mqtt::Settings;
-use swarmwright_pool::{News, PoolError, Watcher, list_servers};
+use swarmwright_pool::{News, PoolError, Watcher, forget_servers, list_servers};
 use swarmwright_protocol::{Presence, Status};
 
+use crate::account::{Account, settings};
 use crate::errors::{engine, input};
 use crate::values::to_python;
 
@@ -31,9 +31,9 @@ fn error(error: &PoolError) -> PyErr {
 #[pymethods]
 impl PyWatcher {
     #[new]
-    #[pyo3(signature = (broker, *, prefix=""))]
-    fn new(py: Python<'_>, broker: &str, prefix: &str) -> PyResult<Self> {
-        let settings = Settings::from_environment(broker).map_err(input)?;
+    #[pyo3(signature = (broker, *, prefix="", account=None))]
+    fn new(py: Python<'_>, broker: &str, prefix: &str, account: Option<Account>) -> PyResult<Self> {
+        let settings = settings(broker, account)?;
         py.detach(|| Watcher::connect(settings, prefix, true))
             .map(|watcher| Self {
                 watcher: Some(watcher),
@@ -111,12 +111,31 @@ pub fn servers<'py>(
     prefix: &str,
     wait: f64,
 ) -> PyResult<Bound<'py, PyAny>> {
-    let settings = Settings::from_environment(broker).map_err(input)?;
-    let wait =
-        Duration::try_from_secs_f64(wait).map_err(|failed| input(format!("wait: {failed}")))?;
+    let settings = settings(broker, None)?;
+    let wait = duration(wait)?;
     let found = py
         .detach(|| list_servers(settings, prefix, wait))
         .map_err(|failed| error(&failed))?;
     let servers: Value = found.iter().map(server).collect();
     to_python(py, &servers)
+}
+
+/// Removes the presence of servers from a broker.
+#[pyfunction]
+#[pyo3(signature = (broker, servers, *, prefix="", wait=1.0))]
+pub fn forget(
+    py: Python<'_>,
+    broker: &str,
+    servers: Vec<u64>,
+    prefix: &str,
+    wait: f64,
+) -> PyResult<Vec<u64>> {
+    let settings = settings(broker, None)?;
+    let wait = duration(wait)?;
+    py.detach(|| forget_servers(settings, prefix, &servers, wait))
+        .map_err(|failed| error(&failed))
+}
+
+fn duration(wait: f64) -> PyResult<Duration> {
+    Duration::try_from_secs_f64(wait).map_err(|failed| input(format!("wait: {failed}")))
 }

@@ -1,11 +1,11 @@
-//! A process and its connection: it starts, connects, hears, thinks, speaks, and dies.
+//! A process and its connection.
 
 mod broker;
 mod follow_up;
 
 use crate::network::Packet;
 use crate::random::mix;
-use crate::schedule::{MILLI, SECOND, Time};
+use crate::schedule::{BROKER_PATIENCE, MILLI, SECOND, Time};
 use crate::server::Server;
 use crate::simulator::{Event, Simulator};
 use crate::tool::Stage;
@@ -77,8 +77,9 @@ impl Simulator<'_> {
         self.plan(self.now, Event::Connect { who, incarnation });
     }
 
-    /// A process ends at once. `power`: so does its computer, and no last will is published.
-    pub(crate) fn kill(&mut self, who: usize, power: bool, cause: usize) {
+    /// A process ends at once. `power_failure`: number of the disturbance that ends its computer, too, so that the broker
+    /// does not see the connection end until it has waited for [`BROKER_PATIENCE`].
+    pub(crate) fn kill(&mut self, who: usize, power_failure: Option<usize>) {
         let client = &mut self.clients[who];
         client.alive = false;
         client.ready = false;
@@ -97,9 +98,9 @@ impl Simulator<'_> {
         }
         if let Some(connection) = connection {
             self.network.connections[connection].client_open = false;
-            if power {
+            if let Some(cause) = power_failure {
                 self.plan(
-                    self.now + crate::schedule::BROKER_PATIENCE,
+                    self.now + BROKER_PATIENCE,
                     Event::Silence { connection, cause },
                 );
             } else {

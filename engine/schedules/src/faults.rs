@@ -20,10 +20,11 @@ impl Schedule {
 
     /// Name of the party of an index.
     pub(crate) fn name(&self, who: usize) -> String {
-        match who.checked_sub(self.tools.len()) {
-            Some(server) => format!("server {}", server + 1),
-            None => format!("tool {who}"),
-        }
+        let party = match who.checked_sub(self.tools.len()) {
+            Some(server) => Who::Server(server),
+            None => Who::Tool(who),
+        };
+        party.to_string()
     }
 }
 
@@ -72,11 +73,9 @@ impl Simulator<'_> {
                 }
             }
             (What::Crash { power, .. }, Some(who)) if self.clients[who].alive => {
-                self.kill(who, power, number)
+                self.kill(who, power.then_some(number))
             }
-            (What::Restart(_), Some(who)) if self.clients[who].alive => {
-                self.kill(who, false, number)
-            }
+            (What::Restart(_), Some(who)) if self.clients[who].alive => self.kill(who, None),
             (What::Leave(server), Some(who)) => self.leave(who, server),
             (What::Break(server), _) => self.set_broken(server),
             (What::Interrupt(tool), Some(who)) => self.interrupt(who, tool),
@@ -139,7 +138,7 @@ impl Simulator<'_> {
         if let Some(connection) = self.clients[who].connection {
             self.send(connection, true, &Packet::Goodbye, 0);
         }
-        self.kill(who, false, 0);
+        self.kill(who, None);
     }
 
     fn interrupt(&mut self, who: usize, tool: usize) {

@@ -104,8 +104,8 @@ pub trait LaneWorld: Sync + Sized {
     /// Whether the portable instruction set is of use, too; else episodes are computed one at a time there.
     const PORTABLE: bool = true;
 
-    /// Room for the state of as many episodes as there are lanes.
-    type Room<L: Lanes>;
+    /// Memory for the state of as many episodes as there are lanes, used for one group of episodes after the other.
+    type Workspace<L: Lanes>;
 
     /// Checks the parameters of every episode; none where lanes do not pay or are not possible.
     ///
@@ -113,13 +113,13 @@ pub trait LaneWorld: Sync + Sized {
     /// A parameter that the simulation refuses.
     fn new(block: &Block<'_>) -> Result<Option<Self>, ParameterError>;
 
-    /// Room for lanes.
-    fn room<L: Lanes>(&self, controllers: &LaneController<'_, L>) -> Self::Room<L>;
+    /// A workspace for lanes.
+    fn workspace<L: Lanes>(&self, controllers: &LaneController<'_, L>) -> Self::Workspace<L>;
 
     /// Runs the given episode in each lane, until `stop`, and writes each lane's fitness.
     fn rollout<L: Lanes>(
         &self,
-        room: &mut Self::Room<L>,
+        workspace: &mut Self::Workspace<L>,
         controllers: &mut LaneController<'_, L>,
         episodes: &[usize],
         stop: Option<&AtomicBool>,
@@ -127,7 +127,7 @@ pub trait LaneWorld: Sync + Sized {
     );
 
     /// Writes each lane's value of the metric with this index in the description, as it is after `rollout`.
-    fn metric<L: Lanes>(&self, room: &Self::Room<L>, index: usize, values: &mut [f64]);
+    fn metric<L: Lanes>(&self, workspace: &Self::Workspace<L>, index: usize, values: &mut [f64]);
 }
 
 struct Part<'a, W> {
@@ -153,7 +153,7 @@ impl<W: LaneWorld> Kernel for Part<'_, W> {
     }
 }
 
-/// Evaluates episodes from `first` on, as many as `results` has room for: many vectors side by side while there are
+/// Evaluates episodes from `first` on, as many as fit into `results`: many vectors side by side while there are
 /// episodes for them. False as soon as a weight is not a finite number.
 #[inline(always)]
 fn side_by_side<L: Lanes, W: LaneWorld>(
@@ -179,7 +179,7 @@ fn side_by_side<L: Lanes, W: LaneWorld>(
 /// Weights that are fetched before they are needed: 16 KB, so that those in use stay in the nearest cache.
 const MOST_AHEAD: usize = 1 << 12;
 
-/// Evaluates episodes from `first` on, as many as `results` has room for, a vector of lanes at a time; false as soon as a
+/// Evaluates episodes from `first` on, as many as fit into `results`, a vector of lanes at a time; false as soon as a
 /// weight is not a finite number.
 #[inline(always)]
 fn groups<L: Lanes, W: LaneWorld>(
@@ -193,7 +193,7 @@ fn groups<L: Lanes, W: LaneWorld>(
     }
     let episodes_each = block.seeds.len();
     let mut controllers = LaneController::<L>::new(block.architecture);
-    let mut room = world.room::<L>(&controllers);
+    let mut workspace = world.workspace::<L>(&controllers);
     let mut lanes = [0.0; MOST_LANES];
     let numbers = block.numbers();
     // Counted once: for a network of many layers this takes a while.
@@ -228,7 +228,7 @@ fn groups<L: Lanes, W: LaneWorld>(
         }
         controllers.load(&genomes[..L::WIDTH]);
         world.rollout(
-            &mut room,
+            &mut workspace,
             &mut controllers,
             &episodes[..L::WIDTH],
             block.stop,
@@ -236,7 +236,7 @@ fn groups<L: Lanes, W: LaneWorld>(
         );
         spread(&lanes[..count], results, numbers);
         for (place, metric) in block.metrics.iter().enumerate() {
-            world.metric(&room, *metric, &mut lanes[..L::WIDTH]);
+            world.metric(&workspace, *metric, &mut lanes[..L::WIDTH]);
             spread(&lanes[..count], &mut results[1 + place..], numbers);
         }
     }
@@ -265,7 +265,7 @@ fn part(episodes: usize, wide: usize, workers: usize) -> usize {
         // Whole vectors as long as there are, and one remainder.
         episodes
     } else if episodes <= workers * wide {
-        // A share for everybody, in a time that hardly depends on how many lanes are used.
+        // A share for each thread, in a time that hardly depends on how many lanes are used.
         episodes.div_ceil(workers)
     } else {
         // Several parts per thread, so that a thread that was held up does not hold up the others.
@@ -303,7 +303,7 @@ fn in_parts(
 /// Evaluates a block in lanes, or one episode at a time where lanes are not wanted or do not pay.
 ///
 /// # Errors
-/// Parameters that the simulation refuses, weights that are no numbers.
+/// Parameters that the simulation refuses, weights that are not finite numbers.
 pub fn evaluate<W: LaneWorld>(
     block: &Block<'_>,
     means: Means,

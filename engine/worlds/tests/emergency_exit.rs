@@ -107,9 +107,9 @@ proptest! {
                 prop_assert!(!was_out || (*out && old == cell), "out for good");
                 prop_assert!(acted || old == cell, "only those who act move");
                 prop_assert!((old[0] - cell[0]).abs() <= 1 && (old[1] - cell[1]).abs() <= 1);
-                prop_assert!(!blockades.contains(cell), "nobody on a blockade");
+                prop_assert!(!blockades.contains(cell), "no agent on a blockade");
                 prop_assert!((0..scene.width as i32).contains(&cell[0]) && cell[1] >= 0);
-                prop_assert!(*out || taken.insert(*cell), "nobody twice in a cell");
+                prop_assert!(*out || taken.insert(*cell), "no two agents in a cell");
                 prop_assert_eq!(*out, *was_out || (acted && exits.contains(cell)));
             }
             let all_out = after.iter().all(|agent| agent.1);

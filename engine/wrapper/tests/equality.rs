@@ -95,12 +95,12 @@ impl Case {
                 for (row, (episode, agent)) in rows.enumerate() {
                     let sensors =
                         &message.sensors.0[row * controller.sensors()..][..controller.sensors()];
-                    let room =
+                    let row_actuators =
                         &mut actuators[row * controller.actuators()..][..controller.actuators()];
                     controllers
                         .entry((*episode, *agent))
                         .or_insert_with(|| controller.clone())
-                        .step(sensors, room)
+                        .step(sensors, row_actuators)
                         .unwrap();
                 }
                 server.actuators(number, message.step, actuators);

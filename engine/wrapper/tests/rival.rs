@@ -122,6 +122,30 @@ fn one_that_only_the_broker_remembers_is_asked_to_speak_up() {
 }
 
 #[test]
+fn a_last_will_of_its_own_that_comes_late_is_contradicted() {
+    let mut server = Server::of_walks();
+    let own = server.own_instance();
+    server.pass(SETTLE);
+    for retained in [false, true] {
+        server.published.clear();
+        if retained {
+            server.finds(&own, "lost");
+        } else {
+            server.hears_of(&own, "lost");
+        }
+        server.pass(Duration::ZERO);
+        assert_eq!(server.says(Topic::Presence), 1);
+    }
+    server.hears_of(&own, "ready");
+    server.pass(SETTLE);
+    assert_eq!(server.says(Topic::Presence), 0, "its own words");
+    server.comes_back();
+    server.hears_of(&own, "lost");
+    server.pass(LISTEN / 2);
+    assert_eq!(server.says(Topic::Presence), 0, "it listens still");
+}
+
+#[test]
 fn of_two_that_are_at_work_the_one_with_the_greater_instance_goes() {
     let mut server = Server::of_walks();
     server.machine.publish_presence(String::new());

@@ -19,13 +19,12 @@ from pathlib import Path
 from typing import Any
 
 from swarmwright.adapters._attachment import Attachment, Device, Metric
-from swarmwright.commands.process import found
+from swarmwright.adapters._placing import free_place
+from swarmwright.commands.process import resolved_word
 from swarmwright.commands.ros_sections import Area, Pose
 from swarmwright.core.errors import InputError
 from swarmwright.ros.reductions import FUNCTIONS
 
-_TRIES = 10_000
-"""Places that are tried for a robot before it is said that there is none."""
 _PATIENCE_S = 2.0
 """Seconds that a simulator has to end when it is asked to."""
 
@@ -139,7 +138,7 @@ class Started:
     """
 
     def __init__(self, command: Sequence[str], port: int, folder: Path) -> None:
-        words = [found(word.replace("{port}", str(port)), folder) for word in command]
+        words = [resolved_word(word.replace("{port}", str(port)), folder) for word in command]
         self._name = words[0]
         try:
             self._process = subprocess.Popen(
@@ -222,13 +221,20 @@ def _placed(area: Area, count: int, apart: float, seed: int) -> list[Pose]:
     """Return places in an area by chance. Raises AttachmentError where not so many fit."""
     numbers = random.Random(seed)
     poses: list[Pose] = []
-    for _ in range(_TRIES):
-        if len(poses) == count:
-            return poses
-        x, y, yaw = (numbers.uniform(*part) for part in (area.x, area.y, area.yaw))
-        if all(math.hypot(x - one.x, y - one.y) >= apart for one in poses):
-            poses.append(Pose(x=x, y=y, z=area.z, yaw=yaw))
-    raise AttachmentError(f"area: it is too small for {count} robots, {apart:g} m apart")
+
+    def draw() -> tuple[float, ...]:
+        return tuple(numbers.uniform(*part) for part in (area.x, area.y, area.yaw))
+
+    def is_free(place: tuple[float, ...]) -> bool:
+        return all(math.hypot(place[0] - one.x, place[1] - one.y) >= apart for one in poses)
+
+    for _ in range(count):
+        place = free_place(draw, is_free)
+        if place is None:
+            raise AttachmentError(f"area: it is too small for {count} robots, {apart:g} m apart")
+        x, y, yaw = place
+        poses.append(Pose(x=x, y=y, z=area.z, yaw=yaw))
+    return poses
 
 
 def _scaled(device: Device, value: float | None) -> float:

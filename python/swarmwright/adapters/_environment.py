@@ -62,7 +62,7 @@ class Environment(Simulation):
     def __init__(self) -> None:
         self.env: Any = None
         self._given: dict[str, Any] | None = None
-        self._make_anew({})
+        self._replace_environment({})
         self.sensors, self.actuators = self._sizes()
 
     @abstractmethod
@@ -83,7 +83,7 @@ class Environment(Simulation):
 
         Raises InputError where they do not fit.
         """
-        self._be_made(parameters, anew=False)
+        self._ensure_environment(parameters, anew=False)
         return self
 
     @contextmanager
@@ -154,7 +154,7 @@ class Environment(Simulation):
     def _trial(self, env: Any, seed: int, actions: Actions) -> Iterator[bytes]:  # noqa: ANN401 - types of libraries
         """Run an episode; yield what `reset` and each step return."""
 
-    def _made(self, parameters: dict[str, Any], *, rendering: bool) -> Any:  # noqa: ANN401 - types of libraries
+    def _new_environment(self, parameters: dict[str, Any], *, rendering: bool) -> Any:  # noqa: ANN401 - types of libraries
         """Return a new environment. Raises InputError where there is none with these parameters."""
         label = f"{type(self).__name__} {self.environment}"
         try:
@@ -173,9 +173,9 @@ class Environment(Simulation):
             where = f"{', '.join(parameters)}: {label}" if parameters else label
             raise InputError(f"{where}: {explained(error)}") from error
 
-    def _make_anew(self, parameters: dict[str, Any]) -> None:
+    def _replace_environment(self, parameters: dict[str, Any]) -> None:
         """Have a new environment with these parameters. Raises InputError where there is none."""
-        made = self._made(parameters, rendering=self.rendering)
+        made = self._new_environment(parameters, rendering=self.rendering)
         self._close()
         self.env, self._given = made, dict(parameters)
 
@@ -200,16 +200,16 @@ class Environment(Simulation):
             self._close()
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # those of the episodes are enough
-                found = found_by_trials(lambda: self._made({}, rendering=False), self._trial)
+                found = found_by_trials(lambda: self._new_environment({}, rendering=False), self._trial)
             kind._restoring = found  # type: ignore[attr-defined]
             _tell(found, self.adapted or kind.__name__)
         return bool(found is Restoring.NEW_ONLY)
 
-    def _start(self, parameters: dict[str, Any]) -> None:
+    def _prepare_episode(self, parameters: dict[str, Any]) -> None:
         """Be ready for an episode with these parameters. Raises InputError where they do not fit."""
-        self._be_made(parameters, anew=self._is_new_each_episode())
+        self._ensure_environment(parameters, anew=self._is_new_each_episode())
 
-    def _be_made(self, parameters: dict[str, Any], *, anew: bool) -> None:
+    def _ensure_environment(self, parameters: dict[str, Any], *, anew: bool) -> None:
         """Have an environment with these parameters, a new one where they are others or `anew`.
 
         Raises InputError where they do not fit.
@@ -219,7 +219,7 @@ class Environment(Simulation):
             return
         if anew:
             self._close()
-        self._make_anew(parameters)
+        self._replace_environment(parameters)
         if is_known:
             return
         groups = self.groups
@@ -330,6 +330,6 @@ def single(environment: str, reward: Any, step: int) -> float:  # noqa: ANN401 -
     return value
 
 
-def total(rewards: NDArray[np.float64]) -> float:
+def mean_reward(rewards: NDArray[np.float64]) -> float:
     """Return the mean of rewards, in a fixed order."""
     return float(sum(rewards.tolist()) / len(rewards))

@@ -58,7 +58,7 @@ class SteppedEpisodes:
         return self._taken(self._dialogue.ask({"actuators": actions.tolist()}))
 
     def abandon(self) -> Printed:
-        """End the command, of which nobody knows in which state it is; return what it has printed."""
+        """End the command, whose state is unknown; return what it has printed."""
         if self._dialogue is None:
             return Printed(0)
         self._dialogue.abandon()

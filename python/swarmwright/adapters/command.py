@@ -3,6 +3,7 @@
 import hashlib
 import itertools
 import json
+import logging
 import math
 import weakref
 from collections.abc import Callable, Mapping
@@ -21,17 +22,18 @@ from swarmwright.commands.definition import STANDARD_OUTPUT, CommandOptions
 from swarmwright.commands.failure import CommandFailure, ReportedFailure
 from swarmwright.commands.output import Printed
 from swarmwright.commands.placeholders import IN_A_COMMAND, filled, filled_file, names_in
-from swarmwright.commands.process import Processes, found
+from swarmwright.commands.process import Processes, resolved_word
 from swarmwright.commands.reductions import Reduction
 from swarmwright.commands.running import Limits, run
 from swarmwright.commands.stepwise import Start
-from swarmwright.core.errors import EpisodeError, InputError
+from swarmwright.core.errors import EpisodeError, InputError, explained
 from swarmwright.core.simulation_names import SimulationName
 from swarmwright.experiment.fitness import OWN, FitnessExpression
 from swarmwright.representations.controller import Controller
 from swarmwright.simulations.base import Simulation
 from swarmwright.user_code.command_sources import digest
 
+_log = logging.getLogger("swarmwright")
 _TEMPORARY = ".tmp"
 """Folder in a work folder."""
 _LONGEST_TEMPORARY = 60
@@ -288,7 +290,6 @@ class CommandSimulation(Simulation):
         # A parameter of the program with the name of a placeholder is in the parameter file alone.
         self._values = {**parameters, "seed": self.seed} | self._placeholders(instance, number)
         self._printed = Printed(self._limits.most_output, keep=STANDARD_OUTPUT in self.options.log)
-        failed = True
         try:
             self._check_names(parameters)
             if controller is not None and self.options.compile is not None:
@@ -305,12 +306,16 @@ class CommandSimulation(Simulation):
             (self.runVisual if self.visual else self.run)()
             self._measured = {name: float(value) for name, value in self.readLogs().items()}
             self._check_used()
-            failed = False
         except CommandFailure as failure:
-            kept = self._put_away(failed=True)
-            raise self._explained(failure, self._printed, kept) from None
-        finally:
-            self._put_away(failed=failed)
+            self._put_away(str(failure))
+            raise self._explained(failure, self._printed) from None
+        except (Exception, SystemExit) as error:  # of a class that is derived
+            self._put_away(explained(error))
+            raise
+        except BaseException:  # an interrupt is no failure of the episode
+            self._put_away()
+            raise
+        self._put_away()
 
     def _check_names(self, parameters: Mapping[str, Any]) -> None:
         """Raise CommandFailure where a value of the experiment has the name of a placeholder that is used.
@@ -339,26 +344,34 @@ class CommandSimulation(Simulation):
         used = frozenset(name for text in texts for name in names_in(text))
         return used & IN_A_COMMAND.keys() - {"seed"}
 
-    def _put_away(self, *, failed: bool) -> Path | None:
-        """Remove the work folder, or keep it; return where it is kept."""
-        if self._instance is None or not self.folder.exists():
-            return None
-        keep = self.options.keep
-        if keep == "all":
-            return self.folder
-        if failed and keep == "failed":
-            return self._instance.keep_failed(self.folder)
-        folders.remove(self.folder)
-        return None
+    def _put_away(self, failure: str = "") -> None:
+        """Remove the work folder, or keep it; the log names the folder of the first failure of each kind.
 
-    def _explained(self, failure: CommandFailure, printed: Printed, kept: Path | None) -> EpisodeError:
+        The reason of a failed episode does not: runs store it, and count failures that have the same one.
+
+        failure: why the episode failed; empty if it did not.
+        """
+        instance, keep = self._instance, self.options.keep
+        if instance is None or not self.folder.exists():
+            return
+        is_named = bool(failure) and instance.is_first_of_kind(failure)
+        if keep == "failed" and is_named:
+            kept = instance.keep_failed(self.folder)
+        elif keep == "all":
+            kept = self.folder
+        else:
+            folders.remove(self.folder)
+            return
+        if is_named:
+            _log.warning("%s: %s; the work folder of this episode is kept: %s", self._label, failure, kept)
+
+    def _explained(self, failure: CommandFailure, printed: Printed) -> EpisodeError:
         """Return a failure with the last of what the command printed."""
         reason = str(failure)
         if self._is_own_program and isinstance(failure, ReportedFailure):
             reason = failure.reason
         last = f"; its last output: {printed.summary}" if printed.summary else ""
-        where = f"; its files: {kept}" if kept is not None else ""
-        return EpisodeError(f"{self._label}: {reason}{last}{where}", printed.tail or None)
+        return EpisodeError(f"{self._label}: {reason}{last}", printed.tail or None)
 
     def _compile(self, controller: Controller, command: list[str]) -> None:
         """Compile a controller, unless that was done for this one, or for one with the same source."""
@@ -405,7 +418,7 @@ class CommandSimulation(Simulation):
         return {**dict.fromkeys(("TMPDIR", "TMP", "TEMP"), str(folder)), **self.environment}
 
     def _command(self, words: list[str]) -> list[str]:
-        return [found(filled(word, self._values, "command"), self._here) for word in words]
+        return [resolved_word(filled(word, self._values, "command"), self._here) for word in words]
 
     def _ready(self) -> tuple[folders.Instance, Processes]:
         """Return the instance and its processes, which are made where there are none."""
@@ -468,5 +481,5 @@ class CommandSimulation(Simulation):
             if self._stepped.done:
                 self._check_used()
         except CommandFailure as failure:
-            raise self._explained(failure, self._stepped.abandon(), None) from None
+            raise self._explained(failure, self._stepped.abandon()) from None
         return np.zeros((1, self.sensors)) if sensors is None else sensors

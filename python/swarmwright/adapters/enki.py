@@ -16,6 +16,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from swarmwright.adapters._placing import free_place
 from swarmwright.core.errors import InputError
 from swarmwright.display import Body, Scene
 from swarmwright.simulations.base import Simulation
@@ -23,8 +24,6 @@ from swarmwright.simulations.parameters import Parameter
 from swarmwright.simulations.physics import Physics, PushedObject, World
 
 _DEBIAN = Path("/usr/lib/python3/dist-packages")
-_TRIES = 10_000
-"""Places that are tried for a robot before it is said that there is none."""
 
 
 def _library() -> Any:  # noqa: ANN401 - it has no types
@@ -41,7 +40,7 @@ def _library() -> Any:  # noqa: ANN401 - it has no types
         others = sorted(_DEBIAN.glob("pyenki.*.so"))
         version = f"{sys.version_info.major}.{sys.version_info.minor}"
         raise InputError(
-            f"Enki is there for Debian's Python, not for this one, {version}; serve the simulation from an "
+            f"Enki is there for Debian's Python, not for this one, {version}; serve the simulation from a "
             "separate environment: /usr/bin/python3 -m venv enki"
             if others
             else "Enki is not installed; apt install python3-enki2"
@@ -270,9 +269,17 @@ def _free(
     name: str,
 ) -> tuple[float, float]:
     """Return a place in the arena with clearance around it, and take it. InputError where there is none."""
-    for _ in range(_TRIES):
+
+    def draw() -> tuple[float, float]:
         x, y = random.uniform(clearance, size - clearance, 2).tolist()
-        if all((x - a) ** 2 + (y - b) ** 2 > (clearance + r) ** 2 for a, b, r in taken):
-            taken.append((x, y, clearance))
-            return x, y
-    raise InputError(f"{name}: the arena is too small for them")
+        return x, y
+
+    def is_free(place: tuple[float, float]) -> bool:
+        x, y = place
+        return all((x - a) ** 2 + (y - b) ** 2 > (clearance + r) ** 2 for a, b, r in taken)
+
+    place = free_place(draw, is_free)
+    if place is None:
+        raise InputError(f"{name}: the arena is too small for them")
+    taken.append((*place, clearance))
+    return place

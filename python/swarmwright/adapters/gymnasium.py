@@ -64,7 +64,7 @@ class Gymnasium(Environment):
 
     def reset(self, parameters: dict[str, Any], seed: int) -> NDArray[np.float64]:
         """Go to the start of an episode."""
-        self._start(parameters)
+        self._prepare_episode(parameters)
         self._reward, self._steps, self._terminated, self._over = 0.0, 0, False, False
         begun = self.env.reset(seed=environment_seed(seed))
         # An observation of two numbers would be unpacked as well.

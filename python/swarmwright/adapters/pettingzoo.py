@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.adapters._environment import Environment, check_step, environment_seed, single, total
+from swarmwright.adapters._environment import Environment, check_step, environment_seed, mean_reward, single
 from swarmwright.adapters._restoring import Actions
 from swarmwright.adapters._spaces import actuators, sensors
 from swarmwright.core.errors import InputError, SimulationError, explained
@@ -66,7 +66,7 @@ class PettingZoo(Environment):
 
     def reset(self, parameters: dict[str, Any], seed: int) -> NDArray[np.float64]:
         """Go to the start of an episode."""
-        self._start(parameters)
+        self._prepare_episode(parameters)
         begun = self.env.reset(seed=environment_seed(seed))
         # A dictionary of two agents would be unpacked as well.
         if not (isinstance(begun, tuple) and len(begun) == 2 and isinstance(begun[0], Mapping)):
@@ -122,7 +122,7 @@ class PettingZoo(Environment):
 
     def fitness(self) -> float:
         """Return the mean over agents of the sum of rewards."""
-        return total(self._rewards)
+        return mean_reward(self._rewards)
 
     def measure(self) -> dict[str, float]:
         """Return the metrics."""
@@ -130,7 +130,7 @@ class PettingZoo(Environment):
         names = list(self._agents)
         for group in self.groups:
             own = [reward for name, reward in zip(names, self._rewards, strict=True) if _kind(name) == group]
-            found[_metric(group)] = total(np.array(own))
+            found[_metric(group)] = mean_reward(np.array(own))
         return found
 
     def _trial(self, env: Any, seed: int, actions: Actions) -> Iterator[bytes]:  # noqa: ANN401 - an environment

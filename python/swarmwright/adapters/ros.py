@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 from swarmwright.adapters.command import CommandSimulation
 from swarmwright.commands.definition import CommandOptions
 from swarmwright.commands.folders import Instance, default_place
-from swarmwright.commands.process import found
+from swarmwright.commands.process import resolved_word
 from swarmwright.commands.ros_definition import ATTACHMENT, DOMAINS, RosOptions
 from swarmwright.commands.stepwise import Start
 from swarmwright.core.errors import InputError
@@ -95,6 +95,6 @@ class RosSimulation(CommandSimulation):
             attachment["start"] = self._command(self._definition.start)
         reset = attachment["reset"]
         if reset["command"] is not None:
-            reset["command"] = [found(word, here) for word in reset["command"]]
+            reset["command"] = [resolved_word(word, here) for word in reset["command"]]
         values = {name: str(value) for name, value in self._values.items() if name != "episode"}
         return {**attachment, "values": values}

@@ -38,18 +38,18 @@ class Vmas(BatchSimulation):
     lanes = 512
 
     def __init__(self) -> None:
-        self._be_made(1, {})
+        self._ensure_environment(1, {})
         self.sensors, self.actuators = self._sizes(self._env)
 
     def described_with(self, parameters: dict[str, Any]) -> Self:
         """Return this object with what it announces with these parameters. Raises InputError."""
-        self._be_made(1, parameters)
+        self._ensure_environment(1, parameters)
         return self
 
     def reset(self, parameters: dict[str, Any], seeds: NDArray[np.uint64]) -> NDArray[np.float64]:
         """Go to the start of an episode for each seed."""
         if (len(seeds), parameters) != self._made_of:
-            self._be_made(len(seeds), parameters)
+            self._ensure_environment(len(seeds), parameters)
             if self._sizes(self._env) != (self.sensors, self.actuators):
                 raise InputError(
                     f"{', '.join(parameters)}: changes what agents sense; put it into the simulation's name, "
@@ -86,7 +86,7 @@ class Vmas(BatchSimulation):
         """Return the mean over agents of the sum of rewards."""
         return self._rewards
 
-    def _be_made(self, episodes: int, parameters: dict[str, Any]) -> None:
+    def _ensure_environment(self, episodes: int, parameters: dict[str, Any]) -> None:
         """Have a scenario for so many episodes. Raises InputError."""
         self._env = self._make(episodes, parameters)
         self._made_of = (episodes, dict(parameters))

@@ -1,29 +1,34 @@
 """Caveats of a comparison: why the values of its groups may not be comparable."""
 
+import math
 import shlex
 from collections.abc import Collection, Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from swarmwright.analysis.indicators import Indicator, shared_indicators
+from swarmwright.analysis.table import Tested
+from swarmwright.analysis.tasks import (
+    Distinguished,
+    different_tasks,
+    differing_parameters,
+    other_models,
+    untested,
+)
+from swarmwright.core.errors import SwarmwrightError
 from swarmwright.runs.elites import has_elites
-from swarmwright.runs.instances import by_instance
+from swarmwright.runs.instances import by_instance, instances
 from swarmwright.runs.run import Run
-from swarmwright.user_code.copying import shown
 
 if TYPE_CHECKING:
-    from swarmwright.analysis.comparison import Group
+    from swarmwright.analysis.comparison import Group, Task
 
 FEW = 5
 """Runs of a group below which a test has little power."""
 
-_DEFINITIONS = {
-    "fitness": "its expression",
-    "ranking.aggregate": "the aggregate of episodes",
-    "ranking.level": "the level of the aggregate",
-}
-"""Keys by which fitness is another quantity."""
-
-
+HELD_OUT = "held_out"
+"""Fitness on held-out seeds, among what runs are compared by."""
+_NAMED = 3
+"""Pairs that a note names."""
 _JUDGING = {"code", "code.simulation", "code.ranking"}
 """Code by which fitness may be another quantity; that of methods and controllers is what is compared."""
 
@@ -38,16 +43,50 @@ def _command(groups: Sequence["Group"], option: str) -> str:
     return f"`swarmwright runs compare {which} {option}`"
 
 
-def _definitions(groups: Sequence["Group"], indicator: Indicator, *, held_out: bool) -> Iterator[str]:
-    """Yield why fitness of the groups, or an indicator, may not be comparable."""
-    keys = {key for one in groups for key in one.differs}
-    others = [words for key, words in _DEFINITIONS.items() if key in keys]
-    if others and indicator.by != "coverage":
-        yield f"fitness of different definitions is compared: groups differ in {' and '.join(others)}"
-    parameters = {key.split(".")[1] for key in keys if key.startswith("parameters.")} - {"seed"}
-    if parameters:
-        names = ", ".join(sorted(parameters))
+def _tasks(groups: Sequence["Group"], tasks: Sequence["Task"]) -> Iterator[str]:
+    """Yield which groups solve different tasks, and which are not tested for it."""
+    if any(task.pairs for task in tasks) and len(tasks) > 1:
+        yield different_tasks()
+    alone = untested([(task.differs, [one.label for one in task.groups]) for task in tasks])
+    if alone is not None:
+        yield alone
+    yield from pooled(groups, tasks)
+
+
+def pooled(groups: Sequence[Distinguished], tasks: Sequence[object]) -> Iterator[str]:
+    """Yield in what groups that are tested against each other differ, beside method and controller.
+
+    Args:
+        groups: that are tested.
+        tasks: of the groups.
+    """
+    names = ", ".join(sorted(differing_parameters(groups)))
+    if names and len(tasks) == 1:
         yield f"groups differ in the simulation's parameters, so they solve different tasks: {names}"
+    if other_models(groups):
+        yield (
+            "groups have different reference models of the e-puck, which count as part of the design: their "
+            "controllers have other sensors"
+        )
+
+
+def ties(pairs: Sequence[Tested]) -> Iterator[str]:
+    """Yield that p of pairs and the interval of the difference contradict each other, because of ties."""
+    names = [
+        f"{pair.first.label} against {pair.second.label}" for pair in pairs if pair.difference.contradicts
+    ]
+    if names:
+        more = f" and {len(names) - _NAMED} more pairs" if len(names) > _NAMED else ""
+        yield (
+            f"p and the interval of the difference disagree for {'; '.join(names[:_NAMED])}{more}: values "
+            "are tied, of which p takes account and the interval, which is then too wide, does not"
+        )
+
+
+def _values(
+    groups: Sequence["Group"], indicator: Indicator, *, held_out: bool, beside: Collection[str]
+) -> Iterator[str]:
+    """Yield why the values of groups may be too high or uncertain."""
     if held_out:
         yield from _held_out(groups)
         return
@@ -55,11 +94,14 @@ def _definitions(groups: Sequence["Group"], indicator: Indicator, *, held_out: b
     if indicator.by != "fitness":
         yield from _luck(groups, made, indicator)
         return
-    command = f"{_command(groups, '--held-out')} compares fitness on held-out seeds"
     missing = [run for one in groups for run in one.runs if run.validation is None]
-    if missing:
+    if HELD_OUT in beside:
+        command = "report fitness on held-out seeds, above, by which the order of groups may be another"
+    elif missing:
         count = sum(len(one.runs) for one in groups)
         command = f"fitness on held-out seeds is known of {count - len(missing)} of {count} runs"
+    else:
+        command = f"{_command(groups, '--held-out')} compares fitness on held-out seeds"
     if len(made) > 1:
         yield (
             f"the best recorded fitness is made of different episodes ({'; '.join(sorted(made))}), and the "
@@ -69,6 +111,11 @@ def _definitions(groups: Sequence["Group"], indicator: Indicator, *, held_out: b
         yield (
             "the best recorded fitness is too high where fitness depends on the seed, most of all with "
             f"new seeds in each generation; {command}"
+        )
+    elif any(_is_unknown(run) for run in missing):
+        yield (
+            "whether fitness depends on the seed is not known, as candidates had one episode each and runs "
+            f"were not validated; {command}"
         )
 
 
@@ -115,8 +162,28 @@ def _held_out(groups: Sequence["Group"]) -> Iterator[str]:
 
 
 def _lucky(run: Run) -> bool:
-    """Return whether the best of a run may owe its recorded fitness to its seeds."""
-    return run.experiment.ranking.seeds == "new" or run.unseen is not None
+    """Return whether the best of a run may owe its recorded fitness to its seeds.
+
+    Where it was not validated, its recorded episodes say whether fitness depends on the seed, if they are
+    several.
+    """
+    if run.experiment.ranking.seeds == "new" or run.unseen is not None:
+        return True
+    return run.validation is None and len(set(_episodes(run))) > 1
+
+
+def _is_unknown(run: Run) -> bool:
+    """Return whether nothing says if the fitness of a run that was not validated depends on the seed."""
+    return len(_episodes(run)) == 1
+
+
+def _episodes(run: Run) -> list[float]:
+    """Return the fitness of all recorded episodes of a run's best candidate that did not fail."""
+    try:
+        evaluations = instances(run, run.evaluation())
+    except SwarmwrightError:  # a damaged generation: the comparison does not need it
+        return []
+    return [value for one in evaluations for value in one.episodes.tolist() if math.isfinite(value)]
 
 
 def _recorded(run: Run) -> str:
@@ -134,8 +201,25 @@ def _waits(one: "Group", at: int) -> bool:
     return any(count < min(at, run.evaluations) for run, count in zip(one.runs, one.counts, strict=True))
 
 
-def caveats(groups: Sequence["Group"], at: int | None, indicator: Indicator, *, held_out: bool) -> list[str]:
-    """Return what restricts the conclusions of a comparison, a sentence each."""
+def caveats(
+    groups: Sequence["Group"],
+    tasks: Sequence["Task"],
+    at: int | None,
+    indicator: Indicator,
+    *,
+    held_out: bool,
+    beside: Collection[str] = (),
+) -> list[str]:
+    """Return what restricts the conclusions of a comparison, a sentence each.
+
+    Args:
+        groups: what is compared.
+        tasks: the groups by the task that they solve; where there are several, tests are within a task.
+        at: evaluations after which runs are compared; None: at their ends.
+        indicator: by what.
+        held_out: whether it is fitness on held-out seeds.
+        beside: what the same runs are also compared by, next to this: indicators, or `HELD_OUT`.
+    """
     found = list(indicator.notes)
     few = [one for one in groups if len(one.runs) < FEW]
     if few and len(groups) > 1:
@@ -163,14 +247,11 @@ def caveats(groups: Sequence["Group"], at: int | None, indicator: Indicator, *, 
             f"the runs have {shortest:,} to {longest:,} evaluations, and each is compared at its end; "
             f"{_command(groups, f'{indicator.options} --at {shortest}'.lstrip())} compares all after as many"
         )
-    found += _definitions(groups, indicator, held_out=held_out)
-    if indicator.by == "fitness":
+    found += _tasks(groups, tasks)
+    found += _values(groups, indicator, held_out=held_out, beside=beside)
+    found += ties([pair for task in tasks for pair in task.pairs])
+    if indicator.by == "fitness" and not set(beside) - {HELD_OUT}:
         found += _elites(groups)
-    simulations = {shown(one.runs[0].experiment.simulation) for one in groups}
-    if len(simulations) > 1:
-        found.append(
-            f"{indicator.words} of different simulations is compared: {', '.join(sorted(simulations))}"
-        )
     if any(_JUDGING & one.differs.keys() for one in groups):
         found.append(
             f"{indicator.words} that different code computed is compared: `swarmwright runs show` names the "

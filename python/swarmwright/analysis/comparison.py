@@ -1,7 +1,7 @@
 """Comparison of runs: groups, their final fitness or another indicator, and whether the groups differ."""
 
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations, islice
 from pathlib import Path
@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.analysis.after_evaluations import by_generation, fitness_at
-from swarmwright.analysis.caveats import caveats
+from swarmwright.analysis.caveats import HELD_OUT, caveats
 from swarmwright.analysis.groups import RunGroup, group
-from swarmwright.analysis.indicators import FITNESS, By, Indicator, measure
+from swarmwright.analysis.indicators import FITNESS, By, Indicator, measure, quick_indicators
 from swarmwright.analysis.significance import Difference, Kruskal, difference, holm, kruskal_wallis
+from swarmwright.analysis.tasks import TaskGroups, by_task
 from swarmwright.core.arguments import checked, listed
 from swarmwright.core.errors import InputError
 from swarmwright.core.problems import shown
@@ -24,6 +25,8 @@ from swarmwright.runs.validation import command_to_validate
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+_RECORDED = "Best recorded fitness of each run, in the episodes by which its candidates were selected:"
 
 
 @dataclass(frozen=True)
@@ -77,7 +80,27 @@ class Pair:
     difference: Difference
     """Figures of the first against the second."""
     p_holm: float
-    """p, corrected for the number of pairs after Holm."""
+    """p, corrected for the number of pairs of the task after Holm."""
+
+    @property
+    def magnitude(self) -> str:
+        """The effect in words: negligible, small, medium or large; empty where `p_holm` is above 0.05."""
+        return self.difference.magnitude_at(self.p_holm)
+
+
+@dataclass(frozen=True)
+class Task:
+    """Groups whose runs solve the same task: the same simulation, parameters and definition of fitness."""
+
+    label: str
+    """What distinguishes the task, in words; empty where all groups are tested against each other."""
+    differs: dict[str, Any]
+    """Keys of the experiment that differ between the tasks, with this task's values."""
+    groups: tuple[Group, ...]
+    pairs: tuple[Pair, ...]
+    """Every group of the task against every later one."""
+    kruskal: Kruskal | None
+    """Test of all groups of the task at once; None for fewer than three."""
 
 
 @dataclass(frozen=True)
@@ -88,10 +111,9 @@ class Comparison:
     """
 
     groups: tuple[Group, ...]
-    pairs: tuple[Pair, ...]
-    """Every group against every later one."""
-    kruskal: Kruskal | None
-    """Test of all groups at once; None for fewer than three."""
+    tasks: tuple[Task, ...]
+    """The groups by the task that they solve; tests are within a task. One with all groups where these solve
+    the same, or differ in nothing but parameters other than the mission."""
     at: int | None
     """Evaluations after which runs are compared; None: at each run's end."""
     notes: tuple[str, ...]
@@ -101,11 +123,35 @@ class Comparison:
     indicator: Indicator = FITNESS
     """What is compared, in `by`, and the constants by which it is measured: `offset` of the QD score,
     `reference` and `ranges` of the hypervolume."""
+    heading: str = ""
+    """What is compared, in words, where it is one of several comparisons of the same runs by fitness."""
+
+    @property
+    def pairs(self) -> tuple[Pair, ...]:
+        """Pairs of all tasks: every group against every later one of its task."""
+        return tuple(pair for task in self.tasks for pair in task.pairs)
+
+    @property
+    def kruskal(self) -> Kruskal | None:
+        """Test of all groups at once; None for fewer than three, or several tasks, each of which has one."""
+        return self.tasks[0].kruskal if len(self.tasks) == 1 else None
 
     def __str__(self) -> str:
         from swarmwright.analysis.table import table
 
         return table(self)
+
+    def __repr__(self) -> str:
+        """Name what is compared, and how many runs in how many groups."""
+        what = "fitness on held-out seeds" if self.held_out else self.indicator.by
+        runs = sum(len(one.runs) for one in self.groups)
+        return f"<Comparison by {what}: {runs} runs in {len(self.groups)} groups>"
+
+    def _repr_html_(self) -> str:
+        """Return groups, tests and notes as tables, for notebooks."""
+        from swarmwright.analysis.table import html_of
+
+        return html_of(self)
 
     def to_mapping(self) -> dict[str, Any]:
         """Return everything as plain values, for JSON."""
@@ -117,12 +163,15 @@ class Comparison:
     def figure(self, *, x: str = "evaluations") -> "Figure":
         """Return a matplotlib figure: best fitness or the indicator over `x`, and that of every run.
 
+        Each of up to 20 tasks has axes of its own.
+
         x: "evaluations" or "generations". Where hypervolume takes long, with more than four objectives,
         fitness included, or large fronts of three or four, best fitness is drawn over `x`.
         """
+        from swarmwright.analysis.designs import designs_of, in_order
         from swarmwright.figures.comparison import draw
 
-        return draw(self, x=x)
+        return draw(self, in_order(self.tasks), designs_of(self.tasks), x=x)
 
     @checked
     def plot(self, path: str | Path, *, x: str = "evaluations") -> Path:
@@ -133,6 +182,20 @@ class Comparison:
         from swarmwright.figures.style import save
 
         return save(self.figure(x=x), Path(path))
+
+    @checked
+    def export(self, path: str | Path) -> Path:
+        """Write a table; return its path. The ending of the file says which.
+
+        .csv: a row for each run: task, group, run, seed, evaluations, what is compared (nan where no
+        candidate could be evaluated), and the keys that differ. .tex: groups and tests of each task as LaTeX
+        tables, for the package booktabs.
+
+        Raises InputError for another ending or a file that cannot be written.
+        """
+        from swarmwright.analysis.table_files import write
+
+        return write(self, Path(path))
 
 
 @checked
@@ -151,7 +214,11 @@ def compare(
     The best fitness of each run is compared by Mann and Whitney's test, with Vargha and Delaney's A12 as the
     size of the effect and Hodges and Lehmann's estimate of the difference with its 95 % confidence interval;
     three groups and more by Kruskal and Wallis' test as well, and p of pairs is corrected after Holm.
-    One group alone is described and not tested.
+    One group alone is described and not tested. Groups of different simulations, parameters of the simulation
+    or definitions of fitness, such as those of a sweep over methods and missions, solve different tasks: then
+    tests are within a task, and p is corrected for the pairs of that task. Reference models of the arena's
+    e-puck make no task. Groups that differ in nothing but parameters are tested against each other, with a
+    note, unless they have different missions.
 
     Runs of `nsga2` with the same objectives can be compared by the hypervolume of their fronts, those of
     `map_elites` with the same measures, ranges and bins by the QD score and the coverage of their archives,
@@ -180,7 +247,42 @@ def compare(
     """
     listed("runs", runs, "run folders")
     _check_options(by, reference, offset, held_out=held_out)
-    opened = [run_of(run) for run in runs]
+    return _compared(
+        [run_of(run) for run in runs], at=at, held_out=held_out, by=by, reference=reference, offset=offset
+    )
+
+
+def compare_all(runs: Sequence[Run]) -> list[Comparison]:
+    """Return the comparisons that a sweep ends with, the one to report first.
+
+    By fitness on held-out seeds, where every run was validated and fitness depends on the seed; by recorded
+    fitness; then by the indicators that all runs have and that take little time.
+    """
+    if not runs:
+        return []
+    validated = held_out_known(runs)
+    quick = quick_indicators(runs)
+    first = [_compared(runs, held_out=True, beside=quick)] if validated else []
+    recorded = _compared(runs, beside=[*[HELD_OUT] * validated, *quick])
+    return [*first, recorded, *(_compared(runs, by=by) for by in quick)]
+
+
+def held_out_known(runs: Sequence[Run]) -> bool:
+    """Return whether every run was validated, and fitness of any depends on the seed."""
+    return all(run.validation is not None for run in runs) and any(run.unseen is not None for run in runs)
+
+
+def _compared(
+    opened: Sequence[Run],
+    *,
+    at: int | None = None,
+    held_out: bool = False,
+    by: By = "fitness",
+    reference: Mapping[str, float] | None = None,
+    offset: float | None = None,
+    beside: Collection[str] = (),
+) -> Comparison:
+    """Compare runs as `compare` does. beside: what they are also compared by, next to this."""
     if not opened:
         raise InputError("there are no runs to compare; name run folders such as runs/minisim-1")
     for run in opened:
@@ -205,20 +307,29 @@ def compare(
         found = list(zip(measured, counts, strict=True))
     values = iter(found)
     groups = tuple(_group(one, list(islice(values, len(one.runs)))) for one in grouped)
-    pairs = tuple(combinations(groups, 2))
-    differences = [difference(one.final, other.final) for one, other in pairs]
+    tasks = tuple(
+        _task(one, [groups[index] for index in one.indices])
+        for one in by_task(grouped, by=by, held_out=held_out)
+    )
+    found_caveats = caveats(groups, tasks, at, indicator, held_out=held_out, beside=beside)
+    heading = _RECORDED if HELD_OUT in beside else ""
+    return Comparison(groups, tasks, at, (*notes, *found_caveats), held_out, indicator, heading)
+
+
+def _task(one: TaskGroups, groups: Sequence[Group]) -> Task:
+    """Return the groups of a task with their tests."""
+    pairs = list(combinations(groups, 2))
+    differences = [difference(first.final, second.final) for first, second in pairs]
     corrected = holm([found.p for found in differences])
-    return Comparison(
-        groups,
+    return Task(
+        one.label,
+        one.differs,
+        tuple(groups),
         tuple(
-            Pair(one, other, found, p)
-            for (one, other), found, p in zip(pairs, differences, corrected, strict=True)
+            Pair(first, second, found, p)
+            for (first, second), found, p in zip(pairs, differences, corrected, strict=True)
         ),
-        kruskal_wallis([one.final for one in groups]) if len(groups) > 2 else None,
-        at,
-        (*notes, *caveats(groups, at, indicator, held_out=held_out)),
-        held_out,
-        indicator,
+        kruskal_wallis([group.final for group in groups]) if len(groups) > 2 else None,
     )
 
 
@@ -227,13 +338,15 @@ def _check_options(by: object, reference: object, offset: object, *, held_out: b
     if by not in kinds:
         raise InputError(f"by: must be one of {', '.join(kinds)}, not {shown(by)}")
     if held_out and by != "fitness":
-        raise InputError("held_out: compares fitness, which validations have; leave it or by")
+        raise InputError(
+            "held_out: compares fitness, which validations have; leave out held_out, or leave out by"
+        )
     if reference is not None and by != "hypervolume":
         raise InputError(
-            "reference: is the reference point of hypervolume; leave it, or give by='hypervolume'"
+            "reference: is the reference point of hypervolume; leave it out, or give by='hypervolume'"
         )
     if offset is not None and by != "qd_score":
-        raise InputError("offset: is that of the QD score; leave it, or give by='qd_score'")
+        raise InputError("offset: is that of the QD score; leave it out, or give by='qd_score'")
 
 
 def _check_finished(runs: Sequence[Run], at: int) -> None:
@@ -246,7 +359,9 @@ def _check_finished(runs: Sequence[Run], at: int) -> None:
 
 def _check_validated(runs: Sequence[Run], at: int | None) -> None:
     if at is not None:
-        raise InputError("at: the best candidates at the end of runs are validated; leave it or held_out")
+        raise InputError(
+            "at: the best candidates at the end of runs are validated; leave out at, or leave out held_out"
+        )
     missing = [run for run in runs if run.validation is None]
     if missing:
         names = ", ".join(str(run.path) for run in missing[:3])

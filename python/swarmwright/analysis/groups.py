@@ -1,29 +1,36 @@
 """Grouping of runs whose experiments differ only in the seed."""
 
 import json
-import textwrap
-from collections.abc import Collection, Iterator, Mapping, Sequence
+import re
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from swarmwright.analysis.labels import Wording, name_of
 from swarmwright.core.errors import InputError
 from swarmwright.core.flatten import flat
+from swarmwright.core.formatting import shortened
 from swarmwright.experiment.experiment import ELSEWHERE, Experiment
-from swarmwright.experiment.robots import mission_name, mission_of
+from swarmwright.experiment.robots import mission_name, mission_of, robot_of
 from swarmwright.runs.run import Run
 from swarmwright.simulations.catalogue import ARENA, built_in, description
-from swarmwright.user_code.copying import Copy, digest_of, shown
+from swarmwright.user_code.copying import Copy, digest_of, display_name
 
 _NO_GROUP = ELSEWHERE | {"seed"}
 """Keys of an experiment in which runs of a group may differ."""
 _LONGEST = 120
 """Characters of a name, beyond which groups are numbered and a note explains them."""
+_NUMBER = re.compile(r"group (\d+): ")
+"""How labels of such groups begin."""
 _BEGINNING = 60
 """Characters of a longer name that stay."""
 _TOLD = 500
 """Characters of it in a note."""
+_PATHS = 3
+"""Runs that a note names."""
 _NAMED = ("mission", "robot")
 """The arena's parameters that may be mappings with many keys, and have a name that stands for these."""
+_ROBOT = "parameters.robot"
 
 
 @dataclass(frozen=True)
@@ -61,7 +68,8 @@ def group(runs: Sequence[Run], *, besides: Collection[str] = ()) -> tuple[list[R
         for run in kept
     ]
     keys = distinguishing(flattened)
-    found: dict[str, tuple[dict[str, Any], list[Run]]] = {}
+    titles = written_missions(kept)
+    by_values: dict[str, tuple[dict[str, Any], list[Run]]] = {}
     for run, values in zip(kept, flattened, strict=True):
         # An option that a kind does not have is left out; a parameter, or a key of the experiment itself such
         # as fitness, may have been left out by its author.
@@ -70,28 +78,39 @@ def group(runs: Sequence[Run], *, besides: Collection[str] = ()) -> tuple[list[R
             for key in keys
             if key in values or key.startswith("parameters.") or "." not in key
         }
-        found.setdefault(json.dumps(differs, sort_keys=True, default=str), (differs, []))[1].append(run)
-    if len(found) == 1:
+        if differs.get(_ROBOT, "") is None:
+            differs[_ROBOT] = _robot(run.experiment)
+        same = json.dumps(differs, sort_keys=True, default=str)
+        by_values.setdefault(same, (as_written(differs, run, titles), []))[1].append(run)
+    if len(by_values) == 1:
         return [RunGroup(name_of(kept[0].experiment), {}, tuple(kept))], notes
-    names = _names([(differs, members[0]) for differs, members in found.values()])
+    names = names_of([(differs, members[0]) for differs, members in by_values.values()])
     labels = names
     if max(map(len, names)) > _LONGEST:
-        labels = [
-            f"group {number}: {textwrap.shorten(name, _BEGINNING, placeholder=' …')}"
-            for number, name in enumerate(names, 1)
-        ]
-        notes += [
-            f"group {number} has {textwrap.shorten(name, _TOLD, placeholder=' …')}"
-            for number, name in enumerate(names, 1)
-        ]
+        labels = [f"group {number}: {shortened(name, _BEGINNING)}" for number, name in enumerate(names, 1)]
+        notes += [f"group {number} has {shortened(name, _TOLD)}" for number, name in enumerate(names, 1)]
     groups = [
         RunGroup(label, differs, tuple(members))
-        for label, (differs, members) in zip(labels, found.values(), strict=True)
+        for label, (differs, members) in zip(labels, by_values.values(), strict=True)
     ]
     return groups, notes
 
 
-def _names(groups: Sequence[tuple[Mapping[str, Any], Run]]) -> list[str]:
+def number_of(label: str) -> int:
+    """Return the number of a group whose name is too long; 0 where it has none."""
+    found = _NUMBER.match(label)
+    return int(found[1]) if found else 0
+
+
+def _robot(experiment: Experiment) -> str | None:
+    """Return the name of the arena's robot where none is given; None where it has none."""
+    if built_in(experiment.simulation) != ARENA:
+        return None
+    robot = robot_of(experiment.parameters)
+    return robot if isinstance(robot, str) else None
+
+
+def names_of(groups: Sequence[tuple[Mapping[str, Any], Run]]) -> list[str]:
     """Return what groups are called, by what differs between them and one run of each.
 
     Missions and robots that have names of their own stand for what differs in them; where groups would have
@@ -102,17 +121,18 @@ def _names(groups: Sequence[tuple[Mapping[str, Any], Run]]) -> list[str]:
     for what in _NAMED:
         if not any(_within(key, what) and key != f"parameters.{what}" for key in keys):
             continue  # nothing differs, or names alone
-        found = [_called(what, run.experiment) for _, run in groups]
-        if len(set(found)) > 1:
-            named[what] = found
+        titles = [_called(what, run.experiment) for _, run in groups]
+        if len(set(titles)) > 1:
+            named[what] = titles
+    wording = Wording([differs for differs, _ in groups])
     names, details = [], []
     for index, (differs, _) in enumerate(groups):
-        heads = [found[index] for found in named.values() if found[index]]
+        heads = [titles[index] for titles in named.values() if titles[index]]
         hidden = {key for key in differs for what in named if _within(key, what)}
         if named:  # they follow from the robots
             hidden |= differs.keys() & {"sensors", "actuators"}
-        shown = {key: value for key, value in differs.items() if key not in hidden}
-        names.append(", ".join([*heads, *_words(shown, shown)]))
+        others = {key: value for key, value in differs.items() if key not in hidden}
+        names.append(", ".join([*heads, *wording.words(others, others)]))
         details.append({key: differs[key] for key in differs if key in hidden and differs[key] is not None})
     for name in set(names):
         alike = [index for index, one in enumerate(names) if one == name]
@@ -121,7 +141,7 @@ def _names(groups: Sequence[tuple[Mapping[str, Any], Run]]) -> list[str]:
         telling = distinguishing([details[index] for index in alike])
         for index in alike:
             of = {key: value for key, value in details[index].items() if key in telling}
-            names[index] = ", ".join([word for word in (name, *_words(of, groups[index][0])) if word])
+            names[index] = ", ".join([word for word in (name, *wording.words(of, groups[index][0])) if word])
     return names
 
 
@@ -145,26 +165,77 @@ def _called(what: str, experiment: Experiment) -> str:
 def _once(runs: Sequence[Run]) -> tuple[list[Run], list[str]]:
     """Leave out runs that are the same as another one; of two, the longer one stays."""
     kept: dict[str, Run] = {}
-    places: dict[str, str] = {}
-    notes = []
+    copies: dict[str, list[Run]] = {}
+    places: dict[str, Run] = {}
+    again: dict[str, Run] = {}
     for run in runs:
         place = str(run.path.resolve())
+        if place in places:
+            again[place] = run
+            continue
+        places[place] = run
         same = json.dumps([flattened_of(run), run.experiment.seed], sort_keys=True, default=str)
         other = kept.get(same)
-        if place in places:
-            notes.append(f"{run.path} is given twice and counts once")
-            continue
-        places[place] = same
         if other is None:
             kept[same] = run
             continue
         longer, shorter = (run, other) if run.evaluations > other.evaluations else (other, run)
         kept[same] = longer
-        notes.append(
-            f"{shorter.path} has experiment and seed of {longer.path}, so it is not a second sample and does "
-            "not count"
-        )
+        copies.setdefault(same, []).append(shorter)
+    notes = [_given_twice(list(again.values()))] if again else []
+    notes += [_not_counted(kept[same], left_out) for same, left_out in copies.items()]
     return list(kept.values()), notes
+
+
+def _given_twice(runs: Sequence[Run]) -> str:
+    if len(runs) == 1:
+        return f"{runs[0].path} is given more than once and counts once"
+    return f"{len(runs):,} runs are given more than once and count once: {_paths(runs)}"
+
+
+def _not_counted(kept: Run, left_out: Sequence[Run]) -> str:
+    """Return why runs with the same experiment and seed as another one do not count."""
+    if len(left_out) == 1:
+        return (
+            f"{left_out[0].path} has experiment and seed of {kept.path}, so it is not a second sample and "
+            "does not count"
+        )
+    return (
+        f"{len(left_out):,} runs have experiment and seed of {kept.path}, so they are not further samples "
+        f"and do not count: {_paths(left_out)}"
+    )
+
+
+def _paths(runs: Sequence[Run]) -> str:
+    more = f" and {len(runs) - _PATHS:,} more" if len(runs) > _PATHS else ""
+    return f"{', '.join(str(run.path) for run in runs[:_PATHS])}{more}"
+
+
+def written_missions(runs: Iterable[Run]) -> dict[str, str]:
+    """Return what the arena's missions are called in the first run of each, by their longer names."""
+    found: dict[str, str] = {}
+    for run in runs:
+        simulation = run.experiment.simulation
+        if built_in(simulation) != ARENA:
+            continue
+        given = run.experiment.parameters.get("mission")
+        if given is None:
+            given = mission_name(_defaults(simulation)["mission"])
+        if isinstance(given, str):
+            found.setdefault(mission_name(given), given)
+    return found
+
+
+def as_written(values: Mapping[str, Any], run: Run, missions: Mapping[str, str]) -> dict[str, Any]:
+    """Return flattened values of a run in which a mission has the name that authors of the runs gave.
+
+    missions: see `written_missions`; of two names for a mission one is used, so that values stay comparable.
+    """
+    key = "parameters.mission"
+    name = values.get(key)
+    if not isinstance(name, str) or built_in(run.experiment.simulation) != ARENA:
+        return dict(values)
+    return {**values, key: missions.get(name, name)}
 
 
 def flattened_of(run: Run, *, missions: bool = False, parts: bool = True) -> dict[str, Any]:
@@ -175,7 +246,7 @@ def flattened_of(run: Run, *, missions: bool = False, parts: bool = True) -> dic
     """
     experiment = run.experiment
     mapping = experiment.to_mapping()
-    mapping["simulation"] = shown(experiment.simulation)
+    mapping["simulation"] = display_name(experiment.simulation)
     code = run.code
     if code:
         found = _code_parts(run) if parts else None
@@ -240,51 +311,3 @@ def _values(key: str, flat: Sequence[dict[str, Any]]) -> dict[Any, set[str]]:
         kind = None if key == kind_key else values.get(kind_key)
         found.setdefault(kind, set()).add(json.dumps(values.get(key), sort_keys=True, default=str))
     return found
-
-
-def label_of(differs: Mapping[str, Any]) -> str:
-    """Return values that keys of an experiment have as words: kinds alone, others with their names."""
-    return ", ".join(_words(differs, differs))
-
-
-def _words(differs: Mapping[str, Any], among: Mapping[str, Any]) -> Iterator[str]:
-    """Yield a word for each key; among: all keys, of which no two may look alike."""
-    for key, value in differs.items():
-        section, _, last = key.rpartition(".")
-        # Parameters may have kinds, too, such as metrics of a mission.
-        if key == "simulation" or (last == "kind" and section.partition(".")[0] != "parameters"):
-            yield str(value)
-            continue
-        shown = (
-            "not given"
-            if value is None
-            else value
-            if isinstance(value, str)
-            else _kinds(value)
-            if key == "parameters.robots" and isinstance(value, list)
-            else json.dumps(value, default=str, ensure_ascii=False)
-        )
-        short = shown if len(shown) <= 24 else f"{shown[:23]}…"
-        yield f"{_shortest(key, among)} {short}"
-
-
-def _kinds(robots: Sequence[Any]) -> str:
-    """Return the kinds of robots of a mixed swarm: 12 scout, 4 carrier."""
-    words = (f"{one.get('count', '')} {one.get('name', '')}" for one in robots if isinstance(one, Mapping))
-    return ", ".join(word.strip() for word in words)
-
-
-def _shortest(key: str, differs: Mapping[str, Any]) -> str:
-    """Return the last part of a key, unless another one ends alike: runs themselves have a seed."""
-    section, _, last = key.rpartition(".")
-    if section == "code":
-        return f"code of the {last}"
-    if last == "kind":
-        return key.removeprefix("parameters.")
-    return last if last != "seed" and sum(other.rpartition(".")[2] == last for other in differs) == 1 else key
-
-
-def name_of(experiment: Experiment) -> str:
-    """Return what a single group is called: simulation and method."""
-    method: str = experiment.method.kind
-    return f"{experiment.label}, {method}"

@@ -1,23 +1,102 @@
 """A comparison in words and as plain values."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
+from swarmwright.core import html
 from swarmwright.core.formatting import p_value
 from swarmwright.core.untrusted import one_line
 
 if TYPE_CHECKING:
-    from swarmwright.analysis.comparison import Comparison, Pair
+    from swarmwright.analysis.comparison import Comparison, Group
+    from swarmwright.analysis.significance import Difference, Kruskal
 
 _PAIRS = 15
 """Most pairs that are printed; the plain values have all."""
+_METHODS = {"exact": "exact", "permutations": "of 100,000 permutations", "chi-square": "chi-square"}
+"""How p of Kruskal and Wallis' test was computed, in words."""
+
+
+class Labelled(Protocol):
+    """A group that is compared."""
+
+    @property
+    def label(self) -> str:
+        """What distinguishes it, in words."""
+
+
+class Tested(Protocol):
+    """Two groups, and how they differ."""
+
+    @property
+    def first(self) -> Labelled:
+        """The first group."""
+
+    @property
+    def second(self) -> Labelled:
+        """The second group."""
+
+    @property
+    def difference(self) -> "Difference":
+        """Figures of the first against the second."""
+
+    @property
+    def p_holm(self) -> float:
+        """p, corrected for several pairs after Holm."""
+
+    @property
+    def magnitude(self) -> str:
+        """The effect in words; empty where `p_holm` is not significant."""
 
 
 def table(comparison: "Comparison") -> str:
-    """Return the groups as a table, then the tests, then notes."""
-    head = ["group", "runs", "evaluations", "median", "quartiles", "worst", "best"]
-    rows = [head]
-    for one in comparison.groups:
+    """Return the groups as a table, then the tests, of each task, then notes."""
+    several = len(comparison.tasks) > 1
+    lines: list[str] = []
+    for task in comparison.tasks:
+        if several:
+            lines += [""] * bool(lines) + [f"Task: {one_line(task.label)}", ""]
+        lines += columns(_group_rows(task.groups))
+        if task.kruskal is not None:
+            which = "All groups of the task" if several else "All groups"
+            lines += ["", f"{which}: {kruskal_words(task.kruskal)}"]
+        if task.pairs:
+            lines += ["", *pairs_table(task.pairs)]
+    if several:
+        lines.append("")
+    if comparison.held_out:
+        lines = ["Mean fitness of each run's best candidate on held-out seeds:", "", *lines]
+    heading = comparison.heading or comparison.indicator.heading
+    if heading:
+        lines = [one_line(heading), "", *lines]
+    return "\n".join([*lines, *(f"Note: {one_line(note)}." for note in comparison.notes)])
+
+
+def html_of(comparison: "Comparison") -> str:
+    """Return what `table` says as HTML, for notebooks."""
+    several = len(comparison.tasks) > 1
+    what = (comparison.heading or comparison.indicator.heading).removesuffix(":")
+    if comparison.held_out:
+        what = "Mean fitness of each run's best candidate on held-out seeds"
+    parts = [html.facts(f"Comparison of {len(comparison.groups)} groups. {what}", [])]
+    for task in comparison.tasks:
+        head, *rows = _group_rows(task.groups)
+        parts.append(html.facts(f"Task: {task.label}", []) if several else "")
+        parts.append(html.table(head, rows))
+        if task.kruskal is not None:
+            parts.append(html.facts("", [("All groups", kruskal_words(task.kruskal))]))
+        if task.pairs:
+            head, *rows = _pair_rows(task.pairs)
+            parts.append(html.table(head, rows))
+            hidden = len(task.pairs) - len(rows)
+            parts.append(html.facts(f"and {hidden} pairs with larger p", []) if hidden else "")
+    notes = [("Note", f"{one_line(note)}.") for note in comparison.notes]
+    return "".join([*parts, html.facts("", notes) if notes else ""])
+
+
+def _group_rows(groups: Sequence["Group"]) -> list[list[str]]:
+    rows = [["group", "runs", "evaluations", "median", "quartiles", "worst", "best"]]
+    for one in groups:
         shortest, longest = one.evaluations
         span = f"{shortest:,}" if shortest == longest else f"{shortest:,} to {longest:,}"
         low, high = one.quartiles
@@ -27,34 +106,44 @@ def table(comparison: "Comparison") -> str:
                 number(one.quantile(0.0)), number(one.quantile(1.0)),
             ]
         )  # fmt: skip
-    lines = columns(rows)
-    if comparison.kruskal is not None:
-        test = comparison.kruskal
-        lines += ["", f"All groups: Kruskal-Wallis H {number(test.h)}, p {p_value(test.p)}"]
-    if comparison.pairs:
-        lines += ["", *_pairs(comparison.pairs)]
-    if comparison.held_out:
-        lines = ["Mean fitness of each run's best candidate on held-out seeds:", "", *lines]
-    if comparison.indicator.heading:
-        lines = [one_line(comparison.indicator.heading), "", *lines]
-    return "\n".join([*lines, *(f"Note: {one_line(note)}." for note in comparison.notes)])
+    return rows
 
 
-def _pairs(pairs: Sequence["Pair"]) -> list[str]:
+def kruskal_words(test: "Kruskal") -> str:
+    """Return Kruskal and Wallis' test of several groups in words."""
+    return f"Kruskal-Wallis H {number(test.h)}, p {p_value(test.p)} ({_METHODS[test.method]})"
+
+
+def pairs_table(pairs: Sequence[Tested], *, what: str = "") -> list[str]:
+    """Return the tests of pairs as lines; of many pairs, those with the smallest p.
+
+    what: is compared, in the heading of the effect size.
+    """
+    rows = _pair_rows(pairs, what=what)
+    hidden = len(pairs) - len(rows) + 1
+    return columns(rows) + ([f"and {hidden} pairs with larger p; --json has all"] if hidden else [])
+
+
+def _pair_rows(pairs: Sequence[Tested], *, what: str = "") -> list[list[str]]:
     several = len(pairs) > 1
-    head = ["first", "against second", "A12", "effect", "difference", "95 % interval", "U", "p"]
+    head = ["first", "against second", f"A12{what}", "effect", "difference", "95 % interval", "U", "p"]
     rows = [head + ["p (Holm)"] * several]
     for pair in sorted(pairs, key=lambda one: one.difference.p)[:_PAIRS] if len(pairs) > _PAIRS else pairs:
         found = pair.difference
         rows.append(
             [
-                pair.first.label, pair.second.label, f"{found.effect:.2f}", found.magnitude or "too few runs",
+                pair.first.label, pair.second.label, f"{found.effect:.2f}", _effect(pair),
                 number(found.shift), _interval(found.interval), f"{found.u:g}", p_value(found.p),
             ]
             + [p_value(pair.p_holm)] * several
         )  # fmt: skip
-    hidden = len(pairs) - len(rows) + 1
-    return columns(rows) + ([f"and {hidden} pairs with larger p; --json has all"] if hidden else [])
+    return rows
+
+
+def _effect(pair: Tested) -> str:
+    if pair.difference.interval is None:
+        return "too few runs"
+    return pair.magnitude or "not significant"
 
 
 def _interval(interval: tuple[float, float] | None) -> str:
@@ -105,22 +194,32 @@ def to_mapping(comparison: "Comparison") -> dict[str, Any]:
             }
             for one in comparison.groups
         ],
-        "kruskal_wallis": None
-        if comparison.kruskal is None
-        else {"h": comparison.kruskal.h, "p": comparison.kruskal.p},
-        "pairs": [
+        "kruskal_wallis": None if comparison.kruskal is None else vars(comparison.kruskal),
+        "tasks": [
             {
-                "first": pair.first.label,
-                "second": pair.second.label,
-                "u": pair.difference.u,
-                "p": pair.difference.p,
-                "p_holm": pair.p_holm,
-                "a12": pair.difference.effect,
-                "magnitude": pair.difference.magnitude or None,
-                "difference": pair.difference.shift,
-                "interval": list(pair.difference.interval) if pair.difference.interval else None,
+                "label": task.label,
+                "differs": task.differs,
+                "groups": [one.label for one in task.groups],
+                "kruskal_wallis": None if task.kruskal is None else vars(task.kruskal),
             }
-            for pair in comparison.pairs
+            for task in comparison.tasks
         ],
+        "pairs": [pair_mapping(pair) for pair in comparison.pairs],
         "notes": list(comparison.notes),
     }  # fmt: skip
+
+
+def pair_mapping(pair: Tested) -> dict[str, Any]:
+    """Return the test of a pair as plain values."""
+    found = pair.difference
+    return {
+        "first": pair.first.label,
+        "second": pair.second.label,
+        "u": found.u,
+        "p": found.p,
+        "p_holm": pair.p_holm,
+        "a12": found.effect,
+        "magnitude": pair.magnitude or None,
+        "difference": found.shift,
+        "interval": list(found.interval) if found.interval else None,
+    }

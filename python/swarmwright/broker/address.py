@@ -4,6 +4,11 @@ import os
 import sys
 from urllib.parse import urlsplit
 
+from swarmwright.core.errors import InputError
+
+PREFIX_VARIABLE = "SWARMWRIGHT_PREFIX"
+"""Environment variable of the topic prefix where nothing else names one."""
+
 SCHEMES = ("mqtt", "mqtts", "ws", "wss", "unix")
 VERSIONS = ("3", "5")
 
@@ -92,3 +97,16 @@ def prefix_problem(prefix: str) -> str | None:
     if len(prefix.encode()) > 1000:
         return "must be at most 1000 bytes long"
     return None
+
+
+def environment_prefix() -> str:
+    """Return the topic prefix that the environment names, "" for none.
+
+    Raises:
+        InputError: It cannot be a prefix.
+    """
+    prefix = os.environ.get(PREFIX_VARIABLE, "")
+    problem = prefix_problem(prefix)
+    if problem is not None:
+        raise InputError(f"{PREFIX_VARIABLE} (environment): {prefix!r} {problem}")
+    return prefix

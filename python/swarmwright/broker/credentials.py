@@ -4,16 +4,30 @@ https://keyring.readthedocs.io; `pip install 'swarmwright[keyring]'`. The order:
 SWARMWRIGHT_PASSWORD_FILE, then the keyring, for the user of SWARMWRIGHT_USERNAME.
 """
 
+import errno
 import ipaddress
 import logging
 import os
 import re
+from pathlib import Path
 
 from swarmwright.core.errors import InputError
 
 SERVICE = "swarmwright"
 """Under this name the keyring has the passwords, of `USER@HOST:PORT` (`USER@PATH` for a Unix socket) or, for
 every broker, of `USER`."""
+
+CREDENTIALS = (
+    "SWARMWRIGHT_USERNAME",
+    "SWARMWRIGHT_PASSWORD",
+    "SWARMWRIGHT_PASSWORD_FILE",
+    "SWARMWRIGHT_CA_FILE",
+    "SWARMWRIGHT_CERTIFICATE_FILE",
+    "SWARMWRIGHT_KEY_FILE",
+)
+"""Environment variables of what a client needs to be admitted by a broker."""
+_KEEP_ALIVE = "SWARMWRIGHT_KEEP_ALIVE"
+_LONGEST_KEEP_ALIVE_S = 3600
 
 _LOGGER = logging.getLogger("swarmwright")
 _warned: set[str] = set()
@@ -22,11 +36,12 @@ _PORTS = {"mqtt": 1883, "tcp": 1883, "mqtts": 8883, "ssl": 8883, "tls": 8883, "w
 
 
 def prepare(broker: str) -> None:
-    """Look up the password for a broker (`from_keyring`), and warn once if it would be sent unencrypted.
+    """Check the environment, look up a broker's password, and warn once if it would be sent unencrypted.
 
     Raises:
-        InputError: As `from_keyring`.
+        InputError: As `check_environment` and `from_keyring`.
     """
+    check_environment()
     from_keyring(broker)
     for url in broker.split(","):
         there = place(url)
@@ -37,6 +52,60 @@ def prepare(broker: str) -> None:
                 "with TLS, mqtts://",
                 there,
             )
+
+
+def check_environment(*, credentials: bool = True) -> None:
+    """Check the variables that connections read, before anything is started that would end with their errors.
+
+    credentials: also those for an external broker.
+
+    Raises:
+        InputError: SWARMWRIGHT_KEEP_ALIVE is not a number of seconds; a password without a user; a password
+            file that cannot be read; one of SWARMWRIGHT_CERTIFICATE_FILE and SWARMWRIGHT_KEY_FILE only.
+    """
+    seconds = os.environ.get(_KEEP_ALIVE)
+    is_number = seconds and re.fullmatch("[+]?0*[0-9]{1,4}", seconds)
+    if seconds and not (is_number and 1 <= int(seconds) <= _LONGEST_KEEP_ALIVE_S):
+        raise InputError(
+            f"{_KEEP_ALIVE} (environment): expected whole seconds from 1 to {_LONGEST_KEEP_ALIVE_S}, "
+            f"not {seconds!r}"
+        )
+    if not credentials:
+        return
+    file = os.environ.get("SWARMWRIGHT_PASSWORD_FILE")
+    if file and not os.environ.get("SWARMWRIGHT_PASSWORD"):
+        reason = _unreadable(Path(file))
+        if reason is not None:
+            raise InputError(f"SWARMWRIGHT_PASSWORD_FILE (environment): {file} cannot be read: {reason}")
+    if has_password() and not os.environ.get("SWARMWRIGHT_USERNAME"):
+        raise InputError(
+            "a password is set but SWARMWRIGHT_USERNAME is not (environment); set both or neither"
+        )
+    pair = ("SWARMWRIGHT_CERTIFICATE_FILE", "SWARMWRIGHT_KEY_FILE")
+    there = [name for name in pair if os.environ.get(name)]
+    if len(there) == 1:
+        (unset,) = set(pair) - set(there)
+        raise InputError(
+            f"{there[0]} is set but {unset} is not (environment); a client certificate needs both (PEM)"
+        )
+
+
+def _unreadable(file: Path) -> str | None:
+    """Return why a text file cannot be read, None if it can; a pipe keeps its content for the connection."""
+    try:
+        if file.is_file():
+            file.read_text(encoding="utf-8")
+        elif not file.exists():
+            return os.strerror(errno.ENOENT)
+        elif file.is_dir():
+            return os.strerror(errno.EISDIR)
+        elif not os.access(file, os.R_OK):
+            return os.strerror(errno.EACCES)
+    except OSError as error:
+        return error.strerror
+    except ValueError:
+        return "is not UTF-8 text"
+    return None
 
 
 def has_password() -> bool:

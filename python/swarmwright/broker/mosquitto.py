@@ -9,19 +9,24 @@ Each topic prefix has separate accounts, which reach no other one. docs/referenc
 """
 
 import ipaddress
+import logging
 import os
 import pwd
 import re
 import secrets
 import shlex
 import socket
+import stat
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 from swarmwright import _engine
+from swarmwright.broker.address import PREFIX_VARIABLE
 from swarmwright.core.errors import InputError
+
+_LOGGER = logging.getLogger("swarmwright")
 
 CERTIFICATE_DAYS = 730
 """Term of the broker's certificate; the authority's is ten years."""
@@ -64,7 +69,7 @@ set_tcp_nodelay true
 # Sensor and actuator messages are not repeated: none may be dropped.
 max_queued_messages 0
 # Bytes: the longest message of the protocol, 64 MiB, and its heading. Clients are told; `message_size_limit`
-# drops larger messages and tells nobody.
+# drops larger messages without a notice.
 max_packet_size {largest_packet}
 """
 
@@ -104,7 +109,11 @@ def accounts(prefixes: Sequence[str]) -> list[Account]:
 
 def access_rules(of: Sequence[Account]) -> str:
     """The access file: what is not allowed is denied."""
-    parts = ["# What each account may read and write; all else is denied.\n"]
+    return f"# What each account may read and write; all else is denied.\n{_rules(of)}"
+
+
+def _rules(of: Sequence[Account]) -> str:
+    parts = []
     for account in of:
         under = f"{account.prefix}/" if account.prefix else ""
         lines = [
@@ -142,6 +151,8 @@ def write_configuration(
 ) -> list[Account]:
     """Write configuration, certificates, accounts and access rules into a folder; secrets have the mode 0600.
 
+    A folder that exists keeps its mode: Mosquitto's user must be able to enter it, and is warned of if not.
+
     given: names and addresses by which clients reach the broker. port: of the listener, TLS. iterations: of
     PBKDF2 for each password, None for `ITERATIONS`.
 
@@ -171,14 +182,17 @@ def write_configuration(
         ),
     }
     secret = {"ca-key.pem": authority_key}
+    host = f"[{names[0]}]" if ":" in names[0] else names[0]
+    address = f"mqtts://{host}:{port}"
     for account in made:
         secret[f"{account.user}.password"] = passwords[account.user] + "\n"
-        public[f"{account.user}.env"] = _variables(folder, account, names[0], port)
+        public[f"{account.user}.env"] = _variables(folder, account, address)
     there = sorted(name for name in (*public, *of_broker, *secret) if (folder / name).exists())
     if there:
+        adding = "; `--prefix P` alone adds accounts for another prefix" if can_add(folder) else ""
         raise InputError(
             f"{folder}: {', '.join(there)} already exist; nothing is overwritten. Name another folder, or "
-            "move them away first"
+            f"move them away first{adding}"
         )
     is_new = not folder.exists()
     try:
@@ -187,7 +201,7 @@ def write_configuration(
             _write(folder / name, text, 0o600)
         for name, text in public.items():
             _write(folder / name, text, 0o644)
-        _give_to_mosquitto(folder, list(of_broker))
+        _give_to_mosquitto([folder / name for name in of_broker], folder if is_new else None)
     except (OSError, UnicodeError) as error:
         for name in (*public, *of_broker, *secret):  # none was there before
             with suppress(OSError):
@@ -201,14 +215,92 @@ def write_configuration(
     return made
 
 
-def _variables(folder: Path, account: Account, host: str, port: int) -> str:
+def can_add(folder: Path) -> bool:
+    """Whether accounts can be added to a folder: `write_configuration` has made it."""
+    try:
+        with (folder / "mosquitto.conf").open(encoding="utf-8", errors="replace") as file:
+            first = file.readline()
+    except OSError:
+        return False
+    return first.startswith(_CONFIGURATION.partition(" --init")[0])
+
+
+def add_accounts(folder: Path, prefixes: Sequence[str], iterations: int | None = None) -> list[Account]:
+    """Add accounts for further topic prefixes to a folder that `write_configuration` has made.
+
+    Lines are added to `acl` and `passwords`, which the broker reads again on SIGHUP; other files stay.
+
+    prefixes: at least one. iterations: as in `write_configuration`.
+
+    Raises:
+        InputError: There are accounts of these names, or a file cannot be read or written; nothing is added.
+    """
+    folder = folder.resolve()
+    made = accounts(prefixes)
+    rounds = iterations or ITERATIONS
+    passwords = {account.user: secrets.token_urlsafe(24) for account in made}
+    files = {f"{user}.password": (f"{word}\n", 0o600) for user, word in passwords.items()}
+    lines = {
+        "acl": _rules(made),
+        "passwords": "".join(
+            f"{user}:{_engine.hash_for_mosquitto(word, rounds)}\n" for user, word in passwords.items()
+        ),
+    }
+    sizes: dict[str, int] = {}
+    written: list[Path] = []
+    try:
+        address = _address(folder)
+        for account in made:
+            files[f"{account.user}.env"] = (_variables(folder, account, address), 0o644)
+        known = {line.partition(":")[0] for line in (folder / "passwords").read_text("utf-8").splitlines()}
+        there = sorted({name for name in files if (folder / name).exists()} | (known & set(passwords)))
+        if there:
+            raise InputError(
+                f"{folder}: {', '.join(there)} already there; nothing is overwritten. Name other prefixes"
+            )
+        for name, (text, mode) in files.items():
+            written.append(folder / name)
+            _write(folder / name, text, mode)
+        for name, text in lines.items():
+            # Appended: another file in its place would have another owner than Mosquitto's user.
+            with (folder / name).open("r+b") as file:
+                before = file.read()
+                sizes[name] = len(before)
+                file.write((b"" if before.endswith(b"\n") or not before else b"\n") + text.encode())
+    except (OSError, UnicodeError) as error:
+        for name, size in sizes.items():
+            with suppress(OSError):
+                os.truncate(folder / name, size)
+        for path in written:
+            with suppress(OSError):
+                path.unlink()
+        where = getattr(error, "filename", None) or folder
+        reason = getattr(error, "strerror", None) or "is not UTF-8 text"
+        raise InputError(f"{where}: accounts cannot be added: {reason}") from error
+    return made
+
+
+def _address(folder: Path) -> str:
+    """The broker's address, as the variables of the accounts that are there have it."""
+    for path in sorted(folder.glob("*.env")):
+        found = re.search(r"^export SWARMWRIGHT_BROKER=(.+)$", path.read_text("utf-8"), re.MULTILINE)
+        if found:
+            return "".join(shlex.split(found[1]))
+    raise InputError(
+        f"{folder}: accounts cannot be added: the broker's address is unknown, since the files *.env of "
+        "`broker --init` are not there"
+    )
+
+
+def _variables(folder: Path, account: Account, address: str) -> str:
     """What a shell reads (`. FILE`) to act as the account."""
-    at = f"[{host}]" if ":" in host else host
     values = {
-        "SWARMWRIGHT_BROKER": f"mqtts://{at}:{port}",
+        "SWARMWRIGHT_BROKER": address,
         "SWARMWRIGHT_CA_FILE": str(folder / "ca.pem"),
         "SWARMWRIGHT_USERNAME": account.user,
         "SWARMWRIGHT_PASSWORD_FILE": str(folder / f"{account.user}.password"),
+        # Also where there is none: a shell may have read the variables of another account before.
+        PREFIX_VARIABLE: account.prefix,
     }
     return "".join(f"export {name}={shlex.quote(value)}\n" for name, value in values.items())
 
@@ -221,17 +313,36 @@ def _write(path: Path, text: str, mode: int) -> None:
         file.write(text)
 
 
-def _give_to_mosquitto(folder: Path, names: Sequence[str]) -> None:
-    """Let Mosquitto read its files: started as root, it becomes the user `mosquitto` before it reads them."""
+def _give_to_mosquitto(files: Sequence[Path], new_folder: Path | None) -> None:
+    """Let Mosquitto read its files: started as root, it becomes the user `mosquitto` before it reads them.
+
+    new_folder: the files' folder where it was created for them; the mode of another is its owner's.
+    """
     if os.getuid() != 0:
         return
     try:
         user = pwd.getpwnam("mosquitto")
     except KeyError:
         return
-    folder.chmod(0o711)
-    for name in names:
-        os.chown(folder / name, user.pw_uid, user.pw_gid)
+    if new_folder is not None:
+        new_folder.chmod(0o711)
+    for file in files:
+        os.chown(file, user.pw_uid, user.pw_gid)
+    for folder in reversed(files[0].parents):
+        if not _can_enter(folder, user):
+            _LOGGER.warning(
+                "%s: the user mosquitto cannot enter it; chmod o+x %s", folder, shlex.quote(str(folder))
+            )
+
+
+def _can_enter(folder: Path, user: pwd.struct_passwd) -> bool:
+    """Whether the mode of a folder lets a user reach files in it."""
+    status = folder.stat()
+    if status.st_uid == user.pw_uid:
+        return bool(status.st_mode & stat.S_IXUSR)
+    if status.st_gid in os.getgrouplist(user.pw_name, user.pw_gid):
+        return bool(status.st_mode & stat.S_IXGRP)
+    return bool(status.st_mode & stat.S_IXOTH)
 
 
 def _is_address(host: str) -> bool:

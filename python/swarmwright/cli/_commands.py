@@ -127,8 +127,10 @@ class Group(click.Group):
 def _print_version(context: click.Context, _parameter: click.Parameter, wanted: bool) -> None:
     if wanted and not context.resilient_parsing:
         from swarmwright import __version__
+        from swarmwright.core.revision import revision
 
-        click.echo(f"swarmwright {__version__}")
+        commit = revision()
+        click.echo(f"swarmwright {__version__}" + ("" if commit is None else f" (commit {commit})"))
         context.exit()
 
 
@@ -145,7 +147,7 @@ def _print_version(context: click.Context, _parameter: click.Parameter, wanted: 
     is_eager=True,
     expose_value=False,
     callback=_print_version,
-    help="Show the version.",
+    help="Show the version, and the commit where it is used from a checkout.",
 )
 def program() -> None:
     """Evolve controllers for swarms on many simulation servers through an MQTT broker."""

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from swarmwright.cli._output import Output, complain
+from swarmwright.cli._runs import reading_progress
 
 if TYPE_CHECKING:
     from swarmwright.analysis.comparison import Comparison
@@ -44,14 +45,16 @@ def _readable(folders: Sequence[Path]) -> "tuple[list[Run], bool]":
 
     runs: list[Run] = []
     errors: list[InputError] = []
-    for folder in folders:
-        try:
-            run = Run.open(folder)
-            if not run.history:
-                raise InputError(f"{folder}: holds no finished generation to compare")
-            runs.append(run)
-        except InputError as error:
-            errors.append(error)
+    with reading_progress(len(folders)) as begin:
+        for number, folder in enumerate(folders):
+            begin(number)
+            try:
+                run = Run.open(folder)
+                if not run.history:
+                    raise InputError(f"{folder}: holds no finished generation to compare")
+                runs.append(run)
+            except InputError as error:
+                errors.append(error)
     if errors and not runs:
         raise errors[0]
     for one in errors:
@@ -72,17 +75,19 @@ class Compared:
     def check(self) -> None:
         """Raise UsageError for options that contradict each other."""
         if self.held_out and self.at is not None:
-            raise click.UsageError("--held-out compares runs at their end; leave --at.")
+            raise click.UsageError("--held-out compares runs at their end; leave out --at.")
         if self.held_out and self.by != "fitness":
-            raise click.UsageError("--held-out compares fitness; leave it, or --by.")
+            raise click.UsageError("--held-out compares fitness; leave out --held-out, or leave out --by.")
         if self.reference and self.by != "hypervolume":
-            raise click.UsageError("--reference is for --by hypervolume; leave it, or give that.")
+            raise click.UsageError(
+                "--reference is for --by hypervolume; leave it out, or give --by hypervolume."
+            )
         names = [name for name, _ in self.reference]
         twice = next((name for name in names if names.count(name) > 1), None)
         if twice is not None:
             raise click.UsageError(f"--reference: {twice} is given twice; name each objective once.")
         if self.offset is not None and self.by != "qd_score":
-            raise click.UsageError("--offset is for --by qd_score; leave it, or give that.")
+            raise click.UsageError("--offset is for --by qd_score; leave it out, or give --by qd_score.")
 
 
 def show_comparison(output: Output, folders: Sequence[Path], what: Compared) -> "tuple[Comparison, int]":

@@ -73,18 +73,20 @@ def evolve(
         observing: log and figures for programs, if wanted.
         broker: that of the run, where the experiment need not name it.
     """
+    from swarmwright.optimization.interruption import reported_by_caller
     from swarmwright.optimization.optimize import InterruptedWithResults
 
     try:
-        return _evolve(
-            output,
-            experiment,
-            work,
-            tensorboard=tensorboard,
-            mlflow=mlflow,
-            observing=observing,
-            broker=broker,
-        )
+        with reported_by_caller():
+            return _evolve(
+                output,
+                experiment,
+                work,
+                tensorboard=tensorboard,
+                mlflow=mlflow,
+                observing=observing,
+                broker=broker,
+            )
     except InterruptedWithResults as interrupt:
         # On standard error: what was going to be printed of the results is not.
         complain(
@@ -216,9 +218,9 @@ def _conclude(output: Output, run: "Run", broker: str | None) -> None:
         output.text("Interrupted; the results so far are kept. Go on with:")
         output.text(f"  {program()} resume {shlex.quote(str(run.path))}")
     rate = run.evaluations / max(run.seconds, 1e-3)
-    whose = f"generation {best.generation}, candidate {best.candidate}, both from 0"
+    whose = f"generation {best.generation}, candidate {best.candidate}; both are counted from 0"
     output.text(f"Best fitness {best.fitness + 0.0:.6g} ({whose}).")
-    for line in () if validation is None else validation_lines(validation):
+    for line in () if validation is None else validation_lines(validation, run):
         output.text(line)
     if transfer is not None:
         output.block(str(transfer))

@@ -42,8 +42,8 @@ def log_options(command: Any) -> Any:  # noqa: ANN401 - click's decorators
         "--log-size",
         type=WholeNumber(min=1, max=2**20),
         metavar="MIB",
-        help="With --log: before a file grows beyond this, MiB, it is moved to FILE.1, replacing the earlier "
-        "one. Default: 64 for `broker`, else no limit.",
+        help="With --log: largest size of the file in MiB; before it grows beyond, it is renamed to FILE.1, "
+        "replacing an earlier one. Default: 64 for `broker`, else no limit.",
     )
     return file(level(size(command)))
 

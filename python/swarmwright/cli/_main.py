@@ -79,7 +79,9 @@ def _status(arguments: Sequence[str] | None) -> int:
             _complain("interrupted")
             return INTERRUPTED
         if isinstance(error, UnicodeEncodeError) and error.reason == "surrogates not allowed":
-            _complain("a name is not UTF-8, which files of runs and brokers are written in; use another one")
+            from swarmwright.core.files import not_utf8
+
+            _complain(not_utf8(error))
             return click.UsageError.exit_code
         # The last resort: users never see a traceback.
         if os.environ.get("SWARMWRIGHT_DEBUG"):
@@ -172,6 +174,9 @@ def _show_error(error: BaseException) -> int:
     if engine is not None and isinstance(error, engine.EngineError):
         _complain(str(error))
         return FAILED
+    if _no_thread(error):
+        _complain(f"no thread or process could be started: {_MORE_MEMORY}")
+        return FAILED
     # NumPy's arrays of the engine that could not be made.
     if isinstance(error, MemoryError) or (_is_panic(error) and "pointer is null" in str(error)):
         _complain(
@@ -188,6 +193,9 @@ def _show_error(error: BaseException) -> int:
         _complain(str(found))
         return FAILED
     if isinstance(error, OSError) and error.errno is not None:
+        if error.filename is None and error.errno in {errno.EAGAIN, errno.ENOMEM}:  # of a new process
+            _complain(f"{error.strerror}: {_MORE_MEMORY}")
+            return FAILED
         where = f"{error.filename}: " if error.filename else ""
         _complain(f"{where}{error.strerror}{_remedy(error.errno)}")
         return FAILED
@@ -196,6 +204,19 @@ def _show_error(error: BaseException) -> int:
         "This is a bug in Swarmwright. Please report it with what SWARMWRIGHT_DEBUG=1 shows."
     )
     return FAILED
+
+
+_MORE_MEMORY = (
+    "no memory or threads are left for this process; let it have more (ulimit -v, ulimit -u, the limits of a "
+    "container or of a cluster's job), or start fewer servers"
+)
+
+
+def _no_thread(error: BaseException) -> bool:
+    """Whether the system refused a thread, in Python or in the engine."""
+    if isinstance(error, RuntimeError):
+        return "can't start new thread" in str(error)
+    return _is_panic(error) and any(text in str(error) for text in ("ThreadPoolBuildError", "spawn thread"))
 
 
 def _remedy(number: int) -> str:

@@ -1,16 +1,18 @@
 """Options and arguments that several commands share."""
 
+import errno
 import functools
+import json
 import math
 import os
 import shlex
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import click
 
-from swarmwright.broker.address import broker_problem, prefix_problem
+from swarmwright.broker.address import PREFIX_VARIABLE, broker_problem, environment_prefix, prefix_problem
 from swarmwright.core.suggestions import did_you_mean
 
 DEFAULT_BROKER = "mqtt://localhost:1883"
@@ -96,6 +98,8 @@ class ExistingPath(click.ParamType[Path]):
         """The path, if it is there and of the right kind."""
         path = Path(value)
         if not path.exists():
+            if path.is_symlink():
+                self.fail(f"'{path}' is a link to '{_target(path)}', which does not exist.", param, ctx)
             self.fail(f"'{path}' does not exist{_nearest(path)}.", param, ctx)
         if self.folder is True and not path.is_dir():
             self.fail(f"'{path}' is a file where a folder is expected.", param, ctx)
@@ -106,6 +110,58 @@ class ExistingPath(click.ParamType[Path]):
         return path
 
 
+class OutputFile(click.ParamType[Path]):
+    """A file to be written later, checked as far as possible before the work whose results it gets."""
+
+    name = "path"
+
+    def convert(self, value: str | Path, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        """The path, if a file can be there."""
+        path = Path(value)
+        if path.is_dir():
+            self.fail(f"'{path}' is a folder where a file is expected.", param, ctx)
+        if not path.parent.is_dir():
+            self.fail(f"'{path}': there is no folder '{path.parent}'; create it first.", param, ctx)
+        place = path if path.exists() else path.parent
+        if not os.access(place, os.W_OK):
+            reason = errno.EROFS if os.statvfs(place).f_flag & os.ST_RDONLY else errno.EACCES
+            self.fail(f"{path}: cannot be written: {os.strerror(reason)}", param, ctx)
+        return path
+
+
+class OutputFolder(click.ParamType[Path]):
+    """A folder to write into, which may not exist yet."""
+
+    name = "path"
+
+    def convert(self, value: str | Path, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        """The path; "" does not mean the working folder, which is '.'."""
+        if value == "":
+            self.fail("it is empty; name a folder, or '.' for the working folder.", param, ctx)
+        return Path(value)
+
+
+class OutputOption(click.Option):
+    """An option that names what is written; other names that users expect are accepted as well, unlisted."""
+
+    aliases: ClassVar[tuple[str, ...]] = ("--out", "--output")
+
+    def add_to_parser(self, parser: Any, ctx: click.Context) -> None:  # noqa: ANN401 - click renames its class
+        """Add all names; help and errors have those of the decorator."""
+        listed = self.opts
+        self.opts = [*listed, *(name for name in self.aliases if name not in listed)]
+        try:
+            super().add_to_parser(parser, ctx)
+        finally:
+            self.opts = listed
+
+
+class SaveOption(OutputOption):
+    """The same for a file with what is shown otherwise."""
+
+    aliases = (*OutputOption.aliases, "--save")
+
+
 def _experiment_in(folder: Path) -> str:
     """Return what may be meant by the folder of a run, empty for another folder."""
     if not (folder / "run.sqlite").is_file():
@@ -114,6 +170,14 @@ def _experiment_in(folder: Path) -> str:
         f": name the experiment of this run, {folder}/experiment.yaml, or continue the run with 'swarmwright "
         f"resume {shlex.quote(str(folder))}'"
     )
+
+
+def _target(link: Path) -> str:
+    """Return what a link names."""
+    try:
+        return os.fspath(link.readlink())
+    except OSError:  # it has gone
+        return "something"
 
 
 def _nearest(path: Path) -> str:
@@ -168,13 +232,24 @@ def broker_option(*, default: str | None, text: str) -> Decorator:
     )
 
 
+peer_prefix_option: Decorator = click.option(
+    "--prefix",
+    type=Prefix(),
+    metavar="P",
+    help=f"Prefix of all topics, such as lab/1. Default: {PREFIX_VARIABLE}'s on a broker that is named, or "
+    "none.",
+)
+
 servers_option: Decorator = click.option(
     "--servers",
     type=ServerCount(),
     metavar="K",
     help="""\b
 K           start so many servers, here
-auto        one per processor, 2 to 8
+auto        one per processor, 2 to 8; as
+            local in a notebook, and for
+            behaviours or conditions in
+            Python
 local       no server; a simulation in
             Python runs in a process on each
             processor, others in this one
@@ -356,8 +431,39 @@ prefix_option: Decorator = click.option(
     type=Prefix(),
     default="",
     metavar="P",
+    envvar=PREFIX_VARIABLE,
+    show_envvar=True,
     help="Prefix of all topics, such as lab/1. Default: none.",
 )
+
+
+def _without_environment(
+    _context: click.Context, _parameter: click.Parameter, prefix: str | None
+) -> str | None:
+    """Let an empty prefix, which an experiment cannot distinguish from none, win over the environment's."""
+    if prefix == "":
+        os.environ.pop(PREFIX_VARIABLE, None)
+    return prefix
+
+
+def experiment_prefix_option(whose: str) -> Decorator:
+    """`--prefix P` of commands that have an experiment, which names a prefix itself.
+
+    whose: experiment, `FILE's`. The environment's prefix is used where neither names one, see
+    `Experiment.with_environment`.
+    """
+    return click.option(
+        "--prefix",
+        type=Prefix(),
+        metavar="P",
+        callback=_without_environment,
+        help=f"Prefix of all topics on the broker. Default: {whose}, {PREFIX_VARIABLE}'s, or none.",
+    )
+
+
+def prefix_settings(prefix: str | None) -> tuple[str, ...]:
+    """The setting of an experiment that `--prefix` stands for, as `--set` takes it."""
+    return () if prefix is None else (f"prefix={json.dumps(prefix)}",)
 
 
 wait_option: Decorator = click.option(
@@ -365,7 +471,7 @@ wait_option: Decorator = click.option(
     type=RealNumber(0, 31 * 86400.0),
     metavar="SECONDS",
     help="How long to wait for a broker that does not answer yet. Default: timeouts.connect of the "
-    "experiment, if there is one, else not at all.",
+    "experiment, 0 unless set: do not wait.",
 )
 
 
@@ -390,6 +496,21 @@ def peer_broker(broker: str | None, command: str | None) -> str | None:
     return chosen
 
 
+def peer_prefix(prefix: str | None, broker: str | None) -> str:
+    """The prefix under which a peer is tried: the option; on a broker that is named, the environment's.
+
+    A peer that the kit starts inherits it.
+    """
+    if prefix is None:
+        prefix = "" if broker is None else environment_prefix()
+    os.environ[PREFIX_VARIABLE] = prefix
+    return prefix
+
+
 def _environment_broker() -> str | None:
     named = os.environ.get(BROKER_VARIABLE)
-    return BrokerUrl().convert(named, None, None) if named else None
+    try:
+        return BrokerUrl().convert(named, None, None) if named else None
+    except click.BadParameter as error:
+        error.param_hint = f"'{BROKER_VARIABLE}' (environment)"
+        raise

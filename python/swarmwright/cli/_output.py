@@ -235,10 +235,16 @@ class Output:
         if not self.as_json:
             _print(["\t".join(map(untrusted.one_line, row))])
 
-    def status(self, text: str) -> None:
+    @staticmethod
+    def status(text: str) -> None:
         """Write over the last line of the terminal, on standard error."""
         sys.stderr.write(f"\r\x1b[K{untrusted.one_line(text)}")
         sys.stderr.flush()
+
+    @staticmethod
+    def has_status() -> bool:
+        """Whether standard error is a terminal, on which a status can be written over."""
+        return sys.stderr.isatty()
 
     def json(self, record: Mapping[str, object]) -> None:
         """Print an object for machines, at once."""

@@ -78,11 +78,14 @@ class PlainProgress:
 
     def generation(self, generation: "Generation") -> None:
         """Print a line."""
-        rate = generation.evaluations_per_second
+        from swarmwright.optimization.generation import how_far
+
+        rate = f"{generation.evaluations_per_second:.0f}/s"
+        if generation.budget != "evaluations":  # else how far it is says their number
+            rate = f"{generation.evaluations} evaluations ({rate})"
         self._output.text(
-            f"{_how_far(self._budget, generation)}  best {generation.best_so_far:.6g}  "
-            f"mean {generation.mean:.6g}  {generation.evaluations} evaluations ({rate:.0f}/s)  "
-            f"{duration(generation.seconds_left)} left"
+            f"{how_far(self._budget, generation)}  best {generation.best_so_far:.6g}  "
+            f"mean {generation.mean:.6g}  {rate}  {duration(generation.seconds_left)} left"
         )
 
     def evaluating(self, done: int, total: int, waiting_for: str) -> None:
@@ -128,9 +131,10 @@ class BarProgress:
         from rich.text import Text
 
         from swarmwright.cli._console import text
+        from swarmwright.optimization.generation import how_far
 
         last = self._last
-        done = _how_far(self._budget, last, short=options.max_width < 50)
+        done = how_far(self._budget, last, short=options.max_width < 50)
         left = "" if last is None else f"{duration(last.seconds_left)} left"
         line = Table.grid(padding=(0, 1), expand=True)
         line.add_column(no_wrap=True)
@@ -151,28 +155,15 @@ class BarProgress:
         if last is not None:
             numbers = Text(no_wrap=True, overflow="ellipsis")
             numbers.append("best ").append(f"{last.best_so_far:.6g}", style="bold green")
-            numbers.append(f"  mean {last.mean:.6g}  {last.evaluations} evaluations")
+            numbers.append(f"  mean {last.mean:.6g}")
+            if last.budget != "evaluations":  # else the line above says their number
+                numbers.append(f"  {last.evaluations} evaluations")
             numbers.append(f"  {last.evaluations_per_second:.0f}/s", style="cyan")
             yield numbers
         if self._waiting:
             waiting = text(self._waiting, "yellow")
             waiting.no_wrap, waiting.overflow = True, "ellipsis"
             yield waiting
-
-
-def _how_far(budget: Budget, last: "Generation | None", *, short: bool = False) -> str:
-    """Return how much is used of the budget that ends the run first: `3 of 20 generations`."""
-    done = 0 if last is None else last.generation + 1
-    limit = budget.nearest(0, 0, 0.0)[0] if last is None else last.budget
-    if limit == "generations":
-        whole = budget.generations
-        return f"{done}/{whole}" if short else f"{done} of {whole} generations"
-    if limit == "evaluations":
-        used = 0 if last is None else last.evaluations
-        return f"{used}/{budget.evaluations}" if short else f"{used} of {budget.evaluations} evaluations"
-    seconds = budget.seconds or 0.0
-    used_time, whole_time = duration((last.share if last else 0.0) * seconds), duration(seconds)
-    return f"{used_time} of {whole_time}" if short else f"{done} generations, {used_time} of {whole_time}"
 
 
 def _reason(waiting_for: str, seconds: float) -> str:

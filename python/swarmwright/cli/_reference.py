@@ -17,10 +17,15 @@ traceback of an internal error. With SWARMWRIGHT_PLOT=0 runs end without their p
 second of processor time each, for example on a cluster. SWARMWRIGHT_INSTRUCTIONS (portable, avx2, avx512)
 limits the instruction set that is used, to see that results do not depend on it.
 
+An option that names the file or folder to write is accepted as `--out` and as `--output` in every command;
+where the file holds what is otherwise shown, as `--save`, too.
+
 Credentials are never given on the command line. They come from the environment: SWARMWRIGHT_USERNAME,
 SWARMWRIGHT_PASSWORD or a file named by SWARMWRIGHT_PASSWORD_FILE, and for TLS SWARMWRIGHT_CA_FILE, the
-certificate authority of the broker. SWARMWRIGHT_BROKER is the address of the broker where none is given,
-SWARMWRIGHT_KEEP_ALIVE the keep-alive interval of connections to it, 1 to 3600 whole seconds (30).
+certificate authority of the broker, and, where the broker requires a client certificate,
+SWARMWRIGHT_CERTIFICATE_FILE and SWARMWRIGHT_KEY_FILE. SWARMWRIGHT_BROKER is the address of the broker where
+none is given, SWARMWRIGHT_PREFIX the prefix of topics on it, SWARMWRIGHT_KEEP_ALIVE the keep-alive interval
+of connections to it, 1 to 3600 whole seconds (30).
 """
 
 

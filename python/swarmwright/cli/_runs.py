@@ -1,7 +1,9 @@
 """Output of the commands of `swarmwright runs`."""
 
 import shlex
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from datetime import datetime
 from typing import TYPE_CHECKING, Any
 
@@ -10,7 +12,7 @@ from swarmwright.cli._validation import transfer_of, unseen_facts, validation_fa
 from swarmwright.core.formatting import counted, duration
 from swarmwright.core.modules import controller_text, is_modules
 from swarmwright.core.untrusted import one_line
-from swarmwright.user_code.copying import shown
+from swarmwright.user_code.copying import display_name
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -20,6 +22,33 @@ if TYPE_CHECKING:
     from swarmwright.store.verification import Verified
 
 _WARNINGS = 10  # shown at most
+_SLOW_S, _UPDATE_S = 1.0, 0.2
+"""Seconds after which the progress of reading runs is shown, and between two lines of it."""
+_FAILURES = 10
+"""Reasons of failures, and servers of each, that are shown at most."""
+
+
+@contextmanager
+def reading_progress(count: int) -> Iterator[Callable[[int], None]]:
+    """Yield what is called with the index of a run before it is read, of so many.
+
+    Where that takes more than a second, a line on the terminal says how many have been read.
+    """
+    began = told = time.monotonic()
+    terminal = Output.has_status()
+
+    def begin(index: int) -> None:
+        nonlocal told
+        now = time.monotonic()
+        if terminal and now - began > _SLOW_S and now - told > _UPDATE_S:
+            told = now
+            Output.status(f"{index:,} of {count:,} runs read")
+
+    try:
+        yield begin
+    finally:
+        if told > began:
+            Output.status("")
 
 
 def facts_of(run: "Run") -> dict[str, Any]:
@@ -28,7 +57,7 @@ def facts_of(run: "Run") -> dict[str, Any]:
     return {
         "run": str(run.path),
         "state": run.state,
-        "simulation": shown(experiment.simulation),
+        "simulation": display_name(experiment.simulation),
         "controller": experiment.controller.kind,
         "method": experiment.method.kind,
         "seed": experiment.seed,
@@ -137,6 +166,7 @@ def describe(output: Output, run: "Run") -> None:
 
     facts = facts_of(run)
     servers = [share._asdict() for share in run.store.servers()]
+    failures = [reason._asdict() for reason in run.store.failures()]
     code = [{"version": version, "sha256": digest} for version, digest in run.code.items()]
     edited = remarks(run)
     sessions = [vars(session) for session in run.sessions]
@@ -162,6 +192,7 @@ def describe(output: Output, run: "Run") -> None:
             "code": code,
             "edited": edited,
             "servers": servers,
+            "failures": failures,
             "sessions": sessions,
             "warnings": warnings,
         }
@@ -175,6 +206,7 @@ def describe(output: Output, run: "Run") -> None:
         output.block(remark, indent="  ")
     _list_sessions(output, run)
     _list_servers(output, servers)
+    _list_failures(output, failures)
     if warnings:
         output.text()
     for event in warnings[:_WARNINGS]:
@@ -184,13 +216,18 @@ def describe(output: Output, run: "Run") -> None:
 
 
 def _list_sessions(output: Output, run: "Run") -> None:
+    from swarmwright.store.rows import NOTHING_LEFT
+
     for session in run.sessions:
         took = "?" if session.seconds is None else duration(session.seconds)
         output.text()
         outcome = session.outcome or run.state
         output.text(f"session {session.session}: {local_time(session.started)}, {took}, {outcome}")
-        used = "" if session.code is None else f", code {session.code}"
-        output.text(f"  {session.place}{used}, on {session.host} ({session.machine})")
+        used = "" if session.code is None else f", code version {session.code}"
+        place = session.place
+        if place != NOTHING_LEFT:
+            place = f"evaluated {place}" if place.startswith("in ") else f"evaluated by {place}"
+        output.text(f"  {place}{used}, on host {session.host} ({session.machine})")
         output.text("  " + ", ".join(f"{name} {version}" for name, version in session.versions.items()))
 
 
@@ -208,19 +245,43 @@ def _list_servers(output: Output, servers: list[dict[str, Any]]) -> None:
         output.text(said)
 
 
+def _list_failures(output: Output, failures: list[dict[str, Any]]) -> None:
+    """Print why attempts failed, how often and on which servers."""
+    from swarmwright.store.rows import IN_PROCESS
+
+    if failures:
+        output.text()
+        output.text("failed attempts by reason:")
+    for failure in failures[:_FAILURES]:
+        servers = [
+            f"{'in this process' if server == IN_PROCESS else f'server {server}'}: {count}"
+            for server, count in failure["servers"].items()
+        ]
+        named = ", ".join(servers[:_FAILURES]) + ", .." * (len(servers) > _FAILURES)
+        output.item(
+            f"  {counted(failure['attempts'], 'attempt')} ({named}): {failure['reason']}", indent="    "
+        )
+    if len(failures) > _FAILURES:
+        output.text(f".. and {counted(len(failures) - _FAILURES, 'more reason')}: --json shows all")
+
+
 def _generation(event: dict[str, Any]) -> str:
     return "" if event["generation"] is None else f"generation {event['generation']}: "
 
 
 def _summary(output: Output, run: "Run", facts: dict[str, Any]) -> None:
     """Print how far it got and what came out."""
+    from swarmwright.runs.instances import by_instance
+
     best = run.best if run.generations else None
     validation = run.validation
     output.text(f"{run.path}: {facts['state']}")
     output.text(f"  {facts['simulation']}, {facts['controller']} by {facts['method']}, seed {facts['seed']}")
     whole = "" if facts["of"] is None else f" of {facts['of']}"
+    instance = " (an instance each)" if by_instance(run.experiment) else ""
     output.text(
-        f"  {run.generations}{whole} generations, {run.evaluations} evaluations, {duration(run.seconds)}"
+        f"  {run.generations}{whole} generations{instance}, {run.evaluations} evaluations, "
+        f"{duration(run.seconds)}"
     )
     for line in saved_lines(run):
         output.text(f"  {line[0].lower()}{line[1:]}".removesuffix("."))
@@ -236,10 +297,9 @@ def _summary(output: Output, run: "Run", facts: dict[str, Any]) -> None:
         )
     if best is not None:
         output.text(f"  best {best.fitness:.6g} (generation {best.generation}, candidate {best.candidate})")
-    if best is not None and is_modules(best.specification):
-        for row in controller_text(best.specification).splitlines():
-            output.text(f"    {row}")
-    for line in () if validation is None else validation_lines(validation):
+    for row in () if best is None else _controller(best.specification):
+        output.text(f"    {row}")
+    for line in () if validation is None else validation_lines(validation, run):
         output.text(f"  {line[0].lower()}{line[1:]}".removesuffix("."))
     resume = f"`swarmwright resume {shlex.quote(str(run.path))}` does it"
     if run.validation_is_due and facts["state"] in {"done", "stopped"}:
@@ -250,6 +310,18 @@ def _summary(output: Output, run: "Run", facts: dict[str, Any]) -> None:
     if run.transfer_is_due:
         output.text(f"  its best candidates are not transferred yet: {resume}")
     output.text(f"  record SHA-256 {run.digest}")
+
+
+def _controller(specification: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the lines of a state machine or behaviour tree, for a team of each group's controller."""
+    from swarmwright.core.teams import parts_of
+    from swarmwright.representations.controller import controller_words
+
+    if is_modules(specification):
+        yield from controller_text(specification).splitlines()
+    for name, part in parts_of(specification).items():
+        yield f"{one_line(name)}: {controller_words(part)}"
+        yield from (f"  {row}" for row in _controller(part))
 
 
 def saved_lines(run: "Run") -> Iterator[str]:
@@ -286,8 +358,11 @@ def verified_line(output: Output, run: "Path", found: "Verified") -> None:
             "problems": [vars(problem) for problem in found.problems],
             "good_generations": found.good,
             "evaluations": found.evaluations,
+            "not_compared": found.not_compared,
         }
     )
+    for what in found.not_compared:
+        output.text(f"{run}: not compared: {one_line(what)}")
     if not found.problems:
         whole = f"{len(found.good)} generations, {found.evaluations} evaluations"
         output.text(f"{run}: ok, {whole}")

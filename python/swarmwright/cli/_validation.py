@@ -10,19 +10,26 @@ if TYPE_CHECKING:
     from swarmwright.core.statistics import Estimate
 
 
-def validation_lines(found: "Validation") -> Iterator[str]:
-    """Yield lines: the fitness by which the best was chosen beside that on held-out seeds; the next best."""
+def validation_lines(found: "Validation", run: "Run") -> Iterator[str]:
+    """Yield lines: the fitness by which the best was chosen beside that on held-out seeds; the next best.
+
+    run: whose validation it is.
+    """
+    from swarmwright.runs.instances import instances
+
     best, count = found.best, len(found.seeds)
     if not found.depends_on_seed:
         yield (
             f"{f'All {count:,} held-out episodes' if count > 1 else 'The held-out episode'} gave the same "
             "fitness as in the run; fitness is taken as independent of the seed."
         )
+        yield from _start_lines(found, run)
         return
     options = best.ranking.options
     made_of = f"generation {best.generation}"
     if found.by_instance:
-        made_of = f"the mean of its instances up to generation {best.generation}"
+        used = len(instances(run, run.evaluation(best.candidate, best.generation)))
+        made_of = f"mean of the {used:,} instances it was evaluated on"
     elif not options.reevaluate:
         made_of = f"{_episodes(options.episodes)} of {made_of}"
     failed = f", of which {best.failed} failed" if best.failed else ""
@@ -31,8 +38,46 @@ def validation_lines(found: "Validation") -> Iterator[str]:
         f"Fitness during evolution {best.recorded + 0.0:.6g} ({made_of}); on {_episodes(count)} with "
         f"held-out seeds{where}{failed} {_estimated(best.fitness)}."
     )
-    if len(found.candidates) == 1:
+    if len(found.candidates) > 1:
+        yield from _next_best_lines(found)
+    yield from _start_lines(found, run)
+
+
+def _start_lines(found: "Validation", run: "Run") -> Iterator[str]:
+    """Yield lines: the controller that the search started from, and whether the best is better."""
+    if found.start is None:
         return
+    count = len(found.seeds)
+    if found.start.failed == count:
+        where = f"all of these {_episodes(count)}" if count > 1 else "this episode"
+        yield f"The controller that it started from failed in {where}."
+        return
+    failed = f", of which {found.start.failed} failed" if found.start.failed else ""
+    where = f"these {_episodes(count)}" if count > 1 else "this episode"
+    yield f"The controller that it started from: on {where}{failed} {_estimated(found.start.fitness)}."
+    gain = found.gain
+    if gain is None or gain.mean > 0 or (gain.mean == 0 and gain.low == gain.high):
+        return  # better, or known to be as good: in each episode, or in the only one
+    interval = ""
+    if gain.low is not None and gain.high is not None:
+        interval = f", 95 % interval {gain.low:.2g} to {gain.high:.2g} of the differences"
+    worse = gain.high is None or gain.high < 0
+    compared = f"worse than that by {-gain.mean:.2g}" if worse else "not better than that"
+    yield (
+        f"The best of the run is {compared}{interval}: the method samples around the controller and does not "
+        f"keep it. {_nearer(run)}nnga, de and pso keep it among their candidates."
+    )
+
+
+def _nearer(run: "Run") -> str:
+    """Return by which option the run's method samples nearer to the controller; nothing of a plug-in's."""
+    options = run.experiment.method
+    key = next((name for name in ("noise", "step") if name in type(options).model_fields), None)
+    return f"A smaller method.{key} samples nearer to it; " if key else "The methods "
+
+
+def _next_best_lines(found: "Validation") -> Iterator[str]:
+    """Yield a table of all candidates, and whether another one than the best of the run is better."""
     yield f"The {len(found.candidates)} best of the run, on these seeds:"
     rows = [("generation", "candidate", "during evolution", "held-out", "95 % interval")]
     for one in found.candidates:
@@ -67,6 +112,7 @@ def validation_facts(found: "Validation") -> dict[str, Any]:
         "confidence": 0.95,
         "interval": "t",
         "candidates": [one.summary() for one in found.candidates],
+        **({} if found.start is None else {"start": found.start.summary()}),
     }
 
 

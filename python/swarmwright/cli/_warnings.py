@@ -2,26 +2,27 @@
 
 import re
 import time
+from collections import Counter
 from typing import TYPE_CHECKING
 
 from swarmwright.cli._output import complain
+from swarmwright.core.message_kinds import kind_of
 from swarmwright.core.untrusted import one_line
 
 if TYPE_CHECKING:
     from swarmwright.evaluation.reports import Report
 
 PAUSE_S = 10.0
-"""Seconds between two counts of one kind."""
-_NUMBER = re.compile(r"\d+(\.\d+)?")
+"""Seconds until the first count of one kind; the pause before the next one is twice as long each time."""
 _SERVER = re.compile(r"\bserver (\d+)")
 NAMED = 10
 """Servers that a count names, at most."""
-_COUNT = re.compile(r"and \d+ more alike: ")
-"""How those lines begin that count already, the pool's and those below."""
+_COUNT = re.compile(r"and (\d+) more alike: ")
+"""How the pool begins a line that counts repetitions."""
 
 
 class Warnings:
-    """Shows warnings on standard error, where lines that differ in numbers alone are of one kind."""
+    """Shows warnings on standard error: the first of each kind, then how many more on which servers."""
 
     def __init__(self) -> None:
         self._kinds: dict[str, _Kind] = {}
@@ -37,17 +38,15 @@ class Warnings:
                 self._warn("the broker is back")
 
     def _warn(self, text: str) -> None:
-        if _COUNT.match(text):
-            _show(text)
-            return
-        key = _NUMBER.sub("0", text)
-        kind = self._kinds.get(key)
+        counted = _COUNT.match(text)
+        message, more = (text[counted.end() :], int(counted[1])) if counted else (text, 1)
+        kind = self._kinds.get(kind_of(message))
         if kind is None:
-            self._kinds[key] = _Kind(text)
+            self._kinds[kind_of(message)] = _Kind(message)
             _show(text)
             return
-        kind.add(text)
-        if time.monotonic() - kind.told >= PAUSE_S:
+        kind.add(message, more)
+        if time.monotonic() - kind.told >= kind.pause:
             kind.count()
 
     def close(self) -> None:
@@ -57,23 +56,29 @@ class Warnings:
 
 
 class _Kind:
+    """Repetitions of a message since they were last counted, by the server that they name first."""
+
     def __init__(self, text: str) -> None:
         self.text = text
-        self.more = 0
+        self.pause = PAUSE_S
         self.told = time.monotonic()
-        self._servers: dict[str, None] = {}
+        self._more = 0
+        self._servers: Counter[int] = Counter()
 
-    def add(self, text: str) -> None:
-        self.more += 1
-        self._servers.update(dict.fromkeys(_SERVER.findall(text)))
+    def add(self, text: str, more: int) -> None:
+        self._more += more
+        server = _SERVER.search(text)
+        if server is not None:
+            self._servers[int(server[1])] += more
 
     def count(self) -> None:
-        if self.more:
-            others = [server for server in self._servers if server not in _SERVER.findall(self.text)]
-            named = ", ".join(others[:NAMED]) + (", ..." if len(others) > NAMED else "")
-            which = f" (server{'s' * (len(others) > 1)} {named})" if others else ""
-            _show(f"and {self.more} more alike{which}: {self.text}")
-        self.more, self.told = 0, time.monotonic()
+        if self._more:
+            servers = [f"server {server}: {count}" for server, count in sorted(self._servers.items())]
+            named = ", ".join(servers[:NAMED]) + ", ..." * (len(servers) > NAMED)
+            text = _SERVER.sub("a server", self.text) if servers else self.text
+            _show(f"and {self._more} more alike{f' ({named})' if servers else ''}: {text}")
+            self.pause *= 2
+        self._more, self.told = 0, time.monotonic()
         self._servers.clear()
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import click
 
+from swarmwright.broker.address import PREFIX_VARIABLE
 from swarmwright.cli._commands import Command
 from swarmwright.cli._log import Log, log_options
 from swarmwright.cli._options import ExistingPath, Prefix, WholeNumber, json_option
@@ -92,6 +93,12 @@ swarmwright broker --host 0.0.0.0 --users users.txt --certificate chain.pem --ke
 )
 @click.option("--key", type=ExistingPath(), metavar="FILE", help="The certificate's private key, PEM.")
 @click.option(
+    "--client-ca",
+    type=ExistingPath(),
+    metavar="FILE",
+    help="Require a certificate of each client, signed by an authority in this file, PEM (mutual TLS).",
+)
+@click.option(
     "--add-user",
     nargs=2,
     metavar="FILE NAME",
@@ -104,7 +111,7 @@ swarmwright broker --host 0.0.0.0 --users users.txt --certificate chain.pem --ke
     type=click.Path(path_type=Path),
     metavar="DIR",
     help="Write a Mosquitto configuration with TLS, passwords and access rules into a folder, and end. "
-    "Nothing is overwritten.",
+    "Nothing is overwritten. With --prefix, a folder that was made so gets accounts for that prefix too.",
 )
 @click.option(
     "--prefix",
@@ -149,6 +156,7 @@ def command(
     access: Path | None,
     certificate: Path | None,
     key: Path | None,
+    client_ca: Path | None,
     add_user: tuple[str, str] | None,
     folder: Path | None,
     prefixes: tuple[str, ...],
@@ -163,8 +171,9 @@ def command(
     """Run an MQTT broker, or write the files that one needs.
 
     It runs until Ctrl-C. Without a password file, every client that can reach the broker may use it.
-    Therefore it listens on the loopback address only, and to other machines only with a password file and
-    TLS; a Unix socket is for users who may write to its file. On SIGHUP it reads its files again.
+    Therefore it listens on the loopback address only, and to other machines only with TLS and a password
+    file or client certificates; a Unix socket is for users who may write to its file. On SIGHUP it reads
+    its files again.
     """
     output = Output(as_json=as_json)
     if folder is not None or add_user is not None:
@@ -177,6 +186,7 @@ def command(
             "--access": access,
             "--certificate": certificate,
             "--key": key,
+            "--client-ca": client_ca,
             **({} if folder is None else {"--add-user": add_user}),
         }
         _refuse("--add-user" if folder is None else "--init", others)
@@ -193,6 +203,7 @@ def command(
     if (certificate is None) != (key is None):
         missing = "--key" if key is None else "--certificate"
         raise click.UsageError(f"TLS needs both --certificate and --key; {missing} is missing.")
+    _needs("--client-ca", client_ca, "--certificate FILE and --key FILE", certificate)
     _needs("--access", access, "--users FILE", users)
     _needs("--origin", origins or None, "--websocket-port PORT", websocket_port)
     _needs("--socket-mode", socket_mode, "--socket FILE", socket_file)
@@ -200,7 +211,7 @@ def command(
         _needs("--certificate", certificate, "a TCP port; add --port PORT", websocket_port)
     elif port is None:
         port = 8883 if certificate else 1883
-    _check_exposure(host, users=users, certificate=certificate)
+    _check_exposure(host, users=users, certificate=certificate, client_ca=client_ca)
     from swarmwright import _engine
 
     with Log(log, log_level, size=log_size or LOG_SIZE) as lines, hangups() as hung_up:
@@ -214,10 +225,12 @@ def command(
             access=str(access) if access else None,
             certificate=str(certificate) if certificate else None,
             key=str(key) if key else None,
+            client_ca=str(client_ca) if client_ca else None,
             origins=list(origins),
             rate=rate,
             memory=None if memory is None else memory << 20,
         )
+        _check_certificate(certificate)
         try:
             where = dict.fromkeys(url for url in (broker.url, broker.socket_url) if url)
             # Its URL is the one for this machine.
@@ -249,14 +262,17 @@ def _refuse(option: str, others: Mapping[str, object]) -> None:
         raise click.UsageError(f"{option} writes files and starts no broker; leave out {', '.join(given)}.")
 
 
-def _check_exposure(host: str, *, users: Path | None, certificate: Path | None) -> None:
-    """Refuse to be reachable from other machines without both passwords and TLS."""
-    if (users and certificate) or _loopback(host):
+def _check_exposure(
+    host: str, *, users: Path | None, certificate: Path | None, client_ca: Path | None
+) -> None:
+    """Refuse to be reachable from other machines without TLS, and passwords or client certificates."""
+    if ((users or client_ca) and certificate) or _loopback(host):
         return
     reasons = []
-    if users is None:
+    if users is None and client_ca is None:
         reasons.append(
-            "Without a password every client there could use the broker: give --users FILE, see --add-user."
+            "Without a password every client there could use the broker: give --users FILE, see --add-user, "
+            "or --client-ca FILE."
         )
     if certificate is None:
         reasons.append(
@@ -267,6 +283,18 @@ def _check_exposure(host: str, *, users: Path | None, certificate: Path | None) 
     raise click.UsageError(
         f"'{host}' can be reached from other machines. {' '.join(reasons)} Or listen on 127.0.0.1."
     )
+
+
+def _check_certificate(file: Path | None) -> None:
+    """Warn of a certificate that clients refuse."""
+    from swarmwright.broker.certificates import is_of_authority
+
+    if file is not None and is_of_authority(file):
+        _LOGGER.warning(
+            "%s is the certificate of an authority (CA:TRUE), as 'openssl req -x509' makes it, which "
+            "Swarmwright's clients refuse; use one that an authority signs, such as --init makes",
+            file,
+        )
 
 
 def _is_any(host: str) -> bool:
@@ -320,8 +348,16 @@ def _init(
     prefixes: tuple[str, ...],
     iterations: int | None,
 ) -> int:
-    from swarmwright.broker.mosquitto import write_configuration
+    from swarmwright.broker.mosquitto import add_accounts, can_add, write_configuration
 
+    if prefixes and not hosts and port is None and can_add(folder):
+        added = add_accounts(folder, prefixes, iterations)
+        users = [account.user for account in added]
+        output.json({"event": "added", "folder": str(folder), "users": users})
+        output.text(f"{folder}: the users {', '.join(users)} were added")
+        output.text("Send the broker SIGHUP, so that it reads them:")
+        output.text("  kill -HUP $(pidof mosquitto)")
+        return 0
     if port == 0:
         raise click.UsageError("--init writes the port into the configuration; name one, such as 8883.")
     made = write_configuration(
@@ -333,16 +369,17 @@ def _init(
         first = next(account for account in made if account.role == role)
         return f". {shlex.quote(str(folder / f'{first.user}.env'))}"
 
-    prefix = f" --prefix {shlex.quote(made[0].prefix)}" if made[0].prefix else ""
     output.text(
         f"{folder}: a Mosquitto configuration with the users {', '.join(account.user for account in made)}"
     )
     output.text("Now, each in another terminal:")
     output.text(f"  mosquitto -c {shlex.quote(str(folder / 'mosquitto.conf'))}")
-    output.text(f"  {variables('server')} && swarmwright serve minisim{prefix}")
+    output.text(f"  {variables('server')} && swarmwright serve minisim")
     output.text(f"  {variables('tool')} && swarmwright optimize EXPERIMENT.yaml")
-    if prefix:
-        output.text(f"The experiment says which prefix it uses, `prefix: {made[0].prefix}`.")
+    if made[0].prefix:
+        output.text(
+            f"The files set {PREFIX_VARIABLE} too; --prefix, or `prefix` in an experiment, has priority."
+        )
     output.text(
         "Another machine needs ca.pem, and the .password of its role, by a safe way. ca-key.pem is needed to "
         "renew the certificate alone; keep it elsewhere."

@@ -9,12 +9,14 @@ import click
 from swarmwright.cli._commands import Command, Group
 from swarmwright.cli._options import (
     BROKER_VARIABLE,
+    OutputFile,
     RealNumber,
     WholeNumber,
     broker_option,
     json_option,
     peer_broker,
-    prefix_option,
+    peer_prefix,
+    peer_prefix_option,
 )
 from swarmwright.cli._output import Output, aside
 from swarmwright.core.errors import InputError
@@ -54,7 +56,7 @@ def _shared(function: Any) -> Any:  # noqa: ANN401 - click's decorators
             text=f"Address of a broker. Default: {BROKER_VARIABLE}'s for a peer that runs already, else an "
             "embedded one on a free port.",
         ),
-        prefix_option,
+        peer_prefix_option,
         click.option(
             "--rules",
             multiple=True,
@@ -70,7 +72,7 @@ def _shared(function: Any) -> Any:  # noqa: ANN401 - click's decorators
         ),
         click.option(
             "--junit",
-            type=click.Path(path_type=Path, dir_okay=False),
+            type=OutputFile(),
             metavar="FILE",
             help="Write the results as JUnit XML, too.",
         ),
@@ -157,7 +159,7 @@ def server_command(
     step_timeout: float | None,
     start: str | None,
     broker: str | None,
-    prefix: str,
+    prefix: str | None,
     rules: tuple[str, ...],
     profile: "Profile",
     junit: Path | None,
@@ -183,12 +185,13 @@ def server_command(
         raise click.UsageError("which server? Give its --id, or let it be started with --exec.")
     from swarmwright.conformance import check_server
 
+    chosen = peer_broker(broker, start)
     reporter = _Reporter(output)
     report = check_server(
         server=1 if server is None else server,
         command=start,
-        broker=peer_broker(broker, start),
-        prefix=prefix,
+        broker=chosen,
+        prefix=peer_prefix(prefix, chosen),
         simulation=simulation,
         dimensions=dimensions,
         parameters=_parameters_of(parameters),
@@ -254,7 +257,7 @@ def optimizer_command(
     lasts: float,
     start: str | None,
     broker: str | None,
-    prefix: str,
+    prefix: str | None,
     rules: tuple[str, ...],
     profile: "Profile",
     junit: Path | None,
@@ -279,11 +282,12 @@ def optimizer_command(
         return _list(output, RULES, rules, profile)
     from swarmwright.conformance import check_optimizer
 
+    chosen = peer_broker(broker, start)
     reporter = _Reporter(output)
     report = check_optimizer(
         command=start,
-        broker=peer_broker(broker, start),
-        prefix=prefix,
+        broker=chosen,
+        prefix=peer_prefix(prefix, chosen),
         simulation=simulation,
         sensors=sensors,
         actuators=actuators,
@@ -356,7 +360,7 @@ class _Reporter:
     def finish(self, report: "Report", rules: "Rules", junit: Path | None) -> int:
         """The table, the file; the exit status."""
         from swarmwright.conformance.junit import write_junit
-        from swarmwright.conformance.results import by_source, summary
+        from swarmwright.conformance.results import by_source, conclusion
         from swarmwright.conformance.table import print_table
 
         for advice in dict.fromkeys(result.advice for result in report.results if result.advice):
@@ -369,6 +373,6 @@ class _Reporter:
         else:
             for text in by_source(report):
                 self._output.text(text)
-            self._output.text(f"{report.peer}: {summary(report)}")
+            self._output.text(conclusion(report))
         self._output.json({"peer": report.peer, "ok": report.ok, **report.counts})
         return 0 if report.ok else 1

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from swarmwright.cli._commands import Command
-from swarmwright.cli._options import json_option
+from swarmwright.cli._options import OutputOption, json_option
 from swarmwright.cli._output import Output, show_warnings
 
 
@@ -27,6 +27,7 @@ from swarmwright.cli._output import Output, show_warnings
 )
 @click.option(
     "--output",
+    cls=OutputOption,
     type=click.Path(path_type=Path),
     required=True,
     metavar="FILE.ssp",

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from swarmwright.cli._commands import Command
-from swarmwright.cli._options import ExistingPath, candidate_options, json_option
+from swarmwright.cli._options import ExistingPath, OutputFile, SaveOption, candidate_options, json_option
 from swarmwright.cli._output import Output
 
 if TYPE_CHECKING:
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 @click.command(
     "draw",
     cls=Command,
-    instead={"--save": "--out {}"},
     example="swarmwright draw runs/minisim-1\n"
     "swarmwright draw runs/minisim-1 --generation 0 --out beginning.svg\n"
     "swarmwright draw best.json --simulation minisim",
@@ -25,7 +24,8 @@ if TYPE_CHECKING:
 @click.option(
     "--out",
     "file",
-    type=click.Path(path_type=Path, dir_okay=False),
+    cls=SaveOption,
+    type=OutputFile(),
     metavar="FILE",
     help="Where to draw: .png, .svg or .pdf. Default: controller.png in the run's folder, or FILE's name "
     "with .png.",
@@ -97,12 +97,12 @@ def _described(simulation: str | None, parameters: dict[str, Any] | None = None)
 def _described_by_run(run: "Run", generation: int) -> dict[str, Any] | None:
     """Return the description of a run's simulation; None if its code cannot or may not be executed."""
     from swarmwright import InputError
+    from swarmwright.core.warn_once import warn_once
     from swarmwright.runs.code import used_for
-    from swarmwright.user_code import notices
 
     try:
         experiment = used_for(run, generation)
         return _described(experiment.simulation, experiment.parameters)
     except InputError as error:
-        notices.say(f"sensors and actuators are numbered, since the simulation has no names here: {error}")
+        warn_once(f"sensors and actuators are numbered, since the simulation has no names here: {error}")
         return None

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import click
 
@@ -15,7 +15,9 @@ from swarmwright.cli._options import (
     broker_option,
     candidate_options,
     experiment_broker,
+    experiment_prefix_option,
     json_option,
+    prefix_settings,
     servers_option,
     set_option,
     simulation_option,
@@ -25,8 +27,14 @@ from swarmwright.cli._output import Output, show_warnings
 from swarmwright.cli._server_output import server_output_option
 
 if TYPE_CHECKING:
-    from swarmwright import Experiment, PostEvaluation, Run
+    from swarmwright import ControllerEvaluation, Experiment, PostEvaluation, Run
     from swarmwright.core.statistics import Estimate
+
+
+_NOT_EVALUATED = (
+    "it does not say how a candidate is evaluated; parameters, fitness, ranking and where it is evaluated "
+    "can be set"
+)
 
 
 @click.command(
@@ -36,9 +44,18 @@ if TYPE_CHECKING:
     "swarmwright evaluate runs/minisim-1 --generation 3 --candidate 12\n"
     "swarmwright evaluate runs/minisim-1 --episodes 100 --seed 5000\n"
     "swarmwright evaluate runs/minisim-1 --episodes 100 --set parameters.speedDefenders=0.5\n"
-    "swarmwright evaluate runs/minisim-1 --episodes 100 --metrics all --json",
+    "swarmwright evaluate runs/minisim-1 --episodes 100 --metrics all --json\n"
+    "swarmwright evaluate minisim.yaml --controller mine.json --episodes 100",
 )
-@click.argument("run", type=ExistingPath(folder=True), metavar="RUN")
+@click.argument("run", type=ExistingPath(folder=None), metavar="RUN")
+@click.option(
+    "--controller",
+    "controller_file",
+    type=ExistingPath(folder=None),
+    metavar="C",
+    help="A controller from elsewhere (JSON, as best.json; YAML of a machine) or a run folder, instead of a "
+    "candidate of RUN, which may be an experiment file then. Needs --episodes or --seed.",
+)
 @click.option(
     "--episodes",
     type=WholeNumber(min=1, max=10_000_000),
@@ -64,6 +81,7 @@ if TYPE_CHECKING:
     default=None,
     text="Use the servers on this broker. Default: the run's, SWARMWRIGHT_BROKER's, or one started here.",
 )
+@experiment_prefix_option("the run's")
 @servers_option
 @simulation_option
 @server_output_option
@@ -71,6 +89,7 @@ if TYPE_CHECKING:
 @json_option
 def command(
     run: Path,
+    controller_file: Path | None,
     episodes: int | None,
     seed: int | None,
     candidate: int | None,
@@ -78,17 +97,21 @@ def command(
     settings: tuple[str, ...],
     metrics: str | None,
     broker: str | None,
+    prefix: str | None,
     servers: Servers | None,
     simulation: str | None,
     as_json: bool,
 ) -> int:
-    """Evaluate a candidate of a run once more.
+    """Evaluate a candidate of a run again, or a controller.
 
-    It is the best one of RUN unless another is named. Without --episodes and --seed, the seeds are those of
-    the record, and the command reports whether the fitness is the same: the exit status is 0 if every episode
-    is bit-identical, else 1. With one of them, the candidate is evaluated in other episodes: the best of a
-    run was chosen by its fitness, so its recorded fitness is biased upwards wherever fitness depends on the
-    seed.
+    The candidate is the best one of RUN unless another is named. Without --episodes and --seed, the seeds
+    are those of the record, and the command reports whether the fitness is the same: the exit status is 0
+    if every episode is bit-identical, else 1. With one of them, the candidate is evaluated in other
+    episodes: the best of a run was chosen by its fitness, so its recorded fitness is biased upwards
+    wherever fitness depends on the seed.
+
+    With --controller, that controller is evaluated in the same way, in the simulation of RUN or of an
+    experiment file, on seeds that the run did not use.
 
     Where the code of the simulation was edited after the run, the copy in RUN is used, with a message.
     """
@@ -96,24 +119,51 @@ def command(
     from swarmwright.experiment.experiment import ELSEWHERE
     from swarmwright.experiment.settings import refuse_seed
     from swarmwright.runs.code import used_for
+    from swarmwright.runs.edits import differences
 
     output = Output(as_json=as_json)
     show_warnings()
+    if controller_file is not None:
+        _require_no_candidate(candidate, generation, simulation)
+        if episodes is None and seed is None:
+            raise click.UsageError(
+                "--controller: there are no recorded episodes of this controller to repeat; add --episodes N"
+            )
+        found = _of_controller(
+            output,
+            run,
+            controller_file,
+            episodes,
+            seed,
+            (*settings, *prefix_settings(prefix)),
+            metrics,
+            broker=broker,
+            servers=servers,
+        )
+        named = {"run": str(run), "controller": str(controller_file), "settings": list(settings)}
+        output.json({**named, **found.to_mapping()})
+        output.text(f"The controller of {controller_file}.")
+        _show_settings(output, settings)
+        _show(output, found, f"the held-out {_span(found)}" if seed is None else f"the {_span(found)}")
+        return 0
+    if run.is_file():
+        raise click.UsageError(
+            f"'{run}' is a file where a run folder is expected. A controller that is in a file is evaluated "
+            "with an experiment, or with the folder of a run: swarmwright evaluate EXPERIMENT.yaml "
+            "--controller FILE --episodes 100"
+        )
     opened = Run.open(run)
     again = episodes is None and seed is None
-    only = ELSEWHERE - {"validate"}
-    if not again:
-        only |= {"parameters", "fitness", "ranking", "simulation"}
+    only = ELSEWHERE - {"validate"} if again else _evaluated()
     reason = (
         "--set changes the conditions, so that the result cannot be compared with the record; add "
         "--episodes N"
         if again
-        else "it does not say how a candidate is evaluated; parameters, fitness, ranking and where it is "
-        "evaluated can be set"
+        else _NOT_EVALUATED
     )
     used = used_for(opened, opened.evaluation(candidate, generation).generation, simulation)
     refuse_seed(settings)
-    experiment = used.with_settings(settings, only=only, reason=reason)
+    experiment = used.with_settings((*settings, *prefix_settings(prefix)), only=only, reason=reason)
     broker = experiment_broker(
         broker, experiment.broker, servers if servers is not None else experiment.servers
     )
@@ -126,7 +176,7 @@ def command(
     from swarmwright.runs.post_evaluation import EPISODES
 
     with shown_episodes(output) as on_progress:
-        found = post_evaluate(
+        evaluated = post_evaluate(
             opened,
             candidate,
             generation,
@@ -136,15 +186,87 @@ def command(
             broker=broker,
             servers=servers,
             on_progress=on_progress,
-            metrics="all" if metrics == "all" else [] if metrics is None else _names(metrics),
+            metrics=_names(metrics),
         )
-    output.json({"run": str(run), **found.to_mapping()})
-    _show(output, found, (opened.store.validation() or {}).get("seeds", ()))
+    output.json({"run": str(run), "settings": list(settings), **evaluated.to_mapping()})
+    # Other parameters make other episodes of the same seeds.
+    other = any(one.matters for one in differences(used.to_mapping(), experiment.to_mapping()))
+    output.text(
+        f"Candidate {evaluated.candidate} of generation {evaluated.generation}, evaluation "
+        f"{evaluated.number}: recorded fitness {evaluated.recorded + 0.0:.6g}"
+        f"{', without these settings' if other else ''}."
+    )
+    _show_settings(output, settings)
+    validation = () if other else (opened.store.validation() or {}).get("seeds", ())
+    _show(output, evaluated, _seeds(evaluated, validation))
     return 0
 
 
-def _names(text: str) -> list[str]:
-    return [name.strip() for name in text.split(",") if name.strip()]
+def _show_settings(output: Output, settings: Sequence[str]) -> None:
+    """Print what was set: the result depends on it."""
+    if settings:
+        output.text(f"Settings: {', '.join(settings)}")
+
+
+def _require_no_candidate(candidate: int | None, generation: int | None, simulation: str | None) -> None:
+    """Raise a UsageError for options that name a candidate of the run, or its code."""
+    for option, given in (
+        ("--candidate", candidate),
+        ("--generation", generation),
+        ("--simulation", simulation),
+    ):
+        if given is not None:
+            raise click.UsageError(f"{option}: has no meaning with --controller; leave it out")
+
+
+def _of_controller(
+    output: Output,
+    run: Path,
+    file: Path,
+    episodes: int | None,
+    seed: int | None,
+    settings: tuple[str, ...],
+    metrics: str | None,
+    *,
+    broker: str | None,
+    servers: Servers | None,
+) -> "ControllerEvaluation":
+    """Evaluate the controller of a file in the simulation of a run or of an experiment file."""
+    from swarmwright import Run, post_evaluate
+    from swarmwright.cli._experiments import experiment_of
+    from swarmwright.cli._progress import episodes as shown_episodes
+    from swarmwright.experiment.settings import refuse_seed
+    from swarmwright.runs.code import used_for
+    from swarmwright.runs.post_evaluation import EPISODES
+
+    refuse_seed(settings)
+    if run.is_dir():
+        opened = Run.open(run)
+        used = used_for(opened)
+        experiment = used.with_settings(settings, only=_evaluated(), reason=_NOT_EVALUATED)
+    else:
+        opened, experiment = None, experiment_of(run, settings)
+    broker = experiment_broker(
+        broker, experiment.broker, servers if servers is not None else experiment.servers
+    )
+    with shown_episodes(output) as on_progress:
+        return post_evaluate(
+            opened or experiment,
+            controller=file,
+            episodes=episodes or EPISODES,
+            seed=seed,
+            experiment=experiment,
+            broker=broker,
+            servers=servers,
+            on_progress=on_progress,
+            metrics=_names(metrics),
+        )
+
+
+def _names(text: str | None) -> list[str] | Literal["all"]:
+    if text == "all":
+        return "all"
+    return [] if text is None else [name.strip() for name in text.split(",") if name.strip()]
 
 
 def _repeated(
@@ -186,14 +308,18 @@ def _repeated(
     return 0 if found.same else 1
 
 
-def _show(output: Output, found: "PostEvaluation", validation: Sequence[int]) -> None:
+def _evaluated() -> frozenset[str]:
+    """Return the keys of an experiment that can be set where other episodes are evaluated."""
+    from swarmwright.experiment.experiment import ELSEWHERE
+
+    return frozenset(ELSEWHERE - {"validate"} | {"parameters", "fitness", "ranking", "simulation"})
+
+
+def _show(output: Output, found: "ControllerEvaluation", seeds: str) -> None:
+    """Print the statistics; seeds: which they are, in words."""
     values = found.to_mapping()
-    output.text(
-        f"Candidate {found.candidate} of generation {found.generation}, evaluation {found.number}: recorded "
-        f"fitness {found.recorded + 0.0:.6g}."
-    )
     count = len(found.episodes)
-    output.text(f"{count} episode{'s' * (count > 1)} with {_seeds(found, validation)}:")
+    output.text(f"{count} episode{'s' * (count > 1)} with {seeds}:")
     if found.failed:
         output.text(f"  {found.failed} failed; the others:")
     deviation = values["standard_deviation"]
@@ -214,20 +340,25 @@ def _show(output: Output, found: "PostEvaluation", validation: Sequence[int]) ->
 def _seeds(found: "PostEvaluation", validation: Sequence[int]) -> str:
     """Return which seeds they are, and what they have been used for before.
 
-    validation: seeds of the run's own validation.
+    validation: seeds of the run's own validation; empty where there is none, or it had other episodes.
     """
-    first, last, count = found.seeds[0], found.seeds[-1], len(found.seeds)
-    seeds = f"seeds {first} to {last}" if count > 1 else f"seed {first}"
+    last, count = found.seeds[-1], len(found.seeds)
+    seeds = _span(found)
     if found.seen:
         return f"the {seeds}, {found.seen} of them used by the run"
-    if not found.validated:
+    if not (found.validated and validation):
         return f"the held-out {seeds}"
     which = "the same as" if found.validated == count else f"{found.validated} of them"
     fresh = max(last, *validation) + 1
     return f"the held-out {seeds}, {which} those of the run's validation (fresh ones: --seed {fresh})"
 
 
-def _show_metrics(output: Output, found: "PostEvaluation") -> None:
+def _span(found: "ControllerEvaluation") -> str:
+    first, last = found.seeds[0], found.seeds[-1]
+    return f"seeds {first} to {last}" if len(found.seeds) > 1 else f"seed {first}"
+
+
+def _show_metrics(output: Output, found: "ControllerEvaluation") -> None:
     from swarmwright.core.statistics import estimate
 
     for name, values in found.metrics.items():

@@ -5,7 +5,14 @@ from pathlib import Path
 import click
 
 from swarmwright.cli._commands import Command
-from swarmwright.cli._options import CandidateId, ExistingPath, json_option, trust_option
+from swarmwright.cli._options import (
+    ExistingPath,
+    OutputFolder,
+    OutputOption,
+    candidate_options,
+    json_option,
+    trust_option,
+)
 from swarmwright.cli._output import Output, show_warnings
 
 
@@ -19,24 +26,18 @@ from swarmwright.cli._output import Output, show_warnings
 @click.option(
     "--to",
     "form",
-    metavar="FORM",
+    metavar="FORMAT",
     help="c, cpp, fmu, fmu3, python, micropython, onnx, machine, ros1, ros2 or scxml, or what an installed "
     "package adds.",
 )
 @click.option(
     "--output",
-    type=click.Path(path_type=Path),
+    cls=OutputOption,
+    type=OutputFolder(),
     metavar="DIR",
     help="Folder to write to. Default: one named like the prefix, here.",
 )
-@click.option(
-    "--candidate",
-    "chosen",
-    type=CandidateId(),
-    metavar="G:N",
-    help="Candidate N of generation G, both from 0; N alone is the number of the evaluation in the whole "
-    "run. Default: the best one.",
-)
+@candidate_options
 @click.option(
     "--group",
     metavar="NAME",
@@ -58,7 +59,7 @@ from swarmwright.cli._output import Output, show_warnings
     "--bundle",
     type=click.Path(path_type=Path),
     metavar="FILE.zip",
-    help="Instead of --to: write an archive to hand over, with all forms, each verified where its compiler "
+    help="Instead of --to: write an archive to hand over, with all formats, each verified where its compiler "
     "is installed, the record of the evaluation, and a manifest. `swarmwright verify` checks it.",
 )
 @click.option(
@@ -95,7 +96,8 @@ def command(
     run: Path,
     form: str | None,
     output: Path | None,
-    chosen: tuple[int | None, int] | None,
+    generation: int | None,
+    candidate: int | None,
     group: str | None,
     prefix: str | None,
     verify: bool,
@@ -117,11 +119,11 @@ def command(
 
     said = Output(as_json=as_json)
     show_warnings()
-    generation, candidate = chosen or (None, None)
+    _check_output(output, run)
     if bundle is not None:
         if form is not None or output is not None or verify:
             raise click.UsageError(
-                "--bundle holds all forms, verified: leave out --to, --output and --verify"
+                "--bundle holds all formats, verified: leave out --to, --output and --verify"
             )
         if group is not None:
             raise click.UsageError("--group goes with --to: a bundle holds one controller for all agents")
@@ -177,6 +179,11 @@ def command(
         said.text(f"Verified without episodes: {found.without_episodes}")
     said.text(f"Verified: {found.words}" if found.ok else found.words)
     return 0 if found.ok else 1
+
+
+def _check_output(output: Path | None, run: Path) -> None:
+    if output is not None and (output / "run.sqlite").exists() and output.resolve() != run.resolve():
+        raise click.UsageError(f"--output {output}: is the folder of another run; name a separate folder")
 
 
 def _model(

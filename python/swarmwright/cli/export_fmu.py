@@ -6,9 +6,11 @@ from typing import TYPE_CHECKING
 
 import click
 
+from swarmwright.broker.address import PREFIX_VARIABLE
 from swarmwright.cli._commands import Command
 from swarmwright.cli._options import (
     DEFAULT_BROKER,
+    OutputOption,
     Prefix,
     WholeNumber,
     broker_option,
@@ -42,6 +44,7 @@ _PROXY_ONLY = "is for FMUs of simulation servers; add --proxy"
 )
 @click.option(
     "--output",
+    cls=OutputOption,
     type=click.Path(path_type=Path),
     metavar="FILE",
     help="The file to write. Default: SIMULATION.fmu, here.",
@@ -57,7 +60,12 @@ _PROXY_ONLY = "is for FMUs of simulation servers; add --proxy"
     text="With --proxy: the broker. Default: that of the experiment, SWARMWRIGHT_BROKER, or "
     f"{DEFAULT_BROKER}. Masters can set another one.",
 )
-@click.option("--prefix", type=Prefix(), metavar="P", help="With --proxy: prefix of all topics.")
+@click.option(
+    "--prefix",
+    type=Prefix(),
+    metavar="P",
+    help=f"With --proxy: prefix of all topics. Default: the experiment's, {PREFIX_VARIABLE}'s, or none.",
+)
 @click.option(
     "--server",
     type=WholeNumber(min=0, max=2**31 - 1),
@@ -117,7 +125,7 @@ def command(
     if proxy:
         address = Address(
             broker or experiment.broker or experiment_broker(None, None, "auto") or DEFAULT_BROKER,
-            experiment.prefix if prefix is None else prefix,
+            experiment.with_environment().prefix if prefix is None else prefix,
             server,
             experiment.timeouts.discovery,
             experiment.timeouts.step,
@@ -158,7 +166,7 @@ def _experiment(simulation: str, settings: tuple[str, ...], *, proxy: bool) -> "
         if not is_described(simulation) and not any(one.startswith("requirements") for one in settings):
             # What a server of another make offers is not known here.
             settings = ("requirements.dimensions=2", *settings)
-    return Experiment.from_mapping({"simulation": simulation}).with_settings(settings)
+    return Experiment.from_mapping({"simulation": simulation}, settings)
 
 
 def _stem(simulation: str) -> str:

@@ -1,4 +1,4 @@
-"""`swarmwright import`: a FREVO session, or the files of a drawn model, become an experiment."""
+"""`swarmwright import`: a FREVO session, or the files of a model, become an experiment."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -7,7 +7,7 @@ import click
 
 from swarmwright.cli._commands import Command
 from swarmwright.cli._experiments import not_as_in_frevo
-from swarmwright.cli._options import ExistingPath
+from swarmwright.cli._options import ExistingPath, OutputFile, SaveOption
 from swarmwright.cli._output import Output, complain, document
 
 FIELD_HELP = (
@@ -28,7 +28,8 @@ FIELD_HELP = (
     "-o",
     "--output",
     "target",
-    type=click.Path(path_type=Path, dir_okay=False),
+    cls=SaveOption,
+    type=OutputFile(),
     metavar="FILE.yaml",
     help="Write there, into a new file. Default: print.",
 )
@@ -65,8 +66,8 @@ def command(
 ) -> None:
     """Make an experiment from a FREVO session or a model.
 
-    A model is a drawn one, in files. Each FILE is recognised by what it holds; a folder stands for its .json,
-    .scxml, .sysml and .xml files.
+    A model is a diagram made in a modelling tool and exported as files. Each FILE is recognised by what it
+    holds; a folder stands for its .json, .scxml, .sysml and .xml files.
 
     Components of a session (.zse) that can be imported: Emergency Exit; NNGA, CEA2D, PSO and RandomSearch;
     FullyMeshedNet, CompleteNetwork, ThreeLayerNetwork, MultiLayerNetwork, MealyFSM, HebbNet and NEAT, whose
@@ -79,8 +80,6 @@ def command(
 
     Comments in the experiment say where every line comes from.
     """
-    if target is not None and not target.parent.is_dir():
-        raise click.UsageError(f"'{target}': there is no folder '{target.parent}'; create it first.")
     if target is not None and target.exists():
         raise click.UsageError(f"'{target}' exists and is not written over; name another file, or remove it.")
     from swarmwright import frevo

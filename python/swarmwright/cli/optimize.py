@@ -10,11 +10,14 @@ from swarmwright.cli._experiments import experiment_of
 from swarmwright.cli._observing import Observing, observe_options
 from swarmwright.cli._options import (
     ExistingPath,
+    OutputOption,
     Servers,
     WholeNumber,
     broker_option,
     experiment_broker,
+    experiment_prefix_option,
     json_option,
+    prefix_settings,
     servers_option,
     set_option,
     trust_option,
@@ -36,10 +39,12 @@ from swarmwright.cli._server_output import server_output_option
     default=None,
     text="Use the servers on this broker. Default: FILE's, SWARMWRIGHT_BROKER's, or one started here.",
 )
+@experiment_prefix_option("FILE's")
 @set_option()
 @click.option("--seed", type=WholeNumber(min=0), metavar="S", help="Seed of the run. Default: the file's.")
 @click.option(
     "--out",
+    cls=OutputOption,
     type=click.Path(path_type=Path, file_okay=False),
     metavar="DIR",
     help="Folder for the results. Default: a new one in runs/.",
@@ -55,6 +60,7 @@ def command(
     file: Path,
     settings: tuple[str, ...],
     broker: str | None,
+    prefix: str | None,
     seed: int | None,
     out: Path | None,
     servers: Servers | None,
@@ -77,7 +83,7 @@ def command(
 
     output = Output(as_json=as_json)
     show_warnings()
-    experiment = experiment_of(file, settings)
+    experiment = experiment_of(file, (*settings, *prefix_settings(prefix)))
     wanted = servers if servers is not None else experiment.servers
     broker = experiment_broker(broker, experiment.broker, wanted)
     return evolve(

@@ -7,7 +7,15 @@ from typing import TYPE_CHECKING
 import click
 
 from swarmwright.cli._commands import Command
-from swarmwright.cli._options import ExistingPath, at_option, by_options, held_out_option, json_option
+from swarmwright.cli._options import (
+    ExistingPath,
+    OutputFile,
+    SaveOption,
+    at_option,
+    by_options,
+    held_out_option,
+    json_option,
+)
 from swarmwright.cli._output import Output
 
 if TYPE_CHECKING:
@@ -18,7 +26,6 @@ if TYPE_CHECKING:
 @click.command(
     "plot",
     cls=Command,
-    instead={"--save": "--out {}"},
     example="swarmwright plot runs/minisim-1\n"
     "swarmwright plot runs/nnga-* runs/random-* --out comparison.svg",
 )
@@ -26,7 +33,8 @@ if TYPE_CHECKING:
 @click.option(
     "--out",
     "file",
-    type=click.Path(path_type=Path, dir_okay=False),
+    cls=SaveOption,
+    type=OutputFile(),
     metavar="FILE",
     help="Where to draw: .png, .svg or .pdf. Default: plot.png in the folder of one run, comparison.png here "
     "for several.",

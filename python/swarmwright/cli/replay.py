@@ -1,6 +1,7 @@
 """`swarmwright replay`: watch a candidate of a run."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -10,11 +11,14 @@ from click.core import ParameterSource
 from swarmwright.cli._commands import Command
 from swarmwright.cli._options import (
     ExistingPath,
+    OutputFile,
     RealNumber,
+    SaveOption,
     WholeNumber,
     broker_option,
     candidate_options,
     experiment_broker,
+    experiment_prefix_option,
     json_option,
     set_option,
     simulation_option,
@@ -32,7 +36,6 @@ if TYPE_CHECKING:
 @click.command(
     "replay",
     cls=Command,
-    instead={"--out": "--save {}"},
     example="swarmwright replay runs/minisim-1 --speed 2\n"
     "swarmwright replay runs/minisim-1 --generation 0 --candidate 7 --save early.gif\n"
     "swarmwright replay runs/minisim-1 --save best.html\n"
@@ -43,10 +46,11 @@ if TYPE_CHECKING:
 @click.option(
     "--save",
     "file",
-    type=click.Path(path_type=Path, dir_okay=False),
+    cls=SaveOption,
+    type=OutputFile(),
     metavar="FILE",
-    help="Write a file instead: .html is a page to play and step through, .gif and .mp4 are films, .png "
-    "shows all trajectories.",
+    help="Write a file instead: .html is an interactive page, .gif an animation, .mp4 a video, .png a still "
+    "image with all trajectories.",
 )
 @click.option(
     "--speed",
@@ -105,6 +109,7 @@ if TYPE_CHECKING:
     text="A server on this broker computes the episode and sends its scenes. Default: this process; for a "
     "simulation that is not here, the run's broker or SWARMWRIGHT_BROKER's.",
 )
+@experiment_prefix_option("the run's")
 @simulation_option
 @set_option("Override a value of the run: parameters.maxSteps=40.")
 @trust_option
@@ -122,6 +127,7 @@ def command(
     episode: int | None,
     seed: int | None,
     broker: str | None,
+    prefix: str | None,
     simulation: str | None,
     settings: tuple[str, ...],
     as_json: bool,
@@ -133,7 +139,8 @@ def command(
     """
     if controller is not None and (generation is not None or candidate is not None):
         raise click.UsageError(
-            "--controller names another controller than the run's; leave it or the others."
+            "--controller names another controller than the run's; leave it out, or leave out --generation "
+            "and --candidate."
         )
     if seed is not None and episode is not None:
         raise click.UsageError("--episode is one of the run's, --seed another one; give one of them.")
@@ -153,6 +160,7 @@ def command(
     how: dict[str, Any] = {
         "simulation": simulation,
         "settings": settings,
+        "prefix": prefix,
         "broker": _broker(simulation or opened.experiment.simulation, opened, broker),
     }
     replay = Replay.of(
@@ -184,7 +192,7 @@ def _check_unsaved() -> None:
     context = click.get_current_context()
     for name, option in (("parts", "--show"), ("colors", "--colors")):
         if context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
-            raise click.UsageError(f"{option} is for pictures, films and pages: give --save FILE as well.")
+            raise click.UsageError(f"{option} is for pictures, videos and pages: give --save FILE as well.")
 
 
 def _broker(simulation: str, run: "Run", broker: str | None) -> str | None:
@@ -201,8 +209,6 @@ def _check_file(file: Path) -> None:
 
     if file.suffix.lower() not in FORMATS:
         raise click.UsageError(f"--save {file}: files end with {', '.join(FORMATS[:-1])} or {FORMATS[-1]}.")
-    if not file.parent.is_dir():
-        raise click.UsageError(f"--save {file}: there is no folder '{file.parent}'; create it first.")
 
 
 def _shown(parts: str, colors: Literal["auto", "state", "value", "controller"]) -> "Shown":
@@ -214,7 +220,9 @@ def _shown(parts: str, colors: Literal["auto", "state", "value", "controller"]) 
     for part in given:
         if part not in PARTS:
             raise click.UsageError(f"--show: '{part}' found, expected {', '.join(PARTS)} or none.")
-    return Shown(**{part: part in given for part in PARTS}, colors=colors)
+    shown = Shown(**{part: part in given for part in PARTS}, colors=colors)
+    chosen = click.get_current_context().get_parameter_source("parts") is not ParameterSource.DEFAULT
+    return shown if chosen else replace(shown, labels=None)
 
 
 def _beside(replay: "Replay", which: str, how: dict[str, Any]) -> "Replay":
@@ -246,6 +254,7 @@ def _save(
     from swarmwright.display.files import save
     from swarmwright.display.pictures import PictureRecording
     from swarmwright.display.pictures import save as save_pictures
+    from swarmwright.runs.replay import names
 
     recording: Recording | PictureRecording
     try:
@@ -256,8 +265,12 @@ def _save(
             save_pictures(pictures, file, caption=replay.caption(pictures), speed=speed)
         else:
             recording = scenes = replay.recording()
-            parts = [replay.part(scenes, replay.name if others else "")]
-            parts += [other.part(other.recording(), other.name) for other in others]
+            called = names([replay, *others]) if others else [""]
+            recordings = [scenes, *(other.recording() for other in others)]
+            parts = [
+                one.part(recorded, name)
+                for one, recorded, name in zip([replay, *others], recordings, called, strict=True)
+            ]
             save(parts, file, caption=replay.caption(scenes), speed=speed, shown=shown)
     except OSError as error:
         raise InputError(f"{file}: cannot be written: {error.strerror or error}") from error
@@ -267,7 +280,7 @@ def _save(
 
 
 def _what(file: Path) -> str:
-    words = {".html": "The page", ".mp4": "The film", ".gif": "The animation"}
+    words = {".html": "The page", ".mp4": "The video", ".gif": "The animation"}
     return words.get(file.suffix.lower(), "The picture")
 
 

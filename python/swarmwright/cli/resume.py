@@ -13,7 +13,9 @@ from swarmwright.cli._options import (
     WholeNumber,
     broker_option,
     experiment_broker,
+    experiment_prefix_option,
     json_option,
+    prefix_settings,
     servers_option,
     set_option,
     simulation_option,
@@ -34,6 +36,7 @@ from swarmwright.cli._server_output import server_output_option
     default=None,
     text="Use the servers on this broker. Default: the run's, SWARMWRIGHT_BROKER's, or one started here.",
 )
+@experiment_prefix_option("the run's")
 @servers_option
 @server_output_option
 @wait_option
@@ -59,6 +62,7 @@ from swarmwright.cli._server_output import server_output_option
 def command(
     run: Path,
     broker: str | None,
+    prefix: str | None,
     servers: Servers | None,
     wait: float | None,
     generations: int | None,
@@ -89,6 +93,7 @@ def command(
     show_warnings()
     opened = Run.open(run)
     check_free(opened.path)
+    settings = (*settings, *prefix_settings(prefix))
     # Report errors before anything is printed or started.
     wanted = Resumption.of(opened, opened.store, settings, {"generations": generations})
     experiment = wanted.experiment
@@ -106,7 +111,10 @@ def command(
     else:
         limit = experiment.budget.generations
         whole = "" if limit is None else f" of {limit}"
-        output.text(f"{opened.generations}{whole} generations are stored; through these, then on from there.")
+        output.text(
+            f"{opened.generations}{whole} generations are stored. Replaying them from the record, then "
+            "continuing."
+        )
     return evolve(
         output,
         experiment,

@@ -11,13 +11,15 @@ from swarmwright.cli._commands import Command, Group
 from swarmwright.cli._options import (
     ExistingPath,
     FiniteNumber,
+    OutputFile,
+    SaveOption,
     at_option,
     by_options,
     held_out_option,
     json_option,
 )
 from swarmwright.cli._output import Output, aside, complain
-from swarmwright.cli._runs import describe, facts_of, list_table
+from swarmwright.cli._runs import describe, facts_of, list_table, reading_progress
 
 if TYPE_CHECKING:
     from swarmwright.analysis.indicators import By
@@ -40,16 +42,20 @@ def list_(folder: Path | None, as_json: bool) -> None:
     """
     from swarmwright import InputError, Run
     from swarmwright.runs.folders import RUNS
-    from swarmwright.store import FILE
+    from swarmwright.store import FILE, StoreReader
 
     output = Output(as_json=as_json)
     place = folder or RUNS
     runs, broken = [], []
-    for store in sorted(place.glob(f"**/{FILE}")):
-        try:
-            runs.append(facts_of(Run.open(store.parent)))
-        except InputError as error:
-            broken.append(str(error))
+    stores = sorted(place.glob(f"**/{FILE}"))
+    with reading_progress(len(stores)) as begin:
+        for number, store in enumerate(stores):
+            begin(number)
+            try:
+                with StoreReader.opened(store.parent) as reader:  # one connection takes half the time of four
+                    runs.append(facts_of(Run(store.parent, reader)))
+            except InputError as error:
+                broken.append(str(error))
     runs.sort(key=lambda facts: facts["created"])
     for facts in runs:
         output.json(facts)
@@ -67,10 +73,7 @@ def list_(folder: Path | None, as_json: bool) -> None:
 @click.argument("run", type=ExistingPath(folder=True), metavar="RUN")
 @json_option
 def show(run: Path, as_json: bool) -> None:
-    """Show what RUN is and what came out.
-
-    Its experiment, its results, its servers, and its warnings.
-    """
+    """Show the experiment, results, servers and warnings of RUN."""
     from swarmwright import Run
 
     describe(Output(as_json=as_json), Run.open(run))
@@ -95,7 +98,8 @@ def show(run: Path, as_json: bool) -> None:
 @click.option(
     "--plot",
     "file",
-    type=click.Path(path_type=Path, dir_okay=False),
+    cls=SaveOption,
+    type=OutputFile(),
     metavar="FILE",
     help="Draw the archive as a heat map, or the front: .png, .svg or .pdf.",
 )
@@ -122,7 +126,7 @@ def elites(run: Path, limit: int, file: Path | None, offset: float | None, as_js
     found = Run.open(run).elites
     if offset is not None and found.grid is None:
         raise click.UsageError(
-            "--offset is for the QD score of an archive, and this run has a front; leave it."
+            "--offset is for the QD score of an archive, and this run has a front; leave it out."
         )
     offset = offset or 0.0
     if file is not None and found.candidates:
@@ -173,12 +177,27 @@ def diff(one: Path, other: Path, as_json: bool) -> int:
     example="swarmwright runs compare runs/nnga-* runs/random-*\n"
     "swarmwright runs compare runs/* --held-out\n"
     "swarmwright runs compare runs/* --at 1000 --json\n"
+    "swarmwright runs compare runs/* --held-out --csv table.csv --latex table.tex\n"
     "swarmwright runs compare fronts/* --by hypervolume --reference fitness=0 --reference speed=0.12",
 )
 @click.argument("runs", type=ExistingPath(folder=None), nargs=-1, required=True, metavar="RUN...")
 @by_options
 @at_option
 @held_out_option
+@click.option(
+    "--csv",
+    "csv_file",
+    type=OutputFile(),
+    metavar="FILE",
+    help="Write what is compared of every run as a table, .csv.",
+)
+@click.option(
+    "--latex",
+    "latex_file",
+    type=OutputFile(),
+    metavar="FILE",
+    help="Write groups and tests as LaTeX tables, .tex, for the package booktabs.",
+)
 @json_option
 def compare(
     runs: tuple[Path, ...],
@@ -187,21 +206,33 @@ def compare(
     offset: float | None,
     at: int | None,
     held_out: bool,
+    csv_file: Path | None,
+    latex_file: Path | None,
     as_json: bool,
 ) -> int:
     """Compare the best fitness that runs reached, or their fronts or archives.
 
-    Statistical tests and effect sizes are printed. Runs whose experiments differ in the seed alone are a
-    group. Fronts are compared by hypervolume where all runs have the same objectives, archives by QD score
-    or coverage where all have the same measures, ranges and bins; reference point and offset are printed.
-    Files beside runs, which a pattern such as results/* names as well, are left out. Runs that are damaged or
-    hold no generation are left out and named, and the exit status is then 1. `swarmwright plot` draws it as
-    well.
+    Statistical tests and effect sizes are printed, of each task where methods were run in several
+    simulations, or with several parameters or definitions of fitness. Runs whose experiments differ in
+    the seed alone are a group. Fronts are compared by hypervolume where all runs have the same
+    objectives, archives by QD score or coverage where all have the same measures, ranges and bins;
+    reference point and offset are printed. Files beside runs, which a pattern such as results/* names
+    as well, are left out. Runs that are damaged or hold no generation are left out and named, and the
+    exit status is then 1. `swarmwright plot` draws it as well.
     """
+    from swarmwright.analysis import table_files
     from swarmwright.cli._comparison import Compared, run_folders, show_comparison
 
+    output = Output(as_json=as_json)
     what = Compared(at, held_out, by, reference, offset)
-    return show_comparison(Output(as_json=as_json), run_folders(runs), what)[1]
+    asked = ((csv_file, table_files.CSV), (latex_file, table_files.LATEX))
+    files = [(file, ending) for file, ending in asked if file is not None]
+    for file, ending in files:
+        table_files.check(file, ending)
+    comparison, status = show_comparison(output, run_folders(runs), what)
+    for file, _ in files:
+        output.text(f"The table is in {comparison.export(file)}")
+    return status
 
 
 @command.command(
@@ -212,7 +243,7 @@ def compare(
     "swarmwright runs export runs/minisim-1 held-out.csv --validation",
 )
 @click.argument("run", type=ExistingPath(folder=True), metavar="RUN")
-@click.argument("file", type=click.Path(path_type=Path, dir_okay=False), metavar="FILE")
+@click.argument("file", type=OutputFile(), metavar="FILE")
 @click.option(
     "--validation",
     is_flag=True,
@@ -229,8 +260,6 @@ def export(run: Path, file: Path, validation: bool, as_json: bool) -> None:
     each gene (g0, ..); .parquet has lists instead, in the columns episodes, NAME of each metric, and genome.
     A metric that has the name of another column, such as episode, is called metric_episode.
     """
-    if not file.parent.is_dir():
-        raise click.UsageError(f"'{file}': there is no folder '{file.parent}'; create it first.")
     from swarmwright import InputError, Run
 
     opened, output = Run.open(run), Output(as_json=as_json)
@@ -250,26 +279,36 @@ def export(run: Path, file: Path, validation: bool, as_json: bool) -> None:
 @command.command(
     "verify",
     cls=Command,
-    example="swarmwright runs verify runs/minisim-1\nswarmwright runs verify runs/* --json",
+    example="swarmwright runs verify runs/minisim-1\n"
+    "swarmwright runs verify results/sizes\n"
+    "swarmwright runs verify runs/* --json",
 )
 @click.argument("runs", type=ExistingPath(folder=None), nargs=-1, required=True, metavar="RUN...")
 @json_option
 def verify(runs: tuple[Path, ...], as_json: bool) -> int:
     """Verify that the content of each RUN is what was written.
 
-    It is compared with its SHA-256. Where something is damaged, it is named with its generation and
-    table, and which generations are good; the
-    exit status is then 1. It is 2 when a folder is not a run, or cannot be read. Files beside runs, which a
-    pattern such as results/* names as well, are left out.
+    It is compared with its SHA-256, and best.json with the record. Where something is damaged, it is named
+    with its generation and table, and which generations are good; the exit status is then 1. It is 2 when a
+    folder is not a run, or cannot be read, since another version of Swarmwright has written it for example;
+    --json has no line for it. Files beside runs, which a pattern such as results/* names as well, are left
+    out. RUN can be the folder of a sweep: then all its runs are verified, and one that was asked for and is
+    not there is named; the exit status is 1 then, too.
     """
     from swarmwright import InputError
     from swarmwright.cli._comparison import run_folders
     from swarmwright.cli._runs import verified_line
-    from swarmwright.store.verification import verify as verified
+    from swarmwright.runs.verification import verify as verified
+    from swarmwright.store import FILE
 
     output = Output(as_json=as_json)
     status = 0
-    for run in run_folders(runs):
+    for run, of_sweep in _with_sweeps(run_folders(runs)):
+        if of_sweep and not (run / FILE).exists():
+            output.json({"run": str(run), "ok": False, "missing": True})
+            output.text(f"{run}: missing; the same sweep runs it")
+            status = status or 1
+            continue
         try:
             found = verified(run)
         except InputError as error:  # the others are verified nevertheless
@@ -279,6 +318,23 @@ def verify(runs: tuple[Path, ...], as_json: bool) -> int:
         status = status or (1 if found.problems else 0)
         verified_line(output, run, found)
     return status
+
+
+def _with_sweeps(folders: list[Path]) -> list[tuple[Path, bool]]:
+    """Return run folders, with those of sweeps instead of their folder; True for one that a sweep asks for.
+
+    Raises InputError where the record of a sweep cannot be read.
+    """
+    from swarmwright.analysis.sweep.record import runs_of
+    from swarmwright.store import FILE
+
+    found: dict[Path, bool] = {}
+    for folder in folders:
+        asked = runs_of(folder)
+        found |= dict.fromkeys([folder] if asked is None else asked, asked is not None)
+        if asked is not None:  # and what other sweeps have put there
+            found = dict.fromkeys((store.parent for store in sorted(folder.glob(f"*/{FILE}"))), False) | found
+    return list(found.items())
 
 
 @command.command("delete", cls=Command, example="swarmwright runs delete runs/minisim-1 --yes")
@@ -314,7 +370,9 @@ def delete(runs: tuple[Path, ...], yes: bool, as_json: bool) -> int:
         except click.Abort:
             if sys.stdin.isatty():  # Ctrl-C
                 raise
-            raise click.UsageError("nobody is there to ask; give --yes. Nothing was deleted.") from None
+            raise click.UsageError(
+                "there is no terminal to confirm on; give --yes. Nothing was deleted."
+            ) from None
         if not confirmed:
             aside("Nothing was deleted.")
             return 1

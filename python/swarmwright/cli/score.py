@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from swarmwright.cli._commands import Command
-from swarmwright.cli._options import ExistingPath, WholeNumber, json_option
+from swarmwright.cli._options import ExistingPath, OutputFile, SaveOption, WholeNumber, json_option
 from swarmwright.cli._output import Output, complain
 from swarmwright.cli.import_ import FIELD_HELP
 
@@ -22,7 +22,8 @@ from swarmwright.cli.import_ import FIELD_HELP
 @click.option(
     "--save",
     "target",
-    type=click.Path(path_type=Path, dir_okay=False),
+    cls=SaveOption,
+    type=OutputFile(),
     metavar="FILE.json",
     help="Write a candidate's controller there, which `simulate --controller`, `start_from` in an experiment "
     "and `draw` take.",

@@ -13,7 +13,9 @@ from swarmwright.cli._options import (
     WholeNumber,
     broker_option,
     experiment_broker,
+    experiment_prefix_option,
     json_option,
+    prefix_settings,
     set_option,
     trust_option,
 )
@@ -45,6 +47,7 @@ from swarmwright.cli._server_output import server_output_option
     default=None,
     text="Use a server on this broker. Default: FILE's, SWARMWRIGHT_BROKER's, or one started here.",
 )
+@experiment_prefix_option("FILE's")
 @click.option("--visual", is_flag=True, help="Ask the server to draw the episode, a frame every step.")
 @server_output_option
 @trust_option
@@ -55,6 +58,7 @@ def command(
     settings: tuple[str, ...],
     seed: int | None,
     broker: str | None,
+    prefix: str | None,
     visual: bool,
     as_json: bool,
 ) -> None:
@@ -69,7 +73,7 @@ def command(
 
     output = Output(as_json=as_json)
     show_warnings()
-    experiment = experiment_of(file, settings)
+    experiment = experiment_of(file, (*settings, *prefix_settings(prefix)))
     loaded = None if controller is None else Controller.load(controller)
     if visual:  # the server's process, which draws, takes the width from its environment
         os.environ["COLUMNS"] = str(shutil.get_terminal_size().columns)

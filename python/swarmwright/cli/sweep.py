@@ -1,6 +1,7 @@
 """`swarmwright sweep`: an experiment in many variants, and how they compare."""
 
 import shlex
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,11 +12,14 @@ from swarmwright.cli._commands import SETTINGS, Command
 from swarmwright.cli._observing import Observing, observe_options, observed
 from swarmwright.cli._options import (
     ExistingPath,
+    OutputOption,
     Servers,
     WholeNumber,
     broker_option,
     experiment_broker,
+    experiment_prefix_option,
     json_option,
+    prefix_settings,
     servers_option,
     set_option,
     trust_option,
@@ -25,7 +29,6 @@ from swarmwright.cli._signals import INTERRUPTED
 from swarmwright.core.formatting import counted
 
 if TYPE_CHECKING:
-    from swarmwright.analysis.comparison import Comparison
     from swarmwright.analysis.sweep import Outcome
 
 FAILED = 1
@@ -43,8 +46,10 @@ FAILED = 1
     default=None,
     text="Use the servers on this broker. Default: FILE's, SWARMWRIGHT_BROKER's, or one started here.",
 )
+@experiment_prefix_option("FILE's")
 @click.option(
     "--out",
+    cls=OutputOption,
     type=click.Path(path_type=Path, file_okay=False),
     metavar="DIR",
     help="Folder for the runs. Default: the file's, else runs/ and the file's name.",
@@ -64,6 +69,7 @@ def command(
     file: Path,
     settings: tuple[str, ...],
     broker: str | None,
+    prefix: str | None,
     out: Path | None,
     servers: Servers | None,
     jobs: int | None,
@@ -79,10 +85,15 @@ def command(
     compete for servers. A run that is finished is not run again, one that was interrupted goes on: after
     Ctrl-C the same command continues. A run that fails does not stop the others; it is named at the end, and
     the exit status is 1. A run that another process works on is left to it, so that several processes, on
-    several machines as well, can do one sweep together. At the end the comparison is printed, and drawn into
-    comparison.png in the folder of the runs. Variants of nsga2 with the same objectives are compared by
-    hypervolume as well (with up to 3 objectives beside fitness), those of map_elites with the same measures
-    by QD score and coverage.
+    several machines as well, can do one sweep together. A finished run is validated where FILE or --set ask
+    for a validation that it lacks, or for more held-out episodes or candidates.
+
+    At the end the comparison is printed, drawn into comparison.png in the folder of the runs, and written as
+    tables, comparison.csv and comparison.tex: by fitness on held-out seeds where all runs were validated and
+    fitness depends on the seed, and by recorded fitness. Variants of nsga2 with the same objectives are
+    compared by hypervolume as well (with up to 3 objectives beside fitness), those of map_elites with the
+    same measures by QD score and coverage. sweep.json in this folder has what was asked for: variants, seeds
+    and --set; `runs verify` names runs that are missing.
     """
     from swarmwright.analysis.sweep import Sweep, conduct, tasks
     from swarmwright.analysis.sweep.run import UnreadableRunError
@@ -90,7 +101,7 @@ def command(
 
     output = Output(as_json=as_json)
     show_warnings()
-    sweep = Sweep.load(file, out=out, settings=settings)
+    sweep = Sweep.load(file, out=out, settings=(*settings, *prefix_settings(prefix)))
     first = sweep.variants[0].experiment
     broker = experiment_broker(broker, first.broker, servers if servers is not None else first.servers)
     todo = tasks(sweep)
@@ -119,17 +130,16 @@ def command(
 
 
 def _conclude(output: Output, outcome: "Outcome", folder: Path) -> None:
-    """Print the comparison and what is missing in it, then draw it: that can fail where the disk is full."""
-    from swarmwright import compare
+    """Print the comparison and what is missing in it, then write its files: that fails on a full disk."""
+    from swarmwright.analysis.comparison import compare_all
     from swarmwright.analysis.indicators import quick_indicators, shared_indicators
 
     runs = outcome.finished
-    quick = quick_indicators(runs)
-    comparisons = [compare(runs), *(compare(runs, by=by) for by in quick)] if runs else []
+    comparisons = compare_all(runs)
     for one in comparisons:
         output.text()
         output.block(str(one))
-    if quick != shared_indicators(runs):
+    if quick_indicators(runs) != shared_indicators(runs):
         output.text()
         output.text(
             "Hypervolume is left out, since it takes long with fronts of this size or so many objectives; "
@@ -144,24 +154,32 @@ def _conclude(output: Output, outcome: "Outcome", folder: Path) -> None:
         )
     if not comparisons:
         return
-    picture = _drawn(comparisons[0], folder / "comparison.png")
+    picture = _written(comparisons[0].plot, folder / "comparison.png")
+    tables = [_written(comparisons[0].export, folder / f"comparison{ending}") for ending in (".csv", ".tex")]
+    written = [str(one) for one in tables if one is not None]
+    if written:
+        output.text(f"Tables are in {' and '.join(written)}")
     if picture is not None:
         output.text(f"The figure is in {picture}")
+    validated = comparisons[0].held_out
+    recorded, *indicators = comparisons[validated:]
     output.json(
         {
-            "comparison": comparisons[0].to_mapping(),
-            "indicators": [one.to_mapping() for one in comparisons[1:]],
+            "held_out": comparisons[0].to_mapping() if validated else None,
+            "comparison": recorded.to_mapping(),
+            "indicators": [one.to_mapping() for one in indicators],
             "picture": None if picture is None else str(picture),
+            "tables": written,
         }
     )
 
 
-def _drawn(comparison: "Comparison", path: Path) -> Path | None:
-    """Draw the figure; return its path, or None where it cannot be written, which is said."""
+def _written(write: Callable[[Path], Path], path: Path) -> Path | None:
+    """Write a file of the comparison; return its path, or None where it cannot be written, which is said."""
     from swarmwright import InputError
 
     try:
-        return comparison.plot(path)
+        return write(path)
     except InputError as error:
-        complain(f"the runs are whole, but the figure was not drawn: {error}")
+        complain(f"the runs are whole, but a file of the comparison was not written: {error}")
         return None

@@ -7,9 +7,12 @@ import click
 from swarmwright.cli._commands import Command
 from swarmwright.cli._options import (
     ExistingPath,
+    OutputFile,
+    SaveOption,
     Servers,
     WholeNumber,
     broker_option,
+    experiment_prefix_option,
     json_option,
     servers_option,
     trust_option,
@@ -83,7 +86,8 @@ from swarmwright.cli._server_output import server_output_option
 @click.option(
     "--out",
     "file",
-    type=click.Path(path_type=Path, dir_okay=False),
+    cls=SaveOption,
+    type=OutputFile(),
     metavar="FILE",
     help="Write a scatter plot, .png, .svg or .pdf: fitness in the other simulation (y) over the run's own "
     "(x).",
@@ -91,14 +95,16 @@ from swarmwright.cli._server_output import server_output_option
 @click.option(
     "--csv",
     "table",
-    type=click.Path(path_type=Path, dir_okay=False),
+    type=OutputFile(),
     metavar="FILE",
     help="Write every episode as a table.",
 )
 @broker_option(
     default=None,
-    text="Use the servers on this broker, also for targets that do not name another one. Default: the runs'.",
+    text="Use the servers on this broker for simulations that only a broker offers and whose file does not "
+    "name another one, and for all where the runs had a broker. Default: the runs'.",
 )
+@experiment_prefix_option("the runs'")
 @servers_option
 @server_output_option
 @trust_option
@@ -115,17 +121,18 @@ def command(
     file: Path | None,
     table: Path | None,
     broker: str | None,
+    prefix: str | None,
     servers: Servers | None,
     as_json: bool,
 ) -> None:
     """Evaluate the best of runs in other simulations.
 
     The best candidates of each RUN are evaluated there, and what they lose is printed. Runs that differ in
-    the seed alone are one design; with several designs, their losses are compared (Mann-Whitney, with the
+    the seed alone are one group; with several groups, their losses are compared (Mann-Whitney, with the
     effect's size).
     """
     from swarmwright import transfer
-    from swarmwright.analysis.transfer.result import check_table
+    from swarmwright.analysis.table_files import CSV, check
     from swarmwright.cli._comparison import run_folders
     from swarmwright.cli._progress import episodes
     from swarmwright.experiment.ranges import Range
@@ -141,7 +148,7 @@ def command(
     if file is not None:
         style.check(file)
     if table is not None:
-        check_table(table)
+        check(table, CSV)
     with episodes(output) as on_progress:
         found = transfer(
             run_folders(runs),
@@ -154,6 +161,7 @@ def command(
             seed=seed,
             broker=broker,
             servers=servers,
+            prefix=prefix,
             on_progress=on_progress,
         )
     output.block(str(found))

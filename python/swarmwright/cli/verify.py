@@ -1,4 +1,4 @@
-"""`swarmwright verify`: a bundle that somebody hands over."""
+"""`swarmwright verify`: a bundle from another user."""
 
 from pathlib import Path
 
@@ -11,14 +11,27 @@ from swarmwright.cli._output import Output, show_warnings
 
 @click.command("verify", cls=Command, example="swarmwright verify flight.zip")
 @click.argument("bundle", type=ExistingPath(folder=None), metavar="BUNDLE")
+@click.option(
+    "--require-fitness",
+    is_flag=True,
+    help="Exit with status 1 also where the fitness was not checked, for example since the simulation is not "
+    "a built-in one.",
+)
+@click.option(
+    "--require-formats",
+    is_flag=True,
+    help="Exit with status 1 also where the files of a format were not checked, for example since another "
+    "version of Swarmwright wrote them.",
+)
 @json_option
-def command(bundle: Path, as_json: bool) -> int:
+def command(bundle: Path, require_fitness: bool, require_formats: bool, as_json: bool) -> int:
     """Check an archive of `swarmwright export --bundle`.
 
-    BUNDLE is the archive, or the folder that it was unpacked to. Every file must be as its manifest says;
-    each form of the controller is exported again, compared, compiled and run; and the controller is evaluated
-    again. The exit status is 1 when anything is not as stated. Only code that this version of Swarmwright
-    exports itself is executed.
+    BUNDLE is the archive, or the folder that it was unpacked to. Every file must be as its manifest says, and
+    one that bundles have; the controller is exported again to each format, compared, compiled and run; and if
+    its simulation is a built-in one, it is evaluated again. The last line says if the fitness or formats were
+    not checked. The exit status is 1 when anything is not as stated. Only code that this version of
+    Swarmwright exports itself is executed.
     """
     from swarmwright.export.bundle_verification import verify_bundle
 
@@ -33,13 +46,16 @@ def command(bundle: Path, as_json: bool) -> int:
     for form, one in found.forms.items():
         said.text(f"{form}: {one.words}")
     for form, reason in found.unverified.items():
-        said.text(f"{form}: not verified: {reason}")
+        said.text(f"{form}: not {'checked' if form in found.formats_not_checked else 'verified'}: {reason}")
     if found.not_evaluated:
         said.text(f"Not evaluated again: {found.not_evaluated}")
     elif found.episodes:
         said.text(f"Evaluated again in {found.episodes} episode{'s' if found.episodes > 1 else ''}")
     for problem in found.problems:
         said.text(f"PROBLEM: {problem}")
-    said.text(f"Verified: {found.words}" if found.ok else found.words)
+    said.text(found.words)
     said.json({"bundle": str(bundle), **found.to_mapping()})
-    return 0 if found.ok else 1
+    missing = (require_fitness and found.fitness_not_checked) or (
+        require_formats and found.formats_not_checked
+    )
+    return 0 if found.ok and not missing else 1

@@ -95,7 +95,7 @@ class Definition(Options):
         """Return the command that runs episodes."""
 
     @abstractmethod
-    def named(self) -> Iterator[tuple[str, Sequence[str]]]:
+    def named_files(self) -> Iterator[tuple[str, Sequence[str]]]:
         """Yield keys, and the files that they name; of `command`, words of which some may be files."""
 
     def problems(self) -> list[tuple[Path_, str]]:
@@ -199,8 +199,9 @@ class CommandOptions(Definition):
     """Whether the episode fails (fail) or not (end) when one of its processes still runs 0.3 s after
     the command has ended. The process is ended in either case."""
     keep: Literal["failed", "all", "none"] = "failed"
-    """Which work folders are kept: failed (of each instance, that of the last failed episode of each of the
-    five latest processes), all, or none."""
+    """Which work folders are kept: failed (of each process that runs the command, that of the first failed
+    episode of each kind of failure, five kinds at most; ten folders for each {instance}), all, or none. What
+    the servers print, servers.log in a run folder, names them."""
     work: str | None = Field(default=None, min_length=1)
     """The folder that work folders are made in. Default: one of the user's in the system's folder for
     temporary files."""
@@ -310,7 +311,7 @@ class CommandOptions(Definition):
         """Return itself."""
         return self
 
-    def named(self) -> Iterator[tuple[str, Sequence[str]]]:
+    def named_files(self) -> Iterator[tuple[str, Sequence[str]]]:
         """See `Definition`."""
         yield "command", [*self.command, *(self.compile or ()), *(self.visual or ())]
         yield "parameters", [] if self.parameters is None else [self.parameters]

@@ -192,7 +192,7 @@ def _unsettable(file: str, known: Description, name: str) -> str | None:
     if causality == "input":
         return None
     inputs = ", ".join(one.name for one in known.of_causality("input")) or "none"
-    return f"{name} of {file} is no input, but of the causality {causality}; inputs: {inputs}"
+    return f"{name} of {file} is not an input, but has the causality {causality}; inputs: {inputs}"
 
 
 def _unconvertible(options: "FmuOptions", known: Description, channel: "Channel") -> str | None:

@@ -25,7 +25,7 @@ from swarmwright.fmu.description import (
     place,
     runs_here,
 )
-from swarmwright.fmu.layout import AGENT, Layout, layout
+from swarmwright.fmu.layout import AGENT, Layout, layout, stop_time
 from swarmwright.fmu.ssp import VERSION, Algorithm, described
 from swarmwright.fmu.values import takes_seeds
 
@@ -350,22 +350,28 @@ class FmuOptions(Definition):
         return known.step_size or (duration / _STEPS if duration and duration > 0 else 0.1)
 
     @property
+    def _duration(self) -> float | None:
+        """Seconds from the start to the stop time; None where these say nothing about episodes."""
+        start, stop = self.description.start_time, stop_time(self.description)
+        return None if stop is None or stop <= start else stop - start
+
+    @property
     def length(self) -> int:
         """Steps of an episode."""
-        known = self.description
-        if self.steps is not None or known.stop_time is None or known.stop_time <= known.start_time:
+        duration = self._duration
+        if self.steps is not None or duration is None:
             found = self.layout
             until_done = found is not None and found.done is not None
             return self.steps or (_MOST_STEPS if until_done else _STEPS)
-        return max(1, round((known.stop_time - known.start_time) / self.size))
+        return max(1, round(duration / self.size))
 
     @property
     def uneven_steps(self) -> str | None:
         """What is to be said where steps do not end at the stop time; None where they do."""
-        known = self.description
-        if self.steps is not None or known.stop_time is None or known.stop_time <= known.start_time:
+        duration = self._duration
+        if self.steps is not None or duration is None:
             return None
-        duration, whole = known.stop_time - known.start_time, self.length * self.size
+        whole = self.length * self.size
         if math.isclose(whole, duration, rel_tol=1e-6):
             return None
         return (
@@ -385,7 +391,7 @@ class FmuOptions(Definition):
             and one.name not in {*self.start, self.seeded, "seed"}
         }
 
-    def named(self) -> Iterator[tuple[str, Sequence[str]]]:
+    def named_files(self) -> Iterator[tuple[str, Sequence[str]]]:
         """See `Definition`."""
         yield "fmu", [self.fmu]
         yield "sources", self.sources

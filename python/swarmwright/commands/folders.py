@@ -3,6 +3,7 @@
 import contextlib
 import fcntl
 import getpass
+import itertools
 import os
 import shutil
 import socket
@@ -11,13 +12,16 @@ import tempfile
 from pathlib import Path
 
 from swarmwright.core.errors import InputError
+from swarmwright.core.message_kinds import kind_of
 
 _PORTS, _EACH = 21_000, 20
 """First port, and how many belong to an instance."""
 _MOST = 2000
 """Instances."""
-_MOST_FAILED = 5
-"""Work folders of failed episodes that are kept for an instance's number, one of each process."""
+_MOST_KINDS = 5
+"""Kinds of failures of a process of which a work folder is kept."""
+_MOST_FAILED = 10
+"""Work folders of failed episodes that are kept for an instance's number, the latest ones."""
 
 
 def default_place() -> Path:
@@ -56,6 +60,7 @@ class Instance:
                 f"simulation.work: {place} cannot be written: {error.strerror}; name another folder"
             ) from error
         self._next = 0
+        self._kinds: set[str] = set()
 
     def _lock(self, locks: Path) -> int:
         for number in range(_MOST):
@@ -70,7 +75,7 @@ class Instance:
         raise InputError(f"more than {_MOST} instances of commands run on this machine")
 
     def port(self) -> int:
-        """Return a TCP port that nobody listens on, and that no other instance gets."""
+        """Return a TCP port that no process listens on, and that no other instance gets."""
         first = _PORTS + self.number * _EACH
         for _ in range(_EACH):
             port = first + self._next % _EACH
@@ -95,13 +100,23 @@ class Instance:
         folder.mkdir()
         return folder
 
-    def keep_failed(self, folder: Path) -> Path:
-        """Put a folder aside in the place of the one that failed before here; return where it is.
+    def is_first_of_kind(self, reason: str) -> bool:
+        """Note a failure; return whether it is the first of its kind, and among the first kinds."""
+        kind = kind_of(reason)
+        if kind in self._kinds or len(self._kinds) >= _MOST_KINDS:
+            return False
+        self._kinds.add(kind)
+        return True
 
-        Those of the latest processes that had this number stay, so that no other run takes them away at once.
+    def keep_failed(self, folder: Path) -> Path:
+        """Put the folder of a failed episode aside; return where it is, and stays.
+
+        To be called for the first failure of each kind. The ten latest folders of this number stay, whichever
+        processes had it, so that no other run takes them away at once.
         """
-        kept = self.folder / f"failed-{os.getpid()}"
-        remove(kept)
+        # Another instance of this process, or a former process with its id, may have had this number.
+        names = (self.folder / f"failed-{os.getpid()}-{count}" for count in itertools.count(1))
+        kept = next(name for name in names if not name.exists())
         folder.rename(kept)
         os.utime(kept)
         failed = sorted(self.folder.glob("failed*"), key=lambda one: one.lstat().st_mtime_ns)

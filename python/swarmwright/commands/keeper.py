@@ -60,7 +60,7 @@ def _descendants() -> dict[int, str]:
 
 
 def _reap(process: "subprocess.Popen[bytes] | None") -> None:
-    """Collect processes that have ended and that nobody waits for."""
+    """Collect processes that have ended and that no other process waits for."""
     if process is not None:
         process.poll()
     waiting = process is not None and process.returncode is None

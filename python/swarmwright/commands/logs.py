@@ -25,14 +25,14 @@ class Problem(NamedTuple):
 
 
 class Column(list[float]):
-    """The values of a column, in the order of the rows; NaN for what is no number."""
+    """The values of a column, in the order of the rows; NaN for what is not a number."""
 
     def __init__(self) -> None:
         super().__init__()
         self._first: Problem | None = None
         self._last: Problem | None = None
         self._strange: Problem | None = None
-        """The first value that is no number."""
+        """The first value that is not a number."""
         self._infinite: Problem | None = None
         """The first number that is not finite."""
 
@@ -191,7 +191,7 @@ def _table(delimiter: str) -> Reader:
 
 
 def _no_table(place: str, error: csv.Error) -> CommandFailure:
-    return CommandFailure(f"{place}: is no table: {error}")
+    return CommandFailure(f"{place}: is not a table: {error}")
 
 
 def _named_once(name: str, header: list[str], wanted: Collection[str]) -> list[str]:

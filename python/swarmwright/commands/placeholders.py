@@ -42,7 +42,7 @@ def filled(text: str, values: Mapping[str, object], where: str) -> str:
         if match[1] not in values:
             hint = did_you_mean(match[1], values) or f"; there is: {', '.join(values)}"
             raise InputError(
-                f"{where}: {{{match[1]}}} is no placeholder, and no parameter has this name{hint}"
+                f"{where}: {{{match[1]}}} is not a placeholder, and no parameter has this name{hint}"
             )
         return plain(values[match[1]])
 

@@ -180,7 +180,7 @@ def _refusal(program: str, number: int, text: str) -> str:
             how = f"write command: python3 {Path(program).name} .., or {how}"
         return f"{program}: is not executable; {how}"
     if number == errno.ENOEXEC:
-        return f"{program}: is no program: its first line must be such as #!/bin/sh"
+        return f"{program}: is not a program: its first line must be such as #!/bin/sh"
     return f"{program}: cannot be started: {text}"
 
 
@@ -189,7 +189,7 @@ def missing_program(words: Sequence[str], folder: Path) -> str | None:
 
     folder: that its path is relative to.
     """
-    program = found(words[0], folder)
+    program = resolved_word(words[0], folder)
     if "{" in program or shutil.which(program):
         return None
     there = Path(program).exists()
@@ -221,9 +221,9 @@ def missing_script(words: Sequence[str], folder: Path, copied: Iterable[str]) ->
     beside: list[str] = []
     with contextlib.suppress(OSError):
         beside = sorted(entry.name for entry in os.scandir(place) if entry.is_file())
-    found = did_you_mean(Path(script).name, beside)
+    suggestion = did_you_mean(Path(script).name, beside)
     return (
-        f"{script}: there is no such file beside the experiment file{found}; the command runs in a work "
+        f"{script}: there is no such file beside the experiment file{suggestion}; the command runs in a work "
         "folder of its own, into which simulation.files copies others"
     )
 
@@ -237,7 +237,7 @@ def _programs() -> list[str]:
     return sorted(names)
 
 
-def found(word: str, folder: Path) -> str:
+def resolved_word(word: str, folder: Path) -> str:
     """Return a command's word as the process gets it: the path of the file that it names, or itself."""
     if word.startswith("-") or not word:
         return word

@@ -60,7 +60,7 @@ def _types(options: "RosOptions") -> Iterator[tuple[Path_, str]]:
         if wrong is not None:
             yield (
                 (*path, "topic"),
-                f"{one.topic!r} is no topic: {wrong}; expected such as scan or /robot_1/scan",
+                f"{one.topic!r} is not a topic: {wrong}; expected such as scan or /robot_1/scan",
             )
             continue
         if "{robot}" in one.topic and "/" in options.robots:

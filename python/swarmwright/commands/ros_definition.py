@@ -32,12 +32,16 @@ ATTACHMENT = "attachment.json"
 """What the program reads, in the folder of an instance."""
 DOMAINS = 100
 """DDS domains that instances get; beyond about 100 their ports may be taken by other programs on Linux."""
+MOST_ROBOTS = 1000
+"""Robots of an experiment."""
 PROGRAM = Path(__file__).parents[1] / "ros"
 """The folder of the program that drives the robots; a foreign Python can start it."""
 
 
 def _number_of_robots(value: Any) -> Any:  # noqa: ANN401 - whatever the file says
-    if isinstance(value, int) and not isinstance(value, bool) and value > 0:
+    if isinstance(value, int) and not isinstance(value, bool):
+        if not 1 <= value <= MOST_ROBOTS:
+            raise ValueError(f"must be at least 1 and at most {MOST_ROBOTS:,}, not {value}")
         return [f"robot_{number}" for number in range(1, value + 1)]
     return [value] if isinstance(value, str) else value
 
@@ -73,14 +77,14 @@ class RosOptions(Definition):
         WithJsonSchema(
             {
                 "anyOf": [
-                    {"type": "integer", "minimum": 1},
-                    {"type": "array", "items": {"type": "string"}},
+                    {"type": "integer", "minimum": 1, "maximum": MOST_ROBOTS},
+                    {"type": "array", "items": {"type": "string"}, "minItems": 1, "maxItems": MOST_ROBOTS},
                 ]
             }
         ),
     ] = Field(default=["/"])
-    """The robots' namespaces, or how many there are: robot_1, robot_2, .. Default: one robot without a
-    namespace."""
+    """The robots' namespaces, or how many there are: robot_1, robot_2, ..; 1 to 1,000. Default: one robot
+    without a namespace."""
     sensors: list[Sensor] = Field(default=[])
     """What a robot's controller senses: a list of {sensor: NAME, topic: .., type: .., ..}, as in the mapping
     of exported packages."""
@@ -143,17 +147,22 @@ class RosOptions(Definition):
     @classmethod
     def _robots(cls, value: Any) -> list[str]:  # noqa: ANN401 - whatever the file says
         if not isinstance(value, list) or not value:
-            raise ValueError(f"must be a number, or a list of namespaces, not {shown(value)}")
+            raise ValueError(f"must be a number of robots, or a list of namespaces, not {shown(value)}")
+        if len(value) > MOST_ROBOTS:
+            raise ValueError(f"there may be at most {MOST_ROBOTS:,} robots, not {len(value):,}")
+        names: set[str] = set()
         for one in value:
             if not isinstance(one, str) or not one:
-                raise ValueError(f"{shown(one)} is no namespace; expected such as robot_1")
+                raise ValueError(f"{shown(one)} is not a namespace; expected such as robot_1")
             try:
                 namespace_of(one)
             except ValueError as error:
-                raise ValueError(f"{shown(one)} is no namespace: {error}; expected such as robot_1") from None
-        twice = next((one for index, one in enumerate(value) if one in value[:index]), None)
-        if twice is not None:
-            raise ValueError(f"{twice} is there twice")
+                raise ValueError(
+                    f"{shown(one)} is not a namespace: {error}; expected such as robot_1"
+                ) from None
+            if one in names:
+                raise ValueError(f"{one} is there twice")
+            names.add(one)
         return value
 
     @field_validator("metrics")
@@ -200,7 +209,7 @@ class RosOptions(Definition):
             "actuators": [one.model_dump(exclude_defaults=True) for one in self.actuators],
         }
 
-    def named(self) -> Iterator[tuple[str, Sequence[str]]]:
+    def named_files(self) -> Iterator[tuple[str, Sequence[str]]]:
         """See `Definition`."""
         yield "command", [*(self.start or ()), *(self.reset.command or ())]
         if self.spawn is not None and self.spawn.file is not None:

@@ -59,7 +59,7 @@ class Sensor(Place):
     """How the ranges of a scan become one number. Default: min."""
     infinite: float | None = None
     """Value of a range where nothing is detected. Default: the sensor's largest range. Ranges below its
-    smallest one are no measurements."""
+    smallest one are not measurements."""
 
 
 class Actuator(Place):

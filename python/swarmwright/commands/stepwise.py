@@ -7,10 +7,11 @@
     ..        {"done": true, "fitness": -0.31, "metrics": {"arrived": 2}}
 
 `sensors` has a row for each agent. `acting` beside it lists the agents whose actuators are wanted next, by
-default all; rows of `actuators` of others are 0. `{"error": "why"}` fails the episode. At the end of its
-standard input the command is to end. Lines that do not begin with { are output like any other. A second
-answer to a message fails the episode, as it would be taken for that to the next one; where the end of an
-episode is said twice, the process is ended, with a warning.
+default all; rows of `actuators` of others are 0. `{"error": "why"}` fails the episode. `"warning": "text"`
+in an answer is logged, the first one of a server. At the end of its standard input the command is to end.
+Lines that do not begin with { are output like any other. A second answer to a message fails the episode, as
+it would be taken for that to the next one; where the end of an episode is said twice, the process is ended,
+with a warning.
 """
 
 import contextlib
@@ -28,11 +29,14 @@ from swarmwright.commands.failure import CommandFailure, ReportedFailure
 from swarmwright.commands.output import Printed
 from swarmwright.commands.process import Ended, Processes
 from swarmwright.commands.running import Limits, Watch, check_end
+from swarmwright.core.untrusted import one_line
 
 _CHUNK_BYTES = 1 << 16
 """Read at a time."""
 _LONGEST_LINE_BYTES = 1 << 26
 """Of an answer."""
+_LONGEST_WARNING = 1000
+"""Characters of a command's warning that are logged."""
 _ENCODER = json.JSONEncoder(separators=(",", ":"))
 _log = logging.getLogger("swarmwright")
 _SURPLUS_S = 0.05
@@ -77,6 +81,8 @@ class Dialogue:
         self._rest = bytearray()
         self._searched = 0
         self._warned = False
+        self._has_warned = False
+        """Whether a warning of the command was logged."""
         self._close_look = _TRIED
         """In how many episodes a second answer is waited for."""
         self._is_suspect = False
@@ -216,9 +222,13 @@ class Dialogue:
             text = line[:60].decode("utf-8", "replace")
             raise CommandFailure(f"wrote a line that is not valid JSON: {text}: {error}") from None
         if not isinstance(answer, dict):
-            raise CommandFailure("wrote a line that is no JSON object")
+            raise CommandFailure("wrote a line that is not a JSON object")
         if "error" in answer:
             raise ReportedFailure(str(answer["error"]))
+        warning = answer.pop("warning", None)
+        if isinstance(warning, str) and not self._has_warned:
+            self._has_warned = True
+            _log.warning("the command reports: %s", one_line(warning[:_LONGEST_WARNING]))
         return answer
 
     def _begin(self) -> None:
@@ -334,7 +344,7 @@ class Dialogue:
         return self._ended is not None
 
     def abandon(self, patience: float = 0.5) -> None:
-        """End the process: nobody knows in which state it is."""
+        """End the process: its state is unknown."""
         if self._pipes is not None and self._ended is None:
             self._processes.kill(patience)
             with contextlib.suppress(OSError):

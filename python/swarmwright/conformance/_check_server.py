@@ -110,7 +110,7 @@ def check_server(
         known = _dimensions(peer, dimensions, wait)
         peer.settings.dimensions = known
         report = Report(f"server {server} ({peer.settings.title})")
-        # Their results are not in the report: nobody asked for them.
+        # Their results are not in the report: they were not asked for.
         run(peer, _informing(chosen, rules), _nothing)
         report.results = run(peer, chosen, tell)
         return report
@@ -162,9 +162,11 @@ def _dimensions(peer: ServerPeer, given: float | None, wait: float) -> float:
     while time.monotonic() < limit:
         for guess in guesses:
             peer.settings.dimensions = guess
-            known = found(peer, 0.15)
-            if known is not None:
-                return known
+            answer = found(peer, 0.15)
+            if answer is not None:
+                capabilities = answer.get("capabilities")
+                known = capabilities.get("dimensions") if isinstance(capabilities, dict) else None
+                return float(known) if isinstance(known, int | float) else guess
         if peer.gone():
             raise RunError(f"--exec: {peer.gone()}")
     return guesses[0]

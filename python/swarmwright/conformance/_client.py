@@ -3,6 +3,7 @@
 import json
 import os
 import socket
+import ssl
 import time
 from collections import deque
 from collections.abc import Callable, Collection, Mapping
@@ -227,8 +228,35 @@ def _paho(url: str) -> Paho:
     if user:
         paho.username_pw_set(user, _password())
     if address.scheme in {"mqtts", "wss"}:
-        paho.tls_set(ca_certs=os.environ.get("SWARMWRIGHT_CA_FILE"))
+        _secure(paho)
     return paho
+
+
+def _secure(paho: Paho) -> None:
+    variables = ("SWARMWRIGHT_CA_FILE", "SWARMWRIGHT_CERTIFICATE_FILE", "SWARMWRIGHT_KEY_FILE")
+    authority, certificate, key = (os.environ.get(name) or None for name in variables)
+    if (certificate is None) != (key is None):
+        unset, given = variables[1:] if certificate is None else variables[:0:-1]
+        raise InputError(f"{given} is set but {unset} is not; a client certificate needs both (PEM)")
+
+    def ask() -> str:  # otherwise OpenSSL asks on the terminal
+        raise InputError(
+            f"{variables[2]}: {key} has a passphrase; name a key without one "
+            "(`openssl pkey -in FILE -out FILE` removes it)"
+        )
+
+    try:
+        context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+        if authority is None:
+            context.load_default_certs()
+        else:
+            context.load_verify_locations(authority)
+        if certificate is not None:
+            context.load_cert_chain(certificate, key, password=ask)
+    except (OSError, ValueError) as error:  # ssl.SSLError is an OSError
+        named = ", ".join(f"{name} {os.environ[name]}" for name in variables if os.environ.get(name))
+        raise InputError(f"TLS: {named or 'the authorities of the system'}: {error}") from None
+    paho.tls_set_context(context)
 
 
 def _password() -> str | None:

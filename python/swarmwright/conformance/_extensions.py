@@ -128,14 +128,23 @@ def decoded(message: Message) -> Json:
 def answer_to(server: Server, request: Mapping[str, Any], sent: str, seconds: float | None = None) -> Json:
     """The next answer to a request. Raises Failure when none comes, or its keys are wrong."""
     limit = server.settings.timeout if seconds is None else seconds
+    answer = next_answer(server, request, sent, limit)
+    if answer is None:
+        came = f"no answer came within {limit:g} s{server.printed}"
+        raise Failure(came, f"an answer on {request['reply']}", sent)
+    return answer
+
+
+def next_answer(server: Server, request: Mapping[str, Any], sent: str, seconds: float) -> Json | None:
+    """As `answer_to`; None when no answer comes."""
     message = server.client.next(
         lambda message: (
             message.topic == TO_TOOL + server.token and decoded(message).get("request") == request["request"]
         ),
-        limit,
+        seconds,
     )
     if message is None:
-        raise Failure(f"no answer came within {limit:g} s", f"an answer on {request['reply']}", sent)
+        return None
     answer = decoded(message)
     for key, wanted in (("version", 1), ("server", server.id)):
         if answer.get(key) != wanted:

@@ -36,6 +36,7 @@ class Process:
             raise InputError("--exec: is empty; write the command that starts the peer")
         self._said = tempfile.TemporaryFile()  # noqa: SIM115 - closed with the process
         self._process: subprocess.Popen[bytes] | None = None
+        self._marked = 0
 
     def _words(self, values: Mapping[str, object]) -> list[str]:
         command = self.command
@@ -89,8 +90,23 @@ class Process:
     @property
     def words(self) -> str:
         """The end of its output, to be appended to a sentence; empty for none."""
-        size = os.fstat(self._said.fileno()).st_size
-        text = os.pread(self._said.fileno(), 2000, max(0, size - 2000)).decode("utf-8", "replace").strip()
+        return self._last_words(0)
+
+    def mark(self) -> None:
+        """Have `new_words` begin here."""
+        self._marked = self._printed_bytes()
+
+    @property
+    def new_words(self) -> str:
+        """The end of its output since `mark`, as `words`."""
+        return self._last_words(self._marked)
+
+    def _printed_bytes(self) -> int:
+        return os.fstat(self._said.fileno()).st_size
+
+    def _last_words(self, start: int) -> str:
+        start = max(start, self._printed_bytes() - 2000)
+        text = os.pread(self._said.fileno(), 2000, start).decode("utf-8", "replace").strip()
         lines = [f"\n    {line}" for line in text.splitlines()[-5:]]
         return f"; it said last:{''.join(lines)}" if lines else ""
 

@@ -14,7 +14,10 @@ What `swarmwright conformance` tries, and what to do about a rule that is broken
 `--profile d6.1` tries it; or it is Swarmwright's. All are described in [the protocol](protocol.md), its
 [schemas](../../protocol/README.md), or in a decision, [002](../decisions/002-arithmetic.md) on arithmetic,
 [003](../decisions/003-mqtt-connection.md) on connections. [What D6.1 leaves open](d6.1.md), and what we
-chose, is described on another page. A rule is not tried when one that it needs is broken.
+chose, is described on another page. A rule is not tried when one that it needs is broken. Rules that do not
+apply to a server are skipped, with the reason: those on an extension where it is not announced, and those on
+presence, failure messages and tools that name themselves (S6.7 to S6.15, S7.2 to S7.4, S7.6, S11.3, S16)
+where [nothing that the server does requires them](protocol.md#what-an-announcement-requires).
 """
 TITLES = {"server": "Simulation servers", "optimizer": "Optimization tools"}
 SIDES = (SERVER, OPTIMIZER)

@@ -6,7 +6,7 @@ from typing import Protocol
 
 from swarmwright.conformance._client import Overdue
 from swarmwright.conformance.results import BAD, Result
-from swarmwright.conformance.rules import Failure, NotTried, Rule, Skip
+from swarmwright.conformance.rules import Failure, Note, NotTried, Rule, Skip
 
 
 class Peer(Protocol):
@@ -57,12 +57,14 @@ def _result(rule: Rule, status: str, detail: str = "", **more: object) -> Result
 
 def _tried(peer: Peer, rule: Rule) -> Result:
     start = time.monotonic()
-    status, detail, advice, failure = "passed", "", "", None
+    status, detail, advice, doubt, failure = "passed", "", "", "", None
     try:
         peer.ready(rule)
-        detail = rule.check(peer) or ""
+        said = rule.check(peer)
+        note = said if isinstance(said, Note) else Note(said or "")
+        detail, doubt = note.text, note.doubt
     except Skip as skip:
-        status, detail, advice = "skipped", str(skip), skip.advice
+        status, detail, advice, doubt = "skipped", str(skip), skip.advice, skip.doubt
     except NotTried as unknown:
         status, detail = "not run", str(unknown)
     except Failure as one:
@@ -81,7 +83,7 @@ def _tried(peer: Peer, rule: Rule) -> Result:
         )
         status = "died"
     if failure is None:
-        return _result(rule, status, detail, seconds=seconds, advice=advice)
+        return _result(rule, status, detail, seconds=seconds, advice=advice, doubt=doubt)
     return _result(
         rule,
         status,

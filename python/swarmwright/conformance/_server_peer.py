@@ -4,7 +4,7 @@ import time
 from contextlib import suppress
 
 from swarmwright.conformance._client import Client, Message, Overdue
-from swarmwright.conformance._server_under_test import Episode, Server
+from swarmwright.conformance._server_under_test import Episode, Json, Server
 from swarmwright.conformance.rules import Failure, Rule
 
 MOST_EPISODES = 40
@@ -94,7 +94,12 @@ class ServerPeer(Server):
         if self.process is None:
             return False
         self.process.start()
-        return found(self, 30.0) is not None
+        answer = found(self, 30.0)
+        if answer is None:
+            return False
+        # Another start of the server has another instance.
+        self.note_capabilities(answer)
+        return True
 
     def again(self) -> bool:
         """Make it ready for another try within a rule; whether that was possible."""
@@ -126,8 +131,8 @@ class ServerPeer(Server):
         return "" if self.process is None else self.process.ended
 
 
-def found(server: Server, seconds: float) -> float | None:
-    """Ask until the server answers; the dimensions that it has, None when it does not answer in time."""
+def found(server: Server, seconds: float) -> Json | None:
+    """Ask until the server answers; the answer, None when none comes in time."""
     client: Client = server.client
     client.deadline = float("inf")
     limit = time.monotonic() + seconds
@@ -135,9 +140,7 @@ def found(server: Server, seconds: float) -> float | None:
         client.send("discovery", **server.discovery())
         answer = client.next(server.is_answer, 0.2)
         if answer is not None:
-            capabilities = answer.maybe.get("capabilities")
-            dimensions = capabilities.get("dimensions") if isinstance(capabilities, dict) else None
-            return float(dimensions) if isinstance(dimensions, int | float) else server.settings.dimensions
+            return dict(answer.maybe)
         if server.process is not None and server.process.ended:
             return None
     return None

@@ -6,6 +6,7 @@ import secrets
 import time
 from collections import deque
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any, TypeGuard
 
@@ -85,6 +86,11 @@ class Server:
 
     # What it announces.
 
+    def note_capabilities(self, answer: Mapping[str, Any]) -> None:
+        """Keep what an answer to a discovery announces; nothing where that is no object."""
+        found = answer.get("capabilities")
+        self.capabilities = found if isinstance(found, dict) else {}
+
     @property
     def announced(self) -> Json:
         """`capabilities.swarmwright`, empty where there is none."""
@@ -135,7 +141,7 @@ class Server:
 
     @property
     def undisturbed(self) -> Trajectory:
-        """The trajectory of an undisturbed episode, whoever steers the agents."""
+        """The trajectory of an undisturbed episode, whatever steers the agents."""
         if self.trajectory is None:
             # Without that number there is no such episode; else S2.3 was left out, or failed.
             _ = self.actuators
@@ -310,6 +316,16 @@ class Server:
 
     # Requests.
 
+    def mark_printed(self) -> None:
+        """Have `printed` begin here."""
+        if self.process is not None:
+            self.process.mark()
+
+    @property
+    def printed(self) -> str:
+        """The end of what its process printed since the last episode or request began, to be appended."""
+        return "" if self.process is None else self.process.new_words
+
     @property
     def own_topic(self) -> str:
         """Where requests to this server alone are published."""
@@ -321,6 +337,7 @@ class Server:
         number = message.get("request")
         correlation = number.to_bytes(8, "big") if isinstance(number, int) else b""
         reply = message.get("reply")
+        self.mark_printed()
         self.client.publish(
             self.own_topic,
             payload,
@@ -350,6 +367,8 @@ class Episode:
         self.pending: list[tuple[int, int, Numbers]] = []
         self.repeated: list[Message] = []
         self.over = True
+        self.reply: str | None = None
+        """The topic that control named for answers, where it named one."""
 
     @property
     def _named(self) -> Json:
@@ -366,15 +385,18 @@ class Episode:
         self.over = False
         self.trajectory = Trajectory(sensors_only=self.server.sensors_only)
         self.pending, self.repeated = [], []
-        fields = {
+        fields: Json = {
             "server": self.server.id,
             "simulation_hash": self.hash,
             "simulation": self.server.settings.title,
             "run": True,
             "visual": False,
             **self._named,
+            **changes,
         }
-        return self.server.client.send(topic, **(fields | changes))
+        self.reply = fields.get("reply")
+        self.server.mark_printed()
+        return self.server.client.send(topic, **fields)
 
     def stop(self, topic: str = "control") -> str:
         """End it with run: false; what was sent."""
@@ -385,16 +407,32 @@ class Episode:
     def receive(self, sent: str = "") -> bool:
         """The next sensor message, put among the pending, or the fitness; whether it was a sensor message.
 
-        Raises Failure when nothing comes, or another message.
+        Raises Failure when nothing comes, or another message: with the reason that the server gives, on the
+        topic in reply, or with what its process has printed since the episode began.
         """
         seconds = self.server.settings.timeout
-        message = self.server.client.next(self.is_mine, seconds)
+        expected = "a sensor message, or the fitness, with the hash of the episode"
+        message = self.server.client.next(lambda one: self.is_mine(one) or bool(self._reason(one)), seconds)
         if message is None:
             came = f"nothing came within {seconds:g} s"
             if self.trajectory.messages:
                 came += f" after {self.trajectory.messages} sensor messages"
-            raise Failure(came, "a sensor message, or the fitness, with the hash of the episode", sent)
+            raise Failure(came + self.server.printed, expected, sent)
+        if reason := self._reason(message):
+            self.over = True
+            raise Failure(f"the message failed came, with the reason: {reason}", expected, sent)
         return self.take(message)
+
+    def _reason(self, message: Message) -> str:
+        """Why this episode failed, as the server says on the topic in reply; empty for other messages."""
+        # Scenes come there, too, and are not decoded here.
+        if message.topic != self.reply or b"failed" not in message.payload:
+            return ""
+        with suppress(Exception):  # whatever the reader raises: it is not this message
+            content = msgpack.unpackb(message.payload, strict_map_key=False)
+            if content["kind"] == "failed" and content["simulation_hash"] == self.hash:
+                return shown(str(content.get("reason") or "none was given"))
+        return ""
 
     def is_mine(self, message: Message) -> bool:
         """Whether a message is about this episode, or cannot be read."""

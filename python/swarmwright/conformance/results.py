@@ -11,6 +11,8 @@ Status = Literal["passed", "failed", "died", "skipped", "not run"]
 BAD: tuple[Status, ...] = ("failed", "died")
 _KEYS = {"fix": "mend"}
 """Field of a result -> its key in JSON, where they differ."""
+_NOT_SAID = ("advice", "doubt")
+"""Fields of a result that are for people only."""
 
 
 @dataclass(frozen=True)
@@ -20,7 +22,7 @@ class Result:
     source: the rule's origin and section: `D6.1, ...` or `Swarmwright, ...`. status: `died` when the
     peer was gone after it, `not run` when it could not be tried, `skipped` when it does not apply. detail: a
     note, or the reason. sent, came, expected, fix: of a failure. seconds: how long it took. advice: what to
-    do so that rules that were skipped apply.
+    do so that rules that were skipped apply. doubt: what may be wrong although no rule is violated.
     """
 
     id: str
@@ -35,6 +37,7 @@ class Result:
     fix: str = ""
     seconds: float = 0.0
     advice: str = ""
+    doubt: str = ""
 
     @property
     def owner(self) -> str:
@@ -42,8 +45,10 @@ class Result:
         return owner(self.source)
 
     def record(self) -> dict[str, object]:
-        """As a JSON object without empty values and advice; `fix` has the key `mend`, which programs read."""
-        values = {_KEYS.get(name, name): value for name, value in asdict(self).items() if name != "advice"}
+        """As a JSON object without empty values and `_NOT_SAID`; `fix` has the key `mend`, for programs."""
+        values = {
+            _KEYS.get(name, name): value for name, value in asdict(self).items() if name not in _NOT_SAID
+        }
         return {key: value for key, value in values.items() if value != ""}
 
 
@@ -81,7 +86,7 @@ class Report:
 
     def __str__(self) -> str:
         """A line of figures, then what failed, D6.1's rules first."""
-        said = [f"{one_line(self.peer)}: {summary(self)}", *by_source(self)]
+        said = [one_line(conclusion(self)), *by_source(self)]
         for _, part in self.by_owner():
             said += [explained(result) for result in part.results if result.status in BAD]
         return "\n".join(said)
@@ -95,6 +100,12 @@ def summary(report: Report) -> str:
     if counts.get("skipped"):
         words.append(f"{counts['skipped']} skipped")
     return ", ".join(words)
+
+
+def conclusion(report: Report) -> str:
+    """Return the line of figures of a peer, with what may be wrong although no rule is violated."""
+    doubts = dict.fromkeys(result.doubt for result in report.results if result.doubt)
+    return "; ".join([f"{report.peer}: {summary(report)}", *doubts])
 
 
 def by_source(report: Report) -> list[str]:

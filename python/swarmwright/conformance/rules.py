@@ -20,11 +20,29 @@ class Skip(Exception):  # noqa: N818 - it is not an error
     Args:
         reason: the message.
         advice: what to do so that rules like this one apply, which is said once; empty for nothing.
+        doubt: what may be wrong with the peer although no rule is violated, in a few words for the line of
+            figures; empty for nothing.
     """
 
-    def __init__(self, reason: str, advice: str = "") -> None:
+    def __init__(self, reason: str, advice: str = "", doubt: str = "") -> None:
         super().__init__(reason)
         self.advice = advice
+        self.doubt = doubt
+
+
+@dataclass(frozen=True)
+class Note:
+    """What is to be said of a rule that passed.
+
+    doubt: as that of `Skip`.
+    """
+
+    text: str
+    doubt: str = ""
+
+
+Check = Callable[[Any], Note | str | None]
+"""What tries a rule on a peer."""
 
 
 class NotTried(Exception):  # noqa: N818 - it is not an error
@@ -57,7 +75,7 @@ class WentOn(Failure):
 
 @dataclass(frozen=True)
 class Rule:
-    """One rule. `check` gets the peer, returns a note or None, raises Failure or Skip.
+    """One rule. `check` gets the peer, returns a note or None, raises Failure, Skip or NotTried.
 
     id: group and number, such as S2.4. where: the place in docs/reference/protocol.md or a decision. d61: the
     section of D6.1 that demands it, empty for a rule of Swarmwright's extensions. needs: rules without which
@@ -71,7 +89,7 @@ class Rule:
     d61: str
     needs: tuple[str, ...]
     seconds: float
-    check: Callable[[Any], str | None] = field(repr=False)
+    check: Check = field(repr=False)
 
     @property
     def source(self) -> str:
@@ -112,10 +130,10 @@ class Rules:
         d61: str = "",
         needs: Sequence[str] = (),
         seconds: float = 20.0,
-    ) -> Callable[[Callable[[Any], str | None]], Callable[[Any], str | None]]:
+    ) -> Callable[[Check], Check]:
         """Register a function as a rule."""
 
-        def register(check: Callable[[Any], str | None]) -> Callable[[Any], str | None]:
+        def register(check: Check) -> Check:
             assert number not in self._rules, number
             assert number.partition(".")[0] in self.groups, number
             unmet = [need for need in needs if need not in self._rules]

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from swarmwright.conformance.results import BAD, Report, Result, by_source, explained, summary
+from swarmwright.conformance.results import BAD, Report, Result, by_source, conclusion, explained
 from swarmwright.conformance.rules import Rule
 from swarmwright.core.untrusted import lines
 
@@ -53,7 +53,7 @@ def print_table(console: "Console", report: Report, groups: Mapping[str, str], *
                 console.print(explained(result), "\n", sep="", markup=False, highlight=False)
     for text in by_source(report):
         console.print(text, highlight=False)
-    console.print(f"{report.peer}: {summary(report)}")
+    console.print(conclusion(report))
 
 
 def rules_table(rules: Sequence[Rule]) -> list[str]:

@@ -97,6 +97,8 @@ class engine_errors:  # noqa: N801 - used like a function
         from swarmwright import _engine  # noqa: PLC0415 - loads in 10 ms, not for --help
 
         if isinstance(error, _engine.InputError):
-            raise InputError(f"{self._where}{one_line(str(error))}") from error
+            text = one_line(str(error))
+            named = text.startswith(self._where)  # by the engine itself
+            raise InputError(text if named else f"{self._where}{text}") from error
         if isinstance(error, _engine.EngineError):
             raise RunError(one_line(str(error))) from error

@@ -1,8 +1,10 @@
 """Reading files that a person or an experiment names, and writing those that a person asked for."""
 
+import codecs
 import errno
 import os
 import stat
+import sys
 import threading
 from contextlib import suppress
 from pathlib import Path
@@ -13,6 +15,8 @@ _CHUNK_BYTES = 1 << 20
 """Read at a time."""
 _LARGEST_FILE_BYTES = 1 << 28
 """Of files that are read as text."""
+IS_UTF16 = "is UTF-16 text; save it as UTF-8"
+"""What is said of a file in UTF-16 where that cannot be read."""
 _KINDS = (
     (stat.S_ISFIFO, "a pipe"),
     (stat.S_ISSOCK, "a socket"),
@@ -62,12 +66,21 @@ def contents(path: Path) -> bytes:
 def first_character(path: Path) -> str:
     """Return the first character of a text that is not white space, none of an empty one.
 
-    Always "<" for UTF-16, which XML can be in. Raises InputError as `contents` does.
+    The text may be in UTF-16, as XML can be. Raises InputError as `contents` does.
     """
-    data = contents(path)
-    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
-        return "<"
+    return first_character_of(contents(path))
+
+
+def first_character_of(data: bytes) -> str:
+    """Return the first character that is not white space of what a text file holds, none of an empty one."""
+    if is_utf16(data):
+        return data.decode("utf-16", "replace").lstrip()[:1]
     return data.removeprefix(b"\xef\xbb\xbf").lstrip()[:1].decode("latin-1")
+
+
+def is_utf16(data: bytes) -> bool:
+    """Whether what a file holds begins with the byte order mark of UTF-16."""
+    return data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
 
 
 def _check_kind(path: Path, mode: int) -> None:
@@ -103,3 +116,29 @@ def write_text(path: str | Path, text: str) -> None:
         Path(path).write_text(text, encoding="utf-8")
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror}") from error
+
+
+def check_utf8(text: str) -> None:
+    """Raise InputError where a text has bytes of a file's name that are not characters.
+
+    Python keeps these as surrogates, which cannot be written into files, all of which are UTF-8.
+    """
+    try:
+        text.encode()
+    except UnicodeEncodeError as error:
+        raise InputError(not_utf8(error)) from None
+
+
+def not_utf8(error: UnicodeEncodeError) -> str:
+    """Return what is said of a text that cannot be written: which part of it, and how to avoid that."""
+    text, start = error.object, error.start
+    begin = max(text.rfind(sign, 0, start) for sign in '"\n') + 1
+    end = min((at for sign in '"\n' if (at := text.find(sign, start)) >= 0), default=len(text))
+    try:
+        part = os.fsencode(text[begin:end]).decode("utf-8", "backslashreplace")
+    except UnicodeEncodeError:  # it is not from a file's name
+        part = text[begin:end].encode("ascii", "backslashreplace").decode()
+    remedy = "use another name"
+    if sys.getfilesystemencoding().lower() not in {"utf-8", "utf8"}:
+        remedy = "set PYTHONUTF8=1, or a locale with UTF-8 (LC_ALL=C.UTF-8)"
+    return f"{part}: is not UTF-8 here, which files of runs and brokers are written in; {remedy}"

@@ -1,6 +1,9 @@
-"""Durations, counts and p-values as text."""
+"""Durations, counts, amounts, p-values and long names as text."""
 
 import math
+from bisect import bisect_right
+from itertools import accumulate
+from unicodedata import east_asian_width
 
 
 def duration(seconds: float) -> str:
@@ -22,6 +25,22 @@ def counted(count: int, noun: str) -> str:
     return f"{count:,} {noun}{'' if count == 1 else 's'}"
 
 
+def amount(value: float) -> str:
+    """Return an amount of at least 0 with two decimals, a small one with two digits: 12.30, 0.0033."""
+    if value == 0 or value >= 0.095:
+        return f"{value:.2f}"
+    return f"{value:.2g}" if value >= 1e-4 else f"{value:.6f}".rstrip("0").rstrip(".")
+
+
 def p_value(value: float) -> str:
     """Return a p-value in two significant digits."""
     return "< 0.0001" if value < 1e-4 else f"{value:.2g}" if value < 0.1 else f"{value:.2f}"
+
+
+def shortened(text: str, most: int) -> str:
+    """Return text of at most so many letters, of which East Asian wide ones count two; the rest is '…'."""
+    text = " ".join(text.split())
+    ends = list(accumulate(2 if east_asian_width(letter) in "FW" else 1 for letter in text))
+    if not ends or ends[-1] <= most:
+        return text
+    return f"{text[: bisect_right(ends, most - 1)].rstrip()}…"

@@ -13,7 +13,7 @@ def problem_of(name: object) -> str | None:
     """
     if isinstance(name, str) and _NAME.fullmatch(name):
         return None
-    rule = "a metric's name has letters, digits and _, and does not begin with a digit"
+    rule = "a metric's name has letters (A-Z, a-z), digits and _, and does not begin with a digit"
     return f"{name!r}: {_wrong_in(name)}; {rule}"
 
 

@@ -482,7 +482,7 @@ def tree_text(subtrees: Sequence[State]) -> str:
     """Return a tree in words, two lines for each subtree."""
     lines = ["sequence with memory, goes on where it was:"]
     for index, subtree in enumerate(subtrees):
-        lines.append(f"  subtree {index}: next one if {condition_words(subtree)}")
+        lines.append(f"  subtree {index}: next subtree if {condition_words(subtree)}")
         lines.append(f"    else {words_of(subtree)}")
     return "\n".join(lines)
 

@@ -129,7 +129,7 @@ def numbers(
     try:
         array = np.asarray(value)
     except (TypeError, ValueError) as error:  # rows of different length, for instance
-        raise wrong(f"a {type(value).__name__} that is no array: {one_line(str(error))}") from error
+        raise wrong(f"a {type(value).__name__} that is not an array: {one_line(str(error))}") from error
     if array.dtype.kind not in "fiu":
         raise wrong(f"a {type(value).__name__} of {array.dtype} instead of numbers")
     same = len(array.shape) == len(shape) and all(

@@ -1,12 +1,14 @@
 """Validation errors in the words of a person who wrote an experiment file."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from typing import Any, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
+from swarmwright.core.errors import InputError
 from swarmwright.core.suggestions import did_you_mean
-from swarmwright.core.yaml import Path_
+from swarmwright.core.yaml import Path_, parse
 
 MISSING = "is missing"
 """What is said of a key that is not there."""
@@ -18,7 +20,6 @@ _WANTED = {
     "finite_number": "a finite number",
     "string_type": "text",
     "bool_type": "true or false",
-    "list_type": "a list",
     "dict_type": "a mapping (key: value)",
     "model_type": "a mapping (key: value)",
     "model_attributes_type": "a mapping (key: value)",
@@ -79,6 +80,7 @@ _LIMITS = {
     "less_than": ("lt", "less than"),
     "multiple_of": ("multiple_of", "a multiple of"),
 }
+_LENGTHS = {"too_short": ("min_length", "at least"), "too_long": ("max_length", "at most")}
 
 
 def shown(value: Any, limit: int = 60) -> str:  # noqa: ANN401 - any value of a file
@@ -116,13 +118,10 @@ def _message(found: dict[str, Any], model: type[BaseModel]) -> str:
         return MISSING
     if kind == "extra_forbidden":
         return _unknown_key(str(found["loc"][-1]), model_at(model, found["loc"][:-1]))
+    if kind == "list_type":
+        return _no_list(value, model_at(model, found["loc"][:-1]), str(found["loc"][-1]))
     if kind in _WANTED:
-        form = (
-            f"; write [{shown(value)}]"
-            if kind == "list_type" and isinstance(value, int | float | str)
-            else ""
-        )
-        return f"must be {_WANTED[kind]}, not {shown(value)}{form}"
+        return f"must be {_WANTED[kind]}, not {shown(value)}"
     if kind in _LIMITS:
         name, words = _LIMITS[kind]
         limit = context[name]
@@ -134,10 +133,9 @@ def _message(found: dict[str, Any], model: type[BaseModel]) -> str:
         return f"must be one of {', '.join(choices)}, not {shown(value)}{hint}"
     if kind == "string_too_short":
         return "must not be empty"
-    if kind == "too_short":
-        return f"must have at least {context['min_length']} item(s)"
-    if kind == "too_long":
-        return f"must have at most {context['max_length']} item(s)"
+    if kind in _LENGTHS:
+        name, words = _LENGTHS[kind]
+        return f"must have {words} {context[name]} item(s)"
     if kind == "union_tag_not_found":
         return f"{str(context['discriminator']).strip(chr(39))} is missing"
     if kind == "union_tag_invalid":
@@ -148,6 +146,39 @@ def _message(found: dict[str, Any], model: type[BaseModel]) -> str:
     if kind in {"value_error", "assertion_error"}:
         return str(context["error"])
     return f"{found['msg']} (given: {shown(value)})"
+
+
+def _no_list(value: Any, section: type[BaseModel] | None, key: str) -> str:  # noqa: ANN401 - any value of a file
+    """Say that a value is not a list, and how the key is written: with the value in it if that is valid."""
+    field = None if section is None else section.model_fields.get(key)
+    if section is None or field is None:  # an item of a list, or a section that is not known
+        return f"must be a list, not {shown(value)}"
+    names = ("min_length", "max_length")
+    lengths = [getattr(one, name) for one in field.metadata for name in names if hasattr(one, name)]
+    count = f" of {lengths[0]} items" if len(lengths) == len(names) and len(set(lengths)) == 1 else ""
+    forms = (items for items in _lists_of(value) if _is_valid(section, key, items))
+    form = next((f"; write [{', '.join(map(shown, items))}]" for items in forms), "")
+    return f"must be a list{count}, not {shown(value)}{form}"
+
+
+def _is_valid(section: type[BaseModel], key: str, value: Any) -> bool:  # noqa: ANN401 - any value of a file
+    """Return whether a section has nothing against the value of a key, whatever it has against others."""
+    try:
+        section.model_validate({key: value})
+    except ValidationError as error:
+        return not any(found["loc"][:1] == (key,) for found in error.errors(include_url=False))
+    return True
+
+
+def _lists_of(value: Any) -> Iterator[list[Any]]:  # noqa: ANN401 - any value of a file
+    """Yield the lists that a value without brackets may stand for: of its items (`8, 4`), or of itself."""
+    if isinstance(value, str) and "," in value:
+        with suppress(InputError):
+            listed = parse(f"[{value}]", "")
+            if isinstance(listed.values, list) and not listed.problems:
+                yield listed.values
+    if isinstance(value, int | float | str):
+        yield [value]
 
 
 def _unknown_key(key: str, model: type[BaseModel] | None) -> str:
@@ -169,7 +200,7 @@ def _unknown_key(key: str, model: type[BaseModel] | None) -> str:
 
 
 def model_at(model: type[BaseModel], path: tuple[str | int, ...]) -> type[BaseModel] | None:
-    """Return the model of the section at `path` below `model`; None where that is no section."""
+    """Return the model of the section at `path` below `model`; None where that is not a section."""
     rest = list(path)
     while rest:
         key = str(rest.pop(0))

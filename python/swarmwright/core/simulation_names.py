@@ -51,7 +51,7 @@ class SimulationName:
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """Take a name apart; any text that is no class, no environment and no command is a title."""
+        """Take a name apart; any text that names neither a class, an environment nor a command is a title."""
         if _DEFINED.match(text):
             folder = json.loads(text.partition(":")[2]).get("folder", ".")
             return cls(text, "", str(Path(folder) / cls.DEFINITION), "", "")

@@ -10,7 +10,7 @@ from pathlib import Path
 from xml.parsers import expat
 
 from swarmwright.core.errors import InputError
-from swarmwright.core.files import contents
+from swarmwright.core.files import contents, first_character_of
 
 _MOST = 2_000_000  # elements and attributes; some 400 bytes each
 _DEEPEST = 50
@@ -140,6 +140,9 @@ def root_of(path: Path) -> Element:
 def _parsed(path: Path, *, stop: bool = False) -> _Builder:
     """Return the builder that has read a file; stop: to the start of its root element only."""
     data = contents(path)
+    first = first_character_of(data)
+    if first not in {"", "<"}:
+        raise InputError(f"{path}: is not XML, which begins with '<', not with {first!r}")
     builder = _Builder(str(path))
     if stop:
         builder.parser.StartElementHandler = builder.begin

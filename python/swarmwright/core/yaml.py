@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import Any
 
 from ruamel.yaml import YAML
-from ruamel.yaml.composer import Composer
+from ruamel.yaml.composer import Composer, ComposerError
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from ruamel.yaml.reader import ReaderError
 
 from swarmwright.core.errors import InputError
-from swarmwright.core.files import read_bytes
+from swarmwright.core.files import IS_UTF16, is_utf16, read_bytes
 
 Path_ = tuple[str | int, ...]
 """The place of a value: keys and list indices from the top."""
@@ -28,6 +28,8 @@ _PART = re.compile(r"[^.\[\]]+|\[\d+\]")
 _WORDS = re.compile(r"[A-Za-z_](?:[A-Za-z0-9_]|[ ./-](?=[A-Za-z0-9_]))*")
 _NO_TEXT = frozenset({"null", "true", "false", "yes", "no", "on", "off", "y", "n"})
 _CONTROL = re.compile(r"[^\t\n -~\xa0-\u2027\u202a-\ud7ff\ue000-\ufefe\uff00-\ufffd\U00010000-\U0010ffff]")
+_SEVERAL = "expected a single document in the stream"
+"""The parser's words."""
 _WIDTH = 110
 """Characters of a line."""
 
@@ -45,6 +47,8 @@ class Source:
     """What is wrong with the file as YAML: where, line, what."""
     options: dict[Path_, str] = field(default_factory=dict)
     """The command line's option for each value that comes from there, as it was given."""
+    above: Path_ = ()
+    """Of a part of a file: where it stands there, which precedes its paths in messages."""
 
     def place(self, path: Path_) -> str:
         """Return "file:line: a.b.c: " for the value at `path`, or "--set a.b.c=5: " for one set by an option.
@@ -52,7 +56,7 @@ class Source:
         A value without a line has that of the nearest value above it.
         """
         above = self._nearest(path)
-        dotted = dotted_path(path)
+        dotted = dotted_path((*self.above, *path))
         if above in self.options:
             return f"{self.options[above]}: " + (f"{dotted}: " if path != above else "")
         line = self.lines.get(above)
@@ -104,7 +108,10 @@ def read(path: Path) -> Source:
     in `problems`.
     """
     try:
-        text = read_bytes(path, LARGEST_FILE).decode("utf-8-sig")
+        data = read_bytes(path, LARGEST_FILE)
+        if is_utf16(data):
+            raise InputError(f"{path}: {IS_UTF16}")
+        text = data.decode("utf-8-sig")
     except FileNotFoundError:
         raise InputError(f"{path}: there is no such file") from None
     except IsADirectoryError:
@@ -129,6 +136,8 @@ def parse(text: str, name: str) -> Source:
         mark = error.problem_mark or error.context_mark
         place = f"{name}:{mark.line + 1}: " if mark is not None else f"{name}: "
         problem = str(error.problem or error.context)
+        if isinstance(error, ComposerError) and error.context == _SEVERAL:
+            raise InputError(f"{place}one document is expected, and another begins here") from error
         hint = "; YAML is indented with spaces, not with tabs" if "'\\t'" in problem else ""
         raise InputError(f"{place}is not valid YAML: {problem}{hint}") from error
     except ReaderError as error:

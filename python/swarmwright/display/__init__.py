@@ -1,4 +1,4 @@
-"""Pictures of episodes: in the terminal, as a still, an animation, a film, a page to play."""
+"""Pictures of episodes: in the terminal, as a still, an animation, a video, a page to play."""
 
 from swarmwright.display._bodies import Bodies
 from swarmwright.display._caption import Caption

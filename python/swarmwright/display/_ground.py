@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING, Any
 
-from swarmwright.display._look import BORDER, FIELD, GRID, ORANGE, floor_color, whole
+from swarmwright.display._look import BORDER, FIELD, GRID, ORANGE, floor_color, mixed, whole
 from swarmwright.display._scene import Patch, Scene
 
 if TYPE_CHECKING:
@@ -17,8 +17,8 @@ _LINES = 64
 """Most cells on a side whose borders are drawn; more would be illegible."""
 
 
-def frame(axes: "Axes", scene: Scene) -> None:
-    """Prepare axes for scenes of this extent.
+def frame(axes: "Axes", scene: Scene) -> "Rectangle":
+    """Prepare axes for scenes of this extent; return the part of them that is the map.
 
     Their numbers are metres in the coordinates of the simulation, or rows and columns from the top left.
     """
@@ -32,12 +32,12 @@ def frame(axes: "Axes", scene: Scene) -> None:
     for spine in axes.spines.values():
         spine.set_visible(False)
     field = Rectangle((0, 0), scene.width, scene.height, facecolor=FIELD, edgecolor="none", zorder=0)
-    border = Rectangle(
-        (0, 0), scene.width, scene.height, fill=False, edgecolor=BORDER, linewidth=1.6, zorder=1.9
-    )
+    # Where there are walls, a thin frame does not look like one of them.
+    thick = {"edgecolor": BORDER, "linewidth": 1.6, "zorder": 1.9}
+    thin = {"edgecolor": mixed(BORDER, FIELD, 0.5), "linewidth": 0.8, "zorder": 1.65}
+    border = Rectangle((0, 0), scene.width, scene.height, fill=False, **(thin if len(scene.walls) else thick))  # type: ignore[arg-type] # both are as it takes them
     axes.add_patch(field)
-    if not len(scene.walls):
-        axes.add_patch(border)
+    axes.add_patch(border)
     axes.set_axisbelow(True)
     if scene.grid:
         _number_cells(axes, scene, field)
@@ -46,7 +46,17 @@ def frame(axes: "Axes", scene: Scene) -> None:
         if any(scene.origin):
             _number_metres(axes, scene)
         axes.grid(color=GRID, linewidth=0.6, clip_path=field)
+        _name_unit(axes)
     axes.tick_params(which="both", length=0, labelsize=9, colors=BORDER)
+    return field
+
+
+def _name_unit(axes: "Axes") -> None:
+    """Write the unit of the numbers where both axes begin."""
+    axes.annotate(
+        "m", (0, 0), xycoords="axes fraction", xytext=(-3.5, -3.5), textcoords="offset points", ha="right",
+        va="top", fontsize=9, color=BORDER,
+    )  # fmt: skip
 
 
 def _number_metres(axes: "Axes", scene: Scene) -> None:
@@ -92,14 +102,17 @@ def ground_of(scene: Scene) -> tuple[object, ...]:
 def lay(axes: "Axes", scene: Scene) -> "list[Artist]":
     """Draw floor, walls and lamps; return what was drawn."""
     from matplotlib.lines import Line2D
-    from matplotlib.patches import Circle, Polygon
+    from matplotlib.patches import Circle, Polygon, Rectangle
 
     drawn: list[Artist] = []
     edge: Drawn | None = None
     floor = [] if scene.floor is None else [whole(scene)]
     for patch in [*floor, *scene.patches]:
         shape = _shape(patch)
-        shape.set(facecolor=floor_color(patch.grey), edgecolor="none", zorder=0.2)
+        # The grid, at 0.5, is above the floor and below its patches.
+        shape.set(
+            facecolor=floor_color(patch.grey), edgecolor="none", zorder=0.6 if edge or not floor else 0.2
+        )
         axes.add_patch(shape)
         if edge is None and floor:
             edge = shape
@@ -110,8 +123,9 @@ def lay(axes: "Axes", scene: Scene) -> "list[Artist]":
         on = light.intensity > 0
         glow = 0.05 * max(scene.width, scene.height)
         for share in (1.0, 0.7, 0.45) if on else ():
-            circle = Circle((light.x, light.y), glow * share, color=ORANGE, alpha=0.14, lw=0, zorder=0.4)
+            circle = Circle((light.x, light.y), glow * share, color=ORANGE, alpha=0.14, lw=0, zorder=0.7)
             drawn.append(axes.add_patch(circle))
+            circle.set_clip_path(Rectangle((0, 0), scene.width, scene.height, transform=axes.transData))
         style: dict[str, Any] = {
             "color": ORANGE if on else FIELD,
             "markeredgecolor": BORDER,

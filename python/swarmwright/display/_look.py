@@ -1,4 +1,4 @@
-"""How things look: the one table of shapes and colours for pages, stills, animations and films."""
+"""How things look: the one table of shapes and colours for pages, stills, animations and videos."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.core.state_colors import STATE_COLORS, state_color
+from swarmwright.core.state_colors import DISTINCT_STATES, STATE_COLORS, state_color
 from swarmwright.display._bodies import Bodies
 from swarmwright.display._scene import Patch, Scene, Style
 
@@ -43,9 +43,17 @@ FLOOR = {"light": ("#2E2E2E", "#D0D0C9", "#FFFFFF"), "dark": ("#000000", "#3D444
 """Black, middle grey and white floor on a light and a dark ground, such that robots show on all."""
 VALUES = ("#440154", "#3B528B", "#21918C", "#5EC962", "#FDE725")
 """From the least to the greatest value (viridis)."""
-MORE_LIGHT = {f"state-{state}": color for state, color in enumerate(STATE_COLORS) if state >= 8}
-"""Colours of further states of controllers on a light ground."""
-MORE_DARK = {
+STATES_LIGHT = {f"state-{state}": color for state, color in enumerate(STATE_COLORS)}
+"""Colours of the states of controllers on a light ground."""
+STATES_DARK = {
+    "state-0": "#56B4E9",
+    "state-1": "#AA4433",
+    "state-2": "#BBFF00",
+    "state-3": "#7744FF",
+    "state-4": "#FF99AA",
+    "state-5": "#885577",
+    "state-6": "#EEDD88",
+    "state-7": "#FF4411",
     "state-8": "#6611FF",
     "state-9": "#3355CC",
     "state-10": "#446633",
@@ -64,11 +72,11 @@ MORE_DARK = {
     "state-23": "#00DD77",
 }
 """The same on a dark ground."""
-STATES = ("free", "exit", "good", "other-1", "defender", "other-2", "other-3", "lost", *MORE_LIGHT)
+STATES = tuple(STATES_LIGHT)
 """Colours of the states of controllers, in their order; more states have them again."""
 OTHERS = ("other-1", "other-2", "other-3", "other-4")
 """Colours of unknown kinds and states, in the order in which they are seen; terminals have these alone."""
-_UNKNOWN = (*OTHERS, *MORE_LIGHT)
+_UNKNOWN = (*OTHERS, *STATES[DISTINCT_STATES:])
 """The same with those of more kinds and states."""
 
 SHAPES = {
@@ -110,6 +118,8 @@ LED = "led"
 """The kind of marks on robots; those without a state are off and are not shown."""
 STRETCH = "wall"
 """The kind of coloured parts of walls: with a heading they are lines, and legends do not count them."""
+HALO_WIDTH, HALO_SHARE = 1.6, 0.6
+"""Width in points, and opacity, of the light line below rays and links, which are thin."""
 SHADES = 16
 
 
@@ -191,7 +201,7 @@ class Looks:
     def color(self, look: tuple[str, str]) -> str:
         """Return the colour of a kind and state on a light ground, as '#0072B2'."""
         name = self._looks[look].color
-        return self.own[name][0] if name in self.own else (LIGHT | MORE_LIGHT)[name]
+        return self.own[name][0] if name in self.own else (LIGHT | STATES_LIGHT)[name]
 
     def plain(self) -> dict[str, dict[str, str]]:
         """Return label -> shape and name of the colour, in the order in which they are seen."""
@@ -227,9 +237,9 @@ def css(own: Mapping[str, tuple[str, str]] | None = None) -> str:
         mine = {name: pair[place] for name, pair in own.items()}
         return " ".join(f"--{n}: {v.lower()};" for n, v in {**colors, **floor, **values, **mine}.items())
 
-    dark = variables("dark", DARK | MORE_DARK, 1)
+    dark = variables("dark", DARK | STATES_DARK, 1)
     return (
-        f":root {{ {variables('light', LIGHT | MORE_LIGHT, 0)} }}\n"
+        f":root {{ {variables('light', LIGHT | STATES_LIGHT, 0)} }}\n"
         f'@media (prefers-color-scheme: dark) {{ :root:not([data-theme="light"]) {{ {dark} }} }}\n'
         f':root[data-theme="dark"] {{ {dark} }}'
     )
@@ -237,8 +247,12 @@ def css(own: Mapping[str, tuple[str, str]] | None = None) -> str:
 
 def agent_size(scene: Scene) -> float:
     """Marker area of an agent in points squared: smaller the more there are."""
-    agents = int(Bodies.of(scene.bodies).has("agent").sum())
-    return min(max(1800.0 / max(agents, 1), 8.0), 90.0)
+    return marker_area(int(Bodies.of(scene.bodies).has("agent").sum()))
+
+
+def marker_area(count: int) -> float:
+    """Marker area in points squared where there are so many."""
+    return min(max(1800.0 / max(count, 1), 8.0), 90.0)
 
 
 def moving(bodies: Bodies) -> NDArray[np.bool_]:
@@ -246,8 +260,10 @@ def moving(bodies: Bodies) -> NDArray[np.bool_]:
     return bodies.has(*MOVING) | (~np.isnan(bodies.heading) & ~bodies.has(STRETCH))
 
 
-def label(kind: str, state: str) -> str:
-    """What legends call a body."""
+def label(kind: str, state: str, kinds: Sequence[str] = ()) -> str:
+    """What legends call a body. kinds: names of kinds of agents, which stand alone."""
+    if kind == "agent" and any(state == name or state.startswith(f"{name}, ") for name in kinds):
+        return state
     return f"{kind}, {state}" if state else kind
 
 
@@ -256,10 +272,20 @@ def rgb(color: str) -> tuple[int, int, int]:
     return int(color[1:3], 16), int(color[3:5], 16), int(color[5:7], 16)
 
 
+def hexadecimal(channels: NDArray[np.float64]) -> str:
+    """Channels, 0..1, -> '#0072B2'."""
+    return "#" + "".join(f"{round(255 * float(channel)):02X}" for channel in channels)
+
+
 def mixed(color: str, ground: str, share: float) -> str:
     """A colour thinned with its background; share 1 is the colour, 0 the background."""
     channels = (round(b + share * (c - b)) for c, b in zip(rgb(color), rgb(ground), strict=True))
     return "#" + "".join(f"{channel:02X}" for channel in channels)
+
+
+def is_bright(colors: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return whether dark lines are seen on colours better than white ones; colours: (..., 3), 0..1."""
+    return np.asarray(colors @ np.array([0.3, 0.59, 0.11]) > 0.6)
 
 
 def floor_color(grey: float) -> str:
@@ -309,7 +335,7 @@ def value_colors(shares: NDArray[np.floating]) -> NDArray[np.float64]:
 def lightened(color: str) -> str:
     """Return a colour with enough contrast on a dark ground."""
     share = 1.0
-    while share > 0.1 and _luminance(mixed(color, PAPER, share)) < _DARK_LEAST:
+    while share > 0.1 and luminance(mixed(color, PAPER, share)) < _DARK_LEAST:
         share -= 0.05
     return mixed(color, PAPER, share)
 
@@ -318,7 +344,7 @@ _DARK_LEAST = 0.22
 """Relative luminance that is seen well on a dark ground."""
 
 
-def _luminance(color: str) -> float:
+def luminance(color: str) -> float:
     """Return the relative luminance of WCAG 2, 0..1."""
     linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in np.array(rgb(color)) / 255]
     return float(0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2])
@@ -338,7 +364,7 @@ def palette(
     shaded: Sequence[str] = list(dict.fromkeys([*LIGHT.values(), INK, BORDER, *own, *further]))
     exact = [PAPER, FIELD, GRID, mixed(GRID, FIELD, 0.5), *grounds]
     if values:
-        exact += ["#" + "".join(f"{round(255 * c):02X}" for c in color) for color in value_colors(_RAMP)]
+        exact += [hexadecimal(color) for color in value_colors(_RAMP)]
     shades = min(SHADES, (256 - len(exact)) // len(shaded))
     colors = [rgb(mixed(color, FIELD, 1 - i / shades)) for color in shaded for i in range(shades)]
     return [channel for color in [*colors, *map(rgb, exact)] for channel in color]

@@ -1,9 +1,11 @@
 """The state machines and trees of controllers."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from swarmwright.core.modules import (
     State,
@@ -14,48 +16,86 @@ from swarmwright.core.modules import (
     states_of,
     words_of,
 )
+from swarmwright.core.state_colors import colored_states
 from swarmwright.core.teams import is_team, parts_of
-
-_MOST_STATES = 64
-"""States of a machine that is drawn."""
+from swarmwright.display._bodies import Bodies
 
 
 def groups_of(specification: Mapping[str, Any]) -> list[dict[str, Any]] | None:
-    """Return the groups of a team that have state machines, with these; None for what is no such team.
+    """Return the groups of a team that have state machines, with these; None for any other controller.
 
-    first, end: between which agents they are; end is None for all others.
+    first, end: between which agents they are; end is None for all others. The `first_color` of a machine is
+    the index of the colour of its state 0: the colours of a group follow those of the groups before.
     """
     if not is_team(specification):
         return None
     first: int | None = 0
+    color = 0
     found = []
     for group, part in zip(specification["groups"], parts_of(specification).values(), strict=True):
         agents = group.get("agents")
         end = None if first is None or agents is None else first + int(agents)
         if has_states(part):
-            found.append({"name": group["name"], "first": first, "end": end, "machine": machine_of(part, -1)})
+            machine = {**machine_of(part, -1), "first_color": color}
+            color += len(machine["states"])
+            found.append({"name": group["name"], "first": first, "end": end, "machine": machine})
         first = end
     return found or None
 
 
-def state_names(specification: Mapping[str, Any]) -> list[str]:
-    """Return what the states of a controller are called; those of a team's groups are joined with a slash."""
-    if is_team(specification):
-        machines = [group["machine"] for group in groups_of(specification) or ()]
-    else:
-        machines = [machine_of(specification, -1)]
-    most = max((len(machine["states"]) for machine in machines), default=0)
-    names = []
-    for index in range(most):
-        named = (machine["states"][index]["name"] for machine in machines if index < len(machine["states"]))
-        names.append(" / ".join(dict.fromkeys(name for name in named if name)))
-    return names
+@dataclass(frozen=True)
+class StateColors:
+    """The colours of the states of controllers: each group of a team has its own.
+
+    labels: what legends call each colour. first: (agents,), index of the colour of an agent's state 0.
+    """
+
+    labels: tuple[str, ...]
+    first: NDArray[np.int64]
+
+    @classmethod
+    def of(
+        cls, specification: Mapping[str, Any], states: NDArray[np.signedinteger[Any]], bodies: Bodies
+    ) -> Self:
+        """Return the colours of an episode.
+
+        specification: the controller, {} where it is not known. states: (scenes, agents), -1 for agents whose
+        controllers have none. bodies: at the first scene, whose names say of which group an agent is.
+        """
+        first = np.zeros(states.shape[1], dtype=np.int64)
+        groups = groups_of(specification)
+        if groups is None:
+            found = [] if is_team(specification) else machine_of(specification, -1)["states"]
+            names = [state["name"] for state in found]
+            names += [""] * (int(states.max(initial=0)) + 1 - len(names))
+            return cls(tuple(_label(index, name) for index, name in enumerate(names)), first)
+        agents = np.arange(len(first))
+        for group in reversed(groups):
+            begin, end = group["first"], group["end"]
+            if begin is not None:
+                first[(agents >= begin) & (agents < (len(first) if end is None else end))] = group["machine"][
+                    "first_color"
+                ]
+        of_body = bodies.agents()
+        for group in groups:
+            named = np.array([group["name"] in look for look in bodies.looks], dtype=bool)
+            of_group = of_body[named[bodies.look]] if len(named) else of_body[:0]
+            first[of_group[(of_group >= 0) & (of_group < len(first))]] = group["machine"]["first_color"]
+        labels = [
+            f"{group['name']} {_label(index, state['name'])}"
+            for group in groups
+            for index, state in enumerate(group["machine"]["states"])
+        ]
+        return cls(tuple(labels), first)
+
+
+def _label(index: int, name: str) -> str:
+    return f"{index} {name}" if name else f"state {index}"
 
 
 def has_states(specification: Mapping[str, Any]) -> bool:
     """Whether a controller is a state machine that is known and not too large to be drawn."""
-    states = specification["states"] if specification.get("kind") == "mealy_fsm" else 0
-    return is_modules(specification) or 0 < states <= _MOST_STATES
+    return colored_states(specification) > 0
 
 
 def machine_of(specification: Mapping[str, Any], highest: int) -> dict[str, Any]:

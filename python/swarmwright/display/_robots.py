@@ -1,13 +1,24 @@
 """Draws bodies that have a heading, in their true size, with what they sense and send."""
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from swarmwright.display._bodies import Bodies
-from swarmwright.display._look import BORDER, INK, PAPER
+from swarmwright.display._look import (
+    BORDER,
+    HALO_SHARE,
+    HALO_WIDTH,
+    INK,
+    PAPER,
+    is_bright,
+    marker_area,
+)
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
@@ -16,7 +27,8 @@ _LEAST = 1.3
 """Radius in points below which bodies are drawn larger than they are, so that they can be seen."""
 _NOTCH = 2.2
 """Radius in points from which on a line shows where they look."""
-_MOST_LABELS = 200
+RAY_WIDTH, LINK_WIDTH = 0.9, 0.8
+"""Points."""
 
 
 def robots(
@@ -28,7 +40,7 @@ def robots(
     *,
     valued: bool,
 ) -> "list[Artist]":
-    """Draw discs with a line from the middle to where they look.
+    """Draw discs with a line from the middle to where they look; without a radius as large as marks.
 
     chosen: (bodies,) which. colors: theirs, (chosen, 3). scale: points for each metre. valued: whether
     colours are those of values, of which some are as light as the ground.
@@ -36,7 +48,9 @@ def robots(
     from matplotlib.collections import EllipseCollection, LineCollection
 
     places = np.stack([bodies.x[chosen], bodies.y[chosen]], axis=1).astype(np.float64)
-    radii = np.maximum(bodies.radius[chosen].astype(np.float64), _LEAST / scale)
+    radii = bodies.radius[chosen].astype(np.float64)
+    mark = math.sqrt(marker_area(len(radii))) / 2
+    radii = np.maximum(np.where(radii == 0, mark / scale, radii), _LEAST / scale)
     points = float(radii.max()) * scale
     width = 0.0 if points < _NOTCH else min(max(points / 9, 0.5), 1.2)
     artists: list[Artist] = []
@@ -49,10 +63,9 @@ def robots(
     if points >= _NOTCH:
         heading = bodies.heading[chosen].astype(np.float64)
         ahead = np.stack([np.cos(heading), np.sin(heading)], axis=1) * radii[:, None]
-        bright = colors @ np.array([0.3, 0.59, 0.11]) > 0.6
         lines = LineCollection(
             list(np.stack([places, places + ahead], axis=1)),
-            colors=[INK if light else PAPER for light in bright],
+            colors=[INK if bright else PAPER for bright in is_bright(colors)],
             linewidths=min(max(points / 4, 0.8), 2.2),
             zorder=4.1,
         )
@@ -103,9 +116,10 @@ def rays(axes: "Axes", bodies: Bodies, colors: "NDArray[np.float64]") -> "list[A
     along = np.stack([np.cos(heading + angle), np.sin(heading + angle)], axis=1)
     middle = np.stack([bodies.x[body], bodies.y[body]], axis=1)
     ends = np.stack([middle + along * start[:, None], middle + along * (start + length)[:, None]], axis=1)
-    strong = 0.25 + 0.75 * np.nan_to_num(np.clip(reading, 0, 1))
+    strong = 0.5 + 0.5 * np.nan_to_num(np.clip(reading, 0, 1))
     faces = np.column_stack([colors[body], strong])
-    return [axes.add_collection(LineCollection(list(ends), colors=faces, linewidths=0.9, zorder=3.5))]
+    lines = LineCollection(list(ends), colors=faces, linewidths=RAY_WIDTH, zorder=3.5)
+    return [_halo(axes, list(ends), 3.45), axes.add_collection(lines)]
 
 
 def links(axes: "Axes", bodies: Bodies, pairs: "NDArray[np.integer]") -> "list[Artist]":
@@ -114,33 +128,14 @@ def links(axes: "Axes", bodies: Bodies, pairs: "NDArray[np.integer]") -> "list[A
 
     places = np.stack([bodies.x, bodies.y], axis=1)
     once = np.unique(np.sort(pairs, axis=1), axis=0)
-    lines = LineCollection(list(places[once]), colors=BORDER, alpha=0.35, linewidths=0.6, zorder=1.6)
-    return [axes.add_collection(lines)]
+    ends = list(places[once])
+    lines = LineCollection(ends, colors=BORDER, linewidths=LINK_WIDTH, zorder=1.6)
+    return [_halo(axes, ends, 1.58), axes.add_collection(lines)]
 
 
-def labels(axes: "Axes", bodies: Bodies, scale: float) -> "list[Artist]":
-    """Write texts beside bodies, as long as they do not lie on others."""
-    artists: list[Artist] = []
-    taken: list[tuple[float, float, float, float]] = []
-    written = [index for index, text in enumerate(bodies.labels or ()) if text]
-    for index in written[:_MOST_LABELS]:
-        text = " ".join((bodies.labels or [])[index].split())[:24]
-        size = 8.0
-        # Points, about: letters are 0.6 of the size wide.
-        width, height = 0.6 * size * len(text) + 2, size + 2
-        radius = max(float(bodies.radius[index]) * scale, 4.0)
-        x, y = float(bodies.x[index]) * scale, float(bodies.y[index]) * scale
-        left, low = x + 0.75 * radius + 1, y + 0.6 * radius
-        box = (left, low, left + width, low + height)
-        if any(box[0] < b[2] and b[0] < box[2] and box[1] < b[3] and b[1] < box[3] for b in taken):
-            continue
-        taken.append(box)
-        artists.append(
-            axes.annotate(
-                text, (float(bodies.x[index]), float(bodies.y[index])),
-                xytext=(0.75 * radius + 1, 0.6 * radius), textcoords="offset points", fontsize=size,
-                color=INK, zorder=5.0, parse_math=False,
-                bbox={"boxstyle": "round,pad=0.12", "facecolor": PAPER, "edgecolor": "none", "alpha": 0.7},
-            )
-        )  # fmt: skip
-    return artists
+def _halo(axes: "Axes", ends: "Sequence[NDArray[np.float64]]", layer: float) -> "Artist":
+    """Draw a light line below each thin one, which could not be seen on a dark floor."""
+    from matplotlib.collections import LineCollection
+
+    halo = LineCollection(ends, colors=PAPER, alpha=HALO_SHARE, linewidths=HALO_WIDTH, zorder=layer)
+    return axes.add_collection(halo)

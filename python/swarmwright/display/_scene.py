@@ -45,10 +45,10 @@ class Body:
     kind: agent, defender, goal, exit, blockade, obstacle, ... state: free, arrived, caught, crashed, out, or
     empty. x, y, radius: in the scene's unit, metres or cells; y points up; radius 0 is a point. heading:
     where it looks, radians counter-clockwise from the x axis; bodies with a heading are drawn in their true
-    size, those of the kind wall as lines, as far to both sides as the radius says. A body of the kind led is
-    drawn on top of others, and left out without a state: so LEDs of robots can be on and off. value: a
-    number that gives it a colour, see `Scale`. label: a short text beside it. agent: which agent it is;
-    bodies of the kind agent that do not say so are the agents in their order.
+    size (with radius 0, as large as marks), those of the kind wall as lines, as far to both sides as the
+    radius says. A body of the kind led is drawn on top of others, and left out without a state: so LEDs of
+    robots can be on and off. value: a number that gives it a colour, see `Scale`. label: a short text beside
+    it. agent: which agent it is; bodies of the kind agent that do not say so are the agents in their order.
     """
 
     kind: str
@@ -380,7 +380,9 @@ def _number(
         number = float(value)
     except (TypeError, ValueError):
         raise TypeError(f"{place}: {value!r} found, expected a number") from None
-    if not math.isfinite(number) or isinstance(value, str):
+    if isinstance(value, str):
+        raise TypeError(f"{place}: the text {value!r} found, expected a number")
+    if not math.isfinite(number):
         raise ValueError(f"{place}: {value} found, expected a finite number")
     if (least is not None and number < least) or (most is not None and number > most):
         limits = f"from {least:g} to {most:g}" if most is not None else f"at least {least:g}"

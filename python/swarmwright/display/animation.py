@@ -1,14 +1,13 @@
 """An episode as an animated GIF."""
 
 import io
-from collections.abc import Sequence
 from pathlib import Path
 
 from swarmwright.display._caption import Caption
-from swarmwright.display._episode import Recording
 from swarmwright.display._frames import in_between, pace
 from swarmwright.display._key import scale_of
 from swarmwright.display._look import Looks, floor_color, floors, palette
+from swarmwright.display._part import Part
 from swarmwright.display._shown import Shown
 from swarmwright.display.drawing import Picture
 
@@ -20,19 +19,19 @@ LAST_FRAME_SECONDS = 2.0
 
 
 def write(
-    recording: Recording,
+    part: Part,
     path: Path,
     *,
     caption: Caption,  # noqa: ARG001
     speed: float = 1.0,
     shown: Shown | None = None,
-    state_names: Sequence[str] = (),
 ) -> None:
     """Write a GIF of 560 pixels in width. Raises OSError."""
     from PIL import Image
 
+    recording = part.recording
     step_seconds = max(recording.step_size, 0.02) / speed
-    picture = Picture(recording, dpi=80, shown=shown, state_names=state_names)
+    picture = Picture(part, dpi=80, shown=shown)
     frames: list[Image.Image] = []
     # One palette, without dithering: still areas stay the same from frame to frame, nothing flickers.
     colors = Image.new("P", (1, 1))

@@ -1,5 +1,6 @@
 """Draws scenes with matplotlib: the map, bodies, and their trails."""
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,7 +11,8 @@ from swarmwright.display import _robots
 from swarmwright.display._bodies import Bodies
 from swarmwright.display._episode import Recording
 from swarmwright.display._ground import frame, ground_of, lay
-from swarmwright.display._key import Key
+from swarmwright.display._key import Key, scale_of
+from swarmwright.display._labels import Labels
 from swarmwright.display._look import (
     BORDER,
     CELLS,
@@ -26,6 +28,8 @@ from swarmwright.display._look import (
     rgb,
     value_colors,
 )
+from swarmwright.display._machine import StateColors
+from swarmwright.display._part import Part
 from swarmwright.display._scene import Scene
 from swarmwright.display._shown import Shown
 
@@ -47,26 +51,26 @@ MOST_POINTS = 400
 
 WIDTH, LEFT, RIGHT, TOP, BOTTOM = 7.0, 0.42, 0.2, 0.45, 0.72
 """Inches: of the picture, and around the map for numbers, title and legend."""
-STATUS = 2.6
-"""Inches beside the title that step and fitness need."""
+STATUS, SECONDS = 2.6, 0.7
+"""Inches beside the title that step and fitness need, and seconds."""
 LONGEST_MESSAGE = 100
 
 
 class Picture:
     """A figure on which scene after scene of one recording is drawn.
 
-    dpi: pixels an inch; a picture is 7 inches wide. shown: what is drawn of it. state_names: of the states of
-    controllers.
+    shows: the recording, or with what is known of its controller. dpi: pixels an inch; a picture is 7 inches
+    wide. shown: what is drawn of it.
     """
 
     @plain()
-    def __init__(
-        self, recording: Recording, *, dpi: int, shown: Shown | None = None, state_names: "Sequence[str]" = ()
-    ) -> None:
+    def __init__(self, shows: Recording | Part, *, dpi: int, shown: Shown | None = None) -> None:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
 
-        self._recording = recording
+        part = Part.of(shows)
+        recording = self._recording = part.recording
+        self._seconds = part.step_seconds
         self._shown = shown or Shown()
         first = recording.scenes[0]
         self._size = _marker_area(first)
@@ -75,10 +79,22 @@ class Picture:
         states = None if recording.trace is None else recording.trace.states
         self._states = states if self._shown.colors == "controller" else None
         self._valued = self._states is None and self._shown.colors != "state"
-        names = None if self._states is None else _state_names(self._states, state_names)
-        self.states = len(names or ())
+        self._state_colors: StateColors | None = None
+        if self._states is not None:
+            self._state_colors = StateColors.of(part.controller, self._states, Bodies.of(first.bodies))
+        self._changing = self._states is not None or (self._valued and scale_of(recording) is not None)
+        names = self._state_colors.labels if self._state_colors is not None else ()
+        self.states = len(names)
         """How many states of controllers give bodies their colours."""
-        self._key = Key(recording, self._looks, self._size, valued=self._valued, states=names)
+        self._key = Key(
+            recording,
+            self._looks,
+            self._size,
+            valued=self._valued,
+            states=names,
+            kinds=part.kind_names,
+            shown=self._shown,
+        )
         # The map fills the width; the height follows, within limits.
         inside = (WIDTH - LEFT - RIGHT) * min(max(first.height / first.width, 0.25), 1.1)
         bottom = BOTTOM + self._key.more
@@ -87,7 +103,7 @@ class Picture:
         self._canvas = FigureCanvasAgg(self.figure)
         box = (LEFT / WIDTH, bottom / height, (WIDTH - LEFT - RIGHT) / WIDTH, inside / height)
         self._axes = self.figure.add_axes(box)
-        frame(self._axes, first)
+        self._field = frame(self._axes, first)
         # Points of a picture for each metre or cell.
         self._scale = 72 * min((WIDTH - LEFT - RIGHT) / first.width, inside / first.height) / 1.024
         ground = ground_of(first)
@@ -95,6 +111,8 @@ class Picture:
         if self._still:
             lay(self._axes, first)
         self._paths = _paths(recording.scenes) if self._shown.trails else {}
+        self._passed: dict[int, NDArray[np.float64]] = {}
+        self._labels = Labels(self._scale, least=math.sqrt(self._size) / 2)
         self._title(first)
         self._key.draw(self.figure)
         self._ground: Any = None  # what never changes, drawn once
@@ -125,7 +143,8 @@ class Picture:
         """
         steps = len(self._recording.scenes) - 1
         so_far = self._recording.fitness_so_far[min(int(time), steps)] + 0.0  # no -0
-        text = f"step {scene.step} of {steps}   fitness {so_far:.4g}"
+        seconds = "" if self._seconds is None else f", {scene.step * self._seconds:.4g} s"
+        text = f"step {scene.step} of {steps}{seconds}   fitness {so_far:.4g}"
         artists: list[Artist] = [
             self._axes.text(
                 1, 1.0, text, transform=self._axes.transAxes, ha="right", va="bottom", fontsize=11,
@@ -161,8 +180,8 @@ class Picture:
                 artists += _robots.robots(
                     self._axes, bodies, chosen, colors[chosen], self._scale, valued=valued
                 )
-        if self._shown.labels and bodies.labels:
-            artists += _robots.labels(self._axes, bodies, self._scale)
+        if self._shown.labels is not False and bodies.labels:
+            artists += self._labels.draw(self._axes, bodies)
         return artists
 
     def _colors_of(self, bodies: Bodies, time: int) -> "NDArray[np.float64]":
@@ -172,11 +191,12 @@ class Picture:
         valued = ~np.isnan(bodies.value)
         if self._valued and valued.any():
             colors[valued] = value_colors(self._key.shares(bodies.value[valued]))
-        if self._states is not None:
+        if self._states is not None and self._state_colors is not None:
             agents = bodies.agents()
             known = np.flatnonzero((agents >= 0) & (agents < self._states.shape[1]))
             now = self._states[min(time, len(self._states) - 1), agents[known]]
             known, now = known[now >= 0], now[now >= 0]
+            now = now + self._state_colors.first[agents[known]]
             colors[known] = (
                 np.array([rgb(state_color(state)) for state in range(len(STATES))])[now % len(STATES)] / 255
             )
@@ -189,7 +209,8 @@ class Picture:
             0, 1.0, message, transform=self._axes.transAxes, ha="left", va="bottom", fontsize=13, color=INK,
             parse_math=False,
         )  # fmt: skip
-        available = (WIDTH - LEFT - RIGHT - STATUS) * self.figure.dpi
+        status = STATUS + (SECONDS if self._seconds is not None else 0.0)
+        available = (WIDTH - LEFT - RIGHT - status) * self.figure.dpi
         while title.get_window_extent(self._canvas.get_renderer()).width > available:  # type: ignore[no-untyped-call]
             message = message[:-1]
             title.set_text(f"{message.rstrip()}…")
@@ -205,13 +226,17 @@ class Picture:
         pieces: list[NDArray[np.float64]] = []
         shades: list[NDArray[np.float64]] = []
         ground = np.array(rgb(FIELD)) / 255
-        for index, way in self._paths.items():
+        # Colours of kind and state are those of now. Others change on the way, and each piece has its own.
+        steps = range(oldest, newest + 1, stride) if self._changing else ()
+        past = np.array([self._passed_colors(step) for step in steps])
+        for place, (index, way) in enumerate(self._paths.items()):
             passed = np.vstack([way[oldest : newest + 1 : stride], [[bodies.x[index], bodies.y[index]]]])
             count = len(passed) - 1
             share = np.full(count, 0.65) if trail is None else np.linspace(0.1, 0.65, count)
             pieces.extend(np.stack([passed[:-1], passed[1:]], axis=1))
+            color = past[:, place] if self._changing else colors[index]
             # Opaque: where pieces overlap at their round ends, transparent ones would show dots.
-            shades.append(share[:, None] * colors[index] + (1 - share[:, None]) * ground)
+            shades.append(share[:, None] * color + (1 - share[:, None]) * ground)
         if not pieces:
             return []
         # Robots that run for minutes would cover the floor.
@@ -223,7 +248,16 @@ class Picture:
             capstyle="round",
             zorder=1.2,
         )
-        return [self._axes.add_collection(lines)]
+        self._axes.add_collection(lines)
+        lines.set_clip_path(self._field)
+        return [lines]
+
+    def _passed_colors(self, step: int) -> "NDArray[np.float64]":
+        """Colours that everything that leaves a trail had at a step, (trails, 3)."""
+        if step not in self._passed:
+            bodies = Bodies.of(self._recording.scenes[step].bodies)
+            self._passed[step] = self._colors_of(bodies, step)[list(self._paths)]
+        return self._passed[step]
 
     def _beginnings(self) -> "list[Artist]":
         """Small rings where everything that moves came from."""
@@ -309,10 +343,3 @@ def _paths(scenes: "Sequence[Scene]") -> "dict[int, NDArray[np.float64]]":
     xs = np.array([bodies.x[ways] for bodies in every], dtype=np.float64)
     ys = np.array([bodies.y[ways] for bodies in every], dtype=np.float64)
     return {int(body): np.stack([xs[:, k], ys[:, k]], axis=1) for k, body in enumerate(ways)}
-
-
-def _state_names(states: "NDArray[np.int16]", names: "Sequence[str]") -> list[str]:
-    """Return what legends call the states of controllers."""
-    count = max(int(states.max(initial=0)) + 1, len(names))
-    given = [*names, *([""] * (count - len(names)))]
-    return [f"{index} {name}" if name else f"state {index}" for index, name in enumerate(given)]

@@ -1,4 +1,4 @@
-"""An episode as a film (MP4, H.264), encoded by ffmpeg.
+"""An episode as a video (MP4, H.264), encoded by ffmpeg.
 
 ffmpeg is the one on the path, or the one that the package imageio-ffmpeg brings along.
 """
@@ -6,14 +6,14 @@ ffmpeg is the one on the path, or the one that the package imageio-ffmpeg brings
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from swarmwright.core.errors import InputError, RunError
 from swarmwright.display._caption import Caption
-from swarmwright.display._episode import Recording
 from swarmwright.display._frames import in_between, pace
+from swarmwright.display._part import Part
 from swarmwright.display._shown import Shown
 from swarmwright.display.drawing import Picture
 
@@ -21,27 +21,27 @@ if TYPE_CHECKING:
     from PIL.Image import Image
 
 FRAME_SECONDS = 1 / 30
-"""Of a frame of a film."""
+"""Of a frame of a video."""
 MOST_FRAMES = 3000
 LAST_FRAME_SECONDS = 2.0
 
 
 def write(
-    recording: Recording,
+    part: Part,
     path: Path,
     *,
     caption: Caption,
     speed: float = 1.0,
     shown: Shown | None = None,
-    state_names: Sequence[str] = (),
 ) -> None:
     """Write an MP4 of 980 pixels in width that every browser plays.
 
     Raises InputError when there is no ffmpeg, RunError when it fails, OSError.
     """
+    recording = part.recording
     step_seconds = max(recording.step_size, 0.02) / speed
     count, seconds = pace(len(recording.scenes), step_seconds, frame_seconds=FRAME_SECONDS, most=MOST_FRAMES)
-    picture = Picture(recording, dpi=140, shown=shown, state_names=state_names)
+    picture = Picture(part, dpi=140, shown=shown)
     images = (picture.image(scene, time) for scene, time in in_between(recording.scenes, count))
     encode(images, seconds, path, title=caption.title)
 
@@ -81,7 +81,7 @@ def encode(images: "Iterator[Image]", seconds: float, path: Path, *, title: str)
         if status:
             said.seek(0)
             reason = said.read().decode(errors="replace").strip().splitlines()
-            raise RunError(f"{path}: ffmpeg could not write the film: {reason[-1] if reason else status}")
+            raise RunError(f"{path}: ffmpeg could not write the video: {reason[-1] if reason else status}")
 
 
 def _ffmpeg(path: Path) -> str:
@@ -95,6 +95,6 @@ def _ffmpeg(path: Path) -> str:
         return str(get_ffmpeg_exe())
     except (ImportError, RuntimeError):
         raise InputError(
-            f"{path}: films are encoded by ffmpeg, which is not there; "
+            f"{path}: videos are encoded by ffmpeg, which is not there; "
             "'pip install imageio-ffmpeg' brings it along, and a .gif or .html needs nothing"
         ) from None

@@ -14,7 +14,7 @@ from swarmwright.core.errors import InputError, RunError
 from swarmwright.core.simulation_names import is_python
 from swarmwright.display import Recording
 from swarmwright.display.drawing import Picture
-from swarmwright.evaluation.episodes import Episodes
+from swarmwright.evaluation.episodes import DrawnEpisodes, EpisodeSequence
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.simulations import catalogue
 
@@ -43,15 +43,19 @@ class World:
             raise InputError(f"render_mode: {render_mode!r} found, expected 'rgb_array' or None")
         self.arguments = (simulation, parameters, render_mode)
         """What it was made with."""
-        self.episode = Episodes(simulation, parameters)
+        kind = EpisodeSequence if render_mode is None else DrawnEpisodes
+        self.episode = kind(simulation, parameters)
         self.experiment = self.episode.experiment
+        self._built_in = _built_in(self.experiment.simulation)
         self.render_mode = render_mode
         if not self.episode.actuators:
             raise InputError(
                 f"simulation: {self.experiment.simulation} controls its agents itself: nothing acts here"
             )
-        if render_mode is not None:
-            self.episode.scene()  # refused here where there is none
+        self._fitness = 0.0
+        # Refused here where there is nothing to draw; Matplotlib takes long, and comes with `picture`.
+        if isinstance(self.episode, DrawnEpisodes) and self.episode.picture() is None:
+            self.episode.scene()
         acting = self.episode.observe().agents.tolist()
         if not acting:
             raise InputError(
@@ -63,7 +67,6 @@ class World:
             {"render_fps": 1 / seconds} if (seconds := self.episode.step_seconds) else {}
         )
         """Of the metadata of environments: how fast it is shown."""
-        self._fitness = 0.0
         # Only a step tells whether agents act in turn.
         self.episode.step(np.zeros((len(acting), self.episode.actuators), np.float32))
         if self.episode.acts_in_turn or not set(self.episode.observe().agents.tolist()).issubset(acting):
@@ -93,7 +96,7 @@ class World:
     def reset(self, seed: int | None, generator: np.random.Generator) -> dict[int, NDArray[np.float32]]:
         """Begin an episode; return what the agents sense. generator: of the seed where there is none."""
         chosen = int(generator.integers(_SEEDS)) if seed is None else simulation_seed("seed", seed)
-        self.episode = Episodes(self.experiment, seeds=[chosen])
+        self.episode.restart(chosen)
         self._fitness = 0.0
         self.last = self._sensed()
         return self.last
@@ -152,14 +155,6 @@ class World:
         metrics = self.episode.metrics
         return sum(float(metrics[name][0]) for name in counted) < self._finishing
 
-    @property
-    def _built_in(self) -> str | None:
-        """The built-in simulation whose episodes it has; also those of missions in a class in Python."""
-        simulation = self.experiment.simulation
-        if is_python(simulation):
-            return catalogue.ARENA if catalogue.has_missions(simulation) else None
-        return catalogue.built_in(simulation)
-
     def outcome(self) -> dict[str, Any]:
         """Return what is known at the end of an episode."""
         metrics = {name: float(values[0]) for name, values in self.episode.metrics.items()}
@@ -167,8 +162,11 @@ class World:
 
     def picture(self) -> NDArray[np.uint8] | None:
         """Return what the world looks like, (height, width, 3)."""
-        if self.render_mode is None:
+        if not isinstance(self.episode, DrawnEpisodes):
             return None
+        drawn = self.episode.picture()
+        if drawn is not None:
+            return drawn
         scene = self.episode.scene()
         recording = Recording((scene,), (self._fitness,), self.episode.step_seconds)
         return np.asarray(Picture(recording, dpi=_DPI).image(scene, 0.0))
@@ -191,3 +189,10 @@ class OfWorld:
 
 def _of_world(kind: Any, *arguments: Any) -> Any:  # noqa: ANN401 - a class of environments, what its world is of
     return kind(World(*arguments))
+
+
+def _built_in(simulation: str) -> str | None:
+    """Return the built-in simulation whose episodes one has; also those of missions in a class in Python."""
+    if is_python(simulation):
+        return catalogue.ARENA if catalogue.has_missions(simulation) else None
+    return catalogue.built_in(simulation)

@@ -1,6 +1,6 @@
 """What evaluates controllers, whether it does so in this process or on simulation servers."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, Protocol, Self, cast
@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright import _engine
+from swarmwright.core.engine_types import AttemptRow
 from swarmwright.core.errors import InputError, PlugInError
 from swarmwright.core.plug_in_code import is_plug_in, numbers, place
 from swarmwright.core.server_use import ServerUses
@@ -129,6 +130,9 @@ class Backend(Protocol):
 
     def count_failed(self, results: Results) -> None:
         """Count failed episodes of what the engine has evaluated by itself."""
+
+    def journal(self, attempts: Iterable[AttemptRow], warnings: Iterable[str]) -> Journal:
+        """Return the journal of what the engine has evaluated by itself."""
 
     def stream(
         self, controllers: Controllers, seeds: Sequence[int], feed: Feed, on_progress: Progress

@@ -1,8 +1,8 @@
 """Episodes whose agents are steered by code of one's own: hand-written controllers, learning."""
 
 from collections.abc import Callable, Iterable, Mapping
-from pathlib import Path
-from typing import Any, NamedTuple
+from pathlib import Path, PurePath
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,8 +15,11 @@ from swarmwright.core.processes import use_threads
 from swarmwright.core.suggestions import did_you_mean
 from swarmwright.display import Caption, Recording, Scene
 from swarmwright.display.files import save
+from swarmwright.display.pictures import Pictures
+from swarmwright.display.pictures import save as save_pictures
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.fitness import Fault
+from swarmwright.representations.controller import ControlledEpisodes, Controller
 from swarmwright.simulations import catalogue
 
 
@@ -51,9 +54,13 @@ class Episodes:
         watch: keep what the first episode looks like at each step, for `save`.
 
     Raises:
-        InputError: the simulation is not here, or does not take these parameters or seeds.
+        InputError: the simulation is not here, does not take these parameters or seeds, or has nothing to
+            watch.
         RunError: the code of the simulation failed.
     """
+
+    _draws: ClassVar[bool] = False
+    """Whether the first episode can be drawn at each step, as `watch` needs it."""
 
     def __init__(
         self,
@@ -77,14 +84,18 @@ class Episodes:
         """What they are called, in their order; [] where the simulation does not say."""
         self.actuator_names: list[str] = list(description["actuator_names"])
         """What they are called, in their order; [] where the simulation does not say."""
-        playable = catalogue.playable(self.experiment.simulation)
+        drawn = watch or self._draws
+        self._pictured = drawn and catalogue.shown_as(self.experiment.simulation) == "picture"
+        find = catalogue.drawing if self._pictured else catalogue.playable
+        playable: Any = find(self.experiment.simulation)
         with engine_errors():
             self._episodes = _engine.Episodes(playable, dict(self.experiment.parameters), self.seeds)
         self._host: Any = None if isinstance(playable, str) else playable
         self._seen: Observation | None = None
-        self._scenes: list[Scene] | None = [] if watch else None
+        self._scenes: list[Scene] | None = [] if watch and not self._pictured else None
         self._fitness_so_far: list[float] = []
-        self._watch()
+        self._pictures = Pictures(playable.picture) if watch and self._pictured else None
+        self._watch(moved=True)
 
     @property
     def done(self) -> bool:
@@ -146,21 +157,47 @@ class Episodes:
             raise InputError(f"actuators: {rows[row, column]} at [{row}, {column}], expected finite numbers")
         if len(self.seeds) > 1:  # the engine steps one episode without its threads
             use_threads()
+        moved = self._is_watched and self._first_goes_on
         with engine_errors():
             self._episodes.step(np.clip(rows, -1.0, 1.0))
         self._seen = None
-        self._watch()
+        self._watch(moved=moved)
 
-    def run(self, controller: Callable[[Observation], ArrayLike]) -> NDArray[np.float64]:
+    def run(self, controller: Controller | Callable[[Observation], ArrayLike]) -> NDArray[np.float64]:
         """Step to the end of all episodes and return the fitness, (episodes,).
 
         Args:
-            controller: takes an `Observation`, returns actuators as in `step`.
+            controller: an evolved one, which begins anew for each agent of each episode: the fitness is that
+                of `evaluate` and `post_evaluate` on these seeds; or a function that takes an `Observation`
+                and returns actuators as in `step`.
+
+        Raises:
+            InputError: the controller is a parameter set, has other numbers of sensors and actuators than
+                the simulation, or returns what `step` refuses.
+            RunError: as in `step`.
         """
-        function("controller", controller, ["observation"])
+        if isinstance(controller, Controller):
+            controller = self._controlled(controller)
+        else:
+            function("controller", controller, ["observation"])
         while not self.done:
             self.step(controller(self.observe()))
         return self.fitness
+
+    def _controlled(self, controller: Controller) -> Callable[[Observation], ArrayLike]:
+        """Return the function of an evolved controller."""
+        found, expected = (controller.sensors, controller.actuators), (self.sensors, self.actuators)
+        if not controller.sensors:
+            raise InputError(
+                "controller: is a parameter set, which steers no agents; give its `parameters` to Episodes"
+            )
+        if found != expected:
+            raise InputError(
+                f"controller: has {found[0]} sensors and {found[1]} actuators; agents of "
+                f"{self.experiment.simulation} have {expected[0]} and {expected[1]}"
+            )
+        controlled = ControlledEpisodes(controller)
+        return lambda seen: controlled(*seen)
 
     @property
     def fitness(self) -> NDArray[np.float64]:
@@ -185,13 +222,18 @@ class Episodes:
         return {name: values[:, index].copy() for index, name in enumerate(names)}
 
     def scene(self) -> Scene:
-        """Return what the first episode looks like now. Raises RunError when there is nothing to show."""
+        """Return what the first episode looks like now.
+
+        Raises InputError for a simulation that draws pictures itself, RunError when there is nothing to show.
+        """
+        if self._pictured:
+            raise InputError("scene: this simulation draws pictures and has no scenes; `save` writes them")
         with engine_errors():
             return Scene.of(self._episodes.scene())
 
     @checked
     def save(self, path: str | Path, *, speed: float = 1.0) -> None:
-        """Write the first episode as a picture (.png), an animation (.gif), a film (.mp4) or a page (.html).
+        """Write the first episode as a picture (.png), an animation (.gif), a video (.mp4) or a page (.html).
 
         Args:
             path: of the file, is written over.
@@ -199,27 +241,83 @@ class Episodes:
 
         Raises InputError without `watch`, for another ending, and when the file cannot be written.
         """
-        if self._scenes is None:
-            raise InputError("save: nothing was kept; write Episodes(.., watch=True)")
-        recording = Recording(tuple(self._scenes), tuple(self._fitness_so_far), self._episodes.step_size)
-        title = f"{self.experiment.label}, simulation seed {self.seeds[0]}"
+        caption = Caption(f"{self.experiment.label}, simulation seed {self.seeds[0]}")
+        seconds = self._episodes.step_size
         try:
-            save(recording, Path(path), caption=Caption(title), speed=speed)
+            if self._pictures is not None:
+                save_pictures(self._pictures.recording(seconds), Path(path), caption=caption, speed=speed)
+            elif self._scenes is not None:
+                recording = Recording(tuple(self._scenes), tuple(self._fitness_so_far), seconds)
+                save(recording, Path(path), caption=caption, speed=speed)
+            else:
+                raise InputError("save: nothing was kept; write Episodes(.., watch=True)")
         except ValueError as error:
             raise InputError(f"path: {error}") from None
         except OSError as error:
             raise InputError(f"path: {path}: cannot be written: {error.strerror}") from error
 
-    def _watch(self) -> None:
-        if self._scenes is None or self._episodes.mid_step:
+    @property
+    def _is_watched(self) -> bool:
+        """Whether something is kept of the first episode."""
+        return self._pictures is not None or self._scenes is not None
+
+    @property
+    def _first_goes_on(self) -> bool:
+        """Whether the first episode has not ended; beside others, it has where none of its agents acts."""
+        return not self.done and (len(self.seeds) == 1 or 0 in self.observe().episodes)
+
+    def _watch(self, *, moved: bool) -> None:
+        """Keep what is shown of the first episode. moved: it had not ended before this step."""
+        if not moved or self._episodes.mid_step:
             return
-        scene = self.scene()
-        if not self._scenes or scene.step > self._scenes[-1].step:  # it has not ended before the others
-            self._scenes.append(scene)
+        if self._pictures is not None:
+            self._pictures.keep(float(self.fitness[0]), ended=not self._first_goes_on)
+        elif self._scenes is not None:
+            self._scenes.append(self.scene())
             self._fitness_so_far.append(float(self.fitness[0]))
 
 
-def _experiment(simulation: Experiment | str | type, parameters: Mapping[str, Any] | None) -> Experiment:
+class EpisodeSequence(Episodes):
+    """Episodes of a simulation one after the other, with an object that begins anew; nothing is kept of them.
+
+    Args:
+        simulation: as for `Episodes`.
+        parameters: as for `Episodes`.
+    """
+
+    def __init__(
+        self, simulation: Experiment | str | type, parameters: Mapping[str, Any] | None = None
+    ) -> None:
+        super().__init__(simulation, parameters)
+
+    def restart(self, seed: int) -> None:
+        """Begin the next episode; the one before is over.
+
+        A simulation in Python goes on with its object, which takes less time than another one.
+        seed: from 0 to 2**63 - 1. Raises RunError when the code of the simulation failed.
+        """
+        playable = self.experiment.simulation if self._host is None else self._host
+        with engine_errors():
+            self._episodes = _engine.Episodes(playable, dict(self.experiment.parameters), [seed])
+        self.seeds = [seed]
+        self._seen = None
+
+
+class DrawnEpisodes(EpisodeSequence):
+    """Episodes that can be drawn at each step, also by the simulation itself."""
+
+    _draws = True
+
+    def picture(self) -> NDArray[np.uint8] | None:
+        """Return what the simulation draws now, (height, width, 3); None where it has scenes."""
+        if not self._pictured:
+            return None
+        with engine_errors():
+            drawn: NDArray[np.uint8] = self._host.picture()
+            return drawn
+
+
+def _experiment(simulation: object, parameters: Mapping[str, Any] | None) -> Experiment:
     if parameters is not None:
         mapping("parameters", parameters, '{"mission": "aggregation"}')
     if isinstance(simulation, Experiment):
@@ -227,11 +325,16 @@ def _experiment(simulation: Experiment | str | type, parameters: Mapping[str, An
     elif isinstance(simulation, str | type):
         found = Experiment.from_mapping({"simulation": simulation, "parameters": dict(parameters or {})})
     else:
+        hint = "; write Experiment.from_mapping(..)" if isinstance(simulation, Mapping) else ""
+        if isinstance(simulation, PurePath):
+            hint = f"; write Experiment.load({str(simulation)!r})"
         raise InputError(
             "simulation: must be a name such as 'arena', a class or an Experiment, "
-            f"not an object of the class {type(simulation).__name__}"
+            f"not an object of the class {type(simulation).__name__}{hint}"
         )
     if not catalogue.is_here(found.simulation):
         hint = did_you_mean(found.simulation, catalogue.titles())
+        if found.simulation.endswith((".yaml", ".yml")):
+            hint = f"; for an experiment's file write Experiment.load({found.simulation!r})"
         raise InputError(f"simulation: {found.simulation!r} is not built in, nor a class in Python{hint}")
     return found

@@ -1,10 +1,10 @@
 """Evaluating genomes and controllers without optimization."""
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -38,7 +38,7 @@ _MOST_TOLD = 10
 
 @checked
 def evaluate(
-    experiment: Experiment | str | Path,
+    experiment: Experiment | Mapping[str, Any] | str | Path,
     genomes: ArrayLike,
     *,
     generation: int = 0,
@@ -58,7 +58,8 @@ def evaluate(
     method of a run that knows the members that stay.
 
     Args:
-        experiment: or its file; simulation, controller and ranking count, the method does not.
+        experiment: or its file, or a mapping with the keys of one; simulation, controller and ranking count,
+            the method does not.
         genomes: float32, (candidates, experiment.genome_size), finite.
         generation: whose seeds the episodes have, from 0 on. With `ranking.seeds: new` each generation has
             others, `parameters.seed + generation * episodes` and the following ones; with `same` all have
@@ -111,7 +112,7 @@ class EvaluatedEpisodes:
 
 @checked
 def evaluate_episodes(
-    experiment: Experiment | str | Path,
+    experiment: Experiment | Mapping[str, Any] | str | Path,
     genomes: ArrayLike,
     *,
     metrics: Sequence[str] | Literal["all"] = (),
@@ -192,7 +193,8 @@ def _evaluated(
 
 def tell_failures(backend: Backend, results: Results) -> None:
     """Log why episodes failed, each reason once."""
-    if isinstance(backend, PythonBackend):  # which has told
+    if isinstance(backend, PythonBackend):  # which tells by itself
+        backend.tell_held()
         return
     for reason in list(dict.fromkeys(results.journal.errors))[:_MOST_TOLD]:
         _log.warning("an episode failed: %s", one_line(reason))
@@ -205,7 +207,7 @@ def _nothing(episodes: int, metrics: int) -> Results:
 
 @checked
 def simulate(
-    experiment: Experiment | str | Path,
+    experiment: Experiment | Mapping[str, Any] | str | Path,
     controller: Controller | None = None,
     *,
     broker: str | None = None,
@@ -217,8 +219,8 @@ def simulate(
     """Run one episode and return its fitness.
 
     Args:
-        experiment: or its file; simulation and parameters count, the episode's seed is `parameters.seed`
-            (default 0).
+        experiment: or its file, or a mapping with the keys of one; simulation and parameters count, the
+            episode's seed is `parameters.seed` (default 0).
         controller: for all agents; default: a random one of the experiment's representation and seed, the
             same as candidate 0 of an optimization.
         broker: as in `optimize`.
@@ -290,7 +292,7 @@ def episode(
             if not experiment.steers:
                 controller = Controller(representation.specification(genome))
         else:
-            _check_fit(controller, backend.sensors, backend.actuators, experiment.simulation)
+            check_fit(controller, backend.sensors, backend.actuators, experiment.simulation)
             weights = np.array([controller.specification["weights"]], dtype=np.float32)
             controllers = Controllers(controller.specification, weights)
         results = backend.evaluate(controllers, [seed], on_progress or _silent)
@@ -315,7 +317,8 @@ def _rows(genomes: ArrayLike) -> NDArray[np.float32]:
     return rows
 
 
-def _check_fit(controller: Controller, sensors: int, actuators: int, simulation: str) -> None:
+def check_fit(controller: Controller, sensors: int, actuators: int, simulation: str) -> None:
+    """Raise InputError unless a controller fits a simulation, whose agents have these sizes."""
     if controller.parameters:
         if catalogue.is_described(simulation):
             for name, message in unknown(simulation, controller.parameters):

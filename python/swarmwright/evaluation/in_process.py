@@ -1,25 +1,32 @@
 """Evaluation in this process: of built-in simulations by the engine, and of those in Python."""
 
 import logging
-from collections.abc import Callable, Sequence
+import time
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from swarmwright import _engine
+from swarmwright.core.engine_types import AttemptRow
 from swarmwright.core.errors import engine_errors
 from swarmwright.core.processes import use_threads
 from swarmwright.core.server_use import ServerUses
 from swarmwright.core.untrusted import one_line
 from swarmwright.evaluation.base import Controllers, Feed, Progress, Results, apply_expression, metrics_of
+from swarmwright.evaluation.repetition import Failed, Repetition, Value
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.simulations import catalogue
 from swarmwright.simulations.hosts import hosted
 from swarmwright.simulations.loading import load
-from swarmwright.store import Journal, WarningEntry
+from swarmwright.store import Journal
 
 _log = logging.getLogger("swarmwright")
+
+_HOLD_S = 2.0
+"""Seconds from the beginning of an evaluation for which failures are held back, see `tell_held`."""
 
 
 class InProcessBackend:
@@ -73,6 +80,10 @@ class InProcessBackend:
     def count_failed(self, results: Results) -> None:
         """Count failed episodes."""
         self._failed += int(np.count_nonzero(np.isnan(results.fitness)))
+
+    def journal(self, attempts: Iterable[AttemptRow], warnings: Iterable[str]) -> Journal:
+        """Return the journal of what the engine has evaluated by itself."""
+        return Journal.of(attempts, warnings)
 
     def evaluator(self, architecture: dict[str, Any]) -> _engine.Evaluator | None:
         """Return what the engine evaluates with; None where the experiment has its own fitness."""
@@ -151,16 +162,27 @@ class InProcessBackend:
 
 
 class PythonBackend(InProcessBackend):
-    """Evaluates simulations in Python in this process, one episode after the other."""
+    """Evaluates simulations in Python in this process, one episode after the other; failed ones again."""
 
     def __init__(self, experiment: Experiment, metrics: Sequence[str] = ()) -> None:
         super().__init__(experiment, metrics)
         self.tell: Callable[[str, str], None] = _tell
         """Gets (reason, traceback) of a failure, once for each reason."""
+        self._held: list[tuple[str, str]] = []
+        self._begun = 0.0
         self._host = hosted(load(experiment.simulation), self._report)
+        self._repetition = Repetition(experiment.faults.attempts, bitwise=self._host.determinism == "bitwise")
 
     def _report(self, reason: str, stack: str) -> None:
-        self.tell(reason, stack)
+        self._held.append((reason, stack))
+        if time.monotonic() - self._begun > _HOLD_S:
+            self.tell_held()
+
+    def tell_held(self) -> None:
+        """Tell failures that were held back: where all episodes fail, an error that ends the run has them."""
+        for reason, stack in self._held:
+            self.tell(reason, stack)
+        self._held.clear()
 
     def evaluator(self, architecture: dict[str, Any]) -> None:
         """Return None: code in Python is evaluated by Python."""
@@ -172,9 +194,31 @@ class PythonBackend(InProcessBackend):
         on_progress: Progress,
         meanwhile: Callable[[], None] | None,
     ) -> Results:
-        """Return the results, NaN where the code failed, and why it did. Raises the engine's errors."""
+        """Return the results, NaN where the code failed in all attempts. Raises the engine's errors."""
+        self.tell_held()  # the run has gone on
+        self._begun = time.monotonic()
         if meanwhile is not None:
             meanwhile()
+        started = time.time()
+        fitness, metrics, failures = self._once(controllers, seeds, on_progress)
+        total = fitness.size
+
+        def again(candidate: int, episode: int) -> Value | Failed:
+            one = Controllers(controllers.architecture, controllers.weights[candidate : candidate + 1])
+            value, measured, failed = self._once(
+                one, seeds[episode : episode + 1], lambda *_: on_progress(total, total, "")
+            )
+            return failed[0] if failed else Value(float(value[0, 0]), measured[0, 0])
+
+        journal = self._repetition(failures, fitness, metrics, again, started)
+        if np.isfinite(fitness).any() or len(self._held) > 1:  # the error that ends the run has one reason
+            self.tell_held()
+        return Results(fitness, metrics, journal)
+
+    def _once(
+        self, controllers: Controllers, seeds: Sequence[int], on_progress: Progress
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], list[Failed]]:
+        """Return fitness, metrics and failures of one attempt at every evaluation."""
         fitness, metrics, failures = _engine.evaluate_host(
             self._host,
             self.parameters,
@@ -184,11 +228,12 @@ class PythonBackend(InProcessBackend):
             on_progress,
             metrics=self.metrics,
         )
-        warnings = [
-            WarningEntry.of_episode(episode, f" failed: {reason}", candidate, reason)
-            for candidate, episode, reason, _ in failures
-        ]
-        return Results(fitness, metrics, Journal(warnings=warnings))
+        return fitness, metrics, [Failed(*one) for one in failures]
+
+    def incidents(self) -> dict[str, int]:
+        """Return how often failed evaluations were repeated, and how many failed in all attempts."""
+        retries = {"retries": self._repetition.retries} if self._repetition.retries else {}
+        return retries | super().incidents()
 
 
 def _tell(reason: str, _stack: str) -> None:

@@ -3,14 +3,14 @@
 import logging
 import secrets
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from types import MappingProxyType
 from typing import Any, cast
 
 from swarmwright import _engine
 from swarmwright.broker.address import broker_problem
-from swarmwright.broker.credentials import prepare
+from swarmwright.broker.credentials import check_environment, prepare
 from swarmwright.broker.waiting import patiently
 from swarmwright.core.engine_types import Faults, Requirements, Timeouts
 from swarmwright.core.errors import InputError, RunError, engine_errors
@@ -19,6 +19,7 @@ from swarmwright.core.notebook import in_notebook
 from swarmwright.core.server_use import ServerUses
 from swarmwright.core.simulation_names import LIBRARIES, is_command, is_python
 from swarmwright.core.suggestions import did_you_mean, unknown
+from swarmwright.core.warn_once import warn_once
 from swarmwright.evaluation.base import (
     HERE,
     Backend,
@@ -37,7 +38,6 @@ from swarmwright.simulations import catalogue
 from swarmwright.supervision.local_servers import LocalServers, automatic_count, processors, running_on
 from swarmwright.supervision.supervisor import START_S
 from swarmwright.user_code.changes import files_of
-from swarmwright.user_code.notices import say
 
 _SESSION = (
     "simulation: {} is defined in this session alone, where no server finds it; write the class to a file, "
@@ -94,14 +94,15 @@ def open_backend(
         if wanted == "in-process" or not has_workers(experiment.simulation):
             yield _in_process(experiment, metrics)
             return
+    experiment = experiment.with_environment()
     with ExitStack() as stack:
         local: StartedServers | None
-        environment: Callable[[], AbstractContextManager[None]]
+        account: tuple[str, str, str] | None = None
         if isinstance(wanted, tuple):
             local = launched = open_launched(
                 stack, experiment, broker, wanted, visual=visual, earlier=earlier, machines=machines
             )
-            address, environment = launched.access.address, launched.access.environment
+            address, account = launched.access.address, launched.access.account
         else:
             address, local = open_servers(
                 stack,
@@ -113,9 +114,8 @@ def open_backend(
                 most=most,
                 modules=[] if machines is None else names_of([machines]),
             )
-            environment = nullcontext
         patience = experiment.timeouts.connect if wait is None else wait
-        with environment(), engine_errors():
+        with engine_errors():
             pool = patiently(
                 # A command shows itself, in one piece: no step of it crosses the broker.
                 lambda: _pool(
@@ -125,6 +125,7 @@ def open_backend(
                     alone=broker is None,
                     metrics=metrics_of(experiment.fitness_expression, metrics),
                     machines=machines,
+                    account=account,
                 ),
                 patience,
                 logging.getLogger("swarmwright").warning,
@@ -186,6 +187,45 @@ def in_process_is_better(experiment: Experiment) -> bool:
     return alone and not asked
 
 
+def needs_no_servers(experiment: Experiment) -> bool:
+    """Whether nothing is gained by servers for a few episodes: `servers: auto`, and the engine computes them.
+
+    Servers take longer to start than such episodes take, which use all processors in this process as well.
+    """
+    named = experiment.broker is not None or experiment.servers != "auto" or experiment.mode != "auto"
+    return not named and catalogue.is_here(experiment.simulation) and not is_python(experiment.simulation)
+
+
+@contextmanager
+def open_once(
+    experiment: Experiment, broker: str | None, servers: Servers | None, *, most: int
+) -> Iterator[tuple[str | None, Servers | None]]:
+    """Start the servers for experiments that differ in parameters alone and are evaluated one after another.
+
+    Args:
+        experiment: one of them.
+        broker: as in `open_backend`.
+        servers: likewise.
+        most: evaluations that each of them has.
+
+    Yields:
+        Broker and servers to call `open_backend` with; those that were given where nothing was started:
+        none are needed, or they are those of another broker or of a launcher.
+    """
+    wanted = chosen(experiment, servers)
+    here = wanted in HERE and (wanted == "in-process" or not has_workers(experiment.simulation))
+    outside = broker is not None or (experiment.broker is not None and wanted not in HERE)
+    if here or outside or isinstance(wanted, tuple) or experiment.in_python:
+        yield broker, servers
+        return
+    if wanted == "auto" and in_process_is_better(experiment):
+        yield broker, "local"
+        return
+    with ExitStack() as stack:
+        address, _ = open_servers(stack, experiment, None, wanted, started=servers, most=most)
+        yield address, None
+
+
 def open_servers(
     stack: ExitStack,
     experiment: Experiment,
@@ -212,7 +252,10 @@ def open_servers(
     Returns:
         The broker's address, and the servers; None when none were started.
     """
-    if broker is not None:
+    experiment = experiment.with_environment()
+    if broker is None:
+        check_environment()
+    else:
         prepare(broker)
     if broker is not None and not isinstance(started, int):
         return broker, None
@@ -285,6 +328,7 @@ def _pool(
     alone: bool,
     metrics: tuple[str, ...],
     machines: Mapping[str, Any] | None,
+    account: tuple[str, str, str] | None,
 ) -> _engine.Pool:
     return _engine.Pool(
         address,
@@ -302,6 +346,7 @@ def _pool(
         faults=cast("Faults", experiment.faults.model_dump()),
         alone=alone,
         controller=None if machines is None else with_digests(machines),
+        account=account,
     )
 
 
@@ -325,7 +370,7 @@ def require_here(experiment: Experiment) -> None:
             raise InputError(f"{experiment.place('simulation')}{problem}")
         warning = commands.warning_of(experiment)
         if warning is not None:
-            say(f"{experiment.place('simulation')}{warning}")
+            warn_once(f"{experiment.place('simulation')}{warning}")
     announced, wanted = catalogue.description(simulation), experiment.requirements
     title, most = announced["title"], announced.get("max_agents")
     if wanted.dimensions != announced["dimensions"]:

@@ -1,6 +1,5 @@
 """Evaluation of genomes by the engine alone, prepared once for all experiments that are alike."""
 
-import marshal
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -61,8 +60,8 @@ _kept: dict[tuple[bytes, type, type, type, type], Prepared | None] = {}
 def prepared(experiment: Experiment) -> Prepared | None:
     """Return what evaluates an experiment's genomes in this process; None where Python has a part in it.
 
-    Everything that counts is compared with what was prepared before, so that a change is noticed, in
-    whatever way it was made. Raises InputError when the experiment cannot be run as it is.
+    Everything that counts is compared with what was prepared before: equal experiments share it. Raises
+    InputError when the experiment cannot be run as it is.
     """
     if experiment.simulation not in catalogue.titles() or experiment.fitness is not None:
         return None
@@ -77,19 +76,9 @@ def prepared(experiment: Experiment) -> Prepared | None:
 
 
 def _key(experiment: Experiment) -> tuple[bytes, type, type, type, type] | None:
-    """Return everything that counts, types among it: 1 is not 1.0; None if that cannot be compared."""
-    values = (
-        experiment.simulation,
-        experiment.parameters,
-        experiment.sensors,
-        experiment.actuators,
-        vars(experiment.requirements),
-        vars(experiment.controller),
-        vars(experiment.ranking),
-    )
-    try:
-        content = marshal.dumps(values, 2)  # this version writes equal values as equal bytes
-    except ValueError:
+    """Return everything that counts; None if that cannot be compared."""
+    content = experiment.evaluation_key
+    if content is None:
         return None
     representation = REPRESENTATIONS.get(experiment.controller.kind)
     ranking = RANKINGS.get(experiment.ranking.kind)

@@ -11,9 +11,9 @@ from swarmwright.core.simulation_names import is_python
 from swarmwright.evaluation.base import Controllers, Progress, Results
 from swarmwright.evaluation.in_process import InProcessBackend, PythonBackend
 from swarmwright.evaluation.machines import TOGETHER, MachineEvaluations
+from swarmwright.evaluation.repetition import Failed, Repetition, Value
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.simulations import catalogue
-from swarmwright.store import Journal, WarningEntry
 
 _REPORT_S = 0.1
 
@@ -29,7 +29,9 @@ class ModulesBackend(InProcessBackend):
         python = is_python(experiment.simulation)
         self._others = (PythonBackend if python else InProcessBackend)(experiment, metrics)
         self._together = 1 if python else TOGETHER
-        self.description = "in this process, machines in Python"
+        # What a simulation declares of its determinism says nothing about modules.
+        self._repetition = Repetition(experiment.faults.attempts, bitwise=False)
+        self.description = "in this process (behaviours in Python)"
 
     def evaluator(self, architecture: dict[str, Any]) -> _engine.Evaluator | None:
         """Return None for machines with modules in Python."""
@@ -42,7 +44,7 @@ class ModulesBackend(InProcessBackend):
         on_progress: Progress,
         meanwhile: Callable[[], None] | None,
     ) -> Results:
-        """Return the results; NaN where a simulation in Python failed.
+        """Return the results; NaN where a simulation in Python failed in all attempts.
 
         Raises the engine's errors, InputError for modules that are not installed, RunError where their code
         fails.
@@ -51,7 +53,38 @@ class ModulesBackend(InProcessBackend):
             return self._others.compute(controllers, seeds, on_progress, meanwhile)
         if meanwhile is not None:
             meanwhile()
-        work = MachineEvaluations(
+        work = self._work(controllers, seeds)
+        failures: list[Failed] = []
+        report = _Report(on_progress, work.total)
+        started = time.time()
+        more = True
+        while more:
+            try:
+                more = work.step()
+            except RunError as error:
+                failures.append(self._failure_of(work, error))
+            report(work.done)
+        fitness, metrics = work.fitness(), work.metrics()
+
+        def again(candidate: int, episode: int) -> Value | Failed:
+            report(work.done)
+            one = self._work(
+                Controllers(controllers.architecture, controllers.weights[candidate : candidate + 1]),
+                seeds[episode : episode + 1],
+            )
+            try:
+                while one.step():
+                    report(work.done)
+            except RunError as error:
+                return self._failure_of(one, error)
+            return Value(float(one.fitness()[0, 0]), one.metrics()[0, 0])
+
+        journal = self._repetition(failures, fitness, metrics, again, started)
+        report(work.total, last=True)
+        return Results(fitness, metrics, journal)
+
+    def _work(self, controllers: Controllers, seeds: Sequence[int]) -> MachineEvaluations:
+        return MachineEvaluations(
             catalogue.playable(self._simulation),
             self.parameters,
             controllers.architecture,
@@ -60,21 +93,18 @@ class ModulesBackend(InProcessBackend):
             self.metrics,
             together=self._together,
         )
-        warnings: list[WarningEntry] = []
-        report = _Report(on_progress, work.total)
-        more = True
-        while more:
-            try:
-                more = work.step()
-            except RunError as error:
-                if self._together > 1 or not isinstance(error.__cause__, _engine.EngineError):
-                    raise
-                candidate, episode = work.part[0].tolist()
-                reason = str(error)
-                warnings.append(WarningEntry.of_episode(episode, f" failed: {reason}", candidate, reason))
-            report(work.done)
-        report(work.total, last=True)
-        return Results(work.fitness(), work.metrics(), Journal(warnings=warnings))
+
+    def _failure_of(self, work: MachineEvaluations, error: RunError) -> Failed:
+        """Return which evaluation failed; raise the error where a module's code did, not the simulation's."""
+        if self._together > 1 or not isinstance(error.__cause__, _engine.EngineError):
+            raise error
+        candidate, episode = work.part[0].tolist()
+        return Failed(candidate, episode, str(error), None)
+
+    def incidents(self) -> dict[str, int]:
+        """Return how often failed evaluations were repeated, and how many failed in all attempts."""
+        retries = self._repetition.retries + self._others.incidents().get("retries", 0)
+        return ({"retries": retries} if retries else {}) | super().incidents()
 
 
 class _Report:

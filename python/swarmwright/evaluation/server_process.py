@@ -96,7 +96,7 @@ class _Preemption:
 
     @staticmethod
     def finish() -> None:
-        """End by the signal: whoever waits for this process sees why it has ended."""
+        """End by the signal: a process that waits for this one sees why it has ended."""
         os.kill(os.getpid(), signal.SIGTERM)
 
 

@@ -1,7 +1,7 @@
 """Evaluation on simulation servers, through an MQTT broker."""
 
 import shlex
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, cast
 
@@ -26,6 +26,7 @@ from swarmwright.evaluation.base import (
     metrics_of,
 )
 from swarmwright.evaluation.module_code import is_in_python, with_digests
+from swarmwright.evaluation.warning_times import WarningTimes
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.simulations import catalogue
 from swarmwright.store import Journal
@@ -47,6 +48,7 @@ class BrokerBackend:
         self._restarts = 0 if servers is None else servers.restarts
         self._without_value = 0
         self._run: str | None = None
+        self._times = WarningTimes()
         self._listen()
         self._expression = experiment.fitness_expression
         self.metrics = metrics_of(self._expression, metrics)
@@ -85,21 +87,22 @@ class BrokerBackend:
         """Do nothing: the pool counts."""
 
     def _listen(self) -> None:
-        """Have the pool's reports go to those who want them."""
+        """Have the pool's reports go to those who want them; warnings are needed for their times."""
         on_status = None if self._servers is None else self._servers.on_status
-        if on_status is None:
-            if reports.wanted():
-                self._pool.listen(reports.tell, warnings_only=reports.only_warnings())
-            return
 
         def tell(report: Report) -> None:
             told = cast("dict[str, Any]", report)
-            if told["event"] == "status":
+            self._times.note(told)
+            if on_status is not None and told["event"] == "status":
                 on_status(told["status"])
             if reports.wanted():
                 reports.tell(report)
 
-        self._pool.listen(tell)
+        self._pool.listen(tell, warnings_only=on_status is None and reports.only_warnings())
+
+    def journal(self, attempts: Iterable[AttemptRow], warnings: Iterable[str]) -> Journal:
+        """Return the journal of what a pool has evaluated, with the times at which it warned."""
+        return self._times.journal(attempts, warnings)
 
     def usage(self) -> str:
         """Return what was used of servers elsewhere."""
@@ -161,7 +164,7 @@ class BrokerBackend:
                 controllers.sample,
             )
         self.check()
-        results = Results(fitness, metrics, Journal.of(attempts, warnings))
+        results = Results(fitness, metrics, self.journal(attempts, warnings))
         return self._valued(results, range(len(fitness)))
 
     def stream(
@@ -177,7 +180,7 @@ class BrokerBackend:
             warnings: list[str],
         ) -> NDArray[np.float32] | None:
             self.check()
-            results = Results(fitness, metrics, Journal.of(attempts, warnings))
+            results = Results(fitness, metrics, self.journal(attempts, warnings))
             return feed(candidates, self._valued(results, candidates))
 
         def progress(done: int, total: int, waiting_for: str) -> None:

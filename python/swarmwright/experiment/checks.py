@@ -73,6 +73,7 @@ def check_values(
     if isinstance(parameters, Mapping) and isinstance(values.get("simulation"), str):
         _check_parameters(values["simulation"] if here else None, dict(parameters), report)
     if "simulation" in checked:
+        _check_measured(checked["simulation"] if here and new else None, report)
         _fill_in(checked, here, report)
         _check_groups(checked, here, report)
         reads_code = not ask and getattr(checked.get("controller"), "in_files", False)
@@ -227,6 +228,16 @@ def _check_metrics(checked: Checked, report: Report) -> None:
         )
 
 
+def _check_measured(simulation: str | None, report: Report) -> None:
+    """Check that a class in Python measures the metrics that it names.
+
+    simulation: None where it is not here, or a run with it is only read.
+    """
+    problem = None if simulation is None else catalogue.unmeasured(simulation)
+    if problem is not None:
+        report(("simulation",), problem)
+
+
 def _check_needed_metrics(checked: Checked, known: list[str] | None, title: str, report: Report) -> None:
     """Check that the metrics that the method needs beside fitness are named, and exist.
 
@@ -248,7 +259,10 @@ def _check_needed_metrics(checked: Checked, known: list[str] | None, title: str,
         report(("method", option), f"is missing; name at least one of {there}")
     for name in names:
         if known is not None and name not in known:
-            report(("method", option, name), suggestions.unknown("metric", name, known))
+            problem = suggestions.unknown("metric", name, known)
+            if (option, name) == ("objectives", "fitness"):
+                problem = "fitness is always the first objective, and maximized; leave it out"
+            report(("method", option, name), problem)
 
 
 def _as_written(path: Path_, message: str, values: Any) -> Path_:  # noqa: ANN401 - any values of a file
@@ -390,6 +404,8 @@ def _check_parameters(simulation: str | None, parameters: dict[str, Any], report
     # The simulation names one at a time. Without it, the next one; what follows from its absence is not told.
     while (wrong := catalogue.parameters_problem(simulation, given)) is not None:
         place, _, reason = wrong.removeprefix("parameter ").partition(": ")
+        if place == "mission.robots" and _has_own_radius(given):
+            place, reason = "robot.radius", f"{reason}, or a smaller radius"
         name = re.split(r"[.[]", place, maxsplit=1)[0]
         if not (reason and name in given):
             if first:
@@ -399,6 +415,12 @@ def _check_parameters(simulation: str | None, parameters: dict[str, Any], report
             report(("parameters", *path_of(place)), reason)
         del given[name]
         first = False
+
+
+def _has_own_radius(parameters: Mapping[str, Any]) -> bool:
+    """Whether the arena's robots have a radius that is given, in a mission that is not written out."""
+    robot, mission = parameters.get("robot"), parameters.get("mission")
+    return isinstance(robot, Mapping) and "radius" in robot and not isinstance(mission, Mapping)
 
 
 def _by_itself(simulation: str, name: str, value: Any, wrong: str) -> bool:  # noqa: ANN401 - any value of a file

@@ -192,7 +192,7 @@ def _check_placeholders(options: CommandOptions, checked: Mapping[str, Any], rep
         for name in names_in(text):
             if name not in known:
                 hint = did_you_mean(name, known) or f"; there is: {', '.join(known)}"
-                report(path, f"{{{name}}} is no placeholder, and no parameter has this name{hint}")
+                report(path, f"{{{name}}} is not a placeholder, and no parameter has this name{hint}")
     if options.controller != "stepwise":
         used = {name for text in [*(text for _, text in places), *_files(options)] for name in names_in(text)}
         given: list[Path_] = [("parameters", name) for name in checked["parameters"]]
@@ -251,7 +251,7 @@ def _is_named(file: str, options: CommandOptions) -> bool:
     """Whether the command, or a file that it consists of, mentions a file."""
     if any(file in word for word in options.command):
         return True
-    for word in {word for _, words in options.named() for word in words}:
+    for word in {word for _, words in options.named_files() for word in words}:
         with suppress(OSError, ValueError):
             path = Path(options.folder) / word
             small = path.is_file() and path.stat().st_size < _LARGEST_SCRIPT
@@ -304,7 +304,7 @@ def _check_ros(options: RosOptions, checked: dict[str, Any], report: Report) -> 
         for name in names_in(text):
             if name not in known:
                 hint = did_you_mean(name, known) or f"; there is: {', '.join(known)}"
-                report(path, f"{{{name}}} is no placeholder{hint}")
+                report(path, f"{{{name}}} is not a placeholder{hint}")
     used = {name for word in reset for name in names_in(word)}
     for name in parameters:
         if options.reset.parameters is None and name not in used:

@@ -89,8 +89,10 @@ class Timeouts(Options):
     discovery: float = Field(default=_WAIT["discovery"], gt=0, le=86_400)
     """For a fitting simulation server at the start. When all are gone during a run, or the broker is not
     reachable, the run waits for as long, or for `step` where that is longer; then it ends, and can be
-    resumed. Servers that the run starts itself have as long, and at least 30 s, to import the simulation and
-    connect."""
+    resumed. It also ends when servers are there and none succeeds: after this time if all fail what succeeded
+    before, after four times this time if they are silent or refuse the work, but not while a server may still
+    answer within `step`. Servers that the run starts itself have this time, and at least 30 s, to import the
+    simulation and connect."""
     step: float = Field(default=_WAIT["step"], gt=0, le=86_400)
     """For a simulation server's next message, before the episode is given to another server. In offloaded
     mode the next message is the result."""
@@ -113,9 +115,10 @@ class Faults(Options):
     """How failing, slow and wrong servers and evaluations are treated."""
 
     attempts: int = Field(default=_TREAT["attempts"], ge=1, le=1000)
-    """Attempts at an evaluation before it has failed. Attempts in a batch whose failure cannot be attributed
-    to one evaluation do not count, nor do attempts on servers that complete no other evaluation afterwards.
-    For servers that declare themselves bit-identical, two reported failures are sufficient."""
+    """Attempts at an evaluation before it has failed, on servers and with servers: in-process. Attempts in a
+    batch whose failure cannot be attributed to one evaluation do not count, nor do attempts on servers that
+    complete no other evaluation afterwards. For simulations and servers that declare themselves
+    bit-identical, two reported failures are sufficient."""
     quarantine: int = Field(default=_TREAT["quarantine"], ge=1, le=1000)
     """Servers that may crash or hang while working on a single evaluation before it is quarantined as failed.
     Of servers that the run did not start, at least 3, which completed other evaluations while no other server
@@ -306,7 +309,8 @@ class Document(Options):
     one is lost. User and password are not part of it: they come from the environment, SWARMWRIGHT_USERNAME
     and SWARMWRIGHT_PASSWORD (or SWARMWRIGHT_PASSWORD_FILE). Default: an embedded broker is started."""
     prefix: str = ""
-    """Put before every topic, with a slash, to keep several groups on one broker apart."""
+    """Put before every topic, with a slash, to keep several groups on one broker apart. Where it is empty,
+    that of the environment, SWARMWRIGHT_PREFIX, is used, and not recorded."""
     timeouts: Timeouts = Field(default_factory=Timeouts)
     """How long to wait."""
     faults: Faults = Field(default_factory=Faults)

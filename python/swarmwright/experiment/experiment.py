@@ -1,35 +1,40 @@
 """Experiments: what is evolved, how, and where, checked and with every default filled in."""
 
 import dataclasses
+import marshal
 from collections.abc import Collection, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, fields
+from functools import cached_property
 from pathlib import Path, PurePath
-from typing import Any, Literal, Self
+from typing import Any, Literal, Never, Self
 
 from pydantic import BaseModel
 
+from swarmwright.broker.address import environment_prefix
 from swarmwright.core.arguments import checked, instance, listed, mapping, path_of
 from swarmwright.core.errors import InputError
 from swarmwright.core.files import write_text
 from swarmwright.core.flatten import flat
 from swarmwright.core.html import facts
+from swarmwright.core.read_only import plain, read_only
 from swarmwright.core.simulation_names import SimulationName, is_command
 from swarmwright.core.yaml import Source, dump, read
 from swarmwright.experiment.budget import LIMITS, Budget, sets_limit
 from swarmwright.experiment.document import Faults, Requirements, Timeouts, Validate
 from swarmwright.experiment.fitness import FitnessExpression
-from swarmwright.experiment.fitting import check_fits
+from swarmwright.experiment.fitting import announced_sizes, check_fits
 from swarmwright.experiment.settings import ANNOUNCED, apply, parse_settings, restricted
 from swarmwright.experiment.start_from import genomes_of
 from swarmwright.experiment.unavailable import UnavailableOptions, copies, method_of, not_installed, require
 from swarmwright.launchers.entries import Entries, written
-from swarmwright.methods import Method, MethodOptions
+from swarmwright.methods import Method
 from swarmwright.rankings import RANKINGS, Ranking, RankingOptions
 from swarmwright.rankings.slow_simulation import SlowOptions
 from swarmwright.representations import REPRESENTATIONS, Representation
 from swarmwright.simulations.names import name_of
 from swarmwright.store import StoreReader
+from swarmwright.typing import Genomes
 
 LARGEST_GENOME = 1_000_000
 """Genes of a controller, at most; the engine's own limit."""
@@ -40,9 +45,9 @@ ELSEWHERE = frozenset(
 _SECTIONS = ("requirements", "controller", "method", "ranking", "validate", "timeouts", "faults")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, init=False)
 class Experiment:
-    """One experiment, unchangeable; `replace` makes a changed copy.
+    """One experiment, unchangeable, dictionaries and lists in it too; `replace` makes a changed copy.
 
     Made by `Experiment.load(path)` or `Experiment.from_mapping(values)`, which check everything; the keys and
     their meaning are those of the experiment file, see docs/reference/experiment.md.
@@ -59,7 +64,8 @@ class Experiment:
     """Controllers that evolution starts from, with their weights; None: random ones."""
     controller: Any
     """Options of the representation: `kind`, and what that kind has."""
-    method: MethodOptions
+    method: Any
+    """Options of the method: `kind`, and what that kind has."""
     ranking: RankingOptions
     validate: Validate
     mode: Literal["auto", "stepwise", "batched", "offloaded"]
@@ -71,6 +77,17 @@ class Experiment:
     seed: int
     path: Path | None = field(default=None, compare=False)
     """The file it was loaded from."""
+
+    def __init__(self, *given: Never, path: Path | None = None, **values: Any) -> None:  # noqa: ANN401 - fields
+        """Take checked values, those of all fields; dictionaries and lists in them become read-only."""
+        names = {one.name for one in fields(self)} - {"path"}
+        if given or values.keys() != names:
+            raise InputError(
+                "an experiment is made by Experiment.load(path), or by Experiment.from_mapping({..}) with "
+                "the keys of an experiment file, such as {'simulation': 'minisim'}"
+            )
+        for name, value in {**values, "path": path}.items():
+            object.__setattr__(self, name, read_only(value))
 
     def __hash__(self) -> int:
         """Return the same for equal experiments: what the file is called does not count."""
@@ -158,15 +175,18 @@ class Experiment:
         return self._checked(merged, None, ask=ask, lenient=self._keeps_unavailable(values))
 
     @classmethod
-    def from_mapping(cls, values: Mapping[str, Any]) -> Self:
+    def from_mapping(cls, values: Mapping[str, Any], settings: Iterable[str] = ()) -> Self:
         """Make an experiment of plain values, keys as in the file; `simulation` can be a class, too.
+
+        settings: what is set otherwise, as in `load`.
 
         Raises InputError with every problem.
         """
-        return cls._from(values)
+        listed("settings", settings, "settings such as method.generations=50")
+        return cls._from(values, settings)
 
     @classmethod
-    def _from(cls, values: Mapping[str, Any], *, lenient: bool = False) -> Self:
+    def _from(cls, values: Mapping[str, Any], settings: Iterable[str] = (), *, lenient: bool = False) -> Self:
         """Make an experiment of plain values; see `from_mapping`, and `check` for `lenient`."""
         simulation = mapping("values", values, "{'simulation': 'minisim'}").get("simulation")
         if isinstance(simulation, type):
@@ -174,7 +194,8 @@ class Experiment:
         elif hasattr(simulation, "reset"):
             kind = type(simulation).__name__
             raise InputError(f"simulation: is an object of the class {kind}; give the class itself, {kind}")
-        return cls._checked(Source("", values=_plain(values)), None, lenient=lenient)
+        source = apply(Source("", values=_plain(values)), parse_settings(settings))
+        return cls._checked(source, None, lenient=lenient)
 
     @classmethod
     def unasked(cls, values: Mapping[str, Any], folder: Path | None = None) -> Self:
@@ -274,12 +295,15 @@ class Experiment:
         unless another `kind` is given, which starts from that kind's defaults. A limit that is given
         (generations, evaluations or seconds) takes the place of all three: `replace(method={"evaluations":
         2000})` has no limit of generations. None takes a key back to its default: `replace(broker=None,
-        parameters={"agents": None})`.
+        parameters={"agents": None})`. Numbers of sensors and actuators that a simulation announces follow
+        its parameters, unless the file of the experiment gives them.
 
         Raises InputError with every problem, a line each.
         """
         values = self.to_mapping()
-        if changes.get("simulation", self.simulation) != self.simulation:
+        changes = {name: _plain(change) for name, change in changes.items()}
+        same_simulation = changes.get("simulation", self.simulation) == self.simulation
+        if not same_simulation:
             for name in ANNOUNCED:
                 values.pop(name, None)
         for name, change in changes.items():
@@ -295,11 +319,28 @@ class Experiment:
                 values.pop(name, None)
             else:
                 values[name] = change.model_dump() if hasattr(change, "model_dump") else change
+        parameters = values.get("parameters")
+        if same_simulation and isinstance(parameters, Mapping) and parameters != self.parameters:
+            announced = announced_sizes(self.simulation, dict(parameters)) or {}
+            for name, size in announced.items():
+                # The file is read only where it matters.
+                if name not in changes and values.get(name) != size and self._given(name) is None:
+                    values.pop(name, None)
         changed = self._from(values, lenient=self._keeps_unavailable(values))
         return dataclasses.replace(changed, path=self.path)
 
+    def with_environment(self) -> Self:
+        """Return it as it is evaluated here: with the environment's topic prefix where it names none.
+
+        Records keep the experiment without it.
+
+        Raises InputError for a prefix that cannot be.
+        """
+        prefix = "" if self.prefix else environment_prefix()
+        return dataclasses.replace(self, prefix=prefix) if prefix else self
+
     def checked_again(self) -> Self:
-        """Return an equal experiment, checked as it is now: mappings and lists in it may have been changed.
+        """Return an equal experiment, checked as it is now: its code may have been edited since.
 
         Raises InputError with every problem.
         """
@@ -309,10 +350,14 @@ class Experiment:
     def check_new(self) -> None:
         """Raise InputError for what runs of earlier versions may have, but none may begin with."""
         from swarmwright.experiment.checks import metrics_problem  # noqa: PLC0415 - takes long, not for reading attributes
+        from swarmwright.simulations import catalogue  # noqa: PLC0415 - as above
 
         problem = metrics_problem(self.ranking, self.method)
         if problem is not None:
             raise InputError(f"ranking.kind: {problem}")
+        problem = catalogue.unmeasured(self.simulation)
+        if problem is not None:
+            raise InputError(f"simulation: {problem}")
 
     @staticmethod
     def json_schema() -> dict[str, Any]:
@@ -334,14 +379,19 @@ class Experiment:
 
     def place(self, key: str) -> str:
         """Return where a key stands, `file.yaml:3: simulation: `; without a file or a line, what is known."""
+        source = self._given(key)
+        return f"{key}: " if source is None else source.place((key,))
+
+    def _given(self, key: str) -> Source | None:
+        """Return the file of the experiment where it gives a key; None where it does not, or is gone."""
         if self.path is not None:
             with suppress(InputError):
                 source = read(self.path)
                 found = source.values.get(key) if isinstance(source.values, Mapping) else None
                 other = isinstance(found, str) and found != getattr(self, key)  # another one was set
                 if found is not None and not other:
-                    return source.place((key,))
-        return f"{key}: "
+                    return source
+        return None
 
     def _keeps_unavailable(self, values: Mapping[str, Any]) -> bool:
         """Whether changed values have the method of this experiment, of a run, that is not installed here."""
@@ -351,6 +401,23 @@ class Experiment:
             and isinstance(method, Mapping)
             and method.get("kind") == self.method.kind
         )
+
+    @cached_property
+    def evaluation_key(self) -> bytes | None:
+        """What the fitness of genomes depends on, with types: 1 is not 1.0; None if it is not comparable."""
+        values = (
+            self.simulation,
+            plain(self.parameters),
+            self.sensors,
+            self.actuators,
+            plain(vars(self.requirements)),
+            plain(vars(self.controller)),
+            plain(vars(self.ranking)),
+        )
+        try:
+            return marshal.dumps(values, 2)  # this version writes equal values as equal bytes
+        except ValueError:
+            return None
 
     @property
     def steers(self) -> bool:
@@ -370,7 +437,7 @@ class Experiment:
     @property
     def generations(self) -> int:
         """Generations of the whole run, at most."""
-        return self.method.generations
+        return int(self.method.generations)
 
     @property
     def budget(self) -> Budget:
@@ -407,22 +474,45 @@ class Experiment:
             )
         return made
 
-    def new_method(self, representation: Representation) -> Method:
-        """Return the method, at its start.
+    def new_method(self, representation: Representation | None = None) -> Method:
+        """Return the method, at its start, to be asked for genomes and told their fitness.
+
+        representation: of the genomes; default: the experiment's, as `representation()` makes it.
 
         Raises InputError when the method cannot evolve the representation or start from the given
         controllers, or when the experiment is that of a run whose method is not installed here.
         """
         require(self.method, None if self.path is None else self.path.parent)
+        if representation is None:
+            representation = self.representation()
         method = method_of(self.method)(self.method, representation, seed=self.seed)
-        if self.start_from is not None:
+        start = self.start_genomes(representation)
+        if start is not None:
             try:
-                method.start_from(genomes_of(self.start_from, representation))
+                method.start_from(start)
             except InputError as error:
                 raise InputError(f"start_from: {error}") from error
-        elif representation.given is not None and method.no_start(self.method, 1) is None:
-            method.start_from(representation.given.reshape(1, -1))
         return method
+
+    def start_genomes(self, representation: Representation) -> Genomes | None:
+        """Return the genomes that the method starts from, (controllers, genome_size); None where it has none.
+
+        Raises InputError when they are not of this representation.
+        """
+        if self.start_from is not None:
+            try:
+                return genomes_of(self.start_from, representation)
+            except InputError as error:
+                raise InputError(f"start_from: {error}") from error
+        given = representation.given
+        if given is None or method_of(self.method).no_start(self.method, 1) is not None:
+            return None
+        return given.reshape(1, -1)
+
+    @property
+    def samples_around_start(self) -> bool:
+        """Whether a given controller is the center of the method's first sample, and no candidate itself."""
+        return method_of(self.method).start_as == "center"
 
     def new_ranking(self) -> Ranking:
         """Return the ranking.
@@ -455,11 +545,16 @@ class Experiment:
         return seed
 
 
-def experiment_of(given: Experiment | str | Path) -> Experiment:
-    """Return an experiment that is given as such, or as its file. Raises InputError as `Experiment.load`."""
+def experiment_of(given: Experiment | Mapping[str, Any] | str | Path) -> Experiment:
+    """Return an experiment that is given as such, as its file, or as a mapping with the keys of one.
+
+    Raises InputError as `Experiment.load`.
+    """
     if isinstance(given, str | Path):
         return Experiment.load(given)
-    instance("experiment", given, Experiment, "Experiment.load(file)")
+    if isinstance(given, Mapping):
+        return Experiment.from_mapping(given)
+    instance("experiment", given, Experiment, "Experiment.load(file) or Experiment.from_mapping({..})")
     return given
 
 

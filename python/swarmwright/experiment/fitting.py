@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Any
 from swarmwright import _engine
 from swarmwright.core.errors import InputError
 from swarmwright.core.yaml import Source
+from swarmwright.experiment.settings import SIZES
 from swarmwright.simulations import catalogue
 
 if TYPE_CHECKING:
     from swarmwright.experiment.experiment import Experiment
 
-_SIZES = ("sensors", "actuators")
 _ROBOT = "robot"
 """Parameter of the arena by whose value sensors and actuators differ."""
 
@@ -27,32 +27,39 @@ def check_fits(experiment: "Experiment", source: Source) -> None:
     """
     values = source.values
     simulation, parameters = values.get("simulation"), values.get("parameters", {})
-    sizes = {name: getattr(experiment, name) for name in _SIZES}
+    sizes = {name: getattr(experiment, name) for name in SIZES}
     kept = all(values.get(name) == size for name, size in sizes.items())
     if not (kept and isinstance(simulation, str) and isinstance(parameters, Mapping)):
         return
     if catalogue.built_in(simulation) is None or None in sizes.values() or not experiment.steers:
         return
-    found = _sizes(simulation, dict(parameters))
+    found = announced_sizes(simulation, dict(parameters))
     if found is None or found == sizes:
         return
     has, needs = (_words(one) for one in (found, sizes))
     robot = parameters.get(_ROBOT)
     whose = f"the robot {robot}" if isinstance(robot, str) else f"{simulation} with these parameters"
     fitting = [
-        name for name in _robots(simulation) if _sizes(simulation, {**parameters, _ROBOT: name}) == sizes
+        name
+        for name in _robots(simulation)
+        if announced_sizes(simulation, {**parameters, _ROBOT: name}) == sizes
     ]
     cure = f"; robots that fit: {', '.join(fitting)}" if fitting else ""
     raise InputError(f"controller: was evolved for {needs}, but {whose} has {has}, so it does not fit{cure}")
 
 
-def _sizes(simulation: str, parameters: dict[str, Any]) -> dict[str, int] | None:
-    """Return how many sensors and actuators agents have; None for parameters that are wrong."""
+def announced_sizes(simulation: str, parameters: dict[str, Any]) -> dict[str, int] | None:
+    """Return how many sensors and actuators agents have; None where it is not known here, or cannot be.
+
+    That is for simulations that others offer, and for parameters that are wrong.
+    """
+    if not catalogue.is_described(simulation):
+        return None
     try:
         announced = catalogue.description(simulation, parameters)
     except InputError:
         return None
-    return {name: announced[name] for name in _SIZES}
+    return {name: announced[name] for name in SIZES}
 
 
 def _words(sizes: Mapping[str, int]) -> str:

@@ -4,7 +4,7 @@ import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 from swarmwright.core.arguments import mapping, number
@@ -42,21 +42,27 @@ class Range:
             raise InputError(f"--vary {text}: {error}") from None
 
     @classmethod
-    def of(cls, key: str, values: Any) -> "Range":  # noqa: ANN401 - whatever a caller gives
-        """Return the range of a key, `parameters.speedDefenders`. Raises InputError."""
+    def of(cls, key: str, values: Any, given: str = "vary: ") -> "Range":  # noqa: ANN401 - whatever a caller gives
+        """Return the range of a key, `parameters.speedDefenders`. Raises InputError.
+
+        given: what precedes the key in messages.
+        """
         try:
             path, rest = key_path(f"{key}=")
             if rest or not isinstance(values, Sequence) or len(values) != 2:
                 raise InputError("expected a key and the lowest and highest value")
             low, high = (number("the lowest and highest value", one) for one in values)
-            return cls(path, low, high).checked()
+            return cls(path, low, high, given).checked()
         except InputError as error:
-            raise InputError(f"vary: {key}: {error}") from None
+            raise InputError(f"{given}{key}: {error}") from None
 
     def checked(self) -> "Range":
         """Return it; raises InputError when it is none."""
         if self.path[0] != "parameters":
-            raise InputError(f"{self.path[0]}: only parameters of the simulation can be varied")
+            meant = dotted_path(("parameters", *self.path))
+            is_key = self.path[0] in {one.name for one in fields(Experiment)}
+            hint = "" if is_key else f"; did you mean {meant}?"
+            raise InputError(f"only parameters of the simulation can be varied{hint}")
         if self.path == ("parameters", "seed"):
             raise InputError("parameters.seed: every episode has a seed of its own anyway")
         if not self.low <= self.high:
@@ -88,7 +94,7 @@ def _ends(text: str) -> tuple[float, float]:
 
 
 def _number(text: str) -> float | None:
-    """Return a whole number as one; None for text that is no finite number."""
+    """Return a whole number as one; None for text that is not a finite number."""
     try:
         return int(text)
     except ValueError:
@@ -119,10 +125,17 @@ def require_e_pucks(experiment: Experiment) -> None:
         )
 
 
-def ranges_of(vary: Mapping[str, Sequence[float]] | Iterable[Range]) -> list[Range]:
-    """Return ranges by their keys. Raises InputError."""
+def ranges_of(vary: Mapping[str, Sequence[float]] | Iterable[Range], prefix: str = "vary: ") -> list[Range]:
+    """Return ranges by their keys. Raises InputError.
+
+    prefix: what precedes the keys in messages.
+    """
     given: Any = vary
     if isinstance(given, list | tuple) and all(isinstance(one, Range) for one in given):
+        paths = [one.path for one in given]
+        twice = next((one for index, one in enumerate(given) if one.path in paths[:index]), None)
+        if twice is not None:
+            raise InputError(f"{twice}: this parameter has a range already; give it once")
         return list(given)
     named = mapping("vary", given, "{'parameters.speedDefenders': (0.4, 0.8)}")
-    return [Range.of(key, values) for key, values in named.items()]
+    return [Range.of(key, values, prefix) for key, values in named.items()]

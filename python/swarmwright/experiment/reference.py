@@ -30,10 +30,12 @@ _OF_ROS = {
     "Step": "step",
     "Reset": "reset",
     "Spawn": "spawn",
-    "Area": "spawn: {area: ..}",
+    "Area": "spawn (area)",
     "Metric": "an entry of metrics",
 }
 """Sections of `simulation: {ros: ..}`, by the names of their models."""
+_MORE = {"modules": "[Modules](modules.md) says what each behaviour and condition computes."}
+"""What follows the description of a kind of controller."""
 
 
 def reference() -> str:
@@ -46,11 +48,11 @@ def reference() -> str:
         lines += ["", f"## {name}", "", definition["description"], ""]
         lines += _table(definition["properties"], set(definition.get("required", [])), schema)
     lines += _launchers(schema)
-    lines += ["", "## simulation: {command: ..}", "", schema["$defs"]["Command"]["description"], ""]
+    lines += ["", "## simulation (command)", "", schema["$defs"]["Command"]["description"], ""]
     lines += _table(schema["$defs"]["Command"]["properties"], {"command"}, schema)
-    lines += ["", "## simulation: {fmu: ..}", "", schema["$defs"]["Fmu"]["description"], ""]
+    lines += ["", "## simulation (FMU)", "", schema["$defs"]["Fmu"]["description"], ""]
     lines += _table(schema["$defs"]["Fmu"]["properties"], {"fmu"}, schema)
-    lines += ["", "## simulation: {ros: ..}", "", schema["$defs"]["Ros"]["description"], ""]
+    lines += ["", "## simulation (ROS)", "", schema["$defs"]["Ros"]["description"], ""]
     lines += _table(schema["$defs"]["Ros"]["properties"], {"ros", "step"}, schema)
     for name, title in _OF_ROS.items():
         definition = schema["$defs"][f"Ros{name}"]
@@ -79,6 +81,8 @@ def _kinds(name: str, schema: dict[str, Any]) -> Iterator[str]:
         kind = variant["properties"]["kind"]["const"]
         yield from ("", f"### {name}: {{kind: {kind}}}{' (default)' if kind == DEFAULT_KINDS[name] else ''}")
         yield from ("", variant["description"])
+        if name == "controller" and kind in _MORE:
+            yield from ("", _MORE[kind])
         options = {
             key: one for key, one in variant["properties"].items() if key != "kind" and one != shared.get(key)
         }
@@ -102,7 +106,7 @@ def _shared(variants: list[dict[str, Any]]) -> dict[str, Any]:
 def _launchers(schema: dict[str, Any]) -> Iterator[str]:
     """What starts servers: the options that all have, then those of each."""
     shared = options_schema(LauncherOptions)
-    yield from ("", "## servers: {launcher: ..}", "")
+    yield from ("", "## servers (launcher)", "")
     yield (
         "What starts servers, here or elsewhere, see [Use clusters](../how-to/use-clusters.md). Every "
         "launcher has these options beside `launcher`, its name, and its own ones below."

@@ -58,7 +58,7 @@ def written_out(
     """
     set_ = list(paths)
     simulation, parameters = values.get("simulation"), values.get("parameters") or {}
-    if not any(map(_is_part, set_)) or any(map(_is_other, set_)):
+    if not any(map(is_part, set_)) or any(map(_is_other, set_)):
         return values
     if not isinstance(simulation, str) or catalogue.built_in(simulation) != catalogue.ARENA:
         return values
@@ -78,7 +78,32 @@ def written_out(
     return {**values, "parameters": {**parameters, "robot": parts}}
 
 
-def _is_part(path: tuple[str, ...]) -> bool:
+def kinds_instead(
+    values: Mapping[str, Any], paths: Iterable[tuple[str, ...]], folder: Callable[[Path_], Path]
+) -> str | None:
+    """Return the key of the kinds of robots of an experiment of which parts of the one robot are to be set.
+
+    None where there are no kinds, or where the parts belong to a robot that is given or set beside them.
+    Arguments as for `written_out`.
+    """
+    set_ = list(paths)
+    simulation, parameters = values.get("simulation"), values.get("parameters") or {}
+    if not any(map(is_part, set_)) or any(map(_is_other, set_)) or (*_KEY, "radius") in set_:
+        return None
+    if not isinstance(simulation, str) or catalogue.built_in(simulation) != catalogue.ARENA:
+        return None
+    if not isinstance(parameters, Mapping) or parameters.get("robot") is not None:
+        return None
+    found, _ = resolve(simulation, parameters, folder, lambda *_: None, ask=False)
+    if isinstance(found.get("robots"), list):
+        return "parameters.robots"
+    of_mission = mission_of(found.get("mission")) or {}
+    several = found.get("robots") is None and isinstance(of_mission.get("robots"), list)
+    return "parameters.mission.robots" if several else None
+
+
+def is_part(path: tuple[str, ...]) -> bool:
+    """Return whether a key is a part of the one robot."""
     return path[:2] == _KEY and len(path) > 2
 
 

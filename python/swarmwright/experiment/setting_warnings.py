@@ -1,9 +1,15 @@
 """Keys of an experiment that were set and have no effect, or an undesired one, with its other keys."""
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Mapping
 
 from swarmwright.core.options import Options
 from swarmwright.experiment.experiment import Experiment
+from swarmwright.representations.network import NetworkOptions
+from swarmwright.simulations.catalogue import steers_itself, titles
+
+_REACHED = {"tanh": (-1.0, 1.0), "sigmoid": (0.0, 1.0), "clamp": (0.0, 1.0), "relu": (0.0, math.inf)}
+"""Lowest and highest output of a node, by activation; others have no limits."""
 
 
 def setting_warnings(experiment: Experiment) -> list[str]:
@@ -20,6 +26,11 @@ def setting_warnings(experiment: Experiment) -> list[str]:
             f"validate.{key} has no effect without validate.to, validate.vary or validate.pseudo_reality"
             for key in _set_in(validate, "seeds", "random")
         ]
+    if experiment.start_from is not None and experiment.samples_around_start and validate.episodes == 0:
+        found.append(
+            f"start_from: {method.kind} samples around the controller and does not keep it; with validate: "
+            "false the run does not say whether its best is better"
+        )
     ranking = experiment.ranking
     if method.needed_metrics and ranking.seeds == "new":
         episodes = ranking.episodes
@@ -28,7 +39,36 @@ def setting_warnings(experiment: Experiment) -> list[str]:
             "seeds, and those with easy seeds stay to the end; take seeds: same with more episodes "
             f"(ranking.episodes is {episodes}), and evaluate the result on held-out seeds"
         )
-    return found
+    return [*found, *_without_influence(experiment)]
+
+
+def _without_influence(experiment: Experiment) -> Iterator[str]:
+    """Yield sentences on settings with which all controllers have the same fitness."""
+    simulation, parameters, controller = experiment.simulation, experiment.parameters, experiment.controller
+    if experiment.steers and simulation in titles() and steers_itself(simulation, parameters):
+        yield (
+            f"controller: {controller.kind} steers agents, but those of {simulation} steer themselves with "
+            "these parameters, and all candidates have the same fitness; change the parameters, or evolve "
+            "them with controller: {kind: parameter_set}"
+        )
+    if isinstance(controller, NetworkOptions) and controller.last_activation in _REACHED:
+        (low, high), (least, most) = controller.outputs, _REACHED[controller.last_activation]
+        if most <= low or high <= least:
+            reached = f"{least:g} to {most:g}" if math.isfinite(most) else f"{least:g} or more"
+            yield (
+                f"controller.output_range: [{low:g}, {high:g}] is beyond all outputs of "
+                f"{controller.last_activation}, {reached}: actuators have one value, whatever the controller"
+            )
+    mission = parameters.get("mission")
+    metrics = mission.get("metrics") if isinstance(mission, Mapping) else None
+    for name, metric in metrics.items() if isinstance(metrics, Mapping) else ():
+        if isinstance(metric, Mapping) and metric.get("kind") == "returns":
+            sources = metric.get("sources")
+            if isinstance(sources, list) and metric.get("nest") in sources:
+                yield (
+                    f"parameters.mission.metrics.{name}: its nest {metric['nest']!r} is also one of its "
+                    "sources, and no robot is counted; name another patch"
+                )
 
 
 def _set_in(options: Options, *keys: str) -> Iterator[str]:

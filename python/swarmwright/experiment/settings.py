@@ -4,8 +4,10 @@ import copy
 import re
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
+from swarmwright import _engine
 from swarmwright.core.arguments import listed
 from swarmwright.core.arguments import text as argument
 from swarmwright.core.errors import InputError
@@ -14,13 +16,15 @@ from swarmwright.core.yaml import Path_, Source, dotted_path, parse
 from swarmwright.experiment.budget import LIMITS, sets_limit
 from swarmwright.experiment.document import DEFAULT_KINDS
 from swarmwright.experiment.parameter_files import resolve
-from swarmwright.experiment.robots import mission_of, written_out
+from swarmwright.experiment.robots import is_part, kinds_instead, mission_of, written_out
 from swarmwright.methods import METHODS
 from swarmwright.rankings import RankingOptions
 from swarmwright.simulations import catalogue
 
 _PART = re.compile(r'"(?P<quoted>[^"]+)"|(?P<plain>[^.\[\]"=]+)|\[(?P<index>\d+)\]')
-ANNOUNCED = ("sensors", "actuators", "requirements")
+SIZES = ("sensors", "actuators")
+"""What parameters of a simulation, such as the arena's robot, may announce differently."""
+ANNOUNCED = (*SIZES, "requirements")
 """What another simulation announces differently."""
 _HINT = "write KEY=VALUE, such as method.generations=50 or 'controller.hidden=[8, 4]'"
 
@@ -95,9 +99,9 @@ def restricted(settings: Iterable[Setting], keys: Collection[str], reason: str) 
 
 
 def refuse_seed(texts: Iterable[str]) -> None:
-    """Raise InputError where the seed of episodes is set that another option chooses."""
+    """Raise InputError where a seed is set, the method's or that of episodes, which another option names."""
     for one in parse_settings(texts):
-        if one.path == ("parameters", "seed"):
+        if one.path in {("seed",), ("parameters", "seed")}:
             raise InputError(f"{one.text}: has no effect here; the seed of episodes is the option --seed")
 
 
@@ -114,13 +118,15 @@ def apply(source: Source, settings: Iterable[Setting], *, new_budget: bool = Tru
     ordered = _in_order(settings)
     if not ordered or not isinstance(source.values, Mapping | None):
         return source
+    values, paths = copy.deepcopy(dict(source.values or {})), [one.path for one in ordered]
+
+    def folder(path: Path_) -> Path:
+        return source.folder(("parameters", *path))
+
+    kinds = kinds_instead(values, paths, folder)
     changed = Source(
         source.name,
-        written_out(
-            copy.deepcopy(dict(source.values or {})),
-            [one.path for one in ordered],
-            lambda path: source.folder(("parameters", *path)),
-        ),
+        written_out(values, paths, folder),
         dict(source.lines),
         list(source.problems),
         dict(source.options),
@@ -132,6 +138,15 @@ def apply(source: Source, settings: Iterable[Setting], *, new_budget: bool = Tru
             _start_anew(changed, setting)
         elif setting.first:
             _other_simulation(changed, setting)
+        if kinds is not None and is_part(setting.path):
+            example = ".".join((f"{kinds}.0.robot", *setting.path[2:]))
+            _complain(
+                changed,
+                setting,
+                setting.path[:2],
+                f"is not used here: there are kinds of robots; set what belongs to one, such as {example}",
+            )
+            continue
         _assign(changed, setting)
     return changed
 
@@ -255,10 +270,13 @@ def _assign(source: Source, setting: Setting) -> None:
 def _with_parts(source: Source, path: Path_, name: str) -> Any:  # noqa: ANN401 - any parameter
     """Return a parameter whose parts are to be set: what is in the file, or of the mission, that it names."""
     simulation = source.values.get("simulation")
-    if path[:1] != ("parameters",) or len(path) != 2 or not isinstance(simulation, str):
+    if path[:1] != ("parameters",) or not isinstance(simulation, str):
         return name
     if catalogue.built_in(simulation) is None:
         return name
+    if len(path) != 2:
+        of_kind = path[-1] == "robot" and path[1] in {"mission", "robots"}
+        return {"preset": name} if of_kind and name in _engine.robots() else name
     parameter = str(path[1])
     wrong: list[Path_] = []
     found, _ = resolve(

@@ -1,7 +1,7 @@
 """`start_from`: controllers that evolution starts from, read once and kept in the experiment."""
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,8 @@ from swarmwright.typing import Genomes
 Entry = dict[str, Any]
 """One controller: `architecture`, `weights`, what it is `from`, and `genome` where that is another one."""
 _OF_RUN = frozenset({"run", "generation", "candidate"})
+_LONGEST = 60
+"""Characters of a value in a message."""
 
 
 def entries(value: Any, folder: Path) -> list[Entry]:  # noqa: ANN401 - whatever the file says
@@ -92,9 +94,11 @@ def genomes_of(start_from: Sequence[Entry], representation: Representation) -> G
         architecture = entry["architecture"]
         differing = list(_differing(architecture, wanted))
         if differing:
+            options = type(representation.options).model_fields
             raise InputError(
                 f"{name} is {controller_words(architecture)}; the controllers of this experiment are "
-                f"{controller_words(wanted)}: they differ in {', '.join(differing)}"
+                f"{controller_words(wanted)}: they differ in "
+                f"{', '.join(_difference(key, architecture, wanted, options) for key in differing)}"
             )
         try:
             genome = np.array(entry.get("genome", entry["weights"]), dtype=np.float32)
@@ -127,6 +131,15 @@ def _differing(one: Mapping[str, Any], other: Mapping[str, Any]) -> Iterator[str
     for key in dict.fromkeys([*other, *one]):
         if _comparable(one.get(key)) != _comparable(other.get(key)):
             yield str(key)
+
+
+def _difference(key: str, one: Mapping[str, Any], other: Mapping[str, Any], options: Container[str]) -> str:
+    """Return what differs: `output_range ([-2, 2], here [-1, 1]; set controller.output_range)`."""
+    values = [shown(each[key], _LONGEST + 1) if key in each else "none" for each in (one, other)]
+    if key == "groups" or max(map(len, values)) > _LONGEST:
+        return key
+    advice = f"; set controller.{key}" if key in options and key in one else ""
+    return f"{key} ({values[0]}, here {values[1]}{advice})"
 
 
 def _comparable(value: Any) -> Any:  # noqa: ANN401 - any value of a specification

@@ -24,8 +24,13 @@ from swarmwright.user_code.permission import require_named
 
 CHANGED = ELSEWHERE - {"validate"} | {"simulation", "parameters", "sensors", "actuators", "fitness"}
 """Keys of an experiment that a file of a target may have."""
+_CONDITIONS = ("simulation", "parameters", "fitness", "broker", "prefix")
+"""Keys that decide what an episode is, or which simulator runs it."""
 _FILES = (".yaml", ".yml")
-_REASON = "a target says where candidates are evaluated, not this"
+_REASON = (
+    "does not belong to a target, which has only keys that say where candidates are evaluated, such as "
+    "simulation, parameters, fitness and servers; remove this key"
+)
 
 Entry = str | Mapping[str, Any]
 """A target as an experiment holds it: the name of a simulation, or its `name` and the keys that differ."""
@@ -157,7 +162,7 @@ def _ranges(experiment: Experiment) -> list[Range]:
     if options.pseudo_reality:
         require_e_pucks(experiment)
     # Messages begin with the key already.
-    vary = [dataclasses.replace(one, given="") for one in ranges_of(options.vary)]
+    vary = ranges_of(options.vary, prefix="")
     return [*(E_PUCKS if options.pseudo_reality else ()), *vary]
 
 
@@ -168,6 +173,12 @@ def unfit(name: str, there: Experiment, here: Experiment) -> str | None:
         return None
     own, others = (f"{sensors} sensors and {actuators} actuators" for sensors, actuators in sizes)
     return f"{name}: the run's controllers have {own}, agents of {there.label} have {others}"
+
+
+def is_same(there: Experiment, here: Experiment) -> bool:
+    """Whether a target is the simulation of `here` with the same parameters, fitness and broker."""
+    first, second = there.to_mapping(), here.to_mapping()
+    return all(first.get(key) == second.get(key) for key in _CONDITIONS)
 
 
 def alone(experiment: Experiment) -> Experiment:
@@ -290,8 +301,10 @@ def _require_trusted(entry: Entry, run: Path) -> None:
 
 def _part(source: Source, path: Path_, values: Mapping[str, Any]) -> Source:
     """Return what stands at a path as a source of its own, whose lines are those of the file."""
+    if path not in source.lines and path[:-1] in source.lines and path[-1] == 0:  # one target needs no list
+        path = path[:-1]
     lines = {place[len(path) :]: line for place, line in source.lines.items() if place[: len(path)] == path}
-    return Source(source.name, dict(values), lines)
+    return Source(source.name, dict(values), lines, above=path)
 
 
 def _with_keys(

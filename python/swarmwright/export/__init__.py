@@ -1,13 +1,13 @@
-"""Controllers as source code and models: one file and one line below for each form."""
+"""Controllers as source code and models: one file and one line below for each format."""
 
 from swarmwright.core.registry import Registry
-from swarmwright.export._base import Exporter, Files, file_bytes
+from swarmwright.export._base import Exporter, Files, NotInstalledError, file_bytes
 from swarmwright.export.subject import Subject
 
-__all__ = ["EXPORTERS", "Exporter", "Files", "Subject", "file_bytes"]
+__all__ = ["EXPORTERS", "Exporter", "Files", "NotInstalledError", "Subject", "file_bytes"]
 
 EXPORTERS: Registry[Exporter] = Registry(
-    "form",
+    "export format",
     "swarmwright.exporters",
     {
         "c": "swarmwright.export.c:C",
@@ -24,4 +24,4 @@ EXPORTERS: Registry[Exporter] = Registry(
     },
     "swarmwright.export:Exporter",
 )
-"""All forms, by their name after `--to`."""
+"""All export formats, by their name after `--to`."""

@@ -1,4 +1,4 @@
-"""What every form of an exported controller does."""
+"""What every format of an exported controller does."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from swarmwright.core import modules
 from swarmwright.core.errors import InputError
+from swarmwright.core.ranges import shortest_decimal
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Subject
 
@@ -20,6 +21,10 @@ Files = dict[str, str | bytes]
 def file_bytes(content: str | bytes) -> bytes:
     """Return the content of a file as it is written: text in UTF-8."""
     return content if isinstance(content, bytes) else content.encode()
+
+
+class NotInstalledError(InputError):
+    """A package that a format needs is not installed."""
 
 
 class Exporter(ABC):
@@ -53,7 +58,9 @@ class Exporter(ABC):
             subject: the controller.
             prefix: begins names and files; a valid identifier in C, C++ and Python.
 
-        Raises InputError when controllers of this kind have no such form.
+        Raises:
+            InputError: controllers of this kind cannot be exported to this format.
+            NotInstalledError: a package that this needs is not installed.
         """
 
     @abstractmethod
@@ -80,7 +87,7 @@ class Exporter(ABC):
 
 
 def not_exported(subject: Subject, form: str, known: Iterable[str]) -> InputError:
-    """Return the error for a controller of a kind that has no such form; known: kinds that have it."""
+    """Return the error for a controller of a kind that the format does not have; known: those it has."""
     kinds = ", ".join(sorted({*known} - {modules.PYTHON_KIND}))
     reason = f"controller: the kind {subject.kind!r} cannot be exported to {form}, only {kinds}"
     if subject.kind == modules.PYTHON_KIND:
@@ -101,5 +108,7 @@ def facts(subject: Subject, begin: str = " * ", advice: str = "changes here are 
 
     # Those of a bundle are its sender's, who could write code behind the end of a comment.
     said = [(plain(name), plain(text)) for name, text in subject.facts]
+    if subject.step_size:
+        said.append(("Control cycle", f"{shortest_decimal(subject.step_size)} s, a step of the simulation"))
     rows = [*table(said, begin), f"{begin}{MARK} {__version__}; {advice}."]
     return "\n".join(row.rstrip() for row in rows)

@@ -1,4 +1,4 @@
-"""Bundles: a controller in all forms, with the record of its evaluation, in one archive to hand over."""
+"""Bundles: a controller in all formats, with the record of its evaluation, in one archive to hand over."""
 
 import csv
 import hashlib
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from swarmwright.core.arguments import checked
 from swarmwright.core.errors import InputError, RunError, SwarmwrightError
 from swarmwright.core.files import read_bytes
+from swarmwright.core.revision import revision
 from swarmwright.core.simulation_names import SimulationName
 from swarmwright.core.teams import TEAM
 from swarmwright.export import EXPORTERS
@@ -27,7 +28,7 @@ from swarmwright.export.subject import Channel, Subject, subject_of
 from swarmwright.export.text import check_prefix, decimals
 from swarmwright.export.verification import Verification, verify
 from swarmwright.runs.instances import instances
-from swarmwright.user_code.copying import shown
+from swarmwright.user_code.copying import display_name
 
 if TYPE_CHECKING:
     from swarmwright.runs.run import Run
@@ -42,7 +43,7 @@ LICENSE = "LICENSE.txt"
 MAPPING = "mapping.yaml"
 _DATE = (1980, 1, 1, 0, 0, 0)  # the earliest that an archive can hold: the same files are the same archive
 _ABSOLUTE_CLASS = re.compile(r"(?:[/\\]|[A-Za-z]:).*\.py:[^\W\d]\w*")
-_ABOUT = ("names", "units", "ranges")
+_ABOUT = ("names", "units", "ranges", "meanings")
 """What the manifest has of the description of sensors and of actuators."""
 _LARGEST = 1 << 20
 """Bytes of a license or a mapping."""
@@ -70,11 +71,11 @@ class Bundle:
     subject: Subject
     """The controller, with where it comes from."""
     verified: dict[str, Verification]
-    """By form (such as "c"), how the exported controller compares with that of the simulation."""
+    """By export format (such as "c"), how the exported controller compares with that of the simulation."""
     unverified: dict[str, str]
-    """By form, why it was not compared."""
+    """By export format, why it was not compared."""
     without: dict[str, str]
-    """Forms that are missing, and why."""
+    """Export formats that are missing, and why."""
 
 
 @checked
@@ -91,7 +92,7 @@ def export_bundle(
 ) -> Bundle:
     """Write an archive for those who put a controller on robots.
 
-    It holds the controller in every form that this installation can write, each compared with the simulation
+    It holds the controller in every format that can be written here, each compared with the simulation
     where the compiler or interpreter for that is installed; the specification of the controller; episodes as
     a table; how it was evaluated, with its fitness on held-out seeds if the run has it; and a manifest with
     the SHA-256 of every file. The same run and candidate give the same files.
@@ -108,7 +109,7 @@ def export_bundle(
 
     Raises:
         InputError: there is no such candidate, a file cannot be read or is in the way.
-        RunError: a form is not what the simulation ran.
+        RunError: an exported controller is not what the simulation ran.
     """
     from swarmwright.runs.run import run_of  # noqa: PLC0415 - with figures and more
 
@@ -119,7 +120,7 @@ def export_bundle(
     if opened.experiment.controller.kind == TEAM:
         raise InputError(
             f"{opened.path}: has a controller for each group of agents, and a bundle holds one for all; "
-            "export each with --to FORM --group NAME"
+            "export each with --to FORMAT --group NAME"
         )
     subject = subject_of(opened, generation, candidate)
     files: Files = {
@@ -224,7 +225,7 @@ def _anywhere(value: Any, run: Path, *, machines: bool = False) -> Any:  # noqa:
     if not isinstance(value, str):
         return value
     if _ABSOLUTE_CLASS.fullmatch(value):
-        parsed = SimulationName.parse(shown(value))
+        parsed = SimulationName.parse(display_name(value))
         file = parsed.file
         return parsed.in_file(file.name) if file is not None and file.is_absolute() else parsed.text
     for folder in dict.fromkeys([run.absolute(), run.resolve()]):
@@ -248,10 +249,11 @@ def _finite(values: NDArray[np.float64]) -> list[float | None]:
 def _manifest(run: "Run", bundle: Bundle, prefix: str, files: Files) -> str:
     from swarmwright import __version__  # noqa: PLC0415 - asks the engine
 
-    subject = bundle.subject
+    subject, commit = bundle.subject, revision()
     values = {
         "format": FORMAT,
         "swarmwright": __version__,
+        **({} if commit is None else {"commit": commit}),
         "prefix": prefix,
         "run": {"name": run.name, "seed": run.experiment.seed, "digest": run.digest},
         "facts": subject.facts,
@@ -262,6 +264,7 @@ def _manifest(run: "Run", bundle: Bundle, prefix: str, files: Files) -> str:
         },
         "episodes": {"count": subject.episode_count, "reason": _anywhere(subject.reason, run.path)},
         "step_size": subject.step_size,
+        "wheels": list(subject.wheels),
         "topics": dict(subject.topics),
         "ranges": dict(subject.ranges),
         "sensors": [_channel(one) for one in subject.sensors] if subject.steers else [],

@@ -1,12 +1,11 @@
-"""Checking a bundle that somebody hands over: its files, its forms, and the fitness that it states."""
+"""Checking a bundle that somebody hands over: its files, its formats, and the fitness that it states."""
 
 import hashlib
 import json
 import math
-import zipfile
-import zlib
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,22 +16,27 @@ from swarmwright.core.errors import InputError, RunError, SwarmwrightError
 from swarmwright.core.modules import PYTHON_KIND
 from swarmwright.core.untrusted import one_line
 from swarmwright.export import EXPORTERS
-from swarmwright.export._base import Exporter, Files, file_bytes
+from swarmwright.export._base import Exporter, Files, NotInstalledError, file_bytes
 from swarmwright.export.bundle import (
     CONTROLLER,
     EPISODES,
     EVALUATION,
     FORMAT,
+    LICENSE,
     MANIFEST,
+    MAPPING,
     episodes_of,
 )
+from swarmwright.export.bundle_reading import read_files
 from swarmwright.export.sequences import Sequences, difference
 from swarmwright.export.subject import Subject, fitness_words
 from swarmwright.export.text import check_prefix
 from swarmwright.export.verification import Verification, verify
 
-_LARGEST = 1 << 28
-"""Bytes of all files of a bundle."""
+_KNOWN = frozenset({MANIFEST, CONTROLLER, EVALUATION, EPISODES, LICENSE, MAPPING})
+"""Files beside those in the folders of formats."""
+_FORMAT_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
+"""What a format of a package that is not installed here may be called: it is a folder, also on Windows."""
 
 
 @dataclass
@@ -47,13 +51,16 @@ class BundleVerification:
     files: int
     """Files that are as the manifest says."""
     forms: dict[str, Verification] = field(default_factory=dict)
-    """By form, how it compares with the engine's controller."""
+    """By export format, how it compares with the engine's controller."""
     unverified: dict[str, str] = field(default_factory=dict)
-    """By form, why it was not run; `fitness`: why it could not be compared with its episodes."""
+    """By export format, why it was not run; `fitness`: why it could not be compared with its episodes."""
+    formats_not_checked: dict[str, str] = field(default_factory=dict)
+    """By export format, in short, why not even its files could be checked, such as "written by Swarmwright
+    9.9". Others in `unverified` have the files that this version exports."""
     episodes: int = 0
     """Episodes in which the controller was evaluated again, with the fitness that is stated."""
     not_evaluated: str = ""
-    """Why it was not evaluated again; empty where it was."""
+    """Why it was not evaluated again, such as a simulation that is not built in; empty where it was."""
     problems: list[str] = field(default_factory=list)
     """What is not as stated."""
 
@@ -63,27 +70,56 @@ class BundleVerification:
         return not self.problems
 
     @property
+    def fitness_not_checked(self) -> str:
+        """Why the stated fitness was not checked; empty where it was."""
+        return self.not_evaluated or self.unverified.get("fitness", "")
+
+    @property
     def largest_difference(self) -> float:
-        """Between actuators of all forms that were run, absolute."""
+        """Between actuators of all formats that were run, absolute."""
         return max((one.largest_difference for one in self.forms.values()), default=0.0)
 
     @property
     def words(self) -> str:
-        """One line, which holds the largest difference."""
+        """One line: whether the bundle is as stated, the largest difference, and what was not checked."""
         if not self.ok:
             many = len(self.problems)
             return f"FAILED: {many} problem{'s' if many > 1 else ''}"
-        forms = ", ".join(self.forms) if self.forms else "no form was run"
-        return f"largest difference {self.largest_difference:.3g} ({forms})"
+        unchecked = self.fitness_not_checked
+        if self.formats_not_checked:
+            return self._words_in_part(unchecked)
+        if not self.forms:
+            if unchecked:
+                return f"Not verified: no exported code was run, and the fitness was not checked: {unchecked}"
+            return "Fitness verified; no exported code was run"
+        found = f"largest difference {self.largest_difference:.3g} ({', '.join(self.forms)})"
+        if unchecked:
+            return f"Controller code verified: {found}; its fitness was not checked: {unchecked}"
+        return f"Verified: {found}"
+
+    def _words_in_part(self, fitness: str) -> str:
+        """Return the line where files of formats were not checked; fitness: why that was not, or empty."""
+        by_reason: dict[str, list[str]] = {}
+        for form, reason in self.formats_not_checked.items():
+            by_reason.setdefault(reason, []).append(form)
+        if fitness:
+            by_reason.setdefault(fitness, []).append("the fitness")
+        rest = "not checked: " + ", ".join(f"{', '.join(what)} ({why})" for why, what in by_reason.items())
+        if self.forms:
+            return f"Controller code verified in part: {', '.join(self.forms)}; {rest}"
+        begin = "Not verified" if fitness else "Fitness verified"
+        return f"{begin}; no exported code was run; {rest}"
 
     def to_mapping(self) -> dict[str, Any]:
         """Return the report as plain values."""
         return {
             "ok": self.ok,
+            "fitness_checked": not self.fitness_not_checked,
             "digest": self.digest,
             "files": self.files,
             "forms": {name: one.to_mapping() for name, one in self.forms.items()},
             "unverified": self.unverified,
+            "formats_not_checked": self.formats_not_checked,
             "largest_difference": self.largest_difference,
             "episodes": self.episodes,
             "not_evaluated": self.not_evaluated,
@@ -95,80 +131,28 @@ class BundleVerification:
 def verify_bundle(file: str | Path) -> BundleVerification:
     """Check a bundle, wherever it comes from; nothing that it contains is executed unless it is known.
 
-    Every file must be as its manifest says. In the recorded episodes the engine's controller must do what
-    they state, and where the simulation is a built-in one, it must get the fitness that is stated. Each form
-    is exported again from the specification. Where that gives the same files, they are compiled and run as by
-    `export --verify`. Where it does not, they are not run: they were changed, or another version of
-    Swarmwright wrote them.
+    Every file must be as its manifest says, and one that bundles have. In the recorded episodes the engine's
+    controller must do what they state, and where the simulation is a built-in one, it must get the fitness
+    that is stated; where it is not, `fitness_not_checked` says so. Each export format is written again from
+    the specification. Where that gives the same files, they are compiled and run as by `export --verify`.
+    Where it does not, they are not run: they were changed, or another version of Swarmwright wrote them;
+    `formats_not_checked` has the latter, and formats of packages that are not installed here. A file with a
+    name that this version does not export is a problem, whichever version wrote the bundle.
 
     Args:
         file: the archive, or the folder that it was unpacked to.
 
-    Raises InputError when it is not a bundle, or one of a later version.
+    Raises InputError when it is not a bundle, or one of a later version, or has files that unpacking may
+    write outside its folder: absolute names, names with `..`, backslashes or drive letters, links.
     """
     path = Path(file)
-    files = _read(path)
+    files = read_files(path)
     try:
         return _checked(path, files)
     except (KeyError, TypeError, ValueError, OverflowError, AttributeError) as error:
         raise InputError(
             f"{path}: {MANIFEST}, or what it names, is not as a bundle has it: {error}"
         ) from None
-
-
-def _read(path: Path) -> dict[str, bytes]:
-    if path.is_dir():
-        return _read_folder(path)
-    try:
-        with zipfile.ZipFile(path) as archive:
-            infos = [info for info in archive.infolist() if not info.is_dir()]  # other programs add folders
-            _check_size(path, sum(info.file_size for info in infos))
-            names = [info.filename for info in infos]
-            if len(set(names)) < len(names):
-                raise InputError(f"{path}: has a file twice: {one_line(_twice(names))}")
-            _check_manifest(path, names)
-            return {info.filename: archive.read(info) for info in infos}
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
-    except (
-        zipfile.BadZipFile, zipfile.LargeZipFile, zlib.error, RuntimeError, NotImplementedError, EOFError,
-    ) as error:  # fmt: skip
-        raise InputError(f"{path}: is not a bundle, or is damaged: {error}") from error
-
-
-def _read_folder(folder: Path) -> dict[str, bytes]:
-    """Return the files of an unpacked bundle by name; links are not followed."""
-    try:
-        files = {
-            file.relative_to(folder).as_posix(): file
-            for file in sorted(folder.rglob("*"))
-            if file.is_symlink() or not file.is_dir()
-        }
-        _check_manifest(folder, files)
-        for name, file in files.items():
-            if file.is_symlink() or not file.is_file():
-                raise InputError(f"{folder}: {one_line(name)}: is not a plain file; no bundle has others")
-        _check_size(folder, sum(file.stat().st_size for file in files.values()))
-        return {name: file.read_bytes() for name, file in files.items()}
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be read: {error.strerror or error}") from error
-
-
-def _check_size(path: Path, size: int) -> None:
-    if size > _LARGEST:
-        raise InputError(f"{path}: has more than {_LARGEST >> 20} MiB of files; no bundle is so large")
-
-
-def _check_manifest(path: Path, names: Collection[str]) -> None:
-    if MANIFEST not in names:
-        raise InputError(
-            f"{path}: is not a bundle: it has no {MANIFEST}; "
-            "`swarmwright export RUN --bundle FILE.zip` makes one"
-        )
-
-
-def _twice(names: list[str]) -> str:
-    return next(name for name in names if names.count(name) > 1)
 
 
 def _checked(path: Path, files: dict[str, bytes]) -> BundleVerification:
@@ -190,7 +174,7 @@ def _checked(path: Path, files: dict[str, bytes]) -> BundleVerification:
     prefix = str(manifest["prefix"])
     check_prefix(prefix)
     for form in manifest["forms"]:
-        _run_form(str(form), prefix, subject, files, report, by=str(manifest["swarmwright"]))
+        _check_form(str(form), prefix, subject, files, report, by=one_line(str(manifest["swarmwright"])))
     evaluation = json.loads(files[EVALUATION])
     _check_fitness(evaluation, dict(facts), report)
     _evaluate(evaluation, subject, report)
@@ -198,9 +182,11 @@ def _checked(path: Path, files: dict[str, bytes]) -> BundleVerification:
 
 
 def _compare_files(manifest: Mapping[str, Any], files: dict[str, bytes], report: BundleVerification) -> None:
+    """Report files that are not as the manifest says, and those that no bundle has, each once."""
     listed = manifest["files"]
     if not isinstance(listed, Mapping):
         raise TypeError("files is not a mapping")
+    folders = {str(form) for form in manifest["forms"] if _may_be_format(str(form))}
     for name in sorted({*files, *listed} - {MANIFEST}):
         if name not in files:
             report.problems.append(f"{name}: is missing")
@@ -210,8 +196,17 @@ def _compare_files(manifest: Mapping[str, Any], files: dict[str, bytes], report:
             report.problems.append(
                 f"{name}: is not what was written: its SHA-256 differs from the manifest's"
             )
+        elif name not in _KNOWN and ("/" not in name or name.partition("/")[0] not in folders):
+            report.problems.append(f"{name}: is not a file that a bundle of this version has")
         else:
             report.files += 1
+
+
+def _may_be_format(form: str) -> bool:
+    """Whether a format is known here, or may be that of a package that is not installed."""
+    known = EXPORTERS.names()
+    # A folder C would be the folder c on some systems.
+    return form in known or bool(_FORMAT_NAME.fullmatch(form) and form.lower() not in known)
 
 
 def _subject(
@@ -241,7 +236,8 @@ def _subject(
             files[EPISODES].decode(), int(specification["sensors"]), int(specification["actuators"])
         )
         if len(episodes):
-            does = Sequences.computed(specification, episodes.first, episodes.sensors)
+            does = Sequences.computed(specification, episodes.first, episodes.sensors, episodes.accepted)
+            episodes = replace(episodes, may_overflow=does.may_overflow)
             largest, differing = difference(does, episodes.actuators)
             if differing:
                 report.problems.append(
@@ -257,40 +253,93 @@ def _subject(
         str(recorded["reason"]),
         topics=dict(manifest.get("topics", {})),
         step_size=_step_size(manifest.get("step_size", 0.0)),
+        wheels=_wheels(manifest.get("wheels", (0.0, 0.0))),
     )
+
+
+def _wheels(value: Any) -> tuple[float, float]:  # noqa: ANN401 - whatever the manifest says
+    """Return speed and distance of wheels, 0 where not known. Raises ValueError for what are none."""
+    speed, base = (float(one) for one in value)
+    if not (math.isfinite(speed) and math.isfinite(base) and speed >= 0 and base >= 0):
+        raise ValueError(f"wheels: must be two finite numbers from 0 on, not {value}")
+    return speed, base
+
+
+_LONGEST_STEP_S = 1e38
+"""A number of 32 bits, as headers have it."""
 
 
 def _step_size(value: Any) -> float:  # noqa: ANN401 - whatever the manifest says
     """Return the duration of a step, 0 where it is not known. Raises ValueError for what is none."""
     step = float(value)
-    if not (math.isfinite(step) and step >= 0):
-        raise ValueError(f"step_size: must be a finite number from 0 on, not {step}")
+    if not 0 <= step <= _LONGEST_STEP_S:
+        raise ValueError(f"step_size: must be a number from 0 to {_LONGEST_STEP_S:g}, not {step}")
     return step
 
 
-def _run_form(
+def _check_form(
     form: str, prefix: str, subject: Subject, files: dict[str, bytes], report: BundleVerification, *, by: str
 ) -> None:
-    """Compare a form with what the controller is exported as, and run it; by: the version that wrote it."""
+    """Compare a format's files with what the controller is exported as, run them; by: who wrote them."""
     from swarmwright import __version__  # noqa: PLC0415 - asks the engine
 
+    exporter = _exporter(form, report)
+    if exporter is None:
+        return
+    elsewhere = "" if by == __version__ else f"; Swarmwright {by} wrote it, so verify with that version"
     try:
-        exporter: Exporter = EXPORTERS.get(form)()
+        if exporter.compiled:
+            raise InputError("it is compiled for one kind of machine")
         again: Files = exporter.files(subject, prefix)
+    except NotInstalledError as error:
+        _leave_out(form, "a package is not installed", str(error), report)
+        return
     except SwarmwrightError as error:
-        report.unverified[form] = str(error)
+        report.problems.append(f"{form}: no bundle of this controller has this format: {error}{elsewhere}")
         return
     there = {
         name.removeprefix(f"{form}/"): data for name, data in files.items() if name.startswith(f"{form}/")
     }
+    foreign = sorted(there.keys() - again.keys())
+    if foreign:
+        report.problems += [
+            f"{form}/{name}: is not a file that this version exports{elsewhere}" for name in foreign
+        ]
+        return
     if there != {name: file_bytes(content) for name, content in again.items()}:
         if by == __version__:
             report.problems.append(f"{form}: its files are not those that the controller is exported as")
         else:
-            report.unverified[form] = (
-                f"Swarmwright {by} wrote it; this version, {__version__}, exports the controller differently"
-            )
+            reason = f"Swarmwright {by} wrote it; this version, {__version__}, exports it differently"
+            _leave_out(form, f"written by Swarmwright {by}", reason, report)
         return
+    _run_form(form, exporter, subject, prefix, again, report)
+
+
+def _exporter(form: str, report: BundleVerification) -> Exporter | None:
+    """Return the exporter of a format; None, with the reason in the report, where it is not to be had."""
+    if form not in EXPORTERS.names():
+        if _may_be_format(form):
+            reason = "no export format of this installation"
+            _leave_out(form, reason, f"{reason}; install the package that adds it", report)
+        else:
+            report.problems.append(f"{MANIFEST}: names a format that no bundle has: {one_line(form)!r}")
+        return None
+    try:
+        return EXPORTERS.get(form)()
+    except SwarmwrightError as error:  # of a package that cannot be imported
+        _leave_out(form, "cannot be loaded", str(error), report)
+        return None
+
+
+def _leave_out(form: str, short: str, reason: str, report: BundleVerification) -> None:
+    report.unverified[form], report.formats_not_checked[form] = reason, short
+
+
+def _run_form(
+    form: str, exporter: Exporter, subject: Subject, prefix: str, again: Files, report: BundleVerification
+) -> None:
+    """Run what the controller is exported as, which the bundle has, too."""
     try:
         found = verify(exporter, subject, prefix, again)
     except InputError as error:  # no compiler
@@ -307,7 +356,7 @@ def _run_form(
 def _check_fitness(
     evaluation: Mapping[str, Any], facts: Mapping[str, str], report: BundleVerification
 ) -> None:
-    """Compare the stated fitness with what the stated results make, and with what the forms say."""
+    """Compare the stated fitness with what the stated results make, and with what the formats say."""
     from swarmwright.experiment.experiment import Experiment  # noqa: PLC0415 - loads the engine
     from swarmwright.runs.instances import fitness_of, meaning  # noqa: PLC0415 - loads the engine
 

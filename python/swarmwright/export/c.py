@@ -84,7 +84,7 @@ def loaded_files(subject: Subject, prefix: str) -> Files:
     The file is the one of `loaded_weights`. For controllers that steer agents; raises InputError for kinds
     that are not known.
     """
-    values = _values(subject, prefix)
+    values = {**_values(subject, prefix), "loaded": "yes"}
     return {
         f"{prefix}.h": _header(subject, values, loaded=True),
         f"{prefix}.c": _source(subject, values, loaded=True),
@@ -103,7 +103,15 @@ def loaded_weights(subject: Subject) -> str:
     return "".join(f"{number:08x}\n" for number in [len(numbers), *numbers])
 
 
-_SEED = "    randomSeed(analogRead(A0)); /* a pin with nothing connected: noise */"
+_ROBOT = """/* Another number on each robot: robots with the same random numbers act alike. */
+#define ROBOT_ID 0"""
+_SEED = """    /* The least bits of a pin with nothing connected are noise; boards may read alike. */
+    unsigned long seed = 2166136261UL;
+    for (int bit = 0; bit < 256; bit++) {
+        seed = ((seed ^ (unsigned long)(analogRead(A0) & 3)) * 16777619UL) & 0xFFFFFFFFUL;
+    }
+    seed = ((seed ^ (unsigned long)ROBOT_ID) * 16777619UL) & 0x7FFFFFFFUL;
+    randomSeed(seed > 0 ? seed : 1);"""
 _LOAD = """/*
  * Reads the numbers of the controller from a file that Swarmwright has written; call it before the first
  * step. Returns false when the file cannot be read, or is that of another controller's source.
@@ -123,6 +131,8 @@ def _header(subject: Subject, values: dict[str, str], *, loaded: bool = False) -
             "conversion": c_family.conversion(subject),
             "sensor_enum": c_family.enumeration(subject.sensors, f"{upper}_SENSOR_", "SENSOR"),
             "actuator_enum": c_family.enumeration(subject.actuators, f"{upper}_ACTUATOR_", "ACTUATOR"),
+            "step_seconds": c_family.step_seconds(subject, f"#define {upper}_STEP_SECONDS"),
+            "refusals": c_family.refusals(made),
             "state": made.state,
             "state_words": made.state_words,
             "load": _LOAD.format(p=values["p"]) if loaded else "",
@@ -144,13 +154,8 @@ def _source(subject: Subject, values: dict[str, str], *, loaded: bool = False) -
         {
             **values,
             "header_source": f"{values['p']}.c: an evolved controller, see {values['p']}.h.",
-            "arithmetic": render("c_arithmetic.txt", values).rstrip() if made.kernel else "",
-            "arithmetic_end": render("c_arithmetic_end.txt", values).rstrip() if made.kernel else "",
-            "flash": render("c_flash.txt", values).rstrip(),
+            **c_family.common(made, values),
             "tables": "\n\n".join(tables),
-            "finite": render("c_finite.txt", values).rstrip(),
-            "kernel": made.kernel.rstrip(),
-            "step": made.step.rstrip(),
             "load_headers": "#include <stdio.h>\n#include <string.h>" if loaded else "",
             "load": _load(made.tables, values).rstrip() if loaded else "",
         },
@@ -182,7 +187,6 @@ def _sketch(subject: Subject, values: dict[str, str], sketch: str) -> str:
     drive = c_family.uses(subject.actuators, f"{upper}_ACTUATOR_", "ACTUATOR")
     step = subject.step_size
     known = "a step of the simulation" if step else "a guess, for the duration of a step is not known"
-    # Seeded by noise on a pin that nothing is connected to: robots with the same numbers would act alike.
     draws = any(one.name == RANDOM and one.range is None for one in subject.sensors)
     text = render(
         "arduino.txt",
@@ -194,9 +198,11 @@ def _sketch(subject: Subject, values: dict[str, str], sketch: str) -> str:
             "sketch": sketch,
             "period": str(round(1e6 * step) if step else 100_000),
             "period_words": known,
+            "robot": _ROBOT if draws else "",
             "seed": _SEED if draws else "",
             "read": read,
             "drive": drive,
+            "stop": c_family.stops(subject.actuators, f"{upper}_ACTUATOR_", "ACTUATOR"),
         },
     )
     return sealed(text)

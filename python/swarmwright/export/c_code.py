@@ -1,6 +1,6 @@
 """Source code of controllers in C and C++: the arithmetic of decision 002, operation by operation."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from textwrap import indent
@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.core import modules
+from swarmwright.core.activations import in_words, of_nodes
 from swarmwright.core.evostick import STEEP, as_layered
 from swarmwright.core.hebbian import as_meshed
 from swarmwright.core.neat import EXP
@@ -48,6 +49,12 @@ class Code:
     """Members of the struct."""
     state_words: str
     """What the struct holds."""
+    refuses: str = ""
+    """A sentence on when a step returns false, besides for sensors that are NaN or infinite."""
+
+    def reads(self, name: str) -> bool:
+        """Return whether the code calls a macro."""
+        return f"{name}(" in self.step or f"{name}(" in self.kernel
 
 
 def code(subject: Subject, language: dict[str, str]) -> Code:
@@ -63,7 +70,37 @@ def code(subject: Subject, language: dict[str, str]) -> Code:
     make = _KINDS.get(subject.kind)
     if make is None:
         raise not_exported(subject, "C and C++", _KINDS)
-    return make(subject, language)
+    made = make(subject, language)
+    ready = "    uint8_t ready; /* set by reset: without it, a step is refused */"
+    return replace(made, state="\n".join(filter(None, [made.state, ready])))
+
+
+def _refused(language: Mapping[str, str], states: int = 0, beyond: str = "") -> str:
+    """Return the condition in which a step changes nothing; states: how many there are, of a machine."""
+    own, function = language["self"], f"{language['detail']}{language['p']}_finite"
+    parts = [f"{own}ready != {language['PREFIX']}_READY"]
+    if states:
+        parts.append(f"{own}state >= {states}")
+    parts.append(f"!{function}(sensors)")
+    return " || ".join([*parts, *([beyond] if beyond else [])])
+
+
+def _overflow(language: Mapping[str, str], computed: int) -> tuple[str, str]:
+    """Return the function that notices an overflow, and what a step does then.
+
+    Both are empty for controllers inside of simulations, which act as the engine's do.
+    """
+    if language.get("loaded"):
+        return "", ""
+    values = {**language, "computed": str(computed)}
+    return render("c_overflow.txt", language), render("c_overflow_check.txt", values).rstrip()
+
+
+_OVERFLOW = (
+    "It also returns false, with the actuators as before, when sensors are so large that a node overflows to "
+    "NaN, and then until the next reset."
+)
+_OUTSIDE = "So it does when the sensor random is not from 0 to 1."
 
 
 def _layered(subject: Subject, language: dict[str, str]) -> Code:
@@ -72,14 +109,15 @@ def _layered(subject: Subject, language: dict[str, str]) -> Code:
     sizes = [int(specification["sensors"]), *hidden, int(specification["actuators"])]
     odd, even = max(hidden[::2], default=0), max(hidden[1::2], default=0)
     words = "-".join(map(str, sizes))
+    clear = render("c_clear.txt", {**language, "length": str(odd + even)}).rstrip()
     step = render(
         "c_step_layered.txt",
         {
             **language,
-            "words": f"{words}, {specification['activation']}",
-            "work_length": str(max(odd + even, 1)),
-            "unused": "(void)controller;" if not hidden and language["self"] else "",
-            "layers": "\n".join(_layers(sizes, odd, language)),
+            "words": f"{words}, {in_words(specification)}",
+            "refused": _refused(language),
+            "clear": clear if hidden else "",
+            "layers": "\n".join(_layers(subject, sizes, odd, language)),
         },
     )
     rows = [(f"layer {layer}, node {node}", below + 1) for layer, node, below in _nodes(sizes)]
@@ -87,8 +125,9 @@ def _layered(subject: Subject, language: dict[str, str]) -> Code:
         (_weights(subject.weights, rows),),
         _network(subject, language),
         step,
-        f"    float work[{max(odd + even, 1)}];",
-        "this network remembers nothing, and needs room to work in",
+        f"    float work[{odd + even}];" if hidden else "",
+        "this network remembers nothing from step to step"
+        + ("; the array is what a step works with" if hidden else ""),
     )
 
 
@@ -102,14 +141,16 @@ def _nodes(sizes: list[int]) -> Iterator[tuple[int, int, int]]:
             yield layer, node, below
 
 
-def _layers(sizes: list[int], odd: int, language: dict[str, str]) -> Iterator[str]:
+def _layers(subject: Subject, sizes: list[int], odd: int, language: dict[str, str]) -> Iterator[str]:
     """Yield a call for each layer; hidden ones take turns with the two parts of the work space."""
     below, last = "sensors", len(sizes) - 2
+    hidden, output = of_nodes(subject.specification)
     work = f"{language['self']}work"
     for layer, (width, nodes) in enumerate(pairwise(sizes)):
         above = "actuators" if layer == last else f"{work} + {odd}" if layer % 2 and odd else work
         result = "(void)" if layer == last else "weights = "
-        function = f"{language['detail']}{language['p']}_layer"
+        name = "output_layer" if layer == last and output != hidden else "layer"
+        function = f"{language['detail']}{language['p']}_{name}"
         yield f"    {result}{function}(weights, {below}, {width}, {above}, {nodes});"
         below = above
 
@@ -119,6 +160,7 @@ def _fully_meshed(subject: Subject, language: dict[str, str]) -> Code:
     sensors, hidden = int(specification["sensors"]), int(specification["hidden"])
     computed = hidden + int(specification["actuators"])
     nodes = sensors + computed
+    function, check = _overflow(language, computed)
     step = render(
         "c_step_fully_meshed.txt",
         {
@@ -128,15 +170,18 @@ def _fully_meshed(subject: Subject, language: dict[str, str]) -> Code:
             "computed": str(computed),
             "above": str(sensors + hidden),
             "iterations": str(specification["iterations"]),
+            "refused": _refused(language),
+            "overflow": check,
         },
     )
     rows = [(f"node {sensors + node}", nodes + 1) for node in range(computed)]
     return Code(
         (_weights(subject.weights, rows),),
-        _network(subject, language),
+        _network(subject, language) + function,
         step,
         f"    float outputs[{nodes}];\n    float next[{computed}];",
         "the outputs of all nodes are kept from step to step",
+        _OVERFLOW if check else "",
     )
 
 
@@ -146,6 +191,7 @@ def _hebbian(subject: Subject, language: dict[str, str]) -> Code:
     computed = hidden + int(meshed["actuators"])
     nodes = sensors + computed
     length = computed * (nodes + 1)
+    function, check = _overflow(language, computed)
     step = render(
         "c_step_hebbian.txt",
         {
@@ -157,6 +203,8 @@ def _hebbian(subject: Subject, language: dict[str, str]) -> Code:
             "learning": str(max(computed * (nodes - 1), 1)),
             "above": str(sensors + hidden),
             "iterations": str(meshed["iterations"]),
+            "refused": _refused(language),
+            "overflow": check,
         },
     )
     rows = [(f"node {sensors + node}", nodes + 1) for node in range(computed)]
@@ -166,10 +214,12 @@ def _hebbian(subject: Subject, language: dict[str, str]) -> Code:
     return Code(
         (replace(table, length=length + 1, text=f"{rate}\n{table.text}", evolved=subject.weights),),
         f"{network.rstrip()}\n\n{_double('what a network learns is computed', language)}\n"
-        + render("c_hebbian.txt", language),
+        + render("c_hebbian.txt", language)
+        + function,
         step,
         f"    float outputs[{nodes}];\n    float next[{computed}];\n    float links[{length}];",
         "the outputs of all nodes, and what the weights have become, are kept from step to step",
+        _OVERFLOW if check else "",
     )
 
 
@@ -187,6 +237,7 @@ def _neat(subject: Subject, language: dict[str, str]) -> Code:
             "computed": str(len(sources)),
             "hidden": str(hidden),
             "iterations": str(specification["iterations"]),
+            "refused": _refused(language),
             "type": kind,
             "bits": str(bits),
         },
@@ -228,16 +279,21 @@ def _weights(weights: NDArray[np.float32], rows: list[tuple[str, int]]) -> Table
 
 
 def _network(subject: Subject, language: dict[str, str]) -> str:
-    activation = subject.specification["activation"]
-    functions = [f"c_activation_{activation}.txt"]
-    if activation in {"tanh", "sigmoid", STEEP}:
-        functions.insert(0, "c_tanh.txt")
-    values = {
-        **language,
-        "activation": "\n".join(render(name, language) for name in functions).rstrip(),
-    }
+    hidden, output = of_nodes(subject.specification)
+    functions = []
+    if {hidden, output} & {"tanh", "sigmoid", STEEP}:
+        functions.append(render("c_tanh.txt", language))
+    functions.append(_layer_function(hidden, "", language))
+    if output != hidden:
+        functions.append(_layer_function(output, "output_", language))
     low, high = subject.specification["output_range"]
-    return f"{render('c_network.txt', values)}\n{_actuator_function(float(low), float(high), language)}"
+    functions.append(_actuator_function(float(low), float(high), language))
+    return "\n".join(functions)
+
+
+def _layer_function(activation: str, which: str, language: dict[str, str]) -> str:
+    values = {**language, "which": which}
+    return "\n".join(render(name, values) for name in (f"c_activation_{activation}.txt", "c_network.txt"))
 
 
 def _actuator_function(low: float, high: float, language: dict[str, str]) -> str:
@@ -262,7 +318,7 @@ def _actuator(low: float, high: float, language: dict[str, str]) -> tuple[str, s
     lower, width = literals(np.array([bounds[0], bounds[1] - bounds[0]], np.float32))
     lines = [
         f"static const float low = {lower};",
-        f"static const float width = {width};",
+        f"const volatile float width = {width}; /* a constant divisor may become a factor */",
         f"{p}_real above = output - low;",
         f"{p}_real share = above / width;",
         f"{p}_product product = share * 2.0f;",
@@ -309,6 +365,7 @@ def _mealy_fsm(subject: Subject, language: dict[str, str]) -> Code:
         {
             **language,
             "next_bits": str(bits),
+            "refused": _refused(language, int(subject.specification["states"])),
             "locals": render("c_row_locals.txt", part).rstrip() if any(counts) else "",
             "row": render("c_row.txt", part).rstrip() if any(counts) else "",
         },
@@ -349,10 +406,14 @@ def _modules(subject: Subject, language: dict[str, str]) -> Code:
             used = index < len(states) and k < len(states[index].transitions)
             words = modules.words_of(states[index].transitions[k]) if used else "not used"
             if used and tree:
-                words = f"next one if {modules.condition_words(states[index])}"
+                words = f"next subtree if {modules.condition_words(states[index])}"
             lines.append(f"    /* {words}: target, condition, probability, xi, eta{of_transitions} */")
             lines.append(wrapped(row[here : here + each]))
-    activation = "\n".join(render(f"c_{name}.txt", language) for name in ("tanh", "activation_sigmoid"))
+    activation = "\n".join(
+        render(f"c_{name}.txt", {**language, "which": ""}) for name in ("tanh", "activation_sigmoid")
+    )
+    checks = subject.checks_random and not language.get("loaded")
+    outside = "!(sensors[8] >= 0.0f && sensors[8] <= 1.0f)" if checks else ""
     step = render(
         "c_step_tree.txt" if tree else "c_step_modules.txt",
         {
@@ -361,6 +422,7 @@ def _modules(subject: Subject, language: dict[str, str]) -> Code:
             "width": str(width),
             "first": str(first),
             "each": str(each),
+            "refused": _refused(language, len(states), outside),
             **own.calls,
             "forget_within": indent(own.calls["forget"], "    "),
             **({"count": str(len(states))} if tree else {"transitions": str(most)}),
@@ -379,6 +441,7 @@ def _modules(subject: Subject, language: dict[str, str]) -> Code:
         step,
         "\n".join([*((kept[0], kept[2]) if tree else kept), *own.members]),
         f"{words}; what its modules remember" if own.members else words,
+        _OUTSIDE if outside else "",
     )
 
 

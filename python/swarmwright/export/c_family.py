@@ -1,23 +1,42 @@
-"""What the forms C and C++ have in common: their texts, and how they are compiled and run."""
+"""What the formats C and C++ have in common: their texts, and how they are compiled and run."""
 
+import os
+import platform
+import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from textwrap import wrap
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.core.errors import RunError
+from swarmwright.core.ranges import shortest_decimal
 from swarmwright.export._base import facts
-from swarmwright.export.c_code import Table
+from swarmwright.export.c_code import Code, Table
 from swarmwright.export.programs import command, run, stepped, steps
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import RANDOM, Channel, Subject
 from swarmwright.export.text import identifiers, literals, plain, render, wrapped
+from swarmwright.export.walk import walk_of
 
 _OPTIONS = (["-O0"], ["-O2"], ["-O3", "-march=native", "-ffp-contract=fast"])
 """With which a harness is compiled: all must give the same bits."""
+
+
+_RUNNER = "CONTROLLER_RUN"
+"""Of the environment: a program, and its arguments, that runs what was compiled, such as an emulator."""
+_SAME = {
+    "x86_64": ("x86_64", "i386", "i486", "i586", "i686", "amd64"),
+    "AMD64": ("x86_64", "i386", "i486", "i586", "i686", "amd64"),
+    "aarch64": ("aarch64", "arm64"),
+    "arm64": ("aarch64", "arm64"),
+    **dict.fromkeys(("armv6l", "armv7l", "armv8l"), ("arm",)),
+    "ppc64le": ("ppc64le", "powerpc64le"),
+}
+"""How the targets of compilers begin whose programs run on a machine; else as the machine is called."""
 
 
 @dataclass(frozen=True)
@@ -44,8 +63,43 @@ class Language:
         except RunError as error:
             if "-march" in str(error) and "-march=native" in options:
                 return False
+            self._check_processor(error)
             raise
         return True
+
+    def execute(self, folder: Path, program: str, what: str, data: bytes = b"") -> bytes:
+        """Run what was compiled, with the program that CONTROLLER_RUN names; return what it printed.
+
+        Raises RunError when it fails, with what to do where the compiler is one for another processor.
+        """
+        runner = shlex.split(os.environ.get(_RUNNER, ""))
+        try:
+            return run([*runner, f"./{program}"], folder, what, data)
+        except RunError as error:
+            self._check_processor(error)
+            raise
+
+    def _check_processor(self, error: RunError) -> None:
+        """Raise RunError where a program failed whose compiler is not for this processor.
+
+        Not with CONTROLLER_RUN: what it names was meant for such programs, and the error is another one.
+        """
+        if os.environ.get(_RUNNER):
+            return
+        words = [*command(self.variable, self.compilers, self.install), "-dumpmachine"]
+        try:
+            target = run(words, Path.cwd(), "the compiler").decode(errors="replace").strip()
+        except RunError:
+            return
+        machine = platform.machine()
+        same = _SAME.get(machine, (machine,))
+        if target and not (target.startswith(same) and "-none" not in target.replace("-none-linux", "")):
+            raise RunError(
+                f"verification: {self.variable}={shlex.join(words[:-1])} compiles for another processor "
+                f"({target}), and verification runs the program here ({machine}): name a compiler for this "
+                f"machine, or an emulator with {_RUNNER}, such as {_RUNNER}=qemu-arm; on the robot, run the "
+                f"self-test: {error}"
+            ) from error
 
 
 def harness_values(prefix: str, subject_sizes: tuple[int, int], language: str) -> dict[str, str]:
@@ -76,7 +130,7 @@ def driven(
     outputs: dict[str, NDArray[np.float32]] = {}
     for options in _OPTIONS:
         if language.compile(folder, [f"harness.{language.ending}", *sources], "harness", options):
-            written = run(["./harness"], folder, "the compiled controller", data)
+            written = language.execute(folder, "harness", "the compiled controller", data)
             outputs[" ".join(options)] = stepped(
                 written, sequences, f"the controller compiled with {options[0]}"
             )
@@ -92,7 +146,7 @@ def self_test(folder: Path, language: Language, prefix: str, sources: list[str])
     """Compile and run the generated self-test; return its name. Raises RunError when it fails."""
     name = f"{prefix}_test.{language.ending}"
     language.compile(folder, [name, *sources], "self_test", ["-O2"])
-    said = run(["./self_test"], folder, f"the self-test {name}")
+    said = language.execute(folder, "self_test", f"the self-test {name}")
     if said.strip() != b"ok":
         raise RunError(f"verification: the self-test {name} said {said!r}, expected ok")
     return name
@@ -100,12 +154,20 @@ def self_test(folder: Path, language: Language, prefix: str, sources: list[str])
 
 def tests(subject: Subject, values: Mapping[str, str]) -> str:
     """Return the source of a self-test."""
-    golden = subject.golden
+    golden, walk = subject.golden, walk_of(subject)
     starts = [*np.flatnonzero(golden.first).tolist(), len(golden)]
-    lengths = [str(end - begin) for begin, end in pairwise(starts)]
+    lengths = [str(end - begin) for begin, end in pairwise(starts) if end > begin] or ["0"]
+    # A table without a step has a row that is not used.
+    sensor_rows = golden.sensors if len(golden) else np.zeros((1, golden.sensors.shape[1]), np.float32)
+    actuator_rows = golden.actuators if len(golden) else np.zeros((1, golden.actuators.shape[1]), np.float32)
+    correct = [f"0x{bits:08x}u" for bits in actuator_rows.view(np.uint32).reshape(-1).tolist()]
     cpp = values["header"].endswith(".hpp")
     call = "controller.step" if cpp else f"{values['p']}_step"
     first = "" if cpp else "&controller, "
+    coverage = (
+        f"Tried are the recorded steps (on AVR the first {_ON_AVR} only; SELF_TEST_STEPS sets another "
+        f"number), {walk.words}, and each sensor as NaN and infinite, which must be refused."
+    )
     return render(
         "c_test.txt",
         {
@@ -113,23 +175,41 @@ def tests(subject: Subject, values: Mapping[str, str]) -> str:
             "ending": "cpp" if cpp else "c",
             "facts": facts(subject),
             "golden": subject.golden_words,
+            "coverage": "\n".join(f" * {line}" for line in wrap(coverage, 105)),
+            "count": str(len(golden)),
             "lengths": wrapped(lengths),
-            "sensor_rows": _rows(literals(golden.sensors.reshape(-1)), golden.sensors.shape[1]),
-            "actuator_rows": _rows(
-                [f"0x{bits:08x}u" for bits in golden.actuators.view(np.uint32).reshape(-1).tolist()],
-                golden.actuators.shape[1],
-            ),
-            "step": f"{call}({first}sensors[step], actuators)",
+            "on_avr": str(_ON_AVR),
+            "sensor_rows": _rows(literals(sensor_rows.reshape(-1)), sensor_rows.shape[1]),
+            "actuator_rows": _rows(correct, actuator_rows.shape[1]),
+            "probes": wrapped(literals(walk.probes)),
+            "probes_of": "\n".join(f"    {{{begin}, {count}}}," for begin, count in walk.probes_of),
+            "walk": str(walk.steps),
+            "restart": str(walk.restart),
+            "sum": f"0x{walk.checksum:08x}",
+            "step": f"{call}({first}sensors, actuators)",
         },
     )
 
 
+_ON_AVR = 20
+"""Recorded steps that a self-test takes on AVR, whose flash has room for few."""
+_CUT = 10
+"""Rows of tables of self-tests, after each of which they can be cut."""
+
+
 def _rows(items: list[str], width: int) -> str:
-    rows = [items[at : at + width] for at in range(0, len(items), width)]
-    return "\n".join(
-        f"    {{\n{wrapped(row, '        ')}\n    }}," if width > 6 else f"    {{{', '.join(row)}}},"
-        for row in rows
-    )
+    """Return the rows of a table that is cut after SELF_TEST_STEPS, in whole tens."""
+    lines = []
+    for row, at in enumerate(range(0, len(items), width)):
+        if row and row % _CUT == 0:
+            lines += ["#endif"] * (row > _CUT) + [f"#if SELF_TEST_STEPS > {row}"]
+        cells = items[at : at + width]
+        lines.append(
+            f"    {{\n{wrapped(cells, '        ')}\n    }}," if width > 6 else f"    {{{', '.join(cells)}}},"
+        )
+    if len(items) > _CUT * width:
+        lines.append("#endif")
+    return "\n".join(lines)
 
 
 def enumeration(channels: list[Channel], begin: str, what: str) -> str:
@@ -147,6 +227,60 @@ def _words(channels: list[Channel], what: str) -> list[str]:
     """Return a different word for each; COUNT would be taken for how many there are."""
     found = identifiers((channel.name for channel in channels), what)
     return identifiers([f"{one}_{index}" if one == "COUNT" else one for index, one in enumerate(found)], what)
+
+
+def common(made: Code, values: Mapping[str, str]) -> dict[str, str]:
+    """Return replacements in headers and sources that C and C++ share: the arithmetic, tables in flash."""
+    upper = values["PREFIX"]
+    reads = [
+        (f"{upper}_READ{ending}(address)", function)
+        for ending, function in (("", "float"), ("_16", "word"), ("_32", "dword"))
+        if made.reads(f"{upper}_READ{ending}")
+    ]
+    # What is loaded is in memory: without other tables nothing has the macro.
+    constant = not values.get("loaded") or any(one.evolved is None for one in made.tables)
+    flash = {
+        "flash_macro": f"#define {upper}_FLASH PROGMEM" if constant else "",
+        "memory_macro": f"#define {upper}_FLASH" if constant else "",
+        "flash_reads": "\n".join(f"#define {name} pgm_read_{function}(address)" for name, function in reads),
+        "memory_reads": "\n".join(f"#define {name} (*(address))" for name, _ in reads),
+    }
+    return {
+        "guards": render("c_guards.txt", values).rstrip(),
+        "guards_end": render("c_guards_end.txt", values).rstrip(),
+        "arithmetic": render("c_arithmetic.txt", values).rstrip() if made.kernel else "",
+        "flash": render("c_flash.txt", {**values, **flash}).rstrip(),
+        "ready": f"#define {upper}_READY 0xA5u /* in the struct once it was reset */",
+        "finite": (
+            render("c_finite.txt", values) + (render("c_nan.txt", values) if made.kernel else "")
+        ).rstrip(),
+        "kernel": made.kernel.rstrip(),
+        "step": made.step.rstrip(),
+    }
+
+
+def refusals(made: Code, indent: str = "", *, needs_reset: bool = True) -> str:
+    """Return when a step returns false, as lines of a comment.
+
+    Args:
+        made: the controller.
+        indent: of the lines.
+        needs_reset: it is also refused before the first reset.
+    """
+    without = ", or there was no reset" if needs_reset else ""
+    words = (
+        f"Returns false when a sensor is NaN or infinite{without}: state and actuators are then as before, "
+        f"and the robot should stop.{made.refuses and ' '}{made.refuses}"
+    )
+    return "\n".join(f"{indent} * {line}" for line in wrap(words, 105 - len(indent)))
+
+
+def step_seconds(subject: Subject, begin: str) -> str:
+    """Return the definition of the duration of a control cycle; empty where it is not known."""
+    if not subject.step_size:
+        return ""
+    (seconds,) = literals(np.array([subject.step_size], np.float32))
+    return f"/* Seconds from step to step, as in the simulation. */\n{begin} {seconds}"
 
 
 def conversion(subject: Subject) -> str:
@@ -186,4 +320,19 @@ def uses(channels: list[Channel], begin: str, what: str) -> str:
         f" /* {plain(channel.name)}: {plain(channel.limits)} */"
         for name, channel in zip(names, channels, strict=True)
     ]
+    return "\n".join(lines)
+
+
+def stops(channels: list[Channel], begin: str, what: str) -> str:
+    """Return a line for each actuator that sets it to 0, or of a scaled one to what stands for that."""
+    lines = []
+    for name, channel in zip(_words(channels, what), channels, strict=True):
+        stop, about = 0.0, plain(channel.name)
+        if channel.range is not None:
+            low, high, unit = channel.range
+            stop = float(np.clip(channel.range.from_value[1], -1, 1)) + 0.0
+            nearest = 0.0 if -1 < stop < 1 else min(low, high, key=abs)
+            about += f": {shortest_decimal(nearest)}{f' {plain(unit)}' if unit else ''}"
+        (number,) = literals(np.array([stop], np.float32))
+        lines.append(f"    actuators[{begin}{name}] = {number}; /* {about} */")
     return "\n".join(lines)

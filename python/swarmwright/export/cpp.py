@@ -13,7 +13,7 @@ from swarmwright.export.c_code import Code, code
 from swarmwright.export.c_family import Language
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Subject
-from swarmwright.export.text import check_header, render
+from swarmwright.export.text import check_header, check_namespace, render
 
 _CAST = re.compile(
     r"\((float|double|int|long|unsigned(?: long| int)?|size_t|u?int(?:8|16|32|64)_t)\)(?=[(\w])"
@@ -33,6 +33,7 @@ class Cpp(Exporter):
     def files(self, subject: Subject, prefix: str) -> Files:
         """Return header, self-test and CMakeLists.txt."""
         check_header(prefix)
+        check_namespace(prefix)
         cmake = render("CMakeLists.txt", {})
         if not subject.steers:
             return {**c_parameters.files(subject, prefix, cpp=True), "CMakeLists.txt": cmake}
@@ -109,6 +110,7 @@ def _values(subject: Subject, prefix: str) -> dict[str, str]:
 
 def _header(subject: Subject, values: dict[str, str]) -> str:
     made = code(subject, values)
+    seconds = c_family.step_seconds(subject, "constexpr float step_seconds =")
     return render(
         "cpp_header.txt",
         {
@@ -118,18 +120,15 @@ def _header(subject: Subject, values: dict[str, str]) -> str:
             "conversion": c_family.conversion(subject),
             "sensor_enum": c_family.enumeration(subject.sensors, "SENSOR_", "SENSOR"),
             "actuator_enum": c_family.enumeration(subject.actuators, "ACTUATOR_", "ACTUATOR"),
-            "arithmetic": render("c_arithmetic.txt", values).rstrip() if made.kernel else "",
-            "arithmetic_end": render("c_arithmetic_end.txt", values).rstrip() if made.kernel else "",
-            "flash": render("c_flash.txt", values).rstrip(),
+            **c_family.common(made, values),
             "declared": "\n".join(
                 f"    static const {one.type} {one.name}[{one.length}];" for one in made.tables
             ),
             "tables": _tables(made, values),
-            "finite": render("c_finite.txt", values).rstrip(),
-            "kernel": made.kernel.rstrip(),
+            "step_seconds": f"{seconds};" if seconds else "",
+            "refusals": c_family.refusals(made, "    ", needs_reset=False),
             "state": made.state,
             "state_words": made.state_words,
-            "step": made.step.rstrip(),
         },
     )
 

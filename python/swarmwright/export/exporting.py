@@ -73,7 +73,7 @@ def export_controller(
     if prefix is None:
         prefix = PREFIX if group is None else _prefix_of(group)
     check_prefix(prefix)
-    exporter = EXPORTERS.get(text("to", to, "the name of a form"))()
+    exporter = EXPORTERS.get(text("to", to, "the name of an export format"))()
     opened = run_of(run)
     subject = subject_of(opened, generation, candidate, group)
     files = exporter.files(subject, prefix)

@@ -18,7 +18,7 @@ from swarmwright.export.c import C
 from swarmwright.export.fmu_parts import add_range, add_units, named, token, unit_name, xml, zipped
 from swarmwright.export.programs import command, run
 from swarmwright.export.python_code import golden_text
-from swarmwright.export.sequences import Sequences
+from swarmwright.export.sequences import RANDOM_SENSOR, Sequences
 from swarmwright.export.subject import Channel, Subject
 from swarmwright.export.text import MARK, check_header, render
 
@@ -105,6 +105,9 @@ class Fmu(Exporter):
             "actuators": str(len(subject.actuators)),
             "sensor_names": "\n".join(f'    "{name}",' for name in variables.sensors),
             "period": repr(_period(subject)),
+            "otherwise": f"{variables.sensors[RANDOM_SENSOR]} is not from 0 to 1"
+            if subject.checks_random
+            else "a node overflows, sensors are too large",
         }
         wrapper = render("fmu_source.txt", {**values, "token": "@token@"})
         wrapper += render(f"fmu_fmi{self.fmi[0]}.txt", values)

@@ -78,7 +78,9 @@ class Machine(Exporter):
             "transitions": most,
             "weights": modules.weights_of(states, len(states), most, catalogue),
         }
-        return Sequences.computed(specification, sequences.first, sequences.sensors).actuators
+        return Sequences.computed(
+            specification, sequences.first, sequences.sensors, sequences.accepted
+        ).actuators
 
 
 def _catalogue(machine: dict[str, Any]) -> modules.Catalogue:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.core.errors import InputError, RunError
-from swarmwright.export._base import Exporter, Files, facts
+from swarmwright.export._base import Exporter, Files, NotInstalledError, facts
 from swarmwright.export.programs import run
 from swarmwright.export.python_code import golden_text
 from swarmwright.export.sequences import Sequences
@@ -19,8 +19,8 @@ from swarmwright.export.text import render
 if TYPE_CHECKING:
     from swarmwright.export.onnx_graph import Graph
 
-_NUMBERS = 20_000_000
-"""Products that are computed at once."""
+_MOST_ELEMENTS = 20_000_000
+"""Of the largest intermediate tensor of a batch."""
 
 
 class Onnx(Exporter):
@@ -55,7 +55,7 @@ class Onnx(Exporter):
         states = {one.name: one for one in session.get_inputs() if one.name == "state"}
         starts = np.flatnonzero(sequences.first)
         lengths = np.diff([*starts.tolist(), len(sequences)])
-        together = max(1, _NUMBERS // _products(session))
+        together = max(1, _MOST_ELEMENTS // _elements(session))
         found = np.zeros_like(sequences.actuators)
         for begin in range(0, len(starts), together):
             part = slice(begin, begin + together)
@@ -76,7 +76,7 @@ def _need(*modules: str) -> None:
 
     missing = [name for name in modules if find_spec(name) is None]
     if missing:
-        raise InputError(f"ONNX models need {' and '.join(missing)}: pip install 'swarmwright[onnx]'")
+        raise NotInstalledError(f"ONNX models need {' and '.join(missing)}: pip install 'swarmwright[onnx]'")
 
 
 def _session(file: Path) -> Any:  # noqa: ANN401 - onnxruntime has no types
@@ -91,8 +91,8 @@ def _session(file: Path) -> Any:  # noqa: ANN401 - onnxruntime has no types
         raise RunError(f"verification: onnxruntime refuses {file.name}: {error}") from error
 
 
-def _products(session: Any) -> int:  # noqa: ANN401 - onnxruntime has no types
-    return int(session.get_modelmeta().custom_metadata_map["numbers_at_once"])
+def _elements(session: Any) -> int:  # noqa: ANN401 - onnxruntime has no types
+    return int(session.get_modelmeta().custom_metadata_map["largest_tensor_elements"])
 
 
 def _step_all(

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from onnx import ModelProto, NodeProto, TensorProto, checker, helper, numpy_helper
 
+from swarmwright.core.activations import of_nodes
 from swarmwright.core.evostick import STEEP, STEEPNESS, as_layered
 from swarmwright.export._base import not_exported
 from swarmwright.export.c_code import machine_tables
@@ -31,8 +32,8 @@ class Graph:
     """Type and shape of the state; None for what remembers nothing."""
     initial_state: str = ""
     """For one agent, as an expression of NumPy."""
-    numbers_at_once: int = 1
-    """For one agent, at most."""
+    largest_tensor_elements: int = 1
+    """Of intermediate results, for one agent."""
 
     def add(self, operator: str, *inputs: str, result: str = "", **attributes: Any) -> str:  # noqa: ANN401 - as ONNX
         """Add a node; return the name of its result."""
@@ -93,7 +94,8 @@ def model(subject: Subject, graph: Graph, name: str, words: str) -> bytes:
         "sensors": ", ".join(_channel(one) for one in subject.sensors),
         "actuators": ", ".join(_channel(one) for one in subject.actuators),
         **({"conversion": " ".join(subject.conversion)} if subject.conversion else {}),
-        "numbers_at_once": str(graph.numbers_at_once),
+        **({"step_seconds": repr(subject.step_size)} if subject.step_size else {}),
+        "largest_tensor_elements": str(graph.largest_tensor_elements),
     }
     helper.set_model_props(whole, properties)
     checker.check_model(whole, full_check=True)
@@ -110,11 +112,13 @@ def _layered(subject: Subject, graph: Graph) -> None:
     specification = subject.specification
     sizes = [int(specification[name]) for name in ("sensors", "actuators")]
     sizes[1:1] = [int(nodes) for nodes in specification["hidden"]]
+    functions = of_nodes(specification)
     values, at = "sensors", 0
     for layer, (below, nodes) in enumerate(pairwise(sizes), 1):
         count = nodes * (below + 1)
         rows = subject.weights[at : at + count].reshape(nodes, below + 1)
-        values = _layer(subject, graph, rows, values, f"layer_{layer}")
+        activation = functions[layer == len(sizes) - 1]
+        values = _layer(activation, graph, rows, values, f"layer_{layer}")
         at += count
     _actuators(subject, graph, values)
 
@@ -130,7 +134,8 @@ def _fully_meshed(subject: Subject, graph: Graph) -> None:
     rows = subject.weights.reshape(computed, 1 + sensors + computed)
     outputs, iterations = "state", int(specification["iterations"])
     for _ in range(iterations):
-        outputs = _layer(subject, graph, rows, graph.add("Concat", "sensors", outputs, axis=1), "nodes")
+        values = graph.add("Concat", "sensors", outputs, axis=1)
+        outputs = _layer(specification["activation"], graph, rows, values, "nodes")
     graph.add("Identity", outputs, result="next_state")
     columns = [graph.whole(number) for number in (hidden, computed, 1)]
     _actuators(subject, graph, graph.add("Slice", outputs, *columns))
@@ -138,10 +143,10 @@ def _fully_meshed(subject: Subject, graph: Graph) -> None:
     graph.initial_state = f"np.zeros((1, {computed}), np.float32)"
 
 
-def _layer(subject: Subject, graph: Graph, rows: NDArray[np.float32], below: str, name: str) -> str:
+def _layer(activation: str, graph: Graph, rows: NDArray[np.float32], below: str, name: str) -> str:
     """Add a layer: sums one term after the other, from 0, then the bias, then the activation."""
     nodes, width = rows.shape[0], rows.shape[1] - 1
-    graph.numbers_at_once = max(graph.numbers_at_once, nodes * rows.shape[1])
+    graph.largest_tensor_elements = max(graph.largest_tensor_elements, nodes * rows.shape[1])
     weights = graph.constant(np.ascontiguousarray(rows[:, 1:]), f"weights_{name}")
     biases = graph.constant(np.ascontiguousarray(rows[:, 0]), f"biases_{name}")
     products = graph.add("Mul", weights, graph.add("Unsqueeze", below, graph.whole(1)))
@@ -149,7 +154,7 @@ def _layer(subject: Subject, graph: Graph, rows: NDArray[np.float32], below: str
     terms = graph.add("Pad", products, graph.whole(0, 0, 1, 0, 0, 0))
     sums = graph.add("CumSum", terms, graph.constant(np.array(2, np.int64), "axis"))
     total = graph.add("Gather", sums, graph.constant(np.array(width, np.int64), f"last_{width}"), axis=2)
-    return _ACTIVATIONS[subject.specification["activation"]](graph, graph.add("Add", biases, total))
+    return _ACTIVATIONS[activation](graph, graph.add("Add", biases, total))
 
 
 def _tanh(graph: Graph, x: str) -> str:
@@ -213,7 +218,7 @@ def _mealy_fsm(subject: Subject, graph: Graph) -> None:
     )
     counts = [len(of_one) + 1 for of_one in thresholds]
     radix = np.array([int(np.prod(counts[index + 1 :])) for index in range(len(counts))], np.int64)
-    graph.numbers_at_once = most * len(counts)
+    graph.largest_tensor_elements = most * len(counts)
     column = graph.add("Unsqueeze", "sensors", graph.whole(2))
     over = graph.add("Less", graph.constant(padded.astype(np.float32), "thresholds"), column)
     # A selection and one sum: OpenVINO 2026.4 miscomputes a product behind a sum over an axis of length 1.

@@ -63,6 +63,8 @@ def run(
 def stepped(output: bytes, sequences: Sequences, what: str) -> NDArray[np.float32]:
     """Return the actuators that a harness wrote: a row of floats a step, first whether it was accepted.
 
+    A step that was refused because of an overflow has the engine's actuators.
+
     Raises RunError when rows are missing, when a step was refused or accepted wrongly, or when a refused step
     wrote actuators.
     """
@@ -72,13 +74,15 @@ def stepped(output: bytes, sequences: Sequences, what: str) -> NDArray[np.float3
             f"verification: {what} wrote {len(output)} bytes, expected {4 * width * len(sequences)}"
         )
     rows = np.frombuffer(output, np.float32).reshape(-1, width)
-    wrong = np.flatnonzero((rows[:, 0] != 0) != sequences.accepted)
+    overflowed = sequences.accepted & (rows[:, 0] == 0)
+    overflowed &= False if sequences.may_overflow is None else sequences.may_overflow
+    wrong = np.flatnonzero((rows[:, 0] != 0) != (sequences.accepted & ~overflowed))
     if len(wrong):
         did = "refused" if sequences.accepted[wrong[0]] else "accepted"
         raise RunError(f"verification: {what} {did} the sensors {sequences.sensors[wrong[0]].tolist()}")
-    if (rows[~sequences.accepted, 1:] != UNTOUCHED).any():
+    if (rows[~sequences.accepted | overflowed, 1:] != UNTOUCHED).any():
         raise RunError(f"verification: {what} wrote actuators for sensors that it refused")
-    return np.ascontiguousarray(rows[:, 1:])
+    return np.where(overflowed[:, None], sequences.actuators, rows[:, 1:])
 
 
 UNTOUCHED = 7.0

@@ -57,14 +57,16 @@ def proxy_model(experiment: Experiment, address: Address, agents: int | None = N
     if catalogue.is_described(simulation):
         groups = catalogue.groups(simulation, dict(parameters))
         description: Mapping[str, Any] = catalogue.description(simulation, dict(parameters))
-        known = parameters_of(description, base)
+        limited = catalogue.built_in(simulation) is not None
+        known = parameters_of(description, base, have_limits=limited)
         names: list[str | None] = [one.name for one in groups]
         ranges.update(catalogue.ranges_by_group(simulation, dict(parameters), names or [None]))
     else:
         description = _announced(experiment, address)
-        known = parameters_of({"parameters": {name: _told(value) for name, value in base.items()}}, base)
+        told = {"parameters": {name: _told(value) for name, value in base.items()}}
+        known = parameters_of(told, base, have_limits=False)
     if catalogue.is_here(simulation) and description["actuators"]:
-        found, period = started(
+        found, _, period = started(
             catalogue.playable(simulation),
             base,
             seed,
@@ -82,7 +84,7 @@ def proxy_model(experiment: Experiment, address: Address, agents: int | None = N
         seed,
         agents,
         period,
-        [*_connection(catalogue.title(simulation), address), *known],
+        parameters=[*_connection(catalogue.title(simulation), address), *known],
         dimensions=experiment.requirements.dimensions,
         groups=groups,
         ranges=ranges,
@@ -150,7 +152,8 @@ def _connection(title: str, address: Address) -> list[Parameter]:
         "passwordFile": ("", ("File whose first line is the password; empty: SWARMWRIGHT_PASSWORD or "
                          "SWARMWRIGHT_PASSWORD_FILE of the environment.")),
         "caFile": ("", ("Certificate authority, PEM, for mqtts and wss; empty: SWARMWRIGHT_CA_FILE of the "
-                   "environment, or the system's.")),
+                   "environment, or the system's. A client certificate is taken from the environment alone: "
+                   "SWARMWRIGHT_CERTIFICATE_FILE and SWARMWRIGHT_KEY_FILE.")),
         "simulation": (title, "Title of the simulation, by which servers are found."),
     }  # fmt: skip
     seconds = {
@@ -163,5 +166,5 @@ def _connection(title: str, address: Address) -> list[Parameter]:
     return [
         *(Parameter(f"{CONNECTION}{name}", "text", *about) for name, about in texts.items()),
         Parameter(f"{CONNECTION}server", "integer", server, "Id of the only server to be used; -1 for any."),
-        *(Parameter(f"{CONNECTION}{name}", "number", *about) for name, about in seconds.items()),
+        *(Parameter(f"{CONNECTION}{name}", "number", *about, unit="s") for name, about in seconds.items()),
     ]

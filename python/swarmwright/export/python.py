@@ -13,7 +13,7 @@ from swarmwright.core.errors import RunError
 from swarmwright.export._base import Exporter, Files
 from swarmwright.export.programs import run, stepped, steps
 from swarmwright.export.python_code import as_decimals
-from swarmwright.export.python_family import modules
+from swarmwright.export.python_family import module_text, modules
 from swarmwright.export.python_modules import OwnPython, has_own, own_python
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Subject
@@ -41,6 +41,21 @@ for at in range(0, len(data), width):
 
 
 _WORDS = "Numbers are rounded to 32 bits after every operation, as in the simulation."
+_DIALECT = {
+    "dialect": "",
+    "imports": "from array import array\nfrom collections.abc import Sequence",
+    "words": _WORDS,
+    "own": "",
+    "exact": "",
+    "none": " -> None",
+    "sensors_type": ": Sequence[float]",
+    "actuators_type": " -> list[float]",
+}
+
+
+def module_of(subject: Subject, prefix: str) -> str:
+    """Return the module of a controller without code of its own, as `Python.files` does."""
+    return module_text(subject, prefix, as_decimals, _DIALECT)
 
 
 class Python(Exporter):
@@ -60,14 +75,9 @@ class Python(Exporter):
         check_module(prefix)
         own = own_python(subject, prefix) if has_own(subject) else OwnPython({}, "")
         dialect = {
-            "dialect": "",
-            "imports": "from array import array\nfrom collections.abc import Sequence",
+            **_DIALECT,
             "words": f"{_WORDS}{own.words}",
             "own": render("python_own_import.txt", {"p": prefix}).rstrip("\n") if own.files else "",
-            "exact": "",
-            "none": " -> None",
-            "sensors_type": ": Sequence[float]",
-            "actuators_type": " -> list[float]",
         }
         return {**modules(subject, prefix, as_decimals, dialect), **own.files}
 

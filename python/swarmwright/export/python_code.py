@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.core import modules
+from swarmwright.core.activations import of_nodes
 from swarmwright.core.evostick import STEEP, STEEPNESS, as_layered
 from swarmwright.core.hebbian import as_meshed
 from swarmwright.core.neat import EXP
@@ -51,6 +52,8 @@ class PythonCode:
     state_words: str
     imports: str = ""
     """Lines, besides those that every module has."""
+    refuses: str = ""
+    """A sentence on when a step raises ValueError, besides for other sensors than finite numbers."""
 
 
 def python_code(subject: Subject, numbers: Numbers) -> PythonCode:
@@ -74,6 +77,9 @@ def _layered(subject: Subject, numbers: Numbers) -> PythonCode:
         lines.append("    ),")
     lines.append(")")
     step = ["for rows in _LAYERS:", "    values = _layer(rows, values, cell)", *_ACTUATORS]
+    if len(set(of_nodes(specification))) > 1:
+        step[0] = "for rows in _LAYERS[:-1]:"
+        step.insert(2, "values = _output_layer(_LAYERS[-1], values, cell)")
     return PythonCode(
         "\n".join([*_constants(subject, numbers), *lines]),
         _network(subject, numbers),
@@ -100,6 +106,7 @@ def _fully_meshed(subject: Subject, numbers: Numbers) -> PythonCode:
         f"for _ in range({int(specification['iterations'])}):",
         "    outputs = _layer(_NODES, values + outputs, cell)",
         "self._outputs = outputs",
+        *_OVERFLOW,
         f"values = outputs[{hidden}:]",
         *_ACTUATORS,
     ]
@@ -110,6 +117,7 @@ def _fully_meshed(subject: Subject, numbers: Numbers) -> PythonCode:
         _indented([f"self._outputs = [0.0] * {computed}"]),
         _indented(step),
         "the outputs of all nodes are kept from step to step",
+        refuses="Raises it also when sensors are so large that a node overflows, and then until a reset.",
     )
 
 
@@ -127,6 +135,7 @@ def _hebbian(subject: Subject, numbers: Numbers) -> PythonCode:
         f"for _ in range({int(meshed.specification['iterations'])}):",
         "    outputs = _layer(self._nodes, values + outputs, cell)",
         "self._outputs = outputs",
+        *_OVERFLOW,
         "_learn(self._nodes, _RATE, values + outputs, cell)",
         f"values = outputs[{hidden}:]",
         *_ACTUATORS,
@@ -189,6 +198,10 @@ def _neat(subject: Subject, numbers: Numbers) -> PythonCode:
     )
 
 
+_OVERFLOW = [
+    "if any(output != output for output in outputs):",
+    '    raise ValueError("a node has overflowed, sensors were too large: reset the controller")',
+]
 _ACTUATORS = ["return [_actuator(value, cell) for value in values]"]
 
 
@@ -198,9 +211,10 @@ def _indented(lines: list[str]) -> str:
 
 def _constants(subject: Subject, numbers: Numbers) -> list[str]:
     lines = []
-    if subject.specification["activation"] in {"tanh", "sigmoid", STEEP}:
+    functions = set(of_nodes(subject.specification))
+    if functions & {"tanh", "sigmoid", STEEP}:
         lines += _tanh_constants(numbers)
-    if subject.specification["activation"] == STEEP:
+    if STEEP in functions:
         lines.append(f"(_STEEPNESS,) = {numbers(np.array([STEEPNESS], np.float32))}")
     low, high = np.array(subject.specification["output_range"], np.float32)
     if (low, high) not in ((-1, 1), (0, 1)):
@@ -214,10 +228,12 @@ def _tanh_constants(numbers: Numbers) -> list[str]:
 
 
 def _network(subject: Subject, numbers: Numbers) -> str:  # noqa: ARG001 - as the others
-    activation = subject.specification["activation"]
-    parts = [render("python_tanh.txt", {})] if activation in {"tanh", "sigmoid", STEEP} else []
-    parts.append(f"def _activation(a, cell):\n{_ACTIVATIONS[activation]}\n")
-    parts += [render("python_network.txt", {}), _actuator_function(*subject.specification["output_range"])]
+    hidden, output = of_nodes(subject.specification)
+    parts = [render("python_tanh.txt", {})] if {hidden, output} & {"tanh", "sigmoid", STEEP} else []
+    for activation, which in ((hidden, ""), (output, "output_"))[: 1 if hidden == output else 2]:
+        parts.append(f"def _{which}activation(a, cell):\n{_ACTIVATIONS[activation]}\n")
+        parts.append(render("python_network.txt", {"which": which}))
+    parts.append(_actuator_function(*subject.specification["output_range"]))
     return "\n\n".join(parts).rstrip("\n")
 
 
@@ -308,7 +324,7 @@ def _modules(subject: Subject, numbers: Numbers) -> PythonCode:
         lines += ["    (", indent(f"{numbers(row)},", " " * 8), "        ("]
         for k, one in enumerate(state.transitions):
             here = at + known.of_state + k * known.of_transition
-            words = f"next one if {modules.condition_words(state)}" if tree else modules.words_of(one)
+            words = f"next subtree if {modules.condition_words(state)}" if tree else modules.words_of(one)
             lines.append(f"            # {words}")
             lines.append(indent(f"{numbers(weights[here : here + known.of_transition])},", " " * 12))
         lines += ["        ),", "    ),"]
@@ -336,6 +352,11 @@ def _modules(subject: Subject, numbers: Numbers) -> PythonCode:
         *(f"    {line}" for line in forget),
         "return actuators",
     ]
+    within = [
+        "if not 0.0 <= values[8] <= 1.0:",
+        '    raise ValueError("sensor %s is %s, expected 0 to 1" % (SENSORS[8], values[8]))',
+    ]
+    checks = subject.checks_random
     reset = ["self._state = 0", "self._settled = False", *forget]
     kept = "the state, whether it was entered before, and how long the robot still turns are kept"
     if tree:
@@ -362,9 +383,10 @@ def _modules(subject: Subject, numbers: Numbers) -> PythonCode:
         "\n\n".join(parts).rstrip("\n"),
         _indented(["self._modules = Modules()"]) if own else "",
         _indented(reset),
-        _indented(step) + "\n\n" + "\n\n".join(methods),
+        _indented([*(within if checks else []), *step]) + "\n\n" + "\n\n".join(methods),
         kept,
         "from math import sqrt",
+        "So it does for a sensor random that is not from 0 to 1." if checks else "",
     )
 
 
@@ -415,6 +437,8 @@ _CODES = {"f4": "f", "f8": "d", "u2": "H", "u4": "L"}
 
 def golden_text(golden: Sequences) -> str:
     """Return sequences as elements of a tuple in Python: tuples of (sensors, actuators), both as bytes."""
+    if not len(golden):
+        return ""
     lines: list[str] = []
     for index in range(len(golden)):
         if golden.first[index]:

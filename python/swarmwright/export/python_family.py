@@ -1,4 +1,4 @@
-"""What the forms Python and MicroPython have in common."""
+"""What the formats Python and MicroPython have in common."""
 
 import numpy as np
 
@@ -14,7 +14,15 @@ MICROPYTHON = ", for MicroPython"
 
 
 def modules(subject: Subject, prefix: str, numbers: Numbers, dialect: dict[str, str]) -> Files:
-    """Return the module and its self-test.
+    """Return the module and its self-test; parameters have none. Arguments as of `module_text`."""
+    files: Files = {f"{prefix}.py": module_text(subject, prefix, numbers, dialect)}
+    if subject.steers:
+        files[f"{prefix}_test.py"] = _test(subject, _values(subject, prefix))
+    return files
+
+
+def module_text(subject: Subject, prefix: str, numbers: Numbers, dialect: dict[str, str]) -> str:
+    """Return the module.
 
     Args:
         subject: the controller.
@@ -22,12 +30,12 @@ def modules(subject: Subject, prefix: str, numbers: Numbers, dialect: dict[str, 
         numbers: how numbers are written.
         dialect: replacements that differ between Python and MicroPython.
     """
-    values = {"p": prefix, "facts": facts(subject, "    ").rstrip()}
+    values = _values(subject, prefix)
     if not subject.steers:
         lines = [f"    {name!r}: {value!r}," for name, value in subject.values.items()]
-        return {f"{prefix}.py": render("python_parameters.txt", {**values, "parameters": "\n".join(lines)})}
+        return render("python_parameters.txt", {**values, "parameters": "\n".join(lines)})
     code = python_code(subject, numbers)
-    module = render(
+    return render(
         "python.txt",
         {
             **values,
@@ -41,12 +49,25 @@ def modules(subject: Subject, prefix: str, numbers: Numbers, dialect: dict[str, 
                 filter(None, [render("python_checked.txt", {}).rstrip(), code.functions])
             ),
             "state_words": code.state_words,
+            "refuses": code.refuses,
+            "step_seconds": _step_seconds(subject),
             "init": code.init,
             "reset": code.reset,
             "step": code.step,
         },
     )
-    return {f"{prefix}.py": module, f"{prefix}_test.py": _test(subject, values)}
+
+
+def _values(subject: Subject, prefix: str) -> dict[str, str]:
+    return {"p": prefix, "facts": facts(subject, "    ").rstrip()}
+
+
+def _step_seconds(subject: Subject) -> str:
+    """Return the definition of the duration of a control cycle; empty where it is not known."""
+    if not subject.step_size:
+        return ""
+    words = '"""Seconds from step to step, as in the simulation."""'
+    return f"STEP_SECONDS = {subject.step_size!r}\n{words}\n"
 
 
 def _names(channels: list[Channel]) -> str:

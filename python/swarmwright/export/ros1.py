@@ -35,11 +35,14 @@ class Ros1(Exporter):
     def files(self, subject: Subject, prefix: str) -> Files:
         """Return the package; its name is the prefix in small letters.
 
-        Raises InputError for a parameter set, which steers nothing, and for the prefix `exported`.
+        Raises InputError for a parameter set, which steers nothing, and for prefixes that other files or
+        packages have.
         """
         values = ros_family.values_of(subject, prefix)
+        own = {name: render(f"ros1/{name}", values) for name in _OWN}
+        ros_family.check_package(prefix, own["package.xml"])
         return {
-            **{name: render(f"ros1/{name}", values) for name in _OWN},
+            **own,
             **ros_family.sources(subject, prefix, values),
             "config/mapping.template.yaml": ros_family.mapping(subject),
         }

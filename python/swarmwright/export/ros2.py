@@ -61,7 +61,8 @@ class Ros2(Exporter):
     def files(self, subject: Subject, prefix: str) -> Files:
         """Return the package; its name is the prefix in small letters.
 
-        Raises InputError for a parameter set, which steers nothing, and for prefixes that other files have.
+        Raises InputError for a parameter set, which steers nothing, and for prefixes that other files or
+        packages have.
         """
         values = ros_family.values_of(subject, prefix)
         values["numpy"] = "  <exec_depend>python3-numpy</exec_depend>" if has_own(subject) else ""
@@ -70,10 +71,12 @@ class Ros2(Exporter):
             raise InputError(f"prefix: {prefix!r} is a file of the package; take another one")
         if package in _LIBRARIES:
             raise InputError(f"prefix: {prefix!r} is a module that the nodes import; take another one")
+        own = {name: render(f"ros2/{name}", values) for name in _OWN}
+        ros_family.check_package(prefix, own["package.xml"])
         python = Python().files(subject, prefix)
         del python[f"{prefix}_test.py"]
         return {
-            **{name: render(f"ros2/{name}", values) for name in _OWN},
+            **own,
             **ros_family.sources(subject, prefix, values),
             "config/mapping.template.yaml": ros_family.mapping(subject),
             "launch/controller.launch.py": render("python_ros2/controller.launch.txt", values),

@@ -1,12 +1,15 @@
-"""What the forms ROS 1 and ROS 2 have in common: the sources of the node, and the mapping to be filled in."""
+"""What the formats ROS 1 and ROS 2 have in common: the sources of the node, the mapping to be filled in."""
 
 import json
+import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from swarmwright.core.errors import InputError
 from swarmwright.core.untrusted import in_json, one_line
+from swarmwright.experiment.robots import DEFAULT
 from swarmwright.export._base import Files, facts
+from swarmwright.export.arena_words import PRESETS
 from swarmwright.export.c import C
 from swarmwright.export.subject import RANDOM, Channel, Subject
 from swarmwright.export.text import MARK, c_literal, quoted, render
@@ -23,6 +26,9 @@ _SHARED = (
     "value.hpp",
 )
 """Sources that are the same for every controller and both."""
+_DEPENDENCY = re.compile(r"depend>(\w+)</")
+_ROBOT = "{robot}"
+"""Stands for a robot's name in topics of a run."""
 _OWN = "exported"
 """What a file of the package is called."""
 _SCALING = """\
@@ -32,12 +38,10 @@ _SCALING = """\
 
 
 _WHEELS = ["left wheel", "right wheel"]
-_WHEEL_SPEED, _WHEEL_BASE = 0.12, 0.053
-"""Of the arena's e-puck: metres per second for 1, and between the wheels."""
 _WHEELS_WORDS = """
 # A robot that takes geometry_msgs/Twist needs these entries instead of the two above: the speed of the base
-# is the mean of its wheels', its turn their difference by the distance between them. Here for the e-puck of
-# the arena, 0.12 m/s for 1 and 0.053 m:"""
+# is the mean of its wheels', its turn their difference by the distance between them. Here for the {robot},
+# {speed:.6g} m/s for 1 and {base:.6g} m:"""
 
 
 def values_of(subject: Subject, prefix: str) -> dict[str, str]:
@@ -63,6 +67,17 @@ def values_of(subject: Subject, prefix: str) -> dict[str, str]:
         "python_sensor_names": _names(subject.sensors, quoted),
         "python_actuator_names": _names(subject.actuators, quoted),
     }
+
+
+def check_package(prefix: str, manifest: str) -> None:
+    """Raise InputError for the name of a package that the package itself depends on.
+
+    Args:
+        prefix: whose small letters are the name.
+        manifest: the text of package.xml.
+    """
+    if prefix.lower() in _DEPENDENCY.findall(manifest):
+        raise InputError(f"prefix: {prefix!r} is a package that this one depends on; take another one")
 
 
 def sources(subject: Subject, prefix: str, values: dict[str, str]) -> Files:
@@ -95,7 +110,7 @@ def mapping(subject: Subject) -> str:
             "scaling": _SCALING if subject.conversion else "",
             "rate": _number(f"{known or 10:.9g}").ljust(23),
             "rate_words": words,
-            "wheels": _wheels(subject.actuators),
+            "wheels": _wheels(subject),
             "sensors": _entries("sensor", subject.sensors, subject.topics.get("sensors", ())),
             "actuators": _entries("actuator", subject.actuators, subject.topics.get("actuators", ())),
         },
@@ -108,7 +123,13 @@ def _names(channels: Sequence[Channel], literal: Callable[[str], str]) -> str:
 
 def _begin(subject: Subject) -> str:
     if subject.topics:
-        return "Copy this to mapping.yaml and check it. Topics are those on which the controller was evolved."
+        words = (
+            "Copy this to mapping.yaml and check it. Topics are those on which the controller was evolved."
+        )
+        entries = [*subject.topics.get("sensors", ()), *subject.topics.get("actuators", ())]
+        if any(_ROBOT in entry["topic"] for entry in entries):
+            words += f"\n# Fill in those that are empty: they were other ones for each robot, {_ROBOT}."
+        return words
     return "Copy this to mapping.yaml and fill it in."
 
 
@@ -127,20 +148,31 @@ def _entries(kind: str, channels: Sequence[Channel], known: Sequence[Mapping[str
             continue
         for key, value in values.items():
             if key != kind and not (key == "field" and value == "" and name in by_name):
-                shown = _number(repr(value)) if isinstance(value, float) else json.dumps(value)
-                lines.append(f"    {key}: {shown}")
+                lines.append(f"    {key}: {_shown(key, value)}")
     return "\n".join(lines)
 
 
-def _wheels(actuators: Sequence[Channel]) -> str:
+def _shown(key: str, value: Any) -> str:  # noqa: ANN401 - of an entry
+    """Return a value of an entry; in place of a topic that a node cannot resolve, an empty one."""
+    if key == "topic" and _ROBOT in value:
+        return f'""  # in the run: {in_json(json.dumps(value, ensure_ascii=False))}'
+    return _number(repr(value)) if isinstance(value, float) else json.dumps(value)
+
+
+def _wheels(subject: Subject) -> str:
     """Return an example of how the wheels of the arena's robots become a command of a base."""
-    if [one.name for one in actuators] != _WHEELS:
+    if [one.name for one in subject.actuators] != _WHEELS:
         return ""
+    robot = "robot of the run"
+    speed, base = subject.wheels
+    if not speed or not base:
+        e_puck = PRESETS[DEFAULT]
+        robot, speed, base = "e-puck of the arena", e_puck.max_speed, e_puck.wheel_base
     names = [in_json(json.dumps(name)) for name in _WHEELS]
     entries = []
     for field, weights, scale in (
-        ("linear.x", ("0.5", "0.5"), _WHEEL_SPEED),
-        ("angular.z", ("-1", "1"), _WHEEL_SPEED / _WHEEL_BASE),
+        ("linear.x", ("0.5", "0.5"), speed),
+        ("angular.z", ("-1", "1"), speed / base),
     ):
         shares = ", ".join(f"{name}: {weight}" for name, weight in zip(names, weights, strict=True))
         entries += [
@@ -150,7 +182,7 @@ def _wheels(actuators: Sequence[Channel]) -> str:
             f"#    field: {field}",
             f"#    scale: {scale:.6g}",
         ]
-    return "\n".join([_WHEELS_WORDS, *entries])
+    return "\n".join([_WHEELS_WORDS.format(robot=robot, speed=speed, base=base), *entries])
 
 
 def _scaling(kind: str, channel: Channel) -> dict[str, float]:

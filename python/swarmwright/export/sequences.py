@@ -3,6 +3,7 @@
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from swarmwright import _engine
 from swarmwright.core.errors import InputError, engine_errors
-from swarmwright.core.modules import PYTHON_KIND
+from swarmwright.core.modules import PYTHON_KIND, is_modules
 from swarmwright.modules.machine import Swarm
 
 RANDOM_SEQUENCES = 10_000
@@ -26,6 +27,10 @@ _BITS = [
 """Zeros, subnormal and smallest normal numbers, neighbours of 1, huge numbers."""
 _REFUSED = [0x7FC00000, 0x7F800000, 0xFF800000]
 """NaN and infinities."""
+RANDOM_SENSOR = 8
+"""The sensor from which machines and trees of modules take their random numbers, 0 to 1."""
+OVERFLOWING = frozenset({"fully_meshed", "hebbian"})
+"""Kinds whose nodes can become NaN, and then are for ever."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +44,9 @@ class Sequences:
     actuators: NDArray[np.float32]
     """(steps, actuators); rows of refused steps hold nothing."""
     accepted: NDArray[np.bool_]
-    """(steps,) False where a sensor is NaN or infinite: the controller refuses these, and keeps its state."""
+    """(steps,) False where the controller refuses the sensors, and keeps its state; see `computed`."""
+    may_overflow: NDArray[np.bool_] | None = None
+    """(steps,) where a recurrent network may have overflowed, see `possible_overflows`; None for nowhere."""
 
     def __len__(self) -> int:
         """Return the number of steps."""
@@ -54,19 +61,39 @@ class Sequences:
         """Return the whole sequences at the beginning that have so many steps at most, one at least."""
         ends = [*np.flatnonzero(self.first)[1:].tolist(), len(self)]
         end = max([ends[0], *(end for end in ends if end <= steps)])
-        return Sequences(self.first[:end], self.sensors[:end], self.actuators[:end], self.accepted[:end])
+        return self.part(slice(end))
+
+    def part(self, part: slice | NDArray[np.bool_]) -> "Sequences":
+        """Return some of the steps, those at the beginning of their sequences."""
+        overflows = None if self.may_overflow is None else self.may_overflow[part]
+        return Sequences(
+            self.first[part], self.sensors[part], self.actuators[part], self.accepted[part], overflows
+        )
 
     @classmethod
     def computed(
-        cls, specification: Mapping[str, Any], first: NDArray[np.bool_], sensors: NDArray[np.float32]
+        cls,
+        specification: Mapping[str, Any],
+        first: NDArray[np.bool_],
+        sensors: NDArray[np.float32],
+        accepted: NDArray[np.bool_] | None = None,
     ) -> "Sequences":
-        """Return what the engine's controller does in these steps; of modules in Python, what these do."""
+        """Return what the engine's controller does in these steps; of modules in Python, what these do.
+
+        Args:
+            specification: of the controller.
+            first: (steps,) whether the controller is reset before the step.
+            sensors: (steps, sensors)
+            accepted: (steps,) which steps are done; by default those without a sensor that is NaN or
+                infinite, and without a random number of modules that is not from 0 to 1.
+        """
+        if accepted is None:
+            accepted = accepted_steps(specification, sensors)
         if specification.get("kind") == PYTHON_KIND:
-            return _in_python(specification, first, sensors)
+            return _in_python(specification, first, sensors, accepted)
         with engine_errors("controller: "):
             controller = _engine.Controller(json.dumps(dict(specification), allow_nan=False))
         actuators = np.zeros((len(first), controller.actuators), np.float32)
-        accepted: NDArray[np.bool_] = np.array(np.isfinite(sensors).all(axis=1))
         for step, (begins, row, fits) in enumerate(
             zip(first.tolist(), sensors, accepted.tolist(), strict=True)
         ):
@@ -74,15 +101,64 @@ class Sequences:
                 controller.reset()
             if fits:
                 actuators[step] = controller.step(row)
-        return cls(first, sensors, actuators, accepted)
+        return cls(
+            first, sensors, actuators, accepted, possible_overflows(specification, first, actuators, accepted)
+        )
+
+
+def accepted_steps(
+    specification: Mapping[str, Any], sensors: NDArray[np.float32], *, checks_random: bool = True
+) -> NDArray[np.bool_]:
+    """Return which steps, (steps,), exported controllers do not refuse.
+
+    Args:
+        specification: of the controller.
+        sensors: (steps, sensors)
+        checks_random: modules refuse a random number that is not from 0 to 1, see `Subject.checks_random`.
+    """
+    accepted: NDArray[np.bool_] = np.array(np.isfinite(sensors).all(axis=1))
+    if checks_random and is_modules(specification):
+        random = sensors[:, RANDOM_SENSOR]
+        accepted &= (random >= 0) & (random <= 1)
+    return accepted
+
+
+def possible_overflows(
+    specification: Mapping[str, Any],
+    first: NDArray[np.bool_],
+    actuators: NDArray[np.float32],
+    accepted: NDArray[np.bool_],
+) -> NDArray[np.bool_] | None:
+    """Return where a recurrent network may have overflowed, None for other kinds.
+
+    The engine's network is then NaN in all nodes for ever, and its actuators are 0; an exported one refuses
+    steps until it is reset. That may be so in the steps at the end of a sequence in which all actuators are
+    0, and in the one before, in which some may be.
+
+    Args:
+        specification: of the controller.
+        first: (steps,) whether a sequence begins.
+        actuators: (steps, actuators)
+        accepted: (steps,)
+    """
+    if specification.get("kind") not in OVERFLOWING:
+        return None
+    found = np.zeros(len(first), np.bool_)
+    moves = accepted & actuators.view(np.uint32).any(axis=1)
+    for begin, end in pairwise([*np.flatnonzero(first).tolist(), len(first)]):
+        moving = np.flatnonzero(moves[begin:end])
+        found[begin + int(moving.max(initial=0)) : end] = True
+    return found
 
 
 def _in_python(
-    specification: Mapping[str, Any], first: NDArray[np.bool_], sensors: NDArray[np.float32]
+    specification: Mapping[str, Any],
+    first: NDArray[np.bool_],
+    sensors: NDArray[np.float32],
+    accepted: NDArray[np.bool_],
 ) -> Sequences:
     """Return what a machine with modules in Python does, all sequences side by side."""
     swarm = Swarm(specification, np.array([specification["weights"]], dtype=np.float32))
-    accepted: NDArray[np.bool_] = np.array(np.isfinite(sensors).all(axis=1))
     starts = np.flatnonzero(first)
     lengths = np.diff([*starts.tolist(), len(first)])
     actuators = np.zeros((len(first), int(specification["actuators"])), np.float32)
@@ -101,14 +177,17 @@ def random_sequences(
     *,
     refused: bool = True,
     longest: int = LONGEST,
+    checks_random: bool = True,
 ) -> Sequences:
     """Return sequences of 1 to `longest` steps, the same ones for the same controller.
 
     Sensors are uniform in -1..1, or larger and smaller by up to forty orders of magnitude, or numbers at
     which arithmetic and thresholds change: zeros, subnormal, huge ones.
 
-    refused: some steps have a sensor that is NaN or infinite. Of a machine with modules in Python, sensors
-    are in -1000..1000: what these do with others is their author's.
+    refused: some steps have a sensor that is NaN or infinite, or a random number outside of 0 to 1. Of a
+    machine with modules in Python, sensors are in -1000..1000: what these do with others is their author's.
+
+    checks_random: see `accepted_steps`; without it the sensor of random numbers is as the others.
     """
     width = int(specification["sensors"])
     numbers = np.random.default_rng(2026)
@@ -126,13 +205,18 @@ def random_sequences(
     chosen = special[numbers.integers(0, len(special), sensors.shape)]
     share = np.array([0.02, 0.02, 0.05, 0.5])[which]
     sensors = np.where(numbers.random(sensors.shape) < share[:, None], chosen, sensors)
+    if checks_random and is_modules(specification):
+        outside = refused & (numbers.random(len(first)) < 0.02)
+        sensors[~outside, RANDOM_SENSOR] = numbers.random(len(first), np.float32)[~outside]
     if specification.get("kind") == PYTHON_KIND:
         sensors = np.clip(sensors, -_LARGEST_SENSED, _LARGEST_SENSED)
     if refused:
         bad = np.flatnonzero(numbers.random(len(first)) < 0.01)
         values = np.array(_REFUSED, np.uint32).view(np.float32)
         sensors[bad, numbers.integers(0, width, len(bad))] = values[numbers.integers(0, 3, len(bad))]
-    return Sequences.computed(specification, first, np.ascontiguousarray(sensors, np.float32))
+    drawn = np.ascontiguousarray(sensors, np.float32)
+    accepted = accepted_steps(specification, drawn, checks_random=checks_random)
+    return Sequences.computed(specification, first, drawn, accepted)
 
 
 def _special(specification: Mapping[str, Any]) -> NDArray[np.float32]:

@@ -118,7 +118,10 @@ def _description(model: Model, fmi: str, name: str, made: str) -> str:
     categories = ET.SubElement(root, "LogCategories")
     for category in ("logStatusDiscard", "logStatusError"):
         ET.SubElement(categories, "Category", name=category)
-    ET.SubElement(root, "DefaultExperiment", startTime="0", stepSize=repr(model.period))
+    times = {"startTime": "0", "stepSize": repr(model.period)}
+    if model.duration is not None:
+        times["stopTime"] = repr(model.duration)
+    ET.SubElement(root, "DefaultExperiment", times)
     listed = ET.SubElement(root, "ModelVariables")
     if three:
         about = {"name": "time", "valueReference": "0", "causality": "independent"}
@@ -145,9 +148,8 @@ def _about(one: Variable) -> dict[str, str]:
 
 def _limits(one: Variable) -> dict[str, str]:
     found = {"unit": one.unit} if one.unit else {}
-    if one.range is not None:
-        found |= {"min": repr(one.range[0]), "max": repr(one.range[1])}
-    return found
+    limits = zip(("min", "max"), one.range, strict=True)
+    return found | {name: repr(value) for name, value in limits if value is not None}
 
 
 def _start(value: float | bool | str) -> str:

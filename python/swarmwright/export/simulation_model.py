@@ -1,9 +1,11 @@
 """What an FMU of a simulation holds: its variables, with the value references of `engine/fmi`."""
 
 import json
+import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any, Literal
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -26,6 +28,18 @@ _LARGEST = 2**31 - 1
 """Of FMI 2.0's type Integer."""
 _UNITS = {"metres": "m", "seconds": "s", "radians": "rad", "metres per second": "m/s"}
 """Words of simulations, as FMUs name them."""
+_UNIT = re.compile(rf"\b({'|'.join(sorted(_UNITS, key=len, reverse=True))})\b")
+_NUMBER = r"-?\d(?:[\d,.]*\d)?"
+_LIMITS = re.compile(rf"(?<![\w.])({_NUMBER}) to ({_NUMBER})(?!\w)")
+_LEAST = re.compile(rf"\bat least ({_NUMBER})(?!\w)")
+"""Descriptions of the parameters of built-in simulations say unit and range in these words."""
+_LENGTHS = {"emergency_exit": "steps", "minisim": "maxSteps"}
+"""Parameters that say after how many steps an episode ends."""
+_TICK_S = 0.1
+"""Of the arena."""
+
+Limits = tuple[float | None, float | None]
+"""Smallest and largest value, None where there is none."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +53,7 @@ class Variable:
     description: str
     start: Any = None
     unit: str = ""
-    range: tuple[float, float] | None = None
+    range: Limits = (None, None)
     stands_for: Range | None = None
     """What -1 and 1 stand for; None where it is not scaled."""
 
@@ -52,6 +66,19 @@ class Parameter:
     kind: Kind
     start: float | int | bool | str
     description: str
+    unit: str = ""
+    range: Limits = (None, None)
+
+
+class Start(NamedTuple):
+    """What is known of an episode after its first step."""
+
+    agents: int
+    """How many act."""
+    turns: int
+    """How many steps of an FMU it takes: 1, or the number of agents where they act in turn."""
+    period: float
+    """Seconds of a step of the FMU."""
 
 
 @dataclass(frozen=True)
@@ -67,6 +94,8 @@ class Model:
     agents: int
     period: float
     """Seconds of a step."""
+    duration: float | None = None
+    """Seconds after which every episode with these parameters has ended; None where they are not known."""
     parameters: list[Parameter] = field(default_factory=list)
     dimensions: float | None = None
     """Of a proxy: number of spatial dimensions of the servers that are looked for."""
@@ -94,17 +123,25 @@ class Model:
             if name not in description["parameters"]:
                 hint = did_you_mean(name, list(description["parameters"])) or ""
                 raise InputError(f"parameters.{name}: {title} has no such parameter{hint}")
-        agents, period = started(
+        start = started(
             catalogue.playable(title),
             base,
             seed,
             int(description["actuators"]),
             catalogue.step_seconds(title),
         )
-        check_size(title, agents, description)
-        variables = parameters_of(description, base)
-        groups = catalogue.groups(title, dict(parameters))
-        return cls(title, description, base, seed, agents, period, variables, groups=groups)
+        check_size(title, start.agents, description)
+        return cls(
+            title,
+            description,
+            base,
+            seed,
+            start.agents,
+            start.period,
+            duration=_duration(title, {**_defaults(description), **base}, start),
+            parameters=_with_agents(parameters_of(description, base, have_limits=True), start.agents),
+            groups=catalogue.groups(title, dict(parameters)),
+        )
 
     @property
     def metrics(self) -> list[str]:
@@ -135,7 +172,8 @@ class Model:
         for index, one in enumerate(self.parameters):
             kind: Any = {"number": "double", "json": "text"}.get(one.kind, one.kind)
             reference = _FIRST_PARAMETER + index
-            yield Variable(one.name, reference, kind, "parameter", one.description, start=one.start)
+            about = (one.description, one.start, one.unit, one.range)
+            yield Variable(one.name, reference, kind, "parameter", *about)
         yield Variable("done", DONE, "flag", "output", "Whether the episode has ended")
         yield Variable(
             "fitness", FITNESS, "double", "output", "Fitness of the episode so far; larger is better"
@@ -209,13 +247,19 @@ def check_size(title: str, agents: int, description: Mapping[str, Any]) -> None:
         )
 
 
-def parameters_of(description: Mapping[str, Any], base: Mapping[str, Any]) -> list[Parameter]:
-    """Return the parameters of a description, with the values of `base`."""
-    return [
+def parameters_of(
+    description: Mapping[str, Any], base: Mapping[str, Any], *, have_limits: bool
+) -> list[Parameter]:
+    """Return the parameters of a description, with the values of `base`.
+
+    have_limits: whether their descriptions say unit and range, as those of built-in simulations do.
+    """
+    found = [
         _parameter(name, about, base)
         for name, about in sorted(description["parameters"].items())
         if name != "seed"
     ]
+    return [_with_limits(one) for one in found] if have_limits else found
 
 
 def started(
@@ -224,21 +268,73 @@ def started(
     seed: int,
     actuators: int,
     step_seconds: float | None,
-) -> tuple[int, float]:
-    """Return how many agents act in the first step, and the seconds of a step.
+) -> Start:
+    """Return what is known after the first step of an episode.
 
     step_seconds: None where the simulation has no physical time: then they are those for which it is shown.
     """
     with engine_errors():
         episodes = _engine.Episodes(simulation, dict(base), [seed])
-        agents = 0
+        agents = turns = 0
         while not episodes.done:
             acting = episodes.acting()[1]
             agents = max([agents, *(int(agent) + 1 for agent in acting)])
             episodes.step(np.zeros((len(acting), actuators), np.float32))
+            turns += 1
             if not episodes.mid_step:
                 break
-        return agents, step_seconds or episodes.step_size or 1.0
+        return Start(agents, turns, step_seconds or episodes.step_size or 1.0)
+
+
+def _defaults(description: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: about["default"] for name, about in description["parameters"].items()}
+
+
+def _duration(title: str, parameters: Mapping[str, Any], start: Start) -> float | None:
+    """Return the seconds after which any episode of a built-in simulation has ended; None where not known."""
+    if title in _LENGTHS:
+        steps = int(parameters[_LENGTHS[title]])
+    else:
+        seconds = parameters["duration"] or _mission_seconds(parameters["mission"])
+        if seconds is None:
+            return None
+        steps = math.floor(seconds / _TICK_S + 0.5)
+    return float(f"{steps * start.turns * start.period:.12g}")
+
+
+def _mission_seconds(mission: Any) -> float | None:  # noqa: ANN401 - a name or an object
+    """Return the duration of a mission of the arena; None for an object that does not say it."""
+    if isinstance(mission, Mapping):
+        return mission.get("duration")
+    known = {one[key]: one["duration"] for one in _engine.missions() for key in ("name", "also")}
+    return known.get(mission)
+
+
+def _with_limits(one: Parameter) -> Parameter:
+    """Return a number with the unit and the range that its description says."""
+    if one.kind not in ("integer", "number"):
+        return one
+    kind = int if one.kind == "integer" else float
+    found = _LIMITS.search(one.description) or _LEAST.search(one.description)
+    numbers = [kind(number.replace(",", "")) for number in found.groups()] if found else []
+    low, high = [*numbers, None, None][:2]
+    # Of FMI's types only the real ones have a unit.
+    unit = _UNIT.search(one.description) if one.kind == "number" else None
+    return replace(one, unit=_UNITS[unit[1]] if unit else "", range=(low, high))
+
+
+def _with_agents(parameters: Sequence[Parameter], agents: int) -> list[Parameter]:
+    """Limit the numbers of agents to those that the FMU has variables for.
+
+    agents: how many it has: defenders come after the others where controllers steer them, too.
+    """
+    starts = {one.name: one.start for one in parameters}
+    limits: dict[str, Limits] = {}
+    if "numAgents" in starts:
+        limits["numAgents"] = 1, int(starts["numAgents"])
+        if agents > int(starts["numAgents"]):
+            limits["numDefenders"] = 0, int(starts.get("numDefenders", 0))
+    return [replace(one, range=limits.get(one.name, one.range)) for one in parameters]
 
 
 def _parameter(name: str, about: Mapping[str, Any], base: Mapping[str, Any]) -> Parameter:

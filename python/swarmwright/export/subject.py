@@ -11,15 +11,17 @@ from numpy.typing import NDArray
 
 from swarmwright.commands.ros_definition import RosOptions
 from swarmwright.core.errors import InputError, RunError, SwarmwrightError, engine_errors
+from swarmwright.core.modules import is_modules
 from swarmwright.core.ranges import CONVERSION, Range, ranges_of, shortest_decimal
 from swarmwright.core.simulation_names import SimulationName
+from swarmwright.core.warn_once import warn_once
+from swarmwright.export.arena_words import actuator_meaning, robot_in, sensor_meaning
 from swarmwright.export.groups import Member, member_of
-from swarmwright.export.sequences import Sequences, random_sequences
+from swarmwright.export.sequences import RANDOM_SENSOR, Sequences, possible_overflows, random_sequences
 from swarmwright.export.text import plain
 from swarmwright.representations.controller import controller_words
 from swarmwright.runs.choice import choose
 from swarmwright.simulations import catalogue
-from swarmwright.user_code.notices import say
 
 if TYPE_CHECKING:
     from swarmwright.runs.choice import Choice
@@ -41,11 +43,11 @@ class Channel:
     """A sensor or an actuator."""
 
     name: str
-    """The simulation's own, any text: each form quotes it."""
+    """The simulation's own, any text: each format quotes it."""
     unit: str
     """As the name; empty where it is not known, and where the value is scaled: the range has it then."""
     limits: str
-    """Between which values it lies, and what they stand for: any text, as the name."""
+    """Between which values it lies, and what they stand for or mean: any text, as the name."""
     range: Range | None = None
     """What -1 and 1 stand for, of a value that is scaled; see `Range` for the conversion."""
 
@@ -59,20 +61,28 @@ class Subject:
     facts: tuple[tuple[str, str], ...] = ()
     """Where it comes from, in lines of a name and a text."""
     description: Mapping[str, Any] = field(default_factory=dict)
-    """Of sensors and actuators, see `catalogue.channels`; empty where it is not known."""
+    """Of sensors and actuators, see `catalogue.channels`; empty where it is not known.
+
+    Besides these, `sensor_meanings` and `actuator_meanings` where they are known: a text for each, or none.
+    """
     episodes: Sequences | None = None
     """What the agents sensed and did in episodes of the run; None where the simulation could not be run."""
     episode_count: int = 0
     reason: str = ""
     """Why there are no episodes."""
     topics: Mapping[str, Any] = field(default_factory=dict)
-    """Of robots of a ROS system: sensors and actuators as in a mapping, and the rate where it is known."""
+    """Of robots of a ROS system: sensors and actuators as in a mapping, and the rate where it is known.
+
+    Names of topics may contain {robot}, which stands for the robot's name and which no mapping may have.
+    """
     values: Mapping[str, Any] = field(default_factory=dict)
     """Of a parameter set, by name."""
     ranges: Mapping[str, str] = field(default_factory=dict)
     """Of the parameters of a parameter set, in words."""
     step_size: float = 0.0
     """Seconds of a step in the world that is simulated; 0 where they are not known."""
+    wheels: tuple[float, float] = (0.0, 0.0)
+    """Of a robot with two wheels: metres per second for 1, and between the wheels; 0 where not known."""
     shown_seconds: float = 0.0
     """Seconds for which a step is shown; 0 where they are not known."""
 
@@ -118,15 +128,27 @@ class Subject:
                     if seen is None
                     else f"{stands_for.scaled_words}, scaled: {limits}"
                 )
-            found.append(Channel(name, unit, limits, stands_for))
+            found.append(Channel(name, unit, self._with_meaning("sensor", index, limits), stands_for))
         return found
+
+    def _with_meaning(self, what: str, index: int, limits: str) -> str:
+        meanings = self.description.get(f"{what}_meanings", ())
+        meaning = str(meanings[index]) if index < len(meanings) else ""
+        return f"{limits}; {meaning}" if meaning else limits
 
     @cached_property
     def actuators(self) -> list[Channel]:
         """The actuators, in their order."""
         return [
-            Channel(name, unit, "-1 to 1" if stands_for is None else stands_for.scaled_words, stands_for)
-            for name, unit, stands_for in self._channels("actuator")
+            Channel(
+                name,
+                unit,
+                self._with_meaning(
+                    "actuator", index, "-1 to 1" if stands_for is None else stands_for.scaled_words
+                ),
+                stands_for,
+            )
+            for index, (name, unit, stands_for) in enumerate(self._channels("actuator"))
         ]
 
     @property
@@ -152,21 +174,47 @@ class Subject:
         ]
 
     @cached_property
-    def golden(self) -> Sequences:
-        """Whole episodes of some agents, or random sequences without a simulation, for a self-test."""
+    def checks_random(self) -> bool:
+        """Whether exported steps refuse a random number that is not from 0 to 1: of modules, for a robot.
+
+        Not where a recorded episode has another one: in that simulation, the sensor is something else.
+        """
+        if not is_modules(self.specification):
+            return False
+        if self.episodes is None:
+            return True
+        recorded = self.episodes.sensors[:, RANDOM_SENSOR]
+        return bool(((recorded >= 0) & (recorded <= 1)).all())
+
+    @cached_property
+    def _tried(self) -> Sequences:
+        """What `golden` begins with: whole sequences, in some of which a network may overflow."""
         if self.episodes is None or not len(self.episodes):
             return random_sequences(self.specification, _EPISODES_WITHOUT, refused=False)
         width = self.episodes.sensors.shape[1] + self.episodes.actuators.shape[1]
         return self.episodes.until(_GOLDEN // width)
+
+    @cached_property
+    def golden(self) -> Sequences:
+        """Episodes of some agents, or random sequences without a simulation, for a self-test.
+
+        Whole ones, but in a network that overflows the steps before; none where it does so in each first one.
+        """
+        from swarmwright.export.overflow import before_overflow  # noqa: PLC0415 - exports a subject
+
+        return self._tried.part(before_overflow(self.specification, self._tried))
 
     @property
     def golden_words(self) -> str:
         """What the golden vectors are."""
         golden = self.golden
         steps = f"{len(golden)} steps"
+        if len(golden) < len(self._tried):
+            steps += " before a node overflows"
         if self.episodes is None or not len(self.episodes):
             return f"{golden.count} random sequences, {steps}"
-        return f"whole episodes of {golden.count} agent{'s' if golden.count > 1 else ''}, {steps}"
+        what = "whole episodes" if len(golden) == len(self._tried) else "episodes"
+        return f"{what} of {golden.count} agent{'' if golden.count == 1 else 's'}, {steps}"
 
 
 def _different(names: list[Any], what: str) -> list[str]:
@@ -227,14 +275,15 @@ def subject_of(
         reason = "its robots move in real time, and are not driven for that"
     else:
         try:
-            return _recorded(run, chosen, part, Subject(specification, facts, topics=topics))
+            return _of_arena(run, _recorded(run, chosen, part, Subject(specification, facts, topics=topics)))
         except SwarmwrightError as error:
             reason = str(error)
     known = _described(run)
     description, step = _of_part(known, part), _step_seconds(known)
     subject = Subject(specification, facts, description, reason=reason, topics=topics, step_size=step)
+    subject = _of_arena(run, subject)
     if subject.unknown:
-        say(f"{run.path}: {subject.unknown}")
+        warn_once(f"{run.path}: {subject.unknown}")
     return subject
 
 
@@ -244,15 +293,13 @@ def _of_ros(simulation: str) -> tuple[Mapping[str, Any], bool]:
         return {}, False
     definition = RosOptions.of(simulation)
     topics: dict[str, Any] = dict(definition.topics)
-    if any("{robot}" in entry["topic"] for entry in [*topics["sensors"], *topics["actuators"]]):
-        topics = {}  # a mapping has no such names
-    elif definition.step.duration is not None:
+    if definition.step.duration is not None:
         topics["rate"] = 1 / definition.step.duration
     return topics, definition.step.duration is not None
 
 
 def fitness_words(fitness: float, made_of: str) -> str:
-    """Return what is said of the fitness in every form; made_of: of how many episodes, in words."""
+    """Return what is said of the fitness in every format; made_of: of how many episodes, in words."""
     return f"{fitness + 0.0!r} ({made_of})" if made_of else f"{fitness + 0.0!r}"
 
 
@@ -311,6 +358,23 @@ def _of_part(channels: Mapping[str, Any], part: Member | None) -> Mapping[str, A
     return found
 
 
+def _of_arena(run: "Run", subject: Subject) -> Subject:
+    """Return a subject with what sensors and actuators of the arena's robots stand for."""
+    experiment = run.experiment
+    if catalogue.built_in(experiment.simulation) != catalogue.ARENA or not subject.description:
+        return subject
+    robot = robot_in(experiment.parameters)
+    meanings = {
+        "sensor_meanings": [sensor_meaning(one.name, robot) for one in subject.sensors],
+        "actuator_meanings": [actuator_meaning(one.name, robot) for one in subject.actuators],
+    }
+    return replace(
+        subject,
+        description={**subject.description, **meanings},
+        wheels=(robot.max_speed, robot.wheel_base) if robot.wheel_base else (0.0, 0.0),
+    )
+
+
 def _step_seconds(channels: Mapping[str, Any]) -> float:
     return float(channels.get("step_seconds") or 0.0)
 
@@ -339,10 +403,13 @@ def _recorded(run: "Run", chosen: "Choice", part: Member | None, subject: Subjec
         np.concatenate([np.empty((0, width[side]), np.float32), *(part[side] for part in parts)])
         for side in (0, 1)
     )
+    accepted = np.ones(done, np.bool_)
     return replace(
         subject,
         description=_of_part(known, part),
-        episodes=Sequences(first, sensors, actuators, np.ones(done, np.bool_)),
+        episodes=Sequences(
+            first, sensors, actuators, accepted, possible_overflows(of, first, actuators, accepted)
+        ),
         episode_count=count,
         step_size=_step_seconds(known),
         shown_seconds=shown_seconds,

@@ -54,8 +54,24 @@ _C_HEADERS = (
     "pthread sched setjmp signal spawn stdalign stdarg stdatomic stdbool stddef stdint stdio stdlib "
     "stdnoreturn string strings termios tgmath threads time uchar unistd wchar wctype"
 )
+_C_LIBRARY = (
+    "NULL linux unix i386 arm mips sparc sun vax EOF FILE errno assert offsetof size_t ssize_t ptrdiff_t "
+    "max_align_t nullptr_t int8_t int16_t int32_t int64_t uint8_t uint16_t uint32_t uint64_t intptr_t "
+    "uintptr_t intmax_t uintmax_t memchr memcmp memcpy memmove memset strcat strchr strcmp strcoll strcpy "
+    "strcspn strdup strerror strlen strncat strncmp strncpy strpbrk strrchr strspn strstr strtok strxfrm "
+    "index rindex bcmp bcopy bzero ffs abs abort atexit atof atoi atol bsearch calloc div exit free "
+    "getenv labs ldiv malloc qsort rand realloc srand strtod strtol strtoul system fclose feof ferror "
+    "fflush fgetc fgets fopen fprintf fputc fputs fread fscanf fseek ftell fwrite getc getchar gets "
+    "perror printf putc putchar puts remove rename rewind scanf setbuf snprintf sprintf sscanf stderr "
+    "stdin stdout tmpfile tmpnam ungetc vfprintf vprintf vsprintf acos asin atan atan2 ceil cos cosh exp "
+    "fabs floor fmod frexp ldexp log log10 modf pow sin sinh sqrt tan tanh round trunc j0 j1 jn y0 y1 yn "
+    "gamma signal raise time clock mktime difftime read write open close link pause sleep select socket "
+    "bind listen accept connect send recv"
+)
 _HEADERS = frozenset(_C_HEADERS.split())
 """Headers of C, POSIX and Arduino: a file of that name would be included in their place."""
+_GLOBAL_NAMES = frozenset(_C_LIBRARY.split())
+"""Names that headers of C and POSIX put into the global namespace, and macros of compilers."""
 _RESERVED = frozenset(f"{_C} {_CPP}".split()) | frozenset(keyword.kwlist)
 
 
@@ -78,6 +94,12 @@ def check_header(prefix: str) -> None:
     """Raise InputError for a prefix that is the name of a header of C, POSIX or Arduino."""
     if prefix.lower() in _HEADERS:
         raise InputError(f"prefix: {prefix}.h is a header of C or of the system; take another prefix")
+
+
+def check_namespace(prefix: str) -> None:
+    """Raise InputError for a prefix that is a macro, a type or a function in the global namespace of C++."""
+    if prefix in _GLOBAL_NAMES:
+        raise InputError(f"prefix: {prefix!r} is a name of the C library or a macro; take another prefix")
 
 
 def check_module(prefix: str) -> None:

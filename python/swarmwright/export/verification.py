@@ -30,7 +30,7 @@ class Verification:
     self_test: str | None
     """The generated self-test, which was run; None where there is none."""
     untried: str = ""
-    """What of the form is neither compiled nor run; empty where that is nothing."""
+    """What of the format is neither compiled nor run; empty where that is nothing."""
 
     @property
     def ok(self) -> bool:
@@ -82,7 +82,12 @@ def verify(exporter: Exporter, subject: Subject, prefix: str, files: Files) -> V
                 0 if values is None else sum(values.get(name) != one for name, one in subject.values.items())
             )
             return Verification(float(wrong), wrong, 0.0, 0, 0, 0, 0, "", test)
-        drawn = random_sequences(subject.specification, refused=exporter.refuses, longest=exporter.longest)
+        drawn = random_sequences(
+            subject.specification,
+            refused=exporter.refuses,
+            longest=exporter.longest,
+            checks_random=subject.checks_random,
+        )
         found = [(drawn, exporter.run(folder, prefix, drawn))]
         episodes = subject.episodes
         if episodes is not None and len(episodes):

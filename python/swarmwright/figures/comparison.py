@@ -4,11 +4,11 @@ import re
 import textwrap
 from collections.abc import Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from swarmwright.core.formatting import p_value
+from swarmwright.core.formatting import counted, p_value, shortened
 from swarmwright.core.plain_figures import plain
 from swarmwright.figures.curves import Curve, bands, best_so_far, indicator_so_far, together
 from swarmwright.figures.style import (
@@ -18,9 +18,10 @@ from swarmwright.figures.style import (
     SOFT,
     drawable,
     dress,
+    entitle,
     look,
     new_figure,
-    thousands,
+    whole_ticks,
     zoom,
 )
 
@@ -28,46 +29,125 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from swarmwright.analysis.comparison import Comparison, Group
+    from swarmwright.analysis.comparison import Comparison, Group, Task
+    from swarmwright.analysis.designs import Design
 
 Drawn = tuple[np.ndarray[Any, Any], np.ndarray[Any, Any], np.ndarray[Any, Any]]
+_COLUMNS = 3
+"""Columns of the legend, at most."""
 _LABEL = 34
 """Characters in a line of the legend."""
 _NAME = 18
 """Characters in a line of a name below a box; the parts of a name are in separate lines."""
 _PARTS = re.compile(r", (?![^\[]*\])")  # not those within a list
+_BREAKS = re.compile(r"(\s+|(?<=\w[.-])(?=[^\W\d]))")
+"""Where such a line may end: a number stays whole."""
+_NO_BREAK = "\u00a0"
 _SLANTED = 44
 """Characters of a name that is slanted, in one line."""
 _CHARACTER = 0.088
 """Inches that a character of a name needs."""
+_GAP = 0.2
+"""Inches between two names."""
+_MARGINS = 0.2
+"""Room beside the outer boxes, as a share of that of a box."""
+_BESIDE = 8.0
+"""Inches of the figure beside the boxes' axes: the curves, and labels of all axes."""
 _WIDEST = 6.0
 """Inches of the boxes' axes beyond which their names are slanted."""
+_ROW = 3.8
+"""Inches of the height of a task, where there are several."""
+_MOST_TASKS = 20
+"""Tasks up to which each has axes of its own; more would make the figure too high."""
+_TASK = 60
+"""Characters of a task's name."""
+_AXIS = 24
+"""Characters in a line of the label of a vertical axis, where there are several tasks."""
+_AXIS_ALONE = 46
+"""The same where there is one task, whose axes are higher."""
+_LINE = 0.2
+"""Inches of a line of the legend."""
 _CLEAR = 3
 """Groups up to which the worst and best runs are shaded as well; more would be illegible."""
 
 
 @plain()
-def draw(comparison: "Comparison", *, x: str = "evaluations") -> "Figure":
-    """Return the figure. x: "evaluations" or "generations"."""
+def draw(
+    comparison: "Comparison",
+    tasks: "Sequence[Task]",
+    designs: "Sequence[Design]",
+    *,
+    x: str = "evaluations",
+) -> "Figure":
+    """Return the figure.
+
+    Args:
+        comparison: what is drawn.
+        tasks: its tasks, in the order in which they are drawn.
+        designs: those of its groups, by which groups have colours and places.
+        x: "evaluations" or "generations".
+    """
+    design_of = {id(one): design for design in designs for one in design.groups}
+    # Fitness of unlike tasks has unlike units.
+    rows = [sorted(task.groups, key=lambda one: design_of[id(one)].number) for task in tasks]
+    if len(tasks) > _MOST_TASKS:
+        rows = [[one for row in rows for one in row]]
+    named_designs = [[design_of[id(one)].name for one in row] for row in rows]
+    names = [_names(row) for row in named_designs]
+    width = max(one.width for one in names)
+    if names[-1].slanted and all(row == named_designs[-1] for row in named_designs):
+        # One below the other: the names of the last row are those of all.
+        names[:-1] = [_Names([""] * len(one.names), slanted=False, width=one.width) for one in names[:-1]]
+    least = 5.4 if len(rows) == 1 else _ROW
+    slanted = sum(0.6 * _CHARACTER * max(map(len, one.names)) for one in names if one.slanted)
+    entries = [_entry(one) for one in designs]
+    below = _LINE * sum(entry.count("\n") + 1 for entry in entries[::_COLUMNS]) if len(rows) > 1 else 0.0
+    figure = new_figure(_BESIDE + width, least * len(rows) + slanted + below)
+    axes = figure.subplots(len(rows), 2, width_ratios=[6.0, width], squeeze=False)
+    for (left, right), row, named in zip(axes, rows, names, strict=True):
+        _row(comparison, row, named, left, right, [design_of[id(one)] for one in row], x)
+        for axis in (left.yaxis, right.yaxis):
+            axis.set_label_text(textwrap.fill(axis.get_label_text(), _AXIS if len(rows) > 1 else _AXIS_ALONE))
+    if len(rows) > 1:
+        for (left, _), task in zip(axes, tasks, strict=True):
+            title = shortened(task.label, _TASK)
+            left.set_title(title, loc="left", fontsize=11, color=INK, parse_math=False)
+    if len(rows) == len(tasks):
+        for (_, right), task, row in zip(axes, tasks, rows, strict=True):
+            right.set_title(_verdict(task, row[0]), loc="left", fontsize=10, color=SOFT)
     groups = comparison.groups
-    names, slanted, width = _names([one.label for one in groups])
-    height = 5.4 + (0.6 * _CHARACTER * max(map(len, names)) if slanted else 0.0)
-    figure = new_figure(7.0 + width, height)
-    left, right = figure.subplots(1, 2, width_ratios=[6.0, width])
+    simulations = sorted({one.runs[0].experiment.label for one in groups})
+    entitle(figure, f"{', '.join(simulations)}: {counted(sum(len(one.runs) for one in groups), 'run')}")
+    _legend(figure, designs, entries, _meaning(groups))
+    return figure
+
+
+def _row(
+    comparison: "Comparison",
+    groups: "Sequence[Group]",
+    named: "_Names",
+    left: "Axes",
+    right: "Axes",
+    designs: "Sequence[Design]",
+    x: str,
+) -> None:
+    """Draw the curves of groups, and what is compared of their runs.
+
+    designs: those of the groups.
+    """
     drawn = []
     indicator = comparison.indicator
     curve = partial(indicator_so_far, indicator) if indicator.has_curve else best_so_far
-    for index, one in enumerate(groups):
-        drawn.append(_curve(left, one, index, x, curve, extremes=len(groups) <= _CLEAR))
-        _final(right, one, index)
+    for place, (one, design) in enumerate(zip(groups, designs, strict=True)):
+        extremes = len(comparison.groups) <= _CLEAR
+        drawn.append(_curve(left, one, design, x, curve, extremes=extremes))
+        _final(right, one, place, design.number)
     zoom(left, drawn)
-    subject = (
-        f"{indicator.words} (more is better)"
-        if indicator.has_curve
-        else "best fitness so far (more is better)"
-    )
+    falls = any(run.best_words != "best so far" for one in groups for run in one.runs)
+    best = "recorded fitness of the returned candidate" if falls else "best recorded fitness so far"
+    subject = f"{indicator.words if indicator.has_curve else best} (more is better)"
     dress(left, x=AXES[x], y=subject)
-    thousands(left.xaxis)
+    whole_ticks(left.xaxis, np.unique(np.concatenate([places for places, _, _ in drawn])))
     left.margins(x=0.01)
     if comparison.at is not None and x == "evaluations":
         left.axvline(comparison.at, color=SOFT, linewidth=1, linestyle=":")
@@ -75,76 +155,107 @@ def draw(comparison: "Comparison", *, x: str = "evaluations") -> "Figure":
         when = "on held-out seeds"
     else:
         when = "at the end" if comparison.at is None else f"after {comparison.at:,} evaluations"
-    what = indicator.words
+    what = f"{indicator.words} of each run"
     if indicator.by == "fitness":
-        what = "fitness of the best" if comparison.held_out else "best fitness"
-    dress(right, y=f"{what} of each run, {when}")
-    style: dict[str, Any] = {"rotation": 40, "ha": "right", "rotation_mode": "anchor"} if slanted else {}
-    right.set_xticks(range(len(groups)), names, **style)
+        what = "recorded fitness of the best of each run" if falls else "best recorded fitness of each run"
+        if comparison.held_out:
+            what = "fitness of each run's best"
+    dress(right, y=f"{what}, {when}")
+    style: dict[str, Any] = (
+        {"rotation": 40, "ha": "right", "rotation_mode": "anchor"} if named.slanted else {}
+    )
+    right.set_xticks(range(len(groups)), named.names, **style)
     for text in right.get_xticklabels():
         text.set_parse_math(False)
-    right.set_xlim(-0.6, len(groups) - 0.4)
+    right.set_xlim(-0.5 - _MARGINS / 2, len(groups) - 0.5 + _MARGINS / 2)
     right.grid(visible=False, axis="x")
-    right.set_title(_verdict(comparison), loc="left", fontsize=10, color=SOFT)
-    simulations = sorted({one.runs[0].experiment.label for one in groups})
-    figure.suptitle(
-        f"{', '.join(simulations)}: {sum(len(one.runs) for one in groups)} runs",
-        x=0.012, ha="left", fontsize=14, fontweight="bold", color=INK, parse_math=False,
-    )  # fmt: skip
-    _legend(figure, left, groups)
-    return figure
 
 
-def _verdict(comparison: "Comparison") -> str:
-    if comparison.kruskal is not None:
-        return f"Kruskal-Wallis p {p_value(comparison.kruskal.p)}"
-    if not comparison.pairs:
+def _verdict(task: "Task", leftmost: "Group") -> str:
+    """Return the test of a task in words. leftmost: the group whose box is drawn first."""
+    if task.kruskal is not None:
+        if all(pair.difference.interval is None for pair in task.pairs):
+            return "too few runs for a test"
+        return f"Kruskal-Wallis p {p_value(task.kruskal.p)}"
+    if not task.pairs:
         return ""
-    found = comparison.pairs[0].difference
-    return f"Mann-Whitney p {p_value(found.p)}, A12 {found.effect:.2f}"
+    pair = task.pairs[0]
+    if pair.difference.interval is None:
+        return "too few runs for a test"
+    effect = pair.difference.effect if pair.first is leftmost else 1.0 - pair.difference.effect
+    return f"Mann-Whitney p {p_value(pair.difference.p)}, A12 {effect:.2f}"
 
 
-def _names(labels: Sequence[str]) -> tuple[list[str], bool, float]:
-    """Return names of groups for below their boxes, whether they are slanted, and inches that the axes need.
+class _Names(NamedTuple):
+    """Names of groups for below their boxes."""
 
-    Names that would overlap are slanted.
-    """
-    lines = [
-        [line for part in _PARTS.split(label) for line in textwrap.wrap(part, _NAME)] for label in labels
-    ]
+    names: list[str]
+    slanted: bool
+    width: float
+    """Inches that the axes need."""
+
+
+def _names(labels: Sequence[str]) -> _Names:
+    """Return names of groups for below their boxes; those that would overlap are slanted."""
+    lines = [[line for part in _PARTS.split(label) for line in _wrapped(part)] for label in labels]
     longest = max((len(line) for words in lines for line in words), default=0)
-    width = len(labels) * (_CHARACTER * longest + 0.15)
+    width = (len(labels) + _MARGINS) * (_CHARACTER * longest + _GAP)
     if width <= _WIDEST:
-        return ["\n".join(words) for words in lines], False, max(width, 3.0)
-    slanted = [textwrap.shorten(label, _SLANTED, placeholder=" …") for label in labels]
-    return slanted, True, max(0.42 * len(labels), 3.0)
+        return _Names(["\n".join(words) for words in lines], slanted=False, width=max(width, 3.0))
+    slanted = [shortened(label, _SLANTED) for label in labels]
+    return _Names(slanted, slanted=True, width=max(0.42 * len(labels), 3.0))
 
 
-def _legend(figure: "Figure", axes: "Axes", groups: "tuple[Group, ...]") -> None:
-    handles, _ = axes.get_legend_handles_labels()
-    labels = [
-        "\n".join(textwrap.wrap(f"{one.label} ({len(one.runs)})", _LABEL, subsequent_indent="    "))
-        for one in groups
-    ]
+def _entry(design: "Design") -> str:
+    """Return what the legend calls a design, in lines; the number of runs is not broken."""
+    name, _, count = design.entry.rpartition(" (")
+    whole = f"{name} ({count.replace(' ', _NO_BREAK)}"
+    return "\n".join(textwrap.wrap(whole, _LABEL, subsequent_indent="    ")).replace(_NO_BREAK, " ")
+
+
+class _Wrapper(textwrap.TextWrapper):
+    """Breaks long words, such as keys of experiments, behind points and hyphens."""
+
+    wordsep_re = _BREAKS
+
+
+def _wrapped(name: str) -> list[str]:
+    return _Wrapper(_NAME).wrap(name)
+
+
+def _meaning(groups: "tuple[Group, ...]") -> str:
+    """Return what lines and shades of the curves mean; nothing where each group is one run."""
+    if all(len(one.runs) == 1 for one in groups):
+        return ""
+    shades = "dark: middle half · light: all" if len(groups) <= _CLEAR else "shaded: middle half"
+    return f"line: median of the runs · {shades}"
+
+
+def _legend(figure: "Figure", designs: "Sequence[Design]", entries: Sequence[str], meaning: str) -> None:
+    """Explain the colours of designs, and the shades, below all axes."""
+    from matplotlib.lines import Line2D
+
+    handles = []
+    for one in designs:
+        color, dashes = look(one.number)
+        style: dict[str, Any] = {"color": color, "linestyle": dashes, "linewidth": 2.2}
+        handles.append(Line2D([], [], **style))
     # matplotlib fills columns; the order of the boxes is read row by row.
-    columns = min(3, len(groups))
-    order = [index for column in range(columns) for index in range(column, len(groups), columns)]
+    columns = min(_COLUMNS, len(entries))
+    order = [index for column in range(columns) for index in range(column, len(entries), columns)]
     legend = figure.legend(
-        [handles[index] for index in order], [labels[index] for index in order],
-        loc="outside lower left", ncols=columns, fontsize=10, frameon=False,
-        labelcolor=INK,
+        [handles[index] for index in order], [entries[index] for index in order],
+        loc="outside lower left", ncols=columns, fontsize=10, frameon=False, labelcolor=INK,
+        title=meaning or None, title_fontsize=10, alignment="left",
     )  # fmt: skip
+    legend.get_title().set_color(SOFT)
     for text in legend.get_texts():
         text.set_parse_math(False)
-    shades = "dark: middle half · light: all" if len(groups) <= _CLEAR else "shaded: middle half"
-    meaning = f"line: median of the runs · {shades}"
-    if any(len(one.runs) > 1 for one in groups):
-        axes.set_title(meaning, loc="left", fontsize=10, color=SOFT)
 
 
-def _curve(axes: "Axes", one: "Group", index: int, x: str, curve: Curve, *, extremes: bool) -> Drawn:
+def _curve(axes: "Axes", one: "Group", design: "Design", x: str, curve: Curve, *, extremes: bool) -> Drawn:
     """Draw a group's curve; return x, and the least and the greatest that is drawn there."""
-    color, dashes = look(index)
+    color, dashes = look(design.number)
     places, values, shortest = together(one.runs, x, curve)
     low, lower, middle, upper, high = map(drawable, bands(values))
     if len(one.runs) > 1:
@@ -156,7 +267,7 @@ def _curve(axes: "Axes", one: "Group", index: int, x: str, curve: Curve, *, extr
     sure = places <= shortest
     axes.step(
         places[sure], middle[sure], where="post", color=color, linestyle=dashes, linewidth=2.2, marker=marker,
-        label=one.label,
+        label=design.name,
     )  # fmt: skip
     # Where runs have ended, their last values are used.
     rest = places >= places[sure][-1]
@@ -165,19 +276,20 @@ def _curve(axes: "Axes", one: "Group", index: int, x: str, curve: Curve, *, extr
     return (places, low, high) if extremes else (places, lower, upper)
 
 
-def _final(axes: "Axes", one: "Group", index: int) -> None:
-    color, _ = look(index)
+def _final(axes: "Axes", one: "Group", place: int, number: int) -> None:
+    """Draw what is compared of a group's runs; number: of its colour."""
+    color, _ = look(number)
     values = drawable(one.final[~np.isnan(one.final)])
     if not len(values):
-        axes.text(index, 0.5, "all failed", transform=axes.get_xaxis_transform(), ha="center", rotation=90)
+        axes.text(place, 0.5, "all failed", transform=axes.get_xaxis_transform(), ha="center", rotation=90)
         return
     if len(values) > 1:
         low, middle, high = np.quantile(values, [0.25, 0.5, 0.75])
-        axes.fill_between([index - 0.3, index + 0.3], low, high, color=color, alpha=0.18, linewidth=0)
-        axes.hlines([low, high], index - 0.3, index + 0.3, color=color, linewidth=1.0)
-        axes.hlines(middle, index - 0.3, index + 0.3, color=color, linewidth=2.4)
+        axes.fill_between([place - 0.3, place + 0.3], low, high, color=color, alpha=0.18, linewidth=0)
+        axes.hlines([low, high], place - 0.3, place + 0.3, color=color, linewidth=1.0)
+        axes.hlines(middle, place - 0.3, place + 0.3, color=color, linewidth=2.4)
     axes.plot(
-        index + apart(values), values, "o", markersize=6, color=color, alpha=0.85, markeredgecolor=PAPER,
+        place + apart(values), values, "o", markersize=6, color=color, alpha=0.85, markeredgecolor=PAPER,
         markeredgewidth=0.7, clip_on=False,
     )  # fmt: skip
 

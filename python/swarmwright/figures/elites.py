@@ -7,7 +7,17 @@ import numpy as np
 
 from swarmwright.core.plain_figures import plain
 from swarmwright.core.untrusted import one_line
-from swarmwright.figures.style import COLORS, GRID, INK, SOFT, drawable, dress, new_figure
+from swarmwright.figures.style import (
+    COLORS,
+    GRID,
+    INK,
+    SOFT,
+    drawable,
+    dress,
+    entitle,
+    new_figure,
+    without_offset,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -18,7 +28,11 @@ if TYPE_CHECKING:
 
 @plain()
 def archive(
-    best: "Values", names: Sequence[str], limits: Sequence[tuple[float, float]], filled: tuple[int, int]
+    best: "Values",
+    names: Sequence[str],
+    limits: Sequence[tuple[float, float]],
+    filled: tuple[int, int],
+    heading: str,
 ) -> "Figure":
     """Return a heat map of fitness over the first two measures; of one measure, a row of cells.
 
@@ -27,9 +41,11 @@ def archive(
         names: of all measures.
         limits: lowest and highest value of these measures.
         filled: cells of the whole archive that have an elite, and all of them.
+        heading: above all.
     """
     two = best.ndim > 1
-    figure = new_figure(7.6, 6.0 if two else 3.2)
+    figure = new_figure(7.6, 6.4 if two else 3.6)
+    entitle(figure, heading)
     axes = figure.subplots()
     rows = drawable(np.atleast_2d(best.T))
     extent = (*limits[0], *(limits[1] if two else (0.0, 1.0)))
@@ -40,6 +56,7 @@ def archive(
     )  # fmt: skip
     bar = figure.colorbar(image, ax=axes)
     bar.set_label("fitness (more is better)", fontsize=11, color=INK)
+    without_offset(bar.ax.yaxis)
     dress(axes, x=one_line(names[0]), y=one_line(names[1]) if two else "")
     axes.grid(visible=False)
     if not two:
@@ -51,7 +68,7 @@ def archive(
 
 
 @plain()
-def front(values: "Values", names: Sequence[str], goals: Sequence[str]) -> "Figure":
+def front(values: "Values", names: Sequence[str], goals: Sequence[str], heading: str) -> "Figure":
     """Return the points of a front: fitness over the first metric, in colours of the second one.
 
     The title names those that are not shown. With one metric, a line of steps bounds what the front
@@ -61,8 +78,10 @@ def front(values: "Values", names: Sequence[str], goals: Sequence[str]) -> "Figu
         values: fitness and metrics of the candidates, (n, 1 + metrics), n >= 1.
         names: of the metrics.
         goals: "maximize" or "minimize" for each.
+        heading: above all.
     """
-    figure = new_figure(7.6, 5.6)
+    figure = new_figure(7.6, 6.0)
+    entitle(figure, heading)
     axes = figure.subplots()
     drawn = drawable(values)
     order = np.lexsort((drawn[:, 0], drawn[:, 1]))
@@ -74,6 +93,7 @@ def front(values: "Values", names: Sequence[str], goals: Sequence[str]) -> "Figu
         points = axes.scatter(drawn[:, 1], drawn[:, 0], c=drawn[:, 2], cmap="viridis", s=34, zorder=3)
         bar = figure.colorbar(points, ax=axes)
         bar.set_label(labels[1], fontsize=11, color=INK)
+        without_offset(bar.ax.yaxis)
     else:
         # What the front dominates ends at steps, not at lines between its candidates.
         x, y = drawn[order, 1], drawn[order, 0]

@@ -1,12 +1,12 @@
 """The figure of one run: fitness, and how different the candidates were."""
 
-from typing import TYPE_CHECKING
+import math
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from swarmwright.core.formatting import counted
 from swarmwright.core.plain_figures import plain
-from swarmwright.core.untrusted import one_line
 from swarmwright.figures.style import (
     AXES,
     COLORS,
@@ -15,8 +15,9 @@ from swarmwright.figures.style import (
     SOFT,
     drawable,
     dress,
+    entitle,
     new_figure,
-    thousands,
+    whole_ticks,
     zoom,
 )
 
@@ -25,9 +26,12 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
+    from swarmwright.experiment.experiment import Experiment
     from swarmwright.runs.run import Run
 
 _BEST, _MEAN, _SPREAD = COLORS[2], COLORS[1], COLORS[0]
+_ONE_ROW = 80
+"""Characters of a legend of one row, fewer than this."""
 
 
 @plain()
@@ -54,7 +58,7 @@ def draw(run: "Run", diversity: "NDArray[np.float64]", *, x: str = "evaluations"
         x=AXES[x],
         y="diversity\n(first generation: 1)" if continuous else "diversity\n(genes that differ)",
     )
-    thousands(lower.xaxis)
+    whole_ticks(lower.xaxis, places)
     _titles(figure, upper, run)
     return figure
 
@@ -67,30 +71,34 @@ def fitness(run: "Run") -> "Figure":
     axes = figure.subplots()
     _fitness(axes, run, places)
     dress(axes, x=AXES["generations"], y="fitness (more is better)")
-    thousands(axes.xaxis)
+    whole_ticks(axes.xaxis, places)
     _titles(figure, axes, run)
     return figure
+
+
+def title_of(experiment: "Experiment") -> str:
+    """Return what a run does, in words."""
+    method: str = experiment.method.kind
+    kind: str = experiment.controller.kind
+    article = "an" if kind[0] in "aeiou" else "a"
+    return f"{experiment.label}: {method} evolves {article} {kind} controller"
 
 
 def _titles(figure: "Figure", upper: "Axes", run: "Run") -> None:
     """Say above and below what is drawn."""
     experiment = run.experiment
-    method: str = experiment.method.kind
-    kind: str = experiment.controller.kind
-    article = "an" if kind[0] in "aeiou" else "a"
     failed = sum(one.failed for one in run.history)
-    figure.suptitle(
-        one_line(f"{experiment.label}: {method} evolves {article} {kind} controller"),
-        x=0.012, ha="left", fontsize=14, fontweight="bold", color=INK, parse_math=False,
-    )  # fmt: skip
+    entitle(figure, title_of(experiment))
     upper.set_title(
         f"{counted(run.evaluations, 'evaluation')} in {counted(run.generations, 'generation')}, "
         f"seed {experiment.seed}"
         + (f", {failed:,} failed" if failed else ""),
         loc="left", fontsize=10.5, color=SOFT,
     )  # fmt: skip
+    handles, labels = upper.get_legend_handles_labels()
+    columns = 4 if sum(map(len, labels)) < _ONE_ROW else 2
     figure.legend(
-        *upper.get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=10.5, frameon=False,
+        handles, labels, loc="outside lower center", ncols=columns, fontsize=10.5, frameon=False,
         labelcolor=INK,
     )  # fmt: skip
 
@@ -104,18 +112,21 @@ def _fitness(axes: "Axes", run: "Run", places: "NDArray[np.float64]") -> None:
         return drawable(np.where(np.isfinite(values), values, np.nan))
 
     quartiles = column("lower_quartile"), column("upper_quartile")
-    axes.fill_between(
-        places, *quartiles, color=_MEAN, alpha=0.18, linewidth=0, label="middle half of the population"
-    )
+    half: dict[str, Any] = {"color": _MEAN, "alpha": 0.18, "label": "middle half of the population"}
+    if len(history) == 1:
+        axes.vlines(places, *quartiles, linewidth=12, **half)
+    else:
+        axes.fill_between(places, *quartiles, linewidth=0, **half)
     axes.plot(places, column("mean"), color=_MEAN, linewidth=1.4, marker=marker, label="mean", scaley=False)
     best = column("best_so_far")
     now = column("best")
+    drawn = np.stack([quartiles[0], quartiles[1], best, now])
     if not np.array_equal(now, best, equal_nan=True):  # elitist methods keep their best
         axes.step(
             places, now, where="post", color=_BEST, linewidth=1.0, marker=marker, alpha=0.6,
             label="best of the population",
         )  # fmt: skip
-    axes.step(places, best, where="post", color=_BEST, linewidth=2.4, marker=marker, label="best so far")
+    axes.step(places, best, where="post", color=_BEST, linewidth=2.4, marker=marker, label=run.best_words)
     if np.isnan(best).all():
         axes.text(0.5, 0.5, "every candidate failed", transform=axes.transAxes, ha="center", color=SOFT)
         return
@@ -125,14 +136,22 @@ def _fitness(axes: "Axes", run: "Run", places: "NDArray[np.float64]") -> None:
     if (np.diff(best[known]) >= 0).all():
         found = int(known[best[known] == best[found]][0])
     axes.plot(places[found], best[found], "o", markersize=8, color=_BEST, markeredgecolor=PAPER, zorder=5)
+    text = _number(history[found].best_so_far + 0.0, drawn[np.isfinite(drawn)])
     axes.annotate(
-        f"{history[found].best_so_far + 0.0:.4g}", (places[found], best[found]), xytext=(0, 8),
-        textcoords="offset points",
+        text, (places[found], best[found]), xytext=(0, 8), textcoords="offset points",
         ha="center" if found else "left", color=_BEST, fontsize=11.5, fontweight="bold",
     )  # fmt: skip
     axes.margins(x=0.02, y=0.14)
-    drawn = np.stack([quartiles[0], quartiles[1], best, now])
     zoom(axes, [(places, drawn.min(axis=0), drawn.max(axis=0))])
+
+
+def _number(value: float, among: "NDArray[np.float64]") -> str:
+    """Return a number with four digits, or as many as tell it from others. among: these and itself."""
+    span = float(np.ptp(among)) if np.isfinite(np.ptp(among)) else 0.0
+    digits = 4
+    if 0.0 < span < abs(value):
+        digits = min(max(4, math.ceil(math.log10(abs(value)) - math.log10(span)) + 2), 15)
+    return f"{value:.{digits}g}"
 
 
 def _diversity(axes: "Axes", values: "NDArray[np.float64]", places: "NDArray[np.float64]") -> None:

@@ -1,7 +1,6 @@
 """The style of figures of runs, and writing them to files."""
 
 import io
-import warnings
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
@@ -11,8 +10,10 @@ import numpy as np
 
 from swarmwright.core.errors import InputError
 from swarmwright.core.files import write_whole
+from swarmwright.core.formatting import shortened
 from swarmwright.core.html import png_of
-from swarmwright.core.plain_figures import plain
+from swarmwright.core.plain_figures import plain, warning_of_letters
+from swarmwright.core.untrusted import one_line
 from swarmwright.figures.cut import Values, cut
 
 if TYPE_CHECKING:
@@ -27,6 +28,8 @@ AXES = {"evaluations": "evaluations", "generations": "generation (from 0)"}
 """What an axis over these is called."""
 LARGEST = 1e300
 """Greater values are drawn as this one."""
+_TITLE_CHARACTERS = 8.2
+"""Of a title in an inch, about."""
 ENDINGS = (".png", ".svg", ".pdf")
 
 
@@ -64,6 +67,14 @@ def drawable(values: "Values") -> "Values":
     return np.clip(values, -LARGEST, LARGEST)
 
 
+def entitle(figure: "Figure", text: str) -> None:
+    """Write a title above all axes; what does not fit into one line is cut."""
+    figure.suptitle(
+        shortened(one_line(text), round(_TITLE_CHARACTERS * figure.get_figwidth())),
+        x=0.012, ha="left", fontsize=14, fontweight="bold", color=INK, parse_math=False,
+    )  # fmt: skip
+
+
 def dress(axes: "Axes", *, x: str = "", y: str = "") -> None:
     """Give axes their labels, grid and frame."""
     axes.set_xlabel(x, fontsize=11, color=INK)
@@ -71,10 +82,20 @@ def dress(axes: "Axes", *, x: str = "", y: str = "") -> None:
     axes.tick_params(labelsize=10, colors=INK)
     axes.grid(color=GRID, linewidth=0.8)
     axes.set_axisbelow(True)
+    for axis in (axes.xaxis, axes.yaxis):
+        without_offset(axis)
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
     for side in ("left", "bottom"):
         axes.spines[side].set_color(EDGE)
+
+
+def without_offset(axis: Any) -> None:  # noqa: ANN401 - an axis of matplotlib
+    """Write numbers with as many digits as it takes, not their differences from another number."""
+    from matplotlib.ticker import ScalarFormatter
+
+    if isinstance(form := axis.get_major_formatter(), ScalarFormatter):
+        form.set_useOffset(False)
 
 
 def zoom(axes: "Axes", curves: Sequence[tuple[Values, Values, Values]]) -> None:
@@ -90,12 +111,14 @@ def zoom(axes: "Axes", curves: Sequence[tuple[Values, Values, Values]]) -> None:
     note.set_in_layout(False)
 
 
-def thousands(axis: Any) -> None:  # noqa: ANN401 - an axis of matplotlib
-    """Write whole numbers with a separator: 10,000."""
+def whole_ticks(axis: Any, places: "Values") -> None:  # noqa: ANN401 - an axis of matplotlib
+    """Write whole numbers with a separator, 10,000; of a single place, (1,), that alone."""
     from matplotlib.ticker import FuncFormatter, MaxNLocator
 
     axis.set_major_locator(MaxNLocator(nbins=6, integer=True, min_n_ticks=1))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,.0f}"))
+    if len(places) == 1:
+        axis.set_ticks(places)
 
 
 def check(path: Path) -> None:
@@ -117,9 +140,7 @@ def save(figure: "Figure", path: Path) -> Path:
     kind = path.suffix.lower()[1:]
     # Without a date, the same figure is the same file.
     date = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind)
-    with warnings.catch_warnings():
-        # Text in a script that the font lacks is shown as boxes.
-        warnings.filterwarnings("ignore", message="Glyph .* missing", category=UserWarning)
+    with warning_of_letters():
         figure.savefig(buffer, format=kind, metadata=date)
     try:
         write_whole(path, buffer.getvalue())

@@ -117,6 +117,8 @@ class Description:
     """For model exchange; None where it is not for that."""
     terminals: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     """Terminal of FMI 3.0 -> its variables; those in others by all names, such as robot.wheels."""
+    is_exported: bool = False
+    """Whether Swarmwright wrote it."""
 
     def of_causality(self, causality: str) -> list[Variable]:
         """Return the variables with one number, of a causality."""
@@ -212,6 +214,7 @@ def _described(file: Path, _changed: int, given: tuple[tuple[str, int], ...]) ->
         conversions(found.unitDefinitions, inverse),
         exchange,
         terminals,
+        (found.generationTool or "").startswith("Swarmwright "),
     )
 
 

@@ -53,6 +53,16 @@ def layout(description: Description) -> Layout | None:
     )
 
 
+def stop_time(description: Description) -> float | None:
+    """Return when episodes of an FMU end; None where it does not say so beforehand.
+
+    An exported simulation says it by its output `done`: its stop time is that of the parameters at the
+    export, and others can make episodes longer.
+    """
+    found = layout(description) if description.is_exported else None
+    return description.stop_time if found is None or found.done is None else None
+
+
 def _of_first(names: list[str]) -> list[str]:
     found = map(_OF_AGENT.fullmatch, names)
     return [one[2] for one in found if one is not None and one[1] == "1"]

@@ -13,6 +13,7 @@ from swarmwright.core.errors import InputError, explained
 from swarmwright.core.suggestions import did_you_mean
 from swarmwright.fmu import description as fmus
 from swarmwright.fmu.description import Description, Variable, place, runs_here
+from swarmwright.fmu.layout import stop_time
 from swarmwright.fmu.units import Unit, units_of
 from swarmwright.fmu.values import expected, fits
 
@@ -260,7 +261,7 @@ def _flat(file: Path, system: System) -> Description:
     every = list(system.components.values())
     missing = [one for one in every if not runs_here(one)]
     sizes = {one.step_size for one in every if one.step_size is not None}
-    stops = [one.stop_time for one in every if one.stop_time is not None]
+    stops = [time for time in map(stop_time, every) if time is not None]
     return Description(
         version=VERSION,
         identifier=system.name,

@@ -11,6 +11,7 @@ import numpy as np
 from swarmwright import _engine
 from swarmwright.core.arguments import checked
 from swarmwright.core.errors import InputError, engine_errors
+from swarmwright.core.files import first_character
 from swarmwright.frevo._components import LAYERS, NEAT, THREE_LAYERS, all_of, check
 from swarmwright.frevo._document import Section, open_session
 from swarmwright.frevo._networks import Network, networks
@@ -81,6 +82,11 @@ def score(path: str | Path, *, field: str | Path | None = None) -> Scores:
         InputError: the file is not a FREVO result, or its problem or representation has no counterpart
             here; the message names file, line and element.
     """
+    if first_character(Path(path)) not in ("<", ""):
+        raise InputError(
+            f"{path}: is not a result of FREVO (.zre), which is XML; a controller is evaluated with "
+            "`swarmwright evaluate EXPERIMENT --controller FILE --episodes N`"
+        )
     session = open_session(Path(path))
     all_of(
         lambda: check(session.problem, replaceable=False),

@@ -132,7 +132,7 @@ class Api:
             return []
 
     def delete_job(self, name: str) -> None:
-        """Delete a job, with its pods; one that is gone is no error."""
+        """Delete a job, with its pods; one that is gone is not an error."""
         try:
             self._json(
                 self._batch.delete_namespaced_job, name, self.namespace, propagation_policy="Background"

@@ -44,7 +44,7 @@ def _age(pod: Object) -> tuple[str, bool]:
 
 
 def is_active(pod: Object) -> bool:
-    """Whether a pod may still start or run, and nobody has deleted it."""
+    """Whether a pod may still start or run, and has not been deleted."""
     ended = pod.get("status", {}).get("phase") in {"Succeeded", "Failed"}
     return not ended and not pod["metadata"].get("deletionTimestamp")
 

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 
 from pydantic import Field
 
+from swarmwright.broker.credentials import CREDENTIALS
 from swarmwright.launchers._base import LauncherOptions
 from swarmwright.launchers._specification import Specification
 
@@ -38,8 +39,8 @@ def prepared(
         lines.append(f'export PYTHONPATH={code}"${{PYTHONPATH:+:$PYTHONPATH}}"')
     setup = [] if options.setup is None else [options.setup]
     # Of another account, or another broker, where the environment is passed on.
-    others = "unset SWARMWRIGHT_BROKER SWARMWRIGHT_USERNAME SWARMWRIGHT_PASSWORD SWARMWRIGHT_PASSWORD_FILE"
-    return [*setup, f"{others} SWARMWRIGHT_CA_FILE", *lines, f"cd {folder} || exit 1"]
+    unset = shlex.join(["unset", "SWARMWRIGHT_BROKER", *CREDENTIALS])
+    return [*setup, unset, *lines, f"cd {folder} || exit 1"]
 
 
 def unpacked(archive: str, folder: str) -> str:

@@ -100,7 +100,7 @@ class Slot:
         return str(folder / "code")
 
     def _started(self, folder: str, code: str | None) -> "subprocess.Popen[str]":
-        variables = self._specification.variables(folder, code)
+        variables = self._specification.child_variables(folder, code)
         inherited = os.environ.get("PYTHONPATH")
         if inherited and "PYTHONPATH" in variables:  # packages of the cluster's own environments
             variables["PYTHONPATH"] += os.pathsep + inherited

@@ -4,9 +4,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import PurePosixPath
 
+from swarmwright.broker.credentials import CREDENTIALS
 from swarmwright.launchers._code import Code
 
-PASSWORD, AUTHORITY = "password", "ca.pem"
+PASSWORD, AUTHORITY, CERTIFICATE, KEY = "password", "ca.pem", "client.pem", "client-key.pem"
 """Names of files that servers read."""
 BROKER_TIMEOUT_S = 60.0
 """Seconds after which a server ends that cannot reach its broker: what started it is gone."""
@@ -24,6 +25,8 @@ class Specification:
         username: of their account on the broker; None: there are no accounts.
         password: of their account. Never put it into arguments of programs, which all users can list.
         authority: PEM text of the authority that signed the broker's certificate; None: the system's.
+        certificate: PEM text of the client certificate that the broker requires; None: it requires none.
+        key: PEM text of its private key. Never put it into arguments of programs.
         code: of a custom simulation; None for one that is installed where the servers are.
         modules: names of the behaviours and conditions in Python that the servers have, as
             `swarmwright serve` takes them; of classes in files as `simulation`.
@@ -40,6 +43,8 @@ class Specification:
     username: str | None = None
     password: str | None = field(default=None, repr=False)
     authority: str | None = field(default=None, repr=False)
+    certificate: str | None = field(default=None, repr=False)
+    key: str | None = field(default=None, repr=False)
     code: Code | None = field(default=None, repr=False)
     modules: Sequence[str] = ()
     sources: Mapping[str, str] = field(default_factory=dict)
@@ -51,7 +56,6 @@ class Specification:
 
         Its working folder is that of the code.
         """
-        prefix = ["--prefix", self.prefix] if self.prefix else []
         return [
             "serve",
             self.simulation,
@@ -60,7 +64,8 @@ class Specification:
             *("--step-timeout", f"{self.step_timeout:g}"),
             *("--wait", f"{BROKER_TIMEOUT_S:g}"),
             *("--broker-timeout", f"{BROKER_TIMEOUT_S:g}"),
-            *prefix,
+            # Also where there is none: the environment there may name another.
+            *("--prefix", self.prefix),
             *(word for name in self.modules for word in ("--modules", name)),
         ]
 
@@ -79,13 +84,23 @@ class Specification:
             found["SWARMWRIGHT_PASSWORD_FILE"] = str(PurePosixPath(folder, PASSWORD))
         if self.authority is not None:
             found["SWARMWRIGHT_CA_FILE"] = str(PurePosixPath(folder, AUTHORITY))
+        if self.certificate is not None:
+            found["SWARMWRIGHT_CERTIFICATE_FILE"] = str(PurePosixPath(folder, CERTIFICATE))
+        if self.key is not None:
+            found["SWARMWRIGHT_KEY_FILE"] = str(PurePosixPath(folder, KEY))
         return found
+
+    def child_variables(self, folder: str, code: str | None = None) -> dict[str, str]:
+        """Return the variables for a process that inherits an environment, see `variables`.
+
+        Credentials that the servers do not have are empty, which counts as unset: those that are inherited
+        belong to another client, and a password in a variable has priority over one in a file.
+        """
+        return {**dict.fromkeys(CREDENTIALS, ""), **self.variables(folder, code)}
 
     def files(self) -> dict[str, bytes]:
         """Return the files that servers need beside the code, by name; for the user alone (mode 0600)."""
-        found = {}
+        texts = {AUTHORITY: self.authority, CERTIFICATE: self.certificate, KEY: self.key}
         if self.password is not None:
-            found[PASSWORD] = f"{self.password}\n".encode()
-        if self.authority is not None:
-            found[AUTHORITY] = self.authority.encode()
-        return found
+            texts[PASSWORD] = f"{self.password}\n"
+        return {name: text.encode() for name, text in texts.items() if text is not None}

@@ -121,8 +121,9 @@ def of_text(text: str, given: Sequence[LauncherOptions]) -> Entries:
             # Of `slurm:-3` the number is wrong.
             known = part.partition(":")[0].strip() in LAUNCHERS.names()
             hint = "" if known else did_you_mean(part, [*LAUNCHERS.names(), *WORDS])
+            words = "" if known or part != text else f"{', '.join(WORDS)}, a number, or "
             raise InputError(
-                f"must be a launcher with a number of servers, such as slurm:4 or slurm:4..200, "
+                f"must be {words}a launcher with a number of servers, such as slurm:4 or slurm:4..200, "
                 f"not {part!r}{hint}"
             )
         kind = match[1]

@@ -59,7 +59,7 @@ class Process(Launcher):
             output=self._output,
             tell=self._hear,
             step_timeout=self.specification.step_timeout,
-            environment=self.specification.variables(str(here)),
+            environment=self.specification.child_variables(str(here)),
         )
         self._supervisor.start()
 

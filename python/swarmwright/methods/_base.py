@@ -6,7 +6,7 @@ from importlib.util import find_spec
 from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, model_validator
 
 from swarmwright import _engine
@@ -20,6 +20,24 @@ from swarmwright.typing import Fitness, Genomes
 
 NO_LIMIT = 1_000_000_000
 """As many generations as there can be."""
+
+
+def by_metric(given: object, what: str, example: str, form: str) -> object:
+    """Return what was given for an option that is a mapping by the names of metrics, see `metrics_option`.
+
+    Raises ValueError with the right form where it is a name, or a list of names.
+
+    Args:
+        given: whatever the file says.
+        what: of each metric, in words: "a range".
+        example: a metric's name, where none was given.
+        form: how what is to be said of a metric is written.
+    """
+    if isinstance(given, list | str):
+        names = [given] if isinstance(given, str) else given
+        name = next((one for one in names if isinstance(one, str) and one), example)
+        raise ValueError(f"must name {what} for each metric, such as {{{name}: {form}}}")
+    return given
 
 
 class MethodOptions(Options):
@@ -159,14 +177,6 @@ class Method(SteadyState):
         return None
 
     @classmethod
-    def cut_short(cls, options: MethodOptions, sizes: Sequence[int]) -> bool:  # noqa: ARG003 - for those that cut
-        """Return whether the budget made the last generation smaller, so that a longer run would not have it.
-
-        sizes: candidates of each generation of a run with these options.
-        """
-        return False
-
-    @classmethod
     def problems(cls, options: MethodOptions, representation: Representation | None) -> dict[str, str]:
         """Return which options are invalid for this representation: option -> reason.
 
@@ -201,6 +211,23 @@ class Method(SteadyState):
         )
 
     @classmethod
+    def first_generation(
+        cls,
+        options: MethodOptions,
+        representation: Representation | None,  # noqa: ARG003 - for those whose default depends on it
+    ) -> int | None:
+        """Return how many candidates the first generation has; None when that is not known.
+
+        Args:
+            options: the method's section of the experiment.
+            representation: None when it is not known yet.
+        """
+        population = getattr(options, "population", None)
+        if not isinstance(population, int):
+            return None
+        return population * int(getattr(options, "populations", 1))
+
+    @classmethod
     def no_start(cls, options: MethodOptions, count: int) -> str | None:
         """Return why this method cannot start from so many given controllers; None if it can."""
         if cls.start_as is None:
@@ -209,11 +236,9 @@ class Method(SteadyState):
             )
         if cls.start_as == "center" and count > 1:
             return f"{cls.kind} starts from one controller, the center of its first sample, not from {count}"
-        population = getattr(options, "population", None)
-        if isinstance(population, int):
-            places = population * int(getattr(options, "populations", 1))
-            if count > places:
-                return f"{count} controllers are more than the {places} of the first generation"
+        places = cls.first_generation(options, None)
+        if places is not None and count > places:
+            return f"{count} controllers are more than the {places} of the first generation"
         return None
 
     def start_from(self, genomes: Genomes) -> None:
@@ -318,7 +343,7 @@ class Method(SteadyState):
         if metrics is None:
             names = ", ".join(needed)
             raise InputError(f"{self.kind} needs metrics: tell(fitness, metrics=...), with columns {names}")
-        values = np.asarray(metrics, dtype=np.float64)
+        values = _numbers("metrics", metrics)
         if values.shape != (count, len(needed)):
             raise InputError(f"metrics has the shape {values.shape}; expected {(count, len(needed))}")
         self.metrics = values
@@ -387,8 +412,19 @@ class Method(SteadyState):
         return self.generation + 1 >= self.options.generations
 
 
+def _numbers(name: str, given: ArrayLike) -> NDArray[np.float64]:
+    """Return what was told as binary64. Raises InputError for what holds no numbers."""
+    try:
+        values = np.asarray(given)
+        if values.dtype.kind in "biufO":  # None is NaN, as in tables
+            return values.astype(np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name}: must be an array of numbers: {error}") from error
+    raise InputError(f"{name}: must be an array of numbers, not of the type {values.dtype}")
+
+
 def _checked(fitness: Fitness, count: int, which: str) -> Fitness:
-    values = np.asarray(fitness, dtype=np.float64)
+    values = _numbers("fitness", fitness)
     if values.shape != (count,):
         raise InputError(f"fitness has the shape {values.shape}; {which} {count} genomes")
     return np.where(np.isfinite(values), values, np.nan)

@@ -1,6 +1,5 @@
 """CMA-ES: what its two variants share."""
 
-from collections.abc import Sequence
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -50,8 +49,15 @@ class Cma(SearchMethod):
 
     def __init__(self, options: CmaOptions, representation: Representation, *, seed: int) -> None:
         super().__init__(options, representation, seed=seed)
-        self.population = options.population or 4 + int(3 * logarithm(representation.genome_size))
+        self.population = _population(options, representation)
         """Genomes in each generation of the first start."""
+
+    @classmethod
+    def first_generation(cls, options: MethodOptions, representation: Representation | None) -> int | None:
+        """Return the population, which depends on the number of genes by default."""
+        if representation is None or not isinstance(options, CmaOptions):
+            return super().first_generation(options, representation)
+        return _population(options, representation)
 
     @classmethod
     def unsuitable(cls, representation: Representation) -> str | None:
@@ -59,15 +65,6 @@ class Cma(SearchMethod):
         if representation.genome_size < 2:
             return "there is a single gene, too few to learn how genes change; take de, pso or nnga"
         return None if representation.continuous else DISCRETE
-
-    @classmethod
-    def cut_short(cls, options: MethodOptions, sizes: Sequence[int]) -> bool:
-        """Return whether the last start had fewer candidates than twice those of the one before it."""
-        first, last = sizes[0], sizes[-1]
-        budget = first * options.generations
-        if last == first or sum(sizes) != min(budget, options.evaluations or budget):
-            return False
-        return last not in (sizes[-2], 2 * max(sizes[:-1]))
 
     @property
     def budget(self) -> int:
@@ -108,3 +105,7 @@ class Cma(SearchMethod):
     def _new_start(self, number: int) -> NDArray[np.float64]:
         """Return the center of a start, counted from 0."""
         return self.representation.initial(Stream(self.seed, "cma.start", number)).astype(np.float64)
+
+
+def _population(options: CmaOptions, representation: Representation) -> int:
+    return options.population or 4 + int(3 * logarithm(representation.genome_size))

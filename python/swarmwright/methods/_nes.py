@@ -46,9 +46,16 @@ class Nes(Gaussian):
     def __init__(self, options: NesOptions, representation: Representation, *, seed: int) -> None:
         super().__init__(options, representation, seed=seed)
         genes = representation.genome_size
-        self._first_population = options.population or max(4 + int(3 * logarithm(genes)), 20)
+        self._first_population = _population(options, representation)
         self._budget = self._first_population * options.generations
         self._rate = options.rate or self._default_rate(genes)
+
+    @classmethod
+    def first_generation(cls, options: MethodOptions, representation: Representation | None) -> int | None:
+        """Return the population, which depends on the number of genes by default."""
+        if representation is None or not isinstance(options, NesOptions):
+            return super().first_generation(options, representation)
+        return _population(options, representation)
 
     @property
     def population(self) -> int:  # type: ignore[override] # it grows
@@ -89,3 +96,7 @@ class Nes(Gaussian):
 
     def _exhausted(self) -> bool:
         return self.evaluations >= self._budget
+
+
+def _population(options: NesOptions, representation: Representation) -> int:
+    return options.population or max(4 + int(3 * logarithm(representation.genome_size)), 20)

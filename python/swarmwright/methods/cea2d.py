@@ -94,6 +94,18 @@ class Cea2d(Method):
         self._places: dict[int, int] = {}  # steady state: where candidates in flight go
         self._cursor = 0
 
+    @classmethod
+    def first_generation(cls, options: MethodOptions, representation: Representation | None) -> int | None:
+        """Return the number of cells with members."""
+        if isinstance(options, Cea2dOptions):
+            return options.members
+        return super().first_generation(options, representation)
+
+    @classmethod
+    def no_start(cls, options: MethodOptions, count: int) -> str | None:  # noqa: ARG003 - any number
+        """Take any number: runs are recorded that have more than there are cells; the rest is unused."""
+        return None
+
     @property
     def budget(self) -> int:
         """Evaluations of the whole run at most: members that stay are not evaluated again."""

@@ -15,14 +15,18 @@ class DeOptions(BoxOptions):
     population: int = Field(default=40, ge=5, le=1_000_000)
     """Members, each of which competes with one trial vector in each generation."""
     base: Literal["best", "rand", "target-to-best"] = "best"
-    """What a difference is added to: the best member, a random one, or the member itself moved towards the
-    best."""
+    """What a difference of two other members is added to: the best member or a random one;
+    `target-to-best`: the member itself, to which the difference between the best and another member is
+    added, as in pymoo."""
     crossover: Literal["bin", "exp", "hypercube", "line"] = "bin"
-    """How member and mutant are mixed: gene by gene, in runs of genes, or in between the two."""
+    """How member and mutant are mixed: `bin` gene by gene; `exp`: a run of genes is the mutant's;
+    `hypercube`: each gene lies between the two by a share of its own; `line`: all genes by the same share."""
     factor: float = Field(default=0.5, gt=0, le=2)
     """F: how much of a difference is added."""
     rate: float = Field(default=0.2, ge=0, le=1)
-    """CR: probability of a gene to come from the mutant."""
+    """CR. `bin`: probability that a gene is the mutant's, of which there is at least one; `exp`: probability
+    that the run of the mutant's genes, which has at least one, has one more; `hypercube` and `line`: the
+    largest share of the way from member to mutant, of which a uniform part is taken."""
     mutate: float = Field(default=0.1, ge=0, le=1)
     """Probability of a polynomial mutation after that."""
 
@@ -30,8 +34,8 @@ class DeOptions(BoxOptions):
 class De(Box):
     """Differences between members are steps: they shrink and turn with the population by themselves.
 
-    Each member meets a challenger, made of a base plus `factor` times the difference of two other members,
-    crossed with the member; the better one stays. What leaves the box comes back between the bound and its
+    Each member meets a challenger, made of a base plus `factor` times a difference of two members, crossed
+    with the member; the better one stays. What leaves the box comes back between the bound and its
     base, at random.
 
     Source: Storn and Price, "Differential evolution", Journal of Global Optimization 11, 1997; the mutation

@@ -2,13 +2,13 @@
 
 import math
 import sys
-from typing import ClassVar, Literal, Self
+from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from swarmwright.core.options import Options
-from swarmwright.methods._base import Method, MethodOptions
+from swarmwright.methods._base import Method, MethodOptions, by_metric
 from swarmwright.methods._numbers import center_and_reach
 from swarmwright.methods.archive import Archive, Axis, Grid, Values
 from swarmwright.representations import Representation
@@ -26,6 +26,13 @@ class Measure(Options):
     bins: int = Field(default=20, ge=1, le=10_000)
     """Into how many parts the range is divided."""
 
+    @model_validator(mode="before")
+    @classmethod
+    def _with_keys(cls, given: object) -> object:
+        if isinstance(given, list):
+            raise ValueError(f"must have the form {_form(given)}")
+        return given
+
     @model_validator(mode="after")
     def _ordered(self) -> Self:
         low, high = self.range
@@ -39,6 +46,12 @@ class Measure(Options):
                 f"{sys.float_info.min:.3g}, the smallest number with all its digits"
             )
         return self
+
+
+def _form(numbers: list[Any]) -> str:
+    """Return how a measure is written, with a range and bins that may be meant by `[0, 15, 5]`."""
+    low, high, bins, *_ = [*map(str, numbers), *("0", "1", "20")[len(numbers) :]]
+    return f"{{range: [{low}, {high}], bins: {bins}}}"
 
 
 class MapElitesOptions(MethodOptions):
@@ -64,6 +77,11 @@ class MapElitesOptions(MethodOptions):
     """mutation: its size, as a share of the initial range of weights and biases."""
     probability: float = Field(default=0.3, ge=0, le=1)
     """mutation: probability of a gene to be changed."""
+
+    @field_validator("measures", mode="before")
+    @classmethod
+    def _ranges(cls, given: object) -> object:
+        return by_metric(given, "a range", "cohesion", _form([]))
 
     @model_validator(mode="after")
     def _fits(self) -> Self:

@@ -5,10 +5,10 @@ from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from swarmwright.core.random_numbers import Streams
-from swarmwright.methods._base import Method, MethodOptions
+from swarmwright.methods._base import Method, MethodOptions, by_metric
 from swarmwright.methods.archive import Values, crowding, ranks
 from swarmwright.representations import Representation
 from swarmwright.typing import Fitness, Genome, Genomes
@@ -34,6 +34,11 @@ class Nsga2Options(MethodOptions):
     """Size of mutations, as a share of the initial range of weights and biases."""
     probability: float = Field(default=0.2, ge=0, le=1)
     """Probability of a gene to be changed by a mutation."""
+
+    @field_validator("objectives", mode="before")
+    @classmethod
+    def _directions(cls, given: object) -> object:
+        return by_metric(given, "a direction", "energy", "minimize")
 
     @property
     def needed_metrics(self) -> tuple[str, ...]:

@@ -133,6 +133,15 @@ class Racing(Method):
             return f"{count} controllers are more than the {most} candidates of a race"
         return super().no_start(options, count)
 
+    @classmethod
+    def first_generation(cls, options: MethodOptions, representation: Representation | None) -> int | None:
+        """Return how many candidates the first race begins with."""
+        if representation is None or not isinstance(options, RacingOptions):
+            return super().first_generation(options, representation)
+        race = cls(options, representation, seed=0)
+        size = race._next_size(1, options.evaluations)
+        return None if size is None else size[1]
+
     @staticmethod
     def _planned_races(options: RacingOptions, representation: Representation) -> int:
         """Return over how many races the budget is spread: fewer where each would have too little."""
@@ -189,7 +198,7 @@ class Racing(Method):
     def _ask(self) -> Genomes:
         if self._race is None:
             self._go_on(0)
-        assert self._missing is not None, "a race that is asked for has somebody to evaluate"
+        assert self._missing is not None, "a race that is asked for has candidates to evaluate"
         return np.array([one.genome for one in self._missing], dtype=np.float32)
 
     def _tell(self, genomes: Genomes, fitness: Fitness) -> None:  # noqa: ARG002 - the race knows them
@@ -232,7 +241,7 @@ class Racing(Method):
             self._unseen = self._race.unseen
         number = self._number + 1
         self._races = max(self._races, number)
-        found = self._size(number, left // (self._races - number + 1)) or self._size(number, left)
+        found = self._next_size(number, left)
         if found is None:
             return False
         budget, count, new_instances = found
@@ -247,6 +256,10 @@ class Racing(Method):
         unseen = self._unseen + new_instances
         self._race = Race(entrants, [*fresh, *old], unseen, budget, self._rules)
         return True
+
+    def _next_size(self, number: int, left: int) -> tuple[int, int, int] | None:
+        """Return the size of a race with its share of the evaluations left, or else with all; see `_size`."""
+        return self._size(number, left // (self._races - number + 1)) or self._size(number, left)
 
     def _size(self, number: int, budget: int) -> tuple[int, int, int] | None:
         """Return evaluations, candidates and new instances of a race; None where too few would race."""

@@ -6,7 +6,7 @@ from typing import Any
 
 from swarmwright.core import json_source, xml
 from swarmwright.core.errors import InputError
-from swarmwright.core.files import first_character
+from swarmwright.core.files import IS_UTF16, contents, first_character, is_utf16
 from swarmwright.core.suggestions import did_you_mean
 from swarmwright.models import (
     abstractions,
@@ -38,6 +38,8 @@ def load(path: Path) -> Part:
     first = first_character(path)
     if first == "<":
         return _load_xml(path)
+    if is_utf16(contents(path)):
+        raise InputError(f"{path}: {IS_UTF16}")
     if first in {"{", "["}:
         return _load_json(path)
     if first and sysml.recognises(read_text(path)):

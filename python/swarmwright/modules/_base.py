@@ -77,7 +77,7 @@ class Behaviour(ABC):
 
     One object acts for many robots at once, those of many episodes: all arrays have a row for each of n
     robots, and n changes from step to step. What a row holds must follow from that row alone. Keep nothing in
-    `self`; what is to be remembered belongs in `state`.
+    `self`, of which an attribute that `act` sets is an error; what is to be remembered belongs in `state`.
     """
 
     parameters: ClassVar[Mapping[str, Parameter]] = {}

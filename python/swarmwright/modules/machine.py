@@ -14,6 +14,9 @@ from swarmwright.modules._base import Behaviour, Condition, Numbers, Parameters,
 from swarmwright.modules._built_in import below
 from swarmwright.modules.registered import implementation, place_of
 
+PAGE = "docs/how-to/own-module.md"
+"""The page that says what a module has to be."""
+
 Made = TypeVar("Made")
 _UNIT = np.float32(2.0**-24)
 Rows = NDArray[np.int64]
@@ -238,27 +241,58 @@ def called(
     *,
     shape: tuple[int, ...],
 ) -> Numbers:
-    """Return what a module returns. Raises RunError, with file and line, when that is not possible."""
+    """Return what a module returns.
+
+    Raises RunError, with file and line, when that is not possible, and where the module has replaced an
+    attribute of its object.
+    """
     what = f"{name}: {method.__name__}"
+    module = method.__self__  # type: ignore[attr-defined] # of an object
+    kind, before = type(module), dict(vars(module))
     try:
         # What comes out is checked.
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             returned = method(senses, parameters, state, random)
     # Also `sys.exit` is a mistake of the module's.
     except (Exception, SystemExit) as error:
-        kind = type(method.__self__)  # type: ignore[attr-defined] # of an object
         raise RunError(f"{_line(kind, error)}: {what}: {type(error).__name__}: {error}") from error
-    try:
-        found = np.asarray(returned, dtype=np.float32)
-    except (TypeError, ValueError):
-        problem = f"returns {type(returned).__name__}, expected an array"
-    else:
-        if found.shape == shape and np.isfinite(found).all():
-            return found
-        problem = "returns a number that is not finite"
-        if found.shape != shape:
-            problem = f"returns an array of the shape {found.shape}, expected {shape}"
-    raise RunError(f"{place_of(type(method.__self__))}: {what}: {problem}")  # type: ignore[attr-defined] # of an object
+    found = np.empty(0, np.float32)
+    problem = _attribute_problem(before, vars(module))
+    if problem is None:
+        try:
+            found = np.asarray(returned, dtype=np.float32)
+        except (TypeError, ValueError):
+            problem = f"returns {type(returned).__name__}, expected an array"
+        else:
+            problem = _array_problem(found, shape)
+    if problem is None:
+        return found
+    raise RunError(f"{place_of(kind)}: {what}: {problem}")
+
+
+def _attribute_problem(before: Mapping[str, Any], after: Mapping[str, Any]) -> str | None:
+    """Say which attribute of a module's object was replaced, if any was.
+
+    One object acts for the robots of all episodes, so that what it keeps makes episodes depend on each other.
+    A new attribute may be a constant that is made at the first call, as in stored runs; what changes is found
+    at the next call.
+    """
+    for name, value in after.items():
+        if name in before and before[name] is not value:
+            return (
+                f"changes self.{name}, which all robots of all episodes share, so that episodes cannot be "
+                f"repeated; keep what a robot remembers in `state`, and set constants in __init__ ({PAGE})"
+            )
+    return None
+
+
+def _array_problem(found: Numbers, shape: tuple[int, ...]) -> str | None:
+    """Say what is wrong with what a module returns, if anything is."""
+    if found.shape != shape:
+        return f"returns an array of the shape {found.shape}, expected {shape}"
+    if not np.isfinite(found).all():
+        return "returns a number that is not finite"
+    return None
 
 
 def _made(kind: type[Made]) -> Made:

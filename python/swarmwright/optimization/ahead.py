@@ -14,7 +14,6 @@ from swarmwright.methods.search import SearchMethod
 from swarmwright.rankings import Ranking
 from swarmwright.rankings.absolute import Absolute
 from swarmwright.representations import Representation
-from swarmwright.store import Journal
 from swarmwright.typing import Fitness, Genomes
 
 
@@ -34,7 +33,7 @@ class Produced(NamedTuple):
     figures: Figures | None = None
     """Of the population, where they are known."""
     digests: _engine.Digests | None = None
-    """Of its columns in the store, where somebody has begun to compute them."""
+    """Of its columns in the store, where another process has begun to compute them."""
 
     @classmethod
     def of(
@@ -113,7 +112,7 @@ class Ahead:
 
     @property
     def is_ready(self) -> bool:
-        """Whether the next generation is there, so that nobody waits for it."""
+        """Whether the next generation is there, so that it need not be waited for."""
         return self._next is not None or self._producer.is_ready()
 
     def fits(self) -> bool:
@@ -127,7 +126,7 @@ class Ahead:
             genomes, episodes, metrics, fitness, population, figures, outcome, digests, attempts, warnings = (
                 found
             )
-            results = Results(episodes, metrics, Journal.of(attempts, warnings))
+            results = Results(episodes, metrics, self._backend.journal(attempts, warnings))
             self._next = Produced(genomes, results, fitness, population, *outcome, figures, digests)
         return True
 

@@ -44,7 +44,7 @@ class Evaluator:
         if results.journal.errors or self._failed(results).any():
             return ""
         return (
-            ": all of their episodes worked, but what the ranking makes of them is no finite number, such as "
+            ": all of their episodes worked, but what the ranking makes of them is not finite, such as "
             "a sum beyond binary64, or what a plug-in returned"
         )
 

@@ -29,6 +29,11 @@ class Failure(NamedTuple):
     last: AttemptEntry
     """The last attempt."""
 
+    @property
+    def time(self) -> float:
+        """The end of the last attempt, seconds since 1970."""
+        return self.last.started + self.last.seconds
+
     def text(self, seeds: Sequence[int]) -> str:
         """Say which episode failed, and how often it was tried."""
         tries = self.last.attempt
@@ -71,7 +76,8 @@ class Failures:
         self._hint = self._hint or self._hint_at(failures[0], seeds, generation, first)
         warnings = [one for one in results.journal.warnings if not one.text.startswith(_UNATTRIBUTED)]
         warnings += [
-            WarningEntry(f"{one.text(seeds)}: {one.last.error}", one.candidate) for one in failures[:_MOST]
+            WarningEntry(f"{one.text(seeds)}: {one.last.error}", one.candidate, time=one.time)
+            for one in failures[:_MOST]
         ]
         if len(failures) > _MOST:
             warnings.append(

@@ -6,8 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from swarmwright.core.formatting import duration
 from swarmwright.core.statistics import figures_of, summarize
-from swarmwright.experiment.budget import Limit
+from swarmwright.experiment.budget import Budget, Limit
 from swarmwright.optimization.ahead import Produced
 from swarmwright.store import Evaluated
 
@@ -47,6 +48,21 @@ class Generation:
     """Which limit is nearest: generations, evaluations or seconds."""
     share: float = 0.0
     """Share of that limit which is used, 0 to 1."""
+
+
+def how_far(budget: Budget, last: Generation | None, *, short: bool = False) -> str:
+    """Return how much is used of the budget that ends the run first: `3 of 20 generations`."""
+    done = 0 if last is None else last.generation + 1
+    limit = budget.nearest(0, 0, 0.0)[0] if last is None else last.budget
+    if limit == "generations":
+        whole = budget.generations
+        return f"{done}/{whole}" if short else f"{done} of {whole} generations"
+    if limit == "evaluations":
+        used = 0 if last is None else last.evaluations
+        return f"{used}/{budget.evaluations}" if short else f"{used} of {budget.evaluations} evaluations"
+    seconds = budget.seconds or 0.0
+    used_time, whole_time = duration((last.share if last else 0.0) * seconds), duration(seconds)
+    return f"{used_time} of {whole_time}" if short else f"{done} generations, {used_time} of {whole_time}"
 
 
 class Told(NamedTuple):

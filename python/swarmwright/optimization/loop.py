@@ -23,6 +23,7 @@ from swarmwright.optimization.ahead import Ahead, Produced, can_be_ahead
 from swarmwright.optimization.checks import check_plug_ins
 from swarmwright.optimization.evaluators import evaluator_of
 from swarmwright.optimization.failures import Failures
+from swarmwright.optimization.fitness_checks import FitnessChecks
 from swarmwright.optimization.generation import OnGeneration, Told
 from swarmwright.optimization.memory import LARGE, candidates, progress
 from swarmwright.optimization.recorder import Recorder
@@ -56,6 +57,10 @@ class Loop:
         self._budget = experiment.budget
         reevaluates = self._ranking.options.reevaluate
         self._account = Account(self._method, self._budget, reevaluates=reevaluates)
+        self._fitness_checks = FitnessChecks(
+            from_random=not len(self._method.start),
+            target_is_reached=lambda: self._account.target_is_reached,
+        )
         self._recorder = Recorder(store, self._account)
         self._asked = 0
         self._next: tuple[Genomes, list[int]] | None = None  # asked for and not evaluated yet
@@ -66,6 +71,11 @@ class Loop:
     def done(self) -> bool:
         """Whether the budget is used or the target is reached."""
         return self.ended is not None
+
+    @property
+    def evaluations(self) -> int:
+        """Candidates that were evaluated so far, in all sessions."""
+        return self._account.evaluations
 
     @property
     def ended(self) -> Ended | None:
@@ -116,9 +126,23 @@ class Loop:
                     f"{reader.file}: holds more generations than its experiment has; it was changed by hand"
                 )
             if not self._again(evaluated):
+                self._refuse_cut_restart(reader, evaluated)
                 components = self._method, self._representation, self._ranking
                 raise strayed(reader, evaluated.generation, components, edited)
         self._account.continue_from(reader)
+
+    def _refuse_cut_restart(self, reader: StoreReader, evaluated: Evaluated) -> None:
+        """Raise InputError where a larger budget makes the last generation larger than it is in the store."""
+        method, size = self._method, len(evaluated.fitness)
+        by_generation = isinstance(method, SearchMethod) and method.options.operation == "generational"
+        was_asked = by_generation and method.generation == evaluated.generation
+        if was_asked and size < len(method.ask()) and evaluated.generation == len(reader.history()) - 1:
+            folder = reader.file.parent
+            raise InputError(
+                f"method: {folder} cannot be prolonged, because its last restart had {size} candidates, the "
+                "rest of its budget, and would have had more with a larger one; begin a new run with more, "
+                f"from the best of this one: --set start_from={folder}"
+            )
 
     def _again(self, evaluated: Evaluated) -> bool:
         """Tell the method a generation that is stored; return whether it is what the method asks for."""
@@ -155,6 +179,7 @@ class Loop:
         try:
             try:
                 stopped = self._continue(backend, on_generation, on_progress)
+                self._fitness_checks.tell()
             finally:
                 self._recorder.store_last()
         except KeyboardInterrupt:
@@ -203,6 +228,7 @@ class Loop:
             with self._recorder.journal_kept(number, results.journal):
                 told = self._tell(genomes, seeds, results)
             self._failures.tell()
+            self._fitness_checks.add(number, results.fitness)
             if sample is not None and self._recorder.keeps(sample, genomes):
                 told = told._replace(found=told.found._replace(genomes=sample))
             self._recorder.hold(told._replace(found=told.found.digested()))
@@ -239,6 +265,7 @@ class Loop:
                 self._failures.tell()
             self._method.passed(found.fitness)
             self._recorder.hold(self._told(number, seeds, found))
+            self._fitness_checks.add(number, found.results.fitness)
             ahead.expect(self._account.expected_generations(number + 1))
             if on_generation is None:
                 self._recorder.store_last()

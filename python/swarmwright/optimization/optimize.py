@@ -4,7 +4,8 @@ import dataclasses
 import logging
 import shlex
 import sqlite3
-from collections.abc import Iterable
+import time
+from collections.abc import Iterable, Mapping
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any, NoReturn
@@ -16,13 +17,16 @@ from swarmwright.core.errors import InputError, PlugInError, RunError
 from swarmwright.core.place import Place
 from swarmwright.core.plug_in_code import reported
 from swarmwright.core.processes import use_threads
-from swarmwright.evaluation.base import Backend, Progress, Servers
-from swarmwright.experiment.experiment import Experiment
+from swarmwright.core.warn_once import warn_once
+from swarmwright.evaluation.base import HERE, Backend, Progress, Servers, chosen
+from swarmwright.experiment.experiment import Experiment, experiment_of
 from swarmwright.experiment.setting_warnings import setting_warnings
 from swarmwright.optimization.generation import Generation, OnGeneration
+from swarmwright.optimization.interruption import report_interruption
 from swarmwright.optimization.loop import Loop
 from swarmwright.optimization.memory import check_memory, stored
 from swarmwright.optimization.notebook_progress import shown
+from swarmwright.optimization.repeatability import warn_of_difference
 from swarmwright.optimization.resuming import Resumption
 from swarmwright.optimization.steady_state import SteadyLoop
 from swarmwright.optimization.strayed import StrayedError
@@ -30,7 +34,7 @@ from swarmwright.optimization.two_simulations import TwoSimulations, open_simula
 from swarmwright.representations import Representation
 from swarmwright.runs import picture
 from swarmwright.runs.code import Continuation, continuation, copy_of, parts_of
-from swarmwright.runs.folders import default_folder, is_run, remove_run
+from swarmwright.runs.folders import check_names, default_folder, is_replaceable, is_run, remove_run
 from swarmwright.runs.run import Run
 from swarmwright.runs.transfer import at_end
 from swarmwright.runs.validation import validate
@@ -38,8 +42,8 @@ from swarmwright.simulations import catalogue
 from swarmwright.store import StoreReader, StoreWriter
 from swarmwright.store.folder import check_folder
 from swarmwright.store.lock import MovedError
+from swarmwright.store.rows import NOTHING_LEFT
 from swarmwright.user_code.loaded import warn_of_edits
-from swarmwright.user_code.notices import say
 from swarmwright.user_code.parts import distributions
 from swarmwright.user_code.sessions import fingerprints
 
@@ -50,13 +54,14 @@ class InterruptedWithResults(KeyboardInterrupt):
     """Ctrl-C a second time, before the end was in order: finished generations are kept in `folder`."""
 
     def __init__(self, folder: Path) -> None:
-        super().__init__()
+        kept = f"{folder}: finished generations are kept"
+        super().__init__(f"{kept}, and swarmwright.resume({str(folder)!r}) goes on")
         self.folder = folder
 
 
 @checked
 def optimize(
-    experiment: Experiment | str | Path,
+    experiment: Experiment | Mapping[str, Any] | str | Path,
     on_generation: OnGeneration | None = None,
     *,
     on_progress: Progress | None = None,
@@ -70,14 +75,18 @@ def optimize(
     """Evolve a controller; return the run, whose folder holds everything.
 
     Without a broker (here or in the experiment) an embedded one is started, with servers; with one, the
-    servers found there are used. Every generation is stored before it is reported to `on_generation`, so that
-    `resume` can continue after any failure; without a callback within 20 ms, those of the first second when
-    that is over. Ctrl-C ends the run early: the results of all finished generations are
-    kept, and the run that is returned has `interrupted` set. Before the first generation is finished there is
-    nothing to keep: KeyboardInterrupt is raised, and no run folder is left.
+    servers found there are used. Ctrl-C ends the run early: the results of all finished generations are kept,
+    a warning is logged, and the run that is returned has the state "interrupted". A loop over seeds checks
+    that: `if run.state == "interrupted": break`. Before the first generation is finished there is nothing to
+    keep: KeyboardInterrupt is raised, and no run folder is left.
+
+    With `on_generation` each generation is stored before it is reported, so that `resume` can continue after
+    any failure. Without it, storing is quicker and may come later: generations that follow each other faster
+    are stored together every 20 ms, and those of the first second of a new run at the end of that second. A
+    process that is killed loses what was not stored yet.
 
     Args:
-        experiment: what to do, or the path of its file.
+        experiment: what to do, the path of its file, or a mapping with the keys of one.
         on_generation: called after each generation; returning False ends the run.
         on_progress: called about ten times a second with (episodes done, episodes of this generation, what is
             waited for).
@@ -86,8 +95,8 @@ def optimize(
             with numbers such as "slurm:4", or a mapping as in the file. Servers given together with a broker
             are started on that broker.
         seed: instead of the experiment's.
-        out: folder for the results, new or empty; default runs/<name>-<seed>, with a number behind it if that
-            exists.
+        out: folder for the results, new or empty, or with nothing but a run that has no finished generation,
+            which is replaced; default runs/<name>-<seed>, with a number behind it if that exists.
         wait: seconds to wait for a broker that does not answer, instead of `timeouts.connect`.
         progress: show how far it is, below the cell of a notebook or else on standard error; default: in a
             notebook.
@@ -96,20 +105,23 @@ def optimize(
         InputError: the experiment cannot be run as it is, or the folder holds something.
         RunError: no broker, no fitting server, every candidate of a generation failed, or the disk is full.
     """
-    if not isinstance(experiment, Experiment):
+    if isinstance(experiment, str | Path):
         experiment = Experiment.load(experiment)
     else:
-        experiment = experiment.checked_again()
+        experiment = experiment_of(experiment).checked_again()
         experiment.check_new()
     if seed is not None:
         experiment = experiment.replace(seed=seed)
-    if out is not None:
-        check_folder(path_of("out", out, "a folder for the results"))
+    if out is not None and not is_replaceable(path_of("out", out, "a folder for the results")):
+        check_folder(Path(out))
+    check_names(experiment)
     _ = experiment.first_seed  # report errors before anything is started
     at_end.check(experiment, broker)
     at_end.allow(experiment)
+    if broker is None:
+        _check_construction(experiment, servers)
     for text in setting_warnings(experiment):
-        say(text)
+        warn_once(text)
     folder: Place | None = None
     asked = None if out is None else Place(Path(out))
     try:
@@ -126,6 +138,11 @@ def optimize(
                 warn_of_edits(code)
                 size = stored(resolved, representation)
                 folder = asked or Place(default_folder(experiment))
+                if is_replaceable(folder.path):
+                    logging.getLogger("swarmwright").warning(
+                        "%s: held a run without any finished generation, which is replaced", folder.path
+                    )
+                    remove_run(folder.path)
                 with (
                     StoreWriter.create(
                         folder.absolute, resolved, backend.metrics, code, size, _channels(resolved)
@@ -152,6 +169,19 @@ def optimize(
     except RunError as error:
         _fail(error, None if folder is None else folder.path)
     return _finished(folder.path)
+
+
+def _check_construction(experiment: Experiment, servers: Servers | None) -> None:
+    """Raise InputError where an environment that servers make here cannot be made with the parameters.
+
+    Each server would refuse it, after seconds.
+    """
+    wanted = chosen(experiment, servers)
+    here = isinstance(wanted, int) or wanted in ("auto", *HERE)
+    if here and (experiment.broker is None or wanted in HERE) and catalogue.is_here(experiment.simulation):
+        problem = catalogue.construction_problem(experiment.simulation, experiment.parameters)
+        if problem is not None:
+            raise InputError(f"{experiment.place('parameters')}{problem}")
 
 
 def _channels(experiment: Experiment) -> dict[str, Any] | None:
@@ -186,6 +216,7 @@ def resume(
 
     What is stored is not evaluated again. A generation that was under way is evaluated anew. The result is
     bit-identical to that of an undisturbed run, on any servers. A run that is finished is returned as it is.
+    Ctrl-C ends it as in `optimize`.
 
     The source of a simulation or a plug-in that has changed since the run was begun is refused, with the
     difference, unless that is accepted; so is an edited experiment.yaml, but for the keys that say where and
@@ -264,7 +295,7 @@ def _continue(
         if loop.done and not wanted.validation_is_due:
             if not wanted.had_ended:
                 # It was killed between its last generation and its end: only the end is missing.
-                store.begin("nothing was left to evaluate", loop.libraries)
+                store.begin(NOTHING_LEFT, loop.libraries)
                 store.conclude("done")
                 store.note_ended(loop.ended)
             _close(run, store, wanted)
@@ -273,7 +304,7 @@ def _continue(
             raise code
         experiment, notes = code.experiment, wanted.notes
         for note in notes:
-            say(f"{run.path}: goes on with {note}")
+            warn_once(f"{run.path}: goes on with {note}")
         if experiment.controller != wanted.experiment.controller:  # other files of modules
             loop = _with_changed_modules(run, wanted.experiment, code, store, reader)
         notes = [*notes, *code.notes]
@@ -325,7 +356,7 @@ def _replayed(
         loop.replay(reader, code.edited if isinstance(code, Continuation) else ())
     except Exception:
         if isinstance(code, InputError):
-            # Whoever resumes a run with edited code is told so, rather than what follows from it.
+            # A user who resumes a run with edited code is told so, rather than what follows from it.
             raise code from None
         raise
     return loop
@@ -395,6 +426,7 @@ def _run(
     use_threads()
     representation = experiment.representation(backend.sensors, backend.actuators)
     backend.log_to(store.folder)
+    begun, before = time.monotonic(), loop.evaluations
     try:
         store.conclude("done" if loop.done else loop.run(backend, on_generation, on_progress))
         if store.outcome == "done":
@@ -408,6 +440,9 @@ def _run(
         store.usage(backend.usage())
     store.save_best(representation)
     if store.outcome != "interrupted":
+        episodes = (loop.evaluations - before) * experiment.ranking.episodes
+        mean_s = (time.monotonic() - begun) / episodes if episodes else None
+        warn_of_difference(experiment, store.reader(), backend, mean_s)
         _validate(experiment, store, backend, on_progress)
 
 
@@ -444,6 +479,7 @@ def _finished(folder: Path) -> Run:
     run = Run.written(folder)
     if run.generations:
         picture.draw_later(folder)
+    report_interruption(run)
     return run
 
 

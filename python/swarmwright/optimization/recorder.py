@@ -16,7 +16,7 @@ from swarmwright.typing import Genomes
 class Recorder:
     """Hands generations to the store and to the callback.
 
-    Where nobody waits for the last generation, it is stored while the next one is evaluated.
+    Where the last generation is not waited for, it is stored while the next one is evaluated.
 
     Args:
         store: where every generation goes.

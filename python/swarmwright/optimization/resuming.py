@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Self
 
-import numpy as np
 from pydantic import ValidationError
 
 from swarmwright.core.errors import InputError
@@ -106,13 +105,6 @@ def _prolonged(
     if method.spreads_evaluations and limits["evaluations"] != experiment.budget.evaluations:
         raise InputError(
             "method.evaluations: cannot be changed, because the method has planned the whole run with them; "
-            f"begin a new run with more, from the best of this one: --set start_from={run.path}"
-        )
-    sizes = np.diff([0, *(one.evaluations for one in run.history)]).tolist()
-    if sizes and new.budget != experiment.budget and method.cut_short(old, sizes):
-        raise InputError(
-            f"method: the run cannot be prolonged, because its last restart had {sizes[-1]} candidates, "
-            "the rest of its budget, and would have had more with a larger one; "
             f"begin a new run with more, from the best of this one: --set start_from={run.path}"
         )
     used = {"generations": run.generations, "evaluations": run.evaluations, "seconds": 0}

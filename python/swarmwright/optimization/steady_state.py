@@ -134,7 +134,9 @@ class SteadyLoop(Loop):
         with self._recorder.journal_kept(number, journal):
             self._check(fitness, number, self._part.results())
         self._failures.tell()
-        goes_on = self._recorder.finish(self._told_part().evaluated(), journal, on_generation)
+        told = self._told_part()
+        self._fitness_checks.add(number, told.found.results.fitness)
+        goes_on = self._recorder.finish(told.evaluated(), journal, on_generation)
         self._over = goes_on and not self._method.done and self._account.time_is_over
         return goes_on and not self._over
 

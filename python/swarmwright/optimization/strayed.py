@@ -5,16 +5,17 @@ from collections.abc import Mapping, Sequence
 
 from swarmwright.core.errors import RunError
 from swarmwright.core.plug_in_code import is_plug_in
+from swarmwright.core.revision import revision
 from swarmwright.methods import Method
 from swarmwright.rankings import Ranking
 from swarmwright.representations import Representation
 from swarmwright.store import StoreReader
-from swarmwright.store.provenance import versions
+from swarmwright.store.provenance import COMMIT, versions
 
 Component = Method | Ranking | Representation
 _SORTS: Mapping[type, str] = {Method: "method", Representation: "representation", Ranking: "ranking"}
-_NO_PART = {"sqlite"}
-"""Recorded with the others, but nothing is computed with it."""
+_NO_PART = {"sqlite", COMMIT}
+"""Recorded with the others; nothing is computed with it, or most changes of it change no record."""
 
 
 class StrayedError(RunError):
@@ -64,12 +65,15 @@ def _why(reader: StoreReader, components: Sequence[Component], edited: Sequence[
                 f": the {sort} {component.kind} does not give the same {_gives(sort)} again; "
                 f"`swarmwright.testing.check_{sort}({component.kind!r})` finds out why. Start a new run"
             )
+    state, commits = "", (first.versions.get(COMMIT), revision())
+    if commits[0] is not None and commits[0] != commits[1]:
+        state = f" (commit {commits[0]}; here {commits[1] or 'it is not known'})"
     elsewhere = ""
     if first.machine != platform.platform():
         elsewhere = f", or it needs a machine of the same kind as {first.machine}"
     return (
         " although the versions are the same: the store was changed, or the run was made by an earlier state "
-        f"of this version{elsewhere}; `swarmwright runs verify {reader.file.parent}` checks the store"
+        f"of this version{state}{elsewhere}; `swarmwright runs verify {reader.file.parent}` checks the store"
     )
 
 

@@ -1,6 +1,6 @@
 """Evaluation in two simulations: the experiment's own, and for some candidates its ranking's slow one."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from types import MappingProxyType
@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from swarmwright import _engine
+from swarmwright.core.engine_types import AttemptRow
 from swarmwright.core.errors import InputError, RunError
 from swarmwright.core.server_use import ServerUses
 from swarmwright.evaluation.base import (
@@ -76,6 +77,10 @@ class TwoSimulations:
     def count_failed(self, results: Results) -> None:
         """Count failed episodes of what the engine has evaluated by itself."""
         self.fast.count_failed(results)
+
+    def journal(self, attempts: Iterable[AttemptRow], warnings: Iterable[str]) -> Journal:
+        """Return the journal of what the engine has evaluated by itself."""
+        return self.fast.journal(attempts, warnings)
 
     def stream(
         self, controllers: Controllers, seeds: Sequence[int], feed: Feed, on_progress: Progress
@@ -188,7 +193,8 @@ def _require_apart(
     experiment: Experiment, there: Experiment, target: OtherSimulation, places: Sequence[str | None]
 ) -> None:
     """Raise InputError where both would need the same servers at the same time; places: their brokers."""
-    same = places[0] is not None and places[0] == places[1] and experiment.prefix == there.prefix
+    prefixes = {one.with_environment().prefix for one in (experiment, there)}
+    same = places[0] is not None and places[0] == places[1] and len(prefixes) == 1
     if same and experiment.simulation == there.simulation:
         raise InputError(
             f"{experiment.place('ranking')}slow: {target.name} is the same simulation on the same broker, "

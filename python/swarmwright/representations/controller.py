@@ -1,7 +1,7 @@
 """Evolved controllers, callable on numpy arrays."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
@@ -10,17 +10,21 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmwright import _engine
+from swarmwright.core.activations import in_words
 from swarmwright.core.arguments import checked, mapping, path_of
 from swarmwright.core.arrays import float32_of
 from swarmwright.core.errors import InputError, engine_errors, explained
 from swarmwright.core.files import read_bytes, write_text
-from swarmwright.core.modules import ACTUATORS, PYTHON_KIND, SENSORS
+from swarmwright.core.modules import ACTUATORS, PYTHON_KIND, SENSORS, is_modules, is_tree
+from swarmwright.core.problems import shown
 from swarmwright.core.teams import is_team, parts_of
 from swarmwright.modules.machine import Swarm
 from swarmwright.modules.registered import find
 
 _LARGEST_FILE_BYTES = 1 << 28
 """Bytes of a file."""
+_STATELESS = frozenset({"layered", "evostick"})
+"""Kinds whose actuators depend on the sensors of the same step alone."""
 
 
 class Controller:
@@ -29,7 +33,9 @@ class Controller:
     Call it with an array of shape (sensors,) for one agent or (agents, sensors) for a swarm; it returns
     float32 of shape (actuators,) or (agents, actuators), each number in -1..1, the same bits as in every
     simulation server. Each agent (row) keeps its state between calls, where the representation has
-    one; `reset` begins a new episode. In a team, rows belong to its groups of agents in their order; what a
+    one; `reset` begins a new episode. Several episodes at once, and agents that end before others, need a
+    state for each agent of each episode: `Episodes.run(controller)` keeps them; elsewhere, take a copy
+    (`copy.copy`) for each agent. In a team, rows belong to its groups of agents in their order; what a
     row has beyond the sensors of the agent's group does not count, and what it has beyond its actuators is 0.
     A parameter set steers no agents: it has `parameters` and cannot be
     called. It can be pickled and copied; a copy is at the start of an episode.
@@ -43,6 +49,11 @@ class Controller:
 
     def __init__(self, specification: Mapping[str, Any] | str) -> None:
         if isinstance(specification, str):
+            if not specification.lstrip().startswith("{"):
+                raise InputError(
+                    f"controller: must be a mapping or JSON text, not {shown(specification)}; "
+                    "Controller.load(path) reads a file or a run folder"
+                )
             self._text = specification
         else:
             mapping("controller", specification, "Controller.load(path) to read a file")
@@ -51,9 +62,11 @@ class Controller:
             except (TypeError, ValueError) as error:
                 raise InputError(f"controller: cannot be written as JSON: {error}") from error
         self._swarm = self._in_python()
+        self._whole: _engine.Controller | None = None  # as the engine has read it, at the start of an episode
         if self._swarm is None:
             with engine_errors("controller: "):
-                self._agents = [_engine.Controller(self._text)]
+                self._whole = _engine.Controller(self._text)
+        self._agents: list[_engine.Controller] = []
         self._started = 0
 
     def _in_python(self) -> Swarm | None:
@@ -116,36 +129,39 @@ class Controller:
     @property
     def parameters(self) -> dict[str, Any]:
         """Values of a parameter set, by name, as the simulation gets them; {} for what steers agents."""
-        return {} if self._swarm is not None or self._is_team else self._agents[0].parameters
+        return {} if self._whole is None or self._is_team else self._whole.parameters
 
     @property
     def sensors(self) -> int:
         """Numbers that an agent senses; 0 for a parameter set."""
-        return SENSORS if self._swarm is not None else self._sizes[0]
+        return SENSORS if self._whole is None else self._whole.sensors
 
     @property
     def actuators(self) -> int:
         """Numbers that an agent is steered by; 0 for a parameter set."""
-        return ACTUATORS if self._swarm is not None else self._sizes[1]
+        return ACTUATORS if self._whole is None else self._whole.actuators
 
     @property
     def in_python(self) -> bool:
         """Whether it is a machine with modules in Python, which the engine does not compute."""
         return self._swarm is not None
 
+    @cached_property
+    def is_stateless(self) -> bool:
+        """Whether actuators depend on the sensors of the same step alone, for all agents alike."""
+        return self._swarm is None and self.specification.get("kind") in _STATELESS
+
     def reset(self) -> None:
         """Begin a new episode: forget all state, and how many agents there are."""
-        if self._swarm is None:
-            self._agents = [] if self._is_team else self._agents[:1]
-            for agent in self._agents:
-                agent.reset()
+        self._agents = []
         self._started = 0
 
     def __call__(self, sensors: ArrayLike) -> NDArray[np.float32]:
         """Return the actuators for the sensors of one agent or of a swarm, see the class.
 
-        Raises InputError for another shape, a number that is not finite, another number of agents than in
-        the call before (then `reset` first: rows would take over each other's state), or a parameter set.
+        Raises InputError for another shape, a number that is not finite, a parameter set, and, where agents
+        have a state or differ, another number of agents than in the call before: rows would take over each
+        other's state.
         """
         if not self.sensors:
             raise InputError(
@@ -163,12 +179,17 @@ class Controller:
             raise InputError("sensors: hold a number that is not finite")
         if self._swarm is not None:
             return self._stepped(self._swarm, rows, whole=values.ndim == 2)
-        self._set_agents(len(rows))
-        with engine_errors("sensors: "):
-            steps = [agent.step(row) for agent, row in zip(self._agents, rows, strict=True)]
-        actuators = np.zeros((len(rows), self.actuators), dtype=np.float32)
-        for row, step in zip(actuators, steps, strict=True):
-            row[: len(step)] = step
+        assert self._whole is not None
+        if self.is_stateless:
+            agents = [self._whole] * len(rows)
+        else:
+            self._check_agents(len(rows))
+            if not self._started:
+                with engine_errors("controller: "):
+                    self._agents = [self._whole.of_agent(agent) for agent in range(len(rows))]
+            self._started = len(rows)
+            agents = self._agents
+        actuators = _stepped(agents, rows, self.actuators)
         return actuators if values.ndim == 2 else actuators[0]
 
     def _stepped(self, swarm: Swarm, rows: NDArray[np.float32], *, whole: bool) -> NDArray[np.float32]:
@@ -182,29 +203,15 @@ class Controller:
     def _check_agents(self, agents: int) -> None:
         if self._started not in {0, agents}:
             raise InputError(
-                f"sensors: {agents} agent(s) now, {self._started} before; call reset() in between"
+                f"sensors: {agents} agent(s) now, {self._started} before, and each row keeps the state of "
+                "its agent; where agents or episodes end one by one, use Episodes.run(controller), or a copy "
+                "of the controller for each agent (copy.copy); call reset() only to begin a new episode"
             )
-
-    def _set_agents(self, agents: int) -> None:
-        self._check_agents(agents)
-        with engine_errors("controller: "):
-            if self._is_team and not self._started:
-                whole = _engine.Controller(self._text)
-                self._agents = [whole.of_agent(agent) for agent in range(agents)]
-            self._agents += [_engine.Controller(self._text) for _ in range(agents - len(self._agents))]
-        self._started = agents
 
     @cached_property
     def groups(self) -> dict[str, "Controller"]:
         """The controller of each group of a team, by name; empty for others."""
         return {name: Controller(part) for name, part in parts_of(self.specification).items()}
-
-    @cached_property
-    def _sizes(self) -> tuple[int, int]:
-        """The most sensors and actuators of any agent."""
-        with engine_errors("controller: "):
-            whole = _engine.Controller(self._text)
-        return whole.sensors, whole.actuators
 
     @cached_property
     def _is_team(self) -> bool:
@@ -218,7 +225,7 @@ class Controller:
         values = self.specification
         rows: list[tuple[str, object]] = [
             (name, values[name])
-            for name in ("kind", "sensors", "hidden", "actuators", "activation")
+            for name in ("kind", "sensors", "hidden", "actuators", "activation", "output_activation")
             if name in values
         ]
         rows += self.parameters.items()
@@ -237,6 +244,70 @@ class Controller:
         return f"<Controller {kind}: {self.sensors} sensors, {self.actuators} actuators>"
 
 
+class ControlledEpisodes:
+    """A controller for the agents of several episodes; each agent of each episode has a state of its own.
+
+    Args:
+        controller: steers agents; its own state is left as it is.
+    """
+
+    def __init__(self, controller: Controller) -> None:
+        self._controller = controller
+        self._swarm = controller._in_python()  # another one, at the start of an episode
+        self._whole = controller._whole
+        self._places: dict[tuple[int, int], int] = {}  # in the swarm, of an agent of an episode
+        self._agents: dict[tuple[int, int], _engine.Controller] = {}
+
+    def __call__(
+        self, episodes: NDArray[np.uint32], agents: NDArray[np.uint32], sensors: NDArray[np.float32]
+    ) -> NDArray[np.float32]:
+        """Return the actuators of agents that act, (rows, actuators).
+
+        Args:
+            episodes: (rows,), the episode of each.
+            agents: (rows,), the number of each in its episode, from 0.
+            sensors: (rows, sensors), finite.
+
+        Raises InputError for an agent that belongs to no group of a team.
+        """
+        who = list(zip(episodes.tolist(), agents.tolist(), strict=True))
+        if self._swarm is not None:
+            return self._swarm.step(self._placed(self._swarm, who), sensors)
+        if self._controller.is_stateless:
+            return self._controller(sensors)
+        assert self._whole is not None
+        with engine_errors("controller: "):
+            for one in who:
+                if one not in self._agents:
+                    self._agents[one] = self._whole.of_agent(one[1])
+        return _stepped([self._agents[one] for one in who], sensors, self._controller.actuators)
+
+    def _placed(self, swarm: Swarm, who: list[tuple[int, int]]) -> NDArray[np.int64]:
+        """Return the places of agents in the swarm, which grows for those that have not acted before."""
+        before = len(self._places)
+        for one in who:
+            self._places.setdefault(one, len(self._places))
+        if (after := len(self._places)) > before:
+            owners = np.zeros(after, dtype=np.int64)
+            if before:
+                swarm.extend(owners, before, after)
+            else:
+                swarm.restart(owners)
+        return np.array([self._places[one] for one in who], dtype=np.int64)
+
+
+def _stepped(
+    agents: Sequence[_engine.Controller], rows: NDArray[np.float32], actuators: int
+) -> NDArray[np.float32]:
+    """Return what agents do, (agents, actuators); 0 for what an agent of a team has not."""
+    made = np.zeros((len(rows), actuators), dtype=np.float32)
+    with engine_errors("sensors: "):
+        for agent, row, values in zip(agents, rows, made, strict=True):
+            step = agent.step(row)
+            values[: len(step)] = step
+    return made
+
+
 def genome_beside(file: Path) -> Any:  # noqa: ANN401 - whatever the file says
     """Return the genome that a run's `best.json` has beside its controller; None where there is none."""
     values = None if file.suffix in {".yaml", ".yml"} else _read(file)
@@ -253,6 +324,12 @@ def _read(file: Path) -> Any:  # noqa: ANN401 - whatever the file says
         raise InputError(f"{file}: there is no such file") from None
     except OSError as error:
         raise InputError(f"{file}: cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise InputError(
+            f"{file}: is not text: a controller is a specification in JSON, such as best.json of a run and "
+            "controller.json of a bundle, a run folder, or a machine in YAML; exported models and code are "
+            "not read"
+        ) from error
     except ValueError as error:
         raise InputError(f"{file}: is not valid JSON: {error}") from error
     except RecursionError:
@@ -268,11 +345,15 @@ def _find_modules(specification: Mapping[str, Any], folder: Path) -> None:
 
 
 def controller_words(specification: Mapping[str, Any]) -> str:
-    """Return what kind of controller it is: `layered, 4-8-1, tanh`."""
+    """Return what kind of controller it is: `layered, 4-8-1, tanh`; `modules (behaviour tree)`."""
     kind = specification.get("kind", "controller")
     if is_team(specification) and isinstance(specification.get("groups"), list):
         groups = (f"{one['name']}: {controller_words(one['controller'])}" for one in specification["groups"])
         return f"team of {'; '.join(groups)}"
+    if kind == "mealy_fsm":
+        return f"{kind}, {specification.get('states')} states"
+    if is_modules(specification):
+        return f"{kind} ({'behaviour tree' if is_tree(specification) else 'state machine'})"
     sensors, actuators = specification.get("sensors"), specification.get("actuators")
     hidden = specification.get("hidden")
     parts = [str(kind)]
@@ -280,5 +361,5 @@ def controller_words(specification: Mapping[str, Any]) -> str:
         middle = hidden if isinstance(hidden, list) else [] if hidden is None else [hidden]
         parts.append("-".join(str(size) for size in (sensors, *middle, actuators)))
     if "activation" in specification:
-        parts.append(str(specification["activation"]))
+        parts.append(in_words(specification))
     return ", ".join(parts)

@@ -20,6 +20,14 @@ class LayeredOptions(NetworkOptions):
     activation: Literal["tanh", "sigmoid", "relu", "clamp", "linear"] = "tanh"
     """Function of every node. tanh, relu and linear give actuators as they are (limited to -1..1); clamp
     (to 0..1) and sigmoid are mapped from 0..1 to -1..1."""
+    output_activation: Literal["tanh", "sigmoid", "relu", "clamp", "linear"] | None = None
+    """Function of the output nodes, if it is not that of all nodes: `linear` for most networks that were
+    trained by reinforcement learning."""
+
+    @property
+    def last_activation(self) -> str:
+        """Function of the output nodes."""
+        return self.output_activation or self.activation
 
 
 class Layered(NodeNetwork):
@@ -39,6 +47,7 @@ class Layered(NodeNetwork):
 
     def architecture(self) -> dict[str, Any]:
         """Return the specification of all controllers, without weights."""
+        output = self.options.output_activation
         return {
             "version": 1,
             "kind": self.kind,
@@ -46,5 +55,6 @@ class Layered(NodeNetwork):
             "actuators": self.actuators,
             "hidden": list(self.options.hidden),
             "activation": self.options.activation,
+            **({} if output is None else {"output_activation": output}),
             "output_range": self.options.outputs,
         }

@@ -53,7 +53,7 @@ class Neat(NodeNetwork):
     actuators in -1..1.
 
     Operators are those of the other networks; a slope counts as a weight. In FREVO only connections and nodes
-    are added: its mutations of weights, biases and slopes change copies that nobody uses.
+    are added: its mutations of weights, biases and slopes change copies that are not used.
     """
 
     kind: ClassVar[str] = "neat"

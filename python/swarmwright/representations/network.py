@@ -30,7 +30,7 @@ class NetworkOptions(Options):
 
     output_range: list[float] | None = Field(default=None, min_length=2, max_length=2)
     """Outputs of the network that are mapped to the actuators -1 and 1; other ones are clamped. By default as
-    the activation says: 0 and 1 for clamp and sigmoid, -1 and 1 for all others."""
+    the activation of the output nodes says: 0 and 1 for clamp and sigmoid, -1 and 1 for all others."""
 
     weight_range: float = Field(default=2.0, gt=0, le=1e6)
     """Initial weights are uniform in +-weight_range; a mutation of severity 1 moves a weight by as much."""
@@ -50,8 +50,13 @@ class NetworkOptions(Options):
     @property
     def outputs(self) -> list[float]:
         """Outputs of the network that are mapped to the actuators -1 and 1."""
+        return list(self.output_range or OUTPUT_RANGE[self.last_activation])
+
+    @property
+    def last_activation(self) -> str:
+        """Function of the output nodes."""
         activation: str = self.activation  # type: ignore[attr-defined] # every network's options have it
-        return list(self.output_range or OUTPUT_RANGE[activation])
+        return activation
 
 
 def _is_range(low: float, high: float) -> bool:

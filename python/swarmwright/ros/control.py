@@ -59,9 +59,10 @@ class Control:
         # Services of one implementation of DDS are not found by others, topics are. `ros2 topic pub --once`
         # sends as soon as it knows of a subscription, which may not know of it yet: reliable ones get that.
         node.subscribe("~/reset", "std_msgs/Empty", lambda _: self._reset(), _EVENTS_DEPTH, reliable=True)
-        self._stopped, self._begun = True, False
+        self._stopped, self._begun, self._refused = True, False, False
         self._said = self._looked = float("-inf")
-        self._waiting = ""
+        self._reason = ""
+        """Why the robot stands, as it was said last; empty while the controller runs."""
         self._seen, self._moved, self._halted = -1.0, time.monotonic(), float("-inf")
         self._halts = False
         self._last = self._next = float("-inf")
@@ -125,28 +126,38 @@ class Control:
             self._node.say("info", f"all sensors are there: the controller runs at {self._mapping.rate:g} Hz")
             if self._mapping.reset_after_silence:
                 self._controller.reset()
-            self._stopped, self._begun = False, True
+            self._stopped, self._begun, self._reason = False, True, ""
         self._inputs.draw()
         sensors = list(self._inputs.values)
-        actuators = self._controller.step(sensors)
+        try:
+            actuators = self._controller.step(sensors)
+        except ValueError as error:  # an overflow, or a topic as the source of random numbers
+            if not self._refused:
+                self._node.say("warning", f"stopped: {error}")
+            self._refused = True
+            self._outputs.stop()
+            return
+        self._refused = False
         self._outputs.publish(actuators)
         self._show(sensors, actuators)
 
     def _stop(self, missing: Missing) -> None:
-        """Say once that sensors are silent. The robot is told in every cycle, for it may listen later."""
-        if not self._begun:
+        """Say which sensors are silent. The robot is told in every cycle, for it may listen later."""
+        if self._begun:
+            self._say_rarely(missing.text("stopped", ": nothing comes from "), "warning")
+        else:
             self._say_rarely(missing.text("waiting", " for "))
             self._look()
-        if not self._stopped:
-            self._node.say("warning", missing.text("stopped", ": nothing comes from "))
         self._stopped = True
         self._outputs.stop()
 
-    def _say_rarely(self, text: str) -> None:
+    def _say_rarely(self, text: str, level: str = "info") -> None:
+        """Say why the robot stands: at once, when the reason changes, and from time to time."""
         since = time.monotonic() - self._said
-        if since >= _SAY_EVERY_S or (text != self._waiting and since >= _SAY_CHANGE_S):
-            self._said, self._waiting = time.monotonic(), text
-            self._node.say("info", text)
+        changed = text != self._reason and since >= _SAY_CHANGE_S
+        if not self._reason or changed or since >= _SAY_EVERY_S:
+            self._said, self._reason = time.monotonic(), text
+            self._node.say(level, text)
 
     def _look(self) -> None:
         """Look at the types of topics again: other nodes become known only after a while."""
@@ -160,12 +171,11 @@ class Control:
         if not self._steps.listeners():
             return
         step = self._steps.new()
-        sizes = (len(sensors), len(actuators))
-        for label, size, stride in (("sensors", sizes[0], sum(sizes)), ("actuators", sizes[1], sizes[1])):
-            dimension = self._node.new("std_msgs/MultiArrayDimension")
-            dimension.label, dimension.size, dimension.stride = label, size, stride
-            step.layout.dim.append(dimension)
         step.data = [*sensors, *actuators]
+        dimension = self._node.new("std_msgs/MultiArrayDimension")
+        dimension.label, dimension.size = "sensors, actuators", len(step.data)
+        dimension.stride = dimension.size
+        step.layout.dim.append(dimension)
         self._steps.publish(step)
 
     def _reset(self) -> None:
@@ -218,7 +228,7 @@ def ending() -> list[int]:
 
 
 def load(file: str) -> object:
-    """Return the content of a mapping. Raises MappingError when it cannot be read or is no YAML."""
+    """Return the content of a mapping. Raises MappingError when it cannot be read or is not valid YAML."""
     import yaml  # noqa: PLC0415 - only files need it
 
     try:

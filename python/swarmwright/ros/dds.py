@@ -84,7 +84,7 @@ class Dds:
             self.subscribe("/clock", "rosgraph_msgs/Clock", self._clock)
 
     def resolve(self, name: str) -> str:
-        """Return the full name of a topic or service. Raises ValueError, which says why it is no name."""
+        """Return the full name of a topic or service. Raises ValueError with what is wrong."""
         return resolve(name, self.namespace, self.name)
 
     def subscribe(
@@ -306,7 +306,7 @@ class _Client:
         self._responses: list[Any] = []
 
     def available(self) -> bool:
-        """Return whether somebody offers it."""
+        """Return whether a server offers it."""
         return bool(self._writer.get_matched_subscriptions()) and self.replies.publishers() > 0
 
     def request(self) -> Any:
@@ -319,7 +319,7 @@ class _Client:
             self._responses.append(wrapped.data)
 
     def call(self, request: Any, timeout: float) -> Any:
-        """Return the response. Raises TimeoutError when nobody offers the service, or no answer came."""
+        """Return the response. Raises TimeoutError when no server offers the service, or no answer came."""
         deadline = time.monotonic() + timeout
         while not self.available():
             if time.monotonic() > deadline:
@@ -333,7 +333,7 @@ class _Client:
         while not self._responses:
             left = deadline - time.monotonic()
             if left <= 0:
-                self._sequence += 1  # an answer that comes late is for nobody
+                self._sequence += 1  # an answer that comes late is dropped
                 raise TimeoutError(f"{self._name}: no answer within {timeout:g} s")
             self._node.spin_once(left)
         return self._responses[0]

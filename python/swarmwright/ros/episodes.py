@@ -9,10 +9,11 @@ import time
 from typing import Any, Callable, Iterator, Mapping, Sequence
 
 from .expression import Expression
-from .feeds import Feeds, Value
+from .feeds import Feed, Feeds, Value
 from .mapping import Place, SensorMapping, read_mapping, resolved
 from .middleware import Middleware
 from .names import namespace_of, resolve
+from .pace import Pace
 from .reductions import FUNCTIONS
 from .simulation_interfaces import Simulation
 from .topics import Outputs
@@ -87,6 +88,8 @@ class Robots:
         self._spawned = self._connected = False
         self._made = 0
         self._due = 0.0
+        self._pace = Pace(float(self._step["duration"] or 0.0))
+        self._warned = False
 
     # Connections.
 
@@ -108,6 +111,7 @@ class Robots:
                         entry,
                         single=True,
                         keeps=timeouts[name] if self.moves_alone else 0.0,
+                        remedy="give slow sensors a timeout",
                     )
                 )
                 for name, entry in zip(names, mapping.sensors)
@@ -137,6 +141,7 @@ class Robots:
                     single=False,
                     keeps=0.0 if otherwise is None else math.inf,
                     otherwise=otherwise,
+                    remedy="give slow metrics a value otherwise",
                 )
                 made.sources.append(_scaled(self._feeds.add(value), 1.0, 0.0))
         return made
@@ -199,6 +204,7 @@ class Robots:
         self._settle()
         self._made = 0
         self._due = self._node.now()
+        self._pace.begin()
         for metric in self._metrics.values():
             metric.begin()
         self._sample()
@@ -209,6 +215,7 @@ class Robots:
         for outputs, row in zip(self._outputs, actuators):
             outputs.publish(row)
         if self.moves_alone:
+            self._pace.command(self._node.now())
             self._feeds.begin()
             self._pass_time(float(self._step["duration"]))
         else:
@@ -224,17 +231,27 @@ class Robots:
             outputs.stop()
 
     def rest(self) -> None:
-        """Begin to count time anew: robots were stopped while nobody asked for a step."""
+        """Begin to count time anew: robots were stopped while no step was asked for."""
         self._due = self._node.now()
+        self._pace.rest()
 
     def _answer(self) -> dict[str, Any]:
         if self._made >= self._steps or self._is_done():
             self.stop()
             metrics = {name: metric.value() for name, metric in self._metrics.items()}
-            return {"done": True, "metrics": metrics}
+            return {"done": True, "metrics": metrics, **self._warning()}
         if not self._sensors[0]:
             return {"sensors": [[0.0] for _ in self._names], "acting": []}
         return {"sensors": [[value.number for value in row] for row in self._sensors]}
+
+    def _warning(self) -> dict[str, str]:
+        """Return what is beside the end of the first episode whose steps took too long."""
+        if not self.moves_alone or self._warned:
+            return {}
+        self._pace.command(self._node.now())
+        warning = self._pace.warning()
+        self._warned = warning is not None
+        return {} if warning is None else {"warning": warning}
 
     def _is_done(self) -> bool:
         if self._done is None:
@@ -331,11 +348,15 @@ class Robots:
             self._node.spin_once(min(self._due - now, 0.05))
 
     def _await_feeds(self, messages: int | None = None) -> None:
-        begin = time.monotonic()
+        begin, first = time.monotonic(), self._node.now()
+        late: Feed | None = None
         while True:
             missing = self._feeds.missing(messages)
             if not missing:
+                if late is not None and messages is None:
+                    self._pace.wait(str(late), self._node.now() - first, late.remedy)
                 return
+            late = missing[0]
             waited = time.monotonic() - begin
             if waited > self._patience:
                 now = time.monotonic()

@@ -21,6 +21,7 @@ class Value:
         keeps: seconds of a real clock for which a value counts, also in later steps; 0: it must have come in
             the step, infinite: any counts.
         otherwise: the value as long as nothing has come; None: something has to come.
+        remedy: what lets a step end before something has come, in words.
     """
 
     def __init__(
@@ -31,13 +32,15 @@ class Value:
         single: bool,
         keeps: float = 0.0,
         otherwise: float | None = None,
+        remedy: str = "",
     ) -> None:
         self.name, self.entry, self.keeps, self._otherwise = name, entry, keeps, otherwise
+        self.remedy = remedy
         self.number = math.nan if otherwise is None else otherwise
         self.came: float | None = None
         """When, on a real clock."""
         self.strange: str | None = None
-        """What came in the step and is no finite number; empty where a message had no value."""
+        """What came in the step and is not a finite number; empty where a message had no value."""
         self._read = number_reader(entry)
         self._single = single
 
@@ -77,6 +80,15 @@ class Feed:
         self.count = 0
         """Messages in the step."""
         self._subscription = node.subscribe(topic, kind, self._receive, depth)
+
+    def __str__(self) -> str:
+        return f"{self.topic} ({self.kind}; {', '.join(value.name for value in self.values)})"
+
+    @property
+    def remedy(self) -> str:
+        """What lets a step end before something has come, in words."""
+        found = [value.remedy for value in self.values if math.isfinite(value.keeps)]
+        return " and ".join(dict.fromkeys(found))
 
     @property
     def needed(self) -> bool:

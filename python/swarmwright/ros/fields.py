@@ -148,7 +148,7 @@ def _unknown_type(place: Place, known: list[str]) -> MappingError:
 
 
 def _range(value: float, smallest: float, largest: float, sensor: SensorMapping) -> float | None:
-    """Return a range as REP 117 defines it; None for what is no measurement.
+    """Return a range as REP 117 defines it; None for what is not a measurement.
 
     Beyond the largest nothing is seen, minus infinity is too close to be measured; NaN and other numbers
     below the smallest are no measurements. A largest range of 0 is not known.

@@ -12,6 +12,9 @@ Interval = Tuple[float, float]
 _EXPONENT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)[eE][-+]?[0-9]+")
 """A number that YAML 1.1, which ROS 1 reads, takes for text."""
 
+_LARGEST = 3.4028234663852886e38
+"""Of the numbers of binary32, which controllers get."""
+
 
 class MappingError(ValueError):
     """A mistake in the mapping: where it is and how to repair it.
@@ -46,7 +49,7 @@ class SensorMapping:
     """A sensor is `clip(value * scale + offset)` in binary64, then rounded to binary32."""
 
     place: Place
-    """Without a topic where the value is drawn at random."""
+    """Without a topic where the value has another source."""
     scale: float
     offset: float
     clip: Interval | None
@@ -62,6 +65,8 @@ class SensorMapping:
     """A new number from 0 to 1 in each cycle."""
     seed: int | None = None
     """Of these numbers. None: another one at each start."""
+    constant: float | None = None
+    """The value in every cycle, of a sensor that the robot lacks. None: it has another source."""
 
 
 @dataclass(frozen=True)
@@ -131,7 +136,7 @@ def resolved(mapping: Mapping, resolve: Callable[[str], str]) -> Mapping:
 
     return replace(
         mapping,
-        sensors=[one if one.random else replace(one, place=full(one.place)) for one in mapping.sensors],
+        sensors=[replace(one, place=full(one.place)) if one.place.topic else one for one in mapping.sensors],
         actuators=[replace(one, place=full(one.place)) for one in mapping.actuators],
     )
 
@@ -166,7 +171,7 @@ def shown(value: object) -> str:
         return "{" + ", ".join(f"{key}: {shown(one)}" for key, one in _sorted(value).items()) + "}"
     if isinstance(value, (list, tuple)):
         return "[" + ", ".join(map(shown, value)) + "]"
-    return str(value)
+    return f"'{value}'" if isinstance(value, str) else str(value)
 
 
 def _sorted(value: dict[object, object]) -> dict[str, object]:
@@ -175,7 +180,7 @@ def _sorted(value: dict[object, object]) -> dict[str, object]:
 
 
 class _Block:
-    """One block of the mapping: its keys are asked for, and those that nobody asked for are mistakes."""
+    """One block of the mapping: its keys are asked for, and those that were not asked for are mistakes."""
 
     def __init__(self, where: str, value: object) -> None:
         self.where = where
@@ -208,6 +213,12 @@ class _Block:
     def number(self, key: str, otherwise: float) -> float:
         return self._finite(key, self._value[key]) if self.has(key) else otherwise
 
+    def single(self, key: str) -> float:
+        value = self._finite(key, self.get(key))
+        if abs(value) > _LARGEST:
+            raise self.mistake(f"{key}: {shown(value)} found, expected at most 3.4e38", key)
+        return value
+
     def positive(self, key: str, otherwise: float) -> float:
         value = self.number(key, otherwise)
         if not value > 0:
@@ -222,7 +233,8 @@ class _Block:
             raise self.mistake(f"{key}: {shown(value)} found, expected true or false", key)
         return value
 
-    def interval(self, key: str) -> Interval | None:
+    def interval(self, key: str, turn: float = 0.0) -> Interval | None:
+        """Return two numbers; turn: after which the same directions come again, 0 for other numbers."""
         if not self.has(key):
             return None
         value = self._value[key]
@@ -230,7 +242,10 @@ class _Block:
             raise self.mistake(f"{key}: expected two numbers [low, high]", key)
         low, high = self._finite(key, value[0]), self._finite(key, value[1])
         if not low < high:
-            raise self.mistake(f"{key}: the first number must be below the second", key)
+            remedy = ""
+            if high < low < high + turn:
+                remedy = f"; write {shown([low - turn, high])} or {shown([low, high + turn])}"
+            raise self.mistake(f"{key}: the first number must be below the second{remedy}", key)
         return low, high
 
     def weights(self, key: str) -> dict[str, float]:
@@ -259,7 +274,7 @@ class _Block:
                 raise self.mistake(f"unknown key '{key}'; expected {choice(self._known)}")
 
     def _finite(self, key: str, value: object) -> float:
-        number = math.nan
+        number, what = math.nan, "found"
         if isinstance(value, (int, float)) and not isinstance(value, bool):
             try:
                 number = float(value)
@@ -267,8 +282,10 @@ class _Block:
                 number = math.inf
         elif isinstance(value, str) and _EXPONENT.fullmatch(value):
             number = float(value)
+        elif isinstance(value, str):
+            what = "is text"
         if not math.isfinite(number):
-            raise self.mistake(f"{key}: {shown(value)} found, expected a number", key)
+            raise self.mistake(f"{key}: {shown(value)} {what}, expected a number", key)
         return number
 
 
@@ -280,9 +297,11 @@ def _place(block: _Block) -> Place:
 def _sensor(block: _Block, timeout: float) -> SensorMapping:
     if block.has("source"):
         source = block.text("source")
-        if source != "random":
-            raise block.mistake(f"source: '{source}' found, expected random", "source")
         nowhere = Place(block.where, "", "", "")
+        if source == "constant":
+            return SensorMapping(nowhere, 1, 0, None, timeout, constant=block.single("value"))
+        if source != "random":
+            raise block.mistake(f"source: '{source}' found, expected random or constant", "source")
         return SensorMapping(nowhere, 1, 0, None, timeout, random=True, seed=block.seed("seed"))
     found = SensorMapping(
         place=_place(block),
@@ -292,7 +311,7 @@ def _sensor(block: _Block, timeout: float) -> SensorMapping:
         timeout=block.positive("timeout", timeout),
     )
     if found.place.type == "sensor_msgs/LaserScan":
-        sector = block.interval("sector")
+        sector = block.interval("sector", turn=360)
         reduce = block.text("reduce") if block.has("reduce") else "min"
         if reduce not in ("min", "mean"):
             raise block.mistake(f"reduce: '{reduce}' found, expected min or mean", "reduce")

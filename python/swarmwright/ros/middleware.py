@@ -2,7 +2,7 @@
 
 Types have their short spelling, `geometry_msgs/Twist`; names are resolved in the node's namespace. Callbacks
 and handlers run in the thread that calls `spin_once` or `Client.call`, and in no other; neither of the two is
-called from within a callback. A subscription has room for the latest message alone unless a greater depth is
+called from within a callback. A subscription keeps the latest message alone unless a greater depth is
 asked for: a node that is late reads what is true now.
 
 In ROS 2, subscriptions are best effort and volatile, which every publisher can serve, unless they are asked
@@ -45,7 +45,7 @@ class Client(Protocol):
     """A service of another node."""
 
     def available(self) -> bool:
-        """Return whether somebody offers it, as far as that has been discovered."""
+        """Return whether a server offers it, as far as that has been discovered."""
 
     def request(self) -> Any:
         """Return a request with the defaults of its definition, nearly always zeros."""
@@ -56,7 +56,7 @@ class Client(Protocol):
         timeout: seconds, for the service to be discovered and for its answer together.
 
         Raises:
-            TimeoutError: nobody offers the service, or no answer came; the message says which.
+            TimeoutError: no server offers the service, or no answer came; the message says which.
             MiddlewareError: the service failed.
         """
 
@@ -65,7 +65,7 @@ class Middleware(Protocol):
     """A node in the graph."""
 
     def resolve(self, name: str) -> str:
-        """Return the full name of a topic or service. Raises ValueError, which says why it is no name."""
+        """Return the full name of a topic or service. Raises ValueError with what is wrong."""
 
     def subscribe(
         self,

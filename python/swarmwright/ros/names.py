@@ -31,7 +31,7 @@ def resolve(name: str, namespace: str = "/", node: str = "node") -> str:
             raise ValueError("two / follow each other, or it ends with one")
         if not _TOKEN.fullmatch(token):
             raise ValueError(
-                f"'{token}' is no part of a name: expected a letter or _, then letters, digits and _"
+                f"'{token}' is not valid in a name: expected a letter or _, then letters, digits and _"
             )
     return f"/{full}"
 

@@ -31,7 +31,7 @@ class Rclpy:
         self._ended = False
 
     def resolve(self, name: str) -> str:
-        """Return the full name of a topic or service. Raises ValueError, which says why it is no name."""
+        """Return the full name of a topic or service. Raises ValueError with what is wrong."""
         return resolve(name, self._node.get_namespace(), self._node.get_name())
 
     def subscribe(
@@ -173,7 +173,7 @@ class _Client:
         self._node, self._name, self._kind, self._type, self._made = node, name, kind, made_of, made
 
     def available(self) -> bool:
-        """Return whether somebody offers it."""
+        """Return whether a server offers it."""
         return bool(self._made.service_is_ready())
 
     def request(self) -> Any:
@@ -181,7 +181,7 @@ class _Client:
         return self._type.Request()
 
     def call(self, request: Any, timeout: float) -> Any:
-        """Return the response. Raises TimeoutError when nobody offers the service, or no answer came."""
+        """Return the response. Raises TimeoutError when no server offers the service, or no answer came."""
         deadline = time.monotonic() + timeout
         while not self.available():
             if time.monotonic() > deadline:

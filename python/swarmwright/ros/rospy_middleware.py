@@ -13,6 +13,7 @@ from typing import Any, Callable, Mapping, Sequence
 from urllib.parse import urlparse
 
 import rosgraph
+import rosgraph.network
 import roslib.message
 import rospy
 
@@ -42,13 +43,14 @@ class Rospy:
         except (rospy.ROSException, OSError) as error:
             raise MiddlewareError(f"cannot become a node: {error}; is ROS_IP right?") from error
         self._come: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
-        self._master = rosgraph.Master(rospy.get_name())
+        self.full_name = str(rospy.get_name())
+        self._master = rosgraph.Master(self.full_name)
         self._sending, self._ending = threading.Lock(), 0
         self._last: Callable[[], None] | None = None
         rospy.on_shutdown(self._end)  # called before connections are closed
 
     def resolve(self, name: str) -> str:
-        """Return the full name of a topic or service. Raises ValueError, which says why it is no name."""
+        """Return the full name of a topic or service. Raises ValueError with what is wrong."""
         if not rosgraph.names.is_legal_name(name):
             raise ValueError(f"'{name}' is not a valid name")
         return str(rospy.resolve_name(name if name.startswith(("/", "~")) else f"/{name}"))
@@ -108,7 +110,7 @@ class Rospy:
             raise MiddlewareError(f"{namespace}: parameters cannot be set: {error}") from error
 
     def types(self, topic: str) -> Sequence[str]:
-        """Return the type of a topic as the master knows it; none for one that nobody publishes."""
+        """Return the type of a topic as the master knows it; None for one that no node publishes."""
         full = self.resolve(topic)
         try:
             known = self._master.getTopicTypes()
@@ -247,10 +249,13 @@ class _Client:
         self._asker: _Asker | None = None
 
     def available(self) -> bool:
-        """Return whether somebody offers it."""
+        """Return whether a server offers it."""
+        probe = {"probe": "1", "md5sum": "*", "callerid": self._node.full_name, "service": self._name}
         try:
             uri = urlparse(self._node._master.lookupService(self._name))
-            with socket.create_connection((uri.hostname or "", uri.port or 0), 1.0):
+            with socket.create_connection((uri.hostname or "", uri.port or 0), 1.0) as connection:
+                # Without it, the server would report a failed connection.
+                rosgraph.network.write_ros_handshake_header(connection, probe)
                 return True
         except (OSError, rosgraph.MasterException):
             return False

@@ -5,7 +5,7 @@ from __future__ import annotations
 import secrets
 from typing import Any, Callable, NamedTuple, Sequence, Union
 
-from .fields import Reader, no_value, reader, stamped, writers
+from .fields import Reader, binary32, no_value, reader, stamped, writers
 from .mapping import ActuatorMapping, MappingError, Place, SensorMapping
 from .middleware import Middleware, Publisher
 
@@ -58,7 +58,7 @@ class Inputs:
 
     def __init__(self, node: Middleware, sensors: Sequence[SensorMapping]) -> None:
         self._node, self._sensors = node, list(sensors)
-        self.values = [0.0] * len(self._sensors)
+        self.values = [binary32(one.constant or 0.0) or 0.0 for one in self._sensors]
         """By sensor, numbers of binary32; 0 before the first one."""
         self.times: list[float | None] = [None] * len(self._sensors)
         """By sensor, when its value came, on the node's clock; None before the first one."""
@@ -88,7 +88,7 @@ class Inputs:
         silent: dict[str, None] = {}
         unusable: dict[str, None] = {}
         for sensor, time, heard in zip(self._sensors, self.times, self._heard):
-            if sensor.random or _recent(time, now, sensor.timeout):
+            if not sensor.place.topic or _recent(time, now, sensor.timeout):
                 continue
             if _recent(heard, now, sensor.timeout):
                 unusable[f"{sensor.place.topic}: messages come, but {no_value(sensor)}"] = None
@@ -171,7 +171,7 @@ def _recent(time: float | None, now: float, timeout: float) -> bool:
 
 
 def _type_of(node: Middleware, topic: str, entries: _Entries) -> str:
-    """Return the type of a topic: all its entries have it, and nobody else uses it with another one."""
+    """Return the type of a topic: all its entries have it, and no other node uses it with another one."""
     places: list[Place] = [entry.place for entry in entries if entry.place.topic == topic]
     first = places[0]
     for place in places:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 from swarmwright.core.errors import InputError
 from swarmwright.core.simulation_names import SimulationName, is_environment, is_python
+from swarmwright.core.warn_once import warn_once
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.launchers.entries import files_of
 from swarmwright.runs import edits
@@ -149,18 +150,18 @@ def used_for(run: "Run", generation: int | None = None, simulation: str | type |
     """
     edited = edits.said(run)
     if edited is not None:
-        notices.say(f"{edited}; what the run recorded is used")
+        warn_once(f"{edited}; what the run recorded is used")
     experiment = run.experiment
     if simulation is not None:
         return _with(experiment, simulation)
     redefined = _redefined(run, experiment.simulation)
     if redefined is not None:
-        notices.say(f"{run.path}: {redefined}; it is used as it is now")
+        warn_once(f"{run.path}: {redefined}; it is used as it is now")
     copy = copy_of(run, generation)
     _check_trusted(run, experiment, copy)
     if copy is not None:
         if generation is not None and not _has_copy(run, generation):
-            notices.say(
+            warn_once(
                 f"{run.path}: generation {generation} was evaluated before the run had a copy of its code; "
                 "its first copy is used"
             )
@@ -179,7 +180,7 @@ def used_for(run: "Run", generation: int | None = None, simulation: str | type |
                 parts = parts_of(experiment, _patterns(experiment))
                 same = _is_version(run, _version(run, generation), parts)
                 known = " any more, which has not changed" if same else " any more, which HAS changed"
-            notices.say(
+            warn_once(
                 f"{run.path}: holds no copy of its simulation's code{known}; "
                 f"{near(Path(experiment.simulation))} is used as it is now"
             )
@@ -281,7 +282,7 @@ def continuation(
             return _without_copy(run, experiment, parts, accept_changed_code=accept_changed_code)
         if parts:
             first = run.generations
-            notices.say(
+            warn_once(
                 f"{run.path}: holds no copy of its code, so it is not known whether that has changed since "
                 f"the run was begun; from generation {first} on there is one"
             )
@@ -419,9 +420,7 @@ def _tell(copy: Copy, kept: Kept) -> None:
     elif _is_environment_copied(kept):
         notices.copy_is_used(copy, kept, now, f"; --simulation {kept.component} takes it as it is now")
     elif is_plug_in(kept.name) or is_environment(kept.component):
-        notices.say(
-            f"{near(copy.run)}: {_what(kept)}: {summary(kept, now)} since; the current version is used"
-        )
+        warn_once(f"{near(copy.run)}: {_what(kept)}: {summary(kept, now)} since; the current version is used")
     else:
         notices.copy_is_used(copy, kept, now, _INSTEAD)
 

@@ -4,6 +4,7 @@ from itertools import zip_longest
 from typing import TYPE_CHECKING
 
 from swarmwright.runs.export import csv_lines
+from swarmwright.store.verification import verify
 
 if TYPE_CHECKING:
     from swarmwright.runs.run import Run
@@ -11,6 +12,8 @@ if TYPE_CHECKING:
 
 def first_difference(one: "Run", other: "Run") -> str | None:
     """Return in words where the records of two runs differ first; None when they are the same bytes."""
+    if _begin_alike(one, other):
+        return _ends(one, other, min(one.evaluations, other.evaluations))
     lines = zip_longest(csv_lines(one.store), csv_lines(other.store))
     columns: list[str] = []
     for number, (first, second) in enumerate(lines):
@@ -18,8 +21,7 @@ def first_difference(one: "Run", other: "Run") -> str | None:
             columns = columns or (first or "").rstrip().split(",")
             continue
         if first is None or second is None:
-            longer, shorter = (other, one) if first is None else (one, other)
-            return f"{shorter.path} ends after {number - 1} evaluations, {longer.path} goes on"
+            return _ends(one, other, number - 1)
         if number == 0:
             return "they have other columns: another number of episodes, metrics or genes"
         cells = zip(columns, first.rstrip().split(","), second.rstrip().split(","), strict=True)
@@ -30,3 +32,26 @@ def first_difference(one: "Run", other: "Run") -> str | None:
             f"{one.path} and {after} in {other.path}"
         )
     return None
+
+
+def _begin_alike(one: "Run", other: "Run") -> bool:
+    """Return whether one of two undamaged runs is the beginning of the other, by their digests.
+
+    To compute these is much faster than to compare the records. Names of metrics are not part of them.
+    Records may be the same although digests differ, since formats of stores differ in what they write.
+    """
+    last = min(one.generations, other.generations) - 1
+    return (
+        last >= 0
+        and one.store.metrics == other.store.metrics
+        and one.store.digest(last) == other.store.digest(last)
+        and not any(verify(run.path).problems for run in (one, other))
+    )
+
+
+def _ends(one: "Run", other: "Run", count: int) -> str | None:
+    """Return in words which of two runs with the same first evaluations has no more; None where both end."""
+    if one.evaluations == other.evaluations:
+        return None
+    shorter, longer = sorted((one, other), key=lambda run: run.evaluations)
+    return f"{shorter.path} ends after {count} evaluations, {longer.path} goes on"

@@ -2,7 +2,8 @@
 
 import math
 from collections.abc import Container, Iterator, Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
@@ -13,6 +14,7 @@ from swarmwright.core.statistics import means
 from swarmwright.methods.archive import Archive, Axis, Grid, Values, front_with
 from swarmwright.methods.map_elites import MapElitesOptions
 from swarmwright.methods.nsga2 import Nsga2Options
+from swarmwright.simulations.catalogue import built_in, description
 from swarmwright.typing import Fitness
 
 if TYPE_CHECKING:
@@ -20,6 +22,7 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
+    from swarmwright.experiment.experiment import Experiment
     from swarmwright.runs.run import Run
     from swarmwright.store import Evaluated
 
@@ -66,6 +69,7 @@ class Elites:
             range held all.
         partial: how many of `candidates` had no value of a metric in some of their episodes, so that it is
             the mean of the others, by its name; without metrics that have all.
+        experiment: of the run; elites of other experiments are equal where the values are.
     """
 
     kind: Literal["archive", "front"]
@@ -76,6 +80,7 @@ class Elites:
     missing: dict[str, int]
     outside: dict[str, Outside]
     partial: dict[str, int]
+    experiment: "Experiment" = field(compare=False)
 
     def __repr__(self) -> str:
         """Return what they are and how many, without each."""
@@ -141,23 +146,35 @@ class Elites:
 
         from swarmwright.figures import style  # noqa: PLC0415 - it takes long to import
         from swarmwright.figures.elites import archive, front  # noqa: PLC0415
+        from swarmwright.figures.run import title_of  # noqa: PLC0415
 
         if path is not None:
             style.check(Path(path))
         if not self.candidates:
             raise InputError("there is no elite to draw: no candidate has finite fitness and metrics")
-        values, names = self.values(), list(self.goals)
+        values, names, heading = self.values(), self._called(), title_of(self.experiment)
         if self.grid is None:
-            figure = front(values, names, list(self.goals.values()))
+            figure = front(values, names, list(self.goals.values()), heading)
         else:
             seen = Grid(self.grid.axes[:2])
             best = np.full(seen.cells, np.nan)
             np.fmax.at(best, seen.cells_of(values[:, 1:3]), values[:, 0])
             limits = [(one.low, one.high) for one in seen.axes]
-            figure = archive(best.reshape(seen.shape), names, limits, (len(values), self.grid.cells))
+            figure = archive(best.reshape(seen.shape), names, limits, (len(values), self.grid.cells), heading)
         if path is not None:
             style.save(figure, Path(path))
         return figure
+
+    def _called(self) -> list[str]:
+        """Return what figures call the metrics: in words, with the unit where it is known."""
+        known: dict[str, dict[str, str]] = {}
+        simulation, parameters = self.experiment.simulation, self.experiment.parameters
+        if built_in(simulation) is not None:
+            with suppress(InputError):  # parameters of an earlier version
+                known = description(simulation, parameters)["metrics"]
+        units = [known.get(name, {}).get("unit", "") for name in self.goals]
+        words = (name.replace("_", " ") for name in self.goals)
+        return [f"{name}, {unit}" if unit else name for name, unit in zip(words, units, strict=True)]
 
 
 def has_elites(run: "Run") -> bool:
@@ -204,6 +221,7 @@ class _Collected:
                 f"{run.path}: was made by {kind}, which has one objective and no archive; runs of map_elites "
                 "and nsga2 have elites"
             )
+        self._experiment = run.experiment
         self._options = options
         self._names = list(options.needed_metrics)
         self._columns = [run.metrics.index(name) for name in self._names]
@@ -237,8 +255,8 @@ class _Collected:
         options = self._options
         if isinstance(options, MapElitesOptions):
             goals = dict.fromkeys(self._names, "measure")
-            return Elites("archive", goals, found, options.grid, *counts)
-        return Elites("front", dict(options.objectives), found, None, *counts)
+            return Elites("archive", goals, found, options.grid, *counts, self._experiment)
+        return Elites("front", dict(options.objectives), found, None, *counts, self._experiment)
 
 
 _Row = tuple[int, int, float, list[float], list[bool]]

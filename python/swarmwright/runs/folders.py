@@ -1,11 +1,15 @@
 """The default folder for results, and the files that Swarmwright writes into a run folder."""
 
+import json
+from contextlib import suppress
 from pathlib import Path
 
 from swarmwright.core.errors import InputError
+from swarmwright.core.files import check_utf8
 from swarmwright.experiment.experiment import Experiment
-from swarmwright.store import FILE
-from swarmwright.user_code.copying import remove
+from swarmwright.store import FILE, StoreReader
+from swarmwright.store.lock import is_locked
+from swarmwright.user_code.copying import FOLDER, holds_copies_alone, remove
 
 RUNS = Path("runs")
 """The folder of runs, in the current one."""
@@ -23,8 +27,16 @@ _OURS = (
     "fitness.png",
     "plot.png",
     "controller.png",
+    "servers.log",
+    "servers.log.1",
 )
 """Files that a run writes into its folder."""
+
+
+def check_names(experiment: Experiment) -> None:
+    """Raise InputError where a name in an experiment, or that of its file, cannot be written as UTF-8."""
+    check_utf8("" if experiment.path is None else experiment.path.stem)
+    check_utf8(json.dumps(experiment.to_mapping(), ensure_ascii=False, default=str))
 
 
 def default_folder(experiment: Experiment) -> Path:
@@ -60,6 +72,26 @@ def _made(folder: Path) -> bool:
 def is_run(folder: Path) -> bool:
     """Whether a run has begun in this folder."""
     return (folder / FILE).exists()
+
+
+def is_replaceable(folder: Path) -> bool:
+    """Whether a folder holds nothing but a run without a finished generation, on which no process works."""
+    # InputError: of a store that is damaged, or of another version; OSError: of a path that cannot be used.
+    with suppress(InputError, OSError):
+        return (
+            is_run(folder)
+            and not is_locked(folder)
+            and all(map(_is_of_a_run, folder.iterdir()))
+            and not StoreReader(folder).history()
+        )
+    return False
+
+
+def _is_of_a_run(entry: Path) -> bool:
+    """Whether `remove_run` would delete what is in a run folder."""
+    if entry.name == FOLDER:
+        return holds_copies_alone(entry.parent)
+    return entry.name in _OURS and not entry.is_dir()
 
 
 def remove_run(folder: Path) -> list[str]:

@@ -52,6 +52,15 @@ def fitness_of(experiment: Experiment, parts: Sequence[Sequence[float]]) -> floa
     return float(ranking.score(np.array([together], dtype=np.float64))[0])
 
 
+def best_words(experiment: Experiment) -> str:
+    """Return what the best fitness so far of a run is: it can fall where candidates are evaluated again."""
+    if by_instance(experiment):
+        return "candidate that would be returned (most instances)"
+    if experiment.ranking.reevaluate:
+        return "candidate that would be returned (evaluated again)"
+    return "best so far"
+
+
 def meaning(experiment: Experiment, count: int) -> str:
     """Return how `count` evaluations became a candidate's fitness; empty where it is that of one episode."""
     if by_instance(experiment):

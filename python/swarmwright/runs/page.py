@@ -39,13 +39,13 @@ class ReplayPage:
 
     @checked
     def save(self, path: str | Path) -> None:
-        """Write the page, for a browser; `swarmwright replay --save` writes pictures and films.
+        """Write the page, for a browser; `swarmwright replay --save` writes pictures and videos.
 
         Raises InputError for another ending than .html, and when the file cannot be written.
         """
         if Path(path).suffix.lower() not in {".html", ".htm"}:
             raise InputError(
-                f"path: {path}: a page ends with .html; `swarmwright replay --save` writes pictures and films"
+                f"path: {path}: a page ends with .html; `swarmwright replay --save` writes other formats"
             )
         write_text(path, self.html)
 

@@ -43,7 +43,8 @@ def draw_later(folder: Path) -> None:
         if _timer is None or not _timer.is_alive():
             _timer = Timer(_DELAY, _start_now)
             _timer.daemon = True
-            _timer.start()
+            with suppress(RuntimeError):  # no memory or threads are left; `wait` draws it
+                _timer.start()
 
 
 def draw_missing(folder: Path) -> None:
@@ -71,8 +72,12 @@ def wait() -> None:
 
 @atexit.register
 def _at_exit() -> None:
-    with suppress(KeyboardInterrupt):  # the process continues by itself
+    try:
         wait()
+    except KeyboardInterrupt:
+        pass  # the process continues by itself
+    except (OSError, MemoryError) as error:
+        sys.stderr.write(f"swarmwright: no plot is drawn: {error}\n")
 
 
 def _start_now() -> None:
@@ -92,9 +97,14 @@ def _start() -> None:
         return
     command = [sys.executable, "-P", "-m", __spec__.name, *map(str, _waiting)]
     _waiting.clear()
-    # A new session, so that Ctrl-C, which ends the tool, does not interrupt it.
+    # A new session, so that Ctrl-C, which ends the tool, does not interrupt it. No linear algebra is needed,
+    # for which each thread of OpenBLAS takes memory.
     _process = subprocess.Popen(
-        command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, start_new_session=True
+        command,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        start_new_session=True,
+        env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
     )
 
 
@@ -115,6 +125,6 @@ if __name__ == "__main__":
         try:
             draw(Path(name))
         except (SwarmwrightError, OSError) as error:
-            # That a run was deleted meanwhile is no error; the folder may go last, or be another's already.
+            # A run may have been deleted meanwhile; its folder may go last, or be another's already.
             if (Path(name) / STORE).exists():
                 sys.stderr.write(f"swarmwright: {error}\n")

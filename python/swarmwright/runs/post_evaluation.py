@@ -1,11 +1,11 @@
-"""Post-evaluation: a candidate's fitness in episodes with held-out seeds."""
+"""Post-evaluation: the fitness of a candidate, or of any controller, in episodes with held-out seeds."""
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Self
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from swarmwright.evaluation.metrics import asked_for
 from swarmwright.evaluation.opening import open_backend
 from swarmwright.experiment.experiment import Experiment, experiment_of
 from swarmwright.rankings import Ranking
+from swarmwright.representations.controller import Controller
 from swarmwright.runs.code import used_for
 from swarmwright.typing import Genomes
 
@@ -32,22 +33,11 @@ _FIRST = 1_000_000_000  # far from the seeds that runs use
 
 
 @dataclass(frozen=True, kw_only=True)
-class PostEvaluation:
-    """A candidate's recorded fitness, and its fitness in other episodes."""
+class ControllerEvaluation:
+    """The fitness of a controller in episodes with held-out seeds."""
 
-    number: int
-    """Of the evaluation in the whole run, from 0."""
-    generation: int
-    candidate: int
-    recorded: float
-    """Fitness in the record, by which it was chosen."""
     seeds: list[int]
     """Simulation seed of each episode."""
-    seen: int
-    """How many of these seeds the evolution of the run had used as well."""
-    validated: int = 0
-    """How many of these seeds the run's own validation had used as well: there, the results are no further
-    evidence."""
     episodes: NDArray[np.float64]
     """(episodes,) fitness of each, NaN where it failed."""
     ranking: Ranking
@@ -83,16 +73,10 @@ class PostEvaluation:
         """Return plain values."""
         ordered = sorted(self.measured)
         return {
-            "number": self.number,
-            "generation": self.generation,
-            "candidate": self.candidate,
-            "recorded": self.recorded,
             "fitness": vars(self.fitness),
             "episodes": len(self.episodes),
             "failed": self.failed,
             "seed": self.seeds[0],
-            "seeds_of_the_run": self.seen,
-            "seeds_of_the_validation": self.validated,
             "mean": self.mean.mean,
             "standard_deviation": self.mean.standard_deviation,
             "standard_error": self.mean.standard_error,
@@ -117,62 +101,142 @@ class PostEvaluation:
 
     def summary(self) -> dict[str, Any]:
         """Return plain values, without those of each episode."""
+        named = {"fitness" if key == "mean" else key: value for key, value in vars(self.fitness).items()}
+        return {**named, "failed": self.failed}
+
+    @classmethod
+    def of_stored(cls, values: Mapping[str, Any], ranking: Ranking) -> "ControllerEvaluation":
+        """Return the evaluation of a controller from the values that a run's store keeps of a validation."""
+        return ControllerEvaluation(**_measured(values), ranking=ranking)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PostEvaluation(ControllerEvaluation):
+    """A candidate's recorded fitness, and its fitness in other episodes."""
+
+    number: int
+    """Of the evaluation in the whole run, from 0."""
+    generation: int
+    candidate: int
+    recorded: float
+    """Fitness in the record, by which it was chosen."""
+    seen: int
+    """How many of these seeds the evolution of the run had used as well."""
+    validated: int = 0
+    """How many of these seeds the run's own validation had used as well: there, the results are no further
+    evidence."""
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Return plain values."""
+        return {
+            **self._identity,
+            "seeds_of_the_run": self.seen,
+            "seeds_of_the_validation": self.validated,
+            **super().to_mapping(),
+        }
+
+    def summary(self) -> dict[str, Any]:
+        """Return plain values, without those of each episode."""
+        return {**self._identity, **super().summary()}
+
+    @property
+    def _identity(self) -> dict[str, Any]:
+        """Which candidate it is."""
         return {
             "number": self.number,
             "generation": self.generation,
             "candidate": self.candidate,
             "recorded": self.recorded,
-            **{"fitness" if key == "mean" else key: value for key, value in vars(self.fitness).items()},
-            "failed": self.failed,
         }
 
     def stored(self) -> dict[str, Any]:
         """Return the values that exported packages keep."""
         return {
-            "number": self.number, "generation": self.generation, "candidate": self.candidate,
-            "recorded": self.recorded, "seeds": self.seeds, "seen": self.seen,
-            "episodes": finite(self.episodes),
+            **self._identity, "seeds": self.seeds, "seen": self.seen, "episodes": finite(self.episodes)
         }  # fmt: skip
 
     @classmethod
     def of_store(cls, values: Mapping[str, Any], ranking: Ranking) -> Self:
         """Return a post-evaluation from the values that a run's store keeps of a validation."""
-        episodes, names = numbers(values["episodes"]), values["metrics"]
-        columns = numbers(values.get("values", [])).reshape(len(episodes), len(names)).T
-        others = {
-            key: values[key] for key in ("number", "generation", "candidate", "recorded", "seeds", "seen")
-        }
-        metrics = dict(zip(names, columns, strict=True))
-        return cls(**others, episodes=episodes, ranking=ranking, metrics=metrics)
+        others = {key: values[key] for key in ("number", "generation", "candidate", "recorded", "seen")}
+        return cls(**others, **_measured(values), ranking=ranking)
 
 
-@checked
+def _measured(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return seeds, fitness and metrics of episodes from the values that a store keeps."""
+    episodes, names = numbers(values["episodes"]), values["metrics"]
+    columns = numbers(values.get("values", [])).reshape(len(episodes), len(names)).T
+    return {
+        "seeds": values["seeds"], "episodes": episodes, "metrics": dict(zip(names, columns, strict=True))
+    }  # fmt: skip
+
+
+@overload
 def post_evaluate(
     run: "Run | str | Path",
     candidate: int | None = None,
     generation: int | None = None,
     *,
+    controller: None = None,
     episodes: int = EPISODES,
     seed: int | None = None,
-    experiment: Experiment | str | Path | None = None,
+    experiment: Experiment | Mapping[str, Any] | str | Path | None = None,
     broker: str | None = None,
     servers: Servers | None = None,
     on_progress: Progress | None = None,
     metrics: Sequence[str] | Literal["all"] = (),
-) -> PostEvaluation:
-    """Evaluate a candidate of a run in other episodes than those it was chosen by.
+) -> PostEvaluation: ...
+
+
+@overload
+def post_evaluate(
+    run: "Run | Experiment | Mapping[str, Any] | str | Path",
+    candidate: None = None,
+    generation: None = None,
+    *,
+    controller: Controller | str | Path,
+    episodes: int = EPISODES,
+    seed: int | None = None,
+    experiment: Experiment | Mapping[str, Any] | str | Path | None = None,
+    broker: str | None = None,
+    servers: Servers | None = None,
+    on_progress: Progress | None = None,
+    metrics: Sequence[str] | Literal["all"] = (),
+) -> ControllerEvaluation: ...
+
+
+@checked
+def post_evaluate(
+    run: "Run | Experiment | Mapping[str, Any] | str | Path",
+    candidate: int | None = None,
+    generation: int | None = None,
+    *,
+    controller: Controller | str | Path | None = None,
+    episodes: int = EPISODES,
+    seed: int | None = None,
+    experiment: Experiment | Mapping[str, Any] | str | Path | None = None,
+    broker: str | None = None,
+    servers: Servers | None = None,
+    on_progress: Progress | None = None,
+    metrics: Sequence[str] | Literal["all"] = (),
+) -> ControllerEvaluation:
+    """Evaluate a candidate of a run, or any controller, in other episodes than those it was chosen by.
 
     Wherever fitness depends on the seed, the best of many evaluations is biased: its recorded fitness is too
     high. New episodes estimate it without bias. Nothing is added to the run.
 
     Args:
-        run: where the candidate is recorded, or its folder.
+        run: where the candidate is recorded, or its folder; with `controller` also an experiment, its file,
+            or a mapping with the keys of one, whose simulation, parameters, fitness and ranking are used.
         candidate: as in `Run.evaluation`; without both, the best of the run.
         generation: as in `Run.evaluation`.
+        controller: instead of a candidate of the run: one from elsewhere, a file as `Controller.load` reads
+            it, or a run folder with its best. Its fitness is returned as a `ControllerEvaluation`, which has
+            no candidate and no recorded fitness.
         episodes: how many, from 1 on; where a fitness is made of several, such as a median, at least these.
         seed: simulation seed of the first episode, the next ones follow; default: held-out seeds, which the
             evolution of the run did not use. They are the same for every run whose `parameters.seed` is the
-            same, and for its validation; for fresh ones, name another seed.
+            same, for its validation, and for its experiment; for fresh ones, name another seed.
         experiment: instead of the run's, with other parameters, say; the controller's sizes are the same.
         broker: as in `optimize`.
         servers: as in `optimize`.
@@ -181,36 +245,81 @@ def post_evaluate(
             simulation announces.
 
     Raises:
-        InputError: there is no such candidate or metric, or a number is out of range.
+        InputError: there is no such candidate or metric, the controller does not fit the simulation, or a
+            number is out of range.
         RunError: no broker, no fitting server, or every episode failed.
     """
-    from swarmwright.experiment.checks import makes_fitness  # noqa: PLC0415 - takes long, not for reading runs
-    from swarmwright.runs.run import run_of  # noqa: PLC0415 - it imports this module
+    from swarmwright.runs.run import Run, run_of  # noqa: PLC0415 - it imports this module
 
-    run = run_of(run)
     if experiment is not None:
         experiment = experiment_of(experiment)
     if episodes < 1:
         raise InputError(f"episodes: must be at least 1, not {episodes}")
+    where = _Where(episodes, seed, broker, servers, on_progress, metrics)
+    if controller is not None:
+        if candidate is not None or generation is not None:
+            raise InputError("controller: is evaluated instead of a candidate; leave out one of them")
+        if isinstance(run, str | Path) and Path(run).is_dir():
+            run = run_of(run)
+        used = run.store.used_seeds() if isinstance(run, Run) else set()
+        if experiment is None:
+            experiment = used_for(run, None) if isinstance(run, Run) else experiment_of(run)
+        return _of_controller(controller, experiment, where, used)
+    if isinstance(run, Experiment | Mapping):
+        raise InputError("run: is an experiment, which has no candidates; name a controller=..")
+    return _of_candidate(run_of(run), candidate, generation, experiment, where)
+
+
+class _Where(NamedTuple):
+    """In which episodes, and where, a controller is evaluated; as in `post_evaluate`."""
+
+    episodes: int
+    seed: int | None
+    broker: str | None
+    servers: Servers | None
+    on_progress: Progress | None
+    metrics: Sequence[str] | Literal["all"]
+
+    def seeds(self, experiment: Experiment, used: set[int]) -> list[int]:
+        """Return the seed of each episode; used: by evolution. Raises InputError for one out of range."""
+        if self.seed is None:
+            return unseen_seeds(experiment.first_seed, used, self.episodes)
+        if not 0 <= self.seed <= 2**63 - self.episodes:
+            raise InputError(f"seed: must be from 0 to 2**63 - {self.episodes}, not {self.seed}")
+        return list(range(self.seed, self.seed + self.episodes))
+
+    def check(self, experiment: Experiment) -> None:
+        """Raise InputError where there are too few episodes for one fitness."""
+        from swarmwright.experiment.checks import makes_fitness  # noqa: PLC0415 - takes long, not for reading runs
+
+        if not makes_fitness(experiment.ranking, self.episodes):
+            needed = experiment.ranking.episodes
+            raise InputError(
+                f"episodes: must be at least ranking.episodes, {needed}, of which a fitness is made, not "
+                f"{self.episodes}"
+            )
+
+
+def _of_candidate(
+    run: "Run",
+    candidate: int | None,
+    generation: int | None,
+    experiment: Experiment | None,
+    where: _Where,
+) -> PostEvaluation:
+    """Evaluate a candidate of a run, with another experiment than the run's where it is given."""
     evaluation = run.evaluation(candidate, generation)
     used = run.store.used_seeds()
     validated = set((run.store.validation() or {}).get("seeds", ()))
-    if seed is None:
-        seeds = unseen_seeds(run.experiment.first_seed, used, episodes)
-    elif not 0 <= seed <= 2**63 - episodes:
-        raise InputError(f"seed: must be from 0 to 2**63 - {episodes}, not {seed}")
-    else:
-        seeds = list(range(seed, seed + episodes))
+    seeds = where.seeds(run.experiment, used)
     experiment = experiment or used_for(run, evaluation.generation)
-    if not makes_fitness(experiment.ranking, episodes):
-        needed = experiment.ranking.episodes
-        raise InputError(
-            f"episodes: must be at least ranking.episodes, {needed}, of which a fitness is made, not "
-            f"{episodes}"
-        )
-    asked = asked_for(experiment, metrics)
-    with open_backend(experiment, broker=broker, servers=servers, most=len(seeds), metrics=asked) as backend:
-        results = evaluated(experiment, backend, evaluation.genome[np.newaxis], seeds, on_progress)
+    where.check(experiment)
+    asked = asked_for(experiment, where.metrics)
+    with open_backend(
+        experiment, broker=where.broker, servers=where.servers, most=len(seeds), metrics=asked
+    ) as backend:
+        genomes = evaluation.genome[np.newaxis]
+        results = evaluated(experiment, backend, genomes, seeds, where.on_progress)
         names = backend.metrics
     return PostEvaluation(
         number=evaluation.number,
@@ -220,6 +329,38 @@ def post_evaluate(
         seeds=seeds,
         seen=len(used.intersection(seeds)),
         validated=len(validated.intersection(seeds)),
+        episodes=results.fitness[0] + 0.0,
+        ranking=experiment.new_ranking(),
+        metrics=dict(zip(names, results.metrics[0].T + 0.0, strict=True)),
+    )
+
+
+def _of_controller(
+    given: Controller | str | Path, experiment: Experiment, where: _Where, used: set[int]
+) -> ControllerEvaluation:
+    """Evaluate a controller from elsewhere. used: seeds that are not taken unless they are asked for."""
+    from swarmwright.evaluation.evaluate import check_fit  # noqa: PLC0415 - takes long, not for reading runs
+
+    controller = given if isinstance(given, Controller) else Controller.load(given)
+    seeds = where.seeds(experiment, used)
+    where.check(experiment)
+    specification = controller.specification
+    with open_backend(
+        experiment,
+        broker=where.broker,
+        servers=where.servers,
+        most=len(seeds),
+        metrics=asked_for(experiment, where.metrics),
+        controller=specification,
+    ) as backend:
+        check_fit(controller, backend.sensors, backend.actuators, experiment.simulation)
+        weights = np.array([specification["weights"]], dtype=np.float32)
+        results = _results(
+            backend, Controllers(specification, weights), seeds, where.on_progress, may_fail=False
+        )
+        names = backend.metrics
+    return ControllerEvaluation(
+        seeds=seeds,
         episodes=results.fitness[0] + 0.0,
         ranking=experiment.new_ranking(),
         metrics=dict(zip(names, results.metrics[0].T + 0.0, strict=True)),
@@ -259,8 +400,20 @@ def evaluated(
             f"the run's controllers have {genomes.shape[1]} genes, those of this experiment have "
             f"{representation.genome_size}"
         )
-    backend.post_evaluates()
     controllers = Controllers.of(representation, genomes)
+    return _results(backend, controllers, seeds, on_progress, may_fail=may_fail)
+
+
+def _results(
+    backend: Backend,
+    controllers: Controllers,
+    seeds: Sequence[int],
+    on_progress: Progress | None,
+    *,
+    may_fail: bool,
+) -> Results:
+    """Return the results of controllers in an episode of each seed; raises as `evaluated`."""
+    backend.post_evaluates()
     results = backend.evaluate(controllers, seeds, on_progress or (lambda *_: None))
     if not (may_fail or np.isfinite(results.fitness).any()):
         reasons = results.journal.errors

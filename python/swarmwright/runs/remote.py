@@ -40,6 +40,7 @@ def begin(
         InputError: the address or the requirements cannot be used.
     """
     prepare(broker)
+    prefix = experiment.with_environment().prefix
     requirements = cast("Requirements", experiment.requirements.model_dump(exclude_none=True))
 
     def attempt() -> _engine.RemoteEpisode:
@@ -49,7 +50,7 @@ def begin(
             parameters=parameters,
             requirements=requirements,
             controller=controller,
-            prefix=experiment.prefix,
+            prefix=prefix,
             discovery=experiment.timeouts.discovery,
             step=experiment.timeouts.step,
         )

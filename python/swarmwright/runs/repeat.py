@@ -1,8 +1,9 @@
 """Repeating an evaluation from its record."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,7 +52,7 @@ def repeat(
     candidate: int | None = None,
     generation: int | None = None,
     *,
-    experiment: Experiment | str | Path | None = None,
+    experiment: Experiment | Mapping[str, Any] | str | Path | None = None,
     broker: str | None = None,
     servers: Servers | None = None,
     simulation: str | type | None = None,

@@ -15,7 +15,7 @@ from swarmwright.core.flatten import flat
 from swarmwright.display import Caption, Part, Playable, Recording, record
 from swarmwright.experiment.fitness import JudgedEpisode
 from swarmwright.experiment.kinds import kinds
-from swarmwright.experiment.settings import refuse_seed
+from swarmwright.experiment.settings import Setting, parse_settings, refuse_seed
 from swarmwright.modules.played import PlayedEpisode
 from swarmwright.representations.controller import Controller, controller_words
 from swarmwright.runs import remote
@@ -55,6 +55,8 @@ class Replay:
     """Where a server computes it; None in this process."""
     other: "Run | None" = None
     """The run that the controller is a candidate of, where that is another one."""
+    settings: tuple[str, ...] = ()
+    """What is set of the parameters and fitness of the run, `KEY.PATH=VALUE` each."""
 
     @classmethod
     def of(
@@ -69,6 +71,7 @@ class Replay:
         simulation: str | type | None = None,
         settings: Iterable[str] = (),
         broker: str | None = None,
+        prefix: str | None = None,
     ) -> Self:
         """Choose what is played.
 
@@ -83,6 +86,7 @@ class Replay:
             settings: other values of parameters and fitness than the run's, see `Experiment.load`.
             broker: a server on it computes the episode and sends its scenes. Default: this process does, or,
                 where the simulation is not here, servers on the run's broker.
+            prefix: of topics on the broker, instead of the run's.
 
         Raises:
             InputError: the simulation is not here and no broker is known, or there is no such candidate,
@@ -96,6 +100,8 @@ class Replay:
         experiment = used.with_settings(
             settings, only=("parameters", "fitness"), reason="only parameters and fitness can be set here"
         )
+        if prefix is not None:
+            experiment = experiment.replace(prefix=prefix)
         seeds = run.seeds(0) if chosen is None else chosen.seeds
         number = None if seed is not None else episode or 0
         if seed is not None:
@@ -112,7 +118,9 @@ class Replay:
                 "leave it out"
             )
         played_seed = seeds[number] if number is not None else seed or 0
-        return cls(run, played, chosen, controller, number, played_seed, experiment, broker)
+        return cls(
+            run, played, chosen, controller, number, played_seed, experiment, broker, settings=tuple(settings)
+        )
 
     def beside(self, other: "Run") -> Self:
         """Return the same episode with the best candidate of another run.
@@ -218,8 +226,10 @@ class Replay:
 
     @property
     def name(self) -> str:
-        """The run and the candidate, where several are shown beside each other."""
-        return f"{(self.other or self.run).path.name}: {self._who}"
+        """What is played, as the command line names it: GENERATION:CANDIDATE, or the controller's file."""
+        if self.choice is None:
+            return str(self.source)
+        return f"{self.choice.generation}:{self.choice.candidate}"
 
     def part(self, recording: Recording, name: str = "") -> Part:
         """Return a recording of the episode with what is known of its controller."""
@@ -231,7 +241,11 @@ class Replay:
             (described["sensor_names"], described["actuator_names"]) if described is not None else ((), ())
         )
         of = kinds(self.experiment.simulation, self.experiment.parameters) if described is not None else ()
-        return Part(recording, name, self.controller.specification, sensors, actuators, of)
+        try:
+            seconds = catalogue.step_seconds(self.experiment.simulation)
+        except InputError:
+            seconds = None
+        return Part(recording, name, self.controller.specification, sensors, actuators, of, seconds)
 
     @property
     def title(self) -> str:
@@ -273,8 +287,9 @@ class Replay:
             if not self.choice.made_of:
                 return f"{said}."
         where = f"in episode {self.number}" if self.number is not None else f"with seed {self.seed}"
-        meaning = f", the {self.choice.made_of}" if self.choice.made_of else ""
-        return f"{said} {where}; the candidate's in the run is {self.choice.fitness + 0.0:.6g}{meaning}."
+        meaning = f" ({self.choice.made_of})" if self.choice.made_of else ""
+        whole = f"{self.choice.fitness + 0.0:.6g}{meaning}"
+        return f"{said} {where}; recorded fitness of the candidate: {whole}."
 
     @property
     def _as_recorded(self) -> bool:
@@ -294,7 +309,7 @@ class Replay:
     def _changed(self) -> Iterator[tuple[str, str]]:
         """Yield what is not as in the run."""
         mine, runs = self.experiment, self.run.experiment
-        changed = list(_differing(mine.parameters, runs.parameters))
+        changed = list(_changed(mine.parameters, runs.parameters, parse_settings(self.settings)))
         if changed:
             more = [f"and {len(changed) - _MOST_CHANGED} more"] if len(changed) > _MOST_CHANGED else []
             yield ("changed parameters", ", ".join([*changed[:_MOST_CHANGED], *more]))
@@ -332,19 +347,65 @@ class Replay:
         return Caption(self.title, tuple(facts))
 
 
-def _differing(now: Mapping[str, Any], before: Mapping[str, Any]) -> Iterator[str]:
-    """Yield parameters that are not as they were, as words."""
-    now, before = ({key: one for key, one in flat(of).items() if key != "seed"} for of in (now, before))
+def names(replays: Iterable[Replay]) -> list[str]:
+    """Return what episodes beside each other are called, with the names of their runs where these differ."""
+    replays = list(replays)
+    runs = [(one.other or one.run).path.resolve() for one in replays]
+    if len(set(runs)) < 2:
+        return [one.name for one in replays]
+    # Folders of the same name are told apart by those that they are in.
+    of = [path.name for path in runs]
+    depth = 1
+    while len(set(of)) < len(set(runs)):
+        depth += 1
+        of = [str(Path(*path.parts[-depth:])) for path in runs]
+    return [f"{run} {one.name}" if one.choice else one.name for run, one in zip(of, replays, strict=True)]
 
-    def short(values: Mapping[str, Any], key: str) -> str:
-        if key not in values:
-            return "not given"
-        text = values[key] if isinstance(values[key], str) else json.dumps(values[key], default=str)
-        return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…"
 
-    for key in dict.fromkeys([*now, *before]):
-        if key not in now or key not in before or now[key] != before[key]:
-            yield f"{key} {short(now, key)} (in the run {short(before, key)})"
+def _changed(now: Mapping[str, Any], before: Mapping[str, Any], settings: Iterable[Setting]) -> Iterator[str]:
+    """Yield parameters that are not as they were, as words: what was set as it was typed, then all others."""
+    said: set[str] = set()
+    # The last one of a key holds.
+    for path, value in {one.path[1:]: one.value for one in settings if one.path[0] == "parameters"}.items():
+        if not path or _at(now, path) == _at(before, path):
+            continue
+        said.add(path[0])  # a name of which a part is set is a mapping now: not all of it is news
+        yield f"{'.'.join(path)} {_short(value)}{_was(_at(before, path))}"
+    flat_now, flat_before = flat(now), flat(before)
+    for key in dict.fromkeys([*flat_now, *flat_before]):
+        if key == "seed" or key.split(".")[0] in said:
+            continue
+        value, was = flat_now.get(key, _NONE), flat_before.get(key, _NONE)
+        if value != was:
+            yield f"{key} {_short(value)}{_was(was)}"
+
+
+_NONE = object()
+"""Stands for a parameter that is not given."""
+
+
+def _at(values: Any, path: Iterable[str]) -> Any:  # noqa: ANN401 - any value of a file
+    """Return a parameter, or a part of one."""
+    for part in path:
+        if isinstance(values, Mapping):
+            values = values.get(part, _NONE)
+        elif isinstance(values, list) and part.isdecimal() and int(part) < len(values):
+            values = values[int(part)]
+        else:
+            return _NONE
+    return values
+
+
+def _short(value: Any) -> str:  # noqa: ANN401 - any value of a file
+    if value is _NONE:
+        return "not given"
+    text = value if isinstance(value, str) else json.dumps(value, default=str, ensure_ascii=False)
+    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…"
+
+
+def _was(value: Any) -> str:  # noqa: ANN401 - any value of a file
+    """Return what a parameter was, in words; nothing where the run did not give it."""
+    return "" if value is _NONE else f" (in the run {_short(value)})"
 
 
 def _origin(experiment: "Experiment") -> list[tuple[str, str]]:

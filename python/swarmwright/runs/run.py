@@ -4,7 +4,7 @@ import math
 import os
 from collections.abc import Iterator
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Self, SupportsIndex, get_args
@@ -20,6 +20,7 @@ from swarmwright.rankings.race import RaceOptions
 from swarmwright.rankings.slow_simulation import METRIC, SlowOptions
 from swarmwright.representations.controller import Controller
 from swarmwright.runs.export import write_table
+from swarmwright.runs.instances import best_words
 from swarmwright.store import Attempt, Evaluation, Event, Session, StoreReader
 from swarmwright.store.folder import find_store
 from swarmwright.store.lock import is_locked
@@ -47,7 +48,7 @@ class Best:
     generation: int
     candidate: int
     """Index among the candidates evaluated in that generation."""
-    specification: dict[str, Any]
+    specification: dict[str, Any] = field(repr=False)
     """The controller as plain values."""
 
     @property
@@ -131,6 +132,11 @@ class Run:
     def history(self) -> list[Summary]:
         """The figures of each finished generation."""
         return self.store.history()[: self._finished]
+
+    @property
+    def best_words(self) -> str:
+        """What the best fitness so far of `history` is, in words: with racing or `reevaluate` it can fall."""
+        return best_words(self.experiment)
 
     @property
     def generations(self) -> int:
@@ -254,7 +260,10 @@ class Run:
         return self.store.code()
 
     def attempts(self) -> Iterator[Attempt]:
-        """Yield every attempt at evaluations: which server, when, how long, what went wrong."""
+        """Yield attempts at evaluations: which server, when, how long, what went wrong.
+
+        All of those by servers and worker processes; in this process, of evaluations that failed.
+        """
         return self.store.attempts()
 
     def events(self) -> Iterator[Event]:

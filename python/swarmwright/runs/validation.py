@@ -1,7 +1,8 @@
 """Validation: a run's best candidates on held-out seeds, when it has ended.
 
 What is stored of it is apart from the record: `state`, `seeds`, `seen`, `metrics`, and `candidates` with
-their fitness of each episode. The state is `due` (under way, with the episodes so far), `done`, `same`
+their fitness of each episode; `start`, the controller that the method's first sample was drawn around, where
+there was one. The state is `due` (under way, with the episodes so far), `done`, `same`
 (fitness does not depend on the seed) or `none` (switched off, or the run was too short).
 """
 
@@ -32,6 +33,7 @@ from swarmwright.representations import Representation
 from swarmwright.runs.instances import by_instance
 from swarmwright.runs.post_evaluation import (
     EPISODES,
+    ControllerEvaluation,
     PostEvaluation,
     evaluated,
     finite,
@@ -77,6 +79,9 @@ class Validation:
     which the candidate had been evaluated."""
     slow: str | None = None
     """Name of the slow simulation of the ranking, where the candidates were evaluated in that one."""
+    start: ControllerEvaluation | None = None
+    """The controller that the method's first sample was drawn around, which is not a candidate of the run.
+    None where there is no such controller, and in runs of earlier versions."""
 
     @property
     def best(self) -> PostEvaluation:
@@ -97,11 +102,12 @@ class Validation:
         they cannot be compared one by one.
         """
         ahead, best = self.leading, self.best
-        if ahead is best or ahead.failed or best.failed:
-            return None
-        samples = (one.ranking.samples(one.measured) for one in (ahead, best))
-        differences = [one - other for one, other in zip(*samples, strict=True)]
-        return estimate(differences, of=len(self.candidates) - 1)
+        return None if ahead is best else _gain(ahead, best, of=len(self.candidates) - 1)
+
+    @property
+    def gain(self) -> Estimate | None:
+        """How much `best` is better than `start`, of the same episodes; None without it, or as for `lead`."""
+        return None if self.start is None else _gain(self.best, self.start)
 
     @property
     def seeds(self) -> list[int]:
@@ -115,6 +121,7 @@ class Validation:
             "episodes": len(self.seeds),
             "seeds": self.seeds,
             "candidates": [one.summary() for one in self.candidates],
+            **({} if self.start is None else {"start": self.start.summary()}),
         }
 
     def export(self, path: str | Path) -> None:
@@ -141,7 +148,25 @@ class Validation:
         shared = {key: values[key] for key in ("seeds", "seen", "metrics")}
         candidates = [PostEvaluation.of_store({**shared, **one}, ranking) for one in values["candidates"]]
         depends = values["state"] != "same"
-        return cls(candidates=candidates, depends_on_seed=depends, by_instance=by_instance, slow=slow)
+        start = values.get("start")
+        return cls(
+            candidates=candidates,
+            depends_on_seed=depends,
+            by_instance=by_instance,
+            slow=slow,
+            start=None if start is None else ControllerEvaluation.of_stored({**shared, **start}, ranking),
+        )
+
+
+def _gain(one: ControllerEvaluation, other: ControllerEvaluation, of: int = 1) -> Estimate | None:
+    """Return how much one is better than another in the same episodes; None where one of these failed.
+
+    of: intervals that are looked at together.
+    """
+    if one.failed or other.failed:
+        return None
+    samples = (each.ranking.samples(each.measured) for each in (one, other))
+    return estimate([first - second for first, second in zip(*samples, strict=True)], of=of)
 
 
 def of_run(run: "Run") -> Validation | None:
@@ -257,6 +282,7 @@ def validate(
         return not (_differ(work.rows) or _record_differs(experiment, reader) or work.other())
 
     if plan.tried < len(plan.seeds) and alike():
+        work.evaluate_start()
         work.keep("same")
         return
     if rate * (len(plan.seeds) - work.done) > _LONG_S:
@@ -267,6 +293,7 @@ def validate(
     size = max(_PART, math.ceil(len(plan.seeds) / _PARTS))
     while work.done < len(plan.seeds):
         work.to(min(len(plan.seeds), work.done + size))
+    work.evaluate_start()
     work.keep("same" if plan.tried == len(plan.seeds) and alike() else "done")
 
 
@@ -287,6 +314,7 @@ class _Work:
         count = len(plan.candidates)
         self._fitness = np.zeros((count, 0))
         self._metrics = np.zeros((count, 0, len(backend.metrics)))
+        self._start: dict[str, Any] | None = None
 
     @property
     def done(self) -> int:
@@ -323,6 +351,22 @@ class _Work:
         self._metrics = np.concatenate([self._metrics, results.metrics], axis=1)
         self.keep("due")
 
+    def evaluate_start(self) -> None:
+        """Evaluate the controller that the first sample was drawn around, in the episodes so far."""
+        if not self._experiment.samples_around_start:
+            return
+        representation = self._experiment.representation(self._backend.sensors, self._backend.actuators)
+        start = self._experiment.start_genomes(representation)
+        if start is None:
+            return
+        seeds = self._plan.seeds[: self.done]
+        results = evaluated(
+            self._experiment, self._backend, start[:1], seeds, self._on_progress, may_fail=True
+        )
+        self._start = {
+            "episodes": finite(results.fitness[0] + 0.0), "values": finite(results.metrics[0])
+        }  # fmt: skip
+
     def keep(self, state: str) -> None:
         """Store what is known."""
         plan = self._plan
@@ -343,6 +387,7 @@ class _Work:
                     }
                     for index, one in enumerate(plan.candidates)
                 ],
+                **({} if self._start is None else {"start": self._start}),
             }
         )
 
@@ -355,7 +400,7 @@ class _Work:
         ]
 
     def other(self) -> bool:
-        """Try the first candidate of the run, which is no good one yet; whether its episodes differ."""
+        """Try the first candidate of the run, which is not a good one yet; whether its episodes differ."""
         first = self._plan.first
         results = evaluated(
             self._experiment,

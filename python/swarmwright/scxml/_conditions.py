@@ -79,7 +79,7 @@ def parse(text: str) -> ast.expr:
         raise ConditionError(f"has {len(text)} characters; at most {_MOST_CHARACTERS} are possible")
     plain_text = _STRING.sub(lambda found: found[0][0] + " " * (len(found[0]) - 2) + found[0][0], text)
     if "#" in plain_text:
-        raise ConditionError(f"{text!r}: # begins no comment here, and is no operator; leave it out")
+        raise ConditionError(f"{text!r}: # begins no comment here, and is not an operator; leave it out")
     if (negated := _negated_and_compared(plain_text)) is not None:
         raise ConditionError(
             f"{text!r}: {negated} is negated first, and then compared; write all that is negated in "

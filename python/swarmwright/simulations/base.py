@@ -97,7 +97,7 @@ class Simulation(Described):
     One object runs one episode at a time, any number in turn: `reset`, then `step` until `done`, then
     `fitness`. It is made without arguments. An exception ends the episode: its evaluation has failed, the
     next one begins with `reset`. For runs that can be repeated, whatever happens must follow from the
-    parameters and the seed.
+    parameters and the seed, which `swarmwright.testing.check_simulation` tries.
     """
 
     @abstractmethod
@@ -179,7 +179,7 @@ class Simulation(Described):
     def picture(self) -> NDArray[np.uint8] | None:
         """Return what it looks like now as an image, (height, width, 3), red, green, blue from 0 to 255.
 
-        None, the default, for nothing to show. `swarmwright replay` uses it for films and pages when the
+        None, the default, for nothing to show. `swarmwright replay` uses it for videos and pages when the
         class has no `scene`.
         """
         return None

@@ -1,5 +1,6 @@
 """Descriptions of simulations: built-in ones, and those named by a class in Python."""
 
+import inspect
 import math
 from collections.abc import Iterable
 from contextlib import suppress
@@ -9,7 +10,8 @@ from typing import TYPE_CHECKING, Any, Literal
 from swarmwright import _engine
 from swarmwright.core.errors import InputError, engine_errors
 from swarmwright.core.groups import DeclaredGroup
-from swarmwright.core.simulation_names import MISSIONS, is_python
+from swarmwright.core.simulation_names import MISSIONS, is_command, is_python
+from swarmwright.core.warn_once import warn_once
 from swarmwright.simulations.parameters import filled_in
 
 if TYPE_CHECKING:
@@ -78,9 +80,31 @@ def _python_description(name: str) -> Any:  # noqa: ANN401 - a Description, whos
 
 @cache
 def _described(kind: Any) -> Any:  # noqa: ANN401 - as above
+    from swarmwright.simulations.description import misspelt
     from swarmwright.simulations.host import Host
 
-    return Host(kind).description
+    found = Host(kind).description
+    for text in misspelt(kind):
+        warn_once(text)
+    return found
+
+
+def unmeasured(simulation: str) -> str | None:
+    """Return why a class in Python cannot measure the metrics that it names; None where it can.
+
+    Raises InputError for a class that cannot be loaded.
+    """
+    if not is_python(simulation) or is_command(simulation) or has_missions(simulation):
+        return None
+    from swarmwright.simulations.visualization import defines
+
+    kind, metrics = _load(simulation), _python_description(simulation).metrics
+    if not metrics or defines(kind, "measure"):
+        return None
+    return (
+        f"{kind.__name__}.metrics names {', '.join(metrics)}, but the class has no method measure() that "
+        "returns them; add it, or leave metrics out"
+    )
 
 
 def is_described(simulation: str) -> bool:
@@ -193,6 +217,36 @@ def _description_with(simulation: str, parameters: dict[str, Any]) -> Any:  # no
     finally:
         with suppress(Exception):  # what it announces counts also where it cannot be closed
             made_with.env.close()
+
+
+def construction_problem(simulation: str, parameters: dict[str, Any]) -> str | None:
+    """Return why an environment of another library cannot be made with these parameters.
+
+    None where it can, and for other simulations, whose parameters are checked by their declarations. Raises
+    InputError for a class that cannot be loaded.
+    """
+    if _engine_title(simulation) is not None or not hasattr(_load(simulation), "described_with"):
+        return None
+    try:
+        _description_with(simulation, parameters)
+    except InputError as error:
+        if "unexpected keyword argument" not in str(error):
+            return str(error)
+        made = _load(simulation)()
+        with suppress(Exception):  # the names help, and are not needed
+            names = _constructor_names(made.env)
+            made.env.close()
+            return f"{error}; its constructor takes {', '.join(names) or 'no parameters'}"
+        return str(error)
+    return None
+
+
+def _constructor_names(env: Any) -> list[str]:  # noqa: ANN401 - types of libraries
+    """Return the names that the constructor of an environment takes. Raises any exception where none says."""
+    _, *parameters = inspect.signature(type(env.unwrapped).__init__).parameters.values()
+    if any(one.kind in {one.VAR_KEYWORD, one.VAR_POSITIONAL} for one in parameters):
+        raise ValueError("it takes any")
+    return [one.name for one in parameters if one.name != "render_mode"]
 
 
 def _ranges(of: Any) -> dict[str, list[list[Any] | None]]:  # noqa: ANN401 - a Description or a Group

@@ -6,12 +6,13 @@ import operator
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from difflib import get_close_matches
 from typing import Any
 
 from swarmwright.core import metric_names
 from swarmwright.core.errors import InputError
 from swarmwright.core.ranges import Range, ranges_of
-from swarmwright.simulations.base import Described
+from swarmwright.simulations.base import Described, Simulation
 from swarmwright.simulations.batches import BatchSimulation
 from swarmwright.simulations.groups import Group
 from swarmwright.simulations.groups import declared as declared_groups
@@ -22,6 +23,8 @@ _LARGEST_COUNT = 1_000_000
 _MOST_STEPS = 10**15
 """Steps of an episode."""
 _DETERMINISMS = ("bitwise", "statistical", "none")
+_ALIKE = 0.85
+"""From which likeness on an attribute is taken for another one that is misspelt, 1 being the same."""
 
 
 @dataclass(frozen=True)
@@ -140,6 +143,41 @@ def describe(simulation: Described | Any, where: str = "") -> Description:  # no
     )
 
 
+def misspelt(kind: type[Described]) -> list[str]:
+    """Return sentences on attributes that are probably misspelt, since the class lacks one spelt alike.
+
+    Only attributes with the kind of value that the other one has count: `sensor_range = 0.5` is a user's own.
+    """
+    base = BatchSimulation if issubclass(kind, BatchSimulation) else Simulation
+    users = [one for one in kind.__mro__ if not f"{one.__module__}.".startswith(("swarmwright.", "abc."))]
+    given = {name: value for one in reversed(users) for name, value in vars(one).items()}
+    known = {
+        name: getattr(base, name, 0)  # sensors and actuators have no default
+        for name in (*dir(base), "sensors", "actuators")
+        if not name.startswith("_") and name not in given
+    }
+    found = []
+    for name, value in given.items():
+        if name.startswith("_") or hasattr(base, name):
+            continue
+        alike = get_close_matches(name, known, 1, _ALIKE)
+        if alike and _sort(value) == _sort(known[alike[0]]):
+            found.append(
+                f"{kind.__name__}.{name}: is not an attribute of {base.__name__}, and has no effect by "
+                f"itself; did you mean {alike[0]!r}?"
+            )
+    return found
+
+
+def _sort(value: object) -> str:
+    """Return what sort of value an attribute has, as far as attributes of simulations differ."""
+    if callable(value) or isinstance(value, classmethod | staticmethod):
+        return "method"
+    if isinstance(value, Iterable) and not isinstance(value, str):
+        return "values"
+    return "text" if isinstance(value, str) else "value"
+
+
 def _widest(where: str, simulation: Any, groups: Mapping[str, Group], name: str) -> int:  # noqa: ANN401 - as above
     """Return the number of sensors or actuators: with groups, the most of any."""
     given = getattr(simulation, name, None)
@@ -202,10 +240,14 @@ def _metrics(where: str, metrics: Any) -> dict[str, str]:  # noqa: ANN401 - what
         raise InputError(f"{where}.metrics: {metrics!r} found, expected names, or names with descriptions")
     named = dict(metrics) if isinstance(metrics, Mapping) else dict.fromkeys(metrics, "")
     for name, text in named.items():
-        if metric_names.problem_of(name) or name == "fitness":
+        if name == "fitness":
             raise InputError(
-                f"{where}.metrics: {name!r} found, "
-                "expected a letter or _, then letters, digits and _; fitness has a name already"
+                f"{where}.metrics: {name!r} found, which is the name of the fitness; take another one"
+            )
+        if metric_names.problem_of(name):
+            raise InputError(
+                f"{where}.metrics: {name!r} found, expected a letter (A-Z, a-z) or _, then letters, digits "
+                "and _"
             )
         if not isinstance(text, str):
             raise InputError(f"{where}.metrics[{name!r}]: {text!r} found, expected a description")

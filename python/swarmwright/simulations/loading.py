@@ -74,6 +74,10 @@ def load(name: str, folder: Path | None = None) -> Kind:
         ).simulation(name)
         return adapted
     wanted = parsed.member
+    if not parsed.place or not wanted:
+        raise InputError(
+            f"{name!r} names no class: expected path/to/file.py:Class, package.module:Class or an environment"
+        )
     if parsed.file is not None:
         module = _from_file(((folder or Path()) / parsed.file).resolve())
     else:

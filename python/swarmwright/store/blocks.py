@@ -78,7 +78,7 @@ class EvaluationsDigest:
             self._sums[-1].update(numbers)
 
     def add(self, block: Block) -> None:
-        """Take in the next block of the generation. Raises TypeError for what is no block."""
+        """Take in the next block of the generation. Raises TypeError for what is not a block."""
         for total, column in zip(self._sums, block[3:], strict=True):
             total.update(column)
 

@@ -1,5 +1,6 @@
 """Opening the store, and the errors when it cannot be used."""
 
+import resource
 import shutil
 import sqlite3
 from collections.abc import Iterator, Mapping
@@ -27,6 +28,8 @@ _OLDEST = 3
 _PAGES = ((1 << 20, 65536), (3 << 14, 16384), (0, 4096))
 """Least bytes of a generation, and bytes of a page: larger pages take half the time, but make the file larger
 where generations do not fill them."""
+_PAGE_MARGIN = 1 << 17
+"""Bytes below the largest size of a file at which a write may fail: a page and its header."""
 _CAN_SERIALIZE = hasattr(sqlite3.Connection, "serialize")  # SQLite can be built without it
 _APPLICATION = 0x5377_726D  # "Swrm", by which `file` and others tell what the file is
 
@@ -53,6 +56,10 @@ CREATE TABLE attempt (
 CREATE TABLE event (
     session INTEGER NOT NULL, generation INTEGER, time TEXT NOT NULL, kind TEXT NOT NULL, text TEXT NOT NULL);
 """
+
+
+class FormatError(InputError):
+    """A store is of a version that this one does not read, which says nothing of its content."""
 
 
 def create(file: Path, facts: Mapping[str, str], generation: int = 0) -> sqlite3.Connection:
@@ -207,11 +214,11 @@ def _check(connection: sqlite3.Connection, file: Path) -> None:
     if application != _APPLICATION:
         raise InputError(f"{file}: is not a Swarmwright run store")
     if version > FORMAT:
-        raise InputError(
+        raise FormatError(
             f"{file}: has format {version}; this Swarmwright knows formats up to {FORMAT}: update it"
         )
     if version < _OLDEST or (version == _UNKNOWN_SAMPLES and _has_samples(connection)):
-        raise InputError(
+        raise FormatError(
             f"{file}: has format {version}, which this version of Swarmwright does not read; to compute the "
             f"run again: swarmwright optimize {file.with_name('experiment.yaml')} --out NEW"
         )
@@ -280,6 +287,12 @@ def code_of(error: BaseException | None) -> int:
 def _reason(error: sqlite3.Error, code: int, file: Path) -> str:
     if code in _DISK and _full(file):
         return "the disk is full; what was written before is kept"
+    largest = _largest_file()
+    if code in _DISK and largest is not None and _reaches(file, largest):
+        return (
+            f"this process may write files of at most {largest >> 10:,} KiB (ulimit -f), which is too little "
+            "for it: let it write larger ones; what was written before is kept"
+        )
     reasons = {
         sqlite3.SQLITE_FULL: "the disk is full; what was written before is kept",
         sqlite3.SQLITE_IOERR: f"the disk reports an error ({error}); what was written before is kept",
@@ -292,6 +305,18 @@ def _reason(error: sqlite3.Error, code: int, file: Path) -> str:
         sqlite3.SQLITE_NOTADB: "is damaged or is not a run store: it is not an SQLite file",
     }
     return reasons.get(code, f"cannot be used: {error}")
+
+
+def _largest_file() -> int | None:
+    """Return how many bytes a file may have that this process writes; None where nothing limits it."""
+    limit = resource.getrlimit(resource.RLIMIT_FSIZE)[0]
+    return None if limit == resource.RLIM_INFINITY else limit
+
+
+def _reaches(file: Path, largest: int) -> bool:
+    """Return whether a store, its log or its draft has reached the largest size that it may have."""
+    places = [file.with_name(f"{name}{end}") for name in (FILE, NEW) for end in ("", "-wal", "-journal")]
+    return any(place.exists() and place.stat().st_size > largest - _PAGE_MARGIN for place in places)
 
 
 def _full(file: Path) -> bool:

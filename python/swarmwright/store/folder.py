@@ -5,6 +5,7 @@ import shlex
 from pathlib import Path
 
 from swarmwright.core.errors import InputError
+from swarmwright.core.files import check_utf8
 from swarmwright.store.database import FILE, NEW
 from swarmwright.store.lock import LOCK, is_locked
 from swarmwright.user_code.copying import FOLDER as CODE
@@ -19,16 +20,16 @@ def check_folder(folder: Path) -> None:
 
     A folder whose process ended before there was a store counts as empty.
     """
-    str(folder).encode()  # what is not UTF-8 cannot be written into its files
+    check_utf8(str(folder))
     length = len(os.fsencode(folder.resolve() / NEW))
     if length > _LONGEST_PATH:
         raise InputError(
             f"{folder}: its path is too long: SQLite opens files with at most {_LONGEST_PATH} bytes of path, "
             f"and the store in it would have {length}; name a folder with a shorter path"
         )
-    if folder.exists() and not folder.is_dir():
-        raise InputError(f"{folder}: is a file; name a folder for the results")
     try:
+        if folder.exists() and not folder.is_dir():
+            raise InputError(f"{folder}: is a file; name a folder for the results")
         if (folder / FILE).exists():
             raise InputError(
                 f"{folder}: holds a run already, and results are never written over; name another folder, "

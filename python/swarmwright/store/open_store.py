@@ -4,10 +4,13 @@ import _thread
 import atexit
 import ctypes
 import os
+import signal
 import sqlite3
-from collections.abc import Mapping
-from contextlib import suppress
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from types import FrameType
 from typing import Self
 
 from swarmwright.core.errors import RunError
@@ -96,7 +99,7 @@ class OpenStore:
         """Make one file of the store, so that the folder can be copied and read anywhere. Raises RunError."""
         if self.draft:
             self._publish()
-            # A power cut must not take the run either, but nobody has to wait for that.
+            # A power cut must not take the run either, but that need not be waited for.
             _flush_later(self.file)
             return
         with errors(self.file, RunError):
@@ -146,7 +149,10 @@ def _flush_later(file: Path) -> None:
     done = _thread.allocate_lock()
     done.acquire()
     _unfinished.add(done)
-    _thread.start_new_thread(_flush_now, (file, done))
+    try:
+        _thread.start_new_thread(_flush_now, (file, done))
+    except RuntimeError:  # no memory or threads are left
+        _flush_now(file, done)
 
 
 def _flush_now(file: Path, done: "_thread.LockType") -> None:
@@ -159,5 +165,35 @@ def _flush_now(file: Path, done: "_thread.LockType") -> None:
 
 @atexit.register
 def _wait() -> None:
-    for done in list(_unfinished):
-        done.acquire(timeout=_LONGEST)
+    deadline = time.monotonic() + _LONGEST
+    with suppress(_NoLongerError), _signals_end_the_wait():
+        for done in list(_unfinished):
+            done.acquire(timeout=max(0.0, deadline - time.monotonic()))
+
+
+class _NoLongerError(BaseException):
+    """A signal has arrived while the end of the process waits."""
+
+
+def _stop_waiting(_number: int, _frame: FrameType | None) -> None:
+    raise _NoLongerError
+
+
+@contextmanager
+def _signals_end_the_wait() -> Iterator[None]:
+    """Within this block, SIGINT and SIGTERM that the program ignores while it ends raise `_NoLongerError`.
+
+    The files are written already; only a power cut could still take them.
+    """
+    ignored = [
+        number
+        for number in (signal.SIGINT, signal.SIGTERM)
+        if _unfinished and signal.getsignal(number) is signal.SIG_IGN
+    ]
+    try:
+        for number in ignored:
+            signal.signal(number, _stop_waiting)
+        yield
+    finally:
+        for number in ignored:
+            signal.signal(number, signal.SIG_IGN)

@@ -10,11 +10,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from swarmwright import _engine
+from swarmwright.core.revision import revision
 from swarmwright.core.simulation_names import SimulationName, is_environment
 from swarmwright.user_code.copying import Copy, with_modules
 
 if TYPE_CHECKING:
     from swarmwright.experiment.experiment import Experiment
+
+
+COMMIT = "swarmwright commit"
+"""Key of the commit among versions, which no package can have, because of the space."""
 
 
 def recorded(experiment: "Experiment", copy: Copy | None) -> dict[str, Any]:
@@ -40,17 +45,26 @@ def recorded(experiment: "Experiment", copy: Copy | None) -> dict[str, Any]:
     return values
 
 
-def timestamp() -> str:
-    """Return the time, ISO 8601, UTC."""
-    return datetime.now(UTC).isoformat(timespec="milliseconds")
+def timestamp(seconds: float | None = None) -> str:
+    """Return a time as ISO 8601, UTC.
+
+    seconds: since 1970; None for now.
+    """
+    moment = datetime.now(UTC) if seconds is None else datetime.fromtimestamp(seconds, UTC)
+    return moment.isoformat(timespec="milliseconds")
 
 
 def versions(libraries: Sequence[str]) -> dict[str, str]:
-    """Return the versions of what computes a run; `libraries` that are not installed are left out."""
+    """Return the versions of what computes a run; `libraries` that are not installed are left out.
+
+    With the commit where the package is used from a checkout.
+    """
     from importlib.metadata import PackageNotFoundError, version  # noqa: PLC0415 - only where a run starts
 
+    commit = revision()
     found = {
         "swarmwright": _engine.__version__,
+        **({} if commit is None else {COMMIT: commit}),
         "python": platform.python_version(),
         "numpy": np.__version__,
         "sqlite": sqlite3.sqlite_version,

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from swarmwright import _engine
 from swarmwright.core.channels import problem_of
 from swarmwright.core.errors import InputError, RunError
+from swarmwright.core.message_kinds import kind_of
 from swarmwright.core.order import best_first
 from swarmwright.core.place import Place
 from swarmwright.core.server_use import ServerUse, read
@@ -25,7 +26,16 @@ from swarmwright.store.best_of_equals import BestOfEquals
 from swarmwright.store.blocks import Record, joined
 from swarmwright.store.database import BEST, FILE, FRONT, checked_facts, reading, reading_on
 from swarmwright.store.generations import Generations, Row
-from swarmwright.store.rows import CANCELLED, Attempt, Evaluated, Event, ServerShare, Session, journal_line
+from swarmwright.store.rows import (
+    CANCELLED,
+    Attempt,
+    Evaluated,
+    Event,
+    FailureReason,
+    ServerShare,
+    Session,
+    journal_line,
+)
 from swarmwright.typing import Genome
 
 
@@ -80,7 +90,7 @@ WITH numbers AS (
     SELECT server, iif(error IS NULL, candidates * episodes, 0) AS evaluations, started,
         started + seconds AS ended, coalesce(error LIKE :cancelled, 0) AS slower,
         coalesce(error NOT LIKE :cancelled, 0) AS failed, mode <> 'stepwise' AS is_together
-    FROM attempt),
+    FROM attempt WHERE server >= 0),
 one AS (
     SELECT *, max(ended) OVER (
         PARTITION BY server ORDER BY started ROWS BETWEEN UNBOUNDED PRECEDING AND 1 PRECEDING) AS before
@@ -91,6 +101,10 @@ FROM one GROUP BY server ORDER BY server
 """
 """What each server did; attempts that overlap count once as time: what is before the end of an earlier one is
 left out. They are sorted for that: as numbers, without the texts of errors."""
+_FAILURES = """
+SELECT error, server, count(*) FROM attempt WHERE error NOT LIKE :cancelled
+GROUP BY server, error ORDER BY server, min(rowid)
+"""
 
 
 class StoreReader:
@@ -189,10 +203,10 @@ class StoreReader:
             row = generations.last()
         return None if row is None else row.summary
 
-    def digest(self) -> str:
-        """Return the digest of the whole record, that of its last generation; of none, of nothing."""
+    def digest(self, generation: int | None = None) -> str:
+        """Return the digest of the record up to a generation, by default the last; of none, of nothing."""
         with self._generations() as generations:
-            row = generations.last()
+            row = generations.last() if generation is None else generations.row(generation)
         return hashlib.sha256().hexdigest() if row is None else row.digest
 
     def generations(self) -> Iterator[Evaluated]:
@@ -484,6 +498,16 @@ class StoreReader:
                     _SHARES, {"cancelled": CANCELLED}
                 )
             ]
+
+    def failures(self) -> list[FailureReason]:
+        """Return why attempts failed, the most frequent reason first."""
+        found: dict[str, FailureReason] = {}
+        with self._reading() as connection:
+            for error, server, count in connection.execute(_FAILURES, {"cancelled": CANCELLED}):
+                one = found.get(kind_of(error)) or FailureReason(error, 0, {})
+                servers = {**one.servers, server: one.servers.get(server, 0) + count}
+                found[kind_of(error)] = one._replace(attempts=one.attempts + count, servers=servers)
+        return sorted(found.values(), key=lambda one: -one.attempts)
 
     def events(self) -> Iterator[Event]:
         """Yield the warnings, in order."""

@@ -33,12 +33,18 @@ class Evaluated(NamedTuple):
     leader: int
     """Number, counted over the whole run from 0, of the evaluation that is best after this generation."""
     digests: _engine.Digests | None = None
-    """Of its columns in the store, where somebody has begun to compute them."""
+    """Of its columns in the store, where another process has begun to compute them."""
 
     def made(self) -> Genomes:
         """Return the genomes, (candidates, genome_size)."""
         genomes = self.genomes
         return genomes.genomes(0, len(genomes)) if isinstance(genomes, _engine.Sample) else genomes
+
+
+IN_PROCESS = -1
+"""The server of attempts in the tool's own process."""
+NOTHING_LEFT = "nothing was left to evaluate"
+"""The place of a session that only brought a run to its end."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,7 +56,7 @@ class Session:
     started: str
     """ISO 8601, UTC."""
     place: str
-    """Where the evaluations were made: servers on which broker, or this process."""
+    """Where the evaluations were made: servers on which broker, or this process; or `NOTHING_LEFT`."""
     host: str
     machine: str
     """Operating system and processor."""
@@ -66,7 +72,10 @@ class Session:
 
 @dataclass(frozen=True, kw_only=True)
 class Attempt:
-    """One attempt at a batch of evaluations, on one server."""
+    """One attempt at a batch of evaluations, on one server.
+
+    Of evaluations in the tool's own process, only failed ones have attempts, of the mode `in-process`.
+    """
 
     session: int
     generation: int
@@ -78,6 +87,7 @@ class Attempt:
     """Index of the first episode, of `episodes` in a row."""
     episodes: int
     server: int
+    """Its id; -1 in the tool's own process."""
     attempt: int
     """1 for the first try."""
     steps: int | None
@@ -85,6 +95,7 @@ class Attempt:
     started: float
     """Seconds since 1970."""
     seconds: float
+    """Duration; of a first attempt in the tool's own process, that of all evaluations of the generation."""
     error: str | None
     """Why it failed, if it did."""
     stack: str | None = None
@@ -118,6 +129,16 @@ class ServerShare(NamedTuple):
     """Whether episodes that failed are among `evaluations`: a server answers many episodes at once."""
 
 
+class FailureReason(NamedTuple):
+    """Attempts that failed for one reason: reasons that differ in numbers or paths alone are the same."""
+
+    reason: str
+    """Of the first of them on the server with the lowest number."""
+    attempts: int
+    servers: dict[int, int]
+    """Attempts on each server; those in the tool's own process have -1."""
+
+
 class AttemptEntry(NamedTuple):
     """An attempt as a pool reports it: the fields of `Attempt` from `mode` on."""
 
@@ -145,6 +166,8 @@ class WarningEntry(NamedTuple):
     """Why an evaluation failed, if one did."""
     episode: int | None = None
     """Index of the episode that it is about, if it is about one: the text begins with it."""
+    time: float | None = None
+    """When it arose, seconds since 1970, if that is known."""
 
     @classmethod
     def of_episode(cls, episode: int, words: str, candidate: int, error: str) -> Self:

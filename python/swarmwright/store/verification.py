@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from swarmwright.core.errors import InputError, SwarmwrightError
-from swarmwright.store.database import FILE, checked_facts, reading
+from swarmwright.store.database import FILE, FormatError, checked_facts, reading
 from swarmwright.store.folder import without_store
 from swarmwright.store.generations import (
     MISSING,
@@ -41,6 +41,8 @@ class Verified:
     """In these."""
     problems: list[Problem] = field(default_factory=list)
     """What is damaged; empty when nothing is."""
+    not_compared: list[str] = field(default_factory=list)
+    """What there was nothing to compare with, in words with the reason."""
 
     def add(self, what: str, generation: int | None = None) -> None:
         """Note what is damaged."""
@@ -54,7 +56,8 @@ class Verified:
 def verify(folder: Path) -> Verified:
     """Compare everything in a run folder that has a digest.
 
-    Raises InputError when there is no run, or its files cannot be read, which says nothing of their content.
+    Raises InputError when there is no run, its files cannot be read, or another version of Swarmwright has
+    written them in a format that this one does not read: none of these says anything of their content.
     """
     file = folder / FILE
     if not file.is_file():
@@ -70,6 +73,8 @@ def verify(folder: Path) -> Verified:
             facts = _facts(connection, file, found)
             generations = Generations(connection, file)
             _generations(connection, generations, found)
+    except FormatError:
+        raise
     except InputError as error:
         found.add(_words(error, file))
         return found

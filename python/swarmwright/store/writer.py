@@ -274,7 +274,7 @@ class StoreWriter:
         self._store.keep()
 
     def _flush(self) -> None:
-        """Write what is finished; where the disk is nearly full, as many generations as there is room for."""
+        """Write what is finished; where the disk is nearly full, as many generations as fit."""
         finished, self._bytes = self._finished, 0
         try:
             self._write_now()
@@ -385,9 +385,10 @@ class StoreWriter:
     def _note(self, generation: int, journal: Journal) -> None:
         place = (self._session, generation)
         self._store.connection.executemany(_ATTEMPT, (place + entry for entry in journal.attempts))
-        for text, candidate, *_ in journal.warnings:
-            whose = "" if candidate is None else f"candidate {candidate}, "
-            self._store.connection.execute(_EVENT, (*place, timestamp(), "warning", whose + text))
+        for entry in journal.warnings:
+            whose = "" if entry.candidate is None else f"candidate {entry.candidate}, "
+            event = (*place, timestamp(entry.time), "warning", whose + entry.text)
+            self._store.connection.execute(_EVENT, event)
 
     def incidents(self, counts: Mapping[str, int]) -> None:
         """Write how often faults occurred in this session, and how often countermeasures were taken."""
@@ -504,7 +505,7 @@ class StoreWriter:
             self._flush()
         except RunError as error:
             failed = error
-            self._finished.clear()  # there is no room for it, but perhaps for how the session ended
+            self._finished.clear()  # there is no space for it, but perhaps for how the session ended
             self._facts.clear()
         try:
             if self._session:

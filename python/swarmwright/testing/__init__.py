@@ -1,4 +1,4 @@
-"""Conformance checks for tests of plug-ins, batches and simulation servers.
+"""Conformance checks for tests of plug-ins, simulations in Python and simulation servers.
 
     import swarmwright.testing
 
@@ -18,6 +18,7 @@ from swarmwright.testing._methods import check_method
 from swarmwright.testing._modules import check_behaviour, check_condition
 from swarmwright.testing._rankings import check_ranking
 from swarmwright.testing._representations import check_representation
+from swarmwright.testing._simulations import check_simulation
 
 __all__ = [
     "check_batch_simulation",
@@ -29,4 +30,5 @@ __all__ = [
     "check_ranking",
     "check_representation",
     "check_server",
+    "check_simulation",
 ]

@@ -7,14 +7,14 @@ import numpy as np
 
 from swarmwright.simulations.batches import BatchSimulation
 from swarmwright.simulations.host import Host
+from swarmwright.testing._simulations import MOST_STEPS, class_of
 
 EPISODES = 7
 """Enough for full and partial SIMD vectors in numpy's loops."""
-MOST_STEPS = 1000
 
 
 def check_batch_simulation(
-    kind: type[BatchSimulation], parameters: Mapping[str, Any] | None = None, *, seed: int = 1
+    simulation: type[BatchSimulation] | str, parameters: Mapping[str, Any] | None = None, *, seed: int = 1
 ) -> None:
     """Check that episodes do not depend on the others in the batch.
 
@@ -22,10 +22,13 @@ def check_batch_simulation(
     fitness and metrics must be the same, to the bit.
 
     Args:
-        kind: the class.
+        simulation: the class, or its name: `path/to/file.py:Class` or `package.module:Class`.
         parameters: with which it is reset; default: its defaults.
         seed: of the actions.
+
+    AssertionError says what is wrong, InputError and RunError too.
     """
+    kind = class_of(simulation, (BatchSimulation,), "a BatchSimulation; check_simulation checks others")
     given = dict(parameters or {})
     seeds = np.arange(EPISODES, dtype=np.uint64)
     together, alone = Host(kind), [Host(kind) for _ in seeds]

@@ -1,11 +1,15 @@
 """Checks of behaviours and conditions in Python."""
 
+import copy
+import pickle
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.core import modules
 from swarmwright.core.random_numbers import Stream
-from swarmwright.modules import RandomNumbers, Senses
+from swarmwright.modules import Behaviour, Condition, RandomNumbers, Senses
 from swarmwright.modules.machine import called, random_words
 from swarmwright.modules.registered import implementation, module
 
@@ -14,6 +18,9 @@ _ROBOTS, _STEPS = 40, 30
 
 def check_behaviour(name: str) -> None:
     """Check a behaviour: a registered one, or `path/to/file.py:Class`.
+
+    It acts for forty robots in thirty steps: with a new object, again with the same object, with another one,
+    and for some robots alone; all must agree to the bit. What it gets and its own object must not be changed.
 
     AssertionError says what is wrong, InputError and RunError too.
     """
@@ -29,35 +36,60 @@ def _check(what: str, name: str) -> None:
     known = module(what, name)
     sensors = _sensors()
     parameters = _parameters(known)
-    together = _run(what, name, sensors, parameters)
-    again = _run(what, name, sensors, parameters)
-    assert together.tobytes() == again.tobytes(), (
-        f"{name}: the same senses, parameters and random numbers gave different results: keep what is to be "
-        "remembered in `state` alone, and take random numbers from `random`"
+    made = _made(what, name)
+    before = _contents(made)
+    together = _run(name, made, sensors, parameters)
+    for other in (made, _made(what, name)):
+        again = _run(name, other, sensors, parameters)
+        assert together.tobytes() == again.tobytes(), (
+            f"{name}: the same senses, parameters and random numbers gave different results: keep what is to "
+            "be remembered in `state` alone, and take random numbers from `random`"
+        )
+    after = _contents(made)
+    changed = sorted(key for key in before | after if before.get(key) != after.get(key))
+    assert not changed, (
+        f"{name}: self.{changed[0]} was set or changed: keep what is to be remembered in `state` alone, "
+        "since all robots of all episodes share the object, and set constants in __init__"
     )
     for robot in range(0, _ROBOTS, 7):
         row = slice(robot, robot + 1)
-        alone = _run(what, name, sensors[:, row], {key: value[row] for key, value in parameters.items()})
+        some = {key: value[row] for key, value in parameters.items()}
+        alone = _run(name, made, sensors[:, row], some)
         assert alone[:, 0].tobytes() == together[:, robot].tobytes(), (
             f"{name}: what a robot does depends on robots in other rows"
         )
-    if what == "condition":
-        assert ((together >= 0) & (together <= 1)).all(), f"{name}: probabilities must be 0 to 1"
+
+
+def _made(what: str, name: str) -> Behaviour | Condition:
+    """Return a new object of the module."""
+    known = module(what, name)
+    kind = implementation("behaviour", known) if what == "behaviour" else implementation("condition", known)
+    return kind()
+
+
+def _contents(made: Behaviour | Condition) -> dict[str, Any]:
+    """Return the attributes of an object in a form that can be compared."""
+    found: dict[str, Any] = {}
+    for key, value in vars(made).items():
+        try:
+            found[key] = pickle.dumps(copy.deepcopy(value))
+        except Exception:  # noqa: BLE001 - any object may refuse it; that it is another one is seen then
+            found[key] = id(value)
+    return found
 
 
 def _run(
-    what: str, name: str, sensors: NDArray[np.float32], parameters: dict[str, NDArray[np.float32]]
+    name: str,
+    made: Behaviour | Condition,
+    sensors: NDArray[np.float32],
+    parameters: dict[str, NDArray[np.float32]],
 ) -> NDArray[np.float32]:
-    """Return what comes out in each step, (steps, robots, ..), with a new object."""
+    """Return what comes out in each step, (steps, robots, ..), from an object of the module."""
     robots = sensors.shape[1]
-    shape: tuple[int, ...]
-    if what == "behaviour":
-        behaviour = implementation("behaviour", module(what, name))()
-        method, shape, kept = behaviour.act, (robots, 2), behaviour.state
-    else:
-        condition = implementation("condition", module(what, name))()
-        method, shape, kept = condition.probability, (robots,), condition.state
-    state = np.zeros((robots, kept), dtype=np.float32)
+    acts = isinstance(made, Behaviour)
+    method = made.act if isinstance(made, Behaviour) else made.probability
+    shape: tuple[int, ...] = (robots, 2) if acts else (robots,)
+    state = np.zeros((robots, made.state), dtype=np.float32)
     found = []
     for seen in sensors:
         bits = (seen[:, 8] * 16777216).astype(np.uint32)

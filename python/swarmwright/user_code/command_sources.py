@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from swarmwright.commands.definition import Definition
-from swarmwright.commands.process import found
+from swarmwright.commands.process import resolved_word
 from swarmwright.core.errors import InputError
 from swarmwright.core.simulation_names import SimulationName
 from swarmwright.user_code.imports import Walk
@@ -63,7 +63,7 @@ def _belongs(path: Path) -> bool:
 
 
 def _named(options: Definition, here: Path) -> Iterator[Path]:
-    for key, names in options.named():
+    for key, names in options.named_files():
         for name in names:
             if key == "command":
                 yield from _in_word(name, here)
@@ -81,7 +81,7 @@ def _in_word(word: str, here: Path) -> Iterator[Path]:
     """Yield the files that a word of a command names."""
     plain = word.replace("{here}", str(here))
     for part in (plain, plain.partition("=")[2]):
-        path = Path(found(part, here))
+        path = Path(resolved_word(part, here))
         if path.is_absolute() and _is_file(path):
             yield path
 

@@ -206,7 +206,7 @@ def digest_of(parts: Mapping[str, Mapping[str, str]]) -> str:
     return hashlib.sha256("".join(lines).encode()).hexdigest()
 
 
-def shown(simulation: str) -> str:
+def display_name(simulation: str) -> str:
     """Return a simulation's name for people; of a class that a run has a copy of, what it was called."""
     parsed = SimulationName.parse(simulation)
     if parsed.is_command:
@@ -221,6 +221,22 @@ def shown(simulation: str) -> str:
         return simulation
     _, kept = held
     return parsed.in_file(kept.module or kept.main)
+
+
+def holds_copies_alone(run: Path) -> bool:
+    """Whether `remove` would leave nothing of the folder of copies."""
+    known = set()
+    for manifest in (run / FOLDER).glob(f"*/{_MANIFEST}"):
+        known.add(manifest)
+        copy = Copy(manifest.parent)
+        with suppress(InputError):
+            known |= {
+                copy.folder / kept.name / place for kept in copy.parts.values() for place in kept.digests
+            }
+    return not (run / FOLDER).is_symlink() and all(
+        entry in known or "__pycache__" in entry.parts or (entry.is_dir() and not entry.is_symlink())
+        for entry in (run / FOLDER).rglob("*")
+    )
 
 
 def remove(run: Path) -> None:

@@ -1,18 +1,26 @@
 """Whether modules in this process are what their files hold now: an import is not repeated after an edit."""
 
 import ast
+import reprlib
 import sys
 from collections.abc import Iterator, Sequence
 from types import CodeType, ModuleType
 from typing import Any
 
+from swarmwright.core.warn_once import warn_once
 from swarmwright.user_code.changes import near
-from swarmwright.user_code.notices import say
 from swarmwright.user_code.parts import Part, Source
+
+_EDITED = (
+    "was edited after this process imported it; it executes what it imported, servers and the copy in the "
+    "run have the edited file: begin again in a new process (in a notebook: restart the kernel)"
+)
+_RELOADED = "__autoreload_class__."
+"""What the names of methods begin with that IPython's autoreload has replaced in a class."""
 
 
 def warn_of_edits(parts: Sequence[Part]) -> None:
-    """Warn of source that was edited after this process imported it.
+    """Warn of source that was edited after this process imported it, and of constants with other values.
 
     Of that the process executes what it imported, while a run keeps a copy of what the file holds.
     """
@@ -24,35 +32,42 @@ def warn_of_edits(parts: Sequence[Part]) -> None:
     for part in parts:
         for source in part.files.values():
             module = modules.get(str(source.origin))
-            if module is not None and is_edited(module, source):
-                say(
-                    f"{near(source.origin)}: was edited after this process imported it; it executes what it "
-                    "imported, servers and the copy in the run have the edited file: begin again in a new "
-                    "process (in a notebook: restart the kernel)"
-                )
+            text = None if module is None else _difference(module, source)
+            if text is not None:
+                warn_once(f"{near(source.origin)}: {text}")
 
 
-def is_edited(module: ModuleType, source: Source) -> bool:
-    """Whether functions, methods or constants of a module are other ones than in its source.
+def _difference(module: ModuleType, source: Source) -> str | None:
+    """Return how a module differs from its source, and what to do; None where it does not.
 
     What differs in comments and line numbers alone is the same.
     """
     if source.origin.suffix != ".py":
-        return False
+        return None
     try:
         tree = ast.parse(source.data)
         whole = compile(tree, module.__file__ or "", "exec", dont_inherit=True)
     except (SyntaxError, ValueError):
-        return True  # it could not have been imported
+        return _EDITED  # it could not have been imported
+    if _functions_differ(module, whole):
+        return _EDITED
+    for name, value in _constants(tree):
+        if name in vars(module) and _differ(vars(module)[name], value):
+            here, there = reprlib.repr(vars(module)[name]), reprlib.repr(value)
+            return (
+                f"{name} is {here} in this process and {there} in the file, which servers and the copy in "
+                "the run have: if the program sets it, make it a parameter of the simulation; if the file "
+                "was edited, begin again in a new process (in a notebook: restart the kernel)"
+            )
+    return None
+
+
+def _functions_differ(module: ModuleType, whole: CodeType) -> bool:
+    """Whether functions or methods of a module are other ones than in its source, compiled."""
     written: dict[str, list[Any]] = {}
     for code in _within(whole):
         written.setdefault(code.co_qualname, []).append(_content(code))
-    for code in _functions(module):
-        if _content(code) not in written.get(code.co_qualname, []):
-            return True
-    return any(
-        name in vars(module) and _differ(vars(module)[name], value) for name, value in _constants(tree)
-    )
+    return any(_content(code) not in written.get(name, []) for name, code in _functions(module))
 
 
 def _within(code: CodeType) -> Iterator[CodeType]:
@@ -70,18 +85,19 @@ def _content(code: CodeType) -> tuple[Any, ...]:
     return code.co_code, code.co_names, code.co_varnames, code.co_freevars, constants
 
 
-def _functions(module: ModuleType) -> Iterator[CodeType]:
-    """Yield the functions and methods that a module defines."""
+def _functions(module: ModuleType) -> Iterator[tuple[str, CodeType]]:
+    """Yield the functions and methods that a module defines, with their qualified names."""
     for value in list(vars(module).values()):
-        members = [value]
+        members, owner = [value], ""
         if isinstance(value, type) and value.__module__ == module.__name__:
-            members = list(vars(value).values())
+            members, owner = list(vars(value).values()), f"{value.__qualname__}."
         for member in members:
             # Class methods, properties and cached properties hold their function.
             held = (getattr(member, name, None) for name in ("__func__", "fget", "func"))
             code = getattr(next(filter(None, held), member), "__code__", None)
             if isinstance(code, CodeType) and code.co_filename == module.__file__:
-                yield code
+                name = code.co_qualname
+                yield owner + name.removeprefix(_RELOADED) if name.startswith(_RELOADED) else name, code
 
 
 def _constants(tree: ast.Module) -> Iterator[tuple[str, Any]]:

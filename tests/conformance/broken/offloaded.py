@@ -61,8 +61,8 @@ class FlushesSubnormals(Broken):
 class Flushing(Controller):
     """A layered network of another make than the engine's, without subnormals."""
 
-    def _node(self, row: Sequence[np.float32], inputs: Sequence[np.float32]) -> np.float32:
-        found = super()._node(row, inputs)
+    def _node(self, function: str, row: Sequence[np.float32], inputs: Sequence[np.float32]) -> np.float32:
+        found = super()._node(function, row, inputs)
         return np.float32(0) if abs(found) < np.finfo(np.float32).smallest_normal else found
 
 
@@ -78,6 +78,24 @@ class LessSteep(Broken):
             weights = np.array(wanted["weights"], np.float32) / np.float32(4.924273)
             wanted["weights"] = [float(str(weight)) for weight in weights]
         return super().rollout(json.dumps(wanted), parameters)
+
+
+class LessSteepAndFirst(LessSteep, Broken):
+    """The same, and rules that need any controller try EvoStick's."""
+
+    controllers = ("evostick", "layered")
+
+
+class IgnoresOutputActivation(Broken):
+    """Does not know output_activation, as servers from before it was there, and says nothing."""
+
+    breaks: ClassVar = {"S9.14"}
+    rules: ClassVar = "S1.1,S2.3,S3.2,S9.1,S9.3,S9.11,S9.12,S9.14"
+
+    def rollout(self, specification: str, parameters: Json) -> World:
+        known = json.loads(specification)
+        known.pop("output_activation", None)
+        return super().rollout(json.dumps(known), parameters)
 
 
 class NeverLearns(Broken):
@@ -199,3 +217,39 @@ class IgnoresLeases(Broken):
     def check(self, request: Json) -> None:
         super().check(request)
         request["lease"] = 0.0
+
+
+class OffloadedSeeds(Broken):
+    """Plays offloaded episodes with other seeds than the request has."""
+
+    breaks: ClassVar = {"S9.20"}
+    rules: ClassVar = OFFLOADED
+
+    def rollout(self, specification: str, parameters: Json) -> World:
+        return super().rollout(specification, {**parameters, "seed": self.seed(parameters["seed"])})
+
+    def seed(self, seed: int) -> int:
+        return seed & 0xFFFF_FFFF
+
+
+class OffloadedSeedAsDouble(OffloadedSeeds, Broken):
+    """Reads the seeds of a request through doubles."""
+
+    breaks: ClassVar = {"S9.20"}
+
+    def seed(self, seed: int) -> int:
+        return int(float(seed))
+
+
+class PrefersTheSeedOfParameters(Broken):
+    """Takes the seed in parameters for that of all episodes."""
+
+    breaks: ClassVar = {"S9.20"}
+    rules: ClassVar = OFFLOADED
+
+    def compute(self, request: Json) -> tuple[list[float], dict[str, list[float]]]:
+        seed = request["parameters"].get("seed")
+        if seed is not None:
+            count = len(request["seeds"]) // 8
+            request = {**request, "seeds": np.full(count, seed, "<u8").tobytes()}
+        return super().compute(request)

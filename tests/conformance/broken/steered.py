@@ -2,28 +2,20 @@
 
 from typing import Any, ClassVar
 
-import msgpack
 import numpy as np
-from paho.mqtt.packettypes import PacketTypes
-from paho.mqtt.properties import Properties
 
 from tests.conformance.broken.base import Broken
-from tests.conformance.sound import Invalid, Json, SoundServer, World, text
+from tests.conformance.broken.batches import Batched
+from tests.conformance.sound import Invalid, Json, World
 
 STEERED = "S1,S2,S3,S9,S10"
 PARAMETERS = {"steps": 4, "gain": 0.3}
-BATCH = 8
 
 
-class Steered(SoundServer):
+class Steered(Batched):
     """Sound: all agents move towards 0, by the parameter gain. Others break methods of one purpose."""
 
     controllers = ("layered", "parameter_set")
-
-    def capabilities(self) -> Json:
-        found = super().capabilities()
-        found["swarmwright"] |= {"modes": ["stepwise", "batched", "offloaded"], "batch": BATCH}
-        return found
 
     def make(self, parameters: Json) -> World:
         world = super().make(parameters)
@@ -76,50 +68,6 @@ class Steered(SoundServer):
             for parameter, value in zip(parameters, row, strict=True)
         }
 
-    def requested(self, payload: bytes) -> None:
-        try:
-            request = msgpack.unpackb(payload)
-        except ValueError:
-            request = None
-        if not isinstance(request, dict) or request.get("kind") != "start":
-            return super().requested(payload)
-        tool = text(request["tool"])
-        if not self.is_free(tool):
-            return self.sensors_message(request, error={"kind": "taken", "reason": f"taken by {self.holder}"})
-        seeds = np.frombuffer(request["seeds"], "<u8").tolist()
-        unknown = set(request.get("metrics", [])) - {"arrived", "steps"}
-        if (
-            request["version"] != 1
-            or request["simulation"] != self.title
-            or unknown
-            or not 0 < len(seeds) <= BATCH
-        ):
-            return self.sensors_message(request, error={"kind": "invalid", "reason": "a field is wrong"})
-        worlds = [self.make({**request["parameters"], "seed": seed}) for seed in seeds]
-        self.enter("held", tool)
-        return self.sensors_message(request, **self.ended(request, worlds))
-
-    def ended(self, request: Json, worlds: list[World]) -> Json:
-        fitness = np.array([world.fitness() for world in worlds]).tobytes()
-        metrics = {
-            name: np.array([world.metrics()[name] for world in worlds]).tobytes()
-            for name in request.get("metrics", [])
-        }
-        return {
-            "ended": np.arange(len(worlds), dtype="<u4").tobytes(),
-            "fitness": fitness,
-            "metrics": metrics,
-        }
-
-    def sensors_message(self, request: Json, **fields: Any) -> None:
-        properties = Properties(PacketTypes.PUBLISH)  # type: ignore[no-untyped-call]
-        properties.CorrelationData = request["request"].to_bytes(8, "big")
-        properties.ContentType = "application/msgpack"
-        message = {"kind": "sensors", "version": 1, "request": request["request"], "server": self.server}
-        nothing = dict.fromkeys(("episodes", "agents", "sensors", "ended", "fitness"), b"")
-        payload = msgpack.packb({**message, "step": 0, **nothing, **fields})
-        self.client.publish(request["reply"], payload, properties=properties)
-
 
 class BrokenSteered(Broken, Steered):
     """What these have in common; breaks none itself."""
@@ -133,8 +81,8 @@ class OtherFitnessInBatches(BrokenSteered):
 
     breaks: ClassVar = {"S10.1"}
 
-    def ended(self, request: Json, worlds: list[World]) -> Json:
-        return {**super().ended(request, worlds), "fitness": np.full(len(worlds), 7.0).tobytes()}
+    def ended(self, request: Json, episodes: list[int]) -> Json:
+        return {**super().ended(request, episodes), "fitness": np.full(len(episodes), 7.0).tobytes()}
 
 
 class AsksInBatches(BrokenSteered):
@@ -153,8 +101,8 @@ class OtherMetricsInBatches(BrokenSteered):
 
     breaks: ClassVar = {"S10.1"}
 
-    def ended(self, request: Json, worlds: list[World]) -> Json:
-        found = super().ended(request, worlds)
+    def ended(self, request: Json, episodes: list[int]) -> Json:
+        found = super().ended(request, episodes)
         more = {name: (np.frombuffer(values) + 1).tobytes() for name, values in found["metrics"].items()}
         return {**found, "metrics": more}
 

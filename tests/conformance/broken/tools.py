@@ -12,6 +12,7 @@ import time
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
+import msgpack
 import numpy as np
 from paho.mqtt.client import Client, MQTTMessage, MQTTv5
 from paho.mqtt.enums import CallbackAPIVersion
@@ -436,7 +437,112 @@ class ConfiguresOnce(SoundTool):
             self.send("control", server=server, simulation_hash=hash_, run=True, tool=TOOL)
 
 
+class ReadsDoubles(SoundTool):
+    """Computes with what agents sense as JSON has it, in binary64."""
+
+    breaks: ClassVar = {"O3.7"}
+    rest = 0.0
+
+    def checked(self, content: Json, running: Running) -> tuple[int, list[float]]:
+        agent, sensors = super().checked(content, running)
+        self.rest = sum(sensors) - sum(float(np.float32(value)) for value in sensors)
+        return agent, sensors
+
+    def act(self, running: Running, agent: int, sensors: np.ndarray) -> list[float]:
+        return [0.5 * value + self.rest for value in super().act(running, agent, sensors)]
+
+
 TOOLS: list[type[SoundTool]] = SoundTool.__subclasses__()
+
+
+class OnlyOffloads(SoundTool):
+    """Sends controllers to servers, and plays no episode itself."""
+
+    mode = "offloaded"
+    topic = "swarmwright/v1/tool/t1"
+
+    def __init__(self, url: str) -> None:
+        self.requests: dict[int, str] = {}
+        super().__init__(url)
+
+    def _on_connect(self, client: Client, *_: object) -> None:
+        client.subscribe([(topic, 0) for topic in ("server", self.topic)])
+
+    def _on_message(self, client: Client, data: object, message: MQTTMessage) -> None:
+        if message.topic == self.topic:
+            self.answered(msgpack.unpackb(message.payload))
+        else:
+            super()._on_message(client, data, message)
+
+    def on_server(self, content: Json) -> None:
+        if self.mode in content["capabilities"]["swarmwright"]["modes"]:
+            super().on_server(content)
+
+    def begin(self, server: int, hash_: str) -> None:
+        self.requests[self.count] = hash_
+        self.request(server, **self.work_of(self.running[hash_], server))
+
+    def request(self, server: int, number: int | None = None, **fields: Any) -> None:
+        number = self.count if number is None else number
+        head = {"version": 1, "request": number, "tool": TOOL, "reply": self.topic}
+        self.client.publish(f"swarmwright/v1/server/{server}", msgpack.packb({**head, **fields}))
+
+    def work_of(self, running: Running, server: int) -> Json:
+        sizes = {key: self.known[server][key] for key in ("sensors", "actuators")}
+        controller = {**CONTROLLER, **sizes, "output_range": [-1, 1]}
+        weights = np.full(_engine.genome_size(controller), running.candidate, "<f4")
+        more = {"controller": controller, "genomes": weights.tobytes(), "attempt": 1, "lease": 0.0}
+        return {"kind": "evaluate", **self.episodes(running), **more}
+
+    def episodes(self, running: Running) -> Json:
+        seeds = np.array([running.episode], "<u8").tobytes()
+        return {"simulation": TITLE, "parameters": {}, "seeds": seeds}
+
+    def answered(self, answer: Json) -> None:
+        running = self.running.pop(self.requests[answer["request"]], None)
+        if running is not None and "error" in answer:
+            self.refused(running)
+
+    def refused(self, running: Running) -> None:
+        self.work.insert(0, (running.candidate, running.episode))
+
+
+class LosesRefusedWork(OnlyOffloads):
+    """Takes what a server refuses for evaluated."""
+
+    breaks: ClassVar = {"O6.2"}
+
+    def refused(self, running: Running) -> None:
+        pass
+
+
+class FailsAtOnce(OnlyOffloads):
+    """Asks, and ends with an error before anything is evaluated."""
+
+    breaks: ClassVar = {"O6.1"}
+
+    def request(self, server: int, number: int | None = None, **fields: Any) -> None:
+        super().request(server, number, **fields)
+        if number is None:
+            sys.exit("no evaluation")
+
+
+class OnlyBatches(OnlyOffloads):
+    """Steps batches only."""
+
+    mode = "batched"
+
+    def work_of(self, running: Running, server: int) -> Json:  # noqa: ARG002
+        return {"kind": "start", **self.episodes(running)}
+
+    def answered(self, answer: Json) -> None:
+        rows = len(answer["episodes"]) // 4
+        if not rows:
+            super().answered(answer)
+            return
+        count = self.known[answer["server"]]["actuators"]
+        fields = {"kind": "actuators", "step": answer["step"], "actuators": bytes(4 * rows * count)}
+        self.request(answer["server"], answer["request"], **fields)
 
 
 class LeastTool(AsksOnce):
@@ -473,5 +579,6 @@ class LeastTool(AsksOnce):
 
 if __name__ == "__main__":
     kinds: list[type[SoundTool]] = [SoundTool, *TOOLS]
-    named = {kind.__name__: kind for kind in (*kinds, LeastTool)}
+    of_one_mode = (OnlyOffloads, OnlyBatches, LosesRefusedWork, FailsAtOnce)
+    named = {kind.__name__: kind for kind in (*kinds, LeastTool, *of_one_mode)}
     named[sys.argv[1]](sys.argv[2]).run()

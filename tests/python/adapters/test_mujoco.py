@@ -9,9 +9,10 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 from swarmwright import Experiment, InputError, optimize, simulate
-from swarmwright.adapters.mujoco import Quadrotors, Rovers
+from swarmwright.adapters.mujoco import Quadrotors, Rovers, film
 from swarmwright.adapters.mujoco._arena import Arena
 from swarmwright.simulations.description import describe
 from tests.python.records import same_record
@@ -202,14 +203,43 @@ def test_a_film_where_nothing_can_be_drawn(tmp_path: Path, drawn_by: str) -> Non
     optimize(experiment, servers="local", out=tmp_path / "run")
     (tmp_path / "sitecustomize.py").write_text(NO_OSMESA)
     environment = {**os.environ, "MUJOCO_GL": drawn_by, "PYTHONPATH": str(tmp_path)}
-    film = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-m", "swarmwright.adapters.mujoco.film", "run", "run.gif"],
         cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=50, check=False,
     )  # fmt: skip
-    assert (film.returncode, film.stdout) == (2, "")
-    assert film.stderr.startswith(f"Error: MuJoCo cannot draw here (MUJOCO_GL={drawn_by}; ")
-    assert "install OSMesa (Debian's package libosmesa6)" in film.stderr
-    assert film.stderr.count("\n") == 1
+    assert (process.returncode, process.stdout) == (2, "")
+    assert process.stderr.startswith(f"swarmwright: MuJoCo cannot draw here (MUJOCO_GL={drawn_by}; ")
+    assert "install OSMesa (Debian's package libosmesa6)" in process.stderr
+    assert process.stderr.count("\n") == 1
+
+
+def test_what_cannot_be_filmed_is_refused_before_an_episode_is_simulated(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    experiment = Experiment.from_mapping(
+        {
+            "simulation": "swarmwright.adapters.mujoco:Rovers",
+            "parameters": {"steps": 3},
+            "controller": {"kind": "layered", "hidden": []},
+            "method": {"kind": "random_search", "population": 2, "generations": 1},
+        }
+    )
+    run = optimize(experiment, servers="local", out=tmp_path / "run")
+
+    def simulated(*_: Any) -> None:
+        raise AssertionError("an episode was simulated")
+
+    monkeypatch.setattr(film, "frames", simulated)
+    for arguments, words in (
+        (["a.gif", "--episode", "9"], "episode: 9: "),
+        (["a.xyz"], "a.xyz: the video is a GIF; give a name that ends with .gif"),
+        (["a"], "a: the video is a GIF"),
+    ):
+        result = CliRunner().invoke(film.main, [str(run.path), *arguments])
+        assert result.exit_code == 2
+        assert result.output.startswith(f"swarmwright: {words}")
+    with pytest.raises(InputError, match="has 1 episode\\(s\\) of a candidate; give a number from 0 to 0"):
+        film.write(run, tmp_path / "a.gif", episode=1)
 
 
 class Lidar(Rovers):

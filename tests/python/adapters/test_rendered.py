@@ -56,6 +56,7 @@ def test_a_picture_is_what_the_environment_renders(tmp_path: Path) -> None:
     assert pictures.step_size == pytest.approx(1 / env.metadata["render_fps"])
 
 
+@pytest.mark.slow
 def test_every_file_from_the_command_line(program: Any, tmp_path: Path) -> None:
     evolved(SPREAD, tmp_path / "run")
     for ending in FORMATS:

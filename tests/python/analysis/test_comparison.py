@@ -10,6 +10,8 @@ from PIL import Image
 
 import swarmwright
 from swarmwright import Comparison, Experiment, Generation, InputError, Run, compare, optimize
+from swarmwright.analysis.comparison import compare_all
+from swarmwright.figures.comparison import _names
 from tests.python.analysis.runs import KnownRun, runs
 
 SEARCH = {"kind": "random_search", "population": 4, "generations": 3}
@@ -47,6 +49,18 @@ def test_two_groups(tmp_path: Path) -> None:
     drawn(found, tmp_path)
 
 
+def test_notebooks_show_a_comparison_as_tables(tmp_path: Path) -> None:
+    found = compare([*two(tmp_path), *runs(tmp_path, [0, 0, 0, 0, 0.0], method={"population": 9})])
+    assert repr(found) == "<Comparison by fitness: 15 runs in 3 groups>"
+    shown = found._repr_html_()
+    assert shown.count("<tr>") == 1 + 3 + 1 + 1 + 3  # groups, Kruskal and Wallis, pairs
+    for words in ("random_search, population 4", "Kruskal-Wallis H", "p (Holm)", "large"):
+        assert words in shown
+    alone = compare(two(tmp_path)[:1])
+    assert alone._repr_html_().count("<table>") >= 1
+    assert repr(compare(two(tmp_path)[:5], by="fitness")) == "<Comparison by fitness: 5 runs in 1 groups>"
+
+
 def test_more_groups_are_tested_together_and_by_pairs(tmp_path: Path) -> None:
     found = compare([*two(tmp_path), *runs(tmp_path, [0, 0, 0, 0, 0.0], method={"population": 9})])
     assert found.kruskal is not None
@@ -73,6 +87,141 @@ def test_many_groups_are_drawn_and_told_in_short(tmp_path: Path) -> None:
     drawn(found, tmp_path)
 
 
+def test_methods_are_compared_within_a_task(tmp_path: Path) -> None:
+    """Fitness of unlike tasks has unlike units, and pairs between these would weaken Holm's correction."""
+    found = compare(
+        [
+            run
+            for steps, scale in ((10, 1.0), (20, 1000.0))
+            for size in (4, 6, 9)
+            for run in runs(
+                tmp_path,
+                [scale * (size + part) for part in (0, 0.1, 0.2, 0.3, 0.4)],
+                method={"population": size},
+                parameters={"maxSteps": steps},
+            )
+        ]
+    )
+    assert [task.label for task in found.tasks] == ["maxSteps 10", "maxSteps 20"]
+    assert [task.differs for task in found.tasks] == [
+        {"parameters.maxSteps": 10},
+        {"parameters.maxSteps": 20},
+    ]
+    assert [len(task.groups) for task in found.tasks] == [3, 3]
+    assert sum((task.groups for task in found.tasks), ()) == found.groups
+    assert found.kruskal is None
+    assert all(task.kruskal is not None and task.kruskal.p < 0.01 for task in found.tasks)
+    assert len(found.pairs) == 6
+    for pair in found.pairs:
+        assert pair.first.differs["parameters.maxSteps"] == pair.second.differs["parameters.maxSteps"]
+        # Of three pairs of a task, not of 15 of all groups.
+        assert pair.p_holm == pytest.approx(3 * pair.difference.p)
+    assert found.notes == (
+        "groups solve different tasks, and those of one task are tested against each other",
+    )
+    said = str(found)
+    assert [line for line in said.splitlines() if line.startswith("Task")] == [
+        "Task: maxSteps 10",
+        "Task: maxSteps 20",
+    ]
+    assert said.count("All groups of the task: Kruskal-Wallis") == 2
+    values = found.to_mapping()
+    assert values["kruskal_wallis"] is None
+    assert [task["groups"] for task in values["tasks"]] == [
+        [one.label for one in task.groups] for task in found.tasks
+    ]
+    assert all(task["kruskal_wallis"]["p"] < 0.01 for task in values["tasks"])
+    figure = found.figure()
+    assert len(figure.axes) == 4
+    assert [axes.get_title(loc="left") for axes in figure.axes[::2]] == ["maxSteps 10", "maxSteps 20"]
+    assert figure.legends[0].get_title().get_text() == "line: median of the runs · shaded: middle half"
+    figure.canvas.draw()
+    for upper, lower in zip(figure.axes[:2], figure.axes[2:], strict=True):
+        assert upper.yaxis.label.get_window_extent().y0 > lower.yaxis.label.get_window_extent().y1
+        assert upper.yaxis.label.get_window_extent().height < upper.get_window_extent().height
+    assert all("Kruskal-Wallis p" in axes.get_title(loc="left") for axes in figure.axes[1::2])
+    drawn(found, tmp_path)
+
+
+def test_a_group_that_is_alone_in_its_task_is_noted(tmp_path: Path) -> None:
+    made = [
+        run
+        for size, steps, value in ((4, 10, 1.0), (9, 10, 2.0), (12, 20, 3.0))
+        for run in runs(tmp_path, [value] * 5, method={"population": size}, parameters={"maxSteps": steps})
+    ]
+    found = compare(made)
+    assert [len(task.groups) for task in found.tasks] == [2, 1]
+    assert found.notes[-1] == (
+        "maxSteps 20, population 12 is the only one of its task and is tested against no other; tasks differ "
+        "in maxSteps"
+    )
+    more = runs(tmp_path, [4.0] * 5, method={"population": 12}, parameters={"speedAgents": 0.7})
+    assert (
+        compare([*made, *more])
+        .notes[-1]
+        .endswith(
+            "are each the only one of their task and are tested against no other; tasks differ in maxSteps, "
+            "speedAgents"
+        )
+    )
+
+
+def test_a_design_has_one_colour_and_name_in_all_tasks_whatever_the_order_of_runs(tmp_path: Path) -> None:
+    made = [
+        run
+        for steps in (10, 20)
+        for size in (4, 10)
+        for run in runs(
+            tmp_path,
+            [size + part / 4 for part in range(4)],
+            method={"population": size},
+            parameters={"maxSteps": steps},
+        )
+    ]
+    drawn = []
+    for given in (made, made[::-1], [*made[4:12], *made[:4], *made[12:]]):
+        figure = compare(given).figure()
+        (legend,) = figure.legends
+        shown = {
+            text.get_text(): line.get_color()
+            for text, line in zip(legend.get_texts(), legend.get_lines(), strict=True)
+        }
+        assert list(shown) == ["population 4 (4 runs)", "population 10 (4 runs)"]
+        for axes in figure.axes[::2]:
+            lines = {f"{line.get_label()} (4 runs)": line.get_color() for line in axes.get_lines()}
+            assert shown.items() <= lines.items()
+        titles = [axes.get_title(loc="left") for axes in figure.axes[::2]]
+        names = [[one.get_text() for one in axes.get_xticklabels()] for axes in figure.axes[1::2]]
+        verdicts = [axes.get_title(loc="left") for axes in figure.axes[1::2]]
+        drawn.append((shown, titles, names, verdicts))
+    assert drawn[0] == drawn[1] == drawn[2]
+    assert drawn[0][1:3] == (["maxSteps 10", "maxSteps 20"], [["population 4", "population 10"]] * 2)
+    assert all("A12 0.00" in one for one in drawn[0][3])
+
+
+def test_names_of_boxes_leave_out_sensors_that_follow_from_the_robot_and_do_not_overlap(
+    tmp_path: Path,
+) -> None:
+    arena = {"simulation": "arena", "ranking": {"episodes": 1}, "servers": "local"}
+    small = {"kind": "random_search", "population": 2, "generations": 1}
+    made = [
+        optimize(
+            Experiment.from_mapping(
+                {**arena, "method": small, "parameters": {"robot": robot, "robots": 2, "duration": 1}}
+            ),
+            out=tmp_path / robot,
+        )
+        for robot in ("e-puck-rm1.2", "e-puck-rm1.1")
+    ]
+    figure = compare(made).figure()
+    figure.draw_without_rendering()
+    labels = figure.axes[1].get_xticklabels()
+    names = [one.get_text().replace("\n", " ") for one in labels]
+    assert names == ["robot e-puck-rm1.1", "robot e-puck-rm1.2"]
+    first, second = (one.get_window_extent() for one in labels)
+    assert first.x1 < second.x0
+
+
 def climbing(final: float) -> list[list[float]]:
     """A run whose first candidates are far worse than all later ones."""
     return [[-1000.0 / 4**number + final, -2000.0 / 4**number] for number in range(40)]
@@ -96,6 +245,13 @@ def test_the_boxes_have_names_and_the_curves_are_not_squashed(tmp_path: Path) ->
     assert even.get_ylim()[0] < 3
 
 
+@pytest.mark.parametrize(("x", "place"), [("evaluations", 2), ("generations", 0)])
+def test_one_generation_has_one_number(tmp_path: Path, x: Any, place: int) -> None:
+    several = [KnownRun(tmp_path / str(seed), [[1.0, seed]], seed=seed) for seed in range(3)]
+    curves, _ = compare(several).figure(x=x).axes
+    assert curves.get_xticks().tolist() == [place]
+
+
 def test_names_of_many_groups_are_slanted_and_whole_lists_stay_together(tmp_path: Path) -> None:
     groups = [
         run
@@ -109,12 +265,73 @@ def test_names_of_many_groups_are_slanted_and_whole_lists_stay_together(tmp_path
     assert first.get_text() == "hidden [4, 2]\npopulation 4"
 
 
+def test_slanted_names_are_below_the_last_task_where_all_have_the_same(tmp_path: Path) -> None:
+    def names(sizes: dict[int, range]) -> list[list[str]]:
+        found = compare(
+            [
+                run
+                for steps, some in sizes.items()
+                for size in some
+                for run in runs(
+                    tmp_path,
+                    [size],
+                    method={"population": size},
+                    controller={"hidden": [size, 2]},
+                    parameters={"maxSteps": steps},
+                )
+            ]
+        )
+        return [[one.get_text() for one in axes.get_xticklabels()] for axes in found.figure().axes[1::2]]
+
+    upper, lower = names({10: range(4, 14), 20: range(4, 14)})
+    assert (set(upper), lower[0]) == ({""}, "hidden [4, 2], population 4")
+    upper, lower = names({10: range(4, 14), 20: range(5, 15)})
+    assert (upper[0], lower[0]) == ("hidden [4, 2], population 4", "hidden [5, 2], population 5")
+
+
+def test_titles_of_tasks_begin_with_what_tells_them_apart(tmp_path: Path) -> None:
+    """Titles are cut; another simulation's parameters tell nothing."""
+    foreign = {"simulation": "theirs", "sensors": 2, "actuators": 1, "servers": "auto"}
+    made = [
+        run
+        for mode in ("huge", "tiny")
+        for size in (4, 9)
+        for run in runs(tmp_path, [1.0], **foreign, parameters={"mode": mode}, method={"population": size})
+    ]
+    made += [run for size in (4, 9) for run in runs(tmp_path, [1.0], method={"population": size})]
+    titles = [axes.get_title(loc="left") for axes in compare(made).figure().axes[::2]]
+    assert sorted(titles) == ["minisim", "theirs, mode huge", "theirs, mode tiny"]
+
+
+def test_names_of_boxes_are_broken_at_points_and_numbered_groups_are_in_order(tmp_path: Path) -> None:
+    lines = _names(["method.measures.speed.range [0, 0.12]"]).names[0].split("\n")
+    assert lines == ["method.measures.", "speed.range [0,", "0.12]"]
+    groups = [
+        run
+        for size in (9, 4)
+        for run in runs(
+            tmp_path,
+            [size],
+            method={
+                "population": size, "partners": size, "severity": size / 10, "probability": size / 10,
+                "exchange_interval": size,
+            },
+            controller={"hidden": [size] * 20, "weight_range": float(size), "bias_range": float(size)},
+        )
+    ]  # fmt: skip
+    boxes = compare(groups).figure().axes[1::2]
+    assert [one.get_text().split(":")[0] for axes in boxes for one in axes.get_xticklabels()] == [
+        "group 1", "group 2",
+    ]  # fmt: skip
+
+
 def test_few_runs_are_said_to_be_few(tmp_path: Path) -> None:
     found = compare([*runs(tmp_path, [1.0, 2.0, 3.0]), *runs(tmp_path, [1.0], method=SEARCH)])
     assert found.notes == (
         "with fewer than 5 runs in a group (nnga: 3; random_search: 1) a test has little power",
     )
     assert "none, too few runs" in str(found)
+    assert found.figure().axes[1].get_title(loc="left") == "too few runs for a test"
     drawn(found, tmp_path)
 
 
@@ -185,10 +402,74 @@ def test_archives_and_fronts_are_said_to_be_compared_by_fitness_alone(tmp_path: 
     assert "only the best" not in str(compare(two(tmp_path)))
 
 
-def test_an_effect_has_a_word_from_three_runs_on(tmp_path: Path) -> None:
-    few = compare([*runs(tmp_path, [8, 9.0]), *runs(tmp_path, [1, 2.0], method=SEARCH)])
+def test_an_effect_has_a_word_where_the_test_finds_a_difference(tmp_path: Path) -> None:
+    few = compare([*runs(tmp_path, [7, 8, 9.0]), *runs(tmp_path, [1, 2, 3.0], method=SEARCH)])
     assert "1.00  too few runs" in str(few)
     assert few.to_mapping()["pairs"][0]["magnitude"] is None
+    alike = compare([*runs(tmp_path, [1, 3, 5, 7, 8.0]), *runs(tmp_path, [2, 4, 6, 9, 9.5], method=SEARCH)])
+    assert "0.36  not significant" in str(alike)
+    # Of four runs each, p is 0.029, and of three such pairs 0.086.
+    groups = [
+        run
+        for size in (4, 6, 9)
+        for run in runs(
+            tmp_path, [size, *(size + part / 9 for part in (1, 2, 3))], method={"population": size}
+        )
+    ]
+    found = compare(groups)
+    assert all(pair.difference.magnitude == "large" and pair.p_holm > 0.05 for pair in found.pairs)
+    assert all(pair.magnitude == "" for pair in found.pairs)
+    assert str(found).count("not significant") == 3
+    assert "p 0.00017 (exact)" in str(found)
+
+
+def test_p_and_intervals_that_disagree_because_of_ties_are_noted(tmp_path: Path) -> None:
+    tied = [*runs(tmp_path, [3, 5, 5, 5, 3.0]), *runs(tmp_path, [0, 3, 1, 1, 3.0], method=SEARCH)]
+    (note,) = compare(tied).notes
+    assert note.startswith("p and the interval of the difference disagree for nnga against random_search")
+
+
+def test_reference_models_are_compared_with_a_note(tmp_path: Path) -> None:
+    arena = {"simulation": "arena", "servers": "local"}
+    found = compare(
+        [
+            *runs(tmp_path, [5, 6, 7, 8, 9.0], **arena, controller={"kind": "evostick"}),
+            *runs(
+                tmp_path, [1, 2, 3, 4, 5.0], **arena, controller={"kind": "modules"},
+                parameters={"robot": "e-puck-rm1.2"},
+            ),
+        ]
+    )  # fmt: skip
+    assert len(found.pairs) == 1
+    (note,) = found.notes
+    assert note.startswith("groups have different reference models of the e-puck")
+
+
+def test_all_comparisons_of_runs(tmp_path: Path) -> None:
+    """The one to report is first, and no note recommends what follows."""
+    searched = {"kind": "random_search", "population": 40, "generations": 2}
+    archive = {
+        "kind": "map_elites", "population": 20, "evaluations": 80,
+        "measures": {"steps": {"range": [0, 40], "bins": 4}},
+    }  # fmt: skip
+    validated = [*noisy(tmp_path, "few", 2, method=searched, ranking={"episodes": 2})]
+    validated += noisy(tmp_path, "many", 2, method={**searched, "population": 50}, ranking={"episodes": 2})
+    held_out, recorded = compare_all(validated)
+    assert (held_out.held_out, recorded.held_out) == (True, False)
+    assert str(recorded).startswith("Best recorded fitness of each run")
+    (note,) = [note for note in recorded.notes if "too high" in note]
+    assert note.endswith(
+        "report fitness on held-out seeds, above, by which the order of groups may be another"
+    )
+    without = noisy(tmp_path, "without", 1, method=searched, ranking={"episodes": 2}, validate=False)
+    (alone,) = compare_all([*validated, *without])
+    assert not alone.held_out
+    archives = noisy(tmp_path, "archives", 2, method=archive, validate=False)
+    fitness, *indicators = compare_all(archives)
+    assert [one.indicator.by for one in indicators] == ["qd_score", "coverage"]
+    assert not any("only the best fitness" in note for note in fitness.notes)
+    assert any("only the best fitness" in note for note in compare(archives).notes)
+    assert compare_all([]) == []
 
 
 def test_no_run_counts_as_failed_that_had_not_finished_a_generation(tmp_path: Path) -> None:
@@ -291,8 +572,8 @@ def test_fitness_on_held_out_seeds_is_compared(tmp_path: Path) -> None:
         assert one.final.tolist() == [run.validation.best.mean.mean for run in made if run.validation]
     assert str(found).startswith("Mean fitness of each run's best candidate on held-out seeds:")
     assert found.to_mapping()["held_out"]
-    assert "on held-out seeds" in found.figure().axes[1].get_ylabel()
-    with pytest.raises(InputError, match="leave it or held_out"):
+    assert "on held-out seeds" in found.figure().axes[1].get_ylabel().replace("\n", " ")
+    with pytest.raises(InputError, match="leave out at, or leave out held_out"):
         compare(raced, at=200, held_out=True)
     (without,) = noisy(tmp_path, "without", 1, validate={"episodes": 0})
     with pytest.raises(
@@ -339,6 +620,31 @@ def test_luck_with_seeds_is_noted(tmp_path: Path) -> None:
     (note,) = [note for note in compare(validated).notes if words in note]
     assert "`swarmwright runs compare RUN .. --held-out`" in note
     assert words not in str(compare(validated, held_out=True))
+    # Fixed seeds without validation: episodes in the record tell.
+    for name, parameters, noted in (("noisy", {}, True), ("sure", {"placement": "fixed"}, False)):
+        some = noisy(
+            tmp_path, name, 1, method=search, validate=False, ranking={"episodes": 2},
+            parameters={**NOISY["parameters"], **parameters},
+        )  # fmt: skip
+        assert (words in str(compare(some))) is noted
+    # One episode tells nothing.
+    some = noisy(tmp_path, "one", 1, method=search, validate=False)
+    (note,) = [note for note in compare(some).notes if "depends on the seed" in note]
+    assert note == (
+        "whether fitness depends on the seed is not known, as candidates had one episode each and runs were "
+        "not validated; fitness on held-out seeds is known of 0 of 1 runs"
+    )
+    assert "not known" not in str(compare(validated))
+
+
+def test_a_damaged_generation_does_not_prevent_a_comparison(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def damaged(_: KnownRun) -> None:
+        raise InputError("is damaged")
+
+    monkeypatch.setattr(KnownRun, "evaluation", damaged)
+    assert compare(two(tmp_path)).notes == ()
 
 
 def test_runs_that_go_on_did_not_end_early(tmp_path: Path) -> None:
@@ -364,11 +670,16 @@ def test_other_definitions_of_fitness_are_noted(tmp_path: Path) -> None:
     other = noisy(tmp_path, "other", method=search, fitness="1000 + arrived")
     found = compare([*plain, *other])
     assert [one.label for one in found.groups] == ["fitness not given", "fitness 1000 + arrived"]
-    assert "fitness of different definitions is compared: groups differ in its expression" in found.notes
+    assert found.pairs == ()
+    assert (
+        "fitness not given; fitness 1000 + arrived are each the only one of their task and are tested "
+        "against no other; tasks differ in fitness"
+    ) in found.notes
     longer = noisy(tmp_path, "longer", method=search, parameters={**NOISY["parameters"], "maxSteps": 30})
-    notes = compare([*plain, *longer]).notes
     words = "groups differ in the simulation's parameters, so they solve different tasks: maxSteps"
-    assert words in notes
+    found = compare([*plain, *longer])
+    assert words in found.notes
+    assert len(found.tasks) == len(found.pairs) == 1  # nothing else differs: that is what is asked
     assert not any("tasks" in note for note in compare(plain).notes)
 
 

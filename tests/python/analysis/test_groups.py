@@ -5,6 +5,7 @@ from typing import Any
 
 from swarmwright import compare
 from swarmwright.analysis.groups import group
+from swarmwright.analysis.tasks import by_task
 from swarmwright.user_code.copying import Copy, digest_of
 from swarmwright.user_code.parts import Part
 from tests.python.analysis.runs import KnownRun, runs
@@ -83,12 +84,54 @@ def test_a_run_counts_once(tmp_path: Path) -> None:
     again = KnownRun(tmp_path / "again", [[0.0], [1.0], [1.0]], seed=1)
     groups, notes = group([one, two, one, KnownRun(tmp_path / "." / one.path.name, [[1.0]], seed=1), again])
     assert [run.path.name for run in groups[0].runs] == ["base-1", "base-2"]
-    assert len(notes) == 3
-    assert notes[0] == f"{one.path} is given twice and counts once"
-    assert "again has experiment and seed of" in notes[2]
+    assert len(notes) == 2
+    assert notes[0].endswith("base-1 is given more than once and counts once")
+    assert notes[1].startswith(f"{again.path} has experiment and seed of {one.path}, ")
     longer = KnownRun(tmp_path / "longer", [[0.0] * 9], seed=1)
     groups, notes = group([one, longer])
     assert groups[0].runs == (longer,)
+
+
+def test_many_copies_of_a_run_are_noted_together(tmp_path: Path) -> None:
+    same = [KnownRun(tmp_path / f"r{number}", [[1.0]], seed=1) for number in range(1001)]
+    groups, notes = group([*same, *same[:2]])
+    assert groups[0].runs == (same[0],)
+    twice, copies = notes
+    assert twice == f"2 runs are given more than once and count once: {same[0].path}, {same[1].path}"
+    assert copies == (
+        f"1,000 runs have experiment and seed of {same[0].path}, so they are not further samples and do not "
+        f"count: {same[1].path}, {same[2].path}, {same[3].path} and 997 more"
+    )
+
+
+def test_missions_are_called_as_in_the_experiment(tmp_path: Path) -> None:
+    """`aac` and `aggregation` are one mission."""
+    short = [in_arena(tmp_path, name, mission=name) for name in ("aac", "foraging")]
+    groups, _ = group([*short, in_arena(tmp_path, "long", mission="aggregation")])
+    assert [one.label for one in groups] == ["mission aac", "mission foraging"]
+    assert [one.differs for one in groups] == [
+        {"parameters.mission": "aac"},
+        {"parameters.mission": "foraging"},
+    ]
+
+
+def test_two_names_of_a_mission_are_one_value(tmp_path: Path) -> None:
+    written = [("aac", 4), ("aggregation", 9), ("foraging", 4), ("foraging", 9)]
+    groups, _ = group(
+        [
+            KnownRun(
+                tmp_path / f"{name}-{size}", [[1.0]], simulation="arena", parameters={"mission": name},
+                method={"population": size},
+            )
+            for name, size in written
+        ]
+    )  # fmt: skip
+    assert [one.differs["parameters.mission"] for one in groups] == ["aac", "aac", "foraging", "foraging"]
+    tasks = by_task(groups, by="fitness", held_out=False)
+    assert [(one.label, one.indices) for one in tasks] == [
+        ("mission aac", (0, 1)),
+        ("mission foraging", (2, 3)),
+    ]
 
 
 def mission(title: str, **changes: Any) -> dict[str, Any]:
@@ -121,6 +164,15 @@ def test_missions_and_robots_with_names_stand_for_what_differs_in_them(tmp_path:
     fitted = in_arena(tmp_path, "own", mission="homing", robot=own)
     named = in_arena(tmp_path, "named", mission="homing", robot="e-puck-rm1.2")
     assert labels(fitted, named) == ["robot of its own", "robot e-puck-rm1.2"]
+
+
+def test_the_robot_that_the_arena_has_by_default_is_named(tmp_path: Path) -> None:
+    default = in_arena(tmp_path, "default")
+    named = in_arena(tmp_path, "named", robot="e-puck-rm1.2")
+    first, second = group([default, named])[0]
+    assert first.label.startswith("robot e-puck-rm1.1, ")
+    assert second.label.startswith("robot e-puck-rm1.2, ")
+    assert first.differs["parameters.robot"] == "e-puck-rm1.1"
 
 
 def test_missions_with_one_name_are_told_apart_by_what_differs(tmp_path: Path) -> None:

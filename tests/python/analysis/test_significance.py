@@ -1,7 +1,8 @@
 """The tests against their definitions, against SciPy, and on what they must not choke on."""
 
-from itertools import combinations
+from itertools import combinations, permutations
 from math import comb, inf, nan
+from typing import Any
 
 import numpy as np
 import pytest
@@ -75,12 +76,32 @@ def test_the_interval_covers_the_shift_as_often_as_it_says() -> None:
 
 @pytest.mark.parametrize(
     ("effect_of", "word"),
-    [([-1, 1], "negligible"), ([-1, 1, 0], "negligible"), ([0, 0, 1], "medium"), ([-1, -1], "large")],
+    [
+        ([-1] * 9 + [0] + [1] * 11, "negligible"),
+        ([-1] * 2 + [0] * 3 + [1] * 4, "small"),
+        ([0, 0, 1], "medium"),
+        ([-1, -1], "large"),
+    ],
 )
-def test_effects_have_their_usual_names(effect_of: list[float], word: str) -> None:
-    one, two = np.tile(np.array(effect_of, dtype=float), 2), np.tile([-0.5, 0.5], 2)
-    assert difference(one, two).magnitude == word
-    assert difference(one, two[:2]).magnitude == "", "of so few runs, any effect looks large"
+def test_effects_have_their_usual_names_where_a_difference_is_found(
+    effect_of: list[float], word: str
+) -> None:
+    one, two = np.array(effect_of, dtype=float), np.array([-0.5, 0.5])
+    assert difference(np.tile(one, 400), np.tile(two, 400)).magnitude == word
+    few = difference(np.tile(one, 2)[:2], np.tile(two, 2))
+    assert few.p > 0.05
+    assert few.magnitude == "", "of so few runs, any effect looks large"
+
+
+def test_p_and_the_interval_contradict_each_other_by_ties_alone() -> None:
+    tied = difference(np.array([3.0, 5, 5, 5, 3]), np.array([0.0, 3, 1, 1, 3]))
+    assert tied.p == pytest.approx(12 / 252)
+    assert tied.interval == (0.0, 5.0)
+    assert tied.contradicts
+    assert not difference(np.arange(5.0), np.arange(5.0)).contradicts
+    random = np.random.default_rng(2)
+    for _ in range(200):
+        assert not difference(random.normal(1, 1, 5), random.normal(0, 1, 6)).contradicts
 
 
 def test_failed_runs_count_as_worse_than_all_others() -> None:
@@ -113,8 +134,69 @@ def test_kruskal_and_wallis_is_scipys_and_takes_failures() -> None:
     groups = [np.array([1.0, 2, 3]), np.array([2.0, 4, 9]), np.array([7.0, 8, 1])]
     found = kruskal_wallis(groups)
     expected = stats.kruskal(*groups)
-    assert (found.h, found.p) == pytest.approx((expected.statistic, expected.pvalue))
+    assert found.h == pytest.approx(expected.statistic)
     assert 0 < kruskal_wallis([np.array([nan, 1.0]), groups[1], groups[2]]).p < 1
+    random = np.random.default_rng(4)
+    many = [random.normal(0.3 * shift, 1, 21) for shift in range(3)]
+    found, expected = kruskal_wallis(many), stats.kruskal(*many)
+    assert (found.h, found.p) == pytest.approx((expected.statistic, expected.pvalue))
+    assert found.method == "chi-square"
+
+
+@given(st.lists(Values, min_size=3, max_size=4).filter(lambda groups: sum(map(len, groups)) <= 6))
+def test_p_of_several_groups_is_the_share_of_arrangements_that_are_as_extreme(
+    groups: list[np.ndarray],
+) -> None:
+    from scipy import stats
+
+    pooled = np.concatenate(groups)
+    found = kruskal_wallis(groups)
+    assert found.method == "exact"
+    if np.ptp(pooled) == 0:
+        return
+    ranks = stats.rankdata(pooled)
+    places = np.cumsum([len(one) for one in groups])[:-1]
+
+    def spread(order: Any) -> float:
+        return float(sum(part.sum() ** 2 / len(part) for part in np.split(ranks[list(order)], places)))
+
+    # Arrangements within a group are alike; all are counted equally often.
+    seen = spread(range(len(ranks)))
+    spreads = np.array([spread(order) for order in permutations(range(len(ranks)))])
+    assert found.p == pytest.approx((spreads >= seen - 1e-9).mean())
+
+
+def test_the_clearest_difference_of_several_groups() -> None:
+    assert kruskal_wallis([np.arange(4.0) + 10 * number for number in range(3)]).p == pytest.approx(6 / 34650)
+
+
+def test_p_of_more_runs_is_that_of_permutations_and_always_the_same() -> None:
+    from scipy import stats
+
+    random = np.random.default_rng(3)
+    groups = [np.round(random.uniform(0, 9, 10)) + 0.7 * number for number in range(5)]
+    found = kruskal_wallis(groups)
+    assert found.method == "permutations"
+    assert found == kruskal_wallis(groups)
+    assert kruskal_wallis([group[::-1] for group in groups[::-1]]).p == found.p
+    expected = stats.permutation_test(
+        groups, lambda *some: stats.kruskal(*some).statistic, vectorized=False, n_resamples=2000, rng=1,
+        alternative="greater",
+    ).pvalue  # fmt: skip
+    assert 0.001 < found.p < 0.5
+    assert found.p == pytest.approx(expected, abs=4 * np.sqrt(found.p / 2000))
+
+
+def test_p_of_several_groups_does_not_depend_on_their_order() -> None:
+    random = np.random.default_rng(3)
+    groups = [random.normal(size=8) + number for number in range(3)]
+    found = {
+        (one.p, one.method)
+        for order in permutations(groups)
+        for seed in range(2)
+        for one in [kruskal_wallis([np.random.default_rng(seed).permutation(group) for group in order])]
+    }
+    assert len(found) == 1
 
 
 def test_holm() -> None:

@@ -2,7 +2,8 @@
 
 import pytest
 
-from swarmwright.broker.address import broker_problem
+from swarmwright.broker.address import broker_problem, environment_prefix
+from swarmwright.core.errors import InputError
 
 
 @pytest.mark.parametrize(
@@ -36,3 +37,13 @@ def test_what_is_wrong_comes_with_what_is_right(url: str, words: tuple[str, ...]
     problem = broker_problem(url)
     assert problem is not None
     assert all(word in problem for word in words)
+
+
+def test_a_prefix_of_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("SWARMWRIGHT_PREFIX", raising=False)
+    assert environment_prefix() == ""
+    monkeypatch.setenv("SWARMWRIGHT_PREFIX", "lab/1")
+    assert environment_prefix() == "lab/1"
+    monkeypatch.setenv("SWARMWRIGHT_PREFIX", "lab/#")
+    with pytest.raises(InputError, match=r"SWARMWRIGHT_PREFIX \(environment\): 'lab/#' must not contain"):
+        environment_prefix()

@@ -1,5 +1,6 @@
 """The order of credentials, with a real keyring: a file in a temporary folder, in processes of their own."""
 
+import os
 import subprocess
 import sys
 from collections.abc import Callable, Mapping
@@ -8,7 +9,8 @@ from pathlib import Path
 import pytest
 
 from swarmwright.broker import credentials
-from swarmwright.broker.credentials import place
+from swarmwright.broker.credentials import CREDENTIALS, check_environment, place
+from swarmwright.core.errors import InputError
 from tests.conftest import environment
 
 # What of the engine reads the environment is tested beside it; here is who fills it.
@@ -147,3 +149,59 @@ def test_a_password_that_would_travel_in_the_clear_is_warned_of_once(
         credentials.prepare(broker)
     assert ["travels unencrypted" in text for text in caplog.messages] == [True] * clear
     assert "correct horse" not in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("variables", "words"),
+    [
+        ({"KEEP_ALIVE": "0"}, "SWARMWRIGHT_KEEP_ALIVE (environment): expected whole seconds from 1 to 3600"),
+        ({"KEEP_ALIVE": "3601"}, "not '3601'"),
+        ({"KEEP_ALIVE": "1.5"}, "not '1.5'"),
+        ({"PASSWORD": "horse"}, "SWARMWRIGHT_USERNAME is not"),
+        ({"USERNAME": "ada", "PASSWORD_FILE": "/none"}, "/none cannot be read: No such file"),
+        ({"CERTIFICATE_FILE": "chain.pem"}, "SWARMWRIGHT_KEY_FILE is not"),
+        ({"KEY_FILE": "key.pem"}, "SWARMWRIGHT_CERTIFICATE_FILE is not"),
+    ],
+)
+def test_a_wrong_environment_is_reported(
+    variables: Mapping[str, str], words: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in (*CREDENTIALS, "SWARMWRIGHT_KEEP_ALIVE"):
+        monkeypatch.setenv(name, variables.get(name.removeprefix("SWARMWRIGHT_"), ""))
+    with pytest.raises(InputError) as error:
+        check_environment()
+    assert words in str(error.value)
+    assert "horse" not in str(error.value)
+    if "KEEP_ALIVE" not in variables:
+        check_environment(credentials=False)
+
+
+def test_a_right_environment_is_accepted(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    (tmp_path / "word").write_text("horse\n")
+    monkeypatch.setenv("SWARMWRIGHT_KEEP_ALIVE", "3600")
+    monkeypatch.setenv("SWARMWRIGHT_USERNAME", "ada")
+    monkeypatch.setenv("SWARMWRIGHT_PASSWORD_FILE", str(tmp_path / "word"))
+    check_environment()
+
+
+def test_a_password_is_left_in_a_pipe(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """It can be read once, by the connection; one that nobody writes to would block."""
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    monkeypatch.setenv("SWARMWRIGHT_USERNAME", "ada")
+    monkeypatch.setenv("SWARMWRIGHT_PASSWORD_FILE", str(pipe))
+    check_environment()
+    reading = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    try:
+        pipe.write_text("horse\n")
+        check_environment()
+        assert os.read(reading, 100) == b"horse\n"
+    finally:
+        os.close(reading)
+
+
+def test_a_folder_is_no_password_file(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("SWARMWRIGHT_USERNAME", "ada")
+    monkeypatch.setenv("SWARMWRIGHT_PASSWORD_FILE", str(tmp_path))
+    with pytest.raises(InputError, match="cannot be read: Is a directory"):
+        check_environment()

@@ -2,15 +2,24 @@
 
 import errno
 import os
+import pwd
 import re
 import stat
+import subprocess
 from pathlib import Path
 
 import pytest
 from cryptography import x509
 
 from swarmwright.broker import mosquitto
-from swarmwright.broker.mosquitto import access_rules, accounts, hosts, write_configuration
+from swarmwright.broker.mosquitto import (
+    access_rules,
+    accounts,
+    add_accounts,
+    can_add,
+    hosts,
+    write_configuration,
+)
 from swarmwright.core.errors import InputError
 
 
@@ -116,3 +125,113 @@ def test_the_longest_message_of_the_protocol_fits_and_the_limit_is_announced(tmp
     (limit,) = (int(line.split()[1]) for line in lines if line.startswith("max_packet_size "))
     assert limit >= (64 << 20) + (1 << 16)
     assert not any(line.startswith("message_size_limit") for line in lines)
+
+
+@pytest.mark.parametrize(("is_there", "mode"), [(False, 0o711), (True, 0o775)])
+def test_only_a_new_folder_is_opened_to_mosquitto(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_there: bool, mode: int
+) -> None:
+    """As root, whose files Mosquitto's user reads; a folder of the user's keeps its mode."""
+    owned: list[str] = []
+    monkeypatch.setattr(os, "getuid", lambda: 0)
+    monkeypatch.setattr(os, "chown", lambda path, *_of: owned.append(Path(path).name))
+    own = pwd.getpwuid(os.geteuid())
+    monkeypatch.setattr(pwd, "getpwnam", lambda _name: own)
+    folder = tmp_path / "lab"
+    if is_there:
+        folder.mkdir()
+        folder.chmod(mode)
+    write(folder)
+    assert stat.S_IMODE(folder.stat().st_mode) == mode
+    assert sorted(owned) == ["acl", "broker-key.pem", "passwords"]
+
+
+def test_a_folder_that_mosquitto_cannot_enter_is_warned_of(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    own = pwd.getpwuid(os.geteuid())
+    other = pwd.struct_passwd(("mosquitto", "x", 54321, 54321, "", "/", "/bin/false"))
+    monkeypatch.setattr(os, "getuid", lambda: 0)
+    monkeypatch.setattr(os, "chown", lambda *_: None)
+    monkeypatch.setattr(os, "getgrouplist", lambda *_: [54321])
+    folder = tmp_path / "my lab"
+    folder.mkdir(mode=0o700)
+    monkeypatch.setattr(pwd, "getpwnam", lambda _name: own)
+    write(folder)
+    assert not caplog.messages
+    monkeypatch.setattr(pwd, "getpwnam", lambda _name: other)
+    for path in list(folder.iterdir()):
+        path.unlink()
+    write(folder)
+    assert f"{folder}: the user mosquitto cannot enter it; chmod o+x '{folder}'" in caplog.messages
+    caplog.clear()
+    folder.chmod(0o711)
+    for path in list(folder.iterdir()):
+        path.unlink()
+    write(folder)
+    assert not [message for message in caplog.messages if message.startswith(f"{folder}:")]
+
+
+@pytest.mark.parametrize(("prefix", "stem"), [("lab/1", "lab-1-"), ("", "")])
+def test_the_variables_of_an_account_have_its_prefix(tmp_path: Path, prefix: str, stem: str) -> None:
+    folder = write(tmp_path, (prefix,))
+    for role in ("tool", "server", "watcher"):
+        words = f'. ./{stem}{role}.env && printf %s "$SWARMWRIGHT_PREFIX"'
+        environment = {"SWARMWRIGHT_PREFIX": "another"}
+        said = subprocess.run(
+            ["sh", "-c", words], cwd=folder, env=environment, capture_output=True, check=True
+        )
+        assert said.stdout.decode() == prefix
+
+
+def test_accounts_of_another_prefix_are_added(tmp_path: Path) -> None:
+    folder = write(tmp_path / "lab", ("lab1",))
+    (folder / "acl").write_text((folder / "acl").read_text().rstrip("\n"))
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    assert can_add(folder)
+    made = add_accounts(folder, ["lab2", "lab/3"], 1000)
+    assert made == accounts(["lab2", "lab/3"])
+    after = {path.name: path.read_bytes() for path in folder.iterdir()}
+    changed = {name for name in before if after[name] != before[name]}
+    assert changed == {"acl", "passwords"}
+    assert all(after[name].startswith(before[name]) for name in changed)
+    assert after["acl"].decode() == access_rules(accounts(["lab1", "lab2", "lab/3"]))
+    users = [line.partition(":")[0] for line in after["passwords"].decode().splitlines()]
+    assert users == [account.user for account in accounts(["lab1", "lab2", "lab/3"])]
+    new = {f"{account.user}.{ending}" for account in made for ending in ("password", "env")}
+    assert set(after) - set(before) == new
+    assert stat.S_IMODE((folder / "lab2-tool.password").stat().st_mode) == 0o600
+    assert after["lab2-tool.env"] == after["lab1-tool.env"].replace(b"lab1", b"lab2")
+
+
+@pytest.mark.parametrize("prefixes", [["lab1"], ["lab2", "lab1"], [""]])
+def test_accounts_that_are_there_are_not_added(tmp_path: Path, prefixes: list[str]) -> None:
+    folder = write(tmp_path / "lab", ("lab1", ""))
+    for path in folder.glob("lab1-*"):  # handed over, for example
+        if path.suffix == ".password":
+            path.unlink()
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    with pytest.raises(InputError, match=r"tool.* nothing is overwritten"):
+        add_accounts(folder, prefixes, 1000)
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+
+
+def test_nothing_is_added_where_a_file_cannot_be_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = write(tmp_path / "lab", ("lab1",))
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    monkeypatch.setattr(mosquitto, "_rules", lambda _: "\ud800")  # after the passwords
+    with pytest.raises(InputError, match="accounts cannot be added"):
+        add_accounts(folder, ["lab2"], 1000)
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+    for path in folder.glob("*.env"):
+        path.unlink()
+    with pytest.raises(InputError, match="address is unknown"):
+        add_accounts(folder, ["lab2"], 1000)
+
+
+def test_nothing_is_added_to_another_configuration(tmp_path: Path) -> None:
+    assert not can_add(tmp_path)
+    (tmp_path / "mosquitto.conf").write_text("listener 1883\n")
+    assert not can_add(tmp_path)

@@ -98,7 +98,7 @@ def test_what_to_do_next_are_three_commands(program: Any, tmp_path: Path) -> Non
     commands = [line for line in made.stdout.splitlines() if line.startswith("  ")]
     assert commands == [
         "  mosquitto -c 'my lab/mosquitto.conf'",
-        "  . 'my lab/a-b-server.env' && swarmwright serve minisim --prefix a/b",
+        "  . 'my lab/a-b-server.env' && swarmwright serve minisim",
         "  . 'my lab/a-b-tool.env' && swarmwright optimize EXPERIMENT.yaml",
     ]
     again = program("broker", "--init", "my lab", "--host", "broker.example", "--prefix", "a/b")
@@ -106,6 +106,26 @@ def test_what_to_do_next_are_three_commands(program: Any, tmp_path: Path) -> Non
     assert "nothing is overwritten" in again.stderr
     for path in (tmp_path / "my lab").glob("*.password"):
         assert path.read_text().strip() not in made.stdout
+
+
+def test_a_group_is_added_to_a_broker(program: Any, tmp_path: Path) -> None:
+    program("broker", "--init", "lab", "--host", "broker.example", "--prefix", "a")
+    before = {path.name: path.read_bytes() for path in (tmp_path / "lab").iterdir()}
+    again = program("broker", "--init", "lab", "--host", "broker.example", "--prefix", "b")
+    assert again.returncode == 2
+    assert "`--prefix P` alone adds accounts" in again.stderr
+    assert {path.name: path.read_bytes() for path in (tmp_path / "lab").iterdir()} == before
+    added = program("broker", "--init", "lab", "--prefix", "b")
+    assert added.returncode == 0, added.stderr
+    assert added.stdout.splitlines() == [
+        "lab: the users b-tool, b-server, b-watcher were added",
+        "Send the broker SIGHUP, so that it reads them:",
+        "  kill -HUP $(pidof mosquitto)",
+    ]
+    assert "mqtts://broker.example:8883" in (tmp_path / "lab" / "b-tool.env").read_text()
+    twice = program("broker", "--init", "lab", "--prefix", "b", "--json")
+    assert twice.returncode == 2
+    assert "nothing is overwritten" in twice.stderr
 
 
 @pytest.mark.parametrize(
@@ -275,3 +295,15 @@ def test_all_addresses_are_called_so(start: Any, program: Any) -> None:
     process = start("broker", "--host", "0.0.0.0", "--port", "0", *given)
     said = process.stdout.readline()
     assert said.startswith("The broker listens on all addresses of this machine, here mqtts://127.0.0.1:")
+
+
+def test_the_certificate_of_an_authority_is_warned_of(start: Any, program: Any) -> None:
+    """As `openssl req -x509` makes it; clients refuse it."""
+    assert program("broker", "--init", "lab", "--host", "localhost", "--iterations", "1000").returncode == 0
+    given = ["--certificate", "lab/ca.pem", "--key", "lab/ca-key.pem"]
+    process = start("broker", "--port", "0", *given)
+    process.stdout.readline()
+    process.terminate()
+    _, said = process.communicate(timeout=20)
+    assert "lab/ca.pem is the certificate of an authority (CA:TRUE)" in said
+    assert "--init" in said

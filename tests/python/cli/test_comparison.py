@@ -69,10 +69,23 @@ def test_archives(program: Any, swept: Any, tmp_path: Path) -> None:
     assert "--by qd_score --offset -20 --at 8` compares all" in result.stdout
 
 
+def test_tables_are_written(program: Any, swept: Any, tmp_path: Path) -> None:
+    swept("archives")
+    files = ["--csv", "table.csv", "--latex", "table.tex"]
+    result = program("runs", "compare", *folders(tmp_path / "archives"), *files)
+    assert result.returncode == 0, result.stderr
+    assert result.stdout.endswith("The table is in table.csv\nThe table is in table.tex\n")
+    assert len((tmp_path / "table.csv").read_text().splitlines()) == 5
+    for wrong, message in (("table.tsv", "ends with .csv"), ("none/table.csv", "there is no folder 'none'")):
+        result = program("runs", "compare", *folders(tmp_path / "archives"), "--csv", wrong)
+        assert (result.returncode, result.stdout) == (2, "")
+        assert message in result.stderr
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--by", "coverage", "--held-out"], "--held-out compares fitness; leave it, or --by."),
+        (["--by", "coverage", "--held-out"], "fitness; leave out --held-out, or leave out --by."),
         (["--reference", "fitness=1"], "--reference is for --by hypervolume;"),
         (["--by", "coverage", "--offset", "1"], "--offset is for --by qd_score;"),
         (["--by", "hypervolume", "--reference", "1"], "'1' is not NAME=VALUE, such as fitness=0."),

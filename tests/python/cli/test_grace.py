@@ -13,6 +13,7 @@ from tests.conftest import Start
 from tests.paced_simulation import written
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(120)
 def test_on_sigterm_the_request_under_way_is_finished(
     start: Start, embedded_broker: str, tmp_path: Path

@@ -93,7 +93,7 @@ def test_it_says_so_also_while_it_starts(start: Any, tmp_path: Path, number: sig
         time.sleep(moments.uniform(0, 0.65))
         process.send_signal(number)
         said, complaint = process.communicate(timeout=30)
-        assert process.returncode == 130
+        assert process.returncode == 130, complaint
         assert "Traceback" not in complaint
         assert "nterrupted" in said + complaint
         if (tmp_path / "run").exists():

@@ -1,9 +1,12 @@
 """Mistakes at the command line, and unusual surroundings, end in a message."""
 
+import errno
 import json
 import os
+import sqlite3
 import subprocess
 import sys
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -141,6 +144,17 @@ def test_a_run_that_may_not_be_read_is_not_called_damaged(
     assert [json.loads(line)["run"] for line in found.out.splitlines()] == [str(finished.path)]
 
 
+def test_a_run_of_a_newer_format_is_not_called_damaged(
+    copy: Path, finished: Run, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with closing(sqlite3.connect(copy / "run.sqlite")) as store:
+        store.execute("PRAGMA user_version = 99")
+    assert swarmwright(["runs", "verify", str(copy), str(finished.path), "--json"]) == 2
+    found = capsys.readouterr()
+    assert "has format 99; this Swarmwright knows formats up to" in found.err
+    assert [json.loads(line)["run"] for line in found.out.splitlines()] == [str(finished.path)]
+
+
 TALKATIVE = """
 from swarmwright import Simulation
 
@@ -216,15 +230,64 @@ def test_too_little_memory_is_no_bug(
     assert "there is not enough memory: take a smaller population" in capsys.readouterr().err
 
 
+class PanicException(BaseException):
+    """One of the engine."""
+
+
+PanicException.__module__ = "pyo3_runtime"
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        RuntimeError("can't start new thread"),
+        OSError(errno.EAGAIN, "Resource temporarily unavailable"),
+        OSError(errno.ENOMEM, "Cannot allocate memory"),
+        PanicException("The global thread pool has not been initialized.: ThreadPoolBuildError { code: 11 }"),
+    ],
+)
+def test_that_no_thread_can_be_started_is_no_bug(
+    error: BaseException, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fail(*_: object) -> object:
+        raise error
+
+    monkeypatch.setattr("swarmwright.cli._main._invoke", fail)
+    assert swarmwright(["runs", "list"]) == 1
+    shown = capsys.readouterr().err
+    assert "no memory or threads are left for this process; let it have more (ulimit -v, ulimit -u" in shown
+    assert "bug" not in shown
+
+
+def test_an_experiment_whose_name_is_not_utf8_leaves_no_folder(tmp_path: Path) -> None:
+    (tmp_path / "übung 1.yaml").write_text("simulation: minisim\n")
+    done = subprocess.run(
+        [sys.executable, "-m", "swarmwright", "optimize", "übung 1.yaml".encode()],
+        cwd=tmp_path,
+        capture_output=True,
+        timeout=60,
+        env={**os.environ, "LC_ALL": "C", "PYTHONCOERCECLOCALE": "0", "PYTHONUTF8": "0"},
+        check=False,
+    )
+    assert done.returncode == 2
+    assert b"bung 1: is not UTF-8 here" in done.stderr
+    assert done.stderr.endswith(b"; set PYTHONUTF8=1, or a locale with UTF-8 (LC_ALL=C.UTF-8)\n")
+    assert not (tmp_path / "runs").exists()
+
+
 def test_names_that_are_not_utf8(program: Any, tmp_path: Path) -> None:
     (tmp_path / "x.yaml").write_text("simulation: minisim\n")
     for arguments in (["optimize", "x.yaml", "--out", "b\udce4d"], ["broker", "--init", "b\udce4d"]):
         result = program(*arguments)
         assert result.returncode == 2
-        assert result.stderr.startswith("swarmwright: a name is not UTF-8")
+        assert "\\xe4d" in result.stderr
+        assert "is not UTF-8 here, which files of runs and brokers are written in; use another name" in (
+            result.stderr
+        )
     assert not list(tmp_path.glob("b*"))
 
 
+@pytest.mark.slow
 def test_what_a_picture_shows_needs_a_picture(program: Any, tmp_path: Path) -> None:
     (tmp_path / "x.yaml").write_text(
         "simulation: minisim\nmethod: {kind: nnga, population: 4, generations: 1}\n"
@@ -234,7 +297,9 @@ def test_what_a_picture_shows_needs_a_picture(program: Any, tmp_path: Path) -> N
         for more in ([], ["--json"]):
             result = program("replay", "run", *option, *more)
             assert result.returncode == 2
-            assert f"{option[0]} is for pictures, films and pages: give --save FILE as well." in result.stderr
+            assert (
+                f"{option[0]} is for pictures, videos and pages: give --save FILE as well." in result.stderr
+            )
     assert program("replay", "run", "--show", "rays", "--save", "x.png").returncode == 0
     for option in (["--set", "parameters.seed=3"],):
         assert "the seed of episodes is the option --seed" in program("replay", "run", *option).stderr
@@ -248,6 +313,6 @@ def test_nobody_is_there_to_confirm(program: Any, tmp_path: Path) -> None:
     assert program("optimize", "x.yaml", "--servers", "in-process", "--out", "run").returncode == 0
     result = program("runs", "delete", "run")
     assert result.returncode == 2
-    assert "nobody is there to ask; give --yes. Nothing was deleted." in result.stderr
+    assert "there is no terminal to confirm on; give --yes. Nothing was deleted." in result.stderr
     assert (tmp_path / "run" / "run.sqlite").exists()
     assert program("runs", "delete", "run", "--yes").returncode == 0

@@ -1,6 +1,7 @@
 import json
 import math
 import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmwright import Run
+from swarmwright.cli import _runs
 from swarmwright.cli._output import Output, finite
 from swarmwright.cli._progress import Stall
 from swarmwright.cli.servers import HEADINGS, row
@@ -82,6 +84,13 @@ def test_a_stall_is_told_after_two_seconds_and_then_ever_more_rarely(monkeypatch
 
 def test_a_server_that_says_little_still_has_a_row() -> None:
     assert row({"server": 3, "state": "ready"}) == ("3", "-/-", "ready", *["-"] * 7)
+
+
+def test_a_server_that_is_lost_has_no_time() -> None:
+    """Its last will was fixed when it connected, so the time in it is that of the connection."""
+    server = {"server": 3, "since": "2024-01-01T00:00:00Z"}
+    times = {state: row({**server, "state": state})[HEADINGS.index("since")] for state in ("ready", "lost")}
+    assert times == {"ready": "2024-01-01T00:00:00Z", "lost": "-"}
 
 
 def test_a_server_that_says_everything() -> None:
@@ -163,3 +172,15 @@ def test_what_a_simulation_prints_cannot_make_it_fail(program: Any, tmp_path: Pa
             [*command, "json", "--json"], stdout=subprocess.PIPE, stderr=full, cwd=tmp_path, check=True
         )
     assert json.loads(made.stdout.splitlines()[-1])["best"]["fitness"] == whole.best.fitness
+
+
+def test_progress_of_reading_many_runs_is_shown_on_a_terminal(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(_runs, "_SLOW_S", -1.0)
+    monkeypatch.setattr(_runs, "_UPDATE_S", -1.0)
+    for terminal, shown in ((False, ""), (True, "\r\x1b[K1,000 of 5,000 runs read\r\x1b[K")):
+        monkeypatch.setattr(sys.stderr, "isatty", lambda terminal=terminal: terminal)
+        with _runs.reading_progress(5000) as begin:
+            begin(1000)
+        assert capsys.readouterr().err == shown

@@ -94,6 +94,25 @@ def test_it_says_where_the_seeds_are_those_of_the_validation(program: Any, noisy
     assert "validation" not in program("evaluate", "without", "--episodes", "20").stdout
 
 
+def test_the_settings_of_other_episodes_are_named(program: Any, noisy: Path) -> None:
+    experiment = Experiment.load(noisy, ["method.generations=2", "validate.episodes=20"])
+    optimize(experiment, out=noisy.parent / "run")
+    asked = ("evaluate", "run", "--episodes", "20", "--set", "parameters.numAgents=2")
+    text = program(*asked).stdout
+    first, second, third = text.splitlines()[:3]
+    assert first.endswith(", without these settings.")
+    assert second == "Settings: parameters.numAgents=2"
+    assert third == "20 episodes with the held-out seeds 1000000000 to 1000000019:"
+    assert json.loads(program(*asked, "--json").stdout)["settings"] == ["parameters.numAgents=2"]
+    # Where it is computed does not matter, so that the episodes are those of the validation.
+    same = program("evaluate", "run", "--episodes", "20", "--set", "timeouts.step=9").stdout
+    assert "those of the run's validation" in same
+    assert "without these settings" not in same
+    best = ("--controller", "run/best.json", "--episodes", "2")
+    said = program("evaluate", "run", *best, "--set", "parameters.numAgents=2").stdout
+    assert said.splitlines()[1] == "Settings: parameters.numAgents=2"
+
+
 def test_the_best_ones_are_listed(program: Any, noisy: Path) -> None:
     asked = ("--set", "validate.episodes=40", "--set", "validate.candidates=3")
     text = program("optimize", noisy, "--out", "run", *asked).stdout
@@ -132,6 +151,7 @@ def test_resume_does_what_is_left_of_it(program: Any, noisy: Path) -> None:
     assert "there is nothing left to do" in program("resume", "run").stdout
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("servers", ["local", "2"])
 def test_metrics_are_measured_where_they_are_asked_for(program: Any, noisy: Path, servers: str) -> None:
     fitness = ("--set", "fitness=arrived - 0.1 * distance", "--set", "method.generations=2")
@@ -173,3 +193,39 @@ def test_it_is_exported(program: Any, noisy: Path) -> None:
         in program("runs", "export", "run", "table.csv", "--validation").stdout
     )
     assert len((noisy.parent / "table.csv").read_text().splitlines()) == 1 + 5 * 30
+
+
+def test_a_controller_of_a_file(program: Any, noisy: Path) -> None:
+    run = optimize(
+        Experiment.load(noisy, ["method.generations=1", "validate=false"]), out=noisy.parent / "run"
+    )
+    run.best.controller.save(noisy.with_name("mine.json"))
+    expected = program("evaluate", "run", "--episodes", "20").stdout.splitlines()
+    shown = program("evaluate", noisy, "--controller", "mine.json", "--episodes", "20")
+    lines = shown.stdout.splitlines()
+    assert lines[0] == "The controller of mine.json."
+    assert lines[1:] == expected[1:]
+    told = program("evaluate", "run", "--controller", "mine.json", "--seed", "5", "--episodes", "2", "--json")
+    values = json.loads(told.stdout)
+    assert (values["controller"], values["seeds"], "recorded" in values) == ("mine.json", [5, 6], False)
+    for arguments, words in (
+        (["mine.json"], "evaluate EXPERIMENT.yaml --controller FILE --episodes 100"),
+        (
+            ["run", "--controller", "mine.json"],
+            "there are no recorded episodes of this controller to repeat; add --episodes N",
+        ),
+        (
+            ["run", "--controller", "mine.json", "--seed", "1", "--candidate", "0"],
+            "--candidate: has no meaning",
+        ),
+        *(
+            (
+                [place, "--controller", "mine.json", "--episodes", "2", "--set", f"{key}=4"],
+                f"--set {key}=4: has no effect here; the seed of episodes is the option --seed",
+            )
+            for place in (str(noisy), "run")
+            for key in ("seed", "parameters.seed")
+        ),
+    ):
+        refused = program("evaluate", *arguments)
+        assert (refused.returncode, words in refused.stderr) == (2, True), refused.stderr

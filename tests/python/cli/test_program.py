@@ -8,8 +8,10 @@ from typing import Any
 
 import pytest
 
+from swarmwright import __version__
 from swarmwright.cli._commands import COMMANDS
 from swarmwright.cli._commands import program as click_program
+from swarmwright.core.revision import revision
 
 
 def every_command() -> list[tuple[str, ...]]:
@@ -40,6 +42,13 @@ def test_help_ends_with_an_example_that_is_accepted(program: Any, names: tuple[s
             command = command.get_command(None, rest.pop(0))
         known = {option for parameter in command.params for option in parameter.opts}
         assert {word for word in rest if word.startswith("-")} <= known
+
+
+def test_the_version_has_the_commit_of_a_checkout(program: Any) -> None:
+    shown = program("--version")
+    assert (shown.returncode, shown.stderr) == (0, "")
+    commit = revision()
+    assert shown.stdout == f"swarmwright {__version__}" + (f" (commit {commit})\n" if commit else "\n")
 
 
 @pytest.mark.parametrize("name", ["optimize", "resume", "sweep", "evaluate", "simulate", "serve", "servers"])
@@ -84,8 +93,8 @@ def test_help_loads_neither_engine_nor_numpy() -> None:
         (["optimize", "experiment.yaml", "--generations", "30"], ["'--set method.generations=30' here"]),
         (["sweep", "experiment.yaml", "--population=9"], ["'--set method.population=9' here"]),
         (["optimize", "experiment.yaml", "--method"], ["'--set method.kind=VALUE' here"]),
-        (["replay", ".", "--out", "x.gif"], ["'--save x.gif' here"]),
-        (["plot", ".", "--save", "x.png"], ["'--out x.png' here"]),
+        (["replay", ".", "--out", "no/x.gif"], ["--save", "there is no folder 'no'"]),
+        (["plot", ".", "--save", "no/x.png"], ["--out", "there is no folder 'no'"]),
         (["optimize", "experiment.yaml", "--servers", "many"], ["'many' is neither a number of servers"]),
         (["optimize", "experiment.yaml", "--servers", "0"], ["0 is not in the range"]),
         (["optimize", "experiment.yaml", "--seed", "x"], ["--seed", "'x' is not a valid integer"]),
@@ -105,6 +114,11 @@ def test_help_loads_neither_engine_nor_numpy() -> None:
         (["broker", "--certificate", "experiment.yaml"], ["--key is missing"]),
         (["serve", "minisim", "--count", "0"], ["--count"]),
         (["runs", "export", ".", "no/x.csv"], ["there is no folder 'no'"]),
+        (["optimize", "link.yaml"], ["'link.yaml' is a link to 'nowhere', which does not exist.\n"]),
+        (["export", ".", "--to", "c", "--output", ""], ["it is empty; name a folder"]),
+        (["export", ".", "--to", "c", "--output", "run"], ["run: is the folder of another run"]),
+        (["conformance", "server", "--id", "1", "--junit", "no/x.xml"], ["there is no folder 'no'"]),
+        (["conformance", "server", "--id", "1", "--junit", "run"], ["'run' is a folder where a file"]),
     ],
 )
 def test_mistakes_are_named_with_a_way_out(
@@ -113,6 +127,7 @@ def test_mistakes_are_named_with_a_way_out(
     (tmp_path / "experiment.yaml").write_text("simulation: minisim\n")
     (tmp_path / "run").mkdir()
     (tmp_path / "run" / "run.sqlite").touch()
+    (tmp_path / "link.yaml").symlink_to("nowhere")
     result = program(*arguments)
     assert result.returncode == 2
     assert not result.stdout
@@ -121,6 +136,13 @@ def test_mistakes_are_named_with_a_way_out(
         assert answer in result.stderr
     assert "--help'" in result.stderr, "where to read on"
     assert "secret" not in result.stderr
+
+
+def test_a_wrong_broker_of_the_environment_is_named_as_that(program: Any, tmp_path: Path) -> None:
+    (tmp_path / "experiment.yaml").write_text("simulation: minisim\n")
+    result = program("optimize", "experiment.yaml", env={"SWARMWRIGHT_BROKER": "localhost"})
+    assert result.returncode == 2
+    assert "'SWARMWRIGHT_BROKER' (environment): the broker's address must begin with" in result.stderr
 
 
 def test_files_for_another_command_are_known(program: Any, tmp_path: Path) -> None:

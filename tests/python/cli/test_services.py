@@ -2,6 +2,7 @@ import json
 import os
 import signal
 import socket
+import time
 from pathlib import Path
 from typing import Any
 
@@ -111,6 +112,113 @@ def test_optimize_uses_the_servers_of_a_broker(
     assert len(used) == 2
     busy = events(serving, "busy")
     assert busy[0]["server"] in used
+
+
+def test_the_prefix_of_the_environment_is_used_where_none_is_named(
+    start: Any, program: Any, embedded_broker: str, tmp_path: Path
+) -> None:
+    where = {"SWARMWRIGHT_BROKER": embedded_broker}
+    lab = {**where, "SWARMWRIGHT_PREFIX": "lab1"}
+    (tmp_path / "x.yaml").write_text(
+        "simulation: minisim\nmethod: {population: 4, generations: 1}\ntimeouts: {discovery: 1}\n"
+    )
+    events(start("serve", "minisim", "--id", "7", "--json", env=lab), "ready")
+    listed = program("servers", "--json", env=lab)
+    assert json.loads(listed.stdout)["server"] == 7
+    run = program("optimize", "x.yaml", "--out", "run", env=lab)
+    assert run.returncode == 0, run.stderr
+    assert Run.open(tmp_path / "run").experiment.prefix == ""  # where it was evaluated does not matter
+    assert {attempt.server for attempt in Run.open(tmp_path / "run").attempts()} == {7}
+    # What names one wins.
+    for more in (("--prefix", "lab2"), ("--set", "prefix=lab2"), ("--prefix", "")):
+        other = program("optimize", "x.yaml", "--out", "other", *more, env=lab)
+        assert "no server" in other.stderr, more
+    wrong = program("optimize", "x.yaml", "--out", "other", env={**where, "SWARMWRIGHT_PREFIX": "a/#"})
+    assert wrong.returncode == 2
+    assert "SWARMWRIGHT_PREFIX (environment)" in wrong.stderr
+
+
+@pytest.mark.timeout(240)
+def test_every_command_with_a_broker_takes_a_prefix(
+    start: Any, program: Any, embedded_broker: str, tmp_path: Path
+) -> None:
+    """Each finds the server under the prefix of the environment, and under that of its option."""
+    lab, elsewhere = ({"SWARMWRIGHT_PREFIX": prefix} for prefix in ("lab1", "lab2"))
+    (tmp_path / "x.yaml").write_text(
+        "simulation: minisim\nmethod: {population: 4, generations: 1}\ntimeouts: {discovery: 5}\n"
+        f"broker: {embedded_broker}\n"
+    )
+    (tmp_path / "sweep.yaml").write_text("experiment: x.yaml\nseeds: 1\n")
+    (tmp_path / "other.yaml").write_text("parameters: {maxSteps: 5}\n")
+    serving = ("serve", "minisim", "--broker", embedded_broker, "--id", "7", "--json")
+    events(start(*serving, env=lab), "ready")
+    assert program("optimize", "x.yaml", "--out", "run", env=lab).returncode == 0
+    for number, command in enumerate(
+        [
+            ("evaluate", "run"),
+            ("evaluate", "run", "--episodes", "2"),
+            ("evaluate", "x.yaml", "--controller", "run/best.json", "--episodes", "2"),
+            ("simulate", "x.yaml"),
+            ("replay", "run", "--json", "--broker", embedded_broker),
+            ("transfer", "run", "--to", "other.yaml", "--candidates", "1", "--seeds", "2"),
+            ("transfer", "run", "--vary", "parameters.maxSteps=5..9", "--candidates", "1", "--seeds", "2"),
+            ("sweep", "sweep.yaml"),
+            ("resume", "run"),  # the last one: it records the option
+        ]
+    ):
+        for way, (option, env) in enumerate((((), lab), (("--prefix", "lab1"), elsewhere))):
+            more = {
+                "resume": ("--generations", str(2 + way)),
+                "sweep": ("--out", f"sweep{number}{way}"),
+            }.get(command[0], ())
+            done = program(*command, *more, *option, env=env)
+            assert done.returncode == 0, (command, option, done.stderr)
+    assert program("simulate", "x.yaml", env=elsewhere).returncode == 1
+
+
+@pytest.mark.parametrize("servers", ["2", "process:2"])
+def test_servers_of_a_run_have_its_prefix(
+    program: Any, embedded_broker: str, tmp_path: Path, servers: str
+) -> None:
+    (tmp_path / "x.yaml").write_text("simulation: minisim\nmethod: {population: 4, generations: 1}\n")
+    run = ("optimize", "x.yaml", "--servers", servers, "--broker", embedded_broker)
+    for number, more in enumerate([(), ("--prefix", "lab2"), ("--prefix", "")]):
+        done = program(*run, "--out", f"run{number}", *more, env={"SWARMWRIGHT_PREFIX": "lab1"})
+        assert done.returncode == 0, (more, done.stderr)
+    own = program(*run[:-2], "--out", "own", env={"SWARMWRIGHT_PREFIX": "lab1"})
+    assert own.returncode == 0, own.stderr
+
+
+def test_the_way_to_start_a_server_has_the_prefix(program: Any, embedded_broker: str) -> None:
+    where = ("servers", "--broker", embedded_broker, "--wait", "0.1")
+    account = {"SWARMWRIGHT_USERNAME": "ada", "SWARMWRIGHT_PASSWORD": "horse"}
+    told = program(*where, "--prefix", "lab 1", env=account).stdout.splitlines()
+    assert told[:3] == [
+        f"No simulation server on {embedded_broker} under the prefix lab 1.",
+        "An account that may not read this prefix sees none either.",
+        f"Start one with: swarmwright serve minisim --broker {embedded_broker} --prefix 'lab 1'",
+    ]
+    assert "account" not in program(*where).stdout
+
+
+def test_lost_servers_are_forgotten(start: Any, program: Any, any_broker: str) -> None:
+    serving = start("serve", "minisim", "--broker", any_broker, "--id", "60", "--count", "2", "--json")
+    ready = {event["server"]: event["pid"] for event in events(serving, "ready", 2)}
+    nothing = program("servers", "--broker", any_broker, "--forget-lost")
+    assert (nothing.returncode, nothing.stdout) == (0, f"No server on {any_broker} is lost.\n")
+    for pid in (serving.pid, *ready.values()):
+        os.kill(pid, signal.SIGKILL)
+    assert gone([serving.pid, *ready.values()])
+    deadline = time.monotonic() + 10
+    while program("servers", "--broker", any_broker).stdout.count("lost") < 2:
+        assert time.monotonic() < deadline
+    done = program("servers", "--broker", any_broker, "--forget-lost")
+    assert done.returncode == 0, done.stderr
+    host = socket.gethostname()
+    assert done.stdout.splitlines() == [
+        f"server {server} ({host}/{ready[server]}) is forgotten" for server in (60, 61)
+    ]
+    assert "No simulation server" in program("servers", "--broker", any_broker).stdout
 
 
 def test_a_dying_server_is_reported_and_started_again(start: Any, program: Any, embedded_broker: str) -> None:

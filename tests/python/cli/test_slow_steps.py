@@ -75,6 +75,7 @@ def discoveries(url: str) -> Iterator[None]:
         client.loop_stop()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["stepwise", "batched"])
 def test_a_step_may_take_longer_than_the_wait_for_actuators(
     program: Any, start: Any, embedded_broker: str, tmp_path: Path, mode: str
@@ -89,6 +90,7 @@ def test_a_step_may_take_longer_than_the_wait_for_actuators(
     assert (opened.best.fitness, opened.evaluations) == (2, 2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["stepwise", "batched"])
 def test_a_step_may_take_longer_than_the_keep_alive_interval(
     program: Any, start: Any, embedded_broker: str, tmp_path: Path, mode: str

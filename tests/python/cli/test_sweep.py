@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import shutil
 import signal
 import time
 from pathlib import Path
@@ -40,6 +41,8 @@ def test_variants_are_run_and_compared_once(program: Any, tmp_path: Path) -> Non
     assert "against second" in result.stdout
     assert result.stdout.endswith("The figure is in results/comparison.png\n")
     assert (tmp_path / "results" / "comparison.png").stat().st_size > 10_000
+    assert (tmp_path / "results" / "comparison.csv").read_text().count("\n") == 5
+    assert (tmp_path / "results" / "comparison.tex").read_text().count(r"\toprule") == 2
     before = records(tmp_path / "results")
     assert sorted(before) == ["nnga-1", "nnga-2", "random_search-1", "random_search-2"]
     again = program("sweep", "sweep.yaml", "--json")
@@ -73,6 +76,7 @@ def begun(store: Path) -> bool:
     return False
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("servers", ["1", "local"])
 def test_interrupted_it_goes_on(program: Any, start: Any, tmp_path: Path, servers: str) -> None:
     long = SWEEP.replace("grid: {", "grid: {method.generations: [400], ")
@@ -131,7 +135,49 @@ def test_a_figure_that_cannot_be_written_comes_last_and_fails_nothing(program: A
     result = program("sweep", "sweep.yaml")
     assert result.returncode == 0
     assert "against second" in result.stdout
-    assert result.stderr.startswith("swarmwright: the runs are whole, but the figure was not drawn: results/")
+    assert result.stderr.startswith(
+        "swarmwright: the runs are whole, but a file of the comparison was not written: results/"
+    )
     last = json.loads(program("sweep", "sweep.yaml", "--json").stdout.splitlines()[-1])
     assert last["picture"] is None
     assert len(last["comparison"]["groups"]) == 2
+
+
+def test_what_was_asked_for_is_in_the_folder_and_missing_runs_are_named(program: Any, tmp_path: Path) -> None:
+    write(tmp_path)
+    assert program("sweep", "sweep.yaml", "--set", "method.generations=2").returncode == 0
+    asked = json.loads((tmp_path / "results" / "sweep.json").read_text())
+    assert (asked["file"], asked["seeds"]) == ("sweep.yaml", [1, 2])
+    assert asked["settings"] == ["method.generations=2"]
+    assert asked["experiment"]["simulation"] == "minisim"
+    assert [one["experiment"]["method"]["kind"] for one in asked["variants"]] == ["nnga", "random_search"]
+    assert asked["variants"][0]["runs"] == ["nnga-1", "nnga-2"]
+    whole = program("runs", "verify", "results")
+    assert whole.returncode == 0, whole.stderr
+    assert whole.stdout.count(": ok, ") == 4
+    shutil.rmtree(tmp_path / "results" / "nnga-2")
+    result = program("runs", "verify", "results")
+    assert result.returncode == 1
+    assert "results/nnga-2: missing; the same sweep runs it\n" in result.stdout
+    assert result.stdout.count(": ok, ") == 3
+    lines = [json.loads(line) for line in program("runs", "verify", "results", "--json").stdout.splitlines()]
+    assert [line["run"] for line in lines if not line["ok"]] == ["results/nnga-2"]
+    (tmp_path / "results" / "sweep.json").write_text("[]")
+    result = program("runs", "verify", "results")
+    assert result.returncode == 2
+    assert "results/sweep.json: is not the record of a sweep; delete it" in result.stderr
+
+
+def test_fitness_on_held_out_seeds_is_compared_first_where_all_runs_have_it(
+    program: Any, tmp_path: Path
+) -> None:
+    base = BASE.replace("SERVERS", "local").replace("maxSteps: 5", "maxSteps: 15, placement: random")
+    (tmp_path / "base.yaml").write_text(f"{base}ranking: {{episodes: 2}}\nvalidate: {{episodes: 20}}\n")
+    (tmp_path / "sweep.yaml").write_text(SWEEP)
+    said = program("sweep", "sweep.yaml").stdout
+    first = said.index("Mean fitness of each run's best candidate on held-out seeds:")
+    assert first < said.index("Best recorded fitness of each run, in the episodes")
+    *_, last = program("sweep", "sweep.yaml", "--json").stdout.splitlines()
+    found = json.loads(last)
+    assert found["held_out"]["held_out"]
+    assert not found["comparison"]["held_out"]

@@ -89,5 +89,49 @@ def test_lines_that_differ_in_numbers_alone_are_of_one_kind(capsys: pytest.Captu
         "swarmwright: lost the broker (end of file); trying again",
         "swarmwright: the broker is back",
         "swarmwright: and 7 more alike: counted already",
-        "swarmwright: and 3 more alike (servers 2, 3, 4): server 1 is silent for 1.5 s",
+        "swarmwright: and 3 more alike (server 2: 1, server 3: 1, server 4: 1): a server is silent for 1.5 s",
     ]
+
+
+def test_repetitions_are_counted_by_reason_and_server(capsys: pytest.CaptureFixture[str]) -> None:
+    """Neither the server, nor a path, nor the number of attempts makes another kind, the exit status does."""
+    warnings = Warnings()
+
+    def fails(server: int, reason: str, before: str = "") -> None:
+        message = f"{before}an episode failed on server {server}: sim: {reason}"
+        warnings.report({"event": "warning", "message": message})
+
+    fails(1, "was ended by SIGABRT; see /tmp/instance-0/failed-7a")
+    for server, count in ((1, 4), (2, 2), (1, 3)):
+        before = f"and {count} more alike: "
+        fails(server, f"was ended by SIGABRT; see /tmp/instance-{server}/failed-8b", before)
+    for status in (3, 4):
+        fails(2, f"ended with exit status {status}")
+    for attempts in (3, 2, 2):
+        message = f"an evaluation failed after {attempts} attempts: no licence"
+        warnings.report({"event": "warning", "message": message})
+    warnings.close()
+    reason = "sim: was ended by SIGABRT; see /tmp/instance-0/failed-7a"
+    assert capsys.readouterr().err.splitlines() == [
+        f"swarmwright: an episode failed on server 1: {reason}",
+        "swarmwright: an episode failed on server 2: sim: ended with exit status 3",
+        "swarmwright: an episode failed on server 2: sim: ended with exit status 4",
+        "swarmwright: an evaluation failed after 3 attempts: no licence",
+        f"swarmwright: and 9 more alike (server 1: 7, server 2: 2): an episode failed on a server: {reason}",
+        "swarmwright: and 2 more alike: an evaluation failed after 3 attempts: no licence",
+    ]
+
+
+def test_counts_come_less_and_less_often(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    now = 0.0
+    monkeypatch.setattr("swarmwright.cli._warnings.time.monotonic", lambda: now)
+    warnings = Warnings()
+    told = []
+    for second in range(101):
+        now = float(second)
+        warnings.report({"event": "warning", "message": "no licence"})
+        if "more alike" in capsys.readouterr().err:
+            told.append(second)
+    assert told == [10, 30, 70]

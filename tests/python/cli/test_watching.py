@@ -56,7 +56,7 @@ def test_replay_saves_pictures(program: Any, run: str, tmp_path: Path, name: str
 
 
 def test_replay_writes_a_page_and_a_film(program: Any, run: str, tmp_path: Path) -> None:
-    for name, what in (("best.html", "The page"), ("best.mp4", "The film")):
+    for name, what in (("best.html", "The page"), ("best.mp4", "The video")):
         result = program("replay", run, "--save", name)
         assert result.returncode == 0, result.stderr
         assert f"{what} is in {name}" in result.stdout
@@ -102,10 +102,11 @@ def test_every_episode_of_several(program: Any, tmp_path: Path) -> None:
     end = program("replay", "several").stdout.splitlines()[-1]
     first, mean = opened.record.episodes[row][0], opened.best.fitness
     assert end == (
-        f"Fitness {first:.6g} in episode 0; the candidate's in the run is {mean:.6g}, the mean of 3 episodes."
+        f"Fitness {first:.6g} in episode 0; recorded fitness of the candidate: {mean:.6g} "
+        "(mean of 3 episodes)."
     )
     foreign = program("replay", "several", "--seed", "77")
-    assert "with seed 77; the candidate's in the run is" in foreign.stdout
+    assert "with seed 77; recorded fitness of the candidate: " in foreign.stdout
 
 
 def test_parameters_that_were_evolved_are_played_and_drawn(program: Any, tmp_path: Path) -> None:
@@ -205,8 +206,10 @@ def test_several_candidates_stand_on_a_page(program: Any, run: str, tmp_path: Pa
     assert result.returncode == 0, result.stderr
     page = (tmp_path / "several.html").read_text(encoding="utf-8")
     other = Run.open(tmp_path / "other").best
-    assert '"name":"result: candidate 3 of generation 0"' in page
-    assert f'"name":"other: candidate {other.candidate} of generation 0"' in page
+    assert '"name":"result 0:3"' in page
+    assert f'"name":"other 0:{other.candidate}"' in page
+    assert program("replay", run, "--beside", "0:3", "--save", "one.html").returncode == 0
+    assert '"name":"0:3"' in (tmp_path / "one.html").read_text(encoding="utf-8"), "the run is the same"
     for arguments, words in (
         (("--beside", "0:3"), "--beside is shown by a page: --save FILE.html"),
         (("--beside", "0:3", "--save", "x.gif"), "--beside is shown by a page: --save FILE.html"),
@@ -232,7 +235,7 @@ def test_another_run_stands_beside_it_in_the_same_episode(program: Any, run: str
     page = (tmp_path / "both.html").read_text(encoding="utf-8")
     data = json.loads(page.partition('id="episode">')[2].partition("</script>")[0])
     assert all(len(episode["fitness"]) <= lengths[0] + 1 for episode in data["episodes"])
-    assert [episode["name"].partition(":")[0] for episode in data["episodes"]] == ["result", "longer"]
+    assert [episode["name"].partition(" ")[0] for episode in data["episodes"]] == ["result", "longer"]
     (tmp_path / "arena.yaml").write_text(ARENA)
     assert program("optimize", "arena.yaml", "--out", "arena").returncode == 0
     wrong = program("replay", run, "--beside", "arena", "--save", "x.html")
@@ -254,6 +257,26 @@ def test_a_page_says_what_is_not_as_in_the_run(program: Any, run: str, tmp_path:
     assert re.search(r"<dt>fitness of this episode</dt><dd>1\d\d", facts), "100 and the distance"
 
 
+def test_changed_parameters_are_said_as_they_were_typed(program: Any, tmp_path: Path) -> None:
+    (tmp_path / "arena.yaml").write_text(ARENA)
+    assert program("optimize", "arena.yaml", "--out", "arena").returncode == 0
+    (tmp_path / "crowd.yaml").write_text(
+        "title: Crowd\nwalls: {sides: 12, apothem: 3}\nstart: {disc: {radius: 2}}\n"
+        "metrics: {apart: {kind: nearest_distance, when: end}}\nfitness: apart\n"
+    )
+    was = Run.open(tmp_path / "arena").experiment.parameters
+    changes = ("parameters.mission=crowd.yaml", "parameters.robots=7", "parameters.duration=3")
+    options = [part for change in changes for part in ("--set", change)]
+    result = program("replay", "arena", *options, "--save", "crowd.html")
+    assert result.returncode == 0, result.stderr
+    facts = (tmp_path / "crowd.html").read_text(encoding="utf-8").partition('<dl class="facts">')[2]
+    before = {key: f" (in the run {was[key]})" if key in was else "" for key in ("robots", "duration")}
+    assert (
+        f"<dd>mission crowd.yaml (in the run {was['mission']}), robots 7{before['robots']}, "
+        f"duration 3{before['duration']}</dd>"
+    ) in facts
+
+
 def test_what_a_picture_shows_can_be_chosen(program: Any, run: str, tmp_path: Path) -> None:
     sizes = {}
     for parts in ("none", "trails", "trails,rays,links,labels"):
@@ -262,6 +285,11 @@ def test_what_a_picture_shows_can_be_chosen(program: Any, run: str, tmp_path: Pa
         sizes[parts] = (tmp_path / "x.png").read_bytes()
     assert sizes["none"] != sizes["trails"]
     assert sizes["trails"] == sizes["trails,rays,links,labels"], "Minisim has neither rays nor links"
+    for options, labels in (((), None), (("--show", "labels"), True), (("--show", "trails"), False)):
+        assert program("replay", run, *options, "--save", "x.html").returncode == 0
+        page = (tmp_path / "x.html").read_text(encoding="utf-8")
+        data = json.loads(page.split('id="episode">')[1].split("</script>")[0])
+        assert data["shown"]["labels"] is labels, "None: as the page decides"
     wrong = program("replay", run, "--show", "tracks", "--save", "x.png")
     assert wrong.returncode == 2
     assert "--show: 'tracks' found, expected trails, rays, links, labels or none" in wrong.stderr
@@ -318,11 +346,11 @@ def test_a_replay_says_what_the_fitness_beside_it_is(program: Any, tmp_path: Pat
     scores = [float(line.rpartition("now ")[2]) for line in again.stdout.splitlines() if "now" in line]
     assert len(scores) > 5
     assert sum(scores) / len(scores) == pytest.approx(best.fitness)
-    made = f"the candidate's in the run is {best.fitness:.6g}, the mean of {len(scores)} instances."
+    made = f"recorded fitness of the candidate: {best.fitness:.6g} (mean of {len(scores)} instances)."
     assert last == f"Fitness {scores[0]:.6g} in episode 0; {made}"
     third = program("replay", "raced", "--episode", "3").stdout.splitlines()[-1]
     assert third == f"Fitness {scores[3]:.6g} in episode 3; {made}"
     assert scores[-1] == best.episodes[0]
     other = program("replay", "raced", "--set", "parameters.maxSteps=3").stdout.splitlines()[-1]
-    assert "the candidate's in the run is" in other
+    assert "recorded fitness of the candidate: " in other
     assert "bit-identical" not in other

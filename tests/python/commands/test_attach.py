@@ -21,9 +21,9 @@ from swarmwright import (
     resume,
     simulate,
 )
+from swarmwright.core import warn_once
 from swarmwright.evaluation.evaluate import episode
 from swarmwright.simulations import catalogue
-from swarmwright.user_code import notices
 from tests.python.cli.test_services import events
 from tests.python.commands.processes import WELL, Traced
 from tests.python.records import same_record
@@ -261,7 +261,7 @@ def test_parameters_that_do_not_reach_the_program_are_told_once(
     definition: dict[str, Any],
     told: str | None,
 ) -> None:
-    monkeypatch.setattr(notices, "_told", set())
+    monkeypatch.setattr(warn_once, "_given", set())
     (traced.folder / "world.sdf").write_text("<world {seed}/>")
     (traced.folder / "script").write_text("cat parameters.yaml")
     parameters = {} if script else {"weight": 2}

@@ -31,7 +31,7 @@ def problem(folder: Path, old: str, new: str) -> str:
         (
             "{log}",
             "{lgo}",
-            "e.yaml:3: simulation.command: {lgo} is no placeholder, and no parameter has this",
+            "e.yaml:3: simulation.command: {lgo} is not a placeholder, and no parameter has this",
         ),
         (
             "{log}",
@@ -73,7 +73,7 @@ def problem(folder: Path, old: str, new: str) -> str:
         (
             "metrics:",
             "environment: {A: '{prt}'}\n  metrics:",
-            "simulation.environment.A: {prt} is no placeholder",
+            "simulation.environment.A: {prt} is not a placeholder",
         ),
         ("metrics:", 'fitness: "a +"\n  metrics:', "simulation.fitness: "),
         (

@@ -54,12 +54,25 @@ def test_a_program_that_goes_while_it_is_used(traced: Traced) -> None:
 
 def test_exit_status_with_the_end_of_the_output(traced: Traced) -> None:
     reason = traced.fails("for i in 1 2 3 4 5; do echo line $i; done; echo out of fuel >&2; exit 7")
-    assert (
-        "sh: ended with exit status 7; its last output: line 4 | line 5 | out of fuel; its files: " in reason
+    # Without a path: runs store it, and count failures with the same reason.
+    assert reason.endswith("sh: ended with exit status 7; its last output: line 4 | line 5 | out of fuel")
+
+
+def test_the_work_folder_that_is_named_is_that_of_the_failure(
+    traced: Traced, caplog: pytest.LogCaptureFixture
+) -> None:
+    """One for each kind of failure, whatever fails afterwards; their parameters tell them apart."""
+    script = "read -r _ speed < parameters.yaml; case $speed in 0.2*|0.4*) exit 2;; *) exit 3;; esac"
+    speeds = [0.1, 0.2, 0.3, 0.4]
+    evaluate(traced.shell(script, fitness="fitness"), [[speed] for speed in speeds])
+    said = [line for line in caplog.messages if "the work folder of this episode is kept: " in line]
+    reasons, kept = zip(
+        *(line.split("; the work folder of this episode is kept: ") for line in said), strict=True
     )
-    # The work folder is there to be looked at.
-    kept = Path(reason.rpartition("its files: ")[2])
-    assert (kept / "parameters.yaml").read_text().startswith("speed: ")
+    assert reasons == ("sh: ended with exit status 3", "sh: ended with exit status 2")
+    texts = [Path(folder).joinpath("parameters.yaml").read_text() for folder in kept]
+    assert [float(text.split()[1]) for text in texts] == pytest.approx(speeds[:2], abs=1e-6)
+    assert len(list((traced.folder / "work").rglob("failed-*"))) == 2
 
 
 def test_signal(traced: Traced) -> None:
@@ -94,8 +107,8 @@ def test_hang_that_ignores_being_asked_to_end(traced: Traced) -> None:
             "Simulator 3\\ntime,fitness\\n1,2\\n",
             "2: has 2 values, but there is 1 column; this line was taken for their names: 'Simulator 3'",
         ),
-        ("time,fit\\rness\\n1,2\\n", "log.csv:1: is no table: new-line character"),
-        ("# Simulator 3\\ntime,fit\\rness\\n1,2\\n", "log.csv:2: is no table: new-line character"),
+        ("time,fit\\rness\\n1,2\\n", "log.csv:1: is not a table: new-line character"),
+        ("# Simulator 3\\ntime,fit\\rness\\n1,2\\n", "log.csv:2: is not a table: new-line character"),
         ("# 50\\r100\\nfitness\\nbad\\n", "log.csv:3: fitness is 'bad', expected a number"),
         ("fitness\\n1_000\\n", "log.csv:2: fitness is '1_000', expected a number"),
         ("fitness\\n\u0661\u0662\\n", "log.csv:2: fitness is '\u0661\u0662', expected a number"),
@@ -123,18 +136,46 @@ def test_a_row_may_begin_with_a_number_sign(traced: Traced) -> None:
 def test_folders_of_failed_episodes_stay_for_other_processes(tmp_path: Path) -> None:
     instance = Instance(tmp_path)
     try:
-        for number in range(7):
+        for number in range(12):
             other = instance.folder / f"failed-{number}"
             other.mkdir()
             os.utime(other, (number, number))
+        own = []
         for name in ("first", "second"):
+            assert instance.is_first_of_kind(name)
             folder = instance.new_folder("episode")
             (folder / name).touch()
-            kept = instance.keep_failed(folder)
-        assert (kept / "second").exists()
-        assert not (kept / "first").exists()
-        others = [f"failed-{number}" for number in (3, 4, 5, 6)]
-        assert sorted(one.name for one in instance.folder.iterdir()) == sorted([kept.name, *others])
+            own.append(instance.keep_failed(folder))
+        assert (own[0] / "first").exists()
+        assert (own[1] / "second").exists()
+        others = [f"failed-{number}" for number in range(4, 12)]
+        assert sorted(one.name for one in instance.folder.iterdir()) == sorted(
+            [*others, *(one.name for one in own)]
+        )
+    finally:
+        instance.close()
+
+
+def test_a_later_instance_of_the_process_replaces_no_folder(tmp_path: Path) -> None:
+    kept = []
+    for name in ("first", "second"):
+        instance = Instance(tmp_path)
+        try:
+            assert instance.is_first_of_kind(name)
+            folder = instance.new_folder("episode")
+            (folder / name).touch()
+            kept.append(instance.keep_failed(folder) / name)
+        finally:
+            instance.close()
+    assert all(file.exists() for file in kept)
+
+
+def test_kinds_of_failures_are_bounded(tmp_path: Path) -> None:
+    instance = Instance(tmp_path)
+    try:
+        first = [instance.is_first_of_kind(f"log.csv:{row}: fitness is nan") for row in range(3)]
+        assert first == [True, False, False], "they differ in numbers alone"
+        assert sum(instance.is_first_of_kind(f"ended with exit status {number}") for number in range(9)) == 4
     finally:
         instance.close()
 
@@ -183,7 +224,7 @@ def test_words_that_an_interpreter_does_not_take_for_files(
 
 def test_a_field_that_is_too_long(traced: Traced) -> None:
     (traced.folder / "content").write_text(f"fitness,{'a' * (1 << 18)}\n1,2\n")
-    with pytest.raises(RunError, match=r"log\.csv:1: is no table: field larger than field limit"):
+    with pytest.raises(RunError, match=r"log\.csv:1: is not a table: field larger than field limit"):
         simulate(traced.shell(f"cp {traced.folder}/content log.csv"))
 
 
@@ -328,3 +369,16 @@ def test_the_keeper_is_killed(traced: Traced) -> None:
     with pytest.raises(CommandFailure, match="the process that starts commands has ended"):
         processes.report()
     assert traced.left(within=5) == []
+
+
+def test_an_interrupt_is_no_failure_of_the_episode(
+    traced: Traced, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def interrupted(*_arguments: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(command, "run", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        simulate(traced.shell(WELL))
+    assert not [line for line in caplog.messages if "is kept" in line]
+    assert [path for path in (traced.folder / "work").rglob("*") if path.is_file()] == []

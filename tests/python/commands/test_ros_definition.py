@@ -66,11 +66,11 @@ def with_(**changes: Any) -> dict[str, Any]:
         ),
         (
             {"actuators__0__topic": "cmd vel"},
-            "actuators[0].topic: 'cmd vel' is no topic: 'cmd vel' is no part of a name: expected a",
+            "actuators[0].topic: 'cmd vel' is not a topic: 'cmd vel' is not valid in a name: expected a",
         ),
-        ({"actuators__0__topic": "cmd//vel"}, "'cmd//vel' is no topic: two / follow each other, or it"),
-        ({"actuators__0__topic": "~/cmd"}, "'~/cmd' is no topic: names that are private to a node are not"),
-        ({"sensors__0__topic": "/m/{robot}/1"}, "'/m/{robot}/1' is no topic: '1' is no part of a name"),
+        ({"actuators__0__topic": "cmd//vel"}, "'cmd//vel' is not a topic: two / follow each other, or it"),
+        ({"actuators__0__topic": "~/cmd"}, "'~/cmd' is not a topic: names that are private to a node are"),
+        ({"sensors__0__topic": "/m/{robot}/1"}, "'/m/{robot}/1' is not a topic: '1' is not valid in a name"),
         (
             {
                 "actuators": [
@@ -92,10 +92,13 @@ def with_(**changes: Any) -> dict[str, Any]:
         ({"ros": 1}, "simulation.step.type: simulation_interfaces/StepSimulation is of ROS 2"),
         ({"reset__scope": "pose"}, "simulation.reset.scope: must be one of default, time, state, spawned"),
         ({"robots": ["a", "a"]}, "simulation.robots: a is there twice"),
-        ({"robots": [""]}, "simulation.robots: '' is no namespace; expected such as robot_1"),
-        ({"robots": ["1st"]}, "simulation.robots: '1st' is no namespace: '1st' is no part"),
+        ({"robots": [""]}, "simulation.robots: '' is not a namespace; expected such as robot_1"),
+        ({"robots": ["1st"]}, "simulation.robots: '1st' is not a namespace: '1st' is not valid"),
         ({"step": "fast"}, "simulation.step: must be seconds, such as 0.1, or {service: /step}, not 'fast'"),
-        ({"robots": 0}, "simulation.robots: must be a number, or a list of namespaces, not 0"),
+        ({"robots": 0}, "simulation.robots: must be at least 1 and at most 1,000, not 0"),
+        ({"robots": 500_000_000}, "simulation.robots: must be at least 1 and at most 1,000, not 500000000"),
+        ({"robots": [f"r{one}" for one in range(1001)]}, "simulation.robots: there may be at most 1,000"),
+        ({"robots": []}, "simulation.robots: must be a number of robots, or a list of namespaces, not []"),
         ({"middleware": "rospy"}, "simulation.middleware: rospy is not for ROS 2; dds or rclpy is"),
         ({"metrics__near__sensor": "lift"}, "metrics.near.sensor: there is no sensor 'lift'; did you mean"),
         ({"metrics__near__time": "average"}, "simulation.metrics.near.time: must be one of last, first,"),
@@ -108,7 +111,7 @@ def with_(**changes: Any) -> dict[str, Any]:
         ),
         ({"spawn": {"uri": "rover"}}, "simulation.spawn.poses: give either poses, one of each robot"),
         ({"spawn": {"file": "no.sdf", "poses": [{}, {}]}}, "simulation.spawn.file: no.sdf: there is no"),
-        ({"environment": {"A": "{seed}"}}, "simulation.environment.A: {seed} is no placeholder; there is:"),
+        ({"environment": {"A": "{seed}"}}, "simulation.environment.A: {seed} is not a placeholder; there"),
     ],
     ids=str,
 )  # fmt: skip

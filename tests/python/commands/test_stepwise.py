@@ -228,6 +228,19 @@ def test_an_end_that_is_said_twice_is_not_that_of_the_next_episode(
     assert fitness.tolist() == evaluate(twice(traced), genomes).tolist()
 
 
+def test_the_first_warning_of_a_command_is_logged(traced: Traced, caplog: pytest.LogCaptureFixture) -> None:
+    script = TWICE.replace(
+        "say(done=True, fitness=total)", "say(done=True, fitness=total, warning='slow\\x1b')", 1
+    )
+    (traced.folder / "twice.py").write_text(script.replace("{end}", "0").replace("{middle}", "0"))
+    experiment = traced.experiment(
+        [sys.executable, "twice.py"], controller="stepwise", sensors=1, actuators=1
+    ).replace(controller={"kind": "layered", "hidden": []})
+    genomes = np.random.default_rng(4).normal(size=(4, 2))
+    assert evaluate(experiment, genomes).tolist() == evaluate(twice(traced), genomes).tolist()
+    assert caplog.text.count("the command reports: slow\\x1b") == 1
+
+
 def test_an_error_may_come_at_any_time(traced: Traced) -> None:
     script = TWICE.replace(
         "say(sensors=[[0.5]])", 'say(sensors=[[0.5]]); steps == 2 and say(error="no motor")'

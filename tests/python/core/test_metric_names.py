@@ -15,7 +15,7 @@ def test_names(name: str) -> None:
     ("name", "better"), [("", "_"), ("1st", "_1st"), ("a-b", "a_b"), ("é", "_"), ("a b\n", "a_b_")]
 )
 def test_what_is_no_name(name: str, better: str) -> None:
-    assert "a metric's name has letters, digits and _" in str(problem_of(name))
+    assert "a metric's name has letters (A-Z, a-z), digits and _" in str(problem_of(name))
     assert suggested(name) == better
     assert problem_of(better) is None
     with pytest.raises(ValueError, match=rf"write {better}: last"):

@@ -86,3 +86,13 @@ def test_elements_are_counted_and_text_is_put_together_at_once(
     path.write_text('<a c="d">' + "<b/>" * 99 + "</a>")
     with pytest.raises(InputError, match="more than 100 elements and attributes"):
         read(path)
+
+
+def test_what_is_not_xml_is_not_parsed_as_such(tmp_path: Path) -> None:
+    path = tmp_path / "m.yaml"
+    for text in (b"simulation: minisim\n", "simulation: minisim\n".encode("utf-16")):
+        path.write_bytes(text)
+        with pytest.raises(InputError, match=r"m\.yaml: is not XML, which begins with '<', not with 's'"):
+            read(path)
+    path.write_bytes(' <a b="1"/>'.encode("utf-16"))
+    assert read(path).attributes == {"b": "1"}

@@ -90,7 +90,6 @@ def test_all_duplicates_are_found_with_both_lines() -> None:
         ("a: 1\n\tb: 2\n", 2),
         ("a: b: c\n", 1),
         ("a: @x\n", 1),
-        ("--- 1\n--- 2\n", 2),
     ],
 )
 def test_what_is_no_yaml_is_said_with_its_line(text: str, line: int) -> None:
@@ -158,3 +157,12 @@ def test_a_character_that_yaml_does_not_take_is_told_in_one_line() -> None:
     with pytest.raises(InputError) as caught:
         parse("a: 1\nb: x\0y\n", "x.yaml")
     assert str(caught.value) == "x.yaml:2: is not valid YAML: the character U+0000 is not allowed"
+
+
+def test_utf16_and_a_second_document_are_named(tmp_path: Path) -> None:
+    path = tmp_path / "e.yaml"
+    path.write_bytes("simulation: minisim\n".encode("utf-16"))
+    with pytest.raises(InputError, match=r"e\.yaml: is UTF-16 text; save it as UTF-8$"):
+        read(path)
+    with pytest.raises(InputError, match=r"^e:2: one document is expected, and another begins here$"):
+        parse("a: 1\n---\nb: 2\n", "e")

@@ -6,6 +6,7 @@ import pytest
 from PIL import Image
 
 from swarmwright import InputError
+from swarmwright.core import warn_once
 from swarmwright.display import Body, Part, Recording, Scene, Shown, record
 from swarmwright.display.files import FORMATS, save
 from tests.python.display.test_page_swarm import MODULES, NETWORK, TEAM
@@ -57,3 +58,38 @@ def test_colours_of_states_need_states(
 def test_other_endings_are_refused(crossing: Any, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"\.html, \.gif, \.mp4 or \.png"):
         save(record(crossing), tmp_path / "x.avi")
+
+
+def test_a_map_without_its_bodies_is_reported_once(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(warn_once, "_given", set())
+
+    def saved(x: float, radius: float = 0.0) -> list[str]:
+        bodies = (Body("agent", x, 0.5), Body("agent", x, -0.5, radius=radius))
+        recording = Recording((Scene(4, 3, 0, "", bodies),), (0.0,), 0.0)
+        caplog.clear()
+        save(recording, tmp_path / "x.html")
+        return [one.getMessage() for one in caplog.records]
+
+    assert saved(1.0) == saved(-0.5, radius=0.6) == []
+    (text,) = saved(-1.0)
+    assert text.startswith("2 of 2 bodies are outside of the scene, 4 x 3, in all steps; positions ")
+    assert saved(-1.0) == []
+
+
+def test_a_still_that_all_agents_have_left_is_reported(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(warn_once, "_given", set())
+    scenes = tuple(
+        Scene(4, 3, step, "", (Body("agent", 3.0 + step, 1.0), Body("base", 1, 1))) for step in range(3)
+    )
+    recording = Recording(scenes, (0.0,) * 3, 0.0)
+    save(recording, tmp_path / "x.html")
+    assert not caplog.records
+    save(recording, tmp_path / "x.png")
+    (text,) = (one.getMessage() for one in caplog.records)
+    assert text.startswith(
+        "the picture shows step 2, when all agents (1) are outside the scene, 4 x 3; a page "
+    )

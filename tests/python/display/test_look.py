@@ -9,20 +9,21 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from swarmwright.core.state_colors import STATE_COLORS, state_color
+from swarmwright.core.state_colors import DISTINCT_STATES, STATE_COLORS, state_color
 from swarmwright.display import Body, Patch, Recording, Scene
 from swarmwright.display._look import (
     DARK,
     FIELD,
     KNOWN,
     LIGHT,
-    MORE_DARK,
-    MORE_LIGHT,
     OTHERS,
     SHAPES,
+    STATES_DARK,
+    STATES_LIGHT,
     Looks,
     css,
     floors,
+    luminance,
     palette,
     rgb,
 )
@@ -68,7 +69,7 @@ def test_page_and_picture_have_the_same_colours(recording: Recording, tmp_path: 
         with Image.open(tmp_path / f"x.{ending}") as opened:
             pixels = np.asarray(opened.convert("RGB")).reshape(-1, 3)
         for name, look in data["looks"].items():
-            color = (LIGHT | MORE_LIGHT)[look["color"]]
+            color = (LIGHT | STATES_LIGHT)[look["color"]]
             assert f"--{look['color']}: {color.lower()};" in page
             assert (pixels == rgb(color)).all(axis=1).sum() > 20, (ending, name)
 
@@ -99,18 +100,18 @@ def test_every_colour_of_the_table_is_on_the_page_and_in_the_palette() -> None:
 
 
 def test_states_have_colours_that_are_told_apart() -> None:
-    for table in (LIGHT | MORE_LIGHT, DARK | MORE_DARK):
+    for table in (LIGHT | STATES_LIGHT, DARK | STATES_DARK):
         colors = [table[name] for name in OF_CONTROLLERS]
         assert len(set(colors)) == len(OF_CONTROLLERS) >= 16
         for one, other in combinations(colors, 2):
             assert np.linalg.norm(seen(one, SIGHT) - seen(other, SIGHT)) > 15, (one, other)
     assert [state_color(state) for state in (0, 8, len(OF_CONTROLLERS))] == ["#0072B2", "#221188", "#0072B2"]
-    # The first ones are also the page's colours of bodies.
-    assert [(LIGHT | MORE_LIGHT)[name] for name in OF_CONTROLLERS] == list(STATE_COLORS)
+    # Pages have the same ones on light ground.
+    assert [(LIGHT | STATES_LIGHT)[name] for name in OF_CONTROLLERS] == list(STATE_COLORS)
     style = css()
-    for name in MORE_LIGHT:
-        assert style.count(f"--{name}: {MORE_LIGHT[name].lower()};") == 1
-        assert style.count(f"--{name}: {MORE_DARK[name].lower()};") == 2
+    for name in STATES_LIGHT:
+        assert style.count(f"--{name}: {STATES_LIGHT[name].lower()};") == 1
+        assert style.count(f"--{name}: {STATES_DARK[name].lower()};") == 2
     shades = np.array(palette(states=16)).reshape(-1, 3).tolist()
     assert len(shades) <= 256
     assert all(list(rgb(state_color(state))) in shades for state in range(16))
@@ -192,3 +193,53 @@ def test_colours_of_states_are_told_apart_without_red_or_green(kind: str) -> Non
         assert np.linalg.norm(seen(one, BLIND[kind]) - seen(other, BLIND[kind])) > 12, (one, other)
     for name in LIGHT:
         assert np.linalg.norm(seen(LIGHT[name], BLIND[kind]) - seen(FIELD, BLIND[kind])) > 25, name
+
+
+# Machado, Oliveira and Fernandes 2009, severity 1.0, in linear RGB.
+MACHADO = {
+    "normal": SIGHT,
+    "protan": [
+        [0.152286, 1.052583, -0.204868],
+        [0.114503, 0.786281, 0.099216],
+        [-0.003882, -0.048116, 1.051998],
+    ],
+    "deutan": [
+        [0.367322, 0.860646, -0.227968],
+        [0.280085, 0.672501, 0.047413],
+        [-0.01182, 0.04294, 0.968881],
+    ],
+    "tritan": [
+        [1.255528, -0.076749, -0.178779],
+        [-0.078411, 0.930809, 0.147602],
+        [0.004733, 0.691367, 0.3039],
+    ],
+}
+
+
+@pytest.mark.parametrize("table", [LIGHT | STATES_LIGHT, DARK | STATES_DARK], ids=["light", "dark"])
+@pytest.mark.parametrize("kind", MACHADO)
+def test_the_first_eight_colours_of_states_are_told_apart_by_all(kind: str, table: dict[str, str]) -> None:
+    sight = MACHADO[kind]
+    for one, other in combinations(OF_CONTROLLERS[:DISTINCT_STATES], 2):
+        apart = np.linalg.norm(seen(table[one], sight) - seen(table[other], sight))
+        assert apart >= 25, (one, other, apart)
+
+
+@pytest.mark.parametrize(
+    ("table", "grounds"),
+    [(STATES_LIGHT, (FIELD, "#FFFFFF")), (STATES_DARK, ("#1E2328", "#000000"))],
+    ids=["light", "dark"],
+)
+def test_the_first_eight_colours_of_states_are_seen_on_their_ground(
+    table: dict[str, str], grounds: tuple[str, ...]
+) -> None:
+    for name in OF_CONTROLLERS[:DISTINCT_STATES]:
+        for ground in grounds:
+            dark, light = sorted(luminance(color) for color in (table[name], ground))
+            assert (light + 0.05) / (dark + 0.05) >= 2, (name, ground)
+
+
+def test_no_state_looks_like_a_lamp() -> None:
+    for table in (LIGHT | STATES_LIGHT, DARK | STATES_DARK):
+        for name in OF_CONTROLLERS[:DISTINCT_STATES]:
+            assert np.linalg.norm(seen(table[name], SIGHT) - seen(table["exit"], SIGHT)) > 25, name

@@ -39,7 +39,8 @@ def test_groups_of_a_team_have_machines_of_their_own() -> None:
         ("scouts", 0, 2),
         ("carriers", 5, None),
     ], "a network between them is no machine"
-    assert groups[0]["machine"] == machine_of(MODULES, 0)
+    assert groups[0]["machine"] == {**machine_of(MODULES, 0), "first_color": 0}
+    assert groups[1]["machine"]["first_color"] == 2, "each group has its own colours"
     assert groups[1]["machine"]["form"] == "tree"
     assert groups_of(MODULES) is None
     assert groups_of({**TEAM, "groups": TEAM["groups"][1:2], "weights": NETWORK["weights"]}) is None

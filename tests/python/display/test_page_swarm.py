@@ -17,10 +17,12 @@ from swarmwright.core.groups import Kind
 from swarmwright.core.modules import State, Transition, weights_of
 from swarmwright.display import (
     Bodies,
+    Body,
     Caption,
     Light,
     Part,
     Patch,
+    Ray,
     Recording,
     Scale,
     Scene,
@@ -231,7 +233,7 @@ def test_an_agent_has_rows_of_what_its_kind_has(browser: Chrome, tmp_path: Path)
     hint = "player.inspector.hint(arguments[0]); return player.part.timeline.title;"
     state = "return player.inspector.hasStates() ? 26 : 0;"
     above = browser.execute_script(state)
-    assert [browser.execute_script(hint, above + y) for y in (5, 25)] == [long, ""]
+    assert [browser.execute_script(hint, above + y) for y in (5, 25)] == [f"{long}: 0", "ground 0: 0"]
     press(browser, "n", "n")
     found = browser.execute_script(rows)
     assert found == [["proximity", False]] * 5 + [["lamp", True]]
@@ -365,8 +367,20 @@ def test_states_of_a_team_are_those_of_each_group(browser: Chrome, tmp_path: Pat
     assert [option.get_attribute("value") for option in colors.options] == ["state", "controller"]
     colors.select_by_value("controller")
     counts = browser.execute_script("return player.legend.states.map(({ count }) => count.textContent);")
-    assert counts == ["0", "4"], "not the network's agents"
-    assert text(browser, "legend").count("controller in state") == 2
+    assert counts == ["0", "2", "0", "2"], "not the network's agents"
+    assert [line for line in text(browser, "legend").splitlines() if "in state" in line] == [
+        "scouts in state 0, exploration", "scouts in state 1, stop",
+        "carriers in state 0, exploration", "carriers in state 1, stop",
+    ]  # fmt: skip
+    assert browser.execute_script("return [1, 6].map((body) => player.world.colorOf(body));") == [
+        browser.execute_script(f"return theme()('{STATES[color]}')") for color in (1, 3)
+    ]
+    mark = "return getComputedStyle(document.querySelector('#states .swatch')).backgroundColor"
+    drawn = set()
+    for group in ("scouts", "carriers"):
+        Select(browser.find_element(By.ID, "group")).select_by_value(group)
+        drawn.add(browser.execute_script(mark))
+    assert len(drawn) == 2, "as on the map"
     assert errors(browser) == []
 
 
@@ -404,16 +418,16 @@ def test_colours_and_the_legend_say_the_same(browser: Chrome, tmp_path: Path) ->
             item.text for item in browser.find_elements(By.CSS_SELECTOR, "#legend li") if item.is_displayed()
         ]
 
-    ground = ["black floor (goal)", "grey floor", "wall", "light"]
+    ground = ["black floor (goal)", "grey floor", "wall", "lamp"]
     assert legend() == [
         "agent\n6",
         "controller in state 0, exploration\n6",
         "controller in state 1, stop\n0",
         *ground,
     ]
-    assert pixels(browser, "world", "free")[0] > 100
+    assert pixels(browser, "world", "state-0")[0] > 100
     press(browser, *[Keys.ARROW_LEFT] * 5)
-    assert pixels(browser, "world", "exit")[0] > 100, "state 1"
+    assert pixels(browser, "world", "state-1")[0] > 100, "state 1"
     colors.select_by_value("value")
     assert legend() == ["agent\n6", "load, kg\n0\n1", *ground]
     assert pixels(browser, "world", "value-4")[0] > 50
@@ -475,8 +489,199 @@ def test_what_is_drawn_can_be_chosen(browser: Chrome, tmp_path: Path) -> None:
     assert values == ["0", "all", "all"]
     with_rays = pixels(browser, "world", "defender")[0]
     assert with_rays > 50
+    legend = browser.find_element(By.ID, "legend")
+    assert {"sensor ray", "message heard"} <= set(legend.text.splitlines())
     Select(browser.find_element(By.ID, "rays")).select_by_value("none")
     assert pixels(browser, "world", "defender")[0] == 0
+    assert "sensor ray" not in legend.text
+    Select(browser.find_element(By.ID, "links")).select_by_value("selected")
+    assert "message heard" not in legend.text, "no agent is followed"
+    browser.execute_script("player.next(1)")
+    assert "message heard" in legend.text
+    drawn = """
+        const found = [];
+        const signals = new Signals(player.world);
+        signals.haloed = (width, color) => found.push(color);
+        signals.links();
+        return found;
+    """
+    mark = browser.execute_script("return player.legend.signals.links.querySelector('line').style.stroke")
+    assert [f"var(--{color})" for color in browser.execute_script(drawn)] == [mark]
+
+
+@pytest.mark.parametrize("kind", ["rays", "links"])
+def test_thin_lines_are_seen_on_a_black_floor(browser: Chrome, tmp_path: Path, kind: str) -> None:
+    ray = Ray(angle=0.0, length=0.8, reading=0.0)
+    bodies = [Body("agent", 0.5, 1.0, heading=0.0, radius=0.1, rays=[ray]), Body("agent", 1.5, 1.0)]
+    scene = Scene(2, 2, 0, "", bodies, floor=0.0, links=[(0, 1)])
+    shown = Shown(rays=kind == "rays", links=kind == "links")
+    open_page(browser, tmp_path, Part(Recording((scene,), (0.0,), 0.1)), shown=shown)
+    brightest = """
+        const { world } = player;
+        const [x, y] = world.camera.pixels(0.9, 1).map((at) => at * (window.devicePixelRatio || 1));
+        const { data } = world.context.getImageData(x, y - 4, 1, 8);
+        return Math.max(...data.filter((_, i) => i % 4 < 3));
+    """
+    assert browser.execute_script(brightest) > 0x2E + 70
+
+
+def test_labels_of_many_are_not_drawn_at_first(browser: Chrome, tmp_path: Path) -> None:
+    for robots, checked in ((100, True), (101, False)):
+        open_page(browser, tmp_path, Part(swarm(robots, steps=2)))
+        assert browser.find_element(By.ID, "labels").is_selected() == checked
+    open_page(browser, tmp_path, Part(swarm(101, steps=2)), shown=Shown(labels=True))
+    assert browser.find_element(By.ID, "labels").is_selected(), "as it is wanted"
+
+
+def test_sensors_of_one_kind_have_the_same_limits(browser: Chrome, tmp_path: Path) -> None:
+    names = [*(f"proximity {number}" for number in range(6)), "ground 0", "ground 1", "message"]
+    recording = swarm()
+    assert recording.trace is not None
+    sensors = recording.trace.sensors.copy()
+    sensors[:, :, 2] = 0.05
+    sensors[:, :, 6] = 0.5
+    sensors[:, :, 8] = -2
+    recording = replace(recording, trace=replace(recording.trace, sensors=sensors))
+    open_page(browser, tmp_path, Part(recording, "", MODULES, names))
+    press(browser, "n")
+    limits = "return player.inspector.rows.map(({ low, high }) => [low, high]);"
+    assert browser.execute_script(limits)[:9] == [[0, 1]] * 6 + [[0, 0.5]] * 2 + [[-2, 0]]
+    hint = "player.inspector.hint(26 + 2 * 20 + 5); return player.part.timeline.title;"
+    assert browser.execute_script(hint) == "proximity 2: 0 to 1"
+    open_page(browser, tmp_path, Part(recording, "", MODULES))
+    press(browser, "n")
+    assert browser.execute_script(limits)[2][1] == pytest.approx(0.05), "numbers alone tell of no kind"
+
+
+def written(browser: Chrome, canvas: str) -> list[str]:
+    """What is written on a canvas."""
+    found: list[str] = browser.execute_script(
+        """
+        const context = document.querySelector(arguments[0]).getContext('2d');
+        const texts = [];
+        context.fillText = (text) => texts.push(text);
+        player.show(true);
+        delete context.fillText;
+        return texts;
+        """,
+        canvas,
+    )
+    return found
+
+
+def test_small_charts_say_the_least_and_the_greatest_number(browser: Chrome, tmp_path: Path) -> None:
+    recording = swarm()
+    assert recording.trace is not None
+    values = np.arange(STEPS + 1.0)
+    metrics = {"still": 0 * values + 3, "close": 1000 + 1e-3 * values, "wide": 0.7 * values - 3}
+    recording = replace(recording, trace=replace(recording.trace, metrics=metrics))
+    open_page(browser, tmp_path, Part(recording))
+    browser.execute_script(
+        "document.querySelectorAll('.metric').forEach((one, index) => (one.id = `chart-${index}`))"
+    )
+    assert written(browser, "#chart-0") == ["3"]
+    assert written(browser, "#chart-1") == ["1000", "1000.04"]
+    assert written(browser, "#chart-2") == ["−3", "25"]
+
+
+def test_further_metrics_are_a_click_away(browser: Chrome, tmp_path: Path) -> None:
+    recording = swarm()
+    assert recording.trace is not None
+    metrics = {f"metric_{number}": np.arange(STEPS + 1.0) for number in range(30)}
+    recording = replace(recording, trace=replace(recording.trace, metrics=metrics))
+    open_page(browser, tmp_path, Part(recording))
+    charts = "return document.querySelectorAll('.metric').length"
+    assert browser.execute_script(charts) == 8
+    more = browser.find_element(By.ID, "more")
+    assert more.text == "Show 22 more"
+    more.click()
+    assert browser.execute_script(charts) == 30
+    assert not browser.find_elements(By.ID, "more")
+    press(browser, Keys.END)
+    assert "metric 29\n40" in browser.find_element(By.ID, "metrics").text
+    assert errors(browser) == []
+
+
+def test_the_keyboard_goes_on_at_the_first_of_the_further_metrics(browser: Chrome, tmp_path: Path) -> None:
+    recording = swarm()
+    assert recording.trace is not None
+    metrics = {f"metric_{number}": np.arange(STEPS + 1.0) for number in range(30)}
+    recording = replace(recording, trace=replace(recording.trace, metrics=metrics))
+    focused = "return document.activeElement.textContent"
+    open_page(browser, tmp_path, Part(recording))
+    browser.find_element(By.ID, "more").send_keys(Keys.ENTER)
+    assert browser.execute_script(focused).startswith("metric 8")
+    open_page(browser, tmp_path, Part(recording))
+    browser.find_element(By.ID, "more").click()
+    assert not browser.execute_script(focused).startswith("metric 8")
+
+
+@pytest.mark.parametrize("grid", [False, True])
+def test_metres_have_their_unit(browser: Chrome, tmp_path: Path, grid: bool) -> None:
+    recording = swarm()
+    scenes = tuple(replace(scene, grid=grid) for scene in recording.scenes)
+    open_page(browser, tmp_path, Part(replace(recording, scenes=scenes)))
+    assert written(browser, "#world").count("m") == (not grid)
+
+
+def test_colours_of_episodes_are_those_of_their_curves(browser: Chrome, tmp_path: Path) -> None:
+    count = 13
+    parts = [Part(swarm(2, steps=10), f"0:{number}") for number in range(count)]
+    open_page(browser, tmp_path, *parts)
+    marks = browser.execute_script(
+        "return [...document.querySelectorAll('figcaption .swatch')].map((one) => one.style.background);"
+    )
+    curves = browser.execute_script(
+        "return player.charts.map(({ curve }) => player.episodes.map((_, index) => "
+        "`var(--${curve.colors[index]})`));"
+    )
+    assert len(set(marks)) == count
+    assert curves == [marks, marks]
+    numbers = written(browser, "#curve")
+    assert set(map(str, range(1, count + 1))) <= set(numbers)
+    captions = [caption.text.split("\n")[:2] for caption in browser.find_elements(By.TAG_NAME, "figcaption")]
+    assert captions == [[str(number + 1), f"0:{number}"] for number in range(count)]
+
+
+def test_long_names_of_episodes_are_not_cut(browser: Chrome, tmp_path: Path) -> None:
+    name = f"{'compare/a_method_with_a_long_name' * 3} 19:1"
+    open_page(browser, tmp_path, *(Part(swarm(2, steps=3), name) for _ in range(6)))
+    cut = (
+        "return [...document.querySelectorAll('figcaption *')]"
+        ".some((one) => one.scrollWidth > one.offsetWidth + 1)"
+    )
+    assert not browser.execute_script(cut)
+    tops = (
+        "return [...document.querySelectorAll('.map')].slice(0, 3)"
+        ".map((one) => one.getBoundingClientRect().top)"
+    )
+    assert len(set(browser.execute_script(tops))) == 1
+
+
+def test_keys_play_after_a_choice_with_the_mouse(opened: Chrome) -> None:
+    focus = "return document.activeElement.id"
+    speed = opened.find_element(By.ID, "speed")
+    speed.click()
+    Select(speed).select_by_value("4")
+    assert opened.execute_script(focus) == ""
+    press(opened, Keys.ARROW_RIGHT)
+    assert text(opened, "now").startswith("step 1 of")
+    assert speed.get_attribute("value") == "4"
+    labels = opened.find_element(By.ID, "labels")
+    labels.click()
+    press(opened, " ")
+    assert text(opened, "play") == "Pause"
+    # With the keyboard it stays there.
+    opened.execute_script("arguments[0].focus()", speed)
+    press(opened, Keys.ARROW_DOWN)
+    assert (speed.get_attribute("value"), opened.execute_script(focus)) == ("8", "speed")
+    press(opened, Keys.ESCAPE)
+    assert opened.execute_script(focus) == ""
+
+
+def test_what_can_be_chosen_is_seen_with_the_map(opened: Chrome) -> None:
+    lowest = "return document.querySelector('.settings').getBoundingClientRect().bottom - window.innerHeight"
+    assert opened.execute_script(lowest) <= 0
 
 
 def test_several_episodes_stand_beside_each_other(browser: Chrome, tmp_path: Path) -> None:
@@ -484,10 +689,11 @@ def test_several_episodes_stand_beside_each_other(browser: Chrome, tmp_path: Pat
     parts = [Part(swarm(), "first", MODULES), Part(short, "second", MODULES), Part(swarm(2), "third")]
     open_page(browser, tmp_path, *parts)
     captions = [caption.text for caption in browser.find_elements(By.TAG_NAME, "figcaption")]
-    assert captions == ["first\n0", "second\n0", "third\n0"]
+    assert captions == ["1\nfirst\n0", "2\nsecond\n0", "3\nthird\n0"]
+    assert text(browser, "counted") == "counts of all 3 maps"
     press(browser, Keys.END)
     captions = [caption.text for caption in browser.find_elements(By.TAG_NAME, "figcaption")]
-    assert captions == ["first\n40", "second\n20", "third\n40"], "the shorter one has ended"
+    assert captions == ["1\nfirst\n40", "2\nsecond\n20", "3\nthird\n40"], "the shorter one has ended"
     second = browser.find_elements(By.CSS_SELECTOR, ".map canvas")[1]
     at = browser.execute_script(
         "const { px, py, canvas } = player.worlds[1]; "

@@ -3,11 +3,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.patches import Rectangle
 from PIL import Image
 
 from swarmwright import Controller, Experiment, _engine
 from swarmwright.core.random_numbers import Stream
-from swarmwright.display import Body, Recording, Scene, record
+from swarmwright.display import Body, Recording, Scene, Wall, record
 from swarmwright.display._ground import cell_step
 from swarmwright.display.drawing import LEFT, RIGHT, STATUS, WIDTH, Picture
 from swarmwright.display.files import save
@@ -87,6 +88,16 @@ def test_numbers_are_in_the_coordinates_of_the_simulation() -> None:
         assert shown == expected
         places = [float(label.replace("−", "-")) + low for label in shown]
         np.testing.assert_allclose(axis.get_ticklocs(), places, atol=1e-12)
+
+
+@pytest.mark.parametrize("grid", [True, False])
+def test_maps_say_their_unit_and_have_a_frame(grid: bool) -> None:
+    scene = Scene(3, 2, 0, "", [Body("agent", 1, 1)], grid=grid, walls=[Wall([(0, 1), (1, 1)])])
+    picture = Picture(Recording((scene,), (0.0,), 0.1), dpi=80)
+    assert ("m" in texts(picture)) == (not grid)
+    patches = picture.figure.axes[0].patches
+    frames = [one for one in patches if isinstance(one, Rectangle) and not one.get_fill()]
+    assert [one.get_bbox().bounds for one in frames] == [(0, 0, 3, 2)]
 
 
 @pytest.mark.parametrize(("cells", "step"), [(1, 1), (12, 1), (13, 2), (24, 2), (30, 5), (1000, 100)])

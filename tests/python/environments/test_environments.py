@@ -7,11 +7,13 @@ import sys
 import warnings
 from typing import Any
 
+import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
 from swarmwright import Episodes, Experiment, InputError, RunError, Simulation, environments
+from swarmwright.environments import _world
 from swarmwright.simulations import catalogue
 
 SWARM: dict[str, Any] = {"mission": "aggregation", "duration": 3, "robots": 4}
@@ -225,6 +227,42 @@ def test_agents_that_act_in_turn_are_refused() -> None:
             environments.parallel_env(simulation)
 
 
+class Made(Simulation):
+    """Counts its objects; a step is worth 1."""
+
+    title, sensors, actuators = "made", 1, 1
+    objects = 0
+
+    def __init__(self) -> None:
+        type(self).objects += 1
+
+    def reset(self, parameters: dict[str, Any], seed: int) -> Any:  # noqa: ARG002 - of the base class
+        self.seed, self.steps = seed, 0
+        return [[seed]]
+
+    def step(self, actions: Any) -> Any:  # noqa: ARG002 - of the base class
+        self.steps += 1
+        return [[self.seed]]
+
+    def done(self) -> bool:
+        return self.steps == 3
+
+    def fitness(self) -> float:
+        return float(self.steps)
+
+
+def test_one_object_has_all_episodes() -> None:
+    env = environments.gymnasium_env(Made)
+    before = Made.objects
+    for seed in range(5):
+        seen, _ = env.reset(seed=seed)
+        assert seen.tolist() == [seed]
+        for _ in range(1 + seed % 3):  # some end early
+            seen, reward, *_ = env.step(np.zeros(1, np.float32))
+        assert (seen.tolist(), reward) == ([seed], 1.0)
+    assert Made.objects == before
+
+
 def test_copies_begin_anew() -> None:
     swarm = environments.parallel_env("arena", SWARM)
     expected, _ = swarm.reset(seed=5)
@@ -287,6 +325,25 @@ def test_it_is_drawn() -> None:
     assert picture.dtype == np.uint8
     assert picture.shape[1:] == (560, 3)
     assert environments.parallel_env("arena", SWARM).render() is None
+
+
+def test_nothing_is_drawn_before_it_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An environment is made faster than its first picture."""
+    monkeypatch.setattr(_world, "Picture", None)
+    swarm = environments.parallel_env("arena", SWARM, render_mode="rgb_array")
+    swarm.reset(seed=1)
+
+
+def test_environments_of_libraries_draw_themselves() -> None:
+    agent = environments.gymnasium_env("gymnasium:CartPole-v1", render_mode="rgb_array")
+    library = gymnasium.make("CartPole-v1", render_mode="rgb_array")
+    agent.reset(seed=3)
+    library.reset(seed=3)
+    assert np.array_equal(agent.render(), library.render())  # type: ignore[arg-type] # both draw
+    assert agent.metadata["render_fps"] == library.metadata["render_fps"]
+    library.close()
+    with pytest.raises(InputError, match="Late has nothing to show"):
+        environments.gymnasium_env(Late, render_mode="rgb_array")
 
 
 def test_mistakes() -> None:

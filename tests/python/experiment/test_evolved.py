@@ -244,6 +244,7 @@ def test_the_parameter_that_is_wrong_is_named(tmp_path: Path) -> None:
         "    sensors = actuators = 0\n"
         "    parameters = {'big': False, 'k': 2, 'level': 1}\n"
         "    metrics = ['score']\n"
+        "    def measure(self): return {'score': 0.0}\n"
         "    def reset(self, parameters, seed): pass\n"
         "    def step(self, actuators): pass\n"
         "    def done(self): return True\n"

@@ -2,7 +2,12 @@
 
 # ruff: noqa: E501 - a table of messages, a line each
 
+import copy
 import dataclasses
+import json
+import operator
+import pickle
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +16,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from swarmwright import Experiment, InputError, optimize, templates
+from swarmwright import Experiment, InputError, evaluate, optimize, templates
 from swarmwright.core.yaml import Source, dump, parse
 from swarmwright.experiment.validation import check
 
@@ -118,6 +123,31 @@ def test_only_the_simulation_is_required() -> None:
             "my.yaml:5: controller.hidden[1]: must be an integer, not 'eight'",
         ),
         ("controller: {hidden: 8}\n", "my.yaml:2: controller.hidden: must be a list, not 8; write [8]"),
+        (
+            "controller: {hidden: '8, 4'}\n",
+            "my.yaml:2: controller.hidden: must be a list, not '8, 4'; write [8, 4]",
+        ),
+        ("controller: {hidden: x}\n", "my.yaml:2: controller.hidden: must be a list, not 'x'"),
+        (
+            "controller: {output_range: 2}\n",
+            "my.yaml:2: controller.output_range: must be a list of 2 items, not 2",
+        ),
+        (
+            "method: {kind: nsga2, objectives: [steps]}\n",
+            "my.yaml:2: method.objectives: must name a direction for each metric, ",
+        ),
+        (
+            "method: {kind: nsga2, objectives: {fitness: maximize, steps: minimize}}\n",
+            "my.yaml:2: method.objectives.fitness: fitness is always the first objective, and maximized; leave it out",
+        ),
+        (
+            "method: {kind: map_elites, measures: {steps: [0, 15, 5]}}\n",
+            "my.yaml:2: method.measures.steps: must have the form {range: [0, 15], bins: 5}",
+        ),
+        (
+            "method: {kind: map_elites, measures: [steps]}\n",
+            "my.yaml:2: method.measures: must name a range for each metric, such as {steps: {range: [0, 1], ",
+        ),
         ("seed: -1\n", "my.yaml:2: seed: must be at least 0, not -1"),
         ("seed: true\n", "my.yaml:2: seed: must be an integer, not true"),
         ("seed:\n", "my.yaml:2: seed: must be an integer, not nothing"),
@@ -266,15 +296,85 @@ def test_numpy_values_are_plain_values() -> None:
     assert experiment.to_mapping()["parameters"] == {"goal": [12.0, 3.0]}
 
 
-def test_what_was_changed_within_is_checked_before_a_run(tmp_path: Path) -> None:
+def test_numpy_values_replace_others() -> None:
+    experiment = Experiment.from_mapping({"simulation": "minisim", "parameters": {"goal": [12.0, 3.0]}})
+    moved = experiment.replace(parameters={"goal": np.array([11.0, 2.0])}, seed=np.int64(5))
+    assert moved.to_mapping()["parameters"] == {"goal": [11.0, 2.0]}
+    assert moved.seed == 5
+    same = experiment.replace(parameters={"goal": np.array([12.0, 3.0])})
+    assert same == experiment
+
+
+def test_what_an_experiment_holds_cannot_be_changed() -> None:
+    experiment = Experiment.from_mapping(
+        {
+            "simulation": "minisim",
+            "parameters": {"goal": [12.0, 3.0]},
+            "controller": {"hidden": [4]},
+            "ranking": {"kind": "absolute"},
+        }
+    )
+    before, values = hash(experiment), experiment.to_mapping()
+    for change in (
+        lambda: experiment.parameters.update(maxSteps=3),
+        lambda: operator.setitem(experiment.parameters, "maxSteps", 3),
+        lambda: operator.delitem(experiment.parameters, "goal"),
+        lambda: operator.setitem(experiment.parameters["goal"], 0, 1.0),
+        lambda: experiment.parameters["goal"].append(1.0),
+        lambda: experiment.controller.hidden.append(2),
+    ):
+        with pytest.raises(TypeError, match=r"experiment.replace\(parameters="):
+            change()
+    assert (hash(experiment), experiment.to_mapping()) == (before, values)
+    values["parameters"]["goal"][0] = 1.0  # plain values are a copy
+    assert experiment.parameters == {"goal": [12.0, 3.0]}
+
+
+@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, lambda one: pickle.loads(pickle.dumps(one))])
+def test_copies_are_equal_and_cannot_be_changed_either(copied: Callable[[Experiment], Experiment]) -> None:
+    experiment = Experiment.from_mapping(
+        {"simulation": "minisim", "parameters": {"goal": [12.0, 3.0]}, "controller": {"hidden": [4]}}
+    )
+    other = copied(experiment)
+    assert (other, hash(other)) == (experiment, hash(experiment))
+    assert json.loads(json.dumps(other.parameters)) == {"goal": [12.0, 3.0]}
+    assert other.parameters | {"seed": 3} == {"goal": [12.0, 3.0], "seed": 3}
+    with pytest.raises(TypeError, match="cannot be changed"):
+        other.parameters["goal"][0] = 1.0
+    with pytest.raises(TypeError, match="cannot be changed"):
+        other.controller.hidden.clear()
+
+
+def test_an_experiment_is_checked_before_a_run(tmp_path: Path) -> None:
     experiment = Experiment.from_mapping({"simulation": "minisim", "servers": "in-process"})
-    experiment.parameters["maxSteps"] = 7
-    run = optimize(experiment.replace(method={"generations": 1}), out=tmp_path / "run")
-    assert run.experiment.parameters == {"maxSteps": 7}
-    experiment.parameters["typo"] = 3
+    wrong = dataclasses.replace(experiment, parameters={"typo": 3})
     with pytest.raises(InputError, match=r"parameters\.typo: unknown parameter of minisim"):
-        optimize(experiment, out=tmp_path / "none")
+        optimize(wrong, out=tmp_path / "none")
     assert not (tmp_path / "none").exists()
+
+
+@pytest.mark.parametrize("given", [(), ({"simulation": "minisim"},), ("my.yaml",)])
+def test_the_class_leads_to_what_makes_experiments(given: tuple[Any, ...]) -> None:
+    with pytest.raises(InputError, match=r"Experiment.load\(path\), or by Experiment.from_mapping\(\{"):
+        Experiment(*given)
+
+
+def test_methods_are_asked_and_told() -> None:
+    experiment = Experiment.from_mapping(
+        {"simulation": "minisim", "servers": "in-process", "method": {"kind": "cma_es", "population": 15}}
+    )
+    method, other = experiment.new_method(), experiment.new_method(experiment.representation())
+    genomes = method.ask()
+    assert genomes.shape == (15, experiment.genome_size)
+    assert genomes.tobytes() == other.ask().tobytes()
+    wrong: Any
+    for wrong in (["a"] * 15, [{}] * 15, "a", [[1.0], [1.0, 2.0]]):
+        with pytest.raises(InputError, match="fitness: must be an array of numbers"):
+            method.tell(wrong)
+    with pytest.raises(InputError, match=r"fitness has the shape \(14,\); asked were 15 genomes"):
+        method.tell(np.zeros(14))
+    method.tell(evaluate(experiment, genomes, generation=method.generation))
+    assert method.generation == 1
 
 
 def test_paths_are_text(tmp_path: Path) -> None:
@@ -369,6 +469,44 @@ def test_another_simulation_has_sensors_of_its_own() -> None:
     )
     changed = experiment.replace(simulation="minisim")
     assert (changed.sensors, changed.actuators, changed.requirements.dimensions) == (4, 1, 2)
+
+
+def test_another_robot_has_sensors_of_its_own(tmp_path: Path) -> None:
+    file = tmp_path / "arena.yaml"
+    file.write_text("simulation: arena\nrequirements: {dimensions: 2, max_agents: 30}\n")
+    changed = Experiment.load(file).replace(parameters={"robot": "e-puck-rm1.2"})
+    assert (changed.sensors, changed.actuators, changed.requirements.max_agents) == (9, 2, 30)
+    assert changed == Experiment.load(file, ["parameters.robot=e-puck-rm1.2"])
+    file.write_text("simulation: arena\nsensors: 24\n")
+    with pytest.raises(InputError, match=r"sensors: arena has 9, not 24; leave the key out"):
+        Experiment.load(file).replace(parameters={"robot": "e-puck-rm1.2"})
+
+
+def test_parameters_that_do_not_change_the_sensors_are_replaced_without_the_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Sweeps make thousands of such copies, perhaps of a file that is edited meanwhile."""
+    file = tmp_path / "arena.yaml"
+    file.write_text("simulation: arena\n")
+    experiment = Experiment.load(file)
+    monkeypatch.setattr("swarmwright.experiment.experiment.read", lambda _: pytest.fail("the file is read"))
+    changed = experiment.replace(parameters={"duration": 7})
+    assert (changed.sensors, changed.parameters["duration"]) == (experiment.sensors, 7)
+
+
+def test_sensors_that_no_simulation_here_announces_stay() -> None:
+    experiment = Experiment.from_mapping({"simulation": "x", "sensors": 7, "actuators": 3})
+    changed = experiment.replace(parameters={"robot": "e-puck-rm1.2"})
+    assert (changed.sensors, changed.actuators) == (7, 3)
+
+
+def test_settings_of_a_mapping() -> None:
+    changed = Experiment.from_mapping({"simulation": "arena"}, ["parameters.robot=foot-bot", "seed=3"])
+    assert changed == Experiment.from_mapping(
+        {"simulation": "arena", "parameters": {"robot": "foot-bot"}, "seed": 3}
+    )
+    with pytest.raises(InputError, match="--set sede=3: unknown key; did you mean 'seed'"):
+        Experiment.from_mapping({"simulation": "arena"}, ["sede=3"])
 
 
 @pytest.mark.parametrize(

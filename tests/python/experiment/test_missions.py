@@ -331,3 +331,12 @@ def test_a_mistake_in_a_changed_preset_is_told_with_its_line(
             {"simulation": "arena", "parameters": {"robot": str(tmp_path / "robot.yaml")}}
         )
     assert f"parameters.robot: {tmp_path}/robot.yaml{answer}" in str(caught.value)
+
+
+@pytest.mark.parametrize("mission", [{}, {"mission": "foraging"}])
+def test_robots_that_are_too_large_for_a_named_mission_are_named_themselves(mission: dict[str, str]) -> None:
+    """The number of robots, which stands in no file of the user, is not what is to be changed."""
+    parameters = {"robot": {"preset": "e-puck-rm1.1", "radius": 3.5}, **mission}
+    said = r"^parameters\.robot\.radius: 20 robots do not fit .* smaller radius$"
+    with pytest.raises(InputError, match=said):
+        Experiment.from_mapping({"simulation": "arena", "parameters": parameters})

@@ -43,10 +43,54 @@ def test_elites_of_lucky_seeds_are_warned_of(seeds: str) -> None:
         assert [text.split()[:2] for text in found] == expected
 
 
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"parameters": {"steering": "rule"}}, ["those of minisim steer themselves"]),
+        ({"parameters": {"steering": "rule"}, "controller": {"kind": "parameter_set"}}, []),
+        ({"controller": {"output_range": [5, 9]}}, ["[5, 9] is beyond all outputs of tanh, -1 to 1"]),
+        ({"controller": {"activation": "sigmoid", "output_range": [-2, -1]}}, ["of sigmoid, 0 to 1"]),
+        ({"controller": {"activation": "sigmoid", "output_range": [-2, 0.5]}}, []),
+        ({"controller": {"activation": "relu", "output_range": [-2, 0]}}, ["of relu, 0 or more"]),
+        ({"controller": {"output_activation": "linear", "output_range": [5, 9]}}, []),
+    ],
+)
+def test_settings_with_which_no_controller_matters(values: dict[str, Any], words: list[str]) -> None:
+    if values.get("controller", {}).get("kind") == "parameter_set":
+        values["controller"]["parameters"] = {"avoidance": {"type": "real", "range": [0, 2]}}
+    elif "controller" in values:
+        values["controller"] = {"kind": "layered", **values["controller"]}
+    found = setting_warnings(Experiment.from_mapping({"simulation": "minisim", **values}))
+    assert len(found) == len(words)
+    assert all(part in text for part, text in zip(words, found, strict=True))
+
+
+@pytest.mark.parametrize(("nest", "count"), [("a", 1), ("b", 0)])
+def test_a_nest_that_is_its_own_source_is_warned_of(nest: str, count: int) -> None:
+    patches = [
+        {"name": name, "circle": {"center": [x, 0], "radius": 0.3}, "color": "black"}
+        for name, x in (("a", -0.5), ("b", 0.5))
+    ]
+    mission = {
+        "walls": {"rectangle": [2, 2]},
+        "start": {"disc": {"radius": 0.8}},
+        "robots": 3,
+        "duration": 30,
+        "floor": {"patches": patches},
+        "metrics": {"x": {"kind": "returns", "sources": ["a"], "nest": nest}},
+        "fitness": "x",
+    }
+    found = setting_warnings(
+        Experiment.from_mapping({"simulation": "arena", "parameters": {"mission": mission}})
+    )
+    assert len(found) == count
+    assert all("parameters.mission.metrics.x: its nest 'a'" in text for text in found)
+
+
 def test_a_run_begins_with_a_warning(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr("swarmwright.user_code.notices._told", set())
+    monkeypatch.setattr("swarmwright.core.warn_once._given", set())
     method = {"population": 4, "generations": 1, "in_flight": 3}
     experiment = Experiment.from_mapping({"simulation": "minisim", "method": method, "servers": "local"})
     assert optimize(experiment, out=tmp_path / "run").generations == 1

@@ -11,6 +11,7 @@ import pytest
 
 from swarmwright import Experiment, InputError, evaluate, templates
 from swarmwright.analysis.sweep import Sweep
+from swarmwright.core.yaml import parse
 from swarmwright.experiment.budget import Budget
 
 FILE = """\
@@ -46,7 +47,7 @@ def test_items_of_lists_are_named_by_their_number(file: Path) -> None:
 
 def test_null_takes_a_key_back_to_its_default(file: Path) -> None:
     experiment = Experiment.load(file, ["method.population=null", "parameters=null", "mode="])
-    assert (experiment.method.population, experiment.parameters, experiment.mode) == (50, {}, "auto")  # type: ignore[attr-defined]
+    assert (experiment.method.population, experiment.parameters, experiment.mode) == (50, {}, "auto")
 
 
 def test_another_kind_starts_from_its_own_defaults(file: Path) -> None:
@@ -253,6 +254,34 @@ def test_parts_of_a_robot_that_the_mission_names(tmp_path: Path) -> None:
     genomes = np.zeros((1, same.genome_size))
     before = evaluate(swarm(mission="object_retrieval"), genomes, servers="local")
     assert evaluate(same, genomes, servers="local").tobytes() == before.tobytes()
+
+
+def test_parts_of_the_robots_of_kinds() -> None:
+    own = {"preset": "e-puck-rm1.2", "drive": {"max_speed": 0.08}}
+    kinds = [
+        {"name": "scout", "robot": "e-puck-rm1.2", "count": 2},
+        {"name": "heavy", "robot": own, "count": 1},
+    ]
+    mission = {**parse(templates.mission("aggregation"), "").values, "robots": kinds}
+
+    def changed(key: str, **parameters: Any) -> Experiment:
+        return Experiment.from_mapping({"simulation": "arena", "parameters": parameters}).with_settings([key])
+
+    found = changed("parameters.mission.robots.0.robot.drive.noise=0.1", mission=mission)
+    assert found.parameters["mission"]["robots"][0]["robot"] == {
+        "preset": "e-puck-rm1.2", "drive": {"noise": 0.1},
+    }  # fmt: skip
+    found = changed("parameters.mission.robots.1.robot.drive.noise=0.1", mission=mission)
+    assert found.parameters["mission"]["robots"][1]["robot"]["drive"] == {"max_speed": 0.08, "noise": 0.1}
+    found = changed("parameters.robots.0.robot.drive.noise=0.1", robots=kinds)
+    assert found.parameters["robots"][0]["robot"]["preset"] == "e-puck-rm1.2"
+    for key, parameters in (("mission.robots", {"mission": mission}), ("robots", {"robots": kinds})):
+        with pytest.raises(InputError) as caught:
+            changed("parameters.robot.drive.noise=0.1", **parameters)
+        assert str(caught.value) == (
+            "--set parameters.robot.drive.noise=0.1: parameters.robot is not used here: there are kinds of "
+            f"robots; set what belongs to one, such as parameters.{key}.0.robot.drive.noise"
+        )
 
 
 def test_parts_of_a_mission_in_a_file_or_with_a_name(tmp_path: Path) -> None:

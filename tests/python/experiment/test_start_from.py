@@ -168,7 +168,8 @@ def test_a_file_may_hold_any_genome(genome: object, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"controller": {"hidden": [4]}}, "is layered, 4-8-1, tanh; the controllers of this experiment are layered, 4-4-1, tanh: they differ in hidden"),
+        ({"controller": {"hidden": [4]}}, "is layered, 4-8-1, tanh; the controllers of this experiment are layered, 4-4-1, tanh: they differ in hidden \\(\\[8\\], here \\[4\\]; set controller.hidden\\)"),
+        ({"controller": {"output_range": [0, 1]}}, "they differ in output_range \\(\\[-1.0, 1.0\\], here \\[0.0, 1.0\\]; set controller.output_range\\)"),
         ({"controller": {"kind": "fully_meshed"}}, "the controllers of this experiment are fully_meshed"),
         ({"start_from": "nowhere"}, "start_from: .*nowhere: there is no such file"),
         ({"start_from": 5}, "must be the path of a run or of a controller"),

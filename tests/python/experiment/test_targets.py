@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from swarmwright import Experiment, InputError
 from swarmwright.experiment.ranges import E_PUCKS, Range, ranges_of, require_e_pucks
-from swarmwright.experiment.targets import OtherSimulation, PseudoReality, targets_of
+from swarmwright.experiment.targets import OtherSimulation, PseudoReality, is_same, targets_of
 
 EXPERIMENT = Experiment.from_mapping(
     {"simulation": "minisim", "parameters": {"speedDefenders": 0.5}, "servers": "local"}
@@ -43,11 +43,12 @@ def test_ranges_are_read(text: str, path: tuple[str, ...], low: float, high: flo
         ("parameters.a=0..inf", "'inf' is not a number"),
         ("parameters.a=2..1", "the first is greater than the second"),
         ("method.severity=0..1", "only parameters of the simulation can be varied"),
+        ("speedDefenders=0..1", "varied; did you mean parameters.speedDefenders?"),
         ("parameters.seed=0..1", "every episode has a seed of its own anyway"),
     ],
 )
 def test_what_is_no_range_is_refused(text: str, said: str) -> None:
-    with pytest.raises(InputError, match="^--vary .*" + said.replace(".", r"\.")):
+    with pytest.raises(InputError, match="^--vary .*" + said.replace(".", r"\.").replace("?", r"\?")):
         Range.parse(text)
 
 
@@ -98,6 +99,34 @@ def test_a_simulation_on_a_broker_has_the_sensors_of_the_run() -> None:
     assert (changed.simulation, changed.parameters) == ("gazebo", EXPERIMENT.parameters)
 
 
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (
+            "validate:\n  to:\n    parameters:\n      speed: 1\n",
+            "e.yaml:5: validate.to.parameters.speed: unknown",
+        ),
+        (
+            "validate:\n  to:\n  - {name: a, parameters: {numDefenders: 2}}\n  - parameters: {speed: 1}\n",
+            "e.yaml:5: validate.to[1].parameters.speed: unknown",
+        ),
+        (
+            "ranking:\n  kind: transferability\n  threshold: 1\n  slow: {parameters: {speed: 1}}\n",
+            "e.yaml:5: ranking.slow.parameters.speed: unknown",
+        ),
+        ("validate:\n  to: [{method: nnga}]\n", "e.yaml:3: validate.to[0].method: does not belong"),
+        ("validate:\n  vary: {speed: [0, 1]}\n", "e.yaml:3: validate.vary: speed: only parameters"),
+    ],
+)
+def test_mistakes_in_the_experiment_have_its_lines(text: str, said: str, tmp_path: Path) -> None:
+    path = tmp_path / "e.yaml"
+    path.write_text(f"simulation: minisim\n{text}")
+    with pytest.raises(InputError) as error:
+        Experiment.load(path)
+    assert said in str(error.value)
+    assert "\n" not in str(error.value)
+
+
 def test_mistakes_in_a_file_have_its_lines(tmp_path: Path) -> None:
     path = tmp_path / "wrong.yaml"
     target = OtherSimulation(str(path))
@@ -110,9 +139,25 @@ def test_mistakes_in_a_file_have_its_lines(tmp_path: Path) -> None:
     assert [line.split(":")[1:3] for line in str(found.value).splitlines()] == [
         ["2", " method"], ["3", " seed"],
     ]  # fmt: skip
+    assert "does not belong to a target, which has only keys that say where" in str(found.value)
     path.write_text("- 1\n")
     with pytest.raises(InputError, match="expected a mapping"):
         target.experiments(EXPERIMENT, 30)
+
+
+def test_the_conditions_that_candidates_were_evolved_in_are_recognised(tmp_path: Path) -> None:
+    path = tmp_path / "target.yaml"
+    for words, same in (
+        ("simulation: minisim\n", True),
+        ("servers: 2\n", True),
+        ("parameters: {speedDefenders: 0.5}\n", True),
+        ("parameters: {speedDefenders: 0.6}\n", False),
+        ("fitness: -steps\n", False),
+        ("broker: mqtt://localhost\nservers: auto\n", False),
+    ):
+        path.write_text(words)
+        (there,) = OtherSimulation(str(path)).experiments(EXPERIMENT, 1)
+        assert is_same(there, EXPERIMENT) == same, words
 
 
 def test_there_is_something_to_transfer_to_and_only_once() -> None:

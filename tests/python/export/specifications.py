@@ -106,6 +106,10 @@ ALL = {
     "evostick-small": evostick(3, 1, 0.4),
     "layered-direct": network("layered", "tanh", [-1.0, 1.0], hidden=[]),
     "layered-deep": network("layered", "sigmoid", [0.0, 1.0], hidden=[2, 7, 1, 4]),
+    "layered-policy": network("layered", "tanh", [-1.0, 1.0], output_activation="linear"),
+    "layered-squashed": network("layered", "relu", [-1.0, 1.0], output_activation="tanh"),
+    "layered-clamped": network("layered", "linear", [0.0, 1.0], output_activation="clamp", hidden=[4]),
+    "layered-linear": network("layered", "tanh", [-0.3, 2.7], output_activation="linear", hidden=[]),
     "layered-wide": network("layered", "tanh", [-1.0, 1.0], sensors=40, actuators=9, hidden=[30]),
     "fully_meshed-bare": network("fully_meshed", "tanh", [-1.0, 1.0], hidden=0, iterations=3),
     "hebbian": hebbian(3, 2, 0.1),
@@ -143,6 +147,8 @@ def networks(draw: st.DrawFn) -> Specification:
     }  # fmt: skip
     if kind == "fully_meshed":
         made["iterations"] = draw(st.integers(1, 3))
+    elif draw(st.booleans()):
+        made["output_activation"] = draw(st.sampled_from(ACTIVATIONS[kind]))
     count = _engine.genome_size(made)
     return {**made, "weights": draw(st.lists(_weights, min_size=count, max_size=count))}
 

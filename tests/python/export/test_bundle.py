@@ -5,6 +5,7 @@ import hashlib
 import io
 import json
 import shutil
+import stat
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -15,6 +16,7 @@ import pytest
 
 import swarmwright
 from swarmwright import InputError, Run
+from swarmwright.core.revision import revision
 from swarmwright.export import EXPORTERS
 from swarmwright.export.bundle import _anywhere, episodes_of, export_bundle
 from swarmwright.export.bundle_verification import verify_bundle
@@ -153,6 +155,7 @@ class Odd(Simulation):
 """
 
 
+@pytest.mark.slow
 def test_where_the_run_was_is_not_in_it(program: Any, tmp_path: Path) -> None:
     """With the code of a user, which the run has a copy of."""
     (tmp_path / "odd.py").write_text(ODD, encoding="utf-8")
@@ -171,6 +174,7 @@ def test_where_the_run_was_is_not_in_it(program: Any, tmp_path: Path) -> None:
     files = read(tmp_path / "one.zip")
     assert json.loads(files["evaluation.json"])["experiment"]["simulation"] == "odd.py:Odd"
     manifest = json.loads(files["manifest.json"])
+    assert manifest.get("commit") == revision()
     assert manifest["sensors"][0]["range"] == {"low": 0, "high": 10, "unit": "m"}
     assert "range" not in manifest["sensors"][1]
     assert manifest["actuators"] == [
@@ -291,6 +295,7 @@ def bundled(others: dict[str, Any], place: Path) -> swarmwright.Run:
     return run
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "others",
     [
@@ -323,7 +328,9 @@ def test_a_fitness_that_other_candidates_decide_on_is_not_verified(tmp_path: Pat
     bundled(others, tmp_path / "raced.zip")
     found = verify_bundle(tmp_path / "raced.zip")
     assert found.ok, found.problems
-    assert found.unverified == {"fitness": "its ranking makes it of more than these episodes"}
+    reason = "its ranking makes it of more than these episodes"
+    assert found.unverified == {"fitness": reason}
+    assert found.words.endswith(f"(python); its fitness was not checked: {reason}")
 
 
 def test_files_more_or_less(bundle: Path, tmp_path: Path, program: Any) -> None:
@@ -338,6 +345,148 @@ def test_files_more_or_less(bundle: Path, tmp_path: Path, program: Any) -> None:
     result = program("verify", "changed.zip")
     assert result.returncode == 1
     assert result.stdout.splitlines()[-1] == "FAILED: 2 problems"
+
+
+@pytest.mark.parametrize("name", ["install.sh", "python/__init__.py", "extra/more.c", "c"])
+def test_files_that_no_bundle_has_are_a_problem(name: str, bundle: Path, tmp_path: Path) -> None:
+    files = {**read(bundle), name: b"#!/bin/sh"}
+    write(tmp_path / "more.zip", files, sealed=True)
+    assert verify_bundle(tmp_path / "more.zip").problems == [
+        f"{name}: is not a file that a bundle of this version has"
+    ]
+
+
+def with_format(file: Path, form: str, more: Files, *, by: str | None = None) -> Files:
+    """Return the files of a bundle with one more format, which an unknown sender may choose freely."""
+    files = {**read(file), **more}
+    manifest = json.loads(files["manifest.json"])
+    manifest["forms"][form] = {}
+    if by is not None:
+        manifest["swarmwright"] = by
+    files["manifest.json"] = json.dumps(manifest).encode()
+    return files
+
+
+def test_a_format_that_is_not_here_is_not_checked_and_all_else_is(
+    bundle: Path, tmp_path: Path, program: Any
+) -> None:
+    files = with_format(bundle, "rust", {"rust/lib.rs": b"", "rust/src/main.rs": b"fn main() {}"})
+    write(tmp_path / "rust.zip", files, sealed=True)
+    told = program("verify", "rust.zip")
+    assert told.returncode == 0, told.stdout
+    lines = told.stdout.splitlines()
+    assert [line for line in lines if line.startswith("rust:")] == [
+        "rust: not checked: no export format of this installation; install the package that adds it"
+    ]
+    assert "Evaluated again in 14 episodes" in lines
+    words = "Controller code verified in part: c; not checked: rust (no export format of this installation)"
+    assert lines[-1] == words
+    asked = program("verify", "rust.zip", "--require-formats", "--json")
+    assert asked.returncode == 1
+    found = json.loads(asked.stdout)
+    assert found["ok"]
+    assert found["fitness_checked"]
+    assert found["formats_not_checked"] == {"rust": "no export format of this installation"}
+    assert program("verify", "rust.zip", "--require-fitness").returncode == 0
+    assert program("verify", bundle, "--require-formats").returncode == 0
+
+
+@pytest.mark.parametrize("form", ["C", ".", "c.", "a b", "a/b"])
+def test_folders_that_no_format_has_are_a_problem(form: str, bundle: Path, tmp_path: Path) -> None:
+    """Some would be unpacked to the folder of another format, or to none."""
+    write(tmp_path / "x.zip", with_format(bundle, form, {f"{form}/install.sh": b""}), sealed=True)
+    assert verify_bundle(tmp_path / "x.zip").problems == [
+        f"{form}/install.sh: is not a file that a bundle of this version has"
+    ]
+    write(tmp_path / "x.zip", with_format(bundle, form, {}), sealed=True)
+    assert verify_bundle(tmp_path / "x.zip").problems == [
+        f"manifest.json: names a format that no bundle has: {form!r}"
+    ]
+
+
+@pytest.mark.parametrize("by", [None, "9.9.9"])
+@pytest.mark.parametrize(
+    ("form", "reason"),
+    [
+        ("scxml", "controller: the kind 'fully_meshed' cannot be exported to scxml, only mealy_fsm"),
+        ("fmu", "it is compiled for one kind of machine"),
+    ],
+)
+def test_a_format_that_the_controller_is_not_exported_to_is_a_problem(
+    form: str, reason: str, by: str | None, bundle: Path, tmp_path: Path
+) -> None:
+    files = with_format(bundle, form, {f"{form}/install.sh": b"#!/bin/sh"}, by=by)
+    write(tmp_path / "x.zip", files, sealed=True)
+    (problem,) = verify_bundle(tmp_path / "x.zip").problems
+    assert problem.startswith(f"{form}: no bundle of this controller has this format: {reason}")
+    assert ("; Swarmwright 9.9.9 wrote it" in problem) == (by is not None)
+
+
+@pytest.mark.parametrize("by", [None, "9.9.9"])
+def test_files_that_a_format_does_not_have_are_a_problem(
+    by: str | None, bundle: Path, tmp_path: Path
+) -> None:
+    write(tmp_path / "x.zip", with_format(bundle, "c", {"c/install.sh": b"#!/bin/sh"}, by=by), sealed=True)
+    (problem,) = verify_bundle(tmp_path / "x.zip").problems
+    assert problem.startswith("c/install.sh: is not a file that this version exports")
+
+
+def test_a_format_whose_package_is_not_installed_is_not_checked(
+    bundle: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    files = with_format(bundle, "onnx", {"onnx/controller.onnx": b""})
+    write(tmp_path / "x.zip", files, sealed=True)
+    monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
+    found = verify_bundle(tmp_path / "x.zip")
+    assert found.ok, found.problems
+    assert found.unverified["onnx"] == "ONNX models need onnx: pip install 'swarmwright[onnx]'"
+    assert found.formats_not_checked == {"onnx": "a package is not installed"}
+
+
+def test_a_file_that_is_not_listed_is_one_problem(bundle: Path, tmp_path: Path) -> None:
+    write(tmp_path / "more.zip", {**read(bundle), "install.sh": b"#!/bin/sh"}, sealed=False)
+    assert verify_bundle(tmp_path / "more.zip").problems == ["install.sh: is not in the manifest"]
+
+
+@pytest.mark.parametrize(
+    "name", ["../more", "c/../../more", "/abs/more.sh", "c\\more.c", "C:/more.c", "C:more.c", "../", "x/.."]
+)
+def test_names_outside_the_folder_are_refused(name: str, bundle: Path, tmp_path: Path) -> None:
+    write(tmp_path / "more.zip", {**read(bundle), name: b""}, sealed=True)
+    with pytest.raises(InputError, match="is not a name inside a folder"):
+        verify_bundle(tmp_path / "more.zip")
+
+
+@pytest.mark.parametrize("kind", [stat.S_IFLNK, stat.S_IFIFO, stat.S_IFCHR])
+def test_archived_links_and_devices_are_refused(kind: int, bundle: Path, tmp_path: Path) -> None:
+    write(tmp_path / "more.zip", read(bundle), sealed=False)
+    link = zipfile.ZipInfo("c/link")
+    link.external_attr = (kind | 0o777) << 16
+    with zipfile.ZipFile(tmp_path / "more.zip", "a") as archive:
+        archive.writestr(link, b"/etc/passwd")
+    with pytest.raises(InputError, match="c/link: is not a plain file"):
+        verify_bundle(tmp_path / "more.zip")
+
+
+def test_a_fitness_that_was_not_checked_is_said_last(bundle: Path, tmp_path: Path, program: Any) -> None:
+    """Not every simulation is built in; scripts may ask for the fitness."""
+    files = read(bundle)
+    evaluation = json.loads(files["evaluation.json"])
+    evaluation["experiment"]["simulation"] = "own.py:Own"
+    files["evaluation.json"] = json.dumps(evaluation).encode()
+    write(tmp_path / "own.zip", files, sealed=True)
+    told = program("verify", "own.zip")
+    assert told.returncode == 0, told.stderr
+    assert told.stdout.splitlines()[-1] == (
+        "Controller code verified: largest difference 0 (c); its fitness was not checked: the simulation "
+        "own.py:Own is not a built-in one"
+    )
+    asked = program("verify", "own.zip", "--require-fitness", "--json")
+    assert asked.returncode == 1
+    assert json.loads(asked.stdout)["fitness_checked"] is False
+    checked = program("verify", bundle, "--require-fitness", "--json")
+    assert checked.returncode == 0
+    assert json.loads(checked.stdout)["fitness_checked"] is True
 
 
 def test_an_unpacked_bundle_and_one_packed_again(bundle: Path, tmp_path: Path, program: Any) -> None:
@@ -368,8 +517,31 @@ def test_another_version_wrote_it_otherwise(bundle: Path, tmp_path: Path) -> Non
     assert found.ok
     assert not found.forms
     assert found.unverified["c"].startswith("Swarmwright 9.9.9 wrote it; this version, ")
-    assert found.words == "largest difference 0 (no form was run)"
+    assert found.words == (
+        "Fitness verified; no exported code was run; not checked: c (written by Swarmwright 9.9.9)"
+    )
     assert found.episodes == 14
+    evaluation = json.loads(files["evaluation.json"])
+    evaluation["experiment"]["simulation"] = "own.py:Own"
+    files["evaluation.json"] = json.dumps(evaluation).encode()
+    write(tmp_path / "later.zip", files, sealed=True)
+    assert verify_bundle(tmp_path / "later.zip").words == (
+        "Not verified; no exported code was run; not checked: c (written by Swarmwright 9.9.9), "
+        "the fitness (the simulation own.py:Own is not a built-in one)"
+    )
+
+
+def test_the_formats_that_another_version_wrote_otherwise_are_said_last(bundle: Path, tmp_path: Path) -> None:
+    files = with_format(bundle, "python", {"python/controller.py": b"", "python/controller_test.py": b""})
+    manifest = json.loads(files["manifest.json"])
+    manifest["forms"]["cpp"], manifest["swarmwright"] = {}, "9.9"
+    files["manifest.json"] = json.dumps(manifest).encode()
+    write(tmp_path / "later.zip", files, sealed=True)
+    found = verify_bundle(tmp_path / "later.zip")
+    assert found.words == (
+        "Controller code verified in part: c; not checked: python, cpp (written by Swarmwright 9.9)"
+    )
+    assert found.to_mapping()["formats_not_checked"].keys() == {"python", "cpp"}
 
 
 def _not_a_bundle(file: Path) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 
-from swarmwright.core.errors import RunError
+from swarmwright.core.errors import InputError, RunError
 from swarmwright.export import EXPORTERS, Exporter, c_family
 from swarmwright.export.c import C, loaded_files, loaded_weights
 from swarmwright.export.cpp import Cpp
@@ -31,7 +31,9 @@ from tests.python.export.specifications import (
 )
 
 STRICT = ["-Wall", "-Wextra", "-Wpedantic", "-Werror", "-Wconversion", "-Wshadow", "-Wfloat-equal", "-Wundef"]
+STRICT += ["-Wunused-macros"]
 COMPILERS = [name for name in ("gcc", "clang") if shutil.which(name)]
+OLD_GCC = [name for name in ("gcc-9", "gcc-10", "gcc-11") if shutil.which(name)]
 
 
 def bits(exporter: Exporter, specification: Specification, folder: Path) -> tuple[float, int]:
@@ -64,6 +66,7 @@ def together(names: list[str], folder: Path) -> str:
     return f"#include <stdio.h>\n#include <stdlib.h>\n{includes}\n" + "\n".join([*cases, main]) + "\n"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("compiler", "options"),
     [
@@ -129,6 +132,7 @@ def test_every_kind_in_cpp(name: str, tmp_path: Path) -> None:
     write(Cpp().files(made, "robot"), tmp_path)
     for compiler in ["g++", *(["clang++"] if "clang" in COMPILERS else [])]:
         options = [*STRICT, "-Wold-style-cast", "-std=c++11", "-fno-exceptions", "-fno-rtti"]
+        options += ["-Wuseless-cast"] if compiler == "g++" else []
         run([compiler, *options, "robot_test.cpp", "-o", "self_test"], tmp_path, name)
         assert run(["./self_test"], tmp_path, name) == b"ok\n"
     assert bits(Cpp(), ALL[name], tmp_path) == (0.0, 0)
@@ -250,9 +254,31 @@ def test_clang_may_be_told_to_reorder_a_class(name: str, tmp_path: Path) -> None
     assert difference(sequences, found) == (0.0, 0)
 
 
+@pytest.mark.parametrize("name", ["layered-tanh-0", "fully_meshed-sigmoid-5", "hebbian", "neat", "modules"])
+@pytest.mark.parametrize("compiler", OLD_GCC or [pytest.param("gcc-11", marks=pytest.mark.skip)])
+def test_old_gcc_may_be_told_to_reorder(compiler: str, name: str, tmp_path: Path) -> None:
+    """Before version 12 it defines no macro for this, by which it could be refused."""
+    write(C().files(subject(ALL[name]), "robot"), tmp_path)
+    run([compiler, "-O3", "-funsafe-math-optimizations", "-c", "robot.c"], tmp_path, compiler)
+    run([compiler, "robot.o", "robot_test.c", "-o", "self_test"], tmp_path, compiler)
+    assert run(["./self_test"], tmp_path, name) == b"ok\n"
+
+
+@pytest.mark.parametrize("name", ["mealy_fsm", "layered-relu-6", "modules"])
+@pytest.mark.parametrize("option", ["-fno-honor-nans", "-fno-honor-infinities"])
+def test_sensors_are_refused_whatever_clang_assumes(name: str, option: str, tmp_path: Path) -> None:
+    """The self-test tries them: NaN and infinity are noticed by their bits."""
+    if "clang" not in COMPILERS:
+        pytest.skip("clang is not installed")
+    write(C().files(subject(ALL[name]), "robot"), tmp_path)
+    run(["clang", option, "-O3", "robot.c", "robot_test.c", "-o", "self_test"], tmp_path, "clang")
+    assert run(["./self_test"], tmp_path, name) == b"ok\n"
+
+
+@pytest.mark.parametrize("name", ["layered-tanh-0", "mealy_fsm", "neat"])
 @pytest.mark.parametrize("option", ["-ffast-math", "-Ofast", "-ffinite-math-only"])
-def test_options_that_change_results_are_refused(option: str, tmp_path: Path) -> None:
-    write(C().files(subject(ALL["layered-tanh-0"]), "robot"), tmp_path)
+def test_options_that_change_results_are_refused(option: str, name: str, tmp_path: Path) -> None:
+    write(C().files(subject(ALL[name]), "robot"), tmp_path)
     done = subprocess.run(
         ["gcc", option, "-c", "robot.c"], cwd=tmp_path, capture_output=True, text=True, check=False
     )
@@ -366,21 +392,161 @@ def test_a_random_sensor_is_drawn_in_the_sketch_and_named_in_the_header() -> Non
     files = {name: str(content) for name, content in C().files(made, "robot").items()}
     sketch = files["robot_arduino/robot_arduino.ino"]
     assert "sensors[ROBOT_SENSOR_RANDOM] = (float)random(16777216L) / 16777216.0f;" in sketch
-    assert "randomSeed(analogRead(A0));" in sketch
+    assert "analogRead(A0)" in sketch
+    assert "#define ROBOT_ID 0" in sketch
+    assert "stop_actuators();" in sketch
     assert "random, a new random number from 0 to 1 in each step, another one on each" in files["robot.h"]
+
+
+def test_the_sketch_stops_scaled_actuators_at_0() -> None:
+    specification = network("layered", "tanh", [-1.0, 1.0], actuators=4)
+    ranges = [(0, 100, "N"), (10, -30, "deg"), (5, 15, "m/s"), None]
+    described = {"actuator_names": ["thrust", "rudder", "wind", "wheel"], "actuator_ranges": ranges}
+    made = replace(subject(specification), description=described)
+    sketch = str(C().files(made, "robot")["robot_arduino/robot_arduino.ino"])
+    assert "FILL IN what is safe: called when a step was refused" in sketch
+    assert "actuators[ROBOT_ACTUATOR_THRUST] = -1.0f; /* thrust: 0 N */" in sketch
+    assert "actuators[ROBOT_ACTUATOR_RUDDER] = -0.5f; /* rudder: 0 deg */" in sketch
+    assert "actuators[ROBOT_ACTUATOR_WIND] = -1.0f; /* wind: 5 m/s */" in sketch
+    assert "actuators[ROBOT_ACTUATOR_WHEEL] = 0.0f; /* wheel */" in sketch
+
+
+@pytest.mark.parametrize("steps", [0, 7, 20])
+def test_a_self_test_takes_as_many_recorded_steps_as_is_said(steps: int, tmp_path: Path) -> None:
+    write(C().files(subject(ALL["mealy_fsm"]), "robot"), tmp_path)
+    words = ["gcc", "-std=c99", *STRICT, f"-DSELF_TEST_STEPS={steps}", "robot.c", "robot_test.c", "-o", "cut"]
+    run(words, tmp_path, "gcc")
+    assert run(["./cut"], tmp_path, "self-test") == b"ok\n"
+
+
+ONCE = """
+#include "robot.h"
+#include <float.h>
+#include <stdio.h>
+#include <string.h>
+
+int main(void)
+{
+    robot_t robot;
+    float sensors[ROBOT_SENSORS] = {0};
+    float actuators[ROBOT_ACTUATORS] = {7};
+    memset(&robot, @byte@, sizeof robot);
+    printf("%d", robot_step(&robot, sensors, actuators));
+    robot_reset(&robot);
+    @change@
+    printf("%d", robot_step(&robot, sensors, actuators));
+    memset(sensors, 0, sizeof sensors);
+    printf("%d", robot_step(&robot, sensors, actuators));
+    robot_reset(&robot);
+    printf("%d", robot_step(&robot, sensors, actuators));
+    return 0;
+}
+"""
+
+
+def once(specification: Specification, folder: Path, change: str = "", byte: int = 0) -> str:
+    """Whether steps were accepted: without a reset, after a change, after that, and after another reset."""
+    write(C().files(subject(specification), "robot"), folder)
+    (folder / "once.c").write_text(ONCE.replace("@change@", change).replace("@byte@", str(byte)))
+    options = ["-std=c99", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+    run(["gcc", *options, "once.c", "robot.c", "-o", "once"], folder, "gcc")
+    return run(["./once"], folder, "once").decode()
+
+
+@pytest.mark.parametrize(
+    "name", ["layered-direct", "layered-deep", "fully_meshed-bare", "hebbian", "neat", "mealy_fsm", "modules"]
+)
+@pytest.mark.parametrize("byte", [0, 255])
+def test_a_step_without_a_reset_is_refused(name: str, byte: int, tmp_path: Path) -> None:
+    assert once(ALL[name], tmp_path, byte=byte) == "0111"
+
+
+@pytest.mark.parametrize("name", ["mealy_fsm", "modules"])
+def test_a_state_outside_of_the_tables_is_refused(name: str, tmp_path: Path) -> None:
+    assert once(ALL[name], tmp_path, "robot.state = 250;") == "0001"
+
+
+@pytest.mark.parametrize("name", ["fully_meshed-tanh-6", "hebbian"])
+def test_an_overflow_is_refused_until_a_reset(name: str, tmp_path: Path) -> None:
+    """In the engine all nodes are NaN from there on, and the actuators 0."""
+    change = "sensors[0] = FLT_MAX; sensors[1] = FLT_MAX; sensors[2] = -FLT_MAX;"
+    weights = ALL[name]["weights"]
+    rows = weights[1:] if name == "hebbian" else weights
+    assert any(rows)
+    large = {**ALL[name], "weights": [*weights[: len(weights) - len(rows)], *(one * 100 for one in rows)]}
+    assert once(large, tmp_path, change) == "0001"
+    assert bits(C(), large, tmp_path / "bits") == (0.0, 0)
+
+
+@pytest.mark.parametrize(("value", "accepted"), [(0, "1"), (1, "1"), (0.5, "1"), (-0.001, "0"), (12345, "0")])
+def test_a_random_number_is_from_0_to_1(value: float, accepted: str, tmp_path: Path) -> None:
+    assert once(ALL["modules"], tmp_path, f"sensors[8] = (float){value};") == f"0{accepted}11"
+
+
+def test_trees_name_what_comes_next_as_figures_do() -> None:
+    made = subject(ALL["modules-tree"])
+    for text in (
+        C().files(made, "robot")["robot.c"],
+        EXPORTERS.get("python")().files(made, "robot")["robot.py"],
+    ):
+        assert "next subtree if" in str(text)
+
+
+def test_only_c_speaks_of_a_missing_reset() -> None:
+    assert "or there was no reset" in str(C().files(subject(ALL["mealy_fsm"]), "robot")["robot.h"])
+    assert "no reset" not in str(Cpp().files(subject(ALL["mealy_fsm"]), "robot")["robot.hpp"])
+
+
+def test_headers_have_the_duration_of_a_step() -> None:
+    made = replace(subject(ALL["mealy_fsm"]), step_size=0.1)
+    assert "#define ROBOT_STEP_SECONDS 0.1f" in str(C().files(made, "robot")["robot.h"])
+    assert "Control cycle  0.1 s, a step of the simulation" in str(C().files(made, "robot")["robot.h"])
+    assert "constexpr float step_seconds = 0.1f;" in str(Cpp().files(made, "robot")["robot.hpp"])
+    assert "STEP_SECONDS" not in str(C().files(subject(ALL["mealy_fsm"]), "robot")["robot.h"])
+
+
+@pytest.mark.parametrize("prefix", ["memcpy", "linux", "NULL", "uint8_t"])
+def test_names_of_headers_and_macros_are_no_namespaces(prefix: str) -> None:
+    with pytest.raises(InputError, match="is a name of the C library or a macro"):
+        Cpp().files(subject(ALL["mealy_fsm"]), prefix)
+    assert f"{prefix}.h" in C().files(subject(ALL["mealy_fsm"]), prefix)
+
+
+def test_a_compiler_for_another_processor_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its programs cannot be linked or run here; an emulator may run them."""
+    compiler = tmp_path / "cross"
+    compiler.write_text(
+        '#!/bin/sh\ncase "$*" in\n*-dumpmachine*) echo arm-none-eabi ;;\n*) gcc "$@" ;;\nesac\n'
+    )
+    compiler.chmod(0o755)
+    monkeypatch.setenv("CC", str(compiler))
+    specification = ALL["mealy_fsm"]
+    emulator = tmp_path / "emulator"
+    emulator.write_text('#!/bin/sh\nexec "$@"\n')
+    emulator.chmod(0o755)
+    monkeypatch.setenv("CONTROLLER_RUN", str(emulator))
+    assert bits(C(), specification, tmp_path / "emulated") == (0.0, 0)
+    emulator.write_text("#!/bin/sh\necho no such board >&2; exit 126\n")
+    with pytest.raises(RunError, match="no such board") as raised:
+        bits(C(), specification, tmp_path / "failed")
+    assert "another processor" not in str(raised.value)
+    monkeypatch.delenv("CONTROLLER_RUN")
+    compiler.write_text(compiler.read_text().replace('gcc "$@"', "echo no such option >&2; exit 1"))
+    with pytest.raises(RunError, match=r"(?s)another processor \(arm-none-eabi\).*no such option"):
+        bits(C(), specification, tmp_path / "refused")
 
 
 def test_cmake_builds_and_tests_all_of_a_folder(tmp_path: Path) -> None:
     if not shutil.which("cmake"):
         pytest.skip("cmake is not installed")
-    for prefix, name in (("left", "layered-tanh-0"), ("right", "mealy_fsm")):
+    for prefix, name in (("left", "layered-tanh-0"), ("right", "mealy_fsm"), ("test", "mealy_fsm-one")):
         write(C().files(subject(ALL[name]), prefix), tmp_path)
     write(Cpp().files(subject(ALL["mealy_fsm"]), "right"), tmp_path)
     native = ["-DCMAKE_C_FLAGS=-O3 -march=native", "-DCMAKE_CXX_FLAGS=-O3 -march=native"]
     run(["cmake", "-S", ".", "-B", "build", *native], tmp_path, "cmake")
     run(["cmake", "--build", "build"], tmp_path, "cmake")
     said = run(["ctest", "--test-dir", "build"], tmp_path, "ctest")
-    assert b"100% tests passed, 0 tests failed out of 3" in said
+    assert b"100% tests passed, 0 tests failed out of 4" in said
 
 
 def test_names_cannot_leave_comments(tmp_path: Path) -> None:

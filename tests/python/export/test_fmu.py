@@ -25,7 +25,7 @@ from swarmwright.export import EXPORTERS, Exporter, Subject
 from swarmwright.export.fmu_driver import Driver
 from swarmwright.export.sequences import Sequences, difference, random_sequences
 from swarmwright.export.writing import write
-from tests.python.export.specifications import ALL, subject
+from tests.python.export.specifications import ALL, hebbian, subject
 
 FORMS = ("fmu", "fmu3")
 KEEPS_STATE = "fully_meshed-tanh-6"
@@ -78,6 +78,24 @@ def test_every_kind_has_the_same_bits(name: str, form: str, tmp_path: Path) -> N
     sequences = random_sequences(ALL[name], 30)
     assert difference(sequences, exporter(form).run(tmp_path, "robot", sequences)) == (0.0, 0)
     assert validate_fmu(str(file)) == []
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_large_controller_needs_no_large_stack(form: str, tmp_path: Path) -> None:
+    """A master may step it in a thread of its own; Hebbian controllers remember all their weights."""
+    write(exporter(form).files(subject(hebbian(40, 1, 0.1)), "robot"), tmp_path)
+    for name, content in zipped(tmp_path / "robot.fmu").items():
+        if name.startswith("sources/"):
+            (tmp_path / Path(name).name).write_bytes(content)
+    frame = ["-Wframe-larger-than=4096", "-Werror"]  # bytes, less than the weights have
+    done = subprocess.run(
+        ["cc", "-std=c99", *frame, "-c", "robot_fmu.c", "-o", "robot_fmu.o"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -203,6 +221,11 @@ def test_mistakes_of_masters_are_errors(form: str, tmp_path: Path) -> None:
                 set_period([1], [value])
             assert said in instance._last
         begin(fmu)
+        with pytest.raises(FMICallException):
+            set_period([1], [2.0])
+        assert instance._last == (
+            "period is a parameter: it can be set until initialization ends, and again after a reset"
+        )
         for references in ([5], [99]):
             with pytest.raises(FMICallException):
                 put(fmu, references, [1.0])
@@ -214,9 +237,6 @@ def test_mistakes_of_masters_are_errors(form: str, tmp_path: Path) -> None:
                 fmu.doStep(currentCommunicationPoint=0.0, communicationStepSize=size)
             assert "must have a finite time and a size of 0 s or more" in instance._last
         fmu.doStep(currentCommunicationPoint=0.0, communicationStepSize=1.0)
-        with pytest.raises(FMICallException):
-            set_period([1], [2.0])
-        assert instance._last == "period cannot be changed after the first sample"
         data = (
             fmu.serializeFMUstate(fmu.getFMUstate())
             if form == "fmu"
@@ -242,6 +262,90 @@ def test_mistakes_of_masters_are_errors(form: str, tmp_path: Path) -> None:
             archive.writestr(name, content)
     with pytest.raises(RunError, match=r"FMPy cannot use other\.fmu"), Driver(other):
         pass
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_steps_that_do_not_begin_where_the_last_one_ended_are_errors(form: str, tmp_path: Path) -> None:
+    """A gap of hours would take samples for hours; a step that is repeated or goes back would take none."""
+    with Driver(written(KEEPS_STATE, form, tmp_path)) as driver:
+        fmu = driver.instance._fmu
+
+        def refused(time: float, size: float, said: str) -> None:
+            with pytest.raises(FMICallException):
+                fmu.doStep(currentCommunicationPoint=time, communicationStepSize=size)
+            assert driver.instance._last == f"the step begins at {said} s"
+
+        begin(fmu)
+        refused(1e15, 1.0, "1e+15 s, the start time that was set up is 0")
+        put(fmu, [2, 3, 4], [0.5, 0.5, -0.5])
+        fmu.doStep(currentCommunicationPoint=0.0, communicationStepSize=1.0)
+        once = got(fmu, [5, 6])
+        for time in (0.0, 0.9, 1.1, 1e7, -1.0):
+            refused(time, 1.0, f"{time:.15g} s, the last one ended at 1")
+        refused(1.0005, 0.001, "1.0005 s, the last one ended at 1")
+        assert got(fmu, [5, 6]) == once
+        fmu.doStep(currentCommunicationPoint=1.0005, communicationStepSize=1.0)  # within a thousandth
+        refused(1.0, 1.0, "1 s, the last one ended at 2.0005")
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_start_in_unix_time_leaves_room_for_rounding(form: str, tmp_path: Path) -> None:
+    fmu = instance(written(KEEPS_STATE, form, tmp_path), tmp_path / "x")
+    start = 1.7e9
+    if form == "fmu":
+        fmu.setupExperiment(startTime=start)
+        fmu.enterInitializationMode()
+    else:
+        fmu.enterInitializationMode(startTime=start)
+    fmu.exitInitializationMode()
+    for step in range(300):  # the time is a multiple, not a sum
+        fmu.doStep(currentCommunicationPoint=start + step * 0.001, communicationStepSize=0.001)
+    fmu.freeInstance()
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_discarded_step_over_several_periods_changes_nothing(form: str, tmp_path: Path) -> None:
+    """A node overflows in the third sample."""
+    known = ALL["fully_meshed-relu-10"]
+    weights = np.random.default_rng(0).uniform(-100, 100, len(known["weights"])).astype(np.float32)
+    specification = {**known, "weights": weights.tolist()}
+    write(exporter(form).files(subject(specification), "robot"), tmp_path)
+    with Driver(tmp_path / "robot.fmu") as driver:
+        fmu = driver.instance._fmu
+        begin(fmu)
+
+        def state() -> bytes:
+            suffix = "state" if form == "fmu" else "State"
+            kept = getattr(fmu, f"getFMU{suffix}")()
+            data: bytes = getattr(fmu, f"serializeFMU{suffix}")(kept)
+            getattr(fmu, f"freeFMU{suffix}")(kept)
+            return data
+
+        put(fmu, [2, 3, 4], [1e30] * 3)
+        before = state()
+        with pytest.raises(FMICallException) as refused:
+            fmu.doStep(currentCommunicationPoint=0.0, communicationStepSize=30.0)
+        assert refused.value.status == 2  # discard
+        assert driver.instance._last == "the step is not done: a node overflows, sensors are too large"
+        assert state() == before
+        fmu.doStep(currentCommunicationPoint=0.0, communicationStepSize=1.0)
+        assert any(got(fmu, [5, 6]))
+
+
+def test_event_mode_that_is_not_announced_is_refused(tmp_path: Path) -> None:
+    file = written(KEEPS_STATE, "fmu3", tmp_path)
+    description = read_model_description(str(file))
+    extract(str(file), str(tmp_path / "x"))
+    fmu = FMU3Slave(
+        guid=description.guid,
+        unzipDirectory=str(tmp_path / "x"),
+        modelIdentifier="robot",
+        instanceName="tested",
+    )
+    said: list[bytes] = []
+    with pytest.raises(Exception, match="Failed to instantiate"):
+        fmu.instantiate(eventModeUsed=True, logMessage=lambda *about: said.append(about[3]))
+    assert said == [b"this FMU has no event mode: instantiate it without"]
 
 
 @pytest.mark.parametrize("form", FORMS)

@@ -286,6 +286,7 @@ method: {kind: random_search, population: 4, generations: 1}
 """
 
 
+@pytest.mark.slow
 def test_a_run_is_exported_and_verified(file: Path, tmp_path: Path) -> None:
     experiment = tmp_path / "woven.yaml"
     experiment.write_text(TEXT)

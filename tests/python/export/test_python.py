@@ -15,7 +15,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 
 from swarmwright import Experiment, InputError, Simulation, export_controller, optimize
-from swarmwright.export import Exporter
+from swarmwright.export import Exporter, Subject
 from swarmwright.export.micropython import MicroPython
 from swarmwright.export.micropython import _interpreter as interpreter
 from swarmwright.export.python import Python
@@ -74,6 +74,41 @@ def test_any_network(exporter: Exporter, specification: Specification, tmp_path:
 def test_self_tests(exporter: Exporter, name: str, tmp_path: Path) -> None:
     write(exporter.files(subject(ALL[name]), "robot"), tmp_path)
     assert exporter.self_test(tmp_path, "robot") == "robot_test.py"
+
+
+def loaded(made: Subject, folder: Path) -> ModuleType:
+    """The exported module."""
+    write(Python().files(made, "robot"), folder)
+    spec = importlib.util.spec_from_file_location("robot", folder / "robot.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_an_overflow_is_refused_until_a_reset(tmp_path: Path) -> None:
+    specification = ALL["fully_meshed-tanh-6"]
+    large = {**specification, "weights": [100 * one for one in specification["weights"]]}
+    controller = loaded(subject(large), tmp_path).Controller()
+    with pytest.raises(ValueError, match="a node has overflowed"):
+        controller.step([3e38, 3e38, -3e38])
+    with pytest.raises(ValueError, match="reset the controller"):
+        controller.step([0, 0, 0])
+    controller.reset()
+    assert len(controller.step([0, 0, 0])) == 2
+
+
+def test_a_random_number_is_from_0_to_1(tmp_path: Path) -> None:
+    controller = loaded(subject(ALL["modules"]), tmp_path).Controller()
+    assert controller.step([0] * 8 + [1])
+    for value in (-0.1, 12345):
+        with pytest.raises(ValueError, match="expected 0 to 1"):
+            controller.step([0] * 8 + [value])
+
+
+def test_the_duration_of_a_step_is_in_the_module(tmp_path: Path) -> None:
+    assert loaded(replace(subject(ALL["mealy_fsm"]), step_size=0.1), tmp_path).STEP_SECONDS == 0.1
 
 
 def test_micropython_on_python(tmp_path: Path) -> None:

@@ -9,7 +9,9 @@ import pytest
 import yaml
 
 from swarmwright import InputError
+from swarmwright.commands.ros_definition import RosOptions
 from swarmwright.export import EXPORTERS
+from swarmwright.export import subject as subject_module
 from swarmwright.export.ros1 import Ros1
 from swarmwright.export.subject import Subject
 from swarmwright.export.verification import verify
@@ -59,6 +61,9 @@ def test_what_cannot_be_a_package_is_refused() -> None:
         Ros1().files(Subject({"kind": "parameter_set", "parameters": {}}, values={"a": 1}), "rover")
     with pytest.raises(InputError, match="'exported' is a file of the package"):
         Ros1().files(SUBJECT, "exported")
+    for prefix in ("std_msgs", "Roscpp", "catkin", "roslaunch"):
+        with pytest.raises(InputError, match=f"'{prefix}' is a package that this one depends on"):
+            Ros1().files(SUBJECT, prefix)
 
 
 def test_it_is_written_again_beside_an_own_mapping(tmp_path: Path) -> None:
@@ -116,6 +121,14 @@ def test_a_random_sensor_needs_no_topic_and_wheels_have_an_example() -> None:
     assert turning == pytest.approx([0.0, 2 * 0.12 / 0.053], rel=1e-5)
 
 
+def test_wheels_are_those_of_the_run() -> None:
+    description = {"actuator_names": ["left wheel", "right wheel"]}
+    _, text = template(replace(SUBJECT, description=description, wheels=(0.3, 0.14)))
+    assert "0.3 m/s for 1 and 0.14 m" in text
+    assert "e-puck" not in text
+    assert "#    scale: 2.14286" in text
+
+
 def test_topics_on_which_a_controller_was_evolved_are_in_the_mapping() -> None:
     entries = [
         {"sensor": "goal x", "topic": "goal", "type": "geometry_msgs/Twist", "field": "linear.x"},
@@ -127,3 +140,33 @@ def test_topics_on_which_a_controller_was_evolved_are_in_the_mapping() -> None:
     assert mapping["rate"] == 20
     assert mapping["sensors"][:2] == entries
     assert mapping["sensors"][2] == {"sensor": "goal 2", "topic": "", "type": "", "field": ""}
+
+
+def test_topics_named_after_robots_leave_the_rest_of_their_entries() -> None:
+    definition = RosOptions.model_validate(
+        {
+            "ros": 1,
+            "robots": 2,
+            "sensors": [{"sensor": "goal x", "topic": "goal", "type": "std_msgs/Float32", "timeout": 2.0}],
+            "actuators": [
+                {
+                    "actuator": "N",
+                    "topic": "/model/{robot}/cmd_vel",
+                    "type": "geometry_msgs/Twist",
+                    "field": "linear.x",
+                    "scale": 0.2,
+                    "limits": [0.0, 0.2],
+                }
+            ],
+            "step": 0.1,
+        }
+    )
+    topics, real_time = subject_module._of_ros(definition.name)
+    assert real_time
+    mapping, text = template(replace(SUBJECT, topics=topics))
+    assert mapping["rate"] == pytest.approx(10)
+    assert mapping["sensors"][0] == definition.topics["sensors"][0]
+    # Limits keep a robot safe: they must not be lost with a name that the mapping cannot have.
+    assert mapping["actuators"][0] == {**definition.topics["actuators"][0], "topic": ""}
+    assert 'topic: ""  # in the run: "/model/{robot}/cmd_vel"' in text
+    assert "Fill in those that are empty" in text

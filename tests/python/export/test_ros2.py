@@ -127,6 +127,7 @@ def test_modules_import_nothing_that_the_package_lacks() -> None:
                 assert named <= {*installed, *sys.stdlib_module_names}
 
 
+@pytest.mark.slow
 def test_the_controller_in_the_package_has_the_same_bits() -> None:
     files = Ros2().files(SUBJECT, "rover")
     found = verify(Ros2(), SUBJECT, "rover", files)
@@ -146,7 +147,9 @@ def wrong(code: str) -> str:
     return code.replace(word, word.replace("0.", "0.9", 1), 1)
 
 
-@pytest.mark.parametrize("prefix", ["exported", "Mapping", "dds", "dds_node", "rclpy", "launch", "json"])
+@pytest.mark.parametrize(
+    "prefix", ["exported", "Mapping", "dds", "dds_node", "rclpy", "launch", "json", "std_msgs", "ament_cmake"]
+)
 def test_what_cannot_be_a_package_is_refused(prefix: str) -> None:
     with pytest.raises(InputError, match="take another one"):
         Ros2().files(SUBJECT, prefix)
@@ -225,6 +228,7 @@ def in_python(file: Path) -> str:
     return f"{mapping.rate:g} {mapping.sensors[1].scale:g} {mapping.sensors[2].place.type}"
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(180)
 def test_mistakes_read_the_same_in_cpp(reader: Path, tmp_path: Path) -> None:
     files = []

@@ -130,14 +130,27 @@ def test_the_header_says_what_it_is(minisim: Run, tmp_path: Path) -> None:
 
 
 def test_any_candidate_and_the_same_bytes(program: Any, minisim: Run, tmp_path: Path) -> None:
-    for folder, options in (("a", ["0:5"]), ("b", ["0:5"]), ("c", ["5"]), ("d", ["2:1"])):
-        result = program("export", minisim.path, "--to", "c", "--output", folder, "--candidate", *options)
+    for folder, options in (
+        ("a", ["--candidate", "0:5"]),
+        ("b", ["--generation", "0", "--candidate", "5"]),
+        ("c", ["--candidate", "5"]),
+        ("d", ["--candidate", "2:1"]),
+        ("e", ["--generation", "2"]),
+    ):
+        result = program("export", minisim.path, "--to", "c", "--output", folder, *options)
         assert result.returncode == 0, result.stderr
-    texts = [(tmp_path / folder / "controller.c").read_bytes() for folder in "abcd"]
+    texts = [(tmp_path / folder / "controller.c").read_bytes() for folder in "abcde"]
     assert texts[0] == texts[1] == texts[2] != texts[3]
+    assert b" %d of generation 2 " % minisim.evaluation(None, 2).candidate in texts[4]
     assert b"5 of generation 0" in texts[0]
     weights = minisim.evaluation(5, 0).genome
     assert all(f"{weight!s}f".encode() in texts[0] for weight in weights)
+
+
+def test_the_folder_may_be_given_as_for_optimize(program: Any, minisim: Run, tmp_path: Path) -> None:
+    result = program("export", minisim.path, "--to", "python", "--out", "exported")
+    assert result.returncode == 0, result.stderr
+    assert (tmp_path / "exported" / "controller.py").is_file()
 
 
 def test_json(program: Any, minisim: Run) -> None:
@@ -183,12 +196,13 @@ def test_verification_fails_where_bits_differ(
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (["--to", "cc"], "unknown form 'cc'; did you mean 'c'? there is: c, "),
+        (["--to", "cc"], "unknown export format 'cc'; did you mean 'c'? there is: c, "),
         ([], "what to export to is missing"),
         (["--to", "c", "--candidate", "9:0"], "holds the generations 0 to 2, not 9"),
         (["--to", "c", "--candidate", "0:8"], "generation 0 has the candidates 0 to 7, not 8"),
         (["--to", "c", "--candidate", "best"], "'best' is not G:N, such as 19:3"),
         (["--to", "c", "--candidate", "1:"], "'1:' is not G:N, such as 19:3"),
+        (["--to", "c", "--candidate", "1:0", "--generation", "2"], "leave out --generation"),
         (["--to", "c", "--prefix", "2wheels"], "prefix: '2wheels' found, expected a letter"),
         (["--to", "c", "--prefix", "class"], "prefix: 'class' is a word of C, C++ or Python"),
         (["--to", "c", "--prefix", "a_test"], "prefix: 'a_test' ends with _test"),

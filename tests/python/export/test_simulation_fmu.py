@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from fmpy import extract, read_model_description
+from fmpy import extract, read_model_description, simulate_fmu
 from fmpy.fmi1 import FMICallException
 from fmpy.fmi3 import FMU3Slave
 from fmpy.validation import validate_fmu
@@ -19,6 +19,7 @@ from swarmwright.export import simulation_fmu as module
 from swarmwright.export.exporting import export_controller
 from swarmwright.export.fmu_parts import named
 from swarmwright.export.simulation_fmu import LIBRARY, simulation_fmu
+from swarmwright.export.simulation_model import Model
 from swarmwright.fmu.coupled import Coupled
 from swarmwright.fmu.coupling import coupled
 from swarmwright.fmu.ssp import described, system_of
@@ -31,6 +32,11 @@ CASES: dict[str, dict[str, Any]] = {
     "minisim": {"numAgents": 3, "placement": "random", "speedDefenders": 0.4},
     "emergency_exit": {"numAgents": 4, "width": 9, "height": 8, "numBlockades": 5, "steps": 6},
     "arena": {"robots": 3, "duration": 3},
+}
+MISSION = {
+    "walls": {"rectangle": [4, 3]},
+    "start": {"disc": {"radius": 1}},
+    "fitness": "order",
 }
 GROUPS = {**CASES["minisim"], "numDefenders": 2, "defenderSteering": "controller"}
 """Two kinds of agents, whose sensors have names of their own."""
@@ -146,6 +152,7 @@ def test_coupled_with_controllers_it_gives_the_fitness_of_the_run(tmp_path: Path
     file = tmp_path / "system.ssp"
     file.write_bytes(coupled("system", files, connections)[0])
     system = Coupled(str(file), system_of(file), tmp_path / "unpacked", "gauss_seidel")
+    assert described(file).stop_time is None  # the world says it by its output
     variables, step = described(file).variables, 0
     system.begin({}, 0.0, 10.0)
     while not system.get(variables["world.done"]):
@@ -153,6 +160,147 @@ def test_coupled_with_controllers_it_gives_the_fitness_of_the_run(tmp_path: Path
         step += 1
     assert system.get(variables["world.fitness"]) == run.best.fitness
     system.end()
+
+
+@pytest.mark.parametrize("fmi", ["2.0", "3.0"])
+def test_steps_that_do_not_begin_where_the_last_one_ended_are_errors(fmi: str, tmp_path: Path) -> None:
+    """A gap would end the episode in one call; a step that is repeated would do nothing."""
+    with driven(tmp_path, "minisim", {}, fmi) as world:
+        world.begin(1)
+
+        def refused(time: float, said: str) -> None:
+            with pytest.raises(FMICallException):
+                world.fmu.doStep(currentCommunicationPoint=time, communicationStepSize=0.25)
+            assert world.said[-1] == f"the step begins at {said} s"
+
+        refused(3600.0, "3600 s, the start time that was set up is 0")
+        kept = world.fmu.getFMUState()
+        world.step(0)
+        once = world.double("fitness")
+        for time in (0.0, 0.5, 3600.0):
+            refused(time, f"{time:g} s, the last one ended at 0.25")
+        assert world.double("fitness") == once
+        assert not world.flag("done")
+        world.fmu.setFMUState(kept)
+        world.step(0)
+        assert world.double("fitness") == once
+        world.fmu.doStep(currentCommunicationPoint=0.25 + 1e-12, communicationStepSize=0.25)
+        world.fmu.freeFMUState(kept)
+
+
+@pytest.mark.parametrize("fmi", ["2.0", "3.0"])
+def test_damaged_states_and_those_of_other_exports_are_refused(fmi: str, tmp_path: Path) -> None:
+    with driven(tmp_path, "minisim", {}, fmi) as world:
+        world.begin(1)
+        for step in range(3):
+            world.step(step)
+        kept = world.fmu.getFMUState()
+        data = world.fmu.serializeFMUState(kept)
+        world.fmu.freeFMUState(kept)
+        random = np.random.default_rng(0)
+        for place in random.integers(len(data), size=50):
+            damaged = bytearray(data)
+            damaged[place] ^= 1 << int(random.integers(8))
+            with pytest.raises(FMICallException):
+                world.fmu.deserializeFMUState(bytes(damaged))
+            assert "not a state of this FMU, or are damaged" in world.said[-1]
+    (tmp_path / "other").mkdir()
+    with driven(tmp_path / "other", "minisim", {"maxSteps": 16}, fmi) as world:
+        with pytest.raises(FMICallException):
+            world.fmu.deserializeFMUState(data)
+        assert "not a state of this FMU" in world.said[-1]
+
+
+@pytest.mark.parametrize("fmi", ["2.0", "3.0"])
+def test_parameters_have_units_and_limits(fmi: str, tmp_path: Path) -> None:
+    """Of the numbers, those that the descriptions of the simulations state."""
+    expected = {
+        "minisim": {
+            "avoidance": ("", "0.0", None),
+            **{f"{name}Radius": ("m", "0.0", None) for name in ("avoidance", "capture", "goal")},
+            **dict.fromkeys(("speedAgents", "speedDefenders"), ("m", "0.0", None)),
+            **dict.fromkeys(("mapHeight", "mapWidth"), ("", "1", "1000000")),
+            "maxSteps": ("", "1", "10000000"),
+            "numAgents": ("", "1", str(CASES["minisim"]["numAgents"])),
+            "numDefenders": ("", "0", "100000"),
+            "stepSize": ("", "0", "3600000"),
+        },
+        "emergency_exit": {
+            **dict.fromkeys(("height", "width"), ("", "1", "2000")),
+            "numAgents": ("", "1", str(CASES["emergency_exit"]["numAgents"])),
+            "numBlockades": ("", "0", "4000000"),
+            "numExits": ("", "1", "4000000"),
+            "stepSize": ("", "0", "3600000"),
+            "steps": ("", "1", "10000000"),
+        },
+        "arena": {"duration": ("s", "0.1", "26214.3"), "stepSize": ("", "0", "3600000")},
+    }
+    for title, known in expected.items():
+        file = tmp_path / f"{title}.fmu"
+        file.write_bytes(simulation_fmu(title, CASES[title], fmi=fmi, name="world"))
+        assert validate_fmu(str(file)) == []
+        description = read_model_description(str(file))
+        found = {
+            one.name: (one.unit or "", one.min, one.max)
+            for one in description.modelVariables
+            if one.causality == "parameter" and one.type != "String" and one.name != "seed"
+        }
+        assert found == known
+        defined = {one.name: one.baseUnit for one in description.unitDefinitions}
+        assert all(defined[unit] is not None for unit, _, _ in known.values() if unit)
+
+
+def test_there_are_no_more_agents_than_variables() -> None:
+    ranges = {one.name: one.range for one in Model.of("minisim", GROUPS).parameters}
+    assert (ranges["numAgents"], ranges["numDefenders"]) == ((1, 3), (0, 2))
+    assert Model.of("minisim", GROUPS).agents == 5
+
+
+@pytest.mark.parametrize(
+    ("title", "parameters", "stop"),
+    [
+        ("minisim", CASES["minisim"], 3.75),
+        ("emergency_exit", CASES["emergency_exit"], 6 * 4 * 0.2),
+        ("emergency_exit", {**CASES["emergency_exit"], "update": "simultaneous"}, 6 * 0.2),
+        ("arena", CASES["arena"], 3.0),
+        ("arena", {"robots": 2, "mission": "aggregation"}, 120.0),
+        ("arena", {"robots": 2, "mission": {**MISSION, "duration": 2.5}}, 2.5),
+        ("arena", {"robots": 2, "mission": MISSION}, None),
+    ],
+)
+def test_the_stop_time_is_when_every_episode_has_ended(
+    title: str, parameters: dict[str, Any], stop: float | None, tmp_path: Path
+) -> None:
+    file = tmp_path / "world.fmu"
+    file.write_bytes(simulation_fmu(title, parameters, fmi="2.0", name="world"))
+    found = read_model_description(str(file)).defaultExperiment.stopTime
+    assert (None if found is None else float(found)) == (None if stop is None else pytest.approx(stop))
+    if stop is not None and stop < 10:
+        result = simulate_fmu(str(file), output=["done"])
+        assert result["done"][-1]
+
+
+def test_attached_back_an_episode_may_be_longer_than_at_the_export(tmp_path: Path) -> None:
+    file = tmp_path / "world.fmu"
+    file.write_bytes(simulation_fmu("minisim", {}, fmi="2.0", name="world"))
+    evaluated = [
+        optimize(
+            Experiment.from_mapping(
+                {
+                    "simulation": simulation,
+                    "parameters": {"maxSteps": 25, "speedAgents": 0.1},
+                    "method": {"kind": "nnga", "population": 4, "generations": 1},
+                    "servers": "in-process",
+                    "fitness": "steps + distance",
+                }
+            ),
+            out=tmp_path / name,
+        ).record.metrics
+        for name, simulation in (("inside", "minisim"), ("attached", str(file)))
+    ]
+    inside, attached = evaluated
+    assert np.array_equal(inside, attached)
+    assert inside.max() >= 16
 
 
 def test_parameters_set_by_the_master(tmp_path: Path) -> None:
@@ -188,7 +336,7 @@ def test_parameters_set_by_the_master(tmp_path: Path) -> None:
             call()
         assert expected in said[-1]
     for name, value, expected in (
-        ("numAgents", 4, "export it anew with these parameters"),
+        ("numAgents", 4, "the parameters make 4 agents, the FMU has variables of 1; export it anew"),
         ("mapWidth", -1, "parameter mapWidth: -1 found"),
     ):
         fmu.reset()
@@ -198,6 +346,21 @@ def test_parameters_set_by_the_master(tmp_path: Path) -> None:
             fmu.exitInitializationMode()
         assert expected in said[-1]
     fmu.freeInstance()
+
+
+def test_event_mode_that_is_not_announced_is_refused(tmp_path: Path) -> None:
+    said: list[str] = []
+    file = tmp_path / "world.fmu"
+    file.write_bytes(simulation_fmu("minisim", {}, fmi="3.0", name="world"))
+    folder = extract(str(file), str(tmp_path / "world"))
+    token = read_model_description(str(file)).guid
+    fmu = FMU3Slave(guid=token, unzipDirectory=folder, modelIdentifier="world", instanceName="w")
+    with pytest.raises(Exception, match="Failed to instantiate"):
+        fmu.instantiate(
+            eventModeUsed=True,
+            logMessage=lambda _environment, _status, _category, text: said.append(text.decode()),
+        )
+    assert said == ["this FMU has no event mode: instantiate it without"]
 
 
 def test_mistakes_on_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -217,6 +380,14 @@ def test_mistakes_on_the_command_line(tmp_path: Path, monkeypatch: pytest.Monkey
         assert expected in said, said
         assert done.exit_code == 2 or isinstance(done.exception, InputError)
     assert {file.name for file in tmp_path.iterdir()} == {"mine.fmu"}
+
+
+def test_a_parameter_by_which_there_are_other_sensors(tmp_path: Path) -> None:
+    file = tmp_path / "foot_bots.fmu"
+    words = ["export-fmu", "arena", "--set", "parameters.robot=foot-bot", "--output", str(file)]
+    done = CliRunner().invoke(program, words)
+    assert done.exit_code == 0, done.output + str(done.exception)
+    assert file.is_file()
 
 
 def test_a_missing_library_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

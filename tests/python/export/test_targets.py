@@ -36,6 +36,7 @@ def need(*programs: str) -> None:
     assert not missing
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(120)
 @pytest.mark.parametrize(
     ("target", "options"),
@@ -81,6 +82,20 @@ def test_arm_fuses_without_protection(target: tuple[str, str, str], tmp_path: Pa
     assert b"the actuators are not those of the simulation" in said
 
 
+@pytest.mark.parametrize("name", ["layered-tanh-2", "fully_meshed-sigmoid-5", "hebbian", "neat", "modules"])
+@pytest.mark.parametrize("options", [["-O2", *STRICT], ["-O3", "-funsafe-math-optimizations"]])
+def test_clang_for_arm_may_be_told_to_reorder(options: list[str], name: str, tmp_path: Path) -> None:
+    """It has no float_control there; other pragmas switch off what changes results, without warnings."""
+    compiler, emulator, _ = ARM64
+    need(compiler, emulator, "clang")
+    write(C().files(subject(ALL[name]), "robot"), tmp_path)
+    words = ["clang", "--target=aarch64-linux-gnu", "-c"]
+    run([*words, *options, "robot.c"], tmp_path, "clang")
+    run([*words, "robot_test.c"], tmp_path, "clang")
+    run([compiler, "-static", "robot.o", "robot_test.o", "-o", "robot"], tmp_path, compiler)
+    assert run([emulator, "./robot"], tmp_path, name) == b"ok\n"
+
+
 @pytest.mark.parametrize("target", [ARM64, ARMHF], ids=["arm64", "armhf"])
 def test_arm_in_cpp(target: tuple[str, str, str], tmp_path: Path) -> None:
     compiler, emulator, root = target
@@ -106,6 +121,18 @@ def test_avr_compiles_with_all_warnings_as_errors(name: str, tmp_path: Path) -> 
     # Tables are in flash, which counts as text; nothing is in memory but the struct.
     sizes = run(["avr-size", "robot.o"], tmp_path, name).split(b"\n")[1].split()
     assert sizes[1:3] == [b"0", b"0"]
+
+
+@pytest.mark.parametrize("name", ["evostick", "mealy_fsm", "layered-wide"])
+def test_the_self_test_fits_on_avr(name: str, tmp_path: Path) -> None:
+    """Its tables are in flash, cut after 20 steps; they do not fill the 2 kB of memory."""
+    need("avr-gcc")
+    write(C().files(subject(ALL[name]), "robot"), tmp_path)
+    run([*AVR, *STRICT, "robot.c", "robot_test.c", "-o", "test.elf"], tmp_path, name)
+    _, data, bss = (
+        int(one) for one in run(["avr-size", "test.elf"], tmp_path, name).split(b"\n")[1].split()[:3]
+    )
+    assert data + bss < 1500
 
 
 @pytest.mark.parametrize("name", ["hebbian", "neat"])

@@ -1,9 +1,11 @@
 import math
 import warnings
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.collections import LineCollection
 from PIL import Image
 
 from swarmwright import Experiment, compare, optimize
@@ -46,6 +48,49 @@ def test_the_lines_are_those_of_the_run(tmp_path: Path) -> None:
     assert np.asarray(lines["mean"].get_ydata()).tolist() == [2, 1.5, 6]
     assert np.asarray(lines["mean"].get_xdata()).tolist() == [2, 4, 6]
     assert any(text.get_text() == "9" for text in upper.texts)
+
+
+def test_all_that_the_legend_names_of_one_generation_is_drawn(tmp_path: Path) -> None:
+    run = KnownRun(tmp_path, [[1.0, 2.0, 3.0, 4.0]])
+    upper, lower = draw(run, diversity(run)).axes
+    (half,) = (one for one in upper.collections if one.get_label() == "middle half of the population")
+    assert isinstance(half, LineCollection)
+    ((low, high),) = half.get_segments()
+    assert (low[1], high[1]) == (1.75, 3.25)
+    assert lower.get_xticks().tolist() == [4]
+
+
+def test_fitness_that_hardly_changes_has_digits_enough(tmp_path: Path) -> None:
+    run = KnownRun(tmp_path, [[1000 - 3e-10, 1000 - 4e-10], [1000 - 2e-10, 1000 - 3e-10]])
+    figure = draw(run, diversity(run))
+    figure.draw_without_rendering()
+    upper = figure.axes[0]
+    assert upper.yaxis.get_offset_text().get_text() == ""
+    labels = [label.get_text() for label in upper.get_yticklabels()]
+    assert len(set(labels)) == len(labels)
+    shown = [float(text) for text in labels]
+    np.testing.assert_allclose(shown, upper.get_yticks(), rtol=0, atol=1e-12)
+    assert any(text.get_text().startswith("999.9999999998") for text in upper.texts)
+
+
+@pytest.mark.parametrize(
+    ("changes", "label"),
+    [
+        ({"ranking": {"kind": "absolute", "reevaluate": True}}, "(evaluated again)"),
+        ({"method": {"kind": "racing", "evaluations": 100}}, "(most instances)"),
+    ],
+)
+def test_what_can_fall_is_not_called_the_best_so_far(
+    tmp_path: Path, changes: dict[str, Any], label: str
+) -> None:
+    run = KnownRun(tmp_path, [[0.0, 4.0], [1.0, 2.0]], **changes)
+    upper, _ = draw(run, diversity(run)).axes
+    labels = [str(line.get_label()) for line in upper.lines]
+    assert f"candidate that would be returned {label}" in labels
+    assert "best so far" not in labels
+    left, right = compare([run, run]).figure().axes
+    assert left.get_ylabel() == "recorded fitness of the returned candidate\n(more is better)"
+    assert right.get_ylabel().startswith("recorded fitness of the best of each run")
 
 
 def test_one_is_not_called_several(tmp_path: Path) -> None:

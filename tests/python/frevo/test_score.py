@@ -202,3 +202,11 @@ def test_leading_zeros_do_not_matter_in_counts(edited: Edited, zeros: int) -> No
         InputError, match=r"input_nodes '0.*' found, expected a whole number of at most 10000"
     ):
         frevo.score(wrong)
+
+
+@pytest.mark.parametrize("text", ['{"kind": "layered"}', "simulation: minisim", "import numpy"])
+def test_a_file_that_is_not_of_frevo_is_said_to_be_evaluated_otherwise(text: str, tmp_path: Path) -> None:
+    file = tmp_path / "best.json"
+    file.write_text(text)
+    with pytest.raises(InputError, match=r"is not a result of FREVO \(\.zre\).*--controller FILE"):
+        frevo.score(file)

@@ -88,6 +88,20 @@ def test_mistakes_are_explained(servers: Any, message: str) -> None:
     assert str(caught.value).startswith(message)
 
 
+@pytest.mark.parametrize(
+    ("servers", "message"),
+    [
+        ("foo", "servers: must be auto, local, in-process, a number, or a launcher with a number of servers"),
+        ("locl", "servers: must be auto, local, in-process, a number, or a launcher"),
+        ("process:2,foo", "servers: must be a launcher with a number of servers"),
+    ],
+)
+def test_mistakes_in_arguments_are_explained(servers: str, message: str) -> None:
+    with pytest.raises(InputError) as caught:
+        chosen(Experiment.from_mapping({"simulation": "minisim"}), servers)
+    assert str(caught.value).startswith(message)
+
+
 def test_the_schema_knows_every_launcher() -> None:
     schema = Experiment.json_schema()
     for kind in LAUNCHERS.names():

@@ -12,10 +12,12 @@ from typing import Any
 import pytest
 
 from swarmwright import Experiment, RunError, optimize
+from swarmwright.broker.credentials import CREDENTIALS
 from swarmwright.evaluation.launched.access import own_address
 from swarmwright.evaluation.opening import open_backend
 from swarmwright.evaluation.through_broker import BrokerBackend
 from swarmwright.launchers import LauncherError, Specification
+from swarmwright.launchers._slot import Slot
 from swarmwright.launchers.process import Process, ProcessOptions
 from swarmwright.supervision import Supervisor
 from swarmwright.testing import check_launcher
@@ -135,3 +137,38 @@ def test_servers_that_do_not_start_are_given_up_with_what_they_printed(tmp_path:
     made = experiment().replace(simulation=f"{file}:Gather")
     with pytest.raises(RunError, match=r"(?s)process: no server starts:.*no licence for this machine"):
         optimize(made, out=tmp_path / "run", progress=False)
+
+
+class StartedError(Exception):
+    """Instead of starting a process."""
+
+
+@pytest.mark.parametrize(
+    ("credentials", "wanted"),
+    [
+        ({"username": "server", "password": "word"}, {"SWARMWRIGHT_USERNAME", "SWARMWRIGHT_PASSWORD_FILE"}),
+        ({"certificate": "A", "key": "B"}, {"SWARMWRIGHT_CERTIFICATE_FILE", "SWARMWRIGHT_KEY_FILE"}),
+    ],
+)
+def test_servers_do_not_get_credentials_of_the_tool(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, credentials: dict[str, Any], wanted: set[str]
+) -> None:
+    """Also on workers of a cluster, whose environment may be that of a tool."""
+    for name in CREDENTIALS:
+        monkeypatch.setenv(name, f"/tool/{name}")
+    started: list[dict[str, str]] = []
+
+    def start(*_: Any, env: dict[str, str], **__: Any) -> None:
+        started.append({name: env[name] for name in CREDENTIALS if env.get(name)})
+        raise StartedError
+
+    specification = Specification("minisim", "mqtts://localhost:1", **credentials)
+    with closing(Process(ProcessOptions(), specification)) as launcher:
+        launcher.open()
+        monkeypatch.setattr("subprocess.Popen", start)
+        with pytest.raises(StartedError):
+            launcher.start([1])
+    with pytest.raises(StartedError):
+        Slot(specification, 1, None, str(tmp_path)).run()
+    assert [set(one) for one in started] == [wanted, wanted]
+    assert not any(value.startswith("/tool/") for one in started for value in one.values())

@@ -45,6 +45,7 @@ def drawn(population: int, generation: int) -> Streams:
     return Streams(4, "drawn", generation, range(population))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "case", cases(), ids=lambda case: f"{case.kind}-{case.function.__name__}-{case.genes}"
 )

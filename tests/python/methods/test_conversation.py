@@ -50,6 +50,22 @@ def test_a_target_ends_it_early(method: Method) -> None:
     assert hurried.done
 
 
+@pytest.mark.parametrize("kind", METHODS.names())
+def test_the_size_of_the_first_generation_is_known_before(kind: str) -> None:
+    component = METHODS.get(kind)
+    options = component.options_model()
+    asked = len(component(options, representation(), seed=1).ask())
+    assert component.first_generation(options, representation()) == asked
+    assert component.first_generation(options, None) in (asked, None)
+
+
+def test_no_method_starts_from_more_controllers_than_its_first_generation_has() -> None:
+    component = METHODS.get("nnga")
+    options = component.options_model.model_validate({"population": 4, "populations": 2})
+    assert component.no_start(options, 8) is None
+    assert component.no_start(options, 9) == "9 controllers are more than the 8 of the first generation"
+
+
 def test_the_initial_genomes_are_the_same_for_every_method() -> None:
     first = [
         METHODS.get(kind)(METHODS.get(kind).options_model(), representation(), seed=9).ask().tobytes()

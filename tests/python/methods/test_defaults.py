@@ -20,6 +20,7 @@ def evaluations(problem: str, kind: str) -> list[float]:
     return [PROBLEMS[problem].evaluations(kind, seed) for seed in SEEDS]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("problem", CHEAP)
 def test_all_methods_solve_it_with_their_defaults(problem: str) -> None:
     baseline = statistics.median(evaluations(problem, "random_search"))
@@ -30,6 +31,7 @@ def test_all_methods_solve_it_with_their_defaults(problem: str) -> None:
         assert statistics.median(found) < baseline, kind
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("problem", ["cart-pole", "Emergency Exit"])
 def test_most_of_four_seeds_solve_what_takes_longer(problem: str) -> None:
     """The benchmark has all forty."""

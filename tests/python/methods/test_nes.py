@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from swarmwright import Experiment, evaluate
+from swarmwright import Experiment, InputError, evaluate
 from swarmwright._engine import utilities
 from swarmwright.methods._nes import Nes
 from swarmwright.methods.snes import Snes
@@ -173,6 +173,6 @@ def test_it_goes_on_where_fitness_grows_without_end(kind: str) -> None:
 
 def test_xnes_names_what_to_take_for_large_genomes() -> None:
     subject = type(ten_genes())(ten_genes().options_model(hidden=[50]), sensors=9, actuators=1)  # type: ignore[call-arg]
-    with pytest.raises(Exception, match=r"551 genes need a covariance matrix .* above 500 take snes"):
+    with pytest.raises(InputError, match=r"551 genes need a covariance matrix .* above 500 take snes"):
         new("xnes", subject=subject)
     assert new("snes", subject=subject).ask().shape[1] == 551

@@ -57,6 +57,7 @@ def test_a_fully_meshed_network_learns_xor(kind: str, generations: int, seed: in
     assert np.abs(answers(subject, best) - WANTED).max() <= 0.2
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(180)
 @pytest.mark.parametrize(("kind", "evaluations"), [("cma_es", 5_000), ("sep_cma_es", 10_000)])
 def test_new_starts_find_what_one_start_misses(kind: str, evaluations: int) -> None:

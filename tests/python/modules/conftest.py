@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from swarmwright.core import warn_once
 from swarmwright.modules import BEHAVIOURS, CONDITIONS, registered
 from swarmwright.simulations import loading, names
-from swarmwright.user_code import notices
 
 CODE = '''"""Two modules."""
 
@@ -52,7 +52,7 @@ SPEED = "SPEED = -0.5\n"
 
 def forget() -> None:
     """Forget what was imported, as another process would."""
-    for known in (names.files, loading._stamps, loading._digests, registered._in_files, notices._told):
+    for known in (names.files, loading._stamps, loading._digests, registered._in_files, warn_once._given):
         known.clear()
     sys.modules.pop("wheel_speeds", None)
 

@@ -9,8 +9,10 @@ from click.testing import CliRunner
 
 from swarmwright import Controller, Experiment, InputError, Run, RunError, optimize, resume, simulate
 from swarmwright.cli._commands import program
+from swarmwright.cli._main import run as run_program
 from swarmwright.core.modules import states_of
 from swarmwright.export.exporting import export_controller
+from swarmwright.modules import registered
 from swarmwright.runs.code import used_for
 from swarmwright.runs.repeat import repeat
 from swarmwright.runs.replay import Replay
@@ -45,6 +47,22 @@ def file(tmp_path: Path) -> Path:
     experiment = tmp_path / "wander.yaml"
     experiment.write_text(TEXT)
     return experiment
+
+
+def test_verification_imports_nothing(file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run = optimize(Experiment.load(file), out=tmp_path / "run")
+    values = json.loads((run.path / "best.json").read_text())
+    values["controller"]["weights"][0] += 1
+    (run.path / "best.json").write_text(json.dumps(values))
+    forget()
+    assert run_program(["runs", "verify", "run", "--json"]) == 0
+    (said,) = json.loads(capsys.readouterr().out)["not_compared"]
+    assert said.startswith("best.json: its weights, which only code of the run decodes from the genome")
+    assert not registered._in_files
+    values["genome"][0] += 1
+    (run.path / "best.json").write_text(json.dumps(values))
+    assert run_program(["runs", "verify", "run"]) == 1
+    assert "its genome is not that of" in capsys.readouterr().out
 
 
 def test_a_run_has_the_code_with_it(file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

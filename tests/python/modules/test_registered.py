@@ -88,6 +88,11 @@ def test_parameters_of_a_subtree_have_different_names(install: Install) -> None:
             "'left'",
             "wander: act: returns str, expected an array",
         ),
+        (
+            "        turning = state",
+            "        self.steps = getattr(self, 'steps', 0) + 1\n        turning = state",
+            "wander: act: changes self.steps, which all robots of all episodes share",
+        ),
     ],
 )
 def test_a_module_that_fails_ends_with_a_line(install: Install, old: str, new: str, message: str) -> None:
@@ -101,6 +106,21 @@ def test_a_module_that_fails_ends_with_a_line(install: Install, old: str, new: s
     assert message in str(caught.value)
     assert "own_modules.py:" in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_a_constant_may_be_made_at_the_first_call(install: Install) -> None:
+    """Runs whose modules do this are stored."""
+    first = "        turning = state"
+    install(
+        CODE.replace(
+            first, f"        if not hasattr(self, 'gains'):\n            self.gains = np.ones(2)\n{first}", 1
+        )
+    )
+    experiment = Experiment.from_mapping(EXPERIMENT)
+    genome = experiment.representation().initial(Stream(1, "x", 0, 0))
+    once, again = (evaluate(experiment, genome[np.newaxis]) for _ in range(2))
+    assert np.isfinite(once).all()
+    assert once.tobytes() == again.tobytes()
 
 
 def test_a_design_knows_the_ranges_that_it_was_made_with(install: Install) -> None:

@@ -298,6 +298,7 @@ def test_installed_modules_are_offered_by_their_names(own: Path, experiment: Exp
 
 
 def test_simulations_in_python_have_machines_too(tmp_path: Path) -> None:
+    """An episode that fails once, the second one of a process, is repeated everywhere."""
     written(tmp_path / "parts")
     (tmp_path / "track.py").write_text(
         '''"""Robots on a line."""
@@ -308,8 +309,10 @@ from swarmwright import Simulation
 
 class Track(Simulation):
     title, dimensions, sensors, actuators = "track", 1, 9, 2
+    episodes = 0
 
     def reset(self, parameters, seed):
+        Track.episodes += 1
         self.random = np.random.default_rng(seed)
         self.x, self.left = np.zeros(3), 10
         return self.seen()
@@ -321,6 +324,8 @@ class Track(Simulation):
         return rows
 
     def step(self, actions):
+        if Track.episodes == 2:
+            raise ValueError("not yet")
         self.x += actions.sum(axis=1)
         self.left -= 1
         return self.seen()
@@ -345,6 +350,7 @@ class Track(Simulation):
     )
     expected = evaluate(one, genomes(one))
     assert len(set(expected)) > 2
+    assert np.isfinite(expected).all()
     assert evaluate(one, genomes(one), servers=2).tobytes() == expected.tobytes()
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swarmwright import Experiment, optimize, resume
+from swarmwright import Experiment, RunError, optimize, resume
 from swarmwright.evaluation.base import Results
 from swarmwright.evaluation.evaluate import tell_failures
 from swarmwright.optimization.failures import Failures
@@ -90,7 +90,8 @@ def test_candidates_that_are_counted_over_the_run(caplog: pytest.LogCaptureFixtu
     failures = Failures(Path("run"))
     given = results([[np.nan], [0.5]], attempt(7, 0, 1, "broke"), attempt(9, 0, 1, None))
     found = failures.named(given, [3], rows={7: 0, 9: 1})
-    assert found.journal.warnings[-1] == WarningEntry("episode 0 (seed 3) failed after 1 attempt: broke", 7)
+    named = WarningEntry("episode 0 (seed 3) failed after 1 attempt: broke", 7, time=1.0)
+    assert found.journal.warnings[-1] == named, "at the end of its last attempt"
     failures.tell()
     assert "candidate 7, episode 0 (seed 3) failed after 1 attempt; repeat it: " in caplog.text
     assert "--generation" not in caplog.text
@@ -143,3 +144,57 @@ def test_many_failures_are_counted() -> None:
 def test_nothing_is_added_where_a_race_has_dropped_a_candidate() -> None:
     given = results([[1.0, np.nan]], attempt(0, 0, 1, None))
     assert Failures(Path("run")).named(given, [0, 1], generation=0) is given
+
+
+BROKEN = """
+from swarmwright import Simulation
+
+class Broken(Simulation):
+    sensors = actuators = 1
+    parameters = {"fails": 1}
+    episodes = 0
+
+    def reset(self, parameters, seed):
+        self.fails, self.over = parameters["fails"], False
+        Broken.episodes += 1
+        return [[1.0]]
+
+    def step(self, actions):
+        if Broken.episodes <= self.fails:
+            raise ValueError("a wheel came off")
+        self.over = True
+        return [[1.0]]
+
+    def done(self):
+        return self.over
+
+    def fitness(self):
+        return 1.0
+"""
+
+
+@pytest.mark.parametrize("fails", [2, 100])
+def test_the_reason_of_failures_is_told_once(
+    fails: int, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """By the error, where every candidate of the first generation fails."""
+    (tmp_path / "broken.py").write_text(BROKEN)
+    experiment = Experiment.from_mapping(
+        {
+            "simulation": f"{tmp_path}/broken.py:Broken",
+            "parameters": {"fails": fails},
+            "controller": {"hidden": [1]},
+            "method": {"population": 8, "generations": 1},
+        }
+    )
+    error = ""
+    try:
+        optimize(experiment, servers="in-process", out=tmp_path / "run")
+    except RunError as raised:
+        error = str(raised)
+    told = [text for text in (*caplog.messages, error) if "a wheel came off" in text]
+    assert len(told) == 1
+    words = (
+        "an episode failed: " if fails == 2 else "every candidate of generation 0 failed; the last reason: "
+    )
+    assert told[0].startswith(f"{words}Broken.step: ValueError: a wheel came off")

@@ -20,11 +20,15 @@ from swarmwright import (
     InputError,
     Run,
     RunError,
+    Simulation,
     evaluate,
+    evaluate_episodes,
     optimize,
+    repeat,
     resume,
     simulate,
 )
+from swarmwright.optimization.interruption import reported_by_caller
 from swarmwright.runs import picture
 from swarmwright.simulations import catalogue
 from tests.python.records import same_record
@@ -114,6 +118,40 @@ def test_a_callback_can_end_it(tmp_path: Path) -> None:
     )
     assert run.generations == 2
     assert not run.interrupted
+
+
+def test_an_experiment_may_be_a_mapping(tmp_path: Path) -> None:
+    values = small().to_mapping()
+    run = optimize(values, servers="local", out=tmp_path / "run")
+    assert run.digest == optimize(small(), servers="local", out=tmp_path / "other").digest
+    genomes = run.record.genomes[:3]
+    found = evaluate(values, genomes, servers="local")
+    assert found.tolist() == run.record.fitness[:3].tolist()
+    assert evaluate_episodes(values, genomes, servers="local").fitness.tolist() == found.tolist()
+    assert simulate(values, run.best.controller, servers="local") == simulate(
+        run.experiment, run.best.controller, servers="local"
+    )
+    assert repeat(run, experiment=values, servers="local").same
+    with pytest.raises(InputError, match=r"method\.populaton: unknown key"):
+        optimize({"simulation": "minisim", "method": {"populaton": 3}})
+
+
+def test_an_interrupt_is_told_once(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    def interrupt(generation: Generation) -> None:
+        if generation.generation == 1:
+            raise KeyboardInterrupt
+
+    run = optimize(small(), interrupt, servers="local", out=tmp_path / "run")
+    assert run.state == "interrupted"
+    goes_on = f"swarmwright.resume({str(run.path)!r}) goes on"
+    assert caplog.messages == [
+        f"{run.path}: interrupted after generation 1; finished generations are kept, and {goes_on}"
+    ]
+    caplog.clear()
+    with reported_by_caller():
+        optimize(small(), interrupt, servers="local", out=tmp_path / "quiet")
+    assert resume(run).state == "done"
+    assert not caplog.messages
 
 
 def test_interrupted_before_the_first_generation_it_leaves_nothing(tmp_path: Path) -> None:
@@ -402,3 +440,77 @@ def test_a_simulation_that_changes_the_working_folder(
     header = (tmp_path / "run.csv").read_text().splitlines()[0].split(",")
     assert header == list(run.record)
     assert len(set(header)) == len(header)
+
+
+def test_an_environment_that_takes_other_parameters_is_refused_before_there_is_a_folder(
+    tmp_path: Path,
+) -> None:
+    pytest.importorskip("gymnasium")
+    values = {
+        "simulation": "gymnasium:Pendulum-v1",
+        "parameters": {"gg": 5},
+        "method": SMALL["method"],
+        "servers": "local",
+    }
+    with pytest.raises(
+        InputError, match=r"parameters: gg: .* keyword argument 'gg'.*; its constructor takes g$"
+    ):
+        optimize(Experiment.from_mapping(values), out=tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
+class Broken(Simulation):
+    """Cannot begin an episode."""
+
+    sensors = actuators = 1
+
+    def reset(self, _parameters: dict[str, Any], _seed: int) -> Any:
+        raise ValueError("not yet")
+
+    def step(self, _actions: Any) -> Any:
+        raise NotImplementedError
+
+    def done(self) -> bool:
+        return False
+
+    def fitness(self) -> float:
+        return 0.0
+
+
+def test_a_run_without_a_finished_generation_is_replaced(tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    values = {"method": SMALL["method"], "servers": "in-process"}
+    with pytest.raises(RunError):
+        optimize(Experiment.from_mapping({"simulation": Broken, **values}), out=out)
+    assert (out / "run.sqlite").exists()
+    run = optimize(Experiment.from_mapping({"simulation": "minisim", **values}), out=out)
+    assert run.experiment.simulation == "minisim"
+    with pytest.raises(InputError, match="holds a run already, and results are never written over"):
+        optimize(run.experiment, out=out)
+
+
+def test_a_run_without_a_finished_generation_beside_other_files_stays(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    broken = Experiment.from_mapping(
+        {"simulation": Broken, "method": SMALL["method"], "servers": "in-process"}
+    )
+    out = tmp_path / "run"
+    for _ in range(3):
+        with pytest.raises(RunError):
+            optimize(broken, out=out)
+    assert caplog.text.count("held a run without any finished generation, which is replaced") == 2
+    for foreign in (out / "notes.txt", out / "code" / "notes.txt"):
+        foreign.write_text("mine")
+        before = sorted(out.rglob("*"))
+        with pytest.raises(InputError, match="holds a run already, and results are never written over"):
+            optimize(broken, out=out)
+        assert sorted(out.rglob("*")) == before
+        foreign.unlink()
+    with pytest.raises(RunError):
+        optimize(broken, out=out)
+
+
+def test_a_folder_that_cannot_be_used_is_an_error_of_the_input(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="cannot be used for results: File name too long"):
+        optimize(Experiment.from_mapping({"simulation": "minisim"}), out=tmp_path / ("x" * 300))

@@ -8,7 +8,6 @@ import time
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from swarmwright import Experiment, Generation, InputError, Run, RunError, optimize, resume
@@ -85,16 +84,34 @@ def test_a_store_with_more_generations_than_its_experiment_has(operation: str, t
             loop.replay(StoreReader(run.path))
 
 
-def test_a_restart_that_the_budget_cut_ends_what_can_be_prolonged(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("restart", "generations", "last"),
+    # the rest of the budget; as many as in the first generation, as in the one before; cuts nothing
+    [
+        ("ipop", 40, 90),
+        ("ipop", 8, 10),
+        ("ipop", 11, 40),
+        ("bipop", 29, 10),
+        ("ipop", 31, None),
+        ("bipop", 45, None),
+    ],
+)  # fmt: skip
+def test_a_restart_that_the_budget_cut_ends_what_can_be_prolonged(
+    restart: str, generations: int, last: int | None, tmp_path: Path
+) -> None:
     # Where all are equal, a start ends soon, and the next one has twice as many candidates.
     flat = EXPERIMENT.replace(
-        fitness="0 * distance", method={"kind": "cma_es", "population": 10, "generations": 40}
+        fitness="0 * distance",
+        method={"kind": "cma_es", "population": 10, "generations": generations, "restart": restart},
     )
     run = optimize(flat, out=tmp_path / "flat")
-    sizes = np.diff([0, *(one.evaluations for one in run.history)]).tolist()
-    assert sizes[-1] < 2 * sizes[-2]
-    with pytest.raises(InputError, match=f"its last restart had {sizes[-1]} candidates.*start_from="):
+    if last is None:
+        longer = optimize(flat.replace(method={"generations": 80}), out=tmp_path / "longer")
+        assert resume(run, generations=80).digest == longer.digest
+        return
+    with pytest.raises(InputError, match=f"its last restart had {last} candidates.*start_from="):
         resume(run, generations=80)
+    assert Run.open(run.path).digest == run.digest
 
 
 def test_a_run_that_was_returned_stays_as_long_as_it_was(whole: Run, tmp_path: Path) -> None:
@@ -119,6 +136,7 @@ def test_steady_state_goes_on_as_if_nothing_had_happened(kind: str, at: int, tmp
     assert list(run.record.generation) == sorted(run.record.generation)
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize(
     ("operation", "kills", "generations"), [("generational", 30, 4000), ("steady_state", 15, 4000)]

@@ -4,13 +4,16 @@ import copy
 import json
 import pickle
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from swarmwright import Controller, InputError
+from swarmwright import Controller, InputError, _engine
 from swarmwright.core.random_numbers import Stream
+from swarmwright.representations import controller as controllers
+from swarmwright.representations.controller import ControlledEpisodes, controller_words
 from swarmwright.testing._common import representation
 
 
@@ -74,12 +77,23 @@ def test_state_is_kept_until_reset() -> None:
     assert without_reset != first[0]
 
 
-def test_the_number_of_agents_changes_with_reset_only(controller: Controller) -> None:
+def test_the_number_of_agents_with_a_state_changes_with_reset_only() -> None:
+    controller = Controller(specification("fully_meshed"))
     controller(inputs(3, 1)[0])
-    with pytest.raises(InputError, match=r"2 agent\(s\) now, 3 before; call reset"):
+    advice = r"2 agent\(s\) now, 3 before, .*; where agents or episodes end one by one, use Episodes\.run"
+    with pytest.raises(InputError, match=advice):
         controller(inputs(2, 1)[0])
     controller.reset()
     assert controller(inputs(2, 1)[0]).shape == (2, 2)
+
+
+@pytest.mark.parametrize("kind", ["layered", "evostick"])
+def test_agents_without_a_state_may_be_any_number(kind: str) -> None:
+    controller = Controller(specification(kind))
+    rows = inputs(3, 1)[0]
+    actuators = controller(rows)
+    assert controller(rows[1:]).tobytes() == actuators[1:].tobytes()
+    assert controller(rows[0]).tobytes() == actuators[0].tobytes()
 
 
 @pytest.mark.parametrize(
@@ -138,6 +152,12 @@ def test_loading_a_best_file_or_its_folder(tmp_path: Path) -> None:
         assert Controller.load(path).specification == specification()
 
 
+def test_a_model_is_not_read(tmp_path: Path) -> None:
+    (tmp_path / "controller.onnx").write_bytes(b"\x08\x08\x12\x0bswarmwright\xc3\x28")
+    with pytest.raises(InputError, match="is not text: a controller is a specification in JSON"):
+        Controller.load(tmp_path / "controller.onnx")
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
@@ -154,3 +174,51 @@ def test_files_that_hold_no_controller(text: str, words: str, tmp_path: Path) ->
     assert "c.json" in str(caught.value)
     with pytest.raises(InputError, match="there is no such file"):
         Controller.load(tmp_path / "none.json")
+
+
+@pytest.mark.parametrize(
+    ("specification", "words"),
+    [
+        (
+            {"kind": "layered", "sensors": 4, "actuators": 1, "hidden": [8], "activation": "tanh"},
+            "layered, 4-8-1, tanh",
+        ),
+        ({"kind": "modules", "sensors": 9, "actuators": 2}, "modules (state machine)"),
+        ({"kind": "modules", "sensors": 9, "actuators": 2, "form": "tree"}, "modules (behaviour tree)"),
+        ({"kind": "mealy_fsm", "sensors": 9, "actuators": 2, "states": 3}, "mealy_fsm, 3 states"),
+    ],
+)
+def test_only_networks_have_layers(specification: dict[str, Any], words: str) -> None:
+    assert controller_words(specification) == words
+
+
+def test_the_specification_is_read_once_for_all_agents(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Reading the text of a large network takes longer than a step of it."""
+    read = []
+
+    def reading(text: str) -> Any:
+        read.append(text)
+        return real(text)
+
+    real = _engine.Controller
+    monkeypatch.setattr(controllers, "_engine", SimpleNamespace(Controller=reading))
+    swarm = Controller(specification("fully_meshed"))
+    steps = inputs(6, 5)
+    expected = [swarm(rows).tobytes() for rows in steps]
+    swarm.reset()
+    assert swarm(steps[0]).tobytes() == expected[0]
+    many = ControlledEpisodes(swarm)
+    episodes, agents = np.repeat(np.arange(2, dtype=np.uint32), 3), np.tile(np.arange(3, dtype=np.uint32), 2)
+    assert [many(episodes, agents, rows).tobytes() for rows in steps] == expected
+    assert len(read) == 1
+
+
+@pytest.mark.parametrize("given", ["controller.json", "", " run/best.json"])
+def test_a_path_leads_to_what_reads_files(given: str) -> None:
+    with pytest.raises(InputError, match=r"^controller: must be a mapping or JSON text, .*Controller.load"):
+        Controller(given)
+
+
+def test_a_message_about_json_has_one_prefix() -> None:
+    with pytest.raises(InputError, match=r"^controller: not JSON: "):
+        Controller("{")

@@ -90,11 +90,11 @@ def test_trees_can_be_read() -> None:
     subtrees = modules.subtrees_from(TREE, 4)
     assert modules.tree_text(subtrees) == (
         "sequence with memory, goes on where it was:\n"
-        "  subtree 0: next one if black floor (probability 0.75)\n"
+        "  subtree 0: next subtree if black floor (probability 0.75)\n"
         "    else exploration (rwm 7)\n"
-        "  subtree 1: next one if few neighbours (xi 3, eta 1.5)\n"
+        "  subtree 1: next subtree if few neighbours (xi 3, eta 1.5)\n"
         "    else attraction (alpha 4)\n"
-        "  subtree 2: next one if fixed probability (probability 0.125)\n"
+        "  subtree 2: next subtree if fixed probability (probability 0.125)\n"
         "    else stop"
     )
     dot = modules.tree_diagram(subtrees, "dot")

@@ -13,6 +13,7 @@ from pydantic import ValidationError
 from swarmwright import Controller, Experiment, InputError, _engine
 from swarmwright.core.random_numbers import Stream, Streams
 from swarmwright.representations import REPRESENTATIONS
+from swarmwright.representations.controller import controller_words
 from swarmwright.representations.layered import Layered, LayeredOptions
 from swarmwright.representations.network import NodeNetwork
 from swarmwright.typing import Genome
@@ -140,6 +141,26 @@ def test_the_range_of_outputs_can_be_given(kind: str) -> None:
     genome[0] = 1
     outputs = [Controller(each.specification(genome))([[0.5]]).tolist() for each in (subject, ranged)]
     assert outputs == [[[1.0]], [[-0.5]]]
+
+
+def test_an_activation_of_the_outputs() -> None:
+    """They are not limited by tanh, and their default range is that of their own activation."""
+    genome = np.array([0.0, 100.0, 0.25, 0.5], np.float32)  # tanh(100 s) = 1, then 0.25 + 0.5
+    outputs = {
+        output: network("layered", 1, hidden=[1], output_activation=output).specification(genome)
+        for output in (None, "linear", "sigmoid")
+    }
+    assert {name: each["output_range"] for name, each in outputs.items()} == {
+        None: [-1, 1],
+        "linear": [-1, 1],
+        "sigmoid": [0, 1],
+    }
+    assert "output_activation" not in outputs[None]
+    found = {name: Controller(each)([[1.0]]).item() for name, each in outputs.items()}
+    assert found["linear"] == 0.75
+    assert found[None] == pytest.approx(np.tanh(0.75))
+    assert found["sigmoid"] == pytest.approx(np.tanh(0.75 / 2))
+    assert controller_words(outputs["linear"]) == "layered, 1-1-1, tanh, linear outputs"
 
 
 @pytest.mark.parametrize("value", [[1, 0], [0.5, 0.5], [0, 1e39], [0]])

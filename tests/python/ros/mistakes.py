@@ -82,15 +82,34 @@ IN_THE_FILE: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
     ),
     "text-for-number": (
         lambda m: m["sensors"][2].update(scale="2"),
-        "sensors[2] (sensor 2): scale: 2 found, expected a number",
+        "sensors[2] (sensor 2): scale: '2' is text, expected a number",
     ),
     "source": (
         lambda m: m["sensors"].__setitem__(2, {"sensor": "sensor 2", "source": "noise"}),
-        "sensors[2] (sensor 2): source: 'noise' found, expected random",
+        "sensors[2] (sensor 2): source: 'noise' found, expected random or constant",
     ),
     "random-with-topic": (
         lambda m: m["sensors"][2].update(source="random"),
         "sensors[2] (sensor 2): unknown key 'field'; expected sensor, source or seed",
+    ),
+    "constant-without-a-value": (
+        lambda m: m["sensors"].__setitem__(2, {"sensor": "sensor 2", "source": "constant"}),
+        "sensors[2] (sensor 2): value is missing",
+    ),
+    "constant-beyond-binary32": (
+        lambda m: m["sensors"].__setitem__(2, {"sensor": "sensor 2", "source": "constant", "value": -1e39}),
+        "sensors[2] (sensor 2): value: -1e+39 found, expected at most 3.4e38",
+    ),
+    "constant-with-scale": (
+        lambda m: m["sensors"].__setitem__(
+            2, {"sensor": "sensor 2", "source": "constant", "value": 1, "scale": 2}
+        ),
+        "sensors[2] (sensor 2): unknown key 'scale'; expected sensor, source or value",
+    ),
+    "sector-across-the-back": (
+        lambda m: m["sensors"][0].update(sector=[350, 10.5]),
+        ("sensors[0] (sensor 0): sector: the first number must be below the second; write [-10, 10.5] or "
+        "[350, 370.5]"),
     ),
     "seed": (
         lambda m: m["sensors"].__setitem__(2, {"sensor": "sensor 2", "source": "random", "seed": 0.5}),
@@ -107,7 +126,7 @@ IN_THE_FILE: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
     ),
     "weight": (
         lambda m: m["actuators"][2].update(actuators={"actuator 2": "half"}),
-        "actuators[2]: actuators.actuator 2: half found, expected a number",
+        "actuators[2]: actuators.actuator 2: 'half' is text, expected a number",
     ),
     "sum-and-one": (
         lambda m: m["actuators"][2].update(actuators={"actuator 2": 1, "actuator 0": 1}),
@@ -131,7 +150,7 @@ IN_THE_FILE: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
     "no-rate": (lambda m: m.pop("rate"), "mapping: rate is missing"),
     "flag": (
         lambda m: m.update(reset_after_silence="always"),
-        "mapping: reset_after_silence: always found, expected true or false",
+        "mapping: reset_after_silence: 'always' found, expected true or false",
     ),
     "clip": (
         lambda m: m["sensors"][0].update(clip=[1, 1]),
@@ -143,7 +162,7 @@ IN_THE_FILE: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
     ),
     "text-in-interval": (
         lambda m: m["actuators"][1].update(limits=["low", 2]),
-        "actuators[1] (actuator 0): limits: low found, expected a number",
+        "actuators[1] (actuator 0): limits: 'low' is text, expected a number",
     ),
     "reduce": (
         lambda m: m["sensors"][0].update(reduce="max"),

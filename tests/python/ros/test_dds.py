@@ -150,7 +150,7 @@ def test_what_does_not_fit_is_said(node: Dds) -> None:
         node.subscribe("imu", "sensor_msgs/Imu", print)
     with pytest.raises(MiddlewareError, match="the type 'std_msgs/String' of services is not known here"):
         node.client("imu", "std_msgs/String")
-    with pytest.raises(ValueError, match="'so nar' is no part of a name"):
+    with pytest.raises(ValueError, match="'so nar' is not valid in a name"):
         node.publisher("so nar", "std_msgs/String")
     number = node.publisher("number", "std_msgs/Float32")
     for wrong in ("text", 1e300, None):

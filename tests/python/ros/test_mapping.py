@@ -2,6 +2,7 @@
 
 from contextlib import suppress
 from typing import Any
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from hypothesis import strategies as st
 
 from swarmwright.ros.mapping import MappingError, read_mapping, resolved, shown
 from swarmwright.ros.names import namespace_of, resolve
-from swarmwright.ros.topics import Generator
+from swarmwright.ros.topics import Generator, Inputs
 from tests.python.ros.conversation import on_wheels
 from tests.python.ros.mistakes import ACTUATORS, IN_THE_FILE, MAPPING, SENSORS, changed
 
@@ -45,7 +46,7 @@ def test_numbers_with_an_exponent_may_be_text_as_ros_1_hands_them_over() -> None
     )
     assert (mapping.sensors[1].scale, mapping.actuators[0].scale) == (0.3, -150.0)
     assert mapping.actuators[0].limits == (0.001, 2.0)
-    with pytest.raises(MappingError, match="scale: 1e999 found, expected a number"):
+    with pytest.raises(MappingError, match="scale: '1e999' found, expected a number"):
         read_mapping(changed(lambda m: m["actuators"][1].update(scale="1e999")), SENSORS, ACTUATORS)
 
 
@@ -59,6 +60,21 @@ def test_an_actuator_may_be_in_several_sums() -> None:
     assert mapping.actuators[0].place.where == "actuators[0] (actuator 0, actuator 1)"
     assert (mapping.sensors[5].random, mapping.sensors[5].seed) == (True, 7)
     assert resolved(mapping, lambda name: f"/a/{name}").sensors[5].place.topic == ""
+
+
+def test_a_sensor_that_the_robot_lacks_has_a_constant() -> None:
+    entry = {"sensor": "sensor 6", "source": "constant", "value": "1e-1"}
+    mapping = read_mapping(changed(lambda m: m["sensors"].__setitem__(5, entry)), SENSORS, ACTUATORS)
+    mapping = resolved(mapping, lambda name: f"/a/{name}")
+    node = MagicMock()
+    node.types.return_value = ()
+    node.now.return_value = 1.0
+    inputs = Inputs(node, mapping.sensors)
+    inputs.draw()
+    assert inputs.values[6] == float(np.float32(0.1))
+    missing = inputs.missing()
+    assert missing is not None
+    assert missing.silent == ["/a/scan", "/a/sonar", "/a/odom", "/a/target"]
 
 
 def test_random_numbers_repeat_with_a_seed_and_differ_without() -> None:

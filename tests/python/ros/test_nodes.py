@@ -85,8 +85,8 @@ def test_the_node_computes_what_the_engine_computes(
         assert robot.recorded("gripper")[-1]["data"] in robot.steps()[:, 9].tolist()
         labels = robot.recorded("swarmwright_controller/steps")[-1]["layout"]["dim"]
         assert [(one["label"], one["size"], one["stride"]) for one in labels] == [
-            ("sensors", 7, 10), ("actuators", 3, 3),
-        ]  # fmt: skip
+            ("sensors, actuators", 10, 10)
+        ]
         assert running.process.poll() is None
 
 
@@ -158,7 +158,7 @@ def test_silence_stops_the_robot_until_it_ends(kind: str, robot: Robot, tmp_path
         until(lambda: len(robot.driven()) > count + 20)
         assert set(robot.driven()[count:]) == {(0.0, 0.0)}
         assert len(robot.steps()) == stopped
-        assert running.said().count("stopped:") == 1
+        assert running.said().count("stopped:") < 5  # not in each cycle
 
         # It goes on where it was.
         robot.publish(row(2))
@@ -167,7 +167,8 @@ def test_silence_stops_the_robot_until_it_ends(kind: str, robot: Robot, tmp_path
 
         # The service begins a new episode; nothing is sensed meanwhile: it is known between which steps.
         robot.silence("odom")
-        until(lambda: running.said().count("stopped:") == 2)
+        silence = f"stopped: nothing comes from {robot.name}/odom"
+        until(lambda: silence in running.said())
         before = len(robot.steps())
         robot("call", service=f"{robot.name}/swarmwright_controller/reset")
         assert "the controller was reset" in running.said()
@@ -177,8 +178,9 @@ def test_silence_stops_the_robot_until_it_ends(kind: str, robot: Robot, tmp_path
         assert_same(robot.steps()[before:], controller)
 
         # So does a message, which every implementation of DDS delivers.
+        said = running.said().count(silence)
         robot.silence("odom")
-        until(lambda: running.said().count("stopped:") == 3)
+        until(lambda: running.said().count(silence) > said)
         before = len(robot.steps())
         topic = "swarmwright_controller/reset"
         robot("publish", topic=f"{robot.name}/{topic}", kind="std_msgs/msg/Empty", message={})
@@ -198,7 +200,11 @@ def test_a_controller_that_begins_anew_after_silence(kind: str, robot: Robot, tm
         until(lambda: len(robot.steps()) > 5)
         # A number that is none is as good as nothing.
         robot.publish({"light": {"data": math.nan}})
-        until(lambda: f"stopped: {robot.name}/light: messages come, but none has a us" in running.said())
+        unusable = f"{robot.name}/light: messages come, but none has a usable value"
+        until(lambda: f"stopped: {unusable}" in running.said())
+        # The reason is brought up to date.
+        robot.silence("sonar")
+        until(lambda: f"stopped: nothing comes from {robot.name}/sonar; {unusable}" in running.said())
         before = len(robot.steps())
         robot.publish(row(2))
         until(lambda: len(robot.steps()) > before + 5)
@@ -341,7 +347,7 @@ def test_others_use_a_topic_with_another_type(kind: str, robot: Robot, tmp_path:
         ("rate: [", "mapping.yaml: is not YAML: line 1"),
         ("a: &a [*a]", "is n"),
         ("", "mapping: expected keys and values"),
-        ("rate: 1e1\ntimeout: 'a'", "mapping: timeout: a found, expected a number"),
+        ("rate: 1e1\ntimeout: 'a'", "mapping: timeout: 'a' is text, expected a number"),
         ("rate: .nan", "mapping: rate: nan found, expected a number"),
     ],
 )

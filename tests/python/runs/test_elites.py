@@ -131,6 +131,8 @@ def test_figures(kind: str, count: int, tmp_path: Path) -> None:
     assert sum(text.startswith("fitness") for text in texts) == 1
     for name in names[:2]:
         assert any(text.startswith(name) for text in texts)
+    assert any(text.startswith("distance, metres") for text in texts) == (count > 1)
+    assert figure.get_suptitle() == f"minisim: {kind} evolves a {run.experiment.controller.kind} controller"
     with pytest.raises(InputError, match=r"figures end with"):
         run.elites.plot(tmp_path / "elites.txt")
 

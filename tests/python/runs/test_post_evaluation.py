@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swarmwright import Experiment, InputError, Run, evaluate, optimize, post_evaluate
+from swarmwright import Controller, Experiment, InputError, Run, evaluate, optimize, post_evaluate
 from swarmwright.core.statistics import estimate
 from swarmwright.runs.post_evaluation import unseen_seeds
 
@@ -49,6 +49,36 @@ def test_any_candidate_is_evaluated_in_other_episodes(tmp_path: Path) -> None:
     assert post_evaluate(run, episodes=20, seed=5, experiment=harder).mean.mean < found.mean.mean
     with pytest.raises(InputError, match="seed: must be from 0"):
         post_evaluate(run, seed=-1)
+
+
+def test_a_controller_from_elsewhere_has_the_statistics_of_a_candidate(tmp_path: Path) -> None:
+    run = run_of(tmp_path, validate=False)
+    expected = post_evaluate(run, episodes=12, metrics=["steps"])
+    file = tmp_path / "mine.json"
+    Controller.load(run.path).save(file)
+    loaded = Controller.load(file)
+    for source, controller in (
+        (run.experiment, loaded),
+        (run.path / "experiment.yaml", file),
+        (run.experiment.to_mapping(), file),
+        (run, run.path),
+    ):
+        found = post_evaluate(source, controller=controller, episodes=12, metrics=["steps"], servers="local")
+        assert (found.seeds, found.episodes.tolist()) == (expected.seeds, expected.episodes.tolist())
+        assert (found.mean, found.fitness) == (expected.mean, expected.fitness)
+        assert found.metrics["steps"].tolist() == expected.metrics["steps"].tolist()
+        assert found.to_mapping().items() < expected.to_mapping().items()
+    harder = run.experiment.with_settings(["parameters.speedDefenders=0.8"])
+    assert post_evaluate(run, controller=file, episodes=12, experiment=harder).mean.mean < found.mean.mean
+    assert post_evaluate(run, controller=file, episodes=2, seed=7).seeds == [7, 8]
+    with pytest.raises(InputError, match="is evaluated instead of a candidate"):
+        post_evaluate(run, 3, controller=file)  # type: ignore[call-overload]
+    with pytest.raises(
+        InputError, match=r"is an experiment, which has no candidates; name a controller=\.\."
+    ):
+        post_evaluate(run.experiment)  # type: ignore[call-overload]
+    with pytest.raises(InputError, match="has 4 sensors and 1 actuators; emergency_exit has"):
+        post_evaluate(Experiment.from_mapping({"simulation": "emergency_exit"}), controller=file)
 
 
 def test_it_knows_which_seeds_the_validation_used(tmp_path: Path) -> None:

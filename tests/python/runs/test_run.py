@@ -12,6 +12,7 @@ import pytest
 from pyarrow import parquet
 
 from swarmwright import Experiment, InputError, Run, optimize, repeat, resume
+from swarmwright.core.revision import revision
 from swarmwright.core.statistics import quantile
 from swarmwright.runs import picture
 from swarmwright.runs.folders import default_folder
@@ -138,6 +139,7 @@ def test_it_is_told_how_it_went(finished: Run) -> None:
     assert session.outcome == "done"
     assert session.place == "in this process"
     assert {"swarmwright", "python", "numpy"} <= session.versions.keys()
+    assert session.versions.get("swarmwright commit") == revision()
     assert session.seconds == finished.seconds
     assert finished.state == "done"
     assert list(finished.events()) == []

@@ -6,7 +6,8 @@ import math
 import shutil
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -15,7 +16,10 @@ from numpy.typing import NDArray
 
 from swarmwright import Experiment, InputError, Run, Simulation, compare, evaluate, optimize, resume
 from swarmwright.cli._commands import program
-from swarmwright.runs.post_evaluation import unseen_seeds
+from swarmwright.cli._validation import validation_lines
+from swarmwright.experiment.setting_warnings import setting_warnings
+from swarmwright.runs.post_evaluation import ControllerEvaluation, PostEvaluation, unseen_seeds
+from swarmwright.runs.validation import Validation
 from swarmwright.store import StoreReader, StoreWriter
 from swarmwright.store.database import seal_facts
 
@@ -529,3 +533,110 @@ def test_a_notebook_shows_it(tmp_path: Path) -> None:
     assert run.unseen is not None
     assert f"{run.unseen.fitness.mean:.4g} (30 episodes, 95 % confidence interval" in run._repr_html_()
     assert "held-out" not in run_of(tmp_path, validate=False)._repr_html_()
+
+
+class Peak(Simulation):
+    """The controller with all weights 0 is the best one by far."""
+
+    sensors, actuators = 1, 1
+
+    def reset(self, _parameters: dict[str, Any], seed: int) -> NDArray[np.float64]:
+        self.noise = 0.001 * np.random.default_rng(seed).normal()
+        self.steps, self.wrong = 0, 0.0
+        return np.ones((1, 1))
+
+    def step(self, actions: NDArray[np.float32]) -> NDArray[np.float64]:
+        self.steps += 1
+        self.wrong += abs(float(actions[0, 0]))
+        return np.ones((1, 1))
+
+    def done(self) -> bool:
+        return self.steps == 2
+
+    def fitness(self) -> float:
+        return self.noise - self.wrong
+
+
+PEAK: dict[str, Any] = {
+    "simulation": Peak,
+    "controller": {"kind": "layered", "hidden": []},
+    "method": {"kind": "cma_es", "generations": 3, "step": 3.0},
+    "start_from": {
+        "architecture": {
+            "version": 1, "kind": "layered", "sensors": 1, "actuators": 1, "hidden": [], "activation": "tanh",
+            "output_range": [-1.0, 1.0],
+        },
+        "weights": [0.0, 0.0],
+    },
+    "servers": "in-process",
+    "validate": {"episodes": 30, "candidates": 2},
+}  # fmt: skip
+
+
+def test_the_controller_that_a_search_started_from_is_compared_with_the_best(tmp_path: Path) -> None:
+    run = optimize(Experiment.from_mapping(PEAK), out=tmp_path / "run")
+    validation = run.validation
+    assert validation is not None
+    assert validation.start is not None
+    noise = [0.001 * np.random.default_rng(seed).normal() for seed in validation.seeds]
+    assert validation.start.episodes.tolist() == noise
+    assert validation.gain is not None
+    assert validation.gain.mean == pytest.approx(validation.best.fitness.mean - np.mean(noise))
+    assert validation.to_mapping()["start"]["fitness"] == validation.start.fitness.mean
+    said = "\n".join(validation_lines(validation, run))
+    assert "The controller that it started from: on these 30 episodes " in said
+    assert f"The best of the run is worse than that by {-validation.gain.mean:.2g}, 95 % interval" in said
+    assert "A smaller method.step samples nearer to it; nnga, de and pso keep it among" in said
+    near = optimize(Experiment.from_mapping(PEAK), out=tmp_path / "near", seed=2).validation
+    assert near is not None
+    assert near.start is not None
+    assert near.start.episodes.tolist() == noise, "the same seeds for every run"
+
+
+@pytest.mark.parametrize(
+    ("kind", "best", "start", "words"),
+    [
+        ("cma_es", [5.0], [5.0], ["on this episode 5."]),
+        ("cma_es", [5.0], [np.nan], ["The controller that it started from failed in this episode."]),
+        ("cma_es", [1.0] * 2, [np.nan] * 2, ["The controller that it started from failed in all of these 2"]),
+        (
+            "openai_es",
+            [4.0],
+            [5.0],
+            ["on this episode 5.", "worse than that by 1: ", "smaller method.noise "],
+        ),
+        ("snes", [4.0], [5.0], ["on this episode 5.", "worse than that by 1: ", "smaller method.step "]),
+    ],
+)
+def test_a_comparison_with_the_start_in_few_episodes(
+    kind: str, best: list[float], start: list[float], words: list[str]
+) -> None:
+    experiment = Experiment.from_mapping({**PEAK, "method": {"kind": kind}})
+    seeds = list(range(9, 9 + len(best)))
+    shared: dict[str, Any] = {"seeds": seeds, "ranking": experiment.new_ranking(), "metrics": {}}
+    chosen = PostEvaluation(
+        number=0, generation=0, candidate=0, recorded=5.0, seen=0, episodes=np.array(best), **shared
+    )
+    begun = ControllerEvaluation(episodes=np.array(start), **shared)
+    found = Validation(candidates=[chosen], depends_on_seed=True, start=begun)
+    _, *said = validation_lines(found, cast("Run", SimpleNamespace(experiment=experiment)))
+    assert len(said) == (1 if len(words) == 1 else 2)
+    assert all(one in " ".join(said) for one in words)
+
+
+def test_a_controller_among_the_candidates_is_not_evaluated_again(tmp_path: Path) -> None:
+    experiment = Experiment.from_mapping(
+        PEAK | {"method": {"kind": "nnga", "population": 8, "generations": 2}}
+    )
+    run = optimize(experiment, out=tmp_path / "run")
+    assert run.validation is not None
+    assert run.validation.start is None
+    assert "start" not in stored(run)
+
+
+def test_without_a_validation_a_warning_says_that_the_start_is_not_kept() -> None:
+    experiment = Experiment.from_mapping(PEAK | {"validate": False})
+    assert [
+        one for one in setting_warnings(experiment) if one.startswith("start_from: cma_es samples around")
+    ]
+    assert not setting_warnings(Experiment.from_mapping(PEAK))

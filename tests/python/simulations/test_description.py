@@ -10,7 +10,7 @@ import pytest
 from swarmwright import Episodes, Experiment, InputError, Parameter, Simulation
 from swarmwright.core.simulation_names import is_python
 from swarmwright.simulations import catalogue
-from swarmwright.simulations.description import describe
+from swarmwright.simulations.description import describe, misspelt
 from swarmwright.simulations.loading import load
 from swarmwright.simulations.names import absolute, name_of
 from swarmwright.simulations.parameters import declared, filled_in
@@ -101,7 +101,9 @@ def test_an_object_in_the_place_of_a_class() -> None:
         ("max_agents", "many", "Walk.max_agents: 'many' found"),
         ("title", 7, "Walk.title: 7 found, expected text"),
         ("metrics", 7, "Walk.metrics: 7 found, expected names"),
-        ("metrics", ["a-b"], "Walk.metrics: 'a-b' found, expected a letter or _"),
+        ("metrics", ["a-b"], "Walk.metrics: 'a-b' found, expected a letter .A-Z, a-z. or _"),
+        ("metrics", ["ñandú_λ"], "letters, digits and _$"),
+        ("metrics", ["fitness"], "Walk.metrics: 'fitness' found, which is the name of the fitness"),
         ("metrics", {"a": 1}, r"Walk.metrics\['a'\]: 1 found, expected a description"),
         ("parameters", ["a"], r"Walk.parameters: \['a'\] found, expected names"),
         ("parameters", {"seed": 1}, "Walk.parameters: 'seed' is given to reset by itself"),
@@ -273,3 +275,51 @@ def test_the_arena_is_stepped_as_often_as_it_is_shown() -> None:
     # step for as long as it takes.
     assert catalogue.step_seconds("arena") == Episodes("arena", {"mission": "aggregation"}).step_seconds
     assert catalogue.step_seconds("minisim") is None
+
+
+def test_an_attribute_that_is_probably_misspelt_is_named() -> None:
+    class Typing(Walk):
+        sensor_name = ("left", "right")
+        most_step = 5
+
+        def measures(self) -> dict[str, float]:
+            return {}
+
+    # Walk has a method measure itself.
+    found = misspelt(Typing)
+    assert [text.partition(":")[0] for text in found] == ["Typing.sensor_name", "Typing.most_step"]
+    assert found[0].endswith("has no effect by itself; did you mean 'sensor_names'?")
+
+
+def test_attributes_of_ones_own_are_not() -> None:
+    class Own(Walk):
+        sensor_range = 0.5  # not `sensor_ranges`, which has a value for each sensor
+        step_size = 0.1
+        noise, speed, agents = 0.1, 2, 3
+        sensor_names, sensor_name = ("left", "right"), ("x", "y")
+
+        def look(self) -> None: ...
+
+    assert misspelt(Own) == []
+    assert misspelt(Walk) == []
+
+
+def test_metrics_without_measure_are_refused_in_new_runs(tmp_path: Path) -> None:
+    (tmp_path / "walk.py").write_text(
+        "from swarmwright import Simulation\n\n"
+        "class Walk(Simulation):\n"
+        "    sensors = actuators = 1\n"
+        "    metrics = {'collisions': ''}\n"
+        "    def reset(self, parameters, seed): return [[0.0]]\n"
+        "    def step(self, actions): return [[0.0]]\n"
+        "    def done(self): return True\n"
+        "    def fitness(self): return 1.0\n"
+    )
+    (tmp_path / "walk.yaml").write_text("simulation: walk.py:Walk\n")
+    words = r"Walk\.metrics names collisions, but the class has no method measure\(\)"
+    with pytest.raises(InputError, match=rf"walk\.yaml:1: simulation: {words}"):
+        Experiment.load(tmp_path / "walk.yaml")
+    # Runs that were begun before this check go on.
+    experiment = Experiment.from_mapping({"simulation": f"{tmp_path}/walk.py:Walk"})
+    with pytest.raises(InputError, match=rf"^simulation: {words}"):
+        experiment.check_new()

@@ -112,6 +112,10 @@ WRONG = {
         Scene(5, 4, 0, "", [body(heading="north")]),
         r"bodies\[0\].heading: 'north' found, expected a number",
     ),
+    "heading as text": Wrong(
+        Scene(5, 4, 0, "", [body(heading="1.18")]),
+        r"bodies\[0\].heading: the text '1.18' found, expected a number",
+    ),
     "heading nan": Wrong(
         Scene(5, 4, 0, "", [body(heading=math.nan)]),
         r"bodies\[0\].heading: nan found, expected a finite",

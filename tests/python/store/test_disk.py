@@ -174,6 +174,21 @@ def test_a_full_disk_keeps_what_was_written(tmp_path: Path) -> None:
     assert longer.digest == undisturbed.digest
 
 
+def test_a_limit_on_the_size_of_files_is_named(tmp_path: Path) -> None:
+    """SQLite calls it an error of the disk."""
+    folder = tmp_path / "run"
+    experiment = EXPERIMENT.replace(method={"population": 100, "generations": 1000}, servers="in-process")
+    experiment.save(tmp_path / "run.yaml")
+    words = f"ulimit -f 600; exec {sys.executable} -m swarmwright optimize run.yaml --out run"
+    done = subprocess.run(
+        ["/bin/bash", "-c", words], cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False
+    )
+    assert done.returncode == 1, done.stderr
+    assert "this process may write files of at most 600 KiB (ulimit -f)" in done.stderr
+    assert "swarmwright resume" in done.stderr
+    assert Run.open(folder).generations
+
+
 @pytest.mark.parametrize("number", [0, signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("at", [3, 1])
 def test_a_disk_that_is_full_at_the_end_is_told_of(
@@ -227,6 +242,7 @@ def optimized(folder: Path, environment: Mapping[str, str]) -> "subprocess.Compl
     )
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(180)
 def test_a_disk_error_at_any_of_the_last_writes_is_told_of(
     finished: Run, failing: Path, tmp_path: Path

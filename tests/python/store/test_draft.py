@@ -1,6 +1,7 @@
 """A new store is a draft at first: who can read it when, and what the end of the process leaves."""
 
 import os
+import signal
 import sqlite3
 import subprocess
 import sys
@@ -159,6 +160,51 @@ open_store._flush = flush
     assert mark.exists()
 
 
+def test_a_file_is_flushed_where_no_thread_can_be_started(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The end of the process then has nothing to wait for."""
+
+    def refused(*_: object) -> None:
+        raise RuntimeError("can't start new thread")
+
+    flushed: list[Path] = []
+    monkeypatch.setattr("_thread.start_new_thread", refused)
+    monkeypatch.setattr(open_store, "_flush", flushed.append)
+    open_store._flush_later(tmp_path / "run.sqlite")
+    assert flushed == [tmp_path / "run.sqlite"]
+    assert not open_store._unfinished
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_the_wait_for_the_disk(number: signal.Signals) -> None:
+    """The program ignores both while it ends, and exits with the status that it has."""
+    code = """
+import signal, sys, time
+from pathlib import Path
+from swarmwright.store import open_store
+
+def flush(file):
+    print("flushing", flush=True)
+    time.sleep(1000)
+
+open_store._flush = flush
+for number in (signal.SIGINT, signal.SIGTERM):
+    signal.signal(number, signal.SIG_IGN)
+open_store._flush_later(Path("x"))
+sys.exit(3)
+"""
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        deadline = time.monotonic() + 30
+        while process.poll() is None and time.monotonic() < deadline:
+            process.send_signal(number)  # the first may come before the wait
+            time.sleep(0.05)
+        assert process.poll() == 3
+        process.kill()
+
+
 def test_what_is_reported_is_in_the_store(tmp_path: Path) -> None:
     folder, kept = tmp_path / "run", []
     run = optimize(EXPERIMENT, lambda _: kept.append(Run.open(folder).generations), out=folder)
@@ -166,6 +212,7 @@ def test_what_is_reported_is_in_the_store(tmp_path: Path) -> None:
     same_record(run, optimize(EXPERIMENT, out=tmp_path / "draft"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("after", [0.0, 0.4])
 def test_killed_after_its_first_second(after: float, tmp_path: Path) -> None:
     """kill -9 of a run that nobody watches; it goes on with what it had committed."""

@@ -14,7 +14,7 @@ from click.testing import CliRunner
 
 from swarmwright import InputError, Run, RunError, optimize, resume
 from swarmwright.cli._commands import program
-from swarmwright.store import FILE, Journal, StoreReader, StoreWriter
+from swarmwright.store import FILE, Journal, StoreReader, StoreWriter, WarningEntry
 from swarmwright.store.lock import LOCK, Lock, _opened, is_locked
 from tests.python.records import EXPERIMENT, change, change_numbers, seal
 
@@ -317,3 +317,32 @@ def test_the_time_of_a_server_counts_once_and_a_slower_backup_is_no_failure(copy
         "server 1: 17 episodes (failed ones included), busy for 6.5 s, 1 attempt failed, 1 attempt ended as "
         "another server was faster (backup)\n"
     ) in said
+
+
+def test_attempts_that_failed_are_counted_by_reason_and_server(copy: Path) -> None:
+    """Reasons that differ in numbers or paths alone are one; where another server was faster is none."""
+    row = "(1, 0, 'stepwise', 0, 1, 0, 1, {server}, 1, NULL, 0, 1, '{error}', NULL)"
+    aborted = "sim: was ended by SIGABRT; its files: /tmp/instance-{}/failed-1"
+    errors = [(server, aborted.format(server)) for server in (1, 2, 1, 1)]
+    errors += [(2, "sim: ended with exit status 3"), (2, "server 1 was faster")]
+    rows = [row.format(server=server, error=error) for server, error in errors]
+    change(copy, f"INSERT INTO attempt VALUES {', '.join(rows)}")
+    reasons = StoreReader(copy).failures()
+    assert [tuple(reason) for reason in reasons] == [
+        (aborted.format(1), 4, {1: 3, 2: 1}),
+        ("sim: ended with exit status 3", 1, {2: 1}),
+    ]
+    said = CliRunner().invoke(program, ["runs", "show", str(copy)]).output
+    assert f"  4 attempts (server 1: 3, server 2: 1): {aborted.format(1)}\n" in said
+    assert "  1 attempt (server 2: 1): sim: ended with exit status 3\n" in said
+
+
+def test_a_warning_has_the_time_at_which_it_arose(copy: Path) -> None:
+    run = Run.open(copy)
+    warnings = [WarningEntry("early", time=1_700_000_000.25), WarningEntry("some time")]
+    with StoreWriter.resume(copy) as store:
+        store.begin("in this process")
+        store.note(run.generations, Journal([], warnings))
+    early, other = (event for event in StoreReader(copy).events() if event.kind == "warning")
+    assert early.time == "2023-11-14T22:13:20.250+00:00"
+    assert other.time > early.time

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from swarmwright.user_code import notices, trust
+from swarmwright.core import warn_once
+from swarmwright.user_code import trust
 
 GATHER = '''
 import numpy as np
@@ -48,7 +49,7 @@ servers: local
 def clean(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Forget what a test imported, trusted and said, as a new process of another user would."""
     modules, path = dict(sys.modules), list(sys.path)
-    notices._told.clear()
+    warn_once._given.clear()
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))
         patch.setattr(trust, "_granted", set())

@@ -24,7 +24,6 @@ WORDS = "was edited after this process imported it; it executes what it imported
     [
         ("gather.py", "self.left -= 1", "self.left -= 1 * 1 + 1", True),
         ("gather.py", "return -self.position", "return -2 * self.position", True),
-        ("helper.py", "GAIN = 0.1", "GAIN = 0.25", True),
         ("gather.py", "class Gather(", "# a comment\n\nclass Gather(", False),
     ],
 )
@@ -40,6 +39,39 @@ def test_an_edit_after_the_import(
     edit(project / file, old, new)
     optimize(experiment, out=project / "after")
     assert [f"{file}: {WORDS}" in message for message in caplog.messages] == [True] * told
+
+
+def test_a_constant_with_another_value(
+    project: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.syspath_prepend(str(project))
+    experiment = Experiment.from_mapping({"simulation": "gather:Gather", **VALUES})
+    optimize(experiment, out=project / "before")
+    monkeypatch.setattr(sys.modules["helper"], "GAIN", 0.25)
+    optimize(experiment, out=project / "after")
+    assert [message.partition(" have: ")[0] for message in caplog.messages] == [
+        "helper.py: GAIN is 0.25 in this process and 0.1 in the file, which servers and the copy in the run"
+    ]
+    assert "make it a parameter of the simulation" in caplog.messages[0]
+
+
+def test_what_ipython_has_reloaded_is_no_edit(
+    project: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    autoreload = pytest.importorskip("IPython.extensions.autoreload")
+    monkeypatch.syspath_prepend(str(project))
+    reloader = autoreload.ModuleReloader()
+    experiment = Experiment.from_mapping({"simulation": "gather:Gather", **VALUES})
+    optimize(experiment, out=project / "before")
+    reloader.check(check_all=True, do_reload=False)
+    edit(project / "gather.py", "return -self.position", "return -2 * self.position")
+    stamp = (project / "gather.py").stat().st_mtime + 10
+    os.utime(project / "gather.py", (stamp, stamp))
+    reloader.check(check_all=True)
+    assert "2" in repr(sys.modules["gather"].Gather.fitness.__code__.co_consts)
+    caplog.clear()
+    optimize(experiment, out=project / "after")
+    assert not caplog.messages
 
 
 def test_a_file_that_was_edited_is_imported_again(project: Path, caplog: pytest.LogCaptureFixture) -> None:

@@ -50,7 +50,7 @@ using swarmwright::World;
 constexpr double thickness = 0.01;
 /// Where rays are, metres above the floor: every body reaches higher.
 constexpr double ray_height = 0.03;
-/// More would need ids of more than five digits, and a tick of theirs seconds.
+/// A tick of more robots takes seconds. Their ids, which are sorted as text, have five digits: enough for 100,000.
 constexpr std::size_t most_robots = 10000;
 constexpr const char* engine_id = "dyn2d";
 constexpr double gravity = 9.81;

@@ -87,7 +87,7 @@ std::vector<Convex> filled(const swarmwright::Wall& obstacle) {
     while (ear < corners.size() && !is_ear(corners, ear)) {
       ++ear;
     }
-    // Corners in one line are no ear; they add nothing.
+    // Corners in one line are not an ear; they add nothing.
     const std::size_t cut = ear < corners.size() ? ear : 0;
     const Convex part = {corners[(cut + corners.size() - 1) % corners.size()], corners[cut],
                          corners[(cut + 1) % corners.size()]};

@@ -49,8 +49,8 @@ RobotModel e_puck() {
   return model;
 }
 
-/// A square room of `half` metres to each side, with a box of 0.4 x 0.05 m above its middle.
-World room(std::size_t robots, float half) {
+/// A square arena of `half` metres to each side, with a box of 0.4 x 0.05 m above its middle.
+World square_arena(std::size_t robots, float half) {
   World world = {};
   world.tick = 0.1F;
   world.walls.push_back({{{-half, -half}, {half, -half}, {half, half}, {-half, half}}, 0.08F});
@@ -85,7 +85,7 @@ void near(float found, float expected, float tolerance, int line) {
 
 void robots_go_as_their_drives_are_told() {
   GazeboPhysics physics;
-  const World world = room(1, 1);
+  const World world = square_arena(1, 1);
   const Pose ahead = driven(physics, world, {{-0.5F, -0.3F, 0}}, {}, {0.1F, 0, 0}, 50)[0];
   NEAR(ahead.x, 0, 0.01F);
   NEAR(ahead.y, -0.3F, 0.01F);
@@ -99,7 +99,7 @@ void robots_go_as_their_drives_are_told() {
 
 void robots_without_wheels_go_in_any_direction() {
   GazeboPhysics physics;
-  World world = room(1, 1);
+  World world = square_arena(1, 1);
   world.models[0].wheel_base = 0;
   const Pose pose = driven(physics, world, {{0, 0, pi / 2}}, {}, {0, 0.1F, 0}, 30)[0];
   NEAR(pose.x, -0.3F, 0.01F);
@@ -109,7 +109,7 @@ void robots_without_wheels_go_in_any_direction() {
 
 void walls_hold_robots() {
   GazeboPhysics physics;
-  const World world = room(1, 0.5F);
+  const World world = square_arena(1, 0.5F);
   NEAR(driven(physics, world, {{0.3F, 0, 0}}, {}, {0.12F, 0, 0}, 60)[0].x, 0.5F - radius, 0.003F);
   NEAR(driven(physics, world, {{0, -0.3F, -pi / 2}}, {}, {0.12F, 0, 0}, 60)[0].y, radius - 0.5F, 0.003F);
   NEAR(driven(physics, world, {{0, 0.1F, pi / 2}}, {}, {0.12F, 0, 0}, 60)[0].y, 0.3F - radius, 0.003F);
@@ -117,7 +117,7 @@ void walls_hold_robots() {
 
 void sides_of_any_polygon_hold_robots() {
   GazeboPhysics physics;
-  World world = room(1, 1);
+  World world = square_arena(1, 1);
   world.walls.resize(1);
   // An L, whose inner corner is at (0, 0), and a triangle.
   world.walls[0].points = {{-1, -1}, {1, -1}, {1, 0}, {0, 0}, {0, 1}, {-1, 1}};
@@ -131,7 +131,7 @@ void sides_of_any_polygon_hold_robots() {
 
 void rays_measure_distances() {
   GazeboPhysics physics;
-  const World world = room(2, 0.5F);
+  const World world = square_arena(2, 0.5F);
   // The first looks at the wall to the right, 0.05 m from its rim; the second is 0.02 m behind it.
   const float x = 0.5F - radius - 0.05F;
   driven(physics, world, {{x, 0, 0}, {x - 2 * radius - 0.02F, 0, 0}}, {}, {0, 0, 0}, 3);
@@ -153,7 +153,7 @@ void rays_measure_distances() {
 
 void robots_push_what_is_light_enough() {
   GazeboPhysics physics;
-  World world = room(1, 1);
+  World world = square_arena(1, 1);
   Object disc = {};
   disc.radius = 0.1F;
   disc.height = 0.08F;
@@ -240,7 +240,7 @@ void episodes_repeat_to_the_bit(const World& world) {
   CHECK_EQUAL(expected == other, false);
   CHECK_EQUAL(Episode(physics, world, false, 1).after(60), expected);
   // Another world, then the first again.
-  Episode(physics, room(3, 0.5F), true, 1).after(5);
+  Episode(physics, square_arena(3, 0.5F), true, 1).after(5);
   CHECK_EQUAL(Episode(physics, world, true, 1).after(60), expected);
   if (!swarmwright::gazebo::traits.bitwise) {
     return;
@@ -269,8 +269,8 @@ void memory_is_flat_in_episodes(unsigned episodes) {
   if (!swarmwright::gazebo::traits.has_master) {
     return;  // not measured yet with Gazebo Fortress
   }
-  const World world = room(9, 0.5F);  // no other test has run it: Gazebo records what is later than ever before
-  const World other = room(4, 0.5F);
+  const World world = square_arena(9, 0.5F);  // no other test has run it: Gazebo records what is later than ever before
+  const World other = square_arena(4, 0.5F);
   GazeboPhysics physics;
   long before = 0;
   for (unsigned i = 0; i < episodes; ++i) {
@@ -289,7 +289,7 @@ void memory_is_flat_in_episodes(unsigned episodes) {
 
 void the_users_world_is_met_and_seen() {
   GazeboPhysics physics;
-  const World world = room(1, 1);
+  const World world = square_arena(1, 1);
   CHECK_EQUAL(swarmwright::gazebo::steps_in_tick(world), 20U);
   // The wall of the mission, and the column.
   NEAR(driven(physics, world, {{0.7F, 0, 0}}, {}, {0.12F, 0, 0}, 40)[0].x, 1 - radius, 0.003F);
@@ -309,7 +309,7 @@ void the_users_world_is_met_and_seen() {
 
 void what_fell_asleep_is_awake_in_the_next_episode() {
   GazeboPhysics physics;
-  const World world = room(1, 1);
+  const World world = square_arena(1, 1);
   const auto pushed = [&] { return driven(physics, world, {{0.38F, 0.48F, 0}}, {}, {0.12F, 0, 0.1F}, 30)[0]; };
   const Pose first = pushed();
   driven(physics, world, {{-0.7F, -0.7F, 0}}, {}, {0, 0, 0}, 60);
@@ -320,14 +320,14 @@ void what_fell_asleep_is_awake_in_the_next_episode() {
 void the_walls_of_missions_can_be_left_out() {
   swarmwright::gazebo::settings().walls = false;
   GazeboPhysics physics;
-  const World world = room(1, 1);
+  const World world = square_arena(1, 1);
   NEAR(driven(physics, world, {{0.7F, 0, 0}}, {}, {0.12F, 0, 0}, 40)[0].x, 1.18F, 0.01F);
   swarmwright::gazebo::settings().walls = true;
 }
 
 void robots_do_not_begin_in_the_users_world() {
   GazeboPhysics physics;
-  const World world = room(2, 1);
+  const World world = square_arena(2, 1);
   std::string found;
   try {
     driven(physics, world, {{0.5F, -0.5F, 0}, {0.05F, -0.5F, 0}}, {}, {0, 0, 0}, 1);
@@ -358,7 +358,7 @@ RobotModel turtlebot3() {
 
 void larger_robots_go_as_their_drives_are_told() {
   GazeboPhysics physics;
-  World world = room(1, 2);
+  World world = square_arena(1, 2);
   world.models[0] = turtlebot3();
   const Pose ahead = driven(physics, world, {{-1, -1, 0}}, {}, {0.2F, 0, 0}, 50)[0];
   NEAR(ahead.x, 0, 0.02F);
@@ -373,7 +373,7 @@ void larger_robots_go_as_their_drives_are_told() {
 
 void larger_robots_measure_distances() {
   GazeboPhysics physics;
-  World world = room(2, 2);
+  World world = square_arena(2, 2);
   world.walls.resize(1);
   world.models[0] = turtlebot3();
   driven(physics, world, {{1, 0.5F, 0}, {1, -0.5F, pi / 2}}, {}, {0, 0, 0}, 3);
@@ -399,7 +399,7 @@ int main(int count, char** values) {
       sides_of_any_polygon_hold_robots();
       rays_measure_distances();
       robots_push_what_is_light_enough();
-      episodes_repeat_to_the_bit(room(10, 0.5F));
+      episodes_repeat_to_the_bit(square_arena(10, 0.5F));
       memory_is_flat_in_episodes(250);
     } else {
       larger_robots_go_as_their_drives_are_told();
@@ -413,7 +413,7 @@ int main(int count, char** values) {
     what_fell_asleep_is_awake_in_the_next_episode();
     the_walls_of_missions_can_be_left_out();
     robots_do_not_begin_in_the_users_world();
-    episodes_repeat_to_the_bit(room(16, 0.8F));
+    episodes_repeat_to_the_bit(square_arena(16, 0.8F));
     memory_is_flat_in_episodes(1000);
     std::_Exit(check::status());
   }
@@ -424,7 +424,7 @@ int main(int count, char** values) {
   sides_of_any_polygon_hold_robots();
   rays_measure_distances();
   robots_push_what_is_light_enough();
-  episodes_repeat_to_the_bit(room(10, 0.5F));
+  episodes_repeat_to_the_bit(square_arena(10, 0.5F));
   memory_is_flat_in_episodes(1000);
   std::_Exit(check::status());
 }

@@ -136,7 +136,7 @@ class Server {
     auto* position = dynamic_cast<Stg::ModelPosition*>(model);
     if (position == nullptr) {
       throw std::invalid_argument(std::string("ctrl: ") + model->Token() +
-                                  " is no position model, so that it cannot drive; give the controller to one");
+                                  " is not a position model, so it cannot drive; give the controller to one");
     }
     robots_.emplace_back(position);
     const Robot& robot = robots_.back();

@@ -64,8 +64,8 @@ pub(in super::super) enum Metric {
     Returns { sources: Vec<String>, nest: String },
     /// Times that a robot crossed the middle of a patch southward, minus northward; not below 0.
     CrossingsSouth { patch: String },
-    /// Robots in the half of the arena where they should not be: below y = 0 when the patch is black, above when it is
-    /// white; summed over ticks.
+    /// Robots on the side of the patch's middle where they should not be: south of it when the patch is black, north when
+    /// it is white; summed over ticks.
     RobotsInWrongHalf { patch: String },
     /// How badly robots stopped: ticks of robots until one has been on the patch, those in which they stood still before
     /// that, and those in which they moved after it.
@@ -74,17 +74,18 @@ pub(in super::super) enum Metric {
     /// group that are less than `link` apart, and each covers a disc.
     LargestGroupArea { link: f32, disc: f32, within: f32 },
     /// The mean distance at the end, in metres, from points around the origin, at uniform radii and angles, to the nearest
-    /// robot that is on none of the patches; `most` without any.
+    /// robot that is on none of the patches. Each distance is limited to `most`, and is `most` without such a robot.
     MeanDistance {
         radius: f32,
         most: f32,
         #[serde(default)]
         outside: Vec<String>,
     },
-    /// The mean distance at the end, in metres, from points of a rectangular patch to the nearest robot on it.
+    /// The mean distance at the end, in metres, from points of a rectangular patch to the nearest robot on it, each limited
+    /// to `most`.
     MeanDistanceInside { patch: String, most: f32 },
     /// The mean distance at the end, in metres, from points of the rim of a circular patch to the nearest robot that is at
-    /// most `near` away from the rim.
+    /// most `near` away from the rim, each limited to `most`.
     MeanDistanceRim { patch: String, near: f32, most: f32 },
     /// The age of the cells of a square around the origin, in ticks since a robot was there, as a mean over the cells,
     /// summed over ticks.
@@ -185,24 +186,18 @@ impl Metric {
 
     /// Whether it is measured at the end alone.
     pub(super) fn at_end(&self) -> bool {
+        self.when() == Some(When::End)
+    }
+
+    /// When it is measured; none for those that need every tick in a way of their own.
+    pub(super) fn when(&self) -> Option<When> {
         match self {
             Self::RobotsOn { when, .. }
             | Self::MostRobotsOn { when, .. }
             | Self::ObjectsOn { when, .. }
+            | Self::ObjectDistance { when, .. }
             | Self::ObjectsHeld { when, .. }
-            | Self::ObjectDistance { when, .. } => *when == When::End,
-            Self::LargestGroupArea { .. }
-            | Self::MeanDistance { .. }
-            | Self::MeanDistanceInside { .. }
-            | Self::MeanDistanceRim { .. } => true,
-            others => others.when() == Some(When::End),
-        }
-    }
-
-    /// When it is measured; none for those that need every tick, or the last one, in a way of their own.
-    pub(super) fn when(&self) -> Option<When> {
-        match self {
-            Self::Order { when }
+            | Self::Order { when }
             | Self::Speed { when }
             | Self::GroupSpeed { when, .. }
             | Self::DistanceToCenter { when }
@@ -212,7 +207,17 @@ impl Metric {
             | Self::CoveredShare { when, .. }
             | Self::ShapeDeviation { when, .. }
             | Self::ChainReach { when, .. } => Some(*when),
-            _ => None,
+            Self::LargestGroupArea { .. }
+            | Self::MeanDistance { .. }
+            | Self::MeanDistanceInside { .. }
+            | Self::MeanDistanceRim { .. } => Some(When::End),
+            Self::TimeUntil { .. }
+            | Self::Returns { .. }
+            | Self::CrossingsSouth { .. }
+            | Self::RobotsInWrongHalf { .. }
+            | Self::StopErrors { .. }
+            | Self::CellAge { .. }
+            | Self::VisitedShare { .. } => None,
         }
     }
 }

@@ -113,13 +113,16 @@ impl<L: Lanes> Tally<L> {
         colors: &[Number<L>],
         last: bool,
     ) {
+        if metric.at_end() && !last {
+            return;
+        }
         match metric {
             Metric::RobotsOn {
                 patch,
                 robots,
                 when,
                 share,
-            } if *when != When::End || last => {
+            } => {
                 let robots = bodies.named(robots.as_deref());
                 let all = robots.len();
                 let count = counts::on(bodies, place, patch, robots);
@@ -129,7 +132,7 @@ impl<L: Lanes> Tally<L> {
                 patches,
                 when,
                 share,
-            } if *when != When::End || last => {
+            } => {
                 let mut most = number(0.0);
                 for patch in patches {
                     most = counts::on(bodies, place, patch, 0..bodies.len()).at_least(most);
@@ -141,7 +144,7 @@ impl<L: Lanes> Tally<L> {
                 object,
                 when,
                 share,
-            } if *when != When::End || last => {
+            } => {
                 let (count, all) = objects::on(bodies, place, patch, object.as_deref());
                 self.add(count, all, *share, *when);
             }
@@ -149,7 +152,7 @@ impl<L: Lanes> Tally<L> {
                 object,
                 when,
                 share,
-            } if *when != When::End || last => {
+            } => {
                 let (count, all) = objects::held(bodies, place, object.as_deref());
                 self.add(count, all, *share, *when);
             }
@@ -157,7 +160,7 @@ impl<L: Lanes> Tally<L> {
                 patch,
                 object,
                 when,
-            } if *when != When::End || last => {
+            } => {
                 let (sum, all) = objects::distance(bodies, place, patch, object.as_deref());
                 self.add(sum, all, true, *when);
             }
@@ -229,21 +232,25 @@ impl<L: Lanes> Tally<L> {
                     self.values[lane] = visits.visit(robots, lane);
                 }
             }
-            general if general.when().is_some_and(|when| when != When::End || last) => {
-                let when = general.when().unwrap_or(When::End);
+            Metric::LargestGroupArea { .. }
+            | Metric::Order { .. }
+            | Metric::Speed { .. }
+            | Metric::GroupSpeed { .. }
+            | Metric::DistanceToCenter { .. }
+            | Metric::NearestDistance { .. }
+            | Metric::LargestGroup { .. }
+            | Metric::Groups { .. }
+            | Metric::CoveredShare { .. }
+            | Metric::ShapeDeviation { .. }
+            | Metric::ChainReach { .. } => {
                 swarm::gather(bodies, &mut self.states);
                 let mut values = [0.0; MOST_LANES];
                 for (lane, value) in values[..L::WIDTH].iter_mut().enumerate() {
                     let robots = &self.states[lane * bodies.len()..][..bodies.len()];
-                    *value = swarm::value(general, robots, place, &mut self.kept);
+                    *value = swarm::value(metric, robots, place, &mut self.kept);
                 }
+                let when = metric.when().unwrap_or(When::End);
                 self.settle(&values[..L::WIDTH], when);
-            }
-            _ if !last => {}
-            Metric::LargestGroupArea { link, disc, within } => {
-                self.set(bodies, |robots| {
-                    shapes::group_area(robots, *link, *disc, *within)
-                });
             }
             Metric::MeanDistance {
                 radius,
@@ -272,8 +279,6 @@ impl<L: Lanes> Tally<L> {
                     });
                 }
             }
-            // The others have been measured above.
-            _ => {}
         }
     }
 

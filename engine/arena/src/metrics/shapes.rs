@@ -1,23 +1,19 @@
 //! Areas and distances of the robots of one episode. Means over points are taken over fixed ones.
 
 use super::super::place::{Patch, Shape};
+use super::swarm::square;
 
 /// Distance of the points of a grid, metres.
 const GRID: f64 = 0.02;
 /// Points along a line or a circle.
 const POINTS: u32 = 64;
 
-fn square(a: [f64; 2], b: [f32; 2]) -> f64 {
-    let (dx, dy) = (a[0] - f64::from(b[0]), a[1] - f64::from(b[1]));
-    dx * dx + dy * dy
-}
-
 /// The distance from a point to the nearest robot, at most `most`.
 fn nearest(point: [f64; 2], robots: &[[f32; 2]], most: f32) -> f64 {
     let most = f64::from(most);
-    let least = robots
-        .iter()
-        .fold(most * most, |least, robot| square(point, *robot).min(least));
+    let least = robots.iter().fold(most * most, |least, robot| {
+        square(point, robot.map(f64::from)).min(least)
+    });
     least.sqrt()
 }
 
@@ -33,9 +29,8 @@ pub(super) fn on_circle(center: [f32; 2], radius: f64, place: f64) -> [f64; 2] {
     ]
 }
 
-/// The area that the largest group covers.
-pub(super) fn group_area(robots: &[[f32; 2]], link: f32, disc: f32, within: f32) -> f64 {
-    let group = largest_group(robots, link);
+/// The area that discs of radius `disc` around robots cover within a circle around the origin, m^2.
+pub(super) fn covered_area(robots: &[[f64; 2]], disc: f32, within: f32) -> f64 {
     let (disc, within) = (f64::from(disc), f64::from(within));
     let cells = (2.0 * within / GRID).ceil() as i64;
     let mut covered = 0_u64;
@@ -43,7 +38,7 @@ pub(super) fn group_area(robots: &[[f32; 2]], link: f32, disc: f32, within: f32)
         for column in 0..cells {
             let point = [row, column].map(|cell| (cell as f64 + 0.5) * GRID - within);
             if square(point, [0.0; 2]) < within * within
-                && group
+                && robots
                     .iter()
                     .any(|robot| square(point, *robot) <= disc * disc)
             {
@@ -52,35 +47,6 @@ pub(super) fn group_area(robots: &[[f32; 2]], link: f32, disc: f32, within: f32)
         }
     }
     covered as f64 * GRID * GRID
-}
-
-/// The largest set of robots that are connected by links; the first one on ties.
-fn largest_group(robots: &[[f32; 2]], link: f32) -> Vec<[f32; 2]> {
-    let link = f64::from(link) * f64::from(link);
-    let mut seen = vec![false; robots.len()];
-    let mut best = Vec::new();
-    for first in 0..robots.len() {
-        if seen[first] {
-            continue;
-        }
-        let mut group = vec![first];
-        seen[first] = true;
-        let mut next = 0;
-        while let Some(&robot) = group.get(next) {
-            let at = robots[robot].map(f64::from);
-            for (other, place) in robots.iter().enumerate() {
-                if !seen[other] && square(at, *place) < link {
-                    seen[other] = true;
-                    group.push(other);
-                }
-            }
-            next += 1;
-        }
-        if group.len() > best.len() {
-            best = group;
-        }
-    }
-    best.into_iter().map(|robot| robots[robot]).collect()
 }
 
 /// The mean distance from points around the origin to the nearest robot outside of patches.
@@ -136,7 +102,7 @@ pub(super) fn distance_rim(robots: &[[f32; 2]], shape: &Shape, near: f32, most: 
         return f64::from(most);
     };
     let on_rim = |robot: &&[f32; 2]| {
-        let away = square(center.map(f64::from), **robot).sqrt() - f64::from(*radius);
+        let away = square(center.map(f64::from), robot.map(f64::from)).sqrt() - f64::from(*radius);
         away.abs() <= f64::from(near)
     };
     let robots: Vec<[f32; 2]> = robots.iter().filter(on_rim).copied().collect();

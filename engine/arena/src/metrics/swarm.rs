@@ -7,6 +7,7 @@ use super::super::polygon;
 use super::super::swarm::Bodies;
 use super::formation::Outline;
 use super::kind::Metric;
+use super::shapes;
 
 /// Side of the squares of the covered floor, metres.
 const SQUARE: f64 = 0.05;
@@ -95,10 +96,8 @@ pub(super) fn value(metric: &Metric, robots: &[State], place: &Place, kept: &mut
         Metric::GroupSpeed {
             link: Some(link), ..
         } => {
-            let groups = groups(robots, *link);
-            let members = robots.iter().enumerate();
-            let members = members.filter(|(index, _)| groups.largest.has(*index));
-            length(sum(members.map(|(_, robot)| robot.velocity))) / count
+            let members = groups(robots, *link).members(robots);
+            length(sum(members.map(|robot| robot.velocity))) / count
         }
         Metric::DistanceToCenter { .. } => {
             let center = center(robots);
@@ -123,8 +122,27 @@ pub(super) fn value(metric: &Metric, robots: &[State], place: &Place, kept: &mut
                 _ => 0.0,
             }
         }
-        // Those that are measured in a way of their own.
-        _ => 0.0,
+        Metric::LargestGroupArea { link, disc, within } => {
+            let members = groups(robots, *link).members(robots);
+            let members: Vec<[f64; 2]> = members.map(|robot| robot.at).collect();
+            shapes::covered_area(&members, *disc, *within)
+        }
+        // `Tally::update` measures these in other ways; a new kind of metric has to be added in one of the two.
+        Metric::RobotsOn { .. }
+        | Metric::MostRobotsOn { .. }
+        | Metric::ObjectsOn { .. }
+        | Metric::ObjectDistance { .. }
+        | Metric::ObjectsHeld { .. }
+        | Metric::TimeUntil { .. }
+        | Metric::Returns { .. }
+        | Metric::CrossingsSouth { .. }
+        | Metric::RobotsInWrongHalf { .. }
+        | Metric::StopErrors { .. }
+        | Metric::MeanDistance { .. }
+        | Metric::MeanDistanceInside { .. }
+        | Metric::MeanDistanceRim { .. }
+        | Metric::CellAge { .. }
+        | Metric::VisitedShare { .. } => 0.0,
     }
 }
 
@@ -185,6 +203,16 @@ struct Groups {
     largest: Members,
     size: usize,
     count: usize,
+}
+
+impl Groups {
+    /// The robots of the largest group.
+    fn members(self, robots: &[State]) -> impl Iterator<Item = &State> {
+        let members = robots.iter().enumerate();
+        members
+            .filter(move |(index, _)| self.largest.has(*index))
+            .map(|(_, robot)| robot)
+    }
 }
 
 /// Robots of a group.

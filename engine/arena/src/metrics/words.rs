@@ -46,16 +46,28 @@ impl Metric {
             Self::RobotsOn {
                 patch,
                 robots,
+                share,
                 when: at,
-                ..
             } => {
-                let robots = robots.as_deref().unwrap_or("Robots");
-                format!("{robots} on {patch}, {}.", when(at))
+                let whom = match (robots.as_deref(), share) {
+                    (Some(kind), true) => format!("Share of {kind}"),
+                    (Some(kind), false) => kind.to_owned(),
+                    (None, true) => "Share of the robots".to_owned(),
+                    (None, false) => "Robots".to_owned(),
+                };
+                format!("{whom} on {patch}, {}.", when(at))
             }
             Self::MostRobotsOn {
-                patches, when: at, ..
+                patches,
+                share,
+                when: at,
             } => format!(
-                "Robots on that of {} with most of them, {}.",
+                "{} on that of {} with most of them, {}.",
+                if *share {
+                    "Share of the robots"
+                } else {
+                    "Robots"
+                },
                 patches.join(", "),
                 when(at)
             ),
@@ -65,9 +77,8 @@ impl Metric {
                 share,
                 when: at,
             } => format!(
-                "{}{} on {patch}, {}.",
-                if *share { "Share of " } else { "" },
-                object.as_deref().unwrap_or("objects"),
+                "{} on {patch}, {}.",
+                objects(object.as_deref(), *share),
                 when(at)
             ),
             Self::ObjectsHeld {
@@ -75,9 +86,8 @@ impl Metric {
                 share,
                 when: at,
             } => format!(
-                "{}{} that robots hold, {}.",
-                if *share { "Share of " } else { "" },
-                object.as_deref().unwrap_or("objects"),
+                "{} that robots hold, {}.",
+                objects(object.as_deref(), *share),
                 when(at)
             ),
             Self::ObjectDistance {
@@ -191,5 +201,15 @@ impl Metric {
                 when(at)
             ),
         }
+    }
+}
+
+/// How a sentence on objects begins.
+fn objects(name: Option<&str>, share: bool) -> String {
+    match (name, share) {
+        (Some(name), true) => format!("Share of {name}"),
+        (Some(name), false) => name.to_owned(),
+        (None, true) => "Share of the objects".to_owned(),
+        (None, false) => "Objects".to_owned(),
     }
 }

@@ -17,10 +17,10 @@ pub(in super::super) enum Output {
     GroundDrawn,
     /// 0 on black, 0.5 on grey, 1 on white.
     Ground,
-    /// Number of robots heard in this tick.
-    Neighbours,
-    /// 1 - 2 / (1 + e^n) of the robots n heard in this tick.
-    NeighboursSquashed,
+    /// Number of messages heard in this tick, one of each robot.
+    MessageCount,
+    /// 1 - 2 / (1 + e^n) of the messages n heard in this tick.
+    MessageCountSquashed,
     /// Sum of 1 / (1 + range in cm) along the bearings of the messages of the last 11 ticks: x, y.
     Attraction,
     /// The same, squashed to the length tanh(length / 2), along 45, 135, 225 and 315 degrees; 0 where that is negative.
@@ -31,14 +31,14 @@ pub(in super::super) enum Output {
     GroundReadings,
     /// The mean of the messages heard in this tick, number by number, of those that have it; 0 where none is heard.
     Message,
-    /// Number of robots within the range of `around`.
-    AroundCount,
+    /// Number of robots within `neighbour_range`.
+    NeighbourCount,
     /// Mean of the positions of those robots in the robot's frame, in ranges: x, y; 0, 0 where there is none.
-    AroundCenter,
+    NeighbourCenter,
     /// Mean of their headings in the robot's frame as unit vectors: x, y.
-    AroundHeading,
+    NeighbourHeading,
     /// The nearest of them in the robot's frame, in ranges: x, y.
-    AroundNearest,
+    NeighbourNearest,
     /// What the drive aimed at in the tick before, with its noise: for each actuator of the drive a share of the largest
     /// speed.
     Encoders,
@@ -99,21 +99,21 @@ impl Robot {
                 each * camera.colors.len()
             }),
             Output::Encoders => self.drive.actuators().len(),
-            Output::AroundCenter
-            | Output::AroundHeading
-            | Output::AroundNearest
+            Output::NeighbourCenter
+            | Output::NeighbourHeading
+            | Output::NeighbourNearest
             | Output::Compass => 2,
             Output::GroundDrawn => 3,
             Output::AttractionParts => 4,
             Output::Absent(numbers, _) => numbers.into(),
             Output::ProximityVector | Output::LightDirection | Output::Attraction => 2,
             Output::Ground
-            | Output::Neighbours
-            | Output::NeighboursSquashed
+            | Output::MessageCount
+            | Output::MessageCountSquashed
             | Output::Random
             | Output::Battery
             | Output::Gripper
-            | Output::AroundCount => 1,
+            | Output::NeighbourCount => 1,
         }
     }
 
@@ -139,17 +139,17 @@ impl Robot {
             Output::Absent(..) => return vec![String::new(); width],
             Output::Battery => &["battery"],
             Output::Gripper => &["holds"],
-            Output::AroundCount => &["robots around"],
-            Output::AroundCenter => &["center x", "center y"],
-            Output::AroundHeading => &["heading x", "heading y"],
-            Output::AroundNearest => &["nearest x", "nearest y"],
+            Output::NeighbourCount => &["neighbours"],
+            Output::NeighbourCenter => &["center x", "center y"],
+            Output::NeighbourHeading => &["heading x", "heading y"],
+            Output::NeighbourNearest => &["nearest x", "nearest y"],
             Output::Compass => &["compass x", "compass y"],
             Output::ProximityVector => &["proximity x", "proximity y"],
             Output::LightDirection => &["light x", "light y"],
             Output::GroundDrawn => &["ground left", "ground middle", "ground right"],
             Output::Ground => &["ground"],
-            Output::Neighbours => &["neighbours"],
-            Output::NeighboursSquashed => &["neighbours squashed"],
+            Output::MessageCount => &["messages heard"],
+            Output::MessageCountSquashed => &["messages heard squashed"],
             Output::Attraction => &["attraction x", "attraction y"],
             Output::AttractionParts => &[
                 "attraction 45",

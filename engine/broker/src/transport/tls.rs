@@ -1,31 +1,33 @@
-//! TLS: the certificate and its key.
+//! TLS: the certificate and its key, and the authorities that clients' certificates are verified by.
 
 use crate::BrokerError;
-use rustls::ServerConfig;
 use rustls::crypto::ring::default_provider;
 use rustls::pki_types::pem::{self, PemObject};
 use rustls::pki_types::{CertificateDer, PrivateKeyDer};
+use rustls::server::WebPkiClientVerifier;
+use rustls::server::danger::ClientCertVerifier;
+use rustls::{RootCertStore, ServerConfig};
 use std::io;
 use std::path::Path;
 use std::sync::Arc;
 
-/// Reads a certificate chain and its private key, both PEM.
-pub fn server_config(certificate: &Path, key: &Path) -> Result<Arc<ServerConfig>, BrokerError> {
-    let chain: Vec<CertificateDer<'static>> = CertificateDer::pem_file_iter(certificate)
-        .and_then(Iterator::collect)
-        .map_err(|error| explain("certificate", certificate, error))?;
-    if chain.is_empty() {
-        return Err(explain(
-            "certificate",
-            certificate,
-            pem::Error::NoItemsFound,
-        ));
-    }
+/// Reads a certificate chain and its private key, both PEM; with `client_ca` every client needs a certificate that is signed by
+/// an authority in that file.
+pub fn server_config(
+    certificate: &Path,
+    key: &Path,
+    client_ca: Option<&Path>,
+) -> Result<Arc<ServerConfig>, BrokerError> {
+    let chain = certificates("certificate", certificate)?;
+    let verifier = client_ca.map(verifier).transpose()?;
     let secret =
         PrivateKeyDer::from_pem_file(key).map_err(|error| explain("private key", key, error))?;
     let config = ServerConfig::builder_with_provider(Arc::new(default_provider()))
         .with_safe_default_protocol_versions()
-        .map(|builder| builder.with_no_client_auth())
+        .map(|builder| match verifier {
+            Some(verifier) => builder.with_client_cert_verifier(verifier),
+            None => builder.with_no_client_auth(),
+        })
         .and_then(|builder| builder.with_single_cert(chain, secret))
         .map_err(|error| BrokerError::Invalid {
             what: "private key",
@@ -37,6 +39,42 @@ pub fn server_config(certificate: &Path, key: &Path) -> Result<Arc<ServerConfig>
             ),
         })?;
     Ok(Arc::new(config))
+}
+
+/// The certificates of a file, one at least.
+fn certificates(
+    what: &'static str,
+    path: &Path,
+) -> Result<Vec<CertificateDer<'static>>, BrokerError> {
+    let found: Vec<_> = CertificateDer::pem_file_iter(path)
+        .and_then(Iterator::collect)
+        .map_err(|error| explain(what, path, error))?;
+    if found.is_empty() {
+        return Err(explain(what, path, pem::Error::NoItemsFound));
+    }
+    Ok(found)
+}
+
+/// What accepts certificates of clients that an authority in the file has signed.
+fn verifier(authorities: &Path) -> Result<Arc<dyn ClientCertVerifier>, BrokerError> {
+    let what = "certificate authority of clients";
+    let invalid = |wrong: String| BrokerError::Invalid {
+        what,
+        path: authorities.into(),
+        line: None,
+        wrong,
+    };
+    let mut roots = RootCertStore::empty();
+    for authority in certificates(what, authorities)? {
+        roots
+            .add(authority)
+            .map_err(|error| invalid(error.to_string()))?;
+    }
+    let provider = Arc::new(default_provider());
+    WebPkiClientVerifier::builder_with_provider(Arc::new(roots), provider)
+        .build()
+        .map(|built| built as Arc<dyn ClientCertVerifier>)
+        .map_err(|error| invalid(error.to_string()))
 }
 
 fn explain(what: &'static str, path: &Path, error: pem::Error) -> BrokerError {

@@ -19,7 +19,8 @@
  *     defaults.
  *
  * Link with libswarmwright. The credentials of the broker come from the environment: SWARMWRIGHT_USERNAME and
- * SWARMWRIGHT_PASSWORD or SWARMWRIGHT_PASSWORD_FILE, and for TLS SWARMWRIGHT_CA_FILE.
+ * SWARMWRIGHT_PASSWORD or SWARMWRIGHT_PASSWORD_FILE, and for TLS SWARMWRIGHT_CA_FILE, and SWARMWRIGHT_CERTIFICATE_FILE
+ * with SWARMWRIGHT_KEY_FILE where the broker requires a client certificate.
  */
 #ifndef SWARMWRIGHT_H
 #define SWARMWRIGHT_H

@@ -109,7 +109,7 @@ fn who_waits_in_an_episode_learns_that_it_was_given_up() {
         relay.answer(sensed(1.0)).unwrap();
         asking.join().unwrap().unwrap();
     }
-    // That it is free when no episode is under way is no news.
+    // That it is free when no episode is under way is not reported.
     let asking = begin();
     look(&relay);
     relay.answer(Answer::Failed("broken".to_owned())).unwrap();

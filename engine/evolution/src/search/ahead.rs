@@ -101,7 +101,7 @@ impl Batch {
     }
 }
 
-/// Draws generations until `end`, or until nobody wants them.
+/// Draws generations until `end`, or until the receiver is gone.
 fn draw_free(address: Address, free: &AtomicU64, end: u64, drawn: &Sender<(u64, Vec<f32>)>) {
     loop {
         let generation = free.fetch_add(1, Ordering::Relaxed);

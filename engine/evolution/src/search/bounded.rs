@@ -1,8 +1,8 @@
 //! Methods that search a box with members which stay until something better replaces them.
 
 use super::swarm::Swarming;
-use super::{Members, NoStart, Search};
-use crate::differential::{Base, Crossover, Differential};
+use super::{Members, Search, Unavailable};
+use crate::differential::Differential;
 use crate::stream::{Stream, Streams, purpose_key, rows_of_two};
 use crate::swarm::rounded;
 
@@ -13,18 +13,7 @@ const FEW: usize = 1 << 12;
 #[derive(Debug, Clone)]
 pub enum Challenger {
     /// A trial vector for each member (Storn and Price, Journal of Global Optimization 11, 1997).
-    Differential {
-        /// What a difference is added to.
-        base: Base,
-        /// How member and mutant are mixed.
-        crossover: Crossover,
-        /// F: how much of a difference is added.
-        factor: f64,
-        /// CR: probability of a gene of the mutant.
-        rate: f64,
-        /// Probability of a polynomial mutation.
-        mutate: f64,
-    },
+    Differential(Differential),
     /// A particle for each member (Kennedy and Eberhart, ICNN 1995).
     Swarm(Swarming),
 }
@@ -97,22 +86,8 @@ impl Bounded {
                 };
                 swarm.fly(&self.members, best, (lower, upper), streams, &mut genomes);
             }
-            Challenger::Differential {
-                base,
-                crossover,
-                factor,
-                rate,
-                mutate,
-            } => {
-                let settings = Differential {
-                    base: *base,
-                    crossover: *crossover,
-                    factor: *factor,
-                    rate: *rate,
-                    mutate: *mutate,
-                    lower,
-                    upper,
-                };
+            Challenger::Differential(settings) => {
+                let settings = *settings;
                 let count = 0..self.fitness.len() as u64;
                 let mut streams = Stream::of_each(self.seed, self.purpose, self.generation, count);
                 let members = &self.members[..];
@@ -123,7 +98,7 @@ impl Bounded {
                              stream: &mut Stream,
                              genome: &mut [f32],
                              _: &mut [()]| {
-                    settings.trial(members, best, target, stream, trial);
+                    settings.trial(members, best, target, (lower, upper), stream, trial);
                     rounded(trial, lower, upper, genome);
                 };
                 rows_of_two(
@@ -141,14 +116,14 @@ impl Bounded {
 }
 
 impl Search for Bounded {
-    fn ask(&mut self) -> Result<Vec<f32>, NoStart> {
+    fn ask(&mut self) -> Result<Vec<f32>, Unavailable> {
         if self.fitness.is_empty() {
             return Ok(self.members.clone());
         }
         Ok(self.candidates())
     }
 
-    fn tell(&mut self, genomes: &[f32], fitness: &[f64]) -> Result<(), NoStart> {
+    fn tell(&mut self, genomes: &[f32], fitness: &[f64]) -> Result<(), Unavailable> {
         let genes = self.lower.len().max(1);
         assert_eq!(fitness.len(), self.members.len() / genes);
         assert_eq!(genomes.len(), self.members.len());
@@ -204,7 +179,7 @@ impl Search for Bounded {
     fn state(&self, name: &str) -> Option<Vec<f64>> {
         match &self.challenger {
             Challenger::Swarm(swarm) => swarm.state(name),
-            Challenger::Differential { .. } => None,
+            Challenger::Differential(_) => None,
         }
     }
 }

@@ -1,6 +1,6 @@
 //! The evolutionary algorithm of EvoStick: a few best genomes stay, the others are their mutants.
 
-use super::{NoStart, Search};
+use super::{Search, Unavailable};
 use crate::stream::{Stream, purpose_key, rows};
 use crate::swarm::rounded;
 
@@ -101,11 +101,11 @@ impl Evostick {
 }
 
 impl Search for Evostick {
-    fn ask(&mut self) -> Result<Vec<f32>, NoStart> {
+    fn ask(&mut self) -> Result<Vec<f32>, Unavailable> {
         Ok(self.population.clone())
     }
 
-    fn tell(&mut self, genomes: &[f32], fitness: &[f64]) -> Result<(), NoStart> {
+    fn tell(&mut self, genomes: &[f32], fitness: &[f64]) -> Result<(), Unavailable> {
         let genes = self.settings.middle.len();
         assert_eq!(genomes.len(), fitness.len() * genes);
         assert_eq!(genomes.len(), self.population.len());

@@ -2,7 +2,7 @@
 
 use super::adam::Adam;
 use super::ahead::{Address, Ahead};
-use super::{NoStart, Search};
+use super::{Search, Unavailable};
 use crate::sample::GaussianSample;
 use crate::sampling::{Scale, add_weighted, add_weighted_squares, samples};
 use crate::shaping::centered_ranks;
@@ -297,19 +297,19 @@ impl Gaussian {
 }
 
 impl Search for Gaussian {
-    fn ask(&mut self) -> Result<Vec<f32>, NoStart> {
+    fn ask(&mut self) -> Result<Vec<f32>, Unavailable> {
         self.sample.draw();
         Ok(self
             .sample
             .genomes(&self.sample.directions, &self.deviation))
     }
 
-    fn draw(&mut self) -> Result<Option<usize>, NoStart> {
+    fn draw(&mut self) -> Result<Option<usize>, Unavailable> {
         self.sample.draw();
         Ok(Some(self.sample.population))
     }
 
-    fn tell(&mut self, _genomes: &[f32], fitness: &[f64]) -> Result<(), NoStart> {
+    fn tell(&mut self, _genomes: &[f32], fitness: &[f64]) -> Result<(), Unavailable> {
         assert_eq!(fitness.len(), self.sample.population);
         if fitness.iter().any(|value| !value.is_nan()) {
             self.learn(fitness);

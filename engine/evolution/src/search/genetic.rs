@@ -1,8 +1,8 @@
-//! A genetic algorithm for genomes of any kind: who stays, and what comes about from those that stay.
+//! A genetic algorithm for genomes of any kind: survivor selection, mutation and crossover.
 
 use std::ops::Range;
 
-use super::{Members, NoStart, Search};
+use super::{Members, Search, Unavailable};
 use crate::distance::Farthest;
 use crate::distinct::distinct;
 use crate::network::NodeNetwork;
@@ -22,13 +22,13 @@ pub trait Operators: Send + Sync {
     /// A random genome for each stream.
     ///
     /// # Errors
-    /// There are none.
-    fn initials(&self, streams: &mut [Stream], genomes: &mut [f32]) -> Result<(), NoStart>;
+    /// A function of the caller that makes them has failed.
+    fn initials(&self, streams: &mut [Stream], genomes: &mut [f32]) -> Result<(), Unavailable>;
 
     /// A copy of a parent for each stream, varied; `parents`: by index among `genomes`.
     ///
     /// # Errors
-    /// There are none.
+    /// As of [`initials`](Self::initials).
     fn mutations(
         &self,
         genomes: &[f32],
@@ -36,14 +36,14 @@ pub trait Operators: Send + Sync {
         streams: &mut [Stream],
         mutation: Variation,
         children: &mut [f32],
-    ) -> Result<(), NoStart>;
+    ) -> Result<(), Unavailable>;
 
     /// A child of each mother and of the most different one of its partners, with a stream for each.
     ///
     /// `mothers`, `partners`: by index among `genomes`; as many partners for each mother.
     ///
     /// # Errors
-    /// There are none.
+    /// As of [`initials`](Self::initials).
     fn matings(
         &self,
         genomes: &[f32],
@@ -51,7 +51,7 @@ pub trait Operators: Send + Sync {
         partners: &[usize],
         streams: &mut [Stream],
         children: &mut [f32],
-    ) -> Result<(), NoStart>;
+    ) -> Result<(), Unavailable>;
 }
 
 /// How much a mutation changes.
@@ -68,7 +68,7 @@ impl Operators for NodeNetwork {
         self.genes()
     }
 
-    fn initials(&self, streams: &mut [Stream], genomes: &mut [f32]) -> Result<(), NoStart> {
+    fn initials(&self, streams: &mut [Stream], genomes: &mut [f32]) -> Result<(), Unavailable> {
         rows(streams, genomes, self.genes(), |_, stream, genome| {
             self.initial(stream, genome);
         });
@@ -85,7 +85,7 @@ impl Operators for NodeNetwork {
             probability,
         }: Variation,
         children: &mut [f32],
-    ) -> Result<(), NoStart> {
+    ) -> Result<(), Unavailable> {
         let genes = self.genes();
         rows(streams, children, genes, |index, stream, child| {
             let parent = row(genomes, parents[index], genes);
@@ -101,7 +101,7 @@ impl Operators for NodeNetwork {
         partners: &[usize],
         streams: &mut [Stream],
         children: &mut [f32],
-    ) -> Result<(), NoStart> {
+    ) -> Result<(), Unavailable> {
         let (genes, columns) = (self.genes(), partners.len() / mothers.len().max(1));
         let mate = |farthest: &mut Farthest,
                     index: usize,
@@ -232,7 +232,7 @@ impl Genetic {
             std::mem::take(&mut self.genomes),
             std::mem::take(&mut self.fitness),
         );
-        self.genomes.reserve(before.0.len()); // there is room for those that come
+        self.genomes.reserve(before.0.len()); // with capacity for the children that are added
         self.fitness.reserve(before.1.len());
         let mut first = 0;
         for number in 0..settings.populations {
@@ -268,7 +268,7 @@ impl Genetic {
         number: usize,
         places: &[Range<usize>],
         made: &mut Vec<f32>,
-    ) -> Result<(), NoStart> {
+    ) -> Result<(), Unavailable> {
         let genes = self.operators.genes();
         let begin = made.len() / genes;
         if !places[number].is_empty() {
@@ -291,7 +291,7 @@ impl Genetic {
         begin: usize,
         members: &Range<usize>,
         made: &mut Vec<f32>,
-    ) -> Result<(), NoStart> {
+    ) -> Result<(), Unavailable> {
         let (genes, count) = (self.operators.genes(), self.settings.mutate);
         if count == 0 {
             return Ok(());
@@ -318,7 +318,7 @@ impl Genetic {
         places: &[Range<usize>],
         begin: usize,
         made: &mut Vec<f32>,
-    ) -> Result<(), NoStart> {
+    ) -> Result<(), Unavailable> {
         let genes = self.operators.genes();
         let members = &self.genomes[places[number].start * genes..places[number].end * genes];
         let most = self.settings.crossover + TRIALS;
@@ -353,7 +353,7 @@ impl Genetic {
         places: &[Range<usize>],
         addresses: Range<usize>,
         children: &mut [f32],
-    ) -> Result<(), NoStart> {
+    ) -> Result<(), Unavailable> {
         let peopled: Vec<_> = places.iter().filter(|place| !place.is_empty()).collect();
         let mut streams = self.streams(self.purposes.crossover, addresses.clone());
         let mut mothers = Vec::with_capacity(streams.len());
@@ -387,7 +387,7 @@ impl Genetic {
 }
 
 impl Search for Genetic {
-    fn ask(&mut self) -> Result<Vec<f32>, NoStart> {
+    fn ask(&mut self) -> Result<Vec<f32>, Unavailable> {
         if self.generation == 0 {
             return Ok(std::mem::take(&mut self.first));
         }
@@ -403,7 +403,7 @@ impl Search for Genetic {
         Ok(made)
     }
 
-    fn tell(&mut self, genomes: &[f32], fitness: &[f64]) -> Result<(), NoStart> {
+    fn tell(&mut self, genomes: &[f32], fitness: &[f64]) -> Result<(), Unavailable> {
         let genes = self.operators.genes();
         assert_eq!(fitness.len(), self.children.iter().sum::<usize>());
         assert_eq!(genomes.len(), fitness.len() * genes);

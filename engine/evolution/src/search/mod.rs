@@ -20,39 +20,39 @@ pub use swarm::{SwarmSettings, Swarming};
 
 use crate::sample::GaussianSample;
 
-/// Why there is no place to start from, or no genomes; whoever was asked for them knows more.
+/// A function of the caller that makes starts or genomes has failed. Details are with the caller, who has the function's error.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct NoStart;
+pub struct Unavailable;
 
 /// Genes of a new start, by a number that the method counts.
-pub type Starts = Box<dyn Fn(u64) -> Result<Vec<f64>, NoStart> + Send + Sync>;
+pub type Starts = Box<dyn Fn(u64) -> Result<Vec<f64>, Unavailable> + Send + Sync>;
 
 /// A method that asks for whole generations.
 pub trait Search: Send + Sync {
     /// The genomes to be evaluated next, row after row.
     ///
     /// # Errors
-    /// There is no place for a new start, or somebody else has not made the genomes.
-    fn ask(&mut self) -> Result<Vec<f32>, NoStart>;
+    /// A new start, or the genomes of [`Operators`] from elsewhere, could not be made.
+    fn ask(&mut self) -> Result<Vec<f32>, Unavailable>;
 
     /// As [`ask`](Self::ask) without making the genomes, which are [`drawn`](Self::drawn) then: returns how many there are. None,
     /// and nothing is done, where they are needed.
     ///
     /// # Errors
     /// As of [`ask`](Self::ask).
-    fn draw(&mut self) -> Result<Option<usize>, NoStart> {
+    fn draw(&mut self) -> Result<Option<usize>, Unavailable> {
         Ok(None)
     }
 
     /// Takes the fitness of the genomes asked for last, in their order; NaN where an evaluation failed.
     ///
     /// # Errors
-    /// There is no place for a new start.
+    /// A new start could not be made.
     ///
     /// # Panics
     ///
     /// When there are not as many values as genomes. The genomes are not needed where [`draw`](Self::draw) stood in for asking.
-    fn tell(&mut self, genomes: &[f32], fitness: &[f64]) -> Result<(), NoStart>;
+    fn tell(&mut self, genomes: &[f32], fitness: &[f64]) -> Result<(), Unavailable>;
 
     /// Fitness of the members that stay, where there are such: what the figures of a generation describe. None: those told last.
     fn members(&self) -> Option<Members<'_>> {

@@ -1,7 +1,7 @@
 //! Natural evolution strategies: weights by rank move center and shape of a normal distribution; new starts (Wierstra et al., JMLR 15, 2014).
 
 use super::gaussian::{Sample, Space, count, limited};
-use super::{NoStart, Search, Starts};
+use super::{Search, Starts, Unavailable};
 use crate::exact::exact_sum;
 use crate::matrix::{exponential, product};
 use crate::sample::GaussianSample;
@@ -135,7 +135,7 @@ impl Nes {
         count(self.unchanged) >= patience || self.widest() < CONVERGED * self.settings.step
     }
 
-    fn begin_anew(&mut self) -> Result<(), NoStart> {
+    fn begin_anew(&mut self) -> Result<(), Unavailable> {
         if self.settings.restart == Restart::Doubled {
             self.sample.resize(2 * self.sample.population);
         }
@@ -163,7 +163,7 @@ impl NesSettings {
 }
 
 impl Search for Nes {
-    fn ask(&mut self) -> Result<Vec<f32>, NoStart> {
+    fn ask(&mut self) -> Result<Vec<f32>, Unavailable> {
         self.sample.draw();
         let directions = &self.sample.directions;
         Ok(match &self.shape {
@@ -177,7 +177,7 @@ impl Search for Nes {
         })
     }
 
-    fn draw(&mut self) -> Result<Option<usize>, NoStart> {
+    fn draw(&mut self) -> Result<Option<usize>, Unavailable> {
         if let Shape::Full(..) = self.shape {
             return Ok(None);
         }
@@ -185,7 +185,7 @@ impl Search for Nes {
         Ok(Some(self.sample.population))
     }
 
-    fn tell(&mut self, _genomes: &[f32], fitness: &[f64]) -> Result<(), NoStart> {
+    fn tell(&mut self, _genomes: &[f32], fitness: &[f64]) -> Result<(), Unavailable> {
         assert_eq!(fitness.len(), self.sample.population);
         if fitness.iter().all(|value| value.is_nan()) {
             return Ok(());

@@ -1,7 +1,7 @@
 //! CMA-ES from one start to the next: IPOP (Auger and Hansen, CEC 2005) and BIPOP (Hansen, GECCO 2009 BBOB).
 
 use super::gaussian::count;
-use super::{NoStart, Search, Starts};
+use super::{Search, Starts, Unavailable};
 use crate::cma::{Cma, Start, Stop};
 use crate::stream::{Stream, purpose_key};
 
@@ -81,7 +81,7 @@ impl CmaSearch {
         }
     }
 
-    fn begin(&mut self) -> Result<Cma, NoStart> {
+    fn begin(&mut self) -> Result<Cma, Unavailable> {
         let mut share = 1.0;
         if self.begun > 0 {
             self.center = (self.starts)(self.begun)?;
@@ -104,7 +104,7 @@ impl CmaSearch {
 }
 
 impl Search for CmaSearch {
-    fn ask(&mut self) -> Result<Vec<f32>, NoStart> {
+    fn ask(&mut self) -> Result<Vec<f32>, Unavailable> {
         let mut search = match self.search.take() {
             Some(search) => search,
             None => self.begin()?,
@@ -117,7 +117,7 @@ impl Search for CmaSearch {
         Ok(genomes)
     }
 
-    fn tell(&mut self, _genomes: &[f32], fitness: &[f64]) -> Result<(), NoStart> {
+    fn tell(&mut self, _genomes: &[f32], fitness: &[f64]) -> Result<(), Unavailable> {
         assert_eq!(fitness.len(), self.size);
         self.generation += 1;
         self.evaluations += fitness.len() as u64;

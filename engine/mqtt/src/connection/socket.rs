@@ -11,6 +11,9 @@ use crate::handshake::{self, Caller};
 use crate::session::Received;
 
 const LONGEST_PAUSE: Duration = Duration::from_secs(10);
+/// A connection that was open for less is no sign that the next one lasts.
+const SHORT_LIVED: Duration = Duration::from_secs(2);
+const MOST_DOUBLINGS: u32 = 7;
 
 impl Connection {
     pub(super) fn reconnect(&mut self, events: &mut Vec<Event>) {
@@ -85,7 +88,7 @@ impl Connection {
             unacknowledged: true,
             closing: false,
         });
-        self.pause = FIRST_PAUSE;
+        self.opened = Instant::now();
         self.failures = 0;
         Ok(())
     }
@@ -198,6 +201,13 @@ impl Connection {
         if let Some(mut link) = self.link.take() {
             let _ = self.poll.registry().deregister(link.transport.socket());
             self.out.clear();
+            // A broker that closes each new connection at once, as some do where they deny a message, is not asked all the time.
+            self.short_lived = if self.opened.elapsed() < SHORT_LIVED {
+                (self.short_lived + 1).min(MOST_DOUBLINGS)
+            } else {
+                0
+            };
+            self.pause = (FIRST_PAUSE * 2_u32.pow(self.short_lived)).min(LONGEST_PAUSE);
             self.retry_at = Instant::now() + self.pause.mul_f64(0.5 + fastrand::f64());
             let (_, unread) = link.session.read();
             events.push(Event::Disconnected { reason, unread });

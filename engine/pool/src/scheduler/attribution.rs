@@ -200,10 +200,9 @@ impl Scheduler {
         }
         let since = self.outlook.broken_since()?;
         let health = self.fleet.health();
-        // What a server is at may be its first success.
-        let at_work = |(id, slot): (u64, &Slot)| {
-            !slot.jobs.is_empty() && !slot.silent && !health.is_broken(id)
-        };
+        // What a server is at may be its first success, also where it is silent for longer than ever before: until its
+        // time-out, which takes the work from it.
+        let at_work = |(id, slot): (u64, &Slot)| !slot.jobs.is_empty() && !health.is_broken(id);
         // How long there has been no server at all is counted elsewhere.
         let slots = || self.fleet.slots();
         if self.fleet.is_empty() || self.any_hope() || slots().any(at_work) {

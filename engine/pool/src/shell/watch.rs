@@ -21,6 +21,9 @@ pub enum News {
     Broker(Result<(), String>),
 }
 
+/// For how long one of two connections is waited for before the other one is looked at.
+const TURN: Duration = Duration::from_millis(20);
+
 /// A connection that publishes nothing.
 pub struct Watcher {
     connection: Connection,
@@ -114,4 +117,46 @@ pub fn list_servers(
     }
     watcher.close();
     Ok(found.into_values().collect())
+}
+
+/// Removes the presence of servers, which brokers retain. Returns those of which the broker has let it be known within
+/// `wait`; others are kept, for example since it closes the connection of an account that may not publish presence.
+///
+/// # Errors
+/// No broker, credentials refused, a prefix that cannot be; or the broker denies it, and says so.
+pub fn forget_servers(
+    settings: Settings,
+    prefix: &str,
+    servers: &[u64],
+    wait: Duration,
+) -> Result<Vec<u64>, PoolError> {
+    // What a connection publishes itself is not sent back to it.
+    let mut watcher = Watcher::connect(settings.clone(), prefix, false)?;
+    let mut publisher = Connection::open(settings, Vec::new())?;
+    for server in servers {
+        let topic = watcher.topics.presence(*server);
+        publisher.publish(&topic, &[], QoS::AtLeastOnce, true, None);
+    }
+    let deadline = Instant::now() + wait;
+    let mut forgotten = Vec::new();
+    let mut events = Vec::new();
+    while forgotten.len() < servers.len() && Instant::now() < deadline {
+        publisher.poll(Instant::now() + TURN, &mut events);
+        for event in events.drain(..) {
+            match event {
+                Event::Denied { message, .. } => return Err(PoolError::Denied(message)),
+                Event::Disconnected { .. } => return Ok(forgotten),
+                _ => {}
+            }
+        }
+        for news in watcher.poll(Instant::now() + TURN) {
+            match news {
+                News::Left(server) if servers.contains(&server) => forgotten.push(server),
+                _ => {}
+            }
+        }
+    }
+    publisher.close(TURN);
+    watcher.close();
+    Ok(forgotten)
 }

@@ -288,8 +288,8 @@ impl ReadingWriter {
     #[must_use]
     pub fn encode(&self, agent: u64, numbers: &[f32]) -> Vec<u8> {
         // The longest binary32 has 16 characters, but most have 12 at most.
-        let room = self.head.len() + self.middle.len() + 22 + 13 * numbers.len();
-        let mut payload = Vec::with_capacity(room);
+        let capacity = self.head.len() + self.middle.len() + 22 + 13 * numbers.len();
+        let mut payload = Vec::with_capacity(capacity);
         payload.extend_from_slice(&self.head);
         append(&mut payload, &agent);
         payload.extend_from_slice(self.middle);

@@ -101,7 +101,7 @@ fn encode(message: &Message) -> Vec<u8> {
     }
 }
 
-/// Bytes for each byte of a payload: an object of one key, seven characters, is a node of a tree with room for eleven.
+/// Bytes for each byte of a payload: an object of one key, seven characters, is a node of a tree with a capacity of eleven.
 const BYTES_PER_BYTE: usize = 200;
 
 /// Decodes; checks words and memory.

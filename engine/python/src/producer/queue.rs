@@ -101,14 +101,14 @@ impl Queue {
         !self.waiting.is_empty() && (self.waiting.len() >= WAITING || self.bytes + bytes > BYTES)
     }
 
-    /// Whether there is room for several, so that the producer need not be woken for each.
-    fn has_room(&self) -> bool {
+    /// Whether several more fit, so that the producer need not be woken for each.
+    fn fits_several(&self) -> bool {
         self.waiting.len() <= WAITING / 2 && self.bytes <= BYTES / 2
     }
 }
 
 impl Shared {
-    /// Adds a generation when there is room; returns whether to go on. `soon`: it is not to wait for others.
+    /// Adds a generation as soon as it fits; returns whether to go on. `soon`: it is not to wait for others.
     pub fn put(&self, produced: Produced, soon: bool) -> bool {
         let bytes = produced.bytes();
         let mut queue = lock(&self.queue);
@@ -120,7 +120,7 @@ impl Shared {
                 .wait_while(queue, |queue| {
                     !self.stopped.load(Ordering::Relaxed)
                         && !queue.waiting.is_empty()
-                        && !queue.has_room()
+                        && !queue.fits_several()
                 })
                 .unwrap_or_else(PoisonError::into_inner);
             queue.producer_waits = false;
@@ -166,7 +166,7 @@ impl Shared {
         queue.ready = !queue.waiting.is_empty();
         if let Some(produced) = &produced {
             queue.bytes -= produced.bytes();
-            if queue.producer_waits && (queue.waiting.is_empty() || queue.has_room()) {
+            if queue.producer_waits && (queue.waiting.is_empty() || queue.fits_several()) {
                 self.changed.notify_all();
             }
         }

@@ -64,7 +64,7 @@ impl Limits {
 }
 
 impl Work {
-    /// Evolves until a limit is reached, nobody wants to have more, or something fails.
+    /// Evolves until a limit is reached, the receiver has ended, or something fails.
     pub fn run(&mut self, shared: &Shared) -> PyResult<()> {
         let mut seeds: Vec<u64> = (self.seed..).take(self.episodes).collect();
         for _ in 0..self.limits.generations {

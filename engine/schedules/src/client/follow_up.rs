@@ -22,7 +22,7 @@ impl Simulator<'_> {
             };
             if server.has_died() {
                 self.note(|| format!("the simulation brings {} down", self.schedule.name(who)));
-                self.kill(who, false, 0);
+                self.kill(who, None);
                 return self.plan(self.now + REVIVAL, Event::Start { who });
             }
             let has_nothing = |tool: &Tool| {
@@ -55,7 +55,7 @@ impl Simulator<'_> {
             (messages, next)
         } else {
             if let Err(text) = self.tools[who].proceed(now) {
-                self.violate(format!("tool {who}: {text}"));
+                self.violate(format!("{}: {text}", self.schedule.name(who)));
             }
             let messages = self.tools[who].act();
             self.advance(who, incarnation);
@@ -130,7 +130,7 @@ impl Simulator<'_> {
         if let Some(connection) = self.clients[who].connection {
             self.send(connection, true, &Packet::Goodbye, 0);
         }
-        self.kill(who, false, 0);
+        self.kill(who, None);
     }
 
     /// A tool that has all results frees the servers and leaves in good order.

@@ -13,6 +13,8 @@ impl fmt::Display for Seconds {
     }
 }
 
+/// Parties have the numbers of their names in messages: servers those of their ids, from 1, unless they are twins; tools those
+/// of their client ids, from 0.
 impl fmt::Display for Who {
     fn fmt(&self, formatter: &mut fmt::Formatter) -> fmt::Result {
         match self {
@@ -57,11 +59,16 @@ impl fmt::Display for Disturbance {
                 )
             }
             What::Restart(tool) => {
-                write!(formatter, "tool {tool} is killed and is back after {lasts}")
+                write!(
+                    formatter,
+                    "{} is killed and is back after {lasts}",
+                    Who::Tool(tool)
+                )
             }
             What::Interrupt(tool) => write!(
                 formatter,
-                "tool {tool} gives up its work and begins it again"
+                "{} gives up its work and begins it again",
+                Who::Tool(tool)
             ),
             What::Lose { who, percent } => {
                 write!(
@@ -136,9 +143,9 @@ impl fmt::Display for Schedule {
             };
             writeln!(
                 formatter,
-                "{:>13}  server {} joins: {} a step, patience {}{plain}",
+                "{:>13}  {} joins: {} a step, patience {}{plain}",
                 Seconds(server.joins).to_string(),
-                index + 1,
+                Who::Server(index),
                 Seconds(server.pace),
                 Seconds(server.patience)
             )?;
@@ -146,8 +153,9 @@ impl fmt::Display for Schedule {
         for (index, tool) in self.tools.iter().enumerate() {
             writeln!(
                 formatter,
-                "{:>13}  tool {index} joins: {}, {} attempts, time-out {}",
+                "{:>13}  {} joins: {}, {} attempts, time-out {}",
                 Seconds(tool.joins).to_string(),
+                Who::Tool(index),
                 tool.mode,
                 tool.attempts,
                 Seconds(tool.step_timeout)

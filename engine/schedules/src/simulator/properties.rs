@@ -6,7 +6,7 @@ use swarmwright_protocol::{Message, State, Topic, Topics};
 
 use super::{Event, LOOK, Simulator};
 use crate::schedule;
-use crate::schedule::{Disturbance, MILLI, SECOND, Time, What};
+use crate::schedule::{Disturbance, MILLI, SECOND, Time, What, Who};
 use crate::tool::{Stage, Tool};
 
 /// How long a server may be idle and known while work waits: a round of discovery, and some time for messages.
@@ -36,8 +36,10 @@ impl Simulator<'_> {
                     )
                 });
                 format!(
-                    "tool {index} ({:?}): {state}; last warnings {:?}",
-                    tool.stage, tool.warnings
+                    "{} ({:?}): {state}; last warnings {:?}",
+                    Who::Tool(index),
+                    tool.stage,
+                    tool.warnings
                 )
             })
             .collect();
@@ -52,7 +54,7 @@ impl Simulator<'_> {
             .any(|(_, disturbance)| disturbance.is_harsh() || disturbance.delays());
         for tool in 0..self.tools.len() {
             if let Err(text) = self.tools[tool].check_memory(self.servers.len()) {
-                self.violate(format!("tool {tool}: {text}"));
+                self.violate(format!("{}: {text}", Who::Tool(tool)));
             }
             let queued = self.tools[tool]
                 .machine
@@ -84,14 +86,15 @@ impl Simulator<'_> {
                 .as_ref()
                 .map(|machine| machine.describe());
             self.violate(format!(
-                "server {} has {} for {} ms while evaluations of tool {tool} waited: {}",
-                server + 1,
+                "{} has {} for {} ms while evaluations of {} waited: {}",
+                Who::Server(server),
                 if free {
                     "idled"
                 } else {
                     "been held for nothing"
                 },
                 (self.now - since) / MILLI,
+                Who::Tool(tool),
                 words.unwrap_or_default()
             ));
         }
@@ -165,12 +168,12 @@ impl Simulator<'_> {
             let Some(server) = self.servers[index].as_ref().filter(|_| self.is_well(who)) else {
                 let client = &self.clients[who];
                 return self.violate(format!(
-                    "server {} is not there at the end: {client:?}",
-                    index + 1
+                    "{} is not there at the end: {client:?}",
+                    Who::Server(index)
                 ));
             };
             if !server.is_free() {
-                return self.violate(format!("server {} is not free at the end", index + 1));
+                return self.violate(format!("{} is not free at the end", Who::Server(index)));
             }
             if server.is_plain() {
                 continue;
@@ -188,14 +191,14 @@ impl Simulator<'_> {
             };
             if !right {
                 return self.violate(format!(
-                    "what is retained of server {} at the end is {presence:?}",
-                    index + 1
+                    "what is retained of {} at the end is {presence:?}",
+                    Who::Server(index)
                 ));
             }
         }
         for tool in 0..self.tools.len() {
             if let Err(text) = self.tools[tool].check_memory(self.servers.len()) {
-                self.violate(format!("tool {tool} at the end: {text}"));
+                self.violate(format!("{} at the end: {text}", Who::Tool(tool)));
             }
         }
     }

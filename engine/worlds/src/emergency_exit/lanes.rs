@@ -6,8 +6,8 @@
 
 mod exits;
 mod prepared;
-mod room;
 mod terrain;
+mod workspace;
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -18,8 +18,8 @@ use swarmwright_lanes::Lanes;
 use crate::ParameterError;
 use crate::block::{Block, LaneWorld};
 use prepared::Prepared;
-use room::Room;
 use swarmwright_simulation::rollout::stopped;
+use workspace::Workspace;
 
 /// Two vectors: with four, the agents leave the nearest cache.
 const MOST_LANES: usize = 2 * swarmwright_lanes::MOST_LANES_UNPAIRED;
@@ -29,21 +29,21 @@ pub(crate) struct EmergencyExitLanes(Arc<Prepared>);
 
 impl LaneWorld for EmergencyExitLanes {
     const VECTORS: usize = 2;
-    type Room<L: Lanes> = Room<L>;
+    type Workspace<L: Lanes> = Workspace<L>;
 
     fn new(block: &Block<'_>) -> Result<Option<Self>, ParameterError> {
         Ok(Prepared::of(block)?.map(Self))
     }
 
     #[inline(always)]
-    fn room<L: Lanes>(&self, controllers: &LaneController<'_, L>) -> Room<L> {
-        Room::new(&self.0, controllers)
+    fn workspace<L: Lanes>(&self, controllers: &LaneController<'_, L>) -> Workspace<L> {
+        Workspace::new(&self.0, controllers)
     }
 
     #[inline(always)]
     fn rollout<L: Lanes>(
         &self,
-        room: &mut Room<L>,
+        workspace: &mut Workspace<L>,
         controllers: &mut LaneController<'_, L>,
         episodes: &[usize],
         stop: Option<&AtomicBool>,
@@ -54,17 +54,17 @@ impl LaneWorld for EmergencyExitLanes {
         for (terrain, episode) in terrains.iter_mut().zip(episodes) {
             *terrain = world.terrain_of(*episode);
         }
-        room.start(world, &terrains);
+        workspace.start(world, &terrains);
         let steps = world.settings.steps;
-        room.finished = [steps; MOST_LANES];
+        workspace.finished = [steps; MOST_LANES];
         let mut running = u64::MAX >> (64 - L::WIDTH);
         for step in 0..steps {
             if stopped(stop) {
                 break;
             }
-            let inside = room.step(world, controllers);
+            let inside = workspace.step(world, controllers);
             let ended = running & !inside;
-            for (lane, finished) in room.finished.iter_mut().enumerate() {
+            for (lane, finished) in workspace.finished.iter_mut().enumerate() {
                 if ended >> lane & 1 == 1 {
                     *finished = step;
                 }
@@ -74,24 +74,24 @@ impl LaneWorld for EmergencyExitLanes {
                 break;
             }
         }
-        for (fitness, finished) in fitness.iter_mut().zip(room.finished) {
+        for (fitness, finished) in fitness.iter_mut().zip(workspace.finished) {
             *fitness = f64::from(steps - finished) / f64::from(steps);
         }
-        room.subtract_distances(fitness);
+        workspace.subtract_distances(fitness);
     }
 
     #[inline(always)]
-    fn metric<L: Lanes>(&self, room: &Room<L>, index: usize, values: &mut [f64]) {
+    fn metric<L: Lanes>(&self, workspace: &Workspace<L>, index: usize, values: &mut [f64]) {
         values.fill(0.0);
         match index {
-            0 => room.count_out(values),
+            0 => workspace.count_out(values),
             1 => {
-                for (value, finished) in values.iter_mut().zip(room.finished) {
+                for (value, finished) in values.iter_mut().zip(workspace.finished) {
                     *value = f64::from(finished);
                 }
             }
             _ => {
-                room.subtract_distances(values);
+                workspace.subtract_distances(values);
                 for value in values {
                     *value = 0.0 - *value;
                 }

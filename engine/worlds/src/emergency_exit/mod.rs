@@ -131,7 +131,7 @@ fn direction(row: &[f32]) -> Option<usize> {
 }
 
 impl EmergencyExit {
-    /// Puts everybody where the field says.
+    /// Puts the agents where the field says.
     fn start(&mut self) {
         self.places.clear();
         let places = self.field.agents.iter().map(|cell| self.grid.index(*cell));
@@ -198,7 +198,7 @@ impl EmergencyExit {
         for (turn, row) in (0..self.inside.len()).zip(actuators.chunks_exact(ACTUATORS)) {
             let agent = self.inside[turn] as usize;
             if let Some(cell) = self.target(agent, row) {
-                // Cells stay taken to the end of the step: what was not free when all sensed is not free for anybody.
+                // Cells stay taken to the end of the step: what was not free when all sensed is free for no agent.
                 self.left.push(self.places[agent]);
                 self.occupied.take(cell);
                 self.places[agent] = cell;

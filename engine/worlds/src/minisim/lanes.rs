@@ -53,7 +53,7 @@ struct Pursuit<L> {
     least: L,
 }
 
-pub(crate) struct Room<L> {
+pub(crate) struct Workspace<L> {
     agents: Vec<Agent<L>>,
     statuses: Vec<Status>,
     defenders: Vec<Points<L>>,
@@ -129,7 +129,7 @@ fn to_closest<L: Lanes>(agent: Points<L>, defenders: &[Points<L>]) -> (Points<L>
 
 impl LaneWorld for MinisimLanes {
     const VECTORS: usize = 4;
-    type Room<L: Lanes> = Room<L>;
+    type Workspace<L: Lanes> = Workspace<L>;
 
     fn new(block: &Block<'_>) -> Result<Option<Self>, ParameterError> {
         let settings = (0..block.seeds.len())
@@ -147,9 +147,9 @@ impl LaneWorld for MinisimLanes {
     }
 
     #[inline(always)]
-    fn room<L: Lanes>(&self, controllers: &LaneController<'_, L>) -> Room<L> {
+    fn workspace<L: Lanes>(&self, controllers: &LaneController<'_, L>) -> Workspace<L> {
         let agents = self.settings[0].agents.len();
-        Room {
+        Workspace {
             agents: Vec::with_capacity(agents),
             statuses: Vec::with_capacity(agents),
             defenders: Vec::with_capacity(self.settings[0].defenders.len()),
@@ -162,7 +162,7 @@ impl LaneWorld for MinisimLanes {
     #[inline(always)]
     fn rollout<L: Lanes>(
         &self,
-        room: &mut Room<L>,
+        workspace: &mut Workspace<L>,
         controllers: &mut LaneController<'_, L>,
         episodes: &[usize],
         stop: Option<&AtomicBool>,
@@ -175,21 +175,21 @@ impl LaneWorld for MinisimLanes {
         let goal = Points::<L>::splat(settings.goal);
         let speed = L::splat(settings.speed_agents);
         let state_length = controllers.state_length();
-        room.start(self, episodes, all);
+        workspace.start(self, episodes, all);
         for _ in 0..settings.max_steps {
             if stopped(stop) {
                 break;
             }
             let mut free = 0;
-            let many = room.agents.len() > TOGETHER;
+            let many = workspace.agents.len() > TOGETHER;
             if many {
-                room.start_pursuits();
+                workspace.start_pursuits();
             }
-            for first in (0..room.agents.len()).step_by(TOGETHER) {
-                let last = (first + TOGETHER).min(room.agents.len());
+            for first in (0..workspace.agents.len()).step_by(TOGETHER) {
+                let last = (first + TOGETHER).min(workspace.agents.len());
                 for index in first..last {
-                    let agent = &mut room.agents[index];
-                    let free_here = room.statuses[index].free;
+                    let agent = &mut workspace.agents[index];
+                    let free_here = workspace.statuses[index].free;
                     if free_here == 0 {
                         continue;
                     }
@@ -202,7 +202,7 @@ impl LaneWorld for MinisimLanes {
                         agent.to_defender.y.div(height),
                     ];
                     let mut heading = [zero];
-                    let state = &mut room.states[index * state_length..][..state_length];
+                    let state = &mut workspace.states[index * state_length..][..state_length];
                     controllers.step(state, sensors, &mut heading);
                     let x = agent.at.x.add(speed.mul(cos_pi(heading[0])));
                     let y = agent.at.y.add(speed.mul(sin_pi(heading[0])));
@@ -213,37 +213,37 @@ impl LaneWorld for MinisimLanes {
                     agent.at = moved.select(agent.at, L::Mask::from_bits(free_here));
                 }
                 if many {
-                    room.pursue(first, last);
+                    workspace.pursue(first, last);
                 }
             }
             if free == 0 {
                 break;
             }
             if self.counts_steps {
-                room.count_step(free);
+                workspace.count_step(free);
             }
-            room.move_defenders(L::splat(settings.speed_defenders), free);
-            room.judge(
+            workspace.move_defenders(L::splat(settings.speed_defenders), free);
+            workspace.judge(
                 goal,
                 L::splat(settings.goal_radius),
                 L::splat(settings.capture_radius),
             );
         }
-        room.fitness(goal, fitness);
+        workspace.fitness(goal, fitness);
     }
 
     #[inline(always)]
-    fn metric<L: Lanes>(&self, room: &Room<L>, index: usize, values: &mut [f64]) {
+    fn metric<L: Lanes>(&self, workspace: &Workspace<L>, index: usize, values: &mut [f64]) {
         match index {
-            0 => room.count(values, |status| status.arrived),
-            1 => room.count(values, |status| !(status.arrived | status.free)),
+            0 => workspace.count(values, |status| status.arrived),
+            1 => workspace.count(values, |status| !(status.arrived | status.free)),
             STEPS => {
-                for (value, steps) in values.iter_mut().zip(room.steps) {
+                for (value, steps) in values.iter_mut().zip(workspace.steps) {
                     *value = f64::from(steps);
                 }
             }
             _ => {
-                room.fitness(Points::splat(self.settings[0].goal), values);
+                workspace.fitness(Points::splat(self.settings[0].goal), values);
                 for value in values {
                     *value = 0.0 - *value;
                 }
@@ -252,7 +252,7 @@ impl LaneWorld for MinisimLanes {
     }
 }
 
-impl<L: Lanes> Room<L> {
+impl<L: Lanes> Workspace<L> {
     #[inline(always)]
     fn start(&mut self, world: &MinisimLanes, episodes: &[usize], all: u64) {
         let first = &world.settings[0];

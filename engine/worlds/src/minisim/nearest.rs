@@ -11,7 +11,7 @@ const MOST_CELLS: f64 = 4_194_304.0;
 /// Squared distances are computed in binary32; this is far more than they are off by.
 const SLACK: f64 = 1.0 - 1e-5;
 
-/// Points in square cells. Built anew for each step, in the room of the one before.
+/// Points in square cells. Built anew for each step, in the memory of the one before.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Nearest {
     points: Vec<Point>,

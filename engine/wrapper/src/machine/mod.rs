@@ -5,6 +5,7 @@
 //! for that tool for a moment. It answers discovery when it is free, or held and asked by its holder.
 
 mod batched;
+mod complaints;
 mod early;
 mod offer;
 mod offloaded;
@@ -14,7 +15,7 @@ mod stepwise;
 mod timers;
 mod turns;
 
-use std::collections::{HashSet, VecDeque};
+use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -30,6 +31,7 @@ use crate::Identity;
 use crate::batch::Batch;
 use crate::job::Setup;
 use crate::run::Run;
+use complaints::Complaints;
 use early::Early;
 use offer::Offer;
 use offloaded::Work;
@@ -44,8 +46,6 @@ const SETTLE: Duration = Duration::from_millis(150);
 const KEPT: usize = 8;
 /// Hashes of runs that are remembered, so that each begins once.
 const BEGUN: usize = 64;
-/// Different complaints that are remembered, so that each is made once.
-const COMPLAINTS: usize = 1000;
 
 /// Most episodes of a batch, where the simulation can be duplicated.
 pub(crate) const MAX_BATCH: usize = 256;
@@ -82,7 +82,11 @@ pub struct Machine {
     begun: VecDeque<String>,
     /// The run before, whose hash a control{run: false} may still name.
     last: Option<(String, Option<String>)>,
-    complaints: HashSet<String>,
+    complaints: Complaints,
+    /// Complaints about another server with this id: no message of others hides them.
+    rivals: Complaints,
+    /// The time of the turn.
+    clock: Option<Instant>,
     published: Option<(PresenceState, Option<String>)>,
     /// What was published last, known or not, and since when it is so.
     since: Option<((PresenceState, Option<String>), String)>,
@@ -124,7 +128,9 @@ impl Machine {
             discovered: VecDeque::new(),
             begun: VecDeque::new(),
             last: None,
-            complaints: HashSet::new(),
+            complaints: Complaints::default(),
+            rivals: Complaints::default(),
+            clock: None,
             published: None,
             since: None,
             changed_at: None,
@@ -145,6 +151,7 @@ impl Machine {
 
     /// A message came in. Retained messages are outdated, except presence.
     pub fn receive(&mut self, topic: &str, payload: &[u8], retained: bool, now: Instant) {
+        self.clock = Some(now);
         let name = topic;
         let Some(topic) = self.topics.parse(name) else {
             return;
@@ -399,7 +406,8 @@ impl Machine {
 
     /// A warning that is made only once, however often its cause comes back.
     fn complain(&mut self, text: String) {
-        if self.complaints.len() < COMPLAINTS && self.complaints.insert(text.clone()) {
+        let now = self.clock.unwrap_or_else(Instant::now);
+        if self.complaints.make(&text, now) {
             self.warn(text);
         }
     }

@@ -20,7 +20,7 @@ use crate::job::{Done, Evaluation, Job, Request, Setup, invalid, metrics_wanted}
 /// Requests that may wait, and the bytes that they may hold.
 const MOST_WAITING: usize = 4096;
 const MOST_BYTES: usize = 4 * MAX_BLOCK;
-/// Numbers of an answer: a fitness and some metrics for every episode, and as much room again for reasons.
+/// Numbers of an answer: a fitness and some metrics for every episode, and as many again for reasons.
 const MOST_NUMBERS: usize = MAX_BLOCK / 8;
 /// A lease that ends later than this need not be watched.
 const LONGEST_LEASE: f64 = 1e6;

@@ -127,7 +127,15 @@ impl Machine {
     pub(super) fn other_presence(&mut self, presence: &Presence, retained: bool, now: Instant) {
         let other = presence.capabilities.swarmwright.as_ref();
         let instance = other.and_then(|other| other.instance.as_ref());
-        if presence.server != self.identity.id || instance == Some(&self.identity.instance) {
+        if presence.server != self.identity.id {
+            return;
+        }
+        if instance == Some(&self.identity.instance) {
+            // The last will of an earlier connection, which came late: no tool would use this server any more. What it says
+            // while it listens is its own word.
+            if presence.state == PresenceState::Lost && self.listening.is_none() {
+                self.say_again(now);
+            }
             return;
         }
         if presence.state == PresenceState::Lost {
@@ -169,10 +177,13 @@ impl Machine {
             });
             return;
         }
-        self.complain(format!(
+        let text = format!(
             "another server has the id {} too ({rival}); give one of them another --id",
             self.identity.id
-        ));
+        );
+        if self.rivals.make(&text, now) {
+            self.warn(text);
+        }
         self.say_again(now);
     }
 

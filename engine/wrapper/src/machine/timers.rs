@@ -32,13 +32,15 @@ impl Machine {
             self.next_early(),
             listened,
             self.next_leaving(),
+            self.complaints.due(),
+            self.rivals.due(),
         ]
         .into_iter()
         .flatten()
         .min()
     }
 
-    /// What came in at `turn` has been computed and sent only `now`: nobody could act on it before, however long the
+    /// What came in at `turn` has been computed and sent only `now`: no other party could act on it before, however long the
     /// simulation took.
     pub fn computed(&mut self, turn: Instant, now: Instant) {
         match &mut self.state {
@@ -65,6 +67,12 @@ impl Machine {
 
     /// Time has passed. `stamp` is now in RFC 3339, for presence.
     pub fn tick(&mut self, now: Instant, stamp: impl FnOnce() -> String) {
+        self.clock = Some(now);
+        let left_out = [self.complaints.left_out(now), self.rivals.left_out(now)];
+        left_out
+            .into_iter()
+            .flatten()
+            .for_each(|text| self.warn(text));
         self.refuse_early(now);
         self.leave_to_rival(now);
         if self.has_listened(now) {

@@ -1,5 +1,6 @@
 //! The server's shell: connection, clock, the machine's actions carried out.
 
+mod denials;
 mod keep_alive;
 mod rival;
 mod words;
@@ -21,6 +22,7 @@ use crate::machine::{Action, Machine, Notice};
 use crate::notice::Rival;
 use crate::progress::Progress;
 use crate::{Identity, identity};
+use denials::Denials;
 use keep_alive::KeepAlive;
 use rival::find_rival;
 use words::{is_scene, lost, refusal};
@@ -108,6 +110,11 @@ pub enum ServeError {
         /// The other server.
         rival: Rival,
     },
+    /// The broker does not distribute the presence of a server that begins, and closes the connection.
+    #[error(
+        "the broker closed the connection, since it denies what this server says of itself: {0}"
+    )]
+    Unannounced(String),
     /// There is nothing to offer.
     #[error("a server needs at least one simulation")]
     NoSimulation,
@@ -132,6 +139,9 @@ pub struct SimulationServer {
     ready: bool,
     /// Another server has the id: this one has left.
     rival: Option<Rival>,
+    denials: Denials,
+    /// The denial for which this one has left.
+    unannounced: Option<String>,
     /// What the operator is to know besides, once.
     warning: Option<String>,
 }
@@ -237,6 +247,8 @@ impl SimulationServer {
             on_frame: options.on_frame,
             events: early,
             rival: None,
+            denials: Denials::new(Instant::now()),
+            unannounced: None,
         };
         server.act(&mut |_| {});
         Ok(server)
@@ -245,7 +257,8 @@ impl SimulationServer {
     /// Serves until `keep_going`, asked at least every 0.1 s, says no; then leaves the broker in good order.
     ///
     /// # Errors
-    /// Another server got the id while this one was away: this one has left.
+    /// Another server got the id while this one was away: this one has left. Or the broker denies its presence from the
+    /// beginning, and closes the connection.
     pub fn run(
         mut self,
         mut on_notice: impl FnMut(&Notice),
@@ -302,6 +315,9 @@ impl SimulationServer {
         on_notice: &mut impl FnMut(&Notice),
     ) -> Result<(), ServeError> {
         self.turn(until, on_notice);
+        if let Some(denial) = self.unannounced.take() {
+            return Err(ServeError::Unannounced(denial));
+        }
         match self.rival.clone() {
             Some(rival) => Err(ServeError::IdLost { rival }),
             None => Ok(()),
@@ -341,9 +357,15 @@ impl SimulationServer {
                 }
                 Event::Connected => self.machine.connected(stamp(), now),
                 Event::Disconnected { reason, unread } => {
+                    self.unannounced = self.denials.reason_to_leave(now);
                     self.machine.disconnected(&lost(reason, unread), now);
                 }
-                Event::Denied { message, .. } => on_notice(&Notice::Warning(message)),
+                Event::Denied { topic, message } => {
+                    let is_presence = topic == self.topics.presence(self.id);
+                    if self.denials.note(&message, is_presence, now) {
+                        on_notice(&Notice::Warning(message));
+                    }
+                }
             }
         }
         if let Some(done) = self.evaluator.finished() {

@@ -14,7 +14,7 @@ def load() -> Exception | None:
     """Import mujoco; return why it cannot draw, None where it can.
 
     What MUJOCO_GL names is loaded with the library. Where that fails the library is imported without it,
-    since only films need it.
+    since only videos need it.
 
     Raises InputError when mujoco is not installed.
     """

@@ -1,4 +1,4 @@
-"""A film of robots in three dimensions: `python -m swarmwright.adapters.mujoco.film RUN FILE.gif`.
+"""A video of robots in three dimensions: `python -m swarmwright.adapters.mujoco.film RUN FILE.gif`.
 
 The best controller of a run is played in one of its episodes and rendered by MuJoCo. Where there is no screen
 the environment variable MUJOCO_GL says how: osmesa (Debian's package libosmesa6), or egl (libegl1).
@@ -73,16 +73,30 @@ def frames(
 def write(run: Run, path: Path, *, episode: int = 0, size: tuple[int, int] = (480, 360)) -> None:
     """Write a GIF of the best controller of a run, twice as fast as real time.
 
-    Raises InputError when the run is of another simulation or nothing can be drawn here, OSError.
+    Args:
+        run: whose best controller is shown.
+        path: of the file, which ends with .gif.
+        episode: number of the episode, from 0, among those of the best controller's generation.
+        size: width and height in pixels.
+
+    Raises InputError when the run is of another simulation or has no such episode, the file is not a GIF, or
+    nothing can be drawn here, OSError.
     """
+    if path.suffix.lower() != ".gif":
+        raise InputError(f"{path}: the video is a GIF; give a name that ends with .gif")
     kind = load(used_for(run, run.best.generation).simulation)
     if not issubclass(kind, Robots):
         raise InputError(f"{run.path}: {run.experiment.label} is not a MuJoCo robot simulation")
     parameters = dict(run.experiment.parameters)
     parameters.pop("seed", None)
     values = filled_in(declared(kind.parameters, kind.__name__), parameters)
-    seed = run.seeds(run.best.generation)[episode]
-    pictures = frames(kind(), run.best.controller, values, seed, size)
+    seeds = run.seeds(run.best.generation)
+    if not 0 <= episode < len(seeds):
+        raise InputError(
+            f"episode: {episode}: {run.path} has {len(seeds)} episode(s) of a candidate; give a number from "
+            f"0 to {len(seeds) - 1}"
+        )
+    pictures = frames(kind(), run.best.controller, values, seeds[episode], size)
     # Include rare colours: robots are small.
     palette = _strip(pictures[:: max(1, len(pictures) // 4)]).quantize(COLORS)
     indexed = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
@@ -108,7 +122,7 @@ def main(run: Path, file: Path, episode: int) -> None:
     try:
         write(Run.open(run), file, episode=episode)
     except (SwarmwrightError, OSError) as error:
-        click.echo(f"Error: {one_line(str(error))}", err=True)
+        click.echo(f"swarmwright: {one_line(str(error))}", err=True)
         sys.exit(2 if isinstance(error, InputError) else 1)
 
 

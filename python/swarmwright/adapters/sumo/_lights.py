@@ -75,7 +75,7 @@ class TrafficLights(Traffic):
                 self._since[light] = None
                 self._hold(light)
 
-    def look(self, lately: list[str]) -> NDArray[np.float64]:  # noqa: ARG002 - lights wait for nobody in particular
+    def look(self, lately: list[str]) -> NDArray[np.float64]:  # noqa: ARG002 - lights wait for no vehicle in particular
         """Return what the lights sense, (lights, 4)."""
         seen = np.zeros((len(self.lights), 4))
         for row, light in zip(seen, self.lights, strict=True):

@@ -1,9 +1,11 @@
 """Execution of a sweep's runs, sequentially or in parallel, with progress reports."""
 
+import logging
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 
+from swarmwright.analysis.sweep import record
 from swarmwright.analysis.sweep.file import Sweep
 from swarmwright.analysis.sweep.jobs import shares
 from swarmwright.analysis.sweep.run import BusyRunError, Executor, Task, UnreadableRunError, reason
@@ -123,6 +125,10 @@ def conduct(
     outcome = Outcome(tasks)
     noting = _Noting(outcome, listener)
     before = [_before(task) for task in tasks]  # report errors before anything is started
+    try:
+        record.write(sweep, tasks)
+    except InputError as error:  # a folder that may be read alone: finished runs are compared nevertheless
+        logging.getLogger("swarmwright").warning("%s", error)
     left = []
     for task, run in zip(tasks, before, strict=True):
         if isinstance(run, BusyRunError):
@@ -166,12 +172,12 @@ def _before(task: Task) -> Run | UnreadableRunError | None:
     """Return a run that is finished, or why it cannot be read; None for what is left to do."""
     try:
         run = task.found()
-        if run is None or run.interrupted:
+        if run is None:
             return None
     except UnreadableRunError as error:
         return error
     try:
-        return None if run.validation_is_due or run.transfer_is_due else run
+        return run if task.is_finished(run) else None
     except InputError as error:  # such as a plug-in that is not installed: the run itself is whole
         return UnreadableRunError(str(error))
 

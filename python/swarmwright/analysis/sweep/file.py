@@ -1,27 +1,33 @@
 """Sweep files: which variants of an experiment, with which seeds, where the results go."""
 
 import copy
+import hashlib
 import itertools
+import json
 import math
-from collections.abc import Iterable, Mapping
+from collections import Counter
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
-from swarmwright.analysis.groups import label_of, name_of
+from swarmwright.analysis.labels import label_alone, labels_of, name_of
 from swarmwright.core.errors import InputError
 from swarmwright.core.problems import shown
 from swarmwright.core.suggestions import did_you_mean
-from swarmwright.core.yaml import Source, read
+from swarmwright.core.yaml import Source, dotted_path, read
 from swarmwright.experiment.budget import LIMITS, sets_limit
 from swarmwright.experiment.experiment import Experiment
-from swarmwright.experiment.settings import assign, kept_options, key_path
+from swarmwright.experiment.settings import assign, kept_options, key_path, parse_settings
 from swarmwright.plug_ins import REGISTRIES
 from swarmwright.runs.folders import RUNS
 
 _KEYS = ("experiment", "grid", "seeds", "out")
 _SEEDS = 5
 _MOST_RUNS = 100_000
+_DIGITS = 6
+"""Hexadecimal digits of a variant's digest in the name of its folder."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,9 +37,13 @@ class Variant:
     label: str
     """What distinguishes it, in words."""
     folder: str
-    """The label as part of a file name, no other variant's."""
+    """Its values as part of a file name, no other variant's."""
     experiment: Experiment
     """With the seed of the file; the seeds of runs differ."""
+    alike: str = ""
+    """The name that its folder and those of other variants would have; empty where no other would."""
+    apart: str = ""
+    """A name instead of that, with a digest of its values."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +53,9 @@ class Sweep:
     variants: tuple[Variant, ...]
     seeds: tuple[int, ...]
     out: Path
+    file: Path | None = None
+    settings: tuple[str, ...] = ()
+    """What was set for all variants."""
 
     @classmethod
     def load(cls, path: str | Path, *, out: Path | None = None, settings: Iterable[str] = ()) -> Self:
@@ -98,16 +111,18 @@ class Sweep:
         for key in values:
             if key not in _KEYS:
                 raise InputError(f"{source.place((str(key),))}unknown key{did_you_mean(str(key), _KEYS)}")
+        settings = tuple(settings)
         experiment = _experiment(source, file, settings)
         seeds = _seeds(source)
         variants = _variants(source, experiment)
+        _require_effect(settings, values.get("grid"), experiment, variants)
         if len(variants) * len(seeds) > _MOST_RUNS:
             raise InputError(
                 f"{source.place(())}{len(variants)} variants with {len(seeds)} seeds each are too many runs, "
                 f"at most {_MOST_RUNS} are possible"
             )
         stem = f"{experiment.label}-sweep" if file is None else file.stem
-        return cls(variants, seeds, out or _out(source, stem))
+        return cls(variants, seeds, out or _out(source, stem), file, settings)
 
 
 def _listed(value: Any) -> Any:  # noqa: ANN401 - any value
@@ -139,13 +154,91 @@ def _experiment(source: Source, file: Path | None, settings: Iterable[str]) -> E
     return Experiment.load(path, settings)
 
 
+def _require_effect(
+    settings: Iterable[str],
+    grid: Any,  # noqa: ANN401 - whatever the file says
+    base: Experiment,
+    variants: Iterable[Variant],
+) -> None:
+    """Raise InputError for a setting that no variant would have, since each has a value of the grid.
+
+    Args:
+        settings: what is set.
+        grid: whose keys take the place of settings.
+        base: the experiment with the settings.
+        variants: of it.
+    """
+    grids = [one for one in (grid if isinstance(grid, list) else [grid]) if isinstance(one, Mapping)]
+    named = [{_path(str(key)): key for key in one} for one in grids]
+    for setting in parse_settings(settings):
+        path = setting.path
+        # A section of the grid, such as `method`, keeps the options that it does not name.
+        replaced = [path[:length] for length in range(2, len(path) + 1)] or [path]
+        keys = [next((one[part] for part in replaced if part in one), None) for one in named]
+        if keys and None not in keys:
+            raise InputError(
+                f"{setting.text}: every variant has another value, of '{keys[0]}' in the grid; leave it out, "
+                "or take the key out of the grid"
+            )
+        # Other keys can replace it as well: a limit all other limits, another kind the options of a kind.
+        for leaf in _leaves(path, setting.value) if grids else ():
+            value = _value(base, leaf)
+            if all(_value(one.experiment, leaf) != value for one in variants):
+                raise InputError(
+                    f"{setting.text}: no variant has this value of {dotted_path(leaf)}, because of "
+                    f"'{_replacing(base, leaf, grids)}' in the grid; leave it out, or take the key out of "
+                    "the grid"
+                )
+
+
+def _leaves(path: tuple[str, ...], value: Any) -> Iterator[tuple[str, ...]]:  # noqa: ANN401 - as in a file
+    """Yield the paths of what a setting sets: of all parts of a mapping."""
+    if not isinstance(value, Mapping) or not value:
+        yield path
+        return
+    for key, part in value.items():
+        yield from _leaves((*path, str(key)), part)
+
+
+def _value(experiment: Experiment, path: tuple[str, ...]) -> str | None:
+    """Return what an experiment has at a path, as text; None where there is nothing."""
+    value: Any = experiment.to_mapping()
+    for part in path:
+        if isinstance(value, Mapping) and part in value:
+            value = value[part]
+        elif isinstance(value, list | tuple) and part.isdecimal() and int(part) < len(value):
+            value = value[int(part)]
+        else:
+            return None
+    return json.dumps(value, sort_keys=True, default=str)
+
+
+def _replacing(base: Experiment, path: tuple[str, ...], grids: Iterable[Mapping[Any, Any]]) -> str:
+    """Return the key of the grid by which an experiment has another value at a path."""
+    keys = [(str(key), values) for one in grids for key, values in one.items()]
+    for key, values in keys:
+        with suppress(InputError):  # it may be possible only together with other keys
+            if _value(_changed(base, {key: values[0]}), path) != _value(base, path):
+                return key
+    return next((key for key, _ in keys if _path(key)[0] == path[0]), keys[0][0])
+
+
+def _path(key: str) -> tuple[str, ...]:
+    """Return the parts of a key of the grid, whose names need no quotes there."""
+    try:
+        return key_path(f"{key}=")[0]
+    except InputError:
+        return tuple(key.split("."))
+
+
 def _seeds(source: Source) -> tuple[int, ...]:
     seeds = source.values.get("seeds", _SEEDS)
     if _whole(seeds) and 1 <= seeds <= _MOST_RUNS:
         return tuple(range(1, seeds + 1))
     if isinstance(seeds, list) and seeds and all(_whole(seed) and seed >= 0 for seed in seeds):
-        twice = next((seed for seed in seeds if seeds.count(seed) > 1), None)
-        if twice is not None:
+        counts = Counter(seeds)
+        if len(counts) < len(seeds):
+            twice = next(seed for seed, count in counts.items() if count > 1)
             raise InputError(
                 f"{source.place(('seeds',))}the seed {twice} is there twice; runs with the same seed are the "
                 "same, so name each seed once"
@@ -177,22 +270,21 @@ def _variants(source: Source, base: Experiment) -> tuple[Variant, ...]:
         return (Variant(label, _file_name(label), base),)
     grid = source.values["grid"]
     grids = grid if isinstance(grid, list) and grid else [grid]
-    found: list[Variant] = []
-    names: set[str] = set()
+    combinations = []
     for index, one in enumerate(grids):
         at = ("grid", index) if isinstance(grid, list) and grid else ("grid",)
-        for changes in _combinations(source, one, at):
-            label = label_of(changes)
-            try:
-                experiment = _changed(base, changes)
-                experiment.check_new()
-            except InputError as error:
-                raise InputError(f"{source.place(at)}with {label}: {error}") from error
-            if any(experiment == other.experiment for other in found):
-                continue  # grids may overlap
-            folder = _unique(_file_name(label), names)
-            found.append(Variant(label, folder, experiment))
-    return tuple(found)
+        combinations += [(at, changes) for changes in _combinations(source, one, at)]
+    labels = labels_of([changes for _, changes in combinations])
+    found: dict[Experiment, tuple[str, dict[str, Any], Experiment]] = {}  # grids may overlap
+    for (at, changes), label in zip(combinations, labels, strict=True):
+        try:
+            experiment = _changed(base, changes)
+            experiment.check_new()
+        except InputError as error:
+            raise InputError(f"{source.place(at)}with {label}: {error}") from error
+        if experiment not in found:
+            found[experiment] = (label, changes, experiment)
+    return _with_folders(found.values())
 
 
 def _combinations(source: Source, grid: Any, at: tuple[Any, ...]) -> list[dict[str, Any]]:  # noqa: ANN401
@@ -288,10 +380,37 @@ def _file_name(label: str) -> str:
     return safe.strip("_.")[:80] or "variant"
 
 
-def _unique(name: str, names: set[str]) -> str:
-    found, number = name, 1
-    while found in names:
-        number += 1
-        found = f"{name}_{number}"
-    names.add(found)
-    return found
+def _with_folders(found: Iterable[tuple[str, Mapping[str, Any], Experiment]]) -> tuple[Variant, ...]:
+    """Return variants with the names of their folders, of which no two are the same.
+
+    A name depends on the variant's own values alone, so that it stays when values are added to the grid. Of
+    variants that would have one name, since long values are cut, all but the first have a digest of their
+    values in it.
+
+    Args:
+        found: label, values and experiment of each.
+    """
+    named = [
+        (_file_name(label_alone(values)), label, values, experiment) for label, values, experiment in found
+    ]
+    counts = Counter(name for name, *_ in named)
+    taken = set(counts)
+    variants = []
+    first = set(counts)
+    for name, label, values, experiment in named:
+        if counts[name] == 1:
+            variants.append(Variant(label, name, experiment))
+            continue
+        apart = _apart(name, values, taken)
+        taken.add(apart)
+        variants.append(Variant(label, name if name in first else apart, experiment, name, apart))
+        first.discard(name)
+    return tuple(variants)
+
+
+def _apart(name: str, values: Mapping[str, Any], taken: Collection[str]) -> str:
+    """Return a name with a digest of the values, of six digits unless that is taken."""
+    text = json.dumps(values, default=str, ensure_ascii=False)
+    digest = hashlib.sha256(text.encode()).hexdigest()
+    lengths = range(_DIGITS, len(digest) + 1)
+    return next(free for length in lengths if (free := f"{name}-{digest[:length]}") not in taken)

@@ -1,19 +1,24 @@
 """The number of parallel runs of a sweep, and the servers of each."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 
 from swarmwright import _engine
 from swarmwright.broker.credentials import from_keyring
-from swarmwright.core.errors import InputError
+from swarmwright.core.errors import InputError, PlugInError
+from swarmwright.core.plug_in_code import reported
 from swarmwright.evaluation import opening
 from swarmwright.evaluation.base import HERE, Servers, chosen
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.launchers.entries import written
+from swarmwright.methods import METHODS
 from swarmwright.simulations import catalogue
 from swarmwright.supervision.local_servers import automatic_count, processors
 
 _LISTEN = 1.0
 """Seconds for servers on a broker to say that they are there."""
+_ASSUMED = 50
+"""Candidates of a generation where their number depends on what only a server knows."""
 
 
 def shares(
@@ -75,7 +80,7 @@ def _served(experiments: Sequence[Experiment], broker: str) -> int:
     """Return how many runs the servers on a broker can serve at a time."""
     from_keyring(broker)
     first = experiments[0]
-    found = _engine.servers(broker, prefix=first.prefix, wait=_LISTEN)
+    found = _engine.servers(broker, prefix=first.with_environment().prefix, wait=_LISTEN)
     titles = {catalogue.title(one.simulation) for one in experiments}
     able = [
         one for one in found if one.get("state") != "lost" and titles <= set(one.get("simulations") or ())
@@ -87,7 +92,12 @@ def _at_a_time(experiment: Experiment) -> int:
     """Return how many evaluations of a run can be made at a time, each on another server."""
     options = experiment.method
     if options.operation == "steady_state":
-        return options.in_flight * experiment.ranking.episodes
-    population = getattr(options, "population", None)
-    candidates = population if isinstance(population, int) else 50
-    return candidates * int(getattr(options, "populations", 1)) * experiment.ranking.episodes
+        return int(options.in_flight) * experiment.ranking.episodes
+    representation = candidates = None
+    # InputError: where only a server knows the numbers of sensors and actuators. What fails in a plug-in is
+    # reported by the runs that use it.
+    with suppress(InputError, PlugInError), reported():
+        representation = experiment.representation()
+    with suppress(InputError, PlugInError), reported():
+        candidates = METHODS.get(options.kind).first_generation(options, representation)
+    return (candidates or _ASSUMED) * experiment.ranking.episodes

@@ -8,7 +8,7 @@ from statistics import fmean
 from swarmwright.analysis.sweep.execution import Listener
 from swarmwright.analysis.sweep.file import Variant
 from swarmwright.analysis.sweep.run import Task
-from swarmwright.optimization.generation import Generation
+from swarmwright.optimization.generation import Generation, how_far
 from swarmwright.runs.run import Run
 
 _MANY = 1000  # generations, where their number is not known
@@ -38,16 +38,15 @@ class UnderWay:
     def share(self) -> float:
         """How much of the run is done, 0 to 1."""
         if self.generation is None:
-            return self.part / (self.task.variant.experiment.generations or _MANY)
+            return self.part / (self.task.variant.experiment.budget.generations or _MANY)
         share = self.generation.share
         return min(share + self.part * share / self.done, 1.0)
 
     @property
     def words(self) -> str:
         """Which run it is, and how far: "nnga, seed 2: 7 of 20 generations"."""
-        whole = self.task.variant.experiment.generations
-        of = f" of {whole}" if whole else ""
-        return f"{self.task.variant.label}, seed {self.task.seed}: {self.done}{of} generations"
+        far = how_far(self.task.variant.experiment.budget, self.generation)
+        return f"{self.task.variant.label}, seed {self.task.seed}: {far}"
 
     def left(self, now: float) -> float | None:
         """Return seconds that it still takes; None before anything is known."""

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from swarmwright.analysis.comparison import Comparison, compare
-from swarmwright.analysis.groups import distinguishing, flattened_of
+from swarmwright.analysis.comparison import Comparison, compare, held_out_known
+from swarmwright.analysis.groups import as_written, distinguishing, flattened_of, written_missions
 from swarmwright.analysis.indicators import By, measure, quick_indicators
 from swarmwright.analysis.sweep.execution import Listener, conduct
 from swarmwright.analysis.sweep.file import Sweep
@@ -68,6 +68,7 @@ class SweepResult:
         """
         experiments = [flattened_of(run) for run in self.runs]
         differing = distinguishing(experiments)
+        missions = written_missions(self.runs)
         of_runs = {by: measure(by, self.runs)[1] for by in quick_indicators(self.runs)}
         return [
             {
@@ -80,7 +81,7 @@ class SweepResult:
                 "seconds": run.seconds,
                 "run": str(run.path),
                 **{by: values[index] for by, values in of_runs.items()},
-                **{key: one.get(key) for key in differing},
+                **as_written({key: one.get(key) for key in differing}, run, missions),
             }
             for index, (run, label, one) in enumerate(zip(self.runs, self.labels, experiments, strict=True))
         ]
@@ -102,11 +103,14 @@ class SweepResult:
     def plot(self, path: str | Path | None = None, *, x: str = "evaluations") -> "Figure":
         """Return the figure of the comparison; write it as well where a path is given (.png, .svg, .pdf).
 
+        Beside the curves of recorded fitness, it has fitness on held-out seeds where all runs were validated
+        and fitness depends on the seed.
+
         x: "evaluations" or "generations".
         """
         from swarmwright.figures.style import save
 
-        figure = self.compare().figure(x=x)
+        figure = self.compare(held_out=held_out_known(self.runs)).figure(x=x)
         if path is not None:
             save(figure, Path(path))
         return figure

@@ -1,9 +1,11 @@
 """Runs of a sweep: which are left to do, and the broker and servers that all of them share."""
 
+import dataclasses
 import json
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
+from itertools import chain, count
 from pathlib import Path
 from typing import Any, Self
 
@@ -12,18 +14,22 @@ from swarmwright.core.errors import InputError, SwarmwrightError
 from swarmwright.core.simulation_names import SimulationName
 from swarmwright.evaluation import opening
 from swarmwright.evaluation.base import HERE, Chosen, Progress, Servers, chosen
+from swarmwright.experiment.document import AUTO, Validate
 from swarmwright.experiment.experiment import ELSEWHERE, Experiment
 from swarmwright.launchers.entries import Entries
 from swarmwright.optimization.generation import OnGeneration
+from swarmwright.optimization.interruption import reported_by_caller
 from swarmwright.optimization.optimize import optimize, resume
 from swarmwright.runs.code import changed_code, check_trusted
 from swarmwright.runs.edits import differences
 from swarmwright.runs.run import Run
+from swarmwright.runs.transfer import at_end
+from swarmwright.runs.validation import is_due
 from swarmwright.store import FILE
 from swarmwright.store.folder import check_folder, without_store
 from swarmwright.store.lock import is_locked
 from swarmwright.supervision.local_servers import LocalServers
-from swarmwright.user_code.copying import shown
+from swarmwright.user_code.copying import display_name
 
 _NO_MATTER = ELSEWHERE | {"sensors", "actuators"}
 """Keys that say where it is computed, or that a server may have announced."""
@@ -104,9 +110,70 @@ class Task:
             )
         if run.state == "running":
             raise BusyRunError(self.folder)
-        if run.state != "done":
+        if run.state != "done" or self.validation_settings(run):
             check_trusted(run)  # workers, which continue it, cannot ask
         return run
+
+    def is_finished(self, run: Run) -> bool:
+        """Return whether nothing is left to do of the run that is there, its validation included.
+
+        Raises InputError where a plug-in that it needs is not installed.
+        """
+        if run.interrupted or run.validation_is_due or run.transfer_is_due:
+            return False
+        return not self.validation_settings(run)
+
+    def validation_settings(self, run: Run) -> list[str]:
+        """Return the settings with which the run that is there goes on to have the sweep's `validate`.
+
+        Empty where that is the same, or the run is finished and has as many held-out episodes and candidates:
+        a validation is not replaced by one with fewer episodes or candidates: the larger numbers are taken.
+        """
+        wanted, has = self.experiment.validate, run.experiment.validate
+        if wanted == has or run.state == "stopped":
+            return []
+        if not run.interrupted:
+            more = _asks_for_more(wanted, run)
+            wanted = _no_smaller(wanted, run)
+            asked = dataclasses.replace(run.experiment, validate=wanted)
+            transfers = wanted.transfers and at_end.is_due(asked, run.store)
+            if not transfers and not (more and is_due(asked, run.store, changed=True)):
+                return []
+        experiment = dataclasses.replace(self.experiment, validate=wanted)
+        return [f"validate={json.dumps(experiment.to_mapping()['validate'])}"]
+
+
+def _asks_for_more(wanted: Validate, run: Run) -> bool:
+    """Return whether a validation has more episodes or candidates than that of a run, or other seeds."""
+    if wanted.episodes == 0:
+        return False
+    found, has = run.validation, run.experiment.validate
+    if found is None:
+        return True
+    if wanted.episodes == AUTO:
+        return False
+    return (
+        wanted.episodes > len(found.best.seeds)
+        or wanted.candidates > has.candidates
+        or (wanted.seed is not None and wanted.seed != has.seed)
+    )
+
+
+def _no_smaller(wanted: Validate, run: Run) -> Validate:
+    """Return a validation with at least as many episodes and candidates as a run has been validated with."""
+    found, has = run.validation, run.experiment.validate
+    if found is None:
+        return wanted
+    if wanted.episodes in {0, AUTO}:
+        return wanted.model_copy(
+            update={"episodes": has.episodes, "candidates": has.candidates, "seed": has.seed}
+        )
+    return wanted.model_copy(
+        update={
+            "episodes": max(wanted.episodes, len(found.best.seeds)),
+            "candidates": max(wanted.candidates, len(found.candidates)),
+        }
+    )
 
 
 def tasks(sweep: Sweep) -> list[Task]:
@@ -114,11 +181,50 @@ def tasks(sweep: Sweep) -> list[Task]:
 
     A stopped sweep then has about equally many runs of each variant.
     """
+    alike = {_identity(one.experiment): one.alike for one in sweep.variants if one.alike}
+    there = {name: _there(sweep, name, alike) for name in set(alike.values())}
+    folders = [_folder(variant, there) for variant in sweep.variants]
     return [
-        Task(variant, seed, sweep.out / f"{variant.folder}-{seed}")
+        Task(variant, seed, sweep.out / f"{folder}-{seed}")
         for seed in sweep.seeds
-        for variant in sweep.variants
+        for variant, folder in zip(sweep.variants, folders, strict=True)
     ]
+
+
+def _folder(variant: Variant, there: Mapping[str, Mapping[str, str]]) -> str:
+    """Return the name of a variant's folders, without the seed.
+
+    Where several variants would have one name, that of the folders that hold runs of this one: variants of
+    other grids may have come before it, and earlier versions numbered them.
+
+    there: what `_there` returns, for each of these names.
+    """
+    if not variant.alike:
+        return variant.folder
+    found = there[variant.alike]
+    default = variant.apart if variant.alike in found.values() else variant.folder
+    return found.get(_identity(variant.experiment), default)
+
+
+def _there(sweep: Sweep, name: str, identities: Collection[str]) -> dict[str, str]:
+    """Return names of folders with runs of variants, the name and name_2, name_3, .., by their identities."""
+    found: dict[str, str] = {}
+    for numbered in chain([name], (f"{name}_{number}" for number in count(2))):
+        folders = (sweep.out / f"{numbered}-{seed}" for seed in sweep.seeds)
+        folder = next((one for one in folders if (one / FILE).exists()), None)
+        if folder is not None:
+            with suppress(InputError):  # of a run that is damaged
+                identity = _identity(Run.open(folder).experiment)
+                if identity in identities:
+                    found.setdefault(identity, numbered)
+        elif numbered != name:
+            break
+    return found
+
+
+def _identity(experiment: Experiment) -> str:
+    """Return what has to be the same in runs of a variant, as text."""
+    return json.dumps({**_values(experiment), "seed": None}, sort_keys=True)
 
 
 def _values(experiment: Experiment) -> dict[str, Any]:
@@ -130,8 +236,8 @@ def _values(experiment: Experiment) -> dict[str, Any]:
     if parsed.is_command:
         values["simulation"] = parsed.in_file(SimulationName.DEFINITION)
     else:
-        # A copy of a module is a file, which `shown` names as the experiment does: package.module:Class.
-        named = SimulationName.parse(shown(experiment.simulation))
+        # A copy of a module is a file; `display_name` is what the experiment calls it: package.module:Class.
+        named = SimulationName.parse(display_name(experiment.simulation))
         # The same file in any folder: `changed_code` compares its content.
         values["simulation"] = named.text if named.file is None else named.in_file(named.file.name)
     found: dict[str, Any] = json.loads(json.dumps(values, default=str))  # tuples are lists
@@ -221,9 +327,12 @@ class Executor:
         elif self._broker is None:
             where = {"servers": self._here, "on_progress": on_progress, "progress": False}
         try:
-            if task.found() is not None:
-                return resume(task.folder, on_generation, **where)
-            return optimize(task.experiment, on_generation, out=task.folder, **where)
+            found = task.found()
+            with reported_by_caller():
+                if found is not None:
+                    settings = task.validation_settings(found)
+                    return resume(task.folder, on_generation, settings=settings, **where)
+                return optimize(task.experiment, on_generation, out=task.folder, **where)
         except InputError as error:
             if is_locked(task.folder):  # another process began it in the meantime
                 raise BusyRunError(task.folder) from error

@@ -2,6 +2,7 @@
 
 import csv
 import io
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
@@ -13,8 +14,9 @@ from numpy.typing import NDArray
 
 from swarmwright.analysis.groups import RunGroup
 from swarmwright.analysis.significance import Difference, difference, holm
+from swarmwright.analysis.table_files import CSV, check
+from swarmwright.analysis.tasks import by_task
 from swarmwright.core.arguments import checked
-from swarmwright.core.errors import InputError
 from swarmwright.core.files import write_text
 from swarmwright.runs.transfer.transferred import Transferred
 
@@ -25,7 +27,7 @@ Values = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class DesignLoss:
+class GroupLoss:
     """The best candidates of runs that differ in the seed alone, in one target."""
 
     label: str
@@ -40,15 +42,34 @@ class DesignLoss:
 
 
 @dataclass(frozen=True)
-class DesignPair:
-    """Two designs, and whether one loses more."""
+class GroupPair:
+    """Two groups of runs, and whether one loses more."""
 
-    first: DesignLoss
-    second: DesignLoss
+    first: GroupLoss
+    second: GroupLoss
     difference: Difference
     """Of the losses, the first's against the second's; more is worse."""
     p_holm: float
-    """p, corrected for the number of pairs of this target after Holm."""
+    """p, corrected for the number of pairs of the task in this target after Holm."""
+
+    @property
+    def magnitude(self) -> str:
+        """The effect in words: negligible, small, medium or large; empty where `p_holm` is above 0.05."""
+        return self.difference.magnitude_at(self.p_holm)
+
+
+@dataclass(frozen=True)
+class GroupTask:
+    """Groups of runs that solve the same task, in one target."""
+
+    label: str
+    """What distinguishes the task, in words; empty where all groups are tested against each other."""
+    differs: dict[str, Any]
+    """Keys of the experiment that differ between the tasks, with this task's values."""
+    target: str
+    groups: tuple[GroupLoss, ...]
+    pairs: tuple[GroupPair, ...]
+    """Every group of the task against every later one."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +91,7 @@ class Transfer:
     """Caveats, a sentence each."""
 
     @cached_property
-    def designs(self) -> tuple[DesignLoss, ...]:
+    def group_losses(self) -> tuple[GroupLoss, ...]:
         """The losses of each group of runs, by the best of each run, target by target."""
         found = []
         for target in self.targets:
@@ -83,23 +104,28 @@ class Transfer:
                         for one in members
                     ]
                 ).T
-                found.append(DesignLoss(group.label, target, *columns))
+                found.append(GroupLoss(group.label, target, *columns))
         return tuple(found)
 
     @cached_property
-    def pairs(self) -> tuple[DesignPair, ...]:
-        """Every design against every later one, target by target."""
-        found: list[DesignPair] = []
+    def tasks(self) -> tuple[GroupTask, ...]:
+        """The groups by the task that they solve, target by target; tests are within a task.
+
+        Losses are differences of fitness, so those of unlike tasks have unlike units.
+        """
+        found = []
+        tasks = by_task(self.groups, by="fitness", held_out=False)
         for target in self.targets:
-            designs = [one for one in self.designs if one.target == target]
-            pairs = list(combinations(designs, 2))
-            differences = [difference(one.losses, other.losses) for one, other in pairs]
-            corrected = holm([one.p for one in differences])
-            found += [
-                DesignPair(one, other, of, p)
-                for (one, other), of, p in zip(pairs, differences, corrected, strict=True)
-            ]
+            losses = [one for one in self.group_losses if one.target == target]
+            for task in tasks:
+                members = tuple(losses[index] for index in task.indices)
+                found.append(GroupTask(task.label, task.differs, target, members, _tested(members)))
         return tuple(found)
+
+    @property
+    def pairs(self) -> tuple[GroupPair, ...]:
+        """Pairs of all tasks: every group against every later one of its task, target by target."""
+        return tuple(pair for task in self.tasks for pair in task.pairs)
 
     def __str__(self) -> str:
         from swarmwright.analysis.transfer.table import table
@@ -136,7 +162,7 @@ class Transfer:
 
         Raises InputError for another ending, and when the file cannot be written.
         """
-        check_table(Path(path))
+        check(Path(path), CSV)
         text = io.StringIO()
         table = csv.writer(text, lineterminator="\n")
         table.writerow(["run", "target", "generation", "candidate", "seed", "fitness", "fitness_in_target"])
@@ -150,7 +176,11 @@ class Transfer:
         write_text(path, text.getvalue())
 
 
-def check_table(path: Path) -> None:
-    """Raise InputError unless the table of a transfer can have this name."""
-    if path.suffix.lower() != ".csv":
-        raise InputError(f"{path}: the table of a transfer ends with .csv")
+def _tested(groups: Sequence[GroupLoss]) -> tuple[GroupPair, ...]:
+    pairs = list(combinations(groups, 2))
+    differences = [difference(one.losses, other.losses) for one, other in pairs]
+    corrected = holm([one.p for one in differences])
+    return tuple(
+        GroupPair(one, other, of, p)
+        for (one, other), of, p in zip(pairs, differences, corrected, strict=True)
+    )

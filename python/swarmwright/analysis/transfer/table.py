@@ -5,8 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from swarmwright.analysis.table import columns, number
-from swarmwright.core.formatting import p_value
+from swarmwright.analysis.table import columns, number, pair_mapping, pairs_table
 from swarmwright.core.untrusted import one_line
 
 if TYPE_CHECKING:
@@ -17,15 +16,13 @@ if TYPE_CHECKING:
 
 _CANDIDATES = 15
 """Most candidates of a run that are printed; the plain values and the table of episodes have all."""
-_PAIRS = 15
-"""Most pairs of designs that are printed; the plain values have all."""
 
 
 def table(transfer: "Transfer") -> str:
-    """Return a table for each target, then one of the designs, then notes."""
+    """Return a table for each target, then one of the groups, then notes."""
     lines = list(_one_run(transfer) if len(transfer.runs) == len(transfer.targets) else _runs(transfer))
-    if len(transfer.groups) > 1:
-        lines += ["", *_designs(transfer)]
+    if len(transfer.group_losses) > 1:
+        lines += ["", *_groups(transfer)]
     return "\n".join([*lines, *(f"Note: {one_line(note)}." for note in transfer.notes)])
 
 
@@ -73,31 +70,29 @@ def _of_run(one: "Transferred") -> list[str]:
     return [str(one.run.path), *map(number, numbers), _interval(one.losses[0]), order]
 
 
-def _designs(transfer: "Transfer") -> Iterator[str]:
-    for target in transfer.targets:
-        rows = [["design", "runs", "fitness", f"in {target}", "loss", "quartiles of the loss"]]
-        for one in transfer.designs:
-            if one.target == target:
-                low, high = np.quantile(one.losses, [0.25, 0.75])
-                medians = (
-                    float(np.median(values))
-                    for values in (one.source_fitness, one.target_fitness, one.losses)
-                )
-                row = [one.label, str(len(one.losses)), *map(number, medians)]
-                rows.append([*row, f"{number(low)} to {number(high)}"])
+def _groups(transfer: "Transfer") -> Iterator[str]:
+    """Yield the losses of each task's groups, and the tests between them."""
+    several = len(transfer.tasks) > len(transfer.targets)
+    for index, task in enumerate(transfer.tasks):
+        if index:
+            yield ""
+        if several:
+            yield f"Task: {one_line(task.label)}"
         yield "Medians of the runs' best:"
+        rows = [["group", "runs", "fitness", f"in {task.target}", "loss", "quartiles of the loss"]]
+        for one in task.groups:
+            low, high = np.quantile(one.losses, [0.25, 0.75])
+            medians = (
+                float(np.median(values)) for values in (one.source_fitness, one.target_fitness, one.losses)
+            )
+            row = [one.label, str(len(one.losses)), *map(number, medians)]
+            rows.append([*row, f"{number(low)} to {number(high)}"])
         yield from columns(rows)
-        rows = [["design", "against", "A12 of the loss", "effect", "difference", "p (Holm)"]]
-        pairs = [pair for pair in transfer.pairs if pair.first.target == target]
-        for pair in sorted(pairs, key=lambda one: one.difference.p)[:_PAIRS]:
-            found = pair.difference
-            row = [pair.first.label, pair.second.label, f"{found.effect:.2f}"]
-            row.append(found.magnitude or "too few runs")
-            rows.append([*row, number(found.shift), p_value(pair.p_holm)])
+        if task.pairs:
+            yield ""
+            yield from pairs_table(task.pairs, what=" of the loss")
+    if several:
         yield ""
-        yield from columns(rows)
-        if len(pairs) > _PAIRS:
-            yield f"and {len(pairs) - _PAIRS} pairs with larger p; --json has all"
 
 
 def _interval(estimate: "Estimate") -> str:
@@ -139,7 +134,7 @@ def to_mapping(transfer: "Transfer") -> dict[str, Any]:
             }
             for one in transfer.runs
         ],
-        "designs": [
+        "group_losses": [
             {
                 "label": one.label,
                 "target": one.target,
@@ -147,21 +142,17 @@ def to_mapping(transfer: "Transfer") -> dict[str, Any]:
                 "fitness_in_target": one.target_fitness.tolist(),
                 "loss": one.losses.tolist(),
             }
-            for one in transfer.designs
+            for one in transfer.group_losses
         ],
-        "pairs": [
+        "tasks": [
             {
-                "first": pair.first.label,
-                "second": pair.second.label,
-                "target": pair.first.target,
-                "u": pair.difference.u,
-                "p": pair.difference.p,
-                "p_holm": pair.p_holm,
-                "a12": pair.difference.effect,
-                "magnitude": pair.difference.magnitude or None,
-                "difference": pair.difference.shift,
+                "label": task.label,
+                "differs": task.differs,
+                "target": task.target,
+                "groups": [one.label for one in task.groups],
             }
-            for pair in transfer.pairs
+            for task in transfer.tasks
         ],
+        "pairs": [{**pair_mapping(pair), "target": pair.first.target} for pair in transfer.pairs],
         "notes": list(transfer.notes),
     }

@@ -3,14 +3,17 @@
 import math
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 
+from swarmwright.analysis.caveats import pooled, ties
 from swarmwright.analysis.groups import RunGroup, group
+from swarmwright.analysis.tasks import by_task, different_tasks, untested
 from swarmwright.analysis.transfer.result import Transfer
 from swarmwright.core.arguments import checked, listed, text
 from swarmwright.core.errors import InputError
 from swarmwright.evaluation.base import Progress, Servers
 from swarmwright.experiment.ranges import E_PUCKS, Range, ranges_of, require_e_pucks
-from swarmwright.experiment.targets import Target, targets_of
+from swarmwright.experiment.targets import OtherSimulation, Target, is_same, targets_of
 from swarmwright.runs.code import used_for
 from swarmwright.runs.post_evaluation import unseen_seeds
 from swarmwright.runs.run import Run, run_of
@@ -22,7 +25,7 @@ from swarmwright.runs.validation import leading
 CANDIDATES, SEEDS = 10, 30
 """Unless other numbers are given."""
 FEW = 5
-"""Runs of a design below which a test has little power."""
+"""Runs of a group below which a test has little power."""
 
 
 @checked
@@ -38,6 +41,7 @@ def transfer(
     seed: int | None = None,
     broker: str | None = None,
     servers: Servers | None = None,
+    prefix: str | None = None,
     on_progress: Progress | None = None,
 ) -> Transfer:
     """Evaluate the best candidates of runs in other simulations, and say what they lose.
@@ -46,7 +50,8 @@ def transfer(
     in models sampled around their own, is a sign of what they will lose on robots.
 
     Args:
-        runs: run folders, or runs. Those that differ in the seed alone are one design; designs are compared.
+        runs: run folders, or runs. Those that differ in the seed alone are one group; groups that
+            solve the same task are compared.
         to: names of simulations, as in experiments, which have the same sensors and actuators; or files
             (.yaml) with the keys of the experiment that differ, such as simulation, parameters and servers.
         vary: key of a parameter -> its lowest and highest value, both included; whole numbers where both
@@ -61,6 +66,8 @@ def transfer(
         broker: of the servers that offer simulations which are not here, and of all where the run had a
             broker; not for targets whose file names servers or a broker.
         servers: as in `optimize`, likewise.
+        prefix: of topics, instead of the runs' and targets'; not for targets whose file names servers or a
+            broker.
         on_progress: as in `optimize`.
 
     Raises:
@@ -91,10 +98,13 @@ def transfer(
     plans = [_plan(run, targets, candidates, random, seeds) for run in kept]
     for plan in plans:
         plan.check(broker)
-    work = Work(episodes, broker, servers, on_progress, sum(plan.episodes(seeds) for plan in plans))
+    total = sum(plan.episodes(seeds) for plan in plans)
+    work = Work(episodes, broker, servers, on_progress, total, prefix=prefix)
     found = [one for run, plan in zip(kept, plans, strict=True) for one in _of(run, plan, work)]
     names = tuple(target.name for target in targets)
-    return Transfer(tuple(episodes), names, tuple(found), tuple(groups), (*notes, *_cautions(groups, found)))
+    said = (*notes, *_same(plans), *_cautions(groups, found))
+    result = Transfer(tuple(episodes), names, tuple(found), tuple(groups), said)
+    return replace(result, notes=(*said, *ties(result.pairs)))
 
 
 def _plan(run: Run, targets: Sequence[Target], candidates: int, random: int, seeds: int) -> Plan:
@@ -111,6 +121,21 @@ def _of(run: Run, plan: Plan, work: Work) -> Iterator[Transferred]:
         yield Transferred(run, target.name, plan.candidates, source, there, ranking)
 
 
+def _same(plans: Sequence[Plan]) -> Iterator[str]:
+    """Yield which targets are the simulations that the candidates were evolved in."""
+    same = {
+        target.name: None
+        for plan in plans
+        for target, experiments in plan.targets
+        if isinstance(target, OtherSimulation) and is_same(experiments[0], plan.experiment)
+    }
+    for name in same:
+        yield (
+            f"{name} is what candidates were evolved in, with the same parameters: nothing is lost there but "
+            "by chance; to change parameters, name a file (.yaml) with those that differ, or vary them"
+        )
+
+
 def _cautions(groups: Sequence[RunGroup], found: Sequence[Transferred]) -> Iterable[str]:
     failed = {one.target: 0 for one in found}
     for one in found:
@@ -119,7 +144,15 @@ def _cautions(groups: Sequence[RunGroup], found: Sequence[Transferred]) -> Itera
         if count:
             yield f"{count} episodes failed in {target} and are left out"
     if len(groups) > 1 and min(len(one.runs) for one in groups) < FEW:
-        yield f"with fewer than {FEW} runs of a design a test has little power"
+        yield f"with fewer than {FEW} runs of a group a test has little power"
+    tasks = by_task(groups, by="fitness", held_out=False)
+    if any(len(one.indices) > 1 for one in tasks) and len(tasks) > 1:
+        yield different_tasks()
+    members = [(one.differs, [groups[index].label for index in one.indices]) for one in tasks]
+    alone = untested(members)
+    if alone is not None:
+        yield alone
+    yield from pooled(groups, tasks)
     if any(not math.isfinite(one.losses[0].mean) for one in found):
         yield "the best of a run failed in every episode"
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from swarmwright.conformance._client import TO_SERVER, TOPICS, Client
 from swarmwright.conformance._process import Process
 from swarmwright.conformance._proxy import Door
+from swarmwright.conformance.optimizer._requests import OTHER_MODES
 from swarmwright.conformance.optimizer._stage import TOOL_TOPICS, Actor, Record, Stage
 from swarmwright.conformance.rules import Failure, Rule, Skip
 
@@ -46,6 +47,35 @@ class Tool:
     def plain(self) -> Record:
         """Two servers that keep all rules."""
         return self.scene("plain", [Actor(1), Actor(2)])
+
+    def stepwise(self) -> Record:
+        """As `plain`; skips the rule where the tool evaluates in no episodes of its own.
+
+        An exit status is no mistake of a tool that finds no server for its mode; to be killed by a signal is.
+        """
+        record = self.plain()
+        crashed = record.status is not None and record.status < 0
+        if not crashed and not record.on("parameters") and (found := self.other_mode()):
+            raise Skip(
+                f"the tool evaluates nothing stepwise, only {found}; with stepwise servers: "
+                f"{record.ended or 'it sent no parameters'}",
+                doubt="it played no episode stepwise: is that meant?",
+            )
+        return record
+
+    def other_mode(self) -> str:
+        """The first mode with requests that the tool uses, where servers offer it; empty for none."""
+        for mode in OTHER_MODES:
+            # A tool that the kit does not start plays one scene only.
+            with suppress(Skip):
+                if self.requests(mode).requests:
+                    return mode
+        return ""
+
+    def requests(self, mode: str) -> Record:
+        """Two servers that offer one of `OTHER_MODES`, where that is what the tool uses."""
+        kind = OTHER_MODES[mode]
+        return self.scene(mode, [kind(1), kind(2)], mode="auto")
 
     def scene(
         self,
@@ -140,7 +170,7 @@ class Tool:
 
 def must_go_on(tool: Tool, name: str, actors: Sequence[Actor], sent: str) -> Record:
     """Play a scene; Failure unless as many episodes come to their end as without trouble."""
-    wanted = len(tool.plain().finished)
+    wanted = len(tool.stepwise().finished)
     record = tool.scene(name, actors)
     if "reaction" in record.notes:
         expected = "silence: the right message is still to come"

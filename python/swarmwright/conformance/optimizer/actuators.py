@@ -4,16 +4,18 @@ import json
 from collections import Counter
 from collections.abc import Iterator
 
+import numpy as np
+
 from swarmwright.conformance._server_under_test import is_number
 from swarmwright.conformance.optimizer._rules import rule
-from swarmwright.conformance.optimizer._stage import AGENTS, STEPS, Actor, Played
+from swarmwright.conformance.optimizer._stage import AGENTS, STEPS, Actor, Played, sensed
 from swarmwright.conformance.optimizer._tool import Tool, must_go_on
 from swarmwright.conformance.rules import Failure, Skip
 
 
 def answers(tool: Tool) -> Iterator[tuple[Played, int, int, list[object]]]:
     """Every answer of finished episodes: episode, agent, turn, actuators."""
-    for episode in tool.plain().finished:
+    for episode in tool.stepwise().finished:
         for (agent, turn), values in episode.answers.items():
             yield episode, agent, turn, values
 
@@ -29,7 +31,7 @@ def answers(tool: Tool) -> Iterator[tuple[Played, int, int, list[object]]]:
 )
 def one_each(tool: Tool) -> str:
     """Nothing is missing, nothing comes twice."""
-    record = tool.plain()
+    record = tool.stepwise()
     if record.unasked:
         raise Failure(f"{record.unasked[0]} came", "one answer for each agent that was asked")
     count = sum(len(episode.answers) for episode in record.finished)
@@ -81,7 +83,7 @@ def in_range(tool: Tool) -> None:
 )
 def own_states(tool: Tool) -> None:
     """Two agents that sense the same in every turn."""
-    for episode in tool.plain().finished:
+    for episode in tool.stepwise().finished:
         for turn in range(STEPS):
             found = [episode.answers.get((agent, turn)) for agent in range(AGENTS)]
             told = [json.dumps(values) for values in found if values is not None]
@@ -103,7 +105,7 @@ def reset(tool: Tool) -> str:
     episodes = tool.settings.episodes
     if episodes is None or episodes < 2:
         raise Skip("give --episodes K, in how many episodes the tool evaluates each candidate, 2 at least")
-    trajectories = Counter(episode.trajectory() for episode in tool.plain().finished)
+    trajectories = Counter(episode.trajectory() for episode in tool.stepwise().finished)
     odd = [trajectory for trajectory, count in trajectories.items() if count % episodes]
     if odd:
         total = sum(trajectories.values())
@@ -127,3 +129,36 @@ def drop_outs(tool: Tool) -> None:
     """Two servers whose agents are out one after the other, asked at once and in turn."""
     actors = [Actor(1, drops=True), Actor(2, in_turn=True, drops=True)]
     must_go_on(tool, "drop-outs", actors, "no more sensor messages of agent 1 in the last step")
+
+
+class Spelled(Actor):
+    """Says the same binary32 to its agents in two ways: to the first in few digits, to the other in all."""
+
+    def sense(self, agent: int) -> None:
+        """Publish a sensor message with numbers of which none is short in binary."""
+        assert self.episode is not None
+        exact = np.array(sensed(self.turns[agent], self.stage.sensors), np.float32) * np.float32(0.1)
+        values = [float(value) if agent else float(str(value)) for value in exact]
+        about = {"simulation": self.title, "simulation_hash": self.episode.hash}
+        self.says("sensor", **about, agent=agent, sensor=values)
+
+
+@rule(
+    "O3.7",
+    "Sensors are read as the nearest IEEE binary32: agents that have sensed 0.1 and 0.10000000149011612, "
+    "which is the same, act the same.",
+    where="protocol.md, Reading; decision 002",
+    fix="round each number of a sensor message to binary32 before the controller gets it: Math.fround in "
+    "JavaScript, numpy.float32 in Python",
+    needs=["O3.4"],
+    seconds=600,
+)
+def binary32(tool: Tool) -> None:
+    """Servers that say what two agents sense in two ways."""
+    record = must_go_on(tool, "spelled", [Spelled(1), Spelled(2)], "sensors in all digits of a binary32")
+    for episode in record.finished:
+        for turn in range(STEPS):
+            one, other = (episode.answers.get((agent, turn)) for agent in range(AGENTS))
+            if one is not None and other is not None and one != other:
+                came = f"in turn {turn} the agents do {json.dumps(one)} and {json.dumps(other)}"
+                raise Failure(came, "the same: they have sensed the same binary32 in two spellings")

@@ -4,6 +4,7 @@ import json
 import time
 
 from swarmwright.conformance._server_under_test import is_number
+from swarmwright.conformance.optimizer._requests import Batching, Offloading
 from swarmwright.conformance.optimizer._rules import rule
 from swarmwright.conformance.optimizer._stage import Actor, Json
 from swarmwright.conformance.optimizer._tool import Tool
@@ -50,14 +51,17 @@ def asks(tool: Tool) -> str:
 )
 def only_those_who_answered(tool: Tool) -> None:
     """Nothing for a server with another ID, and something for one that answered."""
-    record = tool.plain()
+    record = tool.stepwise()
     known = {1, 2}
     for topic in ("parameters", "control"):
         for content in record.on(topic):
             if content.get("server") not in known:
                 raise Failure(f"{topic} {json.dumps(content)}", f"messages for the servers {sorted(known)}")
     if not record.on("parameters"):
-        raise Failure(f"no parameters came; {record.ended}", "parameters for a server that answered")
+        expected = "parameters for a server that answered"
+        if tool.process is None:
+            expected += "; let the kit start the tool (--exec) if it only offloads or steps batches"
+        raise Failure(f"no parameters came; {record.ended or 'the tool was silent'}", expected)
 
 
 class Late(Actor):
@@ -71,6 +75,14 @@ class Late(Actor):
         return time.monotonic() > self.since + 2 and super().answers(content)
 
 
+class LateOffloading(Late, Offloading):
+    """The same, for tools that offload all they evaluate."""
+
+
+class LateBatching(Late, Batching):
+    """The same, for tools that evaluate in batches only."""
+
+
 @rule(
     "O1.3",
     "It asks again until a server is free.",
@@ -81,9 +93,10 @@ class Late(Actor):
 )
 def asks_again(tool: Tool) -> str:
     """One server, which is taken for two seconds."""
-    record = tool.scene("late", [Late(1)])
-    if not record.finished:
-        raise Failure(
-            f"no episode came; {record.ended}", "an episode once the server is free", "silence for 2 s"
-        )
+    mode = "stepwise" if tool.plain().on("parameters") else tool.other_mode()
+    late = {"offloaded": LateOffloading, "batched": LateBatching}.get(mode, Late)
+    record = tool.scene("late", [late(1)], mode="stepwise" if late is Late else "auto")
+    if not (record.finished or record.requests):
+        came = f"no episode and no request came; {record.ended}"
+        raise Failure(came, "an episode once the server is free", "silence for 2 s")
     return f"{len(record.on('discovery'))} discoveries"

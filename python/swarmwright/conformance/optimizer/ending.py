@@ -40,7 +40,7 @@ def must_give_back(record: Record) -> None:
 )
 def gives_back(tool: Tool) -> str:
     """The last control for each server."""
-    record = tool.plain()
+    record = tool.stepwise()
     name = named(record)
     must_give_back(record)
     return f'it calls itself "{name}"'
@@ -56,7 +56,7 @@ def gives_back(tool: Tool) -> str:
 )
 def interrupted(tool: Tool) -> str:
     """SIGINT in the middle of an episode."""
-    tool.plain()
+    tool.stepwise()
     record = tool.scene("interrupt", [Slow(1), Slow(2)], interrupt=True)
     if not record.ended:
         raise Failure(f"it went on for {record.seconds:.0f} s", "its end", "SIGINT")

@@ -22,7 +22,7 @@ EPISODE = "protocol.md, An episode"
 )
 def parameters_first(tool: Tool) -> str:
     """Each control that starts an episode."""
-    record = tool.plain()
+    record = tool.stepwise()
     configured: set[tuple[object, object]] = set()
     for topic, content in record.messages:
         key = (content.get("server"), content.get("simulation_hash"))
@@ -49,7 +49,7 @@ def parameters_first(tool: Tool) -> str:
 )
 def types(tool: Tool) -> None:
     """Every message of a run."""
-    record = tool.plain()
+    record = tool.stepwise()
     if record.wrong:
         raise record.wrong[0]
     for topic, content in record.messages:
@@ -83,7 +83,7 @@ def _whole(value: object) -> bool:
 )
 def hashes(tool: Tool) -> str:
     """Two servers at once."""
-    record = tool.plain()
+    record = tool.stepwise()
     if "same hash" in record.notes:
         raise Failure(f"the hash {record.notes['same hash']}", "a different hash for each episode")
     if record.together < 2:
@@ -117,7 +117,7 @@ def not_retained(tool: Tool) -> None:
 )
 def one_at_a_time(tool: Tool) -> str:
     """No control with a new hash before the fitness of the one before."""
-    record = tool.plain()
+    record = tool.stepwise()
     stopped = [episode for episode in record.episodes if episode.ended == "stopped"]
     if stopped:
         raise Failure(

@@ -1,107 +1,32 @@
 """O6: requests to servers that offer extensions."""
 
-import re
-from typing import Any
-
-import msgpack
-import numpy as np
-
-from swarmwright import _engine
-from swarmwright.conformance._client import TO_TOOL, Message
-from swarmwright.conformance._extensions import KINDS, decoded
+from swarmwright.conformance.optimizer._requests import Offloading
 from swarmwright.conformance.optimizer._rules import rule
-from swarmwright.conformance.optimizer._stage import AGENTS, STEPS, Actor, Json, Record, sensed
+from swarmwright.conformance.optimizer._stage import Json, Record
 from swarmwright.conformance.optimizer._tool import Tool
 from swarmwright.conformance.rules import Failure, Skip
 
 NUMBERS = "protocol.md, Messages of numbers"
-REPLY = re.compile(f"{re.escape(TO_TOOL)}[A-Za-z0-9_-]{{1,200}}")
-
-
-class Offloading(Actor):
-    """Evaluates controllers: the fitness of each is the mean of its weights."""
-
-    modes = ("stepwise", "offloaded")
-
-    def announced(self) -> Json:
-        """Offloaded evaluation, batches of four."""
-        return {"modes": list(self.modes), "controllers": list(KINDS), "batch": 4}
-
-    def requested(self, message: Message) -> None:
-        """Check a request, and serve it."""
-        try:
-            request = decoded(message)
-            self.stage.record.requests.append(request)
-            self.serve(request)
-        except Failure as failure:
-            self.stage.record.wrong.append(failure)
-
-    def serve(self, request: Json) -> None:
-        """Evaluate."""
-        if request.get("kind") == "evaluate":
-            weights, seeds = checked(request, self.stage.title_for(request))
-            self.stage.record.evaluated += len(weights) * len(seeds)
-            fitness = np.repeat(weights.astype(np.float64).mean(axis=1), len(seeds))
-            self.reply(request, fitness=fitness.tobytes(), seconds=0.0)
-
-    def reply(self, request: Json, **fields: Any) -> None:  # noqa: ANN401 - MessagePack
-        """Answer."""
-        kind = "evaluated" if request["kind"] == "evaluate" else "sensors"
-        message = {"kind": kind, "version": 1, "request": request["request"], "server": self.server, **fields}
-        payload = msgpack.packb(message)
-        self.stage.client.publish(
-            request["reply"], payload, correlation=request["request"].to_bytes(8, "big"), response=""
-        )
-
-
-def checked(request: Json, title: object) -> tuple[np.ndarray, np.ndarray]:
-    """Weights (candidates, weights) and seeds of a request. Raises Failure when it is wrong."""
-    envelope(request, title)
-    brief = str({key: value for key, value in request.items() if not isinstance(value, bytes)})
-    controller = request.get("controller")
-    if not isinstance(controller, dict) or "weights" in controller:
-        raise Failure(brief, '"controller" is a specification without weights')
-    try:
-        size = _engine.genome_size(controller)
-    except _engine.InputError as error:
-        raise Failure(f"controller {controller}: {error}", "a specification of protocol/schemas") from None
-    numbers = array(request, "genomes", "<f4")
-    if len(numbers) % size or not len(numbers) or not np.isfinite(numbers).all():
-        came = f"{len(numbers)} numbers in genomes, finite or not, for a controller of {size} weights"
-        raise Failure(came, f"finite numbers, a multiple of {size}")
-    for key, least in (("attempt", 0), ("lease", 0)):
-        if not isinstance(request.get(key), int | float) or request[key] < least:
-            raise Failure(brief, f'"{key}" is a number from {least}')
-    return numbers.reshape(-1, size), array(request, "seeds", "<u8")
-
-
-def envelope(request: Json, title: object) -> None:
-    """What all requests have. Raises Failure when it is wrong."""
-    brief = str({key: value for key, value in request.items() if not isinstance(value, bytes)})
-    if request.get("version") != 1 or not isinstance(request.get("request"), int):
-        raise Failure(brief, '"version" is 1, "request" a number')
-    if not isinstance(request.get("tool"), str) or not REPLY.fullmatch(str(request.get("reply"))):
-        raise Failure(brief, f'"tool" is text, "reply" {TO_TOOL} and letters, digits, - or _')
-    if request.get("simulation") != title or not isinstance(request.get("parameters"), dict):
-        raise Failure(brief, f'"simulation" is {title!r}, "parameters" an object')
-    if not len(array(request, "seeds", "<u8")):
-        raise Failure(brief, "one seed at least")
-
-
-def array(request: Json, key: str, kind: str) -> np.ndarray:
-    """A binary array. Raises Failure when it is not one."""
-    value = request.get(key)
-    if not isinstance(value, bytes) or len(value) % np.dtype(kind).itemsize:
-        raise Failure(f'"{key}" is {value!r}', f"MessagePack binary of {np.dtype(kind).name}")
-    return np.frombuffer(value, dtype=kind)
 
 
 def offloaded(tool: Tool) -> Record:
     """A run on two servers that evaluate; skips the rule when the tool does not let them."""
-    record = tool.scene("offloaded", [Offloading(1), Offloading(2)], mode="auto")
+    record = tool.requests("offloaded")
     if not record.requests:
         raise Skip("the tool sends no evaluate: it does not offload")
     return record
+
+
+def must_be_whole(tool: Tool, record: Record, done: str) -> None:
+    """Failure unless as many episodes were evaluated as stepwise; those of a tool of one mode are not known.
+
+    done: what was done with them, in words.
+    """
+    wanted = len(tool.plain().finished)
+    if wanted and record.evaluated < wanted:
+        raise Failure(f"{record.evaluated} of {wanted} episodes were {done}; {record.ended}", "a whole run")
+    if not wanted and (not record.evaluated or record.status):
+        raise Failure(f"{record.evaluated} episodes were {done}; {record.ended}", "a whole run, and status 0")
 
 
 @rule(
@@ -120,11 +45,7 @@ def evaluates(tool: Tool) -> str:
     numbers = [request.get("request") for request in record.requests]
     if len(set(numbers)) < len(numbers):
         raise Failure(f"the requests {numbers}", "a new number for each request")
-    wanted = len(tool.plain().finished)
-    if record.evaluated < wanted:
-        raise Failure(
-            f"{record.evaluated} of {wanted} episodes were asked for; {record.ended}", "a whole run"
-        )
+    must_be_whole(tool, record, "asked for")
     return f"{record.evaluated} episodes in {len(numbers)} requests"
 
 
@@ -153,73 +74,13 @@ class Refusing(Offloading):
 )
 def refused(tool: Tool) -> str:
     """One server that refuses the first request, one that does not."""
-    offloaded(tool)
+    without = offloaded(tool)
+    wanted = len(tool.plain().finished) or without.evaluated
     record = tool.scene("refused", [Refusing(1), Offloading(2)], mode="auto")
-    wanted = len(tool.plain().finished)
     if record.evaluated < wanted:
         came = f"{record.evaluated} of {wanted} episodes were evaluated; {record.ended}"
         raise Failure(came, "a whole run", "error taken for the first request to server 1")
     return f"in {record.seconds:.1f} s"
-
-
-class Batching(Offloading):
-    """Steps batches of up to four episodes."""
-
-    modes = ("stepwise", "batched")
-
-    def __init__(self, server: int) -> None:
-        super().__init__(server)
-        self.batch: Json | None = None
-        self.step = 0
-
-    def serve(self, request: Json) -> None:
-        """Start a batch, or make a step."""
-        if request.get("kind") == "start":
-            envelope(request, self.stage.title_for(request))
-            if len(array(request, "seeds", "<u8")) > 4:
-                raise Failure(f"{len(request['seeds']) // 8} episodes", "4 at most, as announced")
-            self.batch, self.step = request, 0
-            self.tell()
-        elif request.get("kind") == "actuators" and self.batch is not None:
-            self.take(request, self.batch)
-
-    def take(self, request: Json, batch: Json) -> None:
-        """Check actuators; go on."""
-        values = array(request, "actuators", "<f4")
-        if not len(values):
-            self.batch = None
-            return
-        rows = len(batch["seeds"]) // 8 * AGENTS
-        if request.get("request") != batch["request"] or request.get("step") != self.step:
-            raise Failure(
-                f"request {request.get('request')}, step {request.get('step')}",
-                f"{batch['request']}, {self.step}",
-            )
-        if len(values) != rows * self.stage.actuators or not (np.abs(values) <= 1).all():
-            came = f"{len(values)} actuators up to {np.abs(values).max()}"
-            raise Failure(came, f"{rows} rows of {self.stage.actuators}, from -1 to +1")
-        self.step += 1
-        self.tell()
-
-    def tell(self) -> None:
-        """The sensors of the step, or the fitness of all episodes."""
-        assert self.batch is not None
-        episodes = np.arange(len(self.batch["seeds"]) // 8, dtype="<u4")
-        over = self.step == STEPS
-        rows = np.empty(0, dtype="<u4") if over else np.repeat(episodes, AGENTS)
-        values = np.array(sensed(self.step, self.stage.sensors), dtype="<f4")
-        self.reply(
-            self.batch,
-            step=self.step,
-            episodes=rows.tobytes(),
-            agents=np.tile(np.arange(AGENTS, dtype="<u4"), len(rows) // AGENTS).tobytes(),
-            sensors=np.tile(values, len(rows)).astype("<f4").tobytes(),
-            ended=episodes.tobytes() if over else b"",
-            fitness=np.zeros(len(episodes)).tobytes() if over else b"",
-        )
-        if over:
-            self.stage.record.evaluated += len(episodes)
-            self.batch = None
 
 
 @rule(
@@ -232,13 +93,11 @@ class Batching(Offloading):
 )
 def batches(tool: Tool) -> str:
     """A run on two servers that announce batched, four episodes at a time."""
-    record = tool.scene("batched", [Batching(1), Batching(2)], mode="auto")
+    record = tool.requests("batched")
     starts = [request for request in record.requests if request.get("kind") == "start"]
     if not starts:
         raise Skip("the tool sends no start: it does not use batches")
     if record.wrong:
         raise record.wrong[0]
-    wanted = len(tool.plain().finished)
-    if record.evaluated < wanted:
-        raise Failure(f"{record.evaluated} of {wanted} episodes were played; {record.ended}", "a whole run")
+    must_be_whole(tool, record, "played")
     return f"{record.evaluated} episodes in {len(starts)} batches"

@@ -76,7 +76,7 @@ def lost(tool: Tool) -> str:
 )
 def cut(tool: Tool) -> str:
     """The connection is cut in the middle of an episode."""
-    wanted = len(tool.plain().finished)
+    wanted = len(tool.stepwise().finished)
     record = tool.scene("cut", [Patient(1), Patient(2)], cut=True)
     if len(record.finished) < wanted:
         came = (

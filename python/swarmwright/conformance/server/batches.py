@@ -1,5 +1,6 @@
 """S10: batched episodes, one message per step."""
 
+import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -15,16 +16,23 @@ from swarmwright.conformance._extensions import (
     error_of,
     free_again,
     must_be_refused,
+    next_answer,
     numbers,
     played,
 )
 from swarmwright.conformance._server_under_test import Json, Server
 from swarmwright.conformance._trajectory import Steer, Trajectory, same
-from swarmwright.conformance.rules import Failure, Skip
+from swarmwright.conformance.rules import Failure, Note, Skip
 from swarmwright.conformance.server._rules import rule
-from swarmwright.conformance.server.reservation import must_be_taken
+from swarmwright.conformance.server.reservation import (
+    HOLD_S,
+    must_be_free_within,
+    must_be_taken,
+    short_patience,
+)
 
 BATCHED = "protocol.md, Batched stepwise"
+SILENT = "it gives up a batch without the error failed: is the tool to wait for its own time-out?"
 
 
 class Batch:
@@ -99,11 +107,11 @@ class Batch:
 
 def _steps(server: Server) -> None:
     """Skip the rule unless the server steps batches, and agents are asked."""
-    _batches(server)
+    must_have_batches(server)
     _ = server.reference, server.actuators
 
 
-def _batches(server: Server) -> None:
+def must_have_batches(server: Server) -> None:
     """Skip the rule unless the server has batches, and an episode tells whether agents are asked in them."""
     server.announces(mode="batched")
     if not server.steers_itself:
@@ -129,9 +137,9 @@ def _seeds(server: Server) -> list[int]:
 def equal(server: Server) -> str:
     """Three episodes with three seeds, agents with a state.
 
-    Where nobody is asked, the first message is the last.
+    Where no answer is expected, the first message is the last.
     """
-    _batches(server)
+    must_have_batches(server)
     server.comparable()
     seeds = _seeds(server)
     controllers = None if server.steers_itself else controller_set(server, "fully_meshed", 1)
@@ -228,7 +236,7 @@ def ended(server: Server) -> None:
 )
 def invalid(server: Server) -> None:
     """One episode too many; no episode; an unknown simulation; another version."""
-    _batches(server)
+    must_have_batches(server)
     most = server.announced.get("batch")
     if isinstance(most, int):
         must_be_refused(
@@ -256,9 +264,9 @@ def invalid(server: Server) -> None:
 def taken(server: Server) -> None:
     """Another's batch, discoveries; the batch goes on; batches for another instance, and for this one.
 
-    Where nobody is asked, the batch is over at once, and the server held.
+    Where no answer is expected, the batch is over at once, and the server held.
     """
-    _batches(server)
+    must_have_batches(server)
     one = Batch(server, _seeds(server))
     why = f"a batch of {TOOL} is under way" if one.rows else f"it is held for {TOOL}"
     must_be_refused(server, batch(server, [1], tool=OTHER), ["taken"], why)
@@ -283,7 +291,7 @@ def taken(server: Server) -> None:
 )
 def full(server: Server) -> str:
     """A batch of the largest size, begun and ended."""
-    _batches(server)
+    must_have_batches(server)
     most = server.announced.get("batch")
     if not isinstance(most, int):
         raise Skip("not announced: no capabilities.swarmwright.batch")
@@ -294,3 +302,56 @@ def full(server: Server) -> str:
     if one.rows:
         one.answer([])
     return f"{most} episodes"
+
+
+@rule(
+    "S10.8",
+    "Control with run: false from its tool, with any hash, ends a batch, and the server is free.",
+    where="protocol.md, Messages of numbers",
+    fix="at control with run: false and the tool of the batch, whatever its hash, forget the batch, and "
+    "answer discovery again",
+    needs=["S10.1"],
+)
+def cancelled(server: Server) -> None:
+    """run: false in the first step of a batch, then its actuators all the same."""
+    _steps(server)
+    one = Batch(server, _seeds(server))
+    free_again(server)
+    sent = f'control with run: false and "tool": "{TOOL}" in the first step of a batch'
+    server.must_come_free("an answer to every tool: the batch is over", sent)
+    one.answer([[0.0] * server.actuators for _ in one.rows])
+    for message in server.client.drain(server.quiet):
+        if message.topic.endswith(server.token):
+            raise Failure("an answer came", "silence: the batch was cancelled", f"{sent}, then {one.sent}")
+
+
+@rule(
+    "S10.9",
+    "It gives up a batch whose actuators do not come, after its time-out.",
+    where=BATCHED,
+    fix="watch the time since a step of the batch began; after the time-out answer with error failed, and "
+    "forget the batch",
+    needs=["S10.1"],
+    seconds=60,
+)
+def gives_up(server: Server) -> Note:
+    """No actuators for as long as the time-out. That it is held afterwards for a while is no mistake.
+
+    Nor is silence, since the protocol did not always demand the error; but the tool waits in vain.
+    """
+    _steps(server)
+    patience = short_patience(server)
+    one = Batch(server, _seeds(server)[:1])
+    expected = f"free after {patience:g} s without actuators"
+    sent = f"{one.sent}, then no actuators"
+    start = time.monotonic()
+    answer = next_answer(server, one.request, sent, patience + server.settings.timeout)
+    kind, reason = ("", "") if answer is None else error_of(answer)
+    if answer is not None and kind != "failed":
+        came = f'the error "{kind}" came: {reason}' if kind else "sensors came"
+        raise Failure(came, 'the error "failed"', sent)
+    must_be_free_within(server, HOLD_S + 3, expected, sent)
+    text = f"free after {time.monotonic() - start:.1f} s"
+    if answer is None:
+        return Note(f'{text}; the error "failed" did not come: tools wait for their own time-out', SILENT)
+    return Note(text)

@@ -2,14 +2,19 @@
 
 import json
 import time
+from contextlib import suppress
 
-from swarmwright.conformance._client import PRESENCE, shown
+import msgpack
+
+from swarmwright.conformance._client import PRESENCE, TO_TOOL, Message, shown
+from swarmwright.conformance._extensions import TOOL, batch, evaluation
 from swarmwright.conformance._proxy import Door
-from swarmwright.conformance._server_under_test import Server, new_hash
-from swarmwright.conformance.rules import Failure, Skip
+from swarmwright.conformance._server_under_test import Json, Server, new_hash
+from swarmwright.conformance.rules import Failure, NotTried, Skip
+from swarmwright.conformance.server._retained import kept
 from swarmwright.conformance.server._rules import rule
 from swarmwright.conformance.server.episodes import begun
-from swarmwright.conformance.server.presence import kept
+from swarmwright.conformance.server.offloaded import some
 
 BACK_S = 15.0
 """Seconds in which a server is back when the broker is."""
@@ -107,44 +112,64 @@ def _must_say(server: Server, wanted: str, sent: str) -> None:
     seconds=40,
 )
 def leftovers(server: Server) -> None:
-    """Retained discovery, parameters and control, which it gets when it comes back."""
+    """Retained discovery, parameters, control and a request, which it gets when it comes back."""
     gate, client, hash_ = door(server), server.client, new_hash()
     server.episode(hash_=hash_)  # so that it is ended if it was begun
     mine = {"server": server.id, "simulation_hash": hash_}
-    left = {
-        "discovery": server.discovery(simulation_hash=hash_),
-        "parameters": {**server.settings.parameters, **mine},
-        "control": {**mine, "simulation": server.settings.title, "run": True},
+    left: dict[str, str | bytes] = {
+        "discovery": json.dumps(server.discovery(simulation_hash=hash_)),
+        "parameters": json.dumps({**server.settings.parameters, **mine}),
+        "control": json.dumps({**mine, "simulation": server.settings.title, "run": True}),
     }
+    if request := _request(server):
+        left[server.own_topic] = msgpack.packb(request)
+        server.tools.add(TOOL)
+    sent = "; ".join(
+        f"{topic} {shown(payload) if isinstance(payload, str) else f'({len(payload)} bytes)'} (retained)"
+        for topic, payload in left.items()
+    )
     gate.shut()
-    wrong = []
+    wrong: list[Message] = []
+
+    def is_wrong(message: Message) -> bool:
+        return message.topic == TO_TOOL + server.token or message.maybe.get("simulation_hash") == hash_
+
     try:
-        for topic, fields in left.items():
-            client.publish(topic, json.dumps(fields), retain=True)
+        for topic, payload in left.items():
+            client.publish(topic, payload, retain=True)
         client.drain(server.quiet)
         gate.open()
         question = server.discovery()
-        asked = {hash_, question["simulation_hash"]}
+        last = question["simulation_hash"]
         limit = time.monotonic() + BACK_S
         answer = None
         while answer is None and time.monotonic() < limit:
             client.send("discovery", **question)
-            answer = client.next(lambda message: message.maybe.get("simulation_hash") in asked, 0.1)
+            answer = client.next(
+                lambda message: is_wrong(message) or message.maybe.get("simulation_hash") == last, 0.1
+            )
         if answer is None:
             raise Failure(
-                "it no longer answered discoveries", "an answer to a discovery that is not retained"
+                "it no longer answered discoveries", "an answer to a discovery that is not retained", sent
             )
-        wrong = [answer] if answer.maybe.get("simulation_hash") == hash_ else []
-        wrong += [m for m in client.drain(server.quiet) if m.maybe.get("simulation_hash") == hash_]
+        wrong = [message for message in (answer, *client.drain(server.quiet)) if is_wrong(message)]
     finally:
         for topic in left:
             client.publish(topic, b"", retain=True)
     if wrong:
-        raise Failure(
-            f"{wrong[0]} came",
-            "silence: the message was retained",
-            "; ".join(f"{topic} {shown(json.dumps(fields))} (retained)" for topic, fields in left.items()),
-        )
+        came = "an answer to the request" if wrong[0].topic == TO_TOOL + server.token else str(wrong[0])
+        raise Failure(f"{came} came", "silence: the message was retained", sent)
+
+
+def _request(server: Server) -> Json | None:
+    """A request that the server would answer; None where it announces no mode with requests."""
+    modes = server.announced.get("modes", [])
+    if "batched" in modes:
+        return batch(server, [1])
+    if "offloaded" in modes:
+        with suppress(Skip, NotTried):
+            return evaluation(server, some(server, 1), [1])
+    return None
 
 
 @rule(

@@ -14,6 +14,7 @@ SEED_UNUSED_ADVICE = (
     "The seeds 1 and 2 gave the same episode: either the server ignores the parameter seed, and all episodes "
     "of a run would be the same, or nothing is random with these --parameters."
 )
+SEED_DOUBT = "the seed changed nothing: is it ignored?"
 LARGEST_SEED = 2**63 - 1
 PAIRS = 8
 """Pairs of seeds that must all give the same episodes before bits are said to be lost: few places to start
@@ -122,6 +123,16 @@ def forgets(server: Server) -> None:
         raise Failure(came, "the same bits whatever was before")
 
 
+def unused(server: Server) -> Skip:
+    """Why a rule is skipped that needs two seeds with different episodes.
+
+    With --vary it is known that the seed changes nothing, so nothing is left to doubt.
+    """
+    if server.settings.vary:
+        return Skip(SEED_UNUSED)
+    return Skip(SEED_UNUSED, SEED_UNUSED_ADVICE, SEED_DOUBT)
+
+
 def differing(server: Server) -> tuple[Json, Json, Trajectory, Trajectory]:
     """Two sets of parameters and their trajectories, which differ; skips the rule when none are found."""
     server.comparable()
@@ -131,7 +142,7 @@ def differing(server: Server) -> tuple[Json, Json, Trajectory, Trajectory]:
         two = {**one, **server.settings.vary}
         second = server.play(parameters=two)
     if not first.difference(second):
-        raise Skip(SEED_UNUSED, SEED_UNUSED_ADVICE)
+        raise unused(server)
     return one, two, first, second
 
 
@@ -191,7 +202,7 @@ def exact_seed(server: Server) -> None:
     episode.play()
     server.comparable()
     if not server.play(parameters=seeded(server, 1)).difference(server.play(parameters=seeded(server, 2))):
-        raise Skip(SEED_UNUSED, SEED_UNUSED_ADVICE)
+        raise unused(server)
     for distance, base, lost in (
         (2**32, 1, "the seed is truncated to 32 bits"),
         (1, 2**53, "the seed is read through a double, which has 53 bits"),

@@ -28,10 +28,7 @@ def answers(server: Server) -> None:
     if answer is None:
         came = f"nothing came within {server.settings.timeout:g} s"
         raise Failure(came, f"a message on server with server {server.id}", sent)
-    server.capabilities = {}
-    found = answer.json.get("capabilities")
-    if isinstance(found, dict):
-        server.capabilities = found
+    server.note_capabilities(answer.json)
 
 
 @rule(

@@ -167,7 +167,9 @@ def _as_stepwise(server: Server, controllers: ControllerSet) -> str:
     "S9.3",
     "Layered networks give the fitness that they give stepwise, to the last bit.",
     where="decision 002",
-    fix="compute in binary32 in the order of decision 002; replay protocol/vectors/controllers.json",
+    fix="compute in binary32 in the order of decision 002; an output o is the actuator o for output_range "
+    "[-1, 1], 2 * o - 1 for [0, 1], (o - lo) / (hi - lo) * 2 - 1 for others, and 0 where that is NaN; "
+    "replay protocol/vectors/controllers.json",
     needs=["S9.1", "S3.2"],
 )
 def layered(server: Server) -> str:
@@ -377,7 +379,7 @@ def in_order(server: Server) -> None:
             lambda message: message.topic.endswith(server.token), 4 * server.settings.timeout
         )
         if message is None:
-            raise Failure(f"{len(heard)} answers came", f"{len(requests)} answers", sent)
+            raise Failure(f"{len(heard)} answers came{server.printed}", f"{len(requests)} answers", sent)
         heard.append(decoded(message).get("request"))
     if heard != [request["request"] for request in requests]:
         raise Failure(f"answers {heard}", f"answers {[request['request'] for request in requests]}", sent)
@@ -516,7 +518,7 @@ def junk(server: Server) -> None:
 
     if server.client.next(heard, 2 * server.settings.timeout) is None:
         raise Failure(
-            "no answer came",
+            f"no answer came{server.printed}",
             "an answer to the sound request that followed",
             "junk, then a request with unknown keys",
         )

@@ -9,9 +9,10 @@ from swarmwright.conformance._client import PRESENCE, Message
 from swarmwright.conformance._server_peer import ServerPeer
 from swarmwright.conformance._server_under_test import Json, Server
 from swarmwright.conformance.rules import Failure, Skip
+from swarmwright.conformance.server._retained import kept
 from swarmwright.conformance.server._rules import rule
 from swarmwright.conformance.server.connection import door, must_come_back
-from swarmwright.conformance.server.presence import kept, presence
+from swarmwright.conformance.server.presence import presence
 
 WHERE = "protocol.md, Two servers with one ID"
 LEAVES_WITHIN_S = 30.0
@@ -133,6 +134,29 @@ def gives_way(server: ServerPeer) -> str:
     if found != OTHER:
         raise Failure(f'presence is of instance "{found}" now', f'that of the other one, "{OTHER}"', sent)
     return f"exit status {status}"
+
+
+@rule(
+    "S16.5",
+    "A last will of its own that comes late, presence of its instance with the state lost, it contradicts.",
+    where=WHERE,
+    fix="when presence of your instance says lost while you are connected, publish your presence again: a "
+    "bridge between brokers may deliver the last will of a connection that you have replaced",
+    needs=["S7.2"],
+)
+def late_will(server: Server) -> None:
+    """Its presence is published once more, retained, with the state lost."""
+    mine = instance(server)
+    own = presence(server)
+    server.client.drain(server.quiet)
+    _publish(server, {**own, "state": "lost"})
+    sent = "its own presence was retained with the state lost"
+    try:
+        _must_publish(server, mine, "lost", sent)  # what was just published
+        _must_publish(server, mine, "ready", sent)
+    except Failure:
+        _publish(server, own)  # or tools would not use it any more
+        raise
 
 
 def _instance_of(found: Json) -> object:

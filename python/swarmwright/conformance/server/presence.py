@@ -4,9 +4,10 @@ import json
 import re
 import time
 
-from swarmwright.conformance._client import PRESENCE, TOPICS, Client, Message, shown
-from swarmwright.conformance._server_under_test import Json, Server, is_number
+from swarmwright.conformance._client import PRESENCE, TOPICS, shown
+from swarmwright.conformance._server_under_test import Episode, Json, Server, is_number
 from swarmwright.conformance.rules import Failure, Skip
+from swarmwright.conformance.server._retained import kept, skip_without_presence
 from swarmwright.conformance.server._rules import rule
 
 WHERE = "protocol.md, Presence"
@@ -16,17 +17,11 @@ CHANGE_TOLD_S = 2.0
 """Seconds in which a change of presence is told; 150 ms of them it must have lasted."""
 
 
-def kept(server: Server, topics: list[str]) -> list[Message]:
-    """What the broker keeps on these topics."""
-    with Client(server.client.url, server.prefix, topics) as client:
-        return [message for message in client.drain(server.quiet) if message.retained and message.payload]
-
-
 def presence(server: Server) -> Json:
-    """The retained message; skips the rule when there is none and no extension is announced."""
+    """The retained message; skips the rule when there is none and none is required."""
     found = kept(server, [f"{PRESENCE}{server.id}"])
     if not found:
-        server.announces()
+        skip_without_presence(server)
         raise Failure(f"nothing is retained on {PRESENCE}{server.id}", "a presence message")
     return found[-1].json
 
@@ -119,6 +114,18 @@ def consistent(server: Server) -> None:
             )
 
 
+def _waited_in(server: Server) -> Episode:
+    """An episode of conformance/a in which agents have sensed, and wait."""
+    presence(server)
+    episode = server.episode(tool="conformance/a")
+    episode.configure()
+    episode.start()
+    episode.gather()
+    if episode.over:
+        raise Skip("the simulation steers its agents itself, it is taken for no time")
+    return episode
+
+
 @rule(
     "S7.4",
     "Presence is busy while the server is taken, with the name of the tool, and ready again afterwards.",
@@ -128,13 +135,7 @@ def consistent(server: Server) -> None:
 )
 def busy(server: Server) -> None:
     """An episode with a name, waited in, then ended."""
-    presence(server)
-    episode = server.episode(tool="conformance/a")
-    episode.configure()
-    episode.start()
-    episode.gather()
-    if episode.over:
-        raise Skip("the simulation steers its agents itself, it is taken for no time")
+    episode = _waited_in(server)
     found = told(server, "busy")
     if found.get("tool") != "conformance/a":
         raise Failure(f'"tool" is {found.get("tool")!r}', "'conformance/a', who has the server")
@@ -157,3 +158,26 @@ def nothing_else(server: Server) -> None:
     found = kept(server, list(TOPICS))
     if found:
         raise Failure(f"the broker keeps {found[0]}", "nothing retained")
+
+
+@rule(
+    "S7.6",
+    "Presence is published again when control is rejected, since another tool has the server.",
+    where=WHERE,
+    fix="publish presence as it is when you reject a control message because of another tool, so that this "
+    "one need not wait for its time-out",
+    needs=["S7.4"],
+)
+def told_again(server: Server) -> None:
+    """Control of another tool, in the first step of an episode of a tool with a name."""
+    episode = _waited_in(server)
+    told(server, "busy")
+    server.client.drain(server.quiet)
+    other = server.episode(tool="conformance/b")
+    sent = f"{other.configure()}, then {other.start()}"
+    other.over = True
+    topic = f"{PRESENCE}{server.id}"
+    if server.client.next(lambda message: message.topic == topic, server.settings.timeout) is None:
+        came = f"nothing came on {topic} within {server.settings.timeout:g} s"
+        raise Failure(came, "presence, once more", sent)
+    episode.stop()

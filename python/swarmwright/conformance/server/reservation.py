@@ -6,6 +6,7 @@ from swarmwright.conformance._client import TO_TOOL, Message
 from swarmwright.conformance._extensions import decoded
 from swarmwright.conformance._server_under_test import Episode, Server
 from swarmwright.conformance.rules import Failure, Skip
+from swarmwright.conformance.server._retained import skip_without_presence
 from swarmwright.conformance.server._rules import rule
 from swarmwright.conformance.server.episodes import begun
 
@@ -171,7 +172,7 @@ def gives_up(server: Server) -> str:
 )
 def tells_of_failures(server: Server) -> str:
     """An episode with reply, given up for want of actuators."""
-    server.announces()
+    skip_without_presence(server)
     patience = short_patience(server)
     if server.trajectory is not None and not server.trajectory.messages:
         raise Skip("the simulation steers its agents itself, no agent is waited for")
@@ -209,7 +210,7 @@ def short_patience(server: Server) -> float:
 
 def named(server: Server, tool: str) -> Episode:
     """A whole episode of a tool that names itself; afterwards the server is held."""
-    server.announces()
+    skip_without_presence(server)
     episode = server.episode(tool=tool)
     episode.configure()
     episode.start()
@@ -283,7 +284,7 @@ def not_ended_by_the_named(server: Server) -> None:
 
 def _must_go_on(server: Server, tool: str | None, others: list[dict[str, str]]) -> None:
     """An episode of a tool, and run: false of others in its middle, each with what names it."""
-    server.announces()
+    skip_without_presence(server)
     if server.trajectory is not None and not server.trajectory.messages:
         raise Skip("the simulation steers its agents itself, it may be over before it could be ended")
     episode = server.episode(tool=tool)
@@ -350,6 +351,43 @@ def takes_turns(server: Server) -> str:
     must_be_taken(server, "it is the turn of conformance/b", tool="conformance/a")
     named(server, "conformance/b")
     return f"the other one's turn after {seconds:.1f} s"
+
+
+@rule(
+    "S6.14",
+    "Control that comes before its parameters waits for them for 1 s.",
+    where="protocol.md, Who is taken, and when; protocol.md, Order",
+    fix="keep a control message whose hash has no parameters for 1 s, and start when they come: brokers may "
+    "deliver messages of two topics in reverse",
+    needs=["S2.11"],
+)
+def waits_for_parameters(server: Server) -> None:
+    """Control, then its parameters."""
+    skip_without_presence(server)
+    episode = server.episode()
+    sent = f"{episode.start()}, then {episode.configure()}"
+    episode.receive(sent)
+    episode.play()
+
+
+@rule(
+    "S6.15",
+    "Control that names a topic for answers starts one episode: repeated after the fitness, it starts "
+    "nothing.",
+    where="protocol.md, An episode",
+    fix="note the hashes whose episodes were started with reply; ignore control that names one of them again",
+    needs=["S2.8"],
+)
+def plays_once(server: Server) -> None:
+    """Control with reply, its whole episode, then the same control."""
+    skip_without_presence(server)
+    episode = server.episode()
+    episode.configure()
+    episode.start(reply=TO_TOOL + server.token)
+    episode.play()
+    sent = episode.start(reply=TO_TOOL + server.token)
+    server.must_be_silent("the episode of this hash was played, and its control had reply", sent)
+    episode.stop()
 
 
 def _answers(server: Server, message: Message, asked: set[str]) -> bool:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.display._bodies import Bodies
-from swarmwright.display._key import scale_of
+from swarmwright.display._key import directed, scale_of
 from swarmwright.display._look import (
     CELLS,
     LED,
@@ -21,6 +21,7 @@ from swarmwright.display._look import (
     STRETCH,
     Looks,
     floors,
+    label,
     moving,
     whole,
 )
@@ -63,6 +64,7 @@ def page_data(parts: Sequence[Part], *, speed: float, shown: Shown) -> tuple[dic
     """Return episodes that are shown beside each other as plain values, and how their bodies look.
 
     step_seconds and speed; looks: shape and colour by label; states: colours of the states of controllers;
+    known_seconds: of a step in the simulated world, null where not known; kinds: names of kinds of agents;
     shapes as paths; cells, moving, led, stretch: the kinds that fill a cell of a grid, that leave trails,
     that show LEDs, and that are parts of walls; scale: what values of bodies are; shown; floors: what
     legends call grey values; and episodes, see `_episode`.
@@ -78,8 +80,10 @@ def page_data(parts: Sequence[Part], *, speed: float, shown: Shown) -> tuple[dic
             grounds.append(scene)
     data = {
         "step_seconds": max(parts[0].recording.step_size, 0.02),
+        "known_seconds": parts[0].step_seconds,
         "speed": speed,
-        "looks": looks.plain(),
+        "looks": _looks(parts, looks),
+        "kinds": list(dict.fromkeys(name for part in parts for name in part.kind_names)),
         "scale": None
         if not scales
         else {
@@ -93,6 +97,15 @@ def page_data(parts: Sequence[Part], *, speed: float, shown: Shown) -> tuple[dic
         "episodes": [_episode(part) for part in parts],
     }
     return data, looks
+
+
+def _looks(parts: Sequence[Part], looks: Looks) -> dict[str, dict[str, Any]]:
+    """Return shape and colour by label; `directed` of bodies with headings."""
+    headed = {label(*look) for part in parts for look in directed(part.recording)}
+    return {
+        name: {**look, "directed": True} if name in headed else {**look}
+        for name, look in looks.plain().items()
+    }
 
 
 def _episode(part: Part) -> dict[str, Any]:
@@ -296,8 +309,10 @@ def picture_data(recording: "PictureRecording", *, speed: float) -> dict[str, An
     images = [recording.image(index) for index in chosen]
     return {
         "step_seconds": max(recording.step_size, 0.02),
+        "known_seconds": None,
         "speed": speed,
         "looks": {},
+        "kinds": [],
         "scale": None,
         "shown": vars(Shown()),
         "floors": [],

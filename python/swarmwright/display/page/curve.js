@@ -1,9 +1,9 @@
 // A number over the steps, of one episode or several; what has been played is drawn strongly, the rest thinly.
 
 class Curve {
-  // several: for each episode its numbers, null where there is none. colors: names of theirs.
+  // several: for each episode its numbers, null where there is none. colors: names of theirs, again where there are more.
   constructor(canvas, several, colors) {
-    Object.assign(this, { canvas, several, colors });
+    Object.assign(this, { canvas, several, colors: several.map((_, index) => colors[index % colors.length]) });
     this.longest = several.reduce((most, values) => (values.length > most.length ? values : most), []);
     let [low, high] = [Infinity, -Infinity];
     for (const values of several)
@@ -11,23 +11,27 @@ class Curve {
         if (value !== null) [low, high] = [Math.min(low, value), Math.max(high, value)];
     this.known = low <= high;
     if (!this.known) [low, high] = [0, 1];
+    [this.lowest, this.highest] = [low, high];
     const margin = high > low ? 0.06 * (high - low) : Math.max(Math.abs(high) * 0.1, 0.5);
     [this.low, this.high] = [low - margin, high + margin];
   }
 
-  // `only`: without numbers of steps, for a small chart.
+  // `only`: a small chart, with the least and the greatest number alone.
   draw(time, only = false) {
     const [width, height] = [this.canvas.clientWidth, this.canvas.clientHeight];
     const color = theme();
     const c = fit(this.canvas, width, height);
     this.context = c;
     c.font = FONT;
-    const numbers = this.known ? this.numbers(only ? 2 : 4) : [];
-    this.left = Math.max(26, ...numbers.map((value) => c.measureText(words(value)).width + 10));
+    const numbers = !this.known ? [] : only ? [...new Set([this.lowest, this.highest])] : this.numbers(4);
+    const apart = Math.abs(numbers[1] - numbers[0]);
+    this.texts = numbers.map((value) => [value, wordsApart(value, apart)]);
+    this.left = Math.max(26, ...this.texts.map(([, text]) => c.measureText(text).width + 10));
+    const numbered = this.several.length > 1 && !only;
     // The last number stands in the middle below the last step.
-    const right = Math.max(10, c.measureText(String(this.longest.length - 1)).width / 2 + 3);
+    const right = Math.max(numbered ? 26 : 10, c.measureText(String(this.longest.length - 1)).width / 2 + 3);
     this.box = { width: width - this.left - right, height: height - (only ? 18 : 44), top: only ? 10 : 8 };
-    this.axes(color, numbers, only);
+    this.axes(color, only);
     if (!this.known) {
       c.textAlign = "center";
       c.fillText("no finite number", this.left + this.box.width / 2, height / 2);
@@ -49,6 +53,38 @@ class Curve {
       c.fill();
       c.stroke();
     });
+    if (numbered) this.ends(color);
+  }
+
+  // The numbers of the episodes beside the ends of their curves, moved apart where they would lie on each other.
+  ends(color) {
+    const { context: c, box } = this;
+    const found = this.several
+      .map((values, index) => ({ index, at: values.findLastIndex((value) => value !== null) }))
+      .filter(({ at }) => at >= 0)
+      .map(({ index, at }) => ({ index, at, y: this.y(this.several[index][at]) }))
+      .sort((one, other) => one.y - other.y || one.index - other.index);
+    const row = Math.min(12, box.height / Math.max(found.length - 1, 1));
+    const places = found.map(({ y }) => y);
+    for (let i = 1; i < places.length; i++) places[i] = Math.max(places[i], places[i - 1] + row);
+    let lowest = box.top + box.height + 4;
+    for (let i = places.length - 1; i >= 0; i--, lowest -= row) places[i] = Math.min(places[i], lowest);
+    const edge = this.left + box.width;
+    c.textAlign = "left";
+    c.textBaseline = "middle";
+    found.forEach(({ index, at, y }, i) => {
+      c.strokeStyle = color(this.colors[index]);
+      c.lineWidth = 1;
+      c.globalAlpha = 0.6;
+      c.beginPath();
+      c.moveTo(this.x(at), y);
+      c.lineTo(edge, y);
+      c.lineTo(edge + 9, places[i]);
+      c.stroke();
+      c.globalAlpha = 1;
+      c.fillStyle = color("ink");
+      c.fillText(String(index + 1), edge + 11, places[i]);
+    });
   }
 
   numbers(most) {
@@ -58,20 +94,20 @@ class Curve {
     return found;
   }
 
-  axes(color, numbers, only) {
+  axes(color, only) {
     const { context: c, box } = this;
     c.strokeStyle = color("grid");
     c.fillStyle = color("soft");
     c.lineWidth = 1;
     c.textAlign = "right";
     c.textBaseline = "middle";
-    for (const value of numbers) {
+    for (const [value, text] of this.texts) {
       const y = this.y(value);
       c.beginPath();
       c.moveTo(this.left, y);
       c.lineTo(this.left + box.width, y);
       c.stroke();
-      c.fillText(words(value), this.left - 6, y);
+      c.fillText(text, this.left - 6, y);
     }
     if (only) return;
     c.textAlign = "center";

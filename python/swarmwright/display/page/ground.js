@@ -123,9 +123,12 @@ class Ground {
     c.font = FONT;
     c.textAlign = "center";
     c.textBaseline = "top";
+    let first = Infinity; // pixel where the numbers of x begin
     for (const x of this.inside(0, width - middle, step)) {
       const [px] = this.camera.pixels(x - left + middle, 0);
-      if (px >= box.left - 1 && px <= box.left + box.width + 1) c.fillText(words(x), px, box.top + box.height + 7);
+      if (px < box.left - 1 || px > box.left + box.width + 1) continue;
+      c.fillText(words(x), px, box.top + box.height + 7);
+      first = Math.min(first, px - c.measureText(words(x)).width / 2);
     }
     c.textAlign = "right";
     c.textBaseline = "middle";
@@ -133,5 +136,9 @@ class Ground {
       const [, py] = this.camera.pixels(0, grid ? height - y - middle : y - bottom);
       if (py >= box.top - 1 && py <= box.top + box.height + 1) c.fillText(words(y), box.left - 6, py);
     }
+    if (grid) return;
+    // The unit, where both axes begin.
+    c.textBaseline = "top";
+    c.fillText("m", Math.min(box.left - 6, first - 5), box.top + box.height + 7);
   }
 }

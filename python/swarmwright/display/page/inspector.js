@@ -2,6 +2,9 @@
 
 const ROW = 20;
 const MOST_DRAWN = 600; // points of a curve
+const WIDE = 420; // pixels from which on limits are written
+
+const limits = ({ low, high }) => (low === high ? words(low) : `${words(low, 3)} to ${words(high, 3)}`);
 
 class Inspector {
   constructor(part) {
@@ -13,10 +16,10 @@ class Inspector {
     });
   }
 
-  // The whole name of a row, where it is shortened.
+  // The whole name of a row, and its limits.
   hint(y) {
     const row = this.rows && this.rows[Math.floor((y - (this.hasStates() ? ROW + 6 : 0)) / ROW)];
-    this.part.timeline.title = row && row.shortened ? row.name : "";
+    this.part.timeline.title = row ? `${row.name}: ${limits(row)}` : "";
   }
 
   // In the place of an agent that is not there.
@@ -50,9 +53,11 @@ class Inspector {
       this.rows = named.filter(([name]) => name !== null).map(([name, index]) => {
         const values = Float32Array.from(episode.keys, (_, kept) => trace.values[index][kept * trace.agents + this.agent]);
         const finite = values.filter((value) => !Number.isNaN(value));
-        const [low, high] = finite.reduce(([l, h], value) => [Math.min(l, value), Math.max(h, value)], [Infinity, -Infinity]);
-        return { name, values, low: Math.min(low, 0), high: Math.max(high, low + 1e-6, index < trace.sensors ? 0 : 1), actuator: index >= trace.sensors };
+        const [low, high] = finite.reduce(([l, h], value) => [Math.min(l, value), Math.max(h, value)], [0, 0]);
+        const actuator = index >= trace.sensors;
+        return { name, values, low, high: actuator ? Math.max(high, 1) : high, actuator };
       });
+      this.sameLimits();
     }
     const { part } = this;
     part.missing.hidden = this.rows.length > 0;
@@ -61,6 +66,19 @@ class Inspector {
       : "This page has no sensors and actuators.";
     part.timeline.style.height = `${this.height()}px`;
     part.timeline.hidden = !this.height();
+  }
+
+  // Rows of one kind, such as proximity 0 and proximity 1, have the same limits. Numbers alone tell of no kind.
+  sameLimits() {
+    const kinds = new Map();
+    for (const row of this.rows) {
+      const kind = /^(sensor|actuator) \d+$/.test(row.name) ? row.name : row.name.replace(/[\s_]*\d+$/, "");
+      kinds.set(kind, [...(kinds.get(kind) || []), row]);
+    }
+    for (const rows of kinds.values()) {
+      const [low, high] = [Math.min(...rows.map((row) => row.low)), Math.max(...rows.map((row) => row.high))];
+      for (const row of rows) [row.low, row.high] = [low, high];
+    }
   }
 
   hasStates() {
@@ -81,7 +99,9 @@ class Inspector {
     const c = fit(canvas, width, this.height());
     const color = theme();
     c.font = FONT;
-    const values = 52;
+    // The limits of each row stand beside it where there is room.
+    const ranges = width < WIDE ? 0 : Math.max(0, ...this.rows.map((row) => c.measureText(limits(row)).width + 10));
+    const values = 52 + ranges;
     this.left = Math.min(Math.max(60, ...this.rows.map(({ name }) => c.measureText(name).width + 10)), width * 0.42);
     this.width = width - this.left - values;
     const x = (scene) => this.left + (this.width * scene) / Math.max(episode.last, 1);
@@ -104,7 +124,7 @@ class Inspector {
     c.stroke();
   }
 
-  // Returns whether it is shortened: in the middle, since names begin with kinds and end with numbers.
+  // Shortened in the middle where it is too long, since names begin with kinds and end with numbers.
   text(c, color, text, x, y, most) {
     c.textAlign = "left";
     c.fillStyle = color;
@@ -114,7 +134,6 @@ class Inspector {
       shown = `${text.slice(0, Math.floor(kept / 2))}…${text.slice(text.length - Math.ceil(kept / 2))}`;
     }
     c.fillText(shown, x, y);
-    return shown !== text;
   }
 
   // The states of the controller over time.
@@ -134,8 +153,8 @@ class Inspector {
 
   row(c, color, row, top, x, kept, width) {
     const { name, values, low, high, actuator } = row;
-    const y = (value) => top + ROW - 4 - ((ROW - 7) * (value - low)) / (high - low);
-    row.shortened = this.text(c, color("soft"), name, 0, top + ROW / 2, this.left - 6);
+    const y = (value) => top + ROW - 4 - ((ROW - 7) * (value - low)) / Math.max(high - low, 1e-30);
+    this.text(c, color("soft"), name, 0, top + ROW / 2, this.left - 6);
     c.strokeStyle = color("grid");
     c.lineWidth = 1;
     c.beginPath();
@@ -163,5 +182,9 @@ class Inspector {
     c.fillStyle = color("ink");
     const value = values[kept];
     c.fillText(Number.isNaN(value) ? "–" : words(+value.toFixed(3)), width, top + ROW / 2);
+    if (width < WIDE) return;
+    c.textAlign = "left";
+    c.fillStyle = color("soft");
+    c.fillText(limits(row), this.left + this.width + 8, top + ROW / 2);
   }
 }

@@ -8,21 +8,37 @@ class Legend {
       for (const [kind, state] of episode.bodies.looks) {
         if (isOff(kind, state)) continue;
         const name = label(kind, state);
-        if (!this.entries.has(name)) this.entries.set(name, { ...this.add(name, look(kind, state)), counted: kind !== PAGE.stretch });
+        if (this.entries.has(name)) continue;
+        const words = title(kind, state);
+        const { shape, directed } = look(kind, state);
+        const drawn = this.add(words, look(kind, state));
+        this.entries.set(name, { ...drawn, words, shape: directed ? "directed" : shape, counted: kind !== PAGE.stretch });
       }
     this.states = [];
-    const machines = episodes.filter((one) => one.states).flatMap((one) => one.machines);
-    const most = Math.max(0, ...machines.map(({ states }) => states.length));
-    for (let state = 0; state < most; state++) {
-      const words = [...new Set(machines.map(({ states }) => (states[state] || {}).name))];
-      const only = words.length === 1 && words[0] ? `, ${words[0]}` : "";
-      this.states.push(this.add(`controller in state ${state}${only}`, { shape: "circle", color: stateColor(state) }));
-    }
+    const names = [];
+    for (const { groups, machines } of episodes.filter((one) => one.states))
+      machines.forEach(({ states, first_color: first = 0 }, index) =>
+        states.forEach(({ name }, state) => {
+          names[first + state] ??= new Set();
+          names[first + state].add(`${groups ? groups[index].name : "controller"} in state ${state}${name ? `, ${name}` : ""}`);
+        }),
+      );
+    names.forEach((words, index) => {
+      const only = `controller in state ${index}`;
+      const all = words.size > 1 && [...words].every((one) => one.startsWith(only)) ? only : [...words].join(" / ");
+      this.states.push(this.add(all, { shape: "circle", color: stateColor(index) }));
+    });
+    this.signals = {};
+    const line = (kind, name, color) => {
+      if (episodes.some((one) => one[kind])) this.signals[kind] = this.line(name, color).item;
+    };
+    line("rays", "sensor ray", "defender");
+    line("links", "message heard", "soft");
     this.gradient();
     for (const [grey, name] of PAGE.floors) this.floor(grey, name);
     const grounds = episodes.flatMap((one) => (one.ground || []).map(([, ground]) => ground));
     if (grounds.some(({ walls }) => walls.length)) this.add("wall", { shape: "square", color: "blockade" });
-    if (grounds.some(({ lights }) => lights.length)) this.add("light", { shape: "circle", color: "exit" });
+    if (grounds.some(({ lights }) => lights.length)) this.add("lamp", { shape: "circle", color: "exit" });
   }
 
   item(mark, name) {
@@ -33,9 +49,17 @@ class Legend {
     return { item, count };
   }
 
-  add(name, { shape, color }) {
+  // directed: drawn as a disc with a line to where it looks.
+  add(name, { shape, color, directed }) {
     const svg = element("svg", { viewBox: "-1.3 -1.3 2.6 2.6", "aria-hidden": "true" });
-    svg.append(element("path", { d: PAGE.shapes[shape], style: `fill: var(--${color})` }));
+    svg.append(element("path", { d: PAGE.shapes[directed ? "circle" : shape], style: `fill: var(--${color})` }));
+    if (directed) svg.append(element("path", { d: "M0 0H1", class: "heading" }));
+    return this.item(svg, name);
+  }
+
+  line(name, color) {
+    const svg = element("svg", { viewBox: "-1.3 -1.3 2.6 2.6", "aria-hidden": "true" });
+    svg.append(element("line", { x1: -1.1, y1: 0.7, x2: 1.1, y2: -0.7, style: `stroke: var(--${color}); stroke-width: 0.25` }));
     return this.item(svg, name);
   }
 
@@ -68,8 +92,9 @@ class Legend {
     });
   }
 
-  // Counts what there is at a time; colors: what gives bodies their colours. Returns it in words.
-  show(time, colors) {
+  // Counts what there is at a time; colors: what gives bodies their colours; drawn: whether rays and links are.
+  // Returns it in words.
+  show(time, colors, drawn) {
     const counts = new Map();
     const inState = this.states.map(() => 0);
     for (const episode of this.episodes) {
@@ -80,25 +105,32 @@ class Legend {
         if (!episode.exists(kept, i)) continue;
         of[looks.at(kept, i)] += 1;
         const state = episode.stateOf(kept, episode.agents[i]);
-        if (state >= 0) inState[state] += 1;
+        if (state >= 0) inState[episode.firstColorOf(i) + state] += 1;
       }
       of.forEach((count, index) => {
         const name = label(...episode.bodies.looks[index]);
         if (count) counts.set(name, (counts.get(name) || 0) + count);
       });
     }
-    for (const [name, { item, count, counted }] of this.entries) {
+    const shapes = new Map();
+    for (const [name, { item, count, counted, shape }] of this.entries) {
       count.textContent = counted ? counts.get(name) || 0 : "";
       item.classList.toggle("none", !counts.has(name));
-      item.classList.toggle("outlined", colors !== "state" && this.recolored(name, colors));
+      const outlined = colors !== "state" && this.recolored(name, colors);
+      item.classList.toggle("outlined", outlined);
+      if (outlined) shapes.set(shape, [...(shapes.get(shape) || []), item]);
+      item.classList.remove("alike");
     }
+    // Outlines of one shape do not tell what is what.
+    for (const items of shapes.values()) if (items.length > 1) for (const item of items) item.classList.add("alike");
     this.states.forEach(({ item, count }, state) => {
       item.hidden = colors !== "controller";
       count.textContent = inState[state];
       item.classList.toggle("none", !inState[state]);
     });
+    for (const [kind, item] of Object.entries(this.signals)) item.hidden = !drawn[kind];
     if (this.scale) this.scale.hidden = colors !== "value";
     const there = [...this.entries].filter(([name]) => counts.has(name));
-    return there.map(([name, { counted }]) => (counted ? `${counts.get(name)} ${name}` : name)).join("; ");
+    return there.map(([name, { counted, words }]) => (counted ? `${counts.get(name)} ${words}` : words)).join("; ");
   }
 }

@@ -69,11 +69,15 @@ class Machine {
     this.head = `M${x} ${y}L${x - dx * 8 - dy * 4} ${y - dy * 8 + dx * 4}L${x - dx * 8 + dy * 4} ${y - dy * 8 - dx * 4}Z`;
   }
 
+  color(index) {
+    return stateColor((this.machine.first_color || 0) + index);
+  }
+
   state(state, index) {
     const [x, y] = this.places[index];
     const group = element("g", { class: "state" });
     const circle = element("circle", { cx: x, cy: y, r: STATE_RADIUS });
-    circle.style.setProperty("--state", `var(--${stateColor(index)})`);
+    circle.style.setProperty("--state", `var(--${this.color(index)})`);
     const number = element("text", { x, y, class: "number" }, String(index));
     group.append(circle, number, this.name(x, y, state), element("title", {}, state.words));
     this.svg.append(group);
@@ -91,7 +95,7 @@ class Machine {
     this.rows = this.machine.states.map((_, index) => {
       const row = element("li");
       const mark = element("span", { class: "swatch" });
-      mark.style.background = `var(--${stateColor(index)})`;
+      mark.style.background = `var(--${this.color(index)})`;
       row.append(mark);
       this.words(row, index);
       this.list.append(row);

@@ -16,7 +16,7 @@ class Pictures {
   draw(time, view) {
     const { width, height } = this.episode;
     const room = this.canvas.parentElement.clientWidth;
-    const highest = Math.max(240, window.innerHeight * view.tall);
+    const highest = Math.max(240, view.highest);
     const scale = Math.min(room / width, highest / height);
     this.canvas.style.height = `${height * scale}px`;
     const context = fit(this.canvas, room, height * scale);

@@ -2,8 +2,9 @@
 
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 4, 8, 16, 32];
 const MOST_METRICS = 8; // charts
-const LINES = ["accent", "defender", "good", "other-1", "exit", "other-4"]; // colours of curves of several episodes
+const MOST_LABELLED = 100; // bodies up to which labels are drawn at first where nothing else is wanted
 const PAN = 40; // pixels for a key
+const CONTROLS = 130; // pixels of the controls below a map
 
 class Player {
   constructor(page) {
@@ -14,7 +15,8 @@ class Player {
     this.time = 0; // in steps
     this.playing = false;
     this.part = Object.fromEntries([...document.querySelectorAll("[id]")].map((part) => [part.id, part]));
-    this.view = { tall: 0.68, labels: page.shown.labels, colors: "state" };
+    this.view = { labels: page.shown.labels, colors: "state" };
+    this.tall();
     this.worlds = this.episodes.map((episode, index) => this.world(episode, index));
     [this.world] = this.worlds;
     this.focus = 0; // index of the world with the agent that is followed
@@ -43,11 +45,10 @@ class Player {
     caption.hidden = !several;
     if (several) {
       const mark = element("span", { class: "swatch" });
-      mark.style.background = `var(--${LINES[index % LINES.length]})`;
+      mark.style.background = `var(--${EPISODES[index % EPISODES.length]})`;
       episode.said = element("output");
-      caption.replaceChildren(mark, element("span", { title: episode.name }, episode.name), episode.said);
+      caption.replaceChildren(mark, element("b", {}, String(index + 1)), element("span", {}, episode.name), episode.said);
       worlds.style.setProperty("--columns", this.episodes.length > 4 ? 3 : 2);
-      this.view.tall = this.episodes.length > 2 ? 0.4 : 0.6;
     }
     if (episode.pictures) {
       figure.querySelector(".zoom").hidden = true;
@@ -64,34 +65,64 @@ class Player {
     return world;
   }
 
+  // How high a map may be, in pixels: such that the player and what can be chosen are seen below a single one.
+  tall() {
+    const { innerHeight } = window;
+    const count = this.episodes.length;
+    const top = this.part.world.getBoundingClientRect().top + window.scrollY;
+    const room = Math.min(Math.max(innerHeight - top - CONTROLS, 0.45 * innerHeight), 0.68 * innerHeight);
+    this.view.highest = count === 1 ? room : (count > 2 ? 0.4 : 0.6) * innerHeight;
+  }
+
   speeds(first) {
     const all = SPEEDS.includes(first) ? SPEEDS : [...SPEEDS, first].sort((a, b) => a - b);
     this.part.speed.append(...all.map((factor) => new Option(`${words(factor)} ×`, factor, factor === first, factor === first)));
   }
 
   curves() {
-    const colors = LINES.concat(STATES);
+    const colors = this.episodes.length > 1 ? EPISODES : ["accent"];
     this.charts = [{ name: "", curve: new Curve(this.part.curve, this.episodes.map(({ fitness }) => fitness), colors) }];
     const names = [...new Set(this.episodes.flatMap(({ metrics }) => Object.keys(metrics)))];
     this.part.metrics.hidden = !names.length;
-    for (const name of names.slice(0, MOST_METRICS)) {
-      const heading = element("h3", {}, name.replaceAll("_", " "));
-      const value = element("output");
-      heading.append(value);
-      const canvas = element("canvas", { class: "metric", role: "img" });
-      this.part.metrics.append(heading, canvas);
-      const several = this.episodes.map(({ metrics, fitness }) => metrics[name] || fitness.map(() => null));
-      this.charts.push({ name, curve: new Curve(canvas, several, colors), value });
-    }
-    if (names.length > MOST_METRICS) this.part.metrics.append(element("p", { class: "keys" }, `and ${names.length - MOST_METRICS} more`));
-    for (const { curve } of this.charts) {
-      const scrub = (event) => event.buttons & 1 && this.go(curve.step(event.offsetX));
-      curve.canvas.addEventListener("pointerdown", (event) => {
-        curve.canvas.setPointerCapture(event.pointerId);
-        scrub(event);
-      });
-      curve.canvas.addEventListener("pointermove", scrub);
-    }
+    for (const { curve } of this.charts) this.scrubs(curve);
+    for (const name of names.slice(0, MOST_METRICS)) this.chart(name, colors);
+    const further = names.slice(MOST_METRICS);
+    if (!further.length) return;
+    const more = element("button", { type: "button", id: "more" }, `Show ${further.length} more`);
+    more.addEventListener("click", (event) => {
+      more.remove();
+      const [first] = further.map((name) => this.chart(name, colors));
+      this.show(true);
+      // The button had the focus; a click without a pointer has no count.
+      if (event.detail > 0) return;
+      first.tabIndex = -1;
+      first.focus();
+    });
+    this.part.metrics.append(more);
+  }
+
+  // The curve of a metric; returns its heading.
+  chart(name, colors) {
+    const heading = element("h3", {}, name.replaceAll("_", " "));
+    const value = element("output");
+    heading.append(value);
+    const canvas = element("canvas", { class: "metric", role: "img" });
+    this.part.metrics.append(heading, canvas);
+    const several = this.episodes.map(({ metrics, fitness }) => metrics[name] || fitness.map(() => null));
+    const curve = new Curve(canvas, several, colors);
+    this.charts.push({ name, curve, value });
+    this.scrubs(curve);
+    return heading;
+  }
+
+  // A click on a curve goes to the step there.
+  scrubs(curve) {
+    const scrub = (event) => event.buttons & 1 && this.go(curve.step(event.offsetX));
+    curve.canvas.addEventListener("pointerdown", (event) => {
+      curve.canvas.setPointerCapture(event.pointerId);
+      scrub(event);
+    });
+    curve.canvas.addEventListener("pointermove", scrub);
   }
 
   // Only what the episodes have can be chosen.
@@ -120,7 +151,9 @@ class Player {
     part.trail.value = !page.shown.trails ? "0" : this.last > 300 ? "100" : "12";
     if (page.shown.rays) part.rays.value = "all";
     if (page.shown.links) part.links.value = "all";
-    part.labels.checked = page.shown.labels;
+    const labelled = drawn.flatMap(({ bodies }) => bodies.labels.map(([, texts]) => texts.filter(Boolean).length));
+    part.labels.checked = page.shown.labels ?? Math.max(0, ...labelled) <= MOST_LABELLED;
+    part.counted.textContent = drawn.length > 1 ? `counts of all ${drawn.length} maps` : "";
     this.inspector = new Inspector(part);
     this.inspector.jump = (step) => this.go(step);
     this.drawMachines(this.episode);
@@ -165,16 +198,34 @@ class Player {
     part.leave.addEventListener("click", () => this.follow(this.focus, -1));
     part.theme.addEventListener("click", () => this.turnTheme());
     document.addEventListener("keydown", (event) => this.key(event));
+    this.release();
     window.addEventListener("hashchange", () => this.fromAddress());
     new ResizeObserver(() => this.show()).observe(part.worlds);
-    window.addEventListener("resize", () => this.show());
+    window.addEventListener("resize", () => {
+      this.tall();
+      this.show();
+    });
     const dark = window.matchMedia("(prefers-color-scheme: dark)");
     dark.addEventListener("change", () => this.showTheme());
     this.showTheme();
   }
 
+  // What was chosen with the mouse loses the focus again, so that keys play and step.
+  release() {
+    let pointed = null;
+    document.addEventListener("pointerdown", (event) => (pointed = event.target.closest("label, select")));
+    document.addEventListener("keydown", () => (pointed = null));
+    document.addEventListener("change", ({ target }) => {
+      if (pointed && pointed.contains(target) && target.matches("select, [type=checkbox]")) target.blur();
+    });
+  }
+
   key(event) {
-    if (event.ctrlKey || event.altKey || event.metaKey || event.target.tagName === "SELECT") return;
+    if (event.ctrlKey || event.altKey || event.metaKey) return;
+    if (event.target.tagName === "SELECT") {
+      if (event.key === "Escape") event.target.blur();
+      return;
+    }
     const onButton = event.target.tagName === "BUTTON" || event.target.type === "checkbox";
     const far = event.shiftKey ? 10 : 1;
     const actions = {
@@ -347,7 +398,8 @@ class Player {
     if (this.shown === scene && this.playing && !anew) return;
     this.shown = scene;
     part.scrub.value = scene;
-    part.now.textContent = `step ${scene} of ${this.last}`;
+    const seconds = this.page.known_seconds ? `, ${words(scene * this.page.known_seconds)} s` : "";
+    part.now.textContent = `step ${scene} of ${this.last}${seconds}`;
     part.scrub.setAttribute("aria-valuetext", part.now.textContent);
     this.describe(scene);
   }
@@ -363,10 +415,17 @@ class Player {
       value.textContent = alone ? words(at(curve.several[0])) : "";
       curve.canvas.setAttribute("aria-label", `${value.parentElement.textContent} at step ${scene}`);
     }
-    const said = this.legend ? this.legend.show(scene, this.view.colors) : "";
+    const said = this.legend ? this.legend.show(scene, this.view.colors, this.drawn()) : "";
     part.world.setAttribute("aria-label", `Step ${scene} of ${this.last}: ${said}`);
     part.curve.setAttribute("aria-label", `Fitness so far at step ${scene}: ${words(at(this.episode.fitness))}`);
     this.describeMachine(scene);
+  }
+
+  // Whether sensor rays and messages are drawn, of all agents or of the one that is followed.
+  drawn() {
+    const one = this.worlds[this.focus].selected >= 0;
+    const is = (wanted) => wanted === "all" || (wanted === "selected" && one);
+    return { rays: is(this.view.rays), links: is(this.view.links) };
   }
 
   describeMachine(scene) {

@@ -124,7 +124,14 @@ class Episode {
   groupOf(body) {
     const agent = this.agents[body];
     const named = this.groups.find(({ name }) => this.lookAt(0, body).includes(name));
-    return named || this.groups.find(({ first, end }) => agent >= first && (end === null || agent < end));
+    return named || this.groups.find(({ first, end }) => first !== null && agent >= first && (end === null || agent < end));
+  }
+
+  // The index of the colour of state 0 of the controller of a body: each group of a team has its own colours.
+  firstColorOf(body) {
+    if (!this.groups) return 0;
+    this.firstColors ??= Array.from({ length: this.count }, (_, one) => (this.groupOf(one) || { machine: { first_color: 0 } }).machine.first_color);
+    return this.firstColors[body];
   }
 
   groundAt(scene) {

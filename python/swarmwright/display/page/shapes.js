@@ -17,8 +17,18 @@ function label(kind, state) {
   return state ? `${kind}, ${state}` : kind;
 }
 
-function stateColor(state) {
-  return STATES[state % STATES.length];
+// What the legend calls it: kinds of agents stand alone.
+function title(kind, state) {
+  const ofKind = kind === "agent" && PAGE.kinds.some((name) => state === name || state.startsWith(`${name}, `));
+  return ofKind ? state : label(kind, state);
+}
+
+// Names of colours of episodes beside each other, on their captions and curves: those that are seen as thin lines, too.
+const EPISODES = [0, 1, 3, 4, 5, 12, 9, 18, 19, 21, 8, 11, 15, 13, 17, 20, 22].map(stateColor);
+
+// index: of the colour, which is the state but in a team, where each group has its own colours.
+function stateColor(index) {
+  return STATES[index % STATES.length];
 }
 
 // The colours of the theme that holds now.
@@ -48,12 +58,19 @@ function valueColor(color, share) {
   return between([0, 1, 2, 3, 4].map((index) => color(`value-${index}`)), share);
 }
 
-// A number as people read it: four significant digits, a true minus sign.
-function words(value) {
+// A number as people read it: four significant digits or as many as given, a true minus sign.
+function words(value, digits = 4) {
   if (value === null || Number.isNaN(value)) return "none";
   const size = Math.abs(value);
-  const text = size !== 0 && (size >= 1e6 || size < 1e-3) ? value.toExponential(2) : String(+value.toPrecision(4));
+  const far = size !== 0 && (size >= 1e6 || size < 1e-3);
+  const text = far ? value.toExponential(digits - 2) : String(+value.toPrecision(digits));
   return text.replace("-", "−");
+}
+
+// The same with digits enough to tell it from numbers that are `step` away.
+function wordsApart(value, step) {
+  const needed = value === 0 || !(step > 0) ? 0 : Math.ceil(Math.log10(Math.abs(value) / step)) + 1;
+  return words(value, Math.min(Math.max(needed, 4), 12));
 }
 
 // Makes a canvas as fine as the screen; what is drawn counts CSS pixels.
@@ -75,7 +92,7 @@ function spacing(extent, most) {
 
 // An element of HTML or SVG with attributes.
 function element(name, attributes = {}, text = "") {
-  const svg = ["svg", "path", "circle", "text", "g", "title", "rect"].includes(name);
+  const svg = ["svg", "path", "circle", "text", "g", "title", "rect", "line"].includes(name);
   const made = svg ? document.createElementNS("http://www.w3.org/2000/svg", name) : document.createElement(name);
   for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
   if (text) made.textContent = text;

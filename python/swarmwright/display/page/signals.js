@@ -23,11 +23,7 @@ class Signals {
       c.moveTo(world.px[from], world.py[from]);
       c.lineTo(world.px[to], world.py[to]);
     }
-    c.strokeStyle = world.color(wanted === "selected" ? "accent" : "soft");
-    c.globalAlpha = wanted === "selected" ? 0.8 : 0.4;
-    c.lineWidth = wanted === "selected" ? 1.5 : 1;
-    c.stroke();
-    c.globalAlpha = 1;
+    this.haloed(wanted === "selected" ? 1.5 : 1, "soft", 0.85);
   }
 
   // The more a sensor reads, the stronger its ray.
@@ -52,14 +48,19 @@ class Signals {
       c.beginPath();
       c.moveTo(x + near * dx, y + near * dy);
       c.lineTo(x + far * dx, y + far * dy);
-      // A light edge, so that it is seen on a dark floor, too.
-      c.strokeStyle = world.color("paper");
-      c.globalAlpha = 0.4;
-      c.lineWidth = 2.5 + 2 * strong;
-      c.stroke();
-      c.strokeStyle = world.color(strong > 0.05 ? "defender" : "soft");
-      c.globalAlpha = strong > 0.05 ? 0.35 + 0.65 * strong : 0.55;
-      c.lineWidth = 1 + 2 * strong;
+      if (strong > 0.05) this.haloed(1 + 2 * strong, "defender", 0.5 + 0.5 * strong);
+      else this.haloed(1, "soft", 0.7);
+    }
+  }
+
+  // Strokes the path with an edge, so that it is seen on a floor of its own colour, too.
+  haloed(width, color, alpha) {
+    const { world } = this;
+    const { context: c } = world;
+    for (const [name, share, wide] of [["paper", 0.6, width + 1.2], [color, alpha, width]]) {
+      c.strokeStyle = world.color(name);
+      c.globalAlpha = share;
+      c.lineWidth = wide;
       c.stroke();
     }
     c.globalAlpha = 1;

@@ -2,7 +2,7 @@
 
 const TURNS = 48; // headings of which there are pictures
 const COLUMNS = 64;
-const SMALL = 2.2; // radius in pixels below which nobody sees whether it is a disc
+const SMALL = 2.2; // radius in pixels below which discs and squares look the same
 
 class Sprites {
   constructor() {

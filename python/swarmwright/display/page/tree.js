@@ -24,7 +24,7 @@ class Tree extends Machine {
       this.leaf(x + STATE_RADIUS + 12, y, condition, `if ${condition}: the next subtree`, "condition");
       this.leaf(x + STATE_RADIUS + 20 + LEAF_WIDTH, y, words, `else ${words}`, "behaviour");
     });
-    this.leaf(4, middle, "sequence*", "goes on where it was; after the last subtree it begins again", "root", 62);
+    this.leaf(4, middle, "sequence*", "sequence with memory: goes on with the subtree of the step before; after the last subtree it begins again", "root", 62);
   }
 
   leaf(left, y, words, title, kind, width = LEAF_WIDTH) {
@@ -44,6 +44,11 @@ class Tree extends Machine {
 
   name() {
     return element("g");
+  }
+
+  lines() {
+    super.lines();
+    this.list.append(element("li", {}, "sequence*: sequence with memory, which goes on with the subtree of the step before"));
   }
 
   // Subtrees in words.

@@ -7,6 +7,9 @@ const MOST_PIECES = 60000; // of trails that fade
 const MOST_LABELS = 200;
 const MARK = 0.013; // radius of a mark, of the map's longer side
 
+// Radius in pixels of an agent's mark: smaller the more there are.
+const markRadius = (count) => Math.min(Math.max(52 / Math.sqrt(Math.max(count, 1)), 2.5), 9);
+
 class World {
   constructor(canvas, episode, changed) {
     this.canvas = canvas;
@@ -28,7 +31,7 @@ class World {
     const { episode, camera } = this;
     const { width, height } = episode;
     const room = this.canvas.parentElement.clientWidth;
-    const highest = Math.max(240, window.innerHeight * view.tall);
+    const highest = Math.max(240, view.highest);
     const margin = this.margin();
     const inside = [room - margin.left - margin.right, highest - MARGIN.top - MARGIN.bottom];
     const scale = Math.min(inside[0] / width, inside[1] / height);
@@ -134,7 +137,7 @@ class World {
     const { episode, view, kept } = this;
     if (view.colors === "controller") {
       const state = episode.stateOf(kept, episode.agents[i]);
-      if (state >= 0) return this.color(stateColor(state));
+      if (state >= 0) return this.color(stateColor(episode.firstColorOf(i) + state));
     }
     if (view.colors === "value") {
       const share = episode.share(kept, i);
@@ -222,7 +225,7 @@ class World {
     const { grid, agentCount, width, height } = this.episode;
     const { scale } = this.camera;
     if (CELLS.has(kind)) return scale / 2;
-    const agent = Math.min(Math.max(52 / Math.sqrt(Math.max(agentCount, 1)), 2.5), 9);
+    const agent = markRadius(agentCount);
     const inCell = grid ? Math.max(scale * 0.36, 1.5) : Infinity;
     // Marks of other things: small on small maps, and larger where the map is zoomed.
     const mark = Math.min(Math.max(MARK * Math.max(width, height) * scale, 3), 30);
@@ -244,9 +247,9 @@ class World {
     c.globalAlpha = 1;
   }
 
-  // Radius in pixels of a body with a heading: its true one, but large enough to be seen.
+  // Radius in pixels of a body with a heading: its true one, but large enough to be seen; a mark's where it has none.
   robotRadius(i) {
-    return Math.max(this.episode.series.radius.at(this.kept, i) * this.camera.scale, 1.6);
+    return Math.max(this.episode.series.radius.at(this.kept, i) * this.camera.scale || markRadius(this.episode.count), 1.6);
   }
 
   robot(i) {
@@ -329,10 +332,11 @@ class World {
       const box = [x - 2, y - 8, x + wide + 2, y + 8];
       if (taken.some((b) => box[0] < b[2] && b[0] < box[2] && box[1] < b[3] && b[1] < box[3])) continue;
       taken.push(box);
-      c.globalAlpha = 0.75;
-      c.fillStyle = this.color("paper");
-      c.fillRect(box[0], box[1], box[2] - box[0], 16);
-      c.globalAlpha = 1;
+      // An edge around the letters hides less of what is below than a box would.
+      c.strokeStyle = this.color("paper");
+      c.lineWidth = 3;
+      c.lineJoin = "round";
+      c.strokeText(text, x, y);
       c.fillStyle = this.color("ink");
       c.fillText(text, x, y);
     }

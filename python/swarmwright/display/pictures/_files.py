@@ -30,7 +30,7 @@ def save(
 ) -> None:
     """Write an episode; .gif and .mp4 move, .png shows six moments, .html is a page to play and step through.
 
-    Raises ValueError for another ending, InputError when a film is wanted and what encodes it is not
+    Raises ValueError for another ending, InputError when a video is wanted and what encodes it is not
     installed, OSError.
     """
     ending = path.suffix.lower()

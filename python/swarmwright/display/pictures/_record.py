@@ -51,7 +51,7 @@ class PictureRecording:
             return opened.convert("RGB")
 
     def chosen(self, most: int, shortest: float, speed: float) -> tuple[list[int], float]:
-        """Return which pictures a film shows, and the seconds that each is shown.
+        """Return which pictures a video shows, and the seconds that each is shown.
 
         most: pictures. shortest: the least seconds that one is shown. speed: how many times faster than real
         time.
@@ -99,22 +99,40 @@ class Pictured:
         return as_text(self._draw(), f"step {self._step}", columns, rows, color=color and unicode)
 
 
+class Pictures:
+    """Pictures of an episode, kept while it goes on; of a long one every second, fourth, .. step."""
+
+    def __init__(self, draw: Draw) -> None:
+        self._draw = draw
+        self._kept: dict[int, bytes] = {}
+        self._fitness: list[float] = []
+        self._every = 1
+
+    def keep(self, fitness: float, *, ended: bool) -> None:
+        """Keep what there is before the first step, and after each; fitness: so far."""
+        self._fitness.append(fitness)
+        step = len(self._fitness) - 1
+        if step % self._every and not ended:
+            return
+        self._kept[step] = _png(self._draw())
+        if len(self._kept) > MOST and not ended:
+            self._every *= 2
+            self._kept = {step: one for step, one in self._kept.items() if step % self._every == 0}
+
+    def recording(self, step_size: float) -> PictureRecording:
+        """Return what has been kept; step_size: seconds between two steps when shown."""
+        pictures, steps = tuple(self._kept.values()), tuple(self._kept)
+        return PictureRecording(pictures, steps, tuple(self._fitness[: steps[-1] + 1]), step_size)
+
+
 def record(episode: Playable, draw: Draw) -> PictureRecording:
     """Step an episode to its end and keep pictures of it."""
-    pictures, steps, fitness_so_far, every = [_png(draw())], [0], [episode.fitness], 1
+    pictures = Pictures(draw)
+    pictures.keep(episode.fitness, ended=episode.done)
     while not episode.done:
         episode.step()
-        fitness_so_far.append(episode.fitness)
-        step = len(fitness_so_far) - 1
-        if step % every and not episode.done:
-            continue
-        pictures.append(_png(draw()))
-        steps.append(step)
-        if len(pictures) > MOST and not episode.done:
-            every *= 2
-            kept = [index for index, step in enumerate(steps) if step % every == 0]
-            pictures, steps = [pictures[index] for index in kept], [steps[index] for index in kept]
-    return PictureRecording(tuple(pictures), tuple(steps), tuple(fitness_so_far), episode.step_size)
+        pictures.keep(episode.fitness, ended=episode.done)
+    return pictures.recording(episode.step_size)
 
 
 def _png(drawn: NDArray[np.uint8]) -> bytes:

@@ -4,8 +4,8 @@ import ipaddress
 import os
 import secrets
 import socket
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -16,12 +16,6 @@ from swarmwright import _engine
 from swarmwright.broker.mosquitto import Account, access_rules
 from swarmwright.core.errors import InputError, engine_errors
 
-_VARIABLES = (
-    "SWARMWRIGHT_USERNAME",
-    "SWARMWRIGHT_PASSWORD",
-    "SWARMWRIGHT_PASSWORD_FILE",
-    "SWARMWRIGHT_CA_FILE",
-)
 _DAYS = 366
 """Term of the certificate, which is made for one run."""
 TOOL = "tool"
@@ -35,6 +29,10 @@ class Credentials:
     password: str | None = field(default=None, repr=False)
     authority: str | None = field(default=None, repr=False)
     """PEM text."""
+    certificate: str | None = field(default=None, repr=False)
+    """PEM text of the client's own."""
+    key: str | None = field(default=None, repr=False)
+    """PEM text of its private key."""
 
     @classmethod
     def of_environment(cls, variables: "os._Environ[str] | dict[str, str]", what: str) -> Self:
@@ -54,7 +52,13 @@ class Credentials:
             lines = (text("SWARMWRIGHT_PASSWORD_FILE") or "").splitlines()
             password = lines[0] if lines else None
         username = variables.get("SWARMWRIGHT_USERNAME") or None
-        return cls(username, password, text("SWARMWRIGHT_CA_FILE"))
+        return cls(
+            username,
+            password,
+            text("SWARMWRIGHT_CA_FILE"),
+            text("SWARMWRIGHT_CERTIFICATE_FILE"),
+            text("SWARMWRIGHT_KEY_FILE"),
+        )
 
 
 @dataclass(frozen=True)
@@ -77,23 +81,12 @@ class Access:
         at = f"[{host}]" if ":" in host else host
         return f"{parts.scheme}://{at}:{parts.port}"
 
-    @contextmanager
-    def environment(self) -> Iterator[None]:
-        """Within this block, connections of this process use its credentials on this broker."""
+    @property
+    def account(self) -> tuple[str, str, str] | None:
+        """User name, password and authority's file of this process; None: the environment has them."""
         if self.tool is None:
-            yield
-            return
-        before = {name: os.environ.pop(name, None) for name in _VARIABLES}
-        os.environ["SWARMWRIGHT_USERNAME"] = self.tool.username or ""
-        os.environ["SWARMWRIGHT_PASSWORD"] = self.tool.password or ""
-        os.environ["SWARMWRIGHT_CA_FILE"] = self.authority_file or ""
-        try:
-            yield
-        finally:
-            for name, value in before.items():
-                os.environ.pop(name, None)
-                if value is not None:
-                    os.environ[name] = value
+            return None
+        return self.tool.username or "", self.tool.password or "", self.authority_file or ""
 
 
 def own_address() -> str:

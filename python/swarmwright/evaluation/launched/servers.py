@@ -13,6 +13,7 @@ from typing import Any, Self, cast
 
 from swarmwright import _engine
 from swarmwright.core.errors import InputError, RunError, engine_errors
+from swarmwright.core.formatting import amount
 from swarmwright.core.server_use import ServerUse
 from swarmwright.evaluation.base import BudgetSpent
 from swarmwright.evaluation.launched.access import Access
@@ -102,8 +103,8 @@ class Entry:
         """What was used, in words."""
 
         def words(use: ServerUse) -> str:
-            cost = "" if self.options.cost_per_hour is None else f", cost {use.cost:.2f}"
-            return f"{use.seconds / 3600:.2f} server hours{cost}"
+            cost = "" if self.options.cost_per_hour is None else f", cost {amount(use.cost)}"
+            return f"{amount(use.seconds / 3600)} server hours{cost}"
 
         whole = f" (the whole run: {words(self.earlier + self.use)})" if self.earlier.seconds else ""
         return f"{self.name} {words(self.use)}{whole}"
@@ -124,7 +125,7 @@ class Entry:
 def _spent(entry: Entry) -> str:
     return (
         f"the budget of {entry.name}, {entry.options.budget:g}, was spent in earlier sessions of this run, "
-        f"which cost {entry.earlier.cost:.2f}"
+        f"which cost {amount(entry.earlier.cost)}"
     )
 
 
@@ -174,8 +175,10 @@ class LaunchedServers:
     def __enter__(self) -> Self:
         self._check_budgets()
         try:
-            with self.access.environment(), engine_errors():
-                self._watcher = _engine.Watcher(self.access.address, prefix=self._prefix)
+            with engine_errors():
+                self._watcher = _engine.Watcher(
+                    self.access.address, prefix=self._prefix, account=self.access.account
+                )
             for entry in self._entries:
                 options = entry.options
                 entry.wanted, entry.counted = options.fewest, time.monotonic()
@@ -273,9 +276,13 @@ class LaunchedServers:
             entry.compare_with_budget()
         if all(entry.is_spent for entry in self._entries):
             words = "; ".join(_spent(entry) for entry in self._entries)
+            entry = self._entries[0]
+            # In the experiment, several launchers are a list.
+            key = "servers.budget" if len(self._entries) == 1 else "servers.0.budget"
+            larger = 2 * max(entry.earlier.cost, entry.options.budget or 0.0)
             raise InputError(
-                f"servers: {words}. Give a larger budget, with --set servers=.. or in the experiment.yaml of "
-                "the run, or other servers, such as --servers local"
+                f"servers: {words}. Give a larger budget, such as --set {key}={float(f'{larger:.2g}'):.10g}, "
+                "or other servers, such as --servers local"
             )
 
     def close(self) -> None:

@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import Any
 
 from swarmwright.broker.address import for_other_machines
-from swarmwright.broker.credentials import prepare
+from swarmwright.broker.credentials import check_environment, prepare
 from swarmwright.core.errors import InputError
 from swarmwright.core.server_use import ServerUse, ServerUses
 from swarmwright.core.simulation_names import is_python
@@ -58,6 +58,7 @@ def start(
                 f"servers: {most} servers are too many for the embedded broker, which admits {MOST_EMBEDDED}"
                 ": start another broker, and name it with broker or --broker"
             )
+        check_environment(credentials=False)
         access = embedded(stack, list(hosts.values()), names, port=_port(entries), prefix=experiment.prefix)
     else:
         prepare(broker)
@@ -137,6 +138,8 @@ def _specification(
         username=credentials.username,
         password=credentials.password,
         authority=credentials.authority,
+        certificate=credentials.certificate,
+        key=credentials.key,
         code=code,
         modules=modules,
         sources=files_of(simulation) if here and is_python(simulation) else {},
@@ -159,9 +162,11 @@ def _credentials(options: LauncherOptions) -> Credentials:
         raise InputError(f"{what}: is not a file of variables: {error}") from error
     found = dict(word.split("=", 1) for word in words if "=" in word)
     made = Credentials.of_environment(found, what)
-    if made.username is None or made.password is None:
+    account = made.username is not None and made.password is not None
+    if not account and (made.certificate is None or made.key is None):
         raise InputError(
-            f"{what}: has no SWARMWRIGHT_USERNAME with SWARMWRIGHT_PASSWORD or SWARMWRIGHT_PASSWORD_FILE; "
-            "`swarmwright broker --init` writes such files"
+            f"{what}: has no SWARMWRIGHT_USERNAME with SWARMWRIGHT_PASSWORD or SWARMWRIGHT_PASSWORD_FILE, "
+            "and no SWARMWRIGHT_CERTIFICATE_FILE with SWARMWRIGHT_KEY_FILE; `swarmwright broker --init` "
+            "writes files with accounts"
         )
     return made

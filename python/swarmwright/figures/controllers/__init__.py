@@ -24,6 +24,7 @@ def figure(
     title: str = "",
     simulation: Mapping[str, Any] | None = None,
     options: Mapping[str, Any] | None = None,
+    first_color: int = 0,
 ) -> "Figure":
     """Return a matplotlib figure of a controller.
 
@@ -32,6 +33,7 @@ def figure(
         title: above the figure.
         simulation: its description, for the names of sensors and actuators, which are numbered without.
         options: the experiment's `controller`, which knows the ranges of parameters.
+        first_color: index of the colour of state 0; each group of a team has colours of its own.
 
     Raises:
         InputError: a controller of this kind cannot be drawn.
@@ -51,11 +53,11 @@ def figure(
     if kind == "mealy_fsm":
         from swarmwright.figures.controllers.state_machine import draw as draw_machine
 
-        return draw_machine(specification, Names.of(specification, simulation), title)
+        return draw_machine(specification, Names.of(specification, simulation), title, first_color)
     if is_modules(specification):
         from swarmwright.figures.controllers.modules import draw as draw_modules
 
-        return draw_modules(specification, title)
+        return draw_modules(specification, title, first_color)
     if kind == "parameter_set":
         from swarmwright.figures.controllers.parameters import draw as draw_parameters
 

@@ -127,11 +127,15 @@ def _columns(blocks: Sequence[Sequence[str]], wanted: int, most: int) -> list[li
 
 
 class Diagram:
-    """Where states, arrows and labels are: `size` inches wide and high."""
+    """Where states, arrows and labels are: `size` inches wide and high.
 
-    def __init__(self, nodes: Sequence[Node], arrows: Sequence[Arrow]) -> None:
+    first_color: index of the colour of state 0.
+    """
+
+    def __init__(self, nodes: Sequence[Node], arrows: Sequence[Arrow], first_color: int = 0) -> None:
         count = len(nodes)
         self._nodes, self._arrows = nodes, arrows
+        self._first_color = first_color
         named = any(node.name for node in nodes)
         self.radius = 0.47 if named else 0.29
         longest = max((_width(one.label) for one in arrows), default=0.0)
@@ -274,7 +278,7 @@ class Diagram:
         for one, way, box in zip(self._arrows, self.ways, self.labels, strict=True):
             curve = Path.CURVE4 if len(way.path) == 4 else Path.CURVE3
             codes = [Path.MOVETO, *[curve] * (len(way.path) - 1)]
-            color = SOFT if one.faint else state_color(one.source)
+            color = SOFT if one.faint else state_color(self._first_color + one.source)
             axes.add_patch(
                 FancyArrowPatch(
                     path=Path(way.path, codes), arrowstyle="-|>", mutation_scale=9 + 2.5 * one.width,
@@ -293,7 +297,7 @@ class Diagram:
         from matplotlib.patches import Circle
 
         for index, (place, node) in enumerate(zip(self.places, self._nodes, strict=True)):
-            color = SOFT if node.faint else state_color(index)
+            color = SOFT if node.faint else state_color(self._first_color + index)
             line = (4.0 if index == 0 else 2.0) if not node.faint else 1.4
             axes.add_patch(
                 Circle(

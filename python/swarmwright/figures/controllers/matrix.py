@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from swarmwright.core.activations import in_words
 from swarmwright.figures.controllers.names import Names
 from swarmwright.figures.controllers.weights import Layer, colormap, columns, largest, matrices
 from swarmwright.figures.style import INK, SOFT, new_figure
@@ -35,7 +36,7 @@ def draw(specification: Mapping[str, Any], names: Names, title: str) -> "Figure"
     bar.ax.tick_params(labelsize=9, colors=INK)
     bar.set_label("weight", fontsize=10, color=INK)
     figure.suptitle(title, x=0.012, ha="left", fontsize=13, fontweight="bold", color=INK, parse_math=False)
-    facts = f"{specification['kind']} {'-'.join(map(str, sizes))}, {specification['activation']}"
+    facts = f"{specification['kind']} {'-'.join(map(str, sizes))}, {in_words(specification)}"
     grid[0, 0].set_title(facts, loc="left", fontsize=10, color=SOFT)
     return figure
 

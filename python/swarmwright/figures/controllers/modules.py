@@ -15,8 +15,8 @@ _WIDTH = 62
 """Characters in a line of the list."""
 
 
-def draw(specification: Mapping[str, Any], title: str) -> "Figure":
-    """Return the figure of a machine or tree of `modules`."""
+def draw(specification: Mapping[str, Any], title: str, first_color: int = 0) -> "Figure":
+    """Return the figure of a machine or tree of `modules`. first_color: index of the colour of state 0."""
     states = states_of(specification)
     if is_tree(specification):
         return _tree(states, title)
@@ -27,6 +27,7 @@ def draw(specification: Mapping[str, Any], title: str) -> "Figure":
             for index, state in enumerate(states)
             for target in sorted({one.target for one in state.transitions})
         ],
+        first_color,
     )
     count = sum(len(state.transitions) for state in states)
     plural = "s" if len(states) > 1 else ""
@@ -64,9 +65,13 @@ def _tree(subtrees: tuple[State, ...], title: str) -> "Figure":
     figure.suptitle(title, x=0.012, ha="left", fontsize=13, fontweight="bold", color=INK, parse_math=False)
     plural = "s" if count > 1 else ""
     axes.set_title(
-        f"modules, tree of {count} subtree{plural}: the next one if the condition on the left holds, "
-        "else the behaviour on the right",
+        f"behaviour tree of {count} subtree{plural}: where the condition on the left holds, the next "
+        "subtree, else the behaviour on the right",
         loc="left", fontsize=10, color=SOFT,
+    )  # fmt: skip
+    axes.text(
+        0, 0, "sequence*: sequence with memory, goes on with the subtree of the step before · ?: selector",
+        transform=axes.transAxes, fontsize=9, color=SOFT, va="bottom",
     )  # fmt: skip
     return figure
 

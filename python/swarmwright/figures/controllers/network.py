@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from swarmwright.core.activations import in_words
 from swarmwright.figures.controllers.names import Names
 from swarmwright.figures.controllers.weights import (
     NEGATIVE,
@@ -68,7 +69,7 @@ def _apart(size: int, largest_size: int) -> float:
 
 
 def _facts(specification: Mapping[str, Any], sizes: list[int]) -> str:
-    facts = f"{specification['kind']} {'-'.join(map(str, sizes))}, {specification['activation']}"
+    facts = f"{specification['kind']} {'-'.join(map(str, sizes))}, {in_words(specification)}"
     iterations = specification.get("iterations")
     return facts + (f", computed {iterations} times in each step" if iterations else "")
 

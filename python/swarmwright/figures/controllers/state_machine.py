@@ -26,8 +26,8 @@ _WIDTH = 78
 """Characters in a line of the list."""
 
 
-def draw(specification: Mapping[str, Any], names: Names, title: str) -> "Figure":
-    """Return the figure of a `mealy_fsm`."""
+def draw(specification: Mapping[str, Any], names: Names, title: str, first_color: int = 0) -> "Figure":
+    """Return the figure of a `mealy_fsm`. first_color: index of the colour of state 0."""
     found = transitions(specification, names)
     states = specification["states"]
     rows = len(specification["weights"]) // (1 + specification["actuators"])
@@ -47,6 +47,7 @@ def draw(specification: Mapping[str, Any], names: Names, title: str) -> "Figure"
     diagram = Diagram(
         [Node(faint=index not in reached) for index in range(states)],
         [_arrow(one, alive=one.source in reached) for one in found],
+        first_color,
     )
     figure, axes = figure_with_list(title, about, diagram.size, blocks, letters=_WIDTH, highest=_HIGHEST)
     diagram.draw(axes, "bold ring: state 0, in which every episode begins · dashed: never reached")

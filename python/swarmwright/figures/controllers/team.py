@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmwright.core.state_colors import colored_states
 from swarmwright.core.teams import parts_of
 from swarmwright.figures.style import new_figure
 
@@ -24,12 +25,15 @@ def draw(
     from swarmwright.figures.controllers import figure
 
     pictures: list[NDArray[np.uint8]] = []
+    color = 0
     for name, part in parts_of(specification).items():
         one = figure(
             part,
             title=f"{title}, {name}" if title else name,
             simulation=_of_group(simulation or {}, name),
+            first_color=color,
         )
+        color += colored_states(part)
         one.set_dpi(_DOTS_PER_INCH)
         canvas = FigureCanvasAgg(one)
         canvas.draw()  # type: ignore[no-untyped-call]

@@ -1,5 +1,6 @@
 """Evaluation of a run's candidates in its own simulation and in others."""
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Self
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from swarmwright.core.errors import InputError, RunError
 from swarmwright.core.random_numbers import Streams
 from swarmwright.evaluation.base import Progress, Servers
-from swarmwright.evaluation.opening import open_backend, require_here
+from swarmwright.evaluation.opening import needs_no_servers, open_backend, open_once, require_here
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.targets import Target, unfit
 from swarmwright.runs.post_evaluation import evaluated
@@ -20,6 +21,8 @@ from swarmwright.store import Evaluation
 from swarmwright.typing import Genomes
 
 Values = NDArray[np.float64]
+Where = tuple[str | None, Servers | None]
+"""Broker and servers, as `open_backend` takes them."""
 
 
 @dataclass(frozen=True)
@@ -91,6 +94,7 @@ class Work:
         seeds: simulation seed of each episode.
         broker: as in `optimize`, for targets that do not name servers or a broker themselves.
         servers: likewise.
+        prefix: of topics there, instead of the experiments'.
         on_progress: called with the episodes of all that is evaluated.
         total: how many these are.
     """
@@ -102,7 +106,10 @@ class Work:
         servers: Servers | None,
         on_progress: Progress | None,
         total: int,
+        *,
+        prefix: str | None = None,
     ) -> None:
+        self._prefix = prefix
         self._seeds, self._broker, self._servers = seeds, broker, servers
         self._on_progress, self._total = on_progress, total
         self._done = 0
@@ -113,7 +120,9 @@ class Work:
 
     def here(self, plan: Plan) -> Values:
         """Return (candidates, seeds) fitness in the run's own simulation."""
-        return self._all(plan.experiment, plan.genomes)
+        experiment = self._prefixed(plan.experiment)
+        where = self._where(experiment)
+        return self._fitness(experiment, plan.genomes, self._seeds, where)
 
     def there(self, plan: Plan, target: Target, experiments: Sequence[Experiment]) -> Values:
         """Return (candidates, seeds) fitness in a target, NaN where an episode failed.
@@ -121,12 +130,16 @@ class Work:
         Raises InputError and RunError with the target's name.
         """
         try:
+            if not target.places:
+                experiments = [self._prefixed(one) for one in experiments]
+            where = self._where(experiments[0], placed=target.places)
             if len(experiments) == 1:
-                return self._all(experiments[0], plan.genomes, placed=target.places)
-            parts = [
-                self._fitness(experiment, plan.genomes, [seed], placed=target.places, may_fail=True)
-                for experiment, seed in zip(experiments, self._seeds, strict=True)
-            ]
+                return self._fitness(experiments[0], plan.genomes, self._seeds, where)
+            with open_once(experiments[0], *where, most=len(plan.genomes)) as where:
+                parts = [
+                    self._fitness(experiment, plan.genomes, [seed], where, may_fail=True)
+                    for experiment, seed in zip(experiments, self._seeds, strict=True)
+                ]
             found = np.concatenate(parts, axis=1)
             if not np.isfinite(found).any():
                 raise RunError(
@@ -136,28 +149,36 @@ class Work:
         except (InputError, RunError) as error:
             raise error.reworded(f"{target.name}: {error}") from error
 
-    def _all(self, experiment: Experiment, genomes: Genomes, *, placed: bool = False) -> Values:
-        return self._fitness(experiment, genomes, self._seeds, placed=placed)
+    def _prefixed(self, experiment: Experiment) -> Experiment:
+        """Return an experiment with the prefix that was named."""
+        return experiment if self._prefix is None else dataclasses.replace(experiment, prefix=self._prefix)
+
+    def _where(self, experiment: Experiment, *, placed: bool = False) -> Where:
+        """Return broker and servers for `open_backend`; placed: the experiment itself says them."""
+        broker, servers = (None, None) if placed else (self._broker, self._servers)
+        if experiment.broker is None and catalogue.is_here(experiment.simulation):
+            broker = None
+        if servers is None and broker is None and needs_no_servers(experiment):
+            servers = "in-process"
+        return broker, servers
 
     def _fitness(
         self,
         experiment: Experiment,
         genomes: Genomes,
         seeds: Sequence[int],
+        where: Where,
         *,
-        placed: bool = False,
         may_fail: bool = False,
     ) -> Values:
-        """Return the fitness of episodes, (candidates, seeds); placed: where the experiment itself says."""
+        """Return the fitness of episodes, (candidates, seeds)."""
         before, count = self._done, len(genomes) * len(seeds)
 
         def on_progress(done: int, _: int, waiting_for: str) -> None:
             if self._on_progress is not None:
                 self._on_progress(before + done, self._total, waiting_for)
 
-        broker, servers = (None, None) if placed else (self._broker, self._servers)
-        if experiment.broker is None and catalogue.is_here(experiment.simulation):
-            broker = None
+        broker, servers = where
         with open_backend(experiment, broker=broker, servers=servers, most=count) as backend:
             results = evaluated(experiment, backend, genomes, seeds, on_progress, may_fail=may_fail)
         self._done += count

@@ -26,11 +26,11 @@ from swarmwright import (
     resume,
     simulate,
 )
+from swarmwright.core import warn_once
 from swarmwright.core.random_numbers import Stream
 from swarmwright.evaluation.base import Servers
 from swarmwright.export import EXPORTERS
 from swarmwright.export.writing import write
-from swarmwright.user_code import notices
 from tests.python.export.specifications import ALL, subject
 
 SMALL = {"kind": "nnga", "population": 6, "generations": 3}
@@ -184,7 +184,7 @@ def test_parameters_seeds_and_ends(fmus: Path) -> None:
 def test_steps_that_do_not_end_at_the_stop_time(
     fmus: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(notices, "_told", set())  # each is said once by a process
+    monkeypatch.setattr(warn_once, "_given", set())  # each is said once by a process
     simulation = {"fmu": str(fmus / "Vehicle.fmu"), "metrics": {"steps": "count(distance)"}}
     for step, words in ((0.1, ""), (0.3, "step: 0.3 s does not divide the 2 s from start to stop of")):
         caplog.clear()
@@ -272,7 +272,10 @@ MISTAKES: tuple[tuple[str, str], ...] = (
     ("simulation: Vehicle.fmu\nfitness: -distanc", "did you mean 'distance'?"),
     ("simulation: {fmu: Vehicle.fmu, sensors: [goal_z]}", "has no variable 'goal_z'; did you mean 'goal_"),
     ("simulation: {fmu: Vehicle.fmu, sensors: [trouble]}", "trouble of Vehicle.fmu is of the type String"),
-    ("simulation: {fmu: Vehicle.fmu, actuators: [mass]}", "mass of Vehicle.fmu is no input, but of the caus"),
+    (
+        "simulation: {fmu: Vehicle.fmu, actuators: [mass]}",
+        "mass of Vehicle.fmu is not an input, but has the caus",
+    ),
     ("simulation: {fmu: Vehicle.fmu, start: {masss: 1}}", "simulation.start.masss: Vehicle.fmu has no vari"),
     ("simulation: {fmu: Vehicle.fmu, seed: sead}", "simulation.seed: Vehicle.fmu has no variable 'sead'"),
     ("simulation: {fmu: Vehicle.fmu, metrics: {d: last(dist)}}", "simulation.metrics.d: Vehicle.fmu has no"),

@@ -8,7 +8,7 @@ import pytest
 from fmpy.ssp.ssd import read_ssd
 from pythonfmu.builder import FmuBuilder
 
-from swarmwright import Experiment, Run, RunError, evaluate, optimize
+from swarmwright import Experiment, InputError, Run, RunError, evaluate, optimize
 from swarmwright.cli import run
 from swarmwright.core.random_numbers import Stream
 from swarmwright.fmu.coupled import Coupled
@@ -112,6 +112,7 @@ def test_steps_are_those_of_the_parts(parts: Path, algorithm: Algorithm, tmp_pat
     system.end()
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(120)
 def test_a_controller_is_evolved_on_three_parts(parts: Path, tmp_path: Path) -> None:
     """The run is repeatable, and does not need the original files."""
@@ -125,6 +126,7 @@ def test_a_controller_is_evolved_on_three_parts(parts: Path, tmp_path: Path) -> 
     assert others != runs[0]
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(120)
 def test_the_component_that_hangs_is_named(parts: Path, tmp_path: Path) -> None:
     made = experiment(parts, timeout=3.0, start={"world.trouble": "hang"}).replace(
@@ -182,5 +184,5 @@ def test_files_that_are_wrong(parts: Path, tmp_path: Path, old: str, new: str, e
     with zipfile.ZipFile(tmp_path / "system.ssp", "w") as archive:
         for name, content in contents.items():
             archive.writestr(name, content)
-    with pytest.raises(Exception, match="(?s)fmu: .*" + expected.replace("?", r"\?")):
+    with pytest.raises(InputError, match="(?s)fmu: .*" + expected.replace("?", r"\?")):
         experiment(tmp_path)

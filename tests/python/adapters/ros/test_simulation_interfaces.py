@@ -88,6 +88,7 @@ def driven(controller: Controller, seed: int) -> float:
     return math.fsum(last) / 3 + min(last)
 
 
+@pytest.mark.slow
 def test_runs_have_one_record_and_compute_what_plain_python_does(tmp_path: Path) -> None:
     runs = [
         swarmwright.optimize(experiment(tmp_path), servers=servers, out=tmp_path / str(servers))
@@ -119,6 +120,7 @@ REASONS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", REASONS)
 def test_a_failure_names_what_where_and_for_how_long_and_leaves_nothing(fault: str, tmp_path: Path) -> None:
     said = failure(tmp_path, "--fault", fault, startup=8.0)
@@ -133,6 +135,7 @@ def test_no_simulator(tmp_path: Path) -> None:
     assert "RMW_IMPLEMENTATION=rmw_cyclonedds_cpp" in said
 
 
+@pytest.mark.slow
 def test_a_service_of_another_type(tmp_path: Path) -> None:
     changes: dict[str, Any] = {"startup": 3.0, "reset": {"service": "/reset_simulation"}, "spawn": None}
     said = failure(tmp_path, "--robots", "3", **changes)
@@ -153,6 +156,7 @@ def test_files_of_a_simulator_are_named_by_the_folder_of_the_experiment(tmp_path
     assert "simulation.start: sh has ended (status 3); its last output: the world" in said
 
 
+@pytest.mark.slow
 def test_robots_that_are_there_are_reset_and_their_node_gets_parameters(tmp_path: Path) -> None:
     changes: dict[str, Any] = {
         "spawn": None,

@@ -1,10 +1,13 @@
 import json
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
 
 from swarmwright import Experiment, InputError
 from swarmwright.analysis.sweep import Sweep, tasks
+from swarmwright.analysis.sweep.file import _seeds
+from swarmwright.core.yaml import Source
 from swarmwright.experiment.budget import Budget
 
 BASE = """\
@@ -31,7 +34,7 @@ def test_every_combination_is_a_variant(tmp_path: Path) -> None:
         "population 8, maxSteps 9",
     ]  # fmt: skip
     third = found.variants[2].experiment
-    assert (third.method.population, third.parameters["maxSteps"]) == (8, 5)  # type: ignore[attr-defined]
+    assert (third.method.population, third.parameters["maxSteps"]) == (8, 5)
     assert found.seeds == (1, 2)
     assert found.out == Path("runs/methods")
     todo = tasks(found)
@@ -61,6 +64,15 @@ def test_a_variant_is_the_experiment_with_its_values_set(tmp_path: Path) -> None
         assert variant.experiment.to_mapping() == alone.to_mapping(), method
 
 
+def test_robots_with_other_sensors(tmp_path: Path) -> None:
+    (tmp_path / "arena.yaml").write_text("simulation: arena\n")
+    file = tmp_path / "robots.yaml"
+    file.write_text(
+        "experiment: arena.yaml\ngrid: {parameters.robot: [e-puck-rm1.1, e-puck-rm1.2]}\nout: robots\n"
+    )
+    assert [one.experiment.sensors for one in Sweep.load(file).variants] == [24, 9]
+
+
 def test_another_kind_keeps_no_options_of_the_same_name(tmp_path: Path) -> None:
     found = sweep(
         tmp_path,
@@ -68,8 +80,8 @@ def test_another_kind_keeps_no_options_of_the_same_name(tmp_path: Path) -> None:
         "grid: {method.population: [7], method.kind: [random_search, nnga]}\n",
     )
     other, same = (one.experiment.method for one in found.variants)
-    assert (other.kind, other.population, other.generations) == ("random_search", 7, 3)  # type: ignore[attr-defined]
-    assert (same.kind, same.severity) == ("nnga", 0.2)  # type: ignore[attr-defined]
+    assert (other.kind, other.population, other.generations) == ("random_search", 7, 3)
+    assert (same.kind, same.severity) == ("nnga", 0.2)
     assert found.seeds == (3, 1)
 
 
@@ -77,8 +89,8 @@ def test_another_kind_has_its_own_defaults(tmp_path: Path) -> None:
     # Both have `elite`, `mutate` and `crossover`, with other defaults, and each set of shares adds up to 1.
     found = sweep(tmp_path, "experiment: base.yaml\ngrid: {method.kind: [cea2d], method.renew: [0.0]}\n")
     method = found.variants[0].experiment.method
-    assert (method.kind, method.generations, method.severity) == ("cea2d", 3, 0.3)  # type: ignore[attr-defined]
-    assert (method.elite, method.mutate, method.crossover) == (0.11, 0.59, 0.3)  # type: ignore[attr-defined]
+    assert (method.kind, method.generations, method.severity) == ("cea2d", 3, 0.3)
+    assert (method.elite, method.mutate, method.crossover) == (0.11, 0.59, 0.3)
 
 
 def test_a_race_keeps_no_number_of_generations(tmp_path: Path) -> None:
@@ -207,10 +219,85 @@ def test_parts_of_options_are_set_as_on_the_command_line(tmp_path: Path) -> None
         assert f"bins {bins}" in variant.label
 
 
+@pytest.mark.parametrize(
+    ("grid", "setting", "key"),
+    [
+        ("{method.population: [6, 8]}", "method.population=3", "method.population"),
+        ("{simulation: [minisim]}", "simulation=minisim", "simulation"),
+        ("[{method.population: [6]}, {method.population: [8]}]", "method.population=3", "method.population"),
+        ("[{method.population: [6]}, {method.severity: [0.1]}]", "method.population=3", None),
+        ("{method.population: [6, 8]}", "method.severity=0.3", None),
+        ("{method.kind: [nnga, pso]}", "method.population=3", None),
+        ("{parameters.maxSteps: [5]}", "parameters.numAgents=2", None),
+    ],
+)
+def test_settings_that_no_variant_has_are_refused(
+    tmp_path: Path, grid: str, setting: str, key: str | None
+) -> None:
+    (tmp_path / "base.yaml").write_text(BASE)
+    file = tmp_path / "methods.yaml"
+    file.write_text(f"experiment: base.yaml\ngrid: {grid}\n")
+    if key is None:
+        assert Sweep.load(file, settings=[setting]).variants
+        return
+    with pytest.raises(InputError, match=f"^--set {setting}: every variant has another value, of '{key}'"):
+        Sweep.load(file, settings=[setting])
+
+
+@pytest.mark.parametrize(
+    ("grid", "setting", "leaf", "key"),
+    [
+        (
+            "{method.severity: [0.1], method.evaluations: [12, 18]}",
+            "method.generations=2",
+            "method.generations",
+            "method.evaluations",
+        ),
+        (
+            "{method: [{population: 5}, {population: 8}]}",
+            "method.population=3",
+            "method.population",
+            "method",
+        ),
+        (
+            "{controller: [{hidden: [3]}, {hidden: [4]}]}",
+            "controller.hidden=[5]",
+            "controller.hidden",
+            "controller",
+        ),
+        (
+            "{parameters.maxSteps: [5, 6]}",
+            "parameters={maxSteps: 9}",
+            "parameters.maxSteps",
+            "parameters.maxSteps",
+        ),
+        ("{method.population: [6]}", "method={population: 9}", "method.population", "method.population"),
+        ("{method.kind: [cma_es]}", "method.severity=0.3", "method.severity", "method.kind"),
+        ("{method: [{population: 5}, {severity: 0.5}]}", "method.population=3", None, None),
+        ("{parameters.maxSteps: [5, 9]}", "parameters={maxSteps: 9}", None, None),
+        ("{method.evaluations: [12, 18]}", "method.population=4", None, None),
+    ],
+)
+def test_settings_that_other_keys_of_the_grid_replace_are_refused(
+    tmp_path: Path, grid: str, setting: str, leaf: str | None, key: str | None
+) -> None:
+    (tmp_path / "base.yaml").write_text(BASE)
+    file = tmp_path / "methods.yaml"
+    file.write_text(f"experiment: base.yaml\ngrid: {grid}\n")
+    if key is None:
+        assert Sweep.load(file, settings=[setting]).variants
+        return
+    with pytest.raises(InputError) as caught:
+        Sweep.load(file, settings=[setting])
+    assert str(caught.value).startswith(
+        f"--set {setting}: no variant has this value of {leaf}, because of '{key}' in the grid"
+    )
+
+
 def test_a_part_of_an_option_of_another_kind(tmp_path: Path) -> None:
     grid = {"method.kind": ["nsga2"], "method.objectives.steps": ["minimize", "maximize"]}
     found = sweep(tmp_path, f"experiment: base.yaml\ngrid: {json.dumps(grid)}\n")
-    objectives = [one.experiment.method.objectives for one in found.variants]  # type: ignore[attr-defined]
+    objectives = [one.experiment.method.objectives for one in found.variants]
     assert objectives == [{"steps": "minimize"}, {"steps": "maximize"}]
 
 
@@ -219,3 +306,82 @@ def test_a_part_of_what_has_none_is_refused(tmp_path: Path) -> None:
         sweep(tmp_path, "experiment: base.yaml\ngrid: {method.population.x: [1]}\n")
     with pytest.raises(InputError, match=r"names the whole of 'parameters\.a', too"):
         sweep(tmp_path, "experiment: base.yaml\ngrid: {parameters.a: [1], parameters.a.b: [1]}\n")
+
+
+FORMULAS = ["arrived - 0.1 * distance - 0.01 * steps", "arrived - 0.1 * distance - 0.5 * steps"]
+
+
+def test_labels_show_where_long_values_differ_and_folders_have_a_digest(tmp_path: Path) -> None:
+    found = sweep(tmp_path, f"experiment: base.yaml\ngrid: {{fitness: {json.dumps(FORMULAS)}}}\n")
+    assert [one.label for one in found.variants] == [
+        "fitness arrived … 0.01 * steps",
+        "fitness arrived … 0.5 * steps",
+    ]
+    assert [one.folder for one in found.variants] == [
+        "fitness_arrived_-_0.1_distanc",
+        "fitness_arrived_-_0.1_distanc-3b9d64",
+    ]
+
+
+def test_folders_stay_when_values_are_appended(tmp_path: Path) -> None:
+    more = [*FORMULAS, FORMULAS[0].replace("0.01", "0.02"), FORMULAS[0].replace("0.01", "0.51")]
+    folders: list[list[str]] = []
+    for count in range(1, len(more) + 1):
+        grid = {"fitness": more[:count], "controller.hidden": [[20] * 8]}
+        found = sweep(tmp_path, f"experiment: base.yaml\ngrid: {json.dumps(grid)}\n")
+        folders.append([one.folder for one in found.variants])
+    for fewer, longer in pairwise(folders):
+        assert longer[: len(fewer)] == fewer
+    assert len(set(folders[-1])) == len(more)
+
+
+def test_folders_are_named_as_by_earlier_versions(tmp_path: Path) -> None:
+    measures = {"steps": {"range": [0, 12], "bins": 6}}
+    grid = {"method.kind": ["map_elites"], "method.measures": [measures]}
+    found = sweep(tmp_path, f"experiment: base.yaml\ngrid: {json.dumps(grid)}\n")
+    assert found.variants[0].folder == "map_elites_measures_steps_range_0"
+
+
+def test_labels_of_measures_are_readable(tmp_path: Path) -> None:
+    measures = [{"steps": {"range": [0, 12], "bins": bins}} for bins in (6, 9)]
+    grid = {"method.kind": ["map_elites"], "method.measures": measures}
+    found = sweep(tmp_path, f"experiment: base.yaml\ngrid: {json.dumps(grid)}\n")
+    assert [one.label for one in found.variants] == [
+        "map_elites, measures steps.bins 6",
+        "map_elites, measures steps.bins 9",
+    ]
+
+
+def test_many_variants_and_seeds_are_read_in_linear_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    compared = 0
+    equal = Experiment.__eq__
+
+    def counted(self: Experiment, other: object) -> bool:
+        nonlocal compared
+        compared += 1
+        return equal(self, other)
+
+    monkeypatch.setattr(Experiment, "__eq__", counted)
+    speeds = [0.5 + index / 1000 for index in range(100)]
+    values = {"grid": {"parameters.speedAgents": speeds}, "seeds": list(range(500))}
+    (tmp_path / "base.yaml").write_text(BASE)
+    found = Sweep.from_mapping({"experiment": Experiment.load(tmp_path / "base.yaml"), **values})
+    assert len(found.variants) == 100
+    assert compared < 200
+
+    class Seed(int):
+        """Counts comparisons."""
+
+        def __eq__(self, other: object) -> bool:
+            nonlocal compared
+            compared += 1
+            return int(self) == other
+
+        __hash__ = int.__hash__
+
+    compared = 0
+    seeds = [Seed(number) for number in range(500)]
+    assert _seeds(Source("", values={"seeds": seeds})) == tuple(range(500))
+    assert compared < 2000

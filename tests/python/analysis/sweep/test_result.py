@@ -94,6 +94,55 @@ def test_a_validation_that_was_interrupted_is_finished(tmp_path: Path) -> None:
     assert [len(run.sessions) for run in again] == [len(first.sessions) + 1, len(other.sessions)]
 
 
+def test_finished_runs_are_validated_as_the_sweep_asks(tmp_path: Path) -> None:
+    noisy = {**BASE, "parameters": {"placement": "random", "numAgents": 2}}
+
+    def again(validate: Any) -> list[tuple[int, int]]:
+        source = {"experiment": {**noisy, "validate": validate}, "seeds": 1}
+        (run,) = sweep(source, out=tmp_path / "out", jobs=1).runs
+        digests.add(run.digest)
+        return [(0 if run.unseen is None else len(run.unseen.seeds), len(run.sessions))]
+
+    digests: set[str] = set()
+    assert again(False) == [(0, 1)]
+    assert again({"episodes": 20, "candidates": 2}) == [(20, 2)]
+    assert again({"episodes": 20, "candidates": 2}) == [(20, 2)]
+    for fewer in (False, {"episodes": 10, "candidates": 2}, {"episodes": "auto"}):
+        assert again(fewer) == [(20, 2)]
+    assert again({"episodes": 30, "candidates": 2}) == [(30, 3)]
+    assert again({"episodes": 30, "candidates": 3}) == [(30, 4)]
+    assert len(digests) == 1
+
+
+@pytest.mark.parametrize(
+    ("wanted", "episodes", "candidates"),
+    [
+        ({"episodes": 5, "candidates": 3}, 30, 3),
+        ({"episodes": 40, "candidates": 1}, 40, 2),
+        ({"episodes": 5, "candidates": 1, "seed": 77}, 30, 2),
+        ({"episodes": 5, "candidates": 1}, 30, 2),
+    ],
+)
+def test_a_validation_is_not_replaced_by_a_smaller_one(
+    tmp_path: Path, wanted: dict[str, int], episodes: int, candidates: int
+) -> None:
+    noisy = {**BASE, "parameters": {"placement": "random", "numAgents": 2}}
+
+    def again(validate: dict[str, int]) -> Run:
+        source = {"experiment": {**noisy, "validate": validate}, "seeds": 1}
+        (run,) = sweep(source, out=tmp_path / "out", jobs=1).runs
+        return run
+
+    again({"episodes": 30, "candidates": 2})
+    run = again(wanted)
+    validation = run.validation
+    assert validation is not None
+    assert (len(validation.best.seeds), len(validation.candidates)) == (episodes, candidates)
+    if "seed" in wanted:
+        assert validation.best.seeds[0] == wanted["seed"]
+    assert len(again(wanted).sessions) == len(run.sessions), "nothing is left to do"
+
+
 def test_a_file_is_taken_and_its_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     Experiment.from_mapping(BASE).save("base.yaml")

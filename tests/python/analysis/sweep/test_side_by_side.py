@@ -3,15 +3,18 @@
 import os
 import signal
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from swarmwright import Experiment, Generation, InputError, Run
+from swarmwright import Experiment, Generation, InputError, Run, _engine
 from swarmwright.analysis.sweep import Sweep, Variant, tasks
 from swarmwright.analysis.sweep.jobs import shares
 from swarmwright.analysis.sweep.remaining import Status
+from swarmwright.core.errors import PlugInError
+from swarmwright.methods import METHODS
 from swarmwright.supervision.local_servers import processors
 from tests.python.cli.processes import children, gone
 
@@ -34,6 +37,7 @@ def experiment(**changes: Any) -> Experiment:
     return Experiment.from_mapping({"simulation": "minisim", **changes})
 
 
+@pytest.mark.slow
 def test_the_results_and_what_is_said_are_those_of_one_after_the_other(program: Any, tmp_path: Path) -> None:
     (tmp_path / "base.yaml").write_text(BASE)
     (tmp_path / "sweep.yaml").write_text(SWEEP)
@@ -77,8 +81,8 @@ def test_a_variant_that_fails_does_not_stop_the_others(
     lines = result.stdout.splitlines()
     assert lines[1].startswith("[1/2] trouble reset, seed 1: failed: every candidate of generation 0 failed")
     assert lines[2].startswith("[2/2] trouble , seed 1: best fitness")
-    assert lines[-2].startswith("Failed: trouble reset, seed 1: every candidate")
-    assert "LookupError: no start" in lines[-2]
+    assert lines[-3].startswith("Failed: trouble reset, seed 1: every candidate")
+    assert "LookupError: no start" in lines[-3]
     assert lines[-1] == "The figure is in results/comparison.png"
 
 
@@ -153,6 +157,34 @@ def test_servers_on_a_broker_are_shared_where_one_run_has_no_use_for_all(
     assert shares([small, large], 9, None, broker=embedded_broker, servers=None) == [None]
 
 
+def test_the_generations_of_a_run_are_as_large_as_the_method_says(
+    embedded_broker: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ready = [{"state": "idle", "simulations": ["minisim"]}] * 44
+    monkeypatch.setattr(_engine, "servers", lambda *_, **__: ready)
+    for kind, candidates in (("cma_es", 11), ("snes", 20), ("cea2d", 100)):
+        run = experiment(method={"kind": kind}, controller={"kind": "layered", "hidden": [2]})
+        assert len(run.new_method(run.representation()).ask()) == candidates
+        jobs = shares([run], 9, None, broker=embedded_broker, servers=None)
+        assert jobs == [None] * max(1, 44 // candidates), kind
+
+
+@pytest.mark.parametrize("raised", [PlugInError("broken"), ValueError("broken")])
+def test_a_plug_in_that_fails_does_not_end_the_sweep(
+    monkeypatch: pytest.MonkeyPatch, embedded_broker: str, raised: Exception
+) -> None:
+    def fail(*_: Any) -> None:
+        raise raised
+
+    monkeypatch.setattr(_engine, "servers", lambda *_, **__: [])
+    monkeypatch.setattr("swarmwright.core.plug_in_code.failure", lambda error: PlugInError(str(error)))
+    run = experiment()
+    monkeypatch.setattr(Experiment, "representation", fail)
+    assert shares([run], 2, None, broker=embedded_broker, servers=None) == [None]
+    monkeypatch.setattr(METHODS.get("nnga"), "first_generation", fail)
+    assert shares([run], 2, None, broker=embedded_broker, servers=None) == [None]
+
+
 def test_the_time_left_is_estimated_from_within_runs(tmp_path: Path) -> None:
     now = 100.0
     variants = tuple(
@@ -179,6 +211,23 @@ def test_the_time_left_is_estimated_from_within_runs(tmp_path: Path) -> None:
     status.begun(todo[2])
     assert (status.failures, status.finished) == (1, 0)
     assert status.seconds_left() == pytest.approx((25 + 45 + 45) / 2)
+
+
+def test_how_far_a_run_is_counts_what_limits_it(tmp_path: Path) -> None:
+    limits: dict[str, dict[str, Any]] = {
+        "0 of 10 generations": {"generations": 10},
+        "0 of 200 evaluations": {"evaluations": 200},
+        "0 generations, 0.0 s of 1 min 00 s": {"seconds": 60},
+    }
+    for words, limit in limits.items():
+        variant = Variant("nnga", "nnga", experiment(method={"kind": "nnga", **limit}))
+        status = Status(1)
+        (task,) = tasks(Sweep((variant,), (1,), tmp_path))
+        status.begin([task])
+        status.begun(task)
+        assert status.under_way[task].words == f"nnga, seed 1: {words}"
+    status.generation(task, replace(generation(4, seconds=20.0, left=30.0), budget="seconds"))
+    assert status.under_way[task].words == "nnga, seed 1: 5 generations, 30 s of 1 min 00 s"
 
 
 def generation(number: int, *, seconds: float, left: float) -> Generation:

@@ -78,21 +78,53 @@ def test_results_do_not_depend_on_the_servers(runs: list[Run]) -> None:
     assert one.runs[0].candidates[3].recorded is None
 
 
-def test_designs_are_compared(runs: list[Run]) -> None:
+def test_groups_are_compared(runs: list[Run]) -> None:
     found = transfer(runs, vary=FASTER, candidates=2, seeds=4)
-    assert [one.label for one in found.designs] == ["hidden [2]", "hidden [8]"]
-    for design, members in zip(found.designs, (found.runs[:2], found.runs[2:]), strict=True):
-        assert design.losses.tolist() == [one.losses[0].mean for one in members]
-        assert design.losses == pytest.approx(design.source_fitness - design.target_fitness)
+    assert [one.label for one in found.group_losses] == ["hidden [2]", "hidden [8]"]
+    for group, members in zip(found.group_losses, (found.runs[:2], found.runs[2:]), strict=True):
+        assert group.losses.tolist() == [one.losses[0].mean for one in members]
+        assert group.losses == pytest.approx(group.source_fitness - group.target_fitness)
     (pair,) = found.pairs
     assert 0 <= pair.difference.p <= pair.p_holm <= 1
     assert any("fewer than 5 runs" in note for note in found.notes)
     text = str(found)
+    assert "none, too few runs" in text
     for word in ("hidden [2]", "A12 of the loss", "rank correlation", str(runs[3].path)):
         assert word in text
 
 
-def test_runs_of_a_design_may_have_other_seeds_of_episodes(runs: list[Run], tmp_path: Path) -> None:
+def test_groups_are_compared_within_a_task(runs: list[Run], tmp_path: Path) -> None:
+    """Losses of unlike tasks have unlike units, and pairs between these would weaken Holm's correction."""
+    others = [
+        optimize(run.experiment.replace(parameters={"numAgents": 4}), out=tmp_path / run.path.name)
+        for run in runs
+    ]
+    found = transfer([*runs, *others], vary=FASTER, candidates=1, seeds=2)
+    assert [(one.label, len(one.groups), len(one.pairs)) for one in found.tasks] == [
+        ("numAgents 3", 2, 1),
+        ("numAgents 4", 2, 1),
+    ]
+    for pair in found.pairs:
+        assert pair.p_holm == pair.difference.p
+        assert pair.first.label.split(",")[0] == pair.second.label.split(",")[0]
+    text = str(found)
+    assert [line for line in text.splitlines() if line.startswith("Task: ")] == [
+        "Task: numAgents 3",
+        "Task: numAgents 4",
+    ]
+    assert "groups solve different tasks, and those of one task are tested against each other" in found.notes
+    values = found.to_mapping()
+    assert [(one["label"], len(one["groups"])) for one in values["tasks"]] == [
+        ("numAgents 3", 2),
+        ("numAgents 4", 2),
+    ]
+    assert values["pairs"][0]["interval"] is None
+    alone = transfer([*runs, *others[:2]], vary=FASTER, candidates=1, seeds=2)
+    assert len(alone.pairs) == 1
+    assert any("is the only one of its task and is tested against no other" in one for one in alone.notes)
+
+
+def test_runs_of_a_group_may_have_other_seeds_of_episodes(runs: list[Run], tmp_path: Path) -> None:
     experiment = runs[0].experiment.replace(seed=5, parameters={"seed": 77})
     other = optimize(experiment, out=tmp_path / "other")
     found = transfer([*runs[:2], other], vary=FASTER, candidates=1, seeds=2)
@@ -117,6 +149,13 @@ def test_one_run_shows_its_candidates_and_their_order(runs: list[Run], tmp_path:
     assert rows[-1]["generation"] == ""
     with pytest.raises(InputError, match=r"ends with \.csv"):
         found.export(tmp_path / "all.txt")
+    figure = found.figure()
+    (legend,) = figure.legends
+    assert [text.get_text() for text in legend.get_texts()][1:] == [
+        "random controllers", "best of the run", "other candidates of the run", "95 % interval of the mean",
+    ]  # fmt: skip
+    assert legend.get_texts()[0].get_text().endswith("(1 run)")
+    assert figure.get_suptitle() == "1 run: transfer from minisim"
     assert found.plot(tmp_path / "all.svg").read_text().count("<path") > 50
 
 
@@ -139,6 +178,14 @@ def test_another_simulator_on_a_broker(any_broker: str, foreign: Callable[..., A
     (one,) = found.runs
     assert np.isfinite(one.target_episodes).all()
     assert (one.target_episodes != one.source_episodes).any()
+
+
+def test_the_same_simulation_as_in_evolution_is_noted(runs: list[Run]) -> None:
+    found = transfer(runs[:1], ["minisim"], vary=FASTER, candidates=1, seeds=2)
+    assert found.runs[0].losses[0].mean == 0
+    assert [note.partition(" with")[0] for note in found.notes] == [
+        "minisim is what candidates were evolved in,"
+    ]
 
 
 @pytest.mark.parametrize(

@@ -28,6 +28,7 @@ def experiment(folder: Path, generations: int, **options: Any) -> Experiment:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(180)
 def test_servers_join_while_there_is_work_and_leave_after_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -48,6 +49,7 @@ def test_servers_join_while_there_is_work_and_leave_after_it(
     assert max(numbers) == 3
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(180)
 def test_a_budget_is_that_of_the_whole_run(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
@@ -80,7 +82,9 @@ def test_a_budget_is_that_of_the_whole_run(
     assert re.fullmatch(first, text)
     # Nothing of it is left for another session.
     spent = r"the budget of process, 9, was spent in earlier sessions of this run, which cost 10\."
-    with pytest.raises(InputError, match=spent):
+    with pytest.raises(
+        InputError, match=spent + r".*\. Give a larger budget, such as --set servers\.budget=2\d"
+    ):
         resume(run, progress=False)
     with pytest.raises(InputError, match=spent):
         resume(run, servers="process:1", progress=False)

@@ -1,6 +1,7 @@
 """Diagrams of state machines can be read: nothing covers a label, and states have colours of their own."""
 
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,7 +10,9 @@ from hypothesis import strategies as st
 from matplotlib.colors import to_hex
 from matplotlib.patches import Circle, FancyArrowPatch
 
+from swarmwright.core.modules import states_of
 from swarmwright.core.state_colors import state_color
+from swarmwright.figures import controllers
 from swarmwright.figures.controllers import figure
 from swarmwright.figures.controllers.diagram import Arrow, Diagram, Node, figure_with_list
 from tests.python.export.specifications import modules
@@ -85,6 +88,30 @@ def test_states_have_the_colours_of_episodes() -> None:
     drawn = figure(modules(16, 4, 2))
     rings = [to_hex(circle.get_edgecolor()).upper() for circle in drawn.findobj(Circle)]
     assert rings == [state_color(state) for state in range(16)]
+
+
+def test_groups_of_a_team_have_colours_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    parts = {"scouts": modules(3, 2, 1), "carriers": modules(2, 2, 2)}
+    team = {
+        "kind": "team", "version": 1,
+        "groups": [
+            {"name": name, "controller": {key: value for key, value in part.items() if key != "weights"}}
+            for name, part in parts.items()
+        ],
+        "weights": [weight for part in parts.values() for weight in part["weights"]],
+    }  # fmt: skip
+    drawn = []
+    draw = controllers.figure
+
+    def watched(*one: Any, **named: Any) -> Any:
+        drawn.append(draw(*one, **named))
+        return drawn[-1]
+
+    monkeypatch.setattr(controllers, "figure", watched)
+    draw(team)
+    rings = [to_hex(circle.get_edgecolor()).upper() for group in drawn for circle in group.findobj(Circle)]
+    states = sum(len(states_of(part)) for part in parts.values())
+    assert rings == [state_color(index) for index in range(states)], "as on pages"
 
 
 def test_many_transitions_are_a_matrix_with_numbers() -> None:

@@ -307,6 +307,8 @@ def test_trees_of_modules(subtrees: int, seed: int, tmp_path: Path, caplog: pyte
         assert words_of(subtree) in text.replace("- ", "-")  # where a line ends
         assert condition_words(subtree) in text
     assert f"tree of {len(states_of(specification))} subtree" in text
+    assert "sequence*: sequence with memory" in text
+    assert "?: selector" in text
     written(drawn, tmp_path, caplog)
 
 

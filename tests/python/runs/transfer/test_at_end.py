@@ -186,8 +186,14 @@ def test_a_finished_run_can_get_one(tmp_path: Path) -> None:
             r"(?s)noisy\.yaml:\d+: validate\.to\[0\]: emergency_exit: .*numDefenders: .*name a file",
         ),
         ({"to": [{"simulation": "emergency_exit"}]}, "controllers have 4 sensors and 1 actuators, agents of"),
-        ({"to": [{"parameters": {"speed": 1}}]}, r"noisy\.yaml:\d+: parameters\.speed: unknown"),
-        ({"to": [{"method": {}}]}, r"noisy\.yaml:\d+: method: a target says where"),
+        (
+            {"to": [{"parameters": {"speed": 1}}]},
+            r"noisy\.yaml:\d+: validate\.to\[0\]\.parameters\.speed: unknown",
+        ),
+        (
+            {"to": [{"method": {}}]},
+            r"noisy\.yaml:\d+: validate\.to\[0\]\.method: does not belong to a target",
+        ),
         (
             {"to": ["harder.yaml", "harder.yaml"]},
             r"noisy\.yaml:\d+: validate\.to: harder\.yaml is named twice",

@@ -67,7 +67,7 @@ class Measuring {
     const JointPtr joint = placed->GetJoint(name);
     const LinkPtr link = joint ? joint->GetChild() : nullptr;
     if (!link || link->GetCollisions().empty()) {
-      fail(element + ": its child has no <collision>, so that it is no wheel");
+      fail(element + ": its child has no <collision>, so it is not a wheel");
     }
     UserWheel wheel;
     wheel.joint = name;

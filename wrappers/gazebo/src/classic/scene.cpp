@@ -162,11 +162,11 @@ class ClassicScene : public Scene {
       const RobotModel& model = plan_.model(i);
       const double height = static_cast<double>(model.height);
       const double low = std::min(0.01, height / 4);
-      const dGeomID room = dCreateCylinder(nullptr, static_cast<double>(model.radius), height - low);
-      dGeomSetPosition(room, static_cast<double>(robots[i].x), static_cast<double>(robots[i].y), (height + low) / 2);
+      const dGeomID body = dCreateCylinder(nullptr, static_cast<double>(model.radius), height - low);
+      dGeomSetPosition(body, static_cast<double>(robots[i].x), static_cast<double>(robots[i].y), (height + low) / 2);
       Obstacle found;
-      dSpaceCollide2(room, reinterpret_cast<dGeomID>(engine->GetSpaceId()), &found, &Obstacle::look);
-      dGeomDestroy(room);
+      dSpaceCollide2(body, reinterpret_cast<dGeomID>(engine->GetSpaceId()), &found, &Obstacle::look);
+      dGeomDestroy(body);
       if (!found.model.empty()) {
         throw begins_in(i, robots[i], found.model);
       }

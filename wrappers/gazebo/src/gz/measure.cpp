@@ -150,7 +150,7 @@ class Measuring {
     const sdf::Joint* joint = model.JointByName(name);
     const sdf::Link* link = joint == nullptr ? nullptr : model.LinkByName(joint->ChildLinkName());
     if (link == nullptr || link->CollisionCount() == 0) {
-      fail(element + ": its child has no <collision>, so that it is no wheel");
+      fail(element + ": its child has no <collision>, so it is not a wheel");
     }
     UserWheel wheel;
     wheel.joint = name;

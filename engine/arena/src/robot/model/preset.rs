@@ -266,7 +266,7 @@ fn change_sensors(robot: &mut Robot, changes: &Changes) -> Result<(), ParameterE
             radio.put(part, &format!("{name}.radio"))?;
         }
     }
-    if let (Some(range), Some(given)) = (&mut robot.around, &sensors.neighbours) {
+    if let (Some(range), Some(given)) = (&mut robot.neighbour_range, &sensors.neighbours) {
         put_within(range, given.range, "sensors.neighbours.range", RANGE)?;
     }
     if let Some(given) = &sensors.encoders {
@@ -288,7 +288,7 @@ fn kinds(robot: &Robot) -> Vec<&'static str> {
         ("light", robot.light.is_some()),
         ("ground", robot.ground.is_some()),
         ("range_and_bearing", robot.links.is_some()),
-        ("neighbours", robot.around.is_some()),
+        ("neighbours", robot.neighbour_range.is_some()),
         ("encoders", has(Output::Encoders)),
         ("compass", has(Output::Compass)),
     ];

@@ -54,7 +54,7 @@ pub(super) enum Heard {
     Message,
 }
 
-/// What is seen of the robots around.
+/// What the sensor `neighbours` gives.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(super) enum Seen {
@@ -331,8 +331,8 @@ pub(super) fn add(
                     ));
                 }
                 robot.outputs.push(match heard {
-                    Heard::Count => Output::Neighbours,
-                    Heard::Squashed => Output::NeighboursSquashed,
+                    Heard::Count => Output::MessageCount,
+                    Heard::Squashed => Output::MessageCountSquashed,
                     Heard::Attraction => Output::Attraction,
                     Heard::Sectors => Output::AttractionParts,
                     Heard::Message => Output::Message,
@@ -340,15 +340,15 @@ pub(super) fn add(
             }
         }
         Sensor::Neighbours { range, gives } => {
-            only(at, "neighbours", robot.around.as_ref())?;
+            only(at, "neighbours", robot.neighbour_range.as_ref())?;
             within(&format!("{at}.range"), *range, RANGE)?;
             each_once(&format!("{at}.gives"), gives)?;
-            robot.around = Some(*range);
+            robot.neighbour_range = Some(*range);
             robot.outputs.extend(gives.iter().map(|seen| match seen {
-                Seen::Count => Output::AroundCount,
-                Seen::Center => Output::AroundCenter,
-                Seen::Heading => Output::AroundHeading,
-                Seen::Nearest => Output::AroundNearest,
+                Seen::Count => Output::NeighbourCount,
+                Seen::Center => Output::NeighbourCenter,
+                Seen::Heading => Output::NeighbourHeading,
+                Seen::Nearest => Output::NeighbourNearest,
             }));
         }
         Sensor::Encoders { noise } => {

@@ -66,9 +66,9 @@ impl Layered {
         let mut width = self.sensors;
         let mut rest = weights;
         let mut inputs = sensors;
-        for nodes in self.layers() {
+        for (nodes, activation) in self.layers() {
             let (rows, behind) = rest.split_at(nodes * (width + 1));
-            layer(self.activation, rows, inputs, &mut above[..nodes]);
+            layer(activation, rows, inputs, &mut above[..nodes]);
             (below, above) = (above, below);
             (width, rest) = (nodes, behind);
             inputs = Inputs::of_numbers(&below[..width]);

@@ -11,7 +11,7 @@ use serde::Serialize;
 /// A feed-forward network: sensors, any number of hidden layers, actuators. Keeps nothing between steps.
 ///
 /// Weights: layer after layer, node after node: the bias, then one weight for every output of the layer below.
-/// The activation applies to every layer, the last one included.
+/// The activation applies to every layer, to the last one only where `output_activation` is left out.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Layered {
     /// Numbers in.
@@ -22,18 +22,24 @@ pub struct Layered {
     pub hidden: Vec<usize>,
     /// What every node does to its sum.
     pub activation: Activation,
+    /// What the nodes of the last layer do instead.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub output_activation: Option<Activation>,
     /// Network outputs that become actuators -1 to 1.
     pub output_range: OutputRange,
 }
 
 impl Layered {
-    /// Nodes of each layer above the sensors.
-    fn layers(&self) -> impl Iterator<Item = usize> + '_ {
-        self.hidden.iter().copied().chain([self.actuators])
+    /// Nodes of each layer above the sensors, and what they do to their sums.
+    fn layers(&self) -> impl Iterator<Item = (usize, Activation)> + '_ {
+        let hidden = self.hidden.iter().map(|nodes| (*nodes, self.activation));
+        let last = self.output_activation.unwrap_or(self.activation);
+        hidden.chain([(self.actuators, last)])
     }
 
     fn widest(&self) -> usize {
-        self.layers().fold(self.sensors, usize::max)
+        self.layers()
+            .fold(self.sensors, |widest, (nodes, _)| widest.max(nodes))
     }
 }
 
@@ -47,7 +53,7 @@ impl Kind for Layered {
     fn weight_count(&self) -> Option<usize> {
         let mut below = self.sensors;
         let mut count = 0_usize;
-        for nodes in self.layers() {
+        for (nodes, _) in self.layers() {
             count = count.checked_add(nodes.checked_mul(below.checked_add(1)?)?)?;
             below = nodes;
         }
@@ -84,14 +90,14 @@ impl Kind for Layered {
         below[..sensors.len()].copy_from_slice(sensors);
         let mut width = self.sensors;
         let mut rest = weights;
-        for nodes in self.layers() {
+        for (nodes, activation) in self.layers() {
             let (layer, behind) = rest.split_at(nodes * (width + 1));
             for (output, row) in above.iter_mut().zip(layer.chunks_exact(width + 1)) {
                 let mut sum = 0.0_f32;
                 for (weight, input) in row[1..].iter().zip(below.iter()) {
                     sum += weight * input;
                 }
-                *output = self.activation.apply(row[0] + sum);
+                *output = activation.apply(row[0] + sum);
             }
             (below, above) = (above, below);
             (width, rest) = (nodes, behind);

@@ -10,6 +10,7 @@ pub(super) fn read(reader: &mut Reader<'_>) -> Result<Layered, SpecificationErro
         actuators: reader.count("actuators", 1, MAX_WEIGHTS)?,
         hidden: reader.counts("hidden", 1, MAX_WEIGHTS)?,
         activation: reader.activation(&Activation::ALL)?,
+        output_activation: reader.output_activation(&Activation::ALL)?,
         output_range: reader.output_range()?,
     })
 }

@@ -61,7 +61,7 @@ const TRANSITION_LIMITS: [(f32, f32, bool); OF_TRANSITION] = [
     (0.0, 20.0, true),
 ];
 
-/// Shorter proximity vectors are no obstacles.
+/// Shorter proximity vectors do not count as obstacles.
 const NEAR: f32 = 0.1;
 /// Shorter vectors are not followed.
 const SHORT: f32 = 0.1;

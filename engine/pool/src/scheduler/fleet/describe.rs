@@ -73,7 +73,8 @@ impl Fleet {
                 continue;
             }
             let state = match (presence.state, &presence.tool) {
-                (State::Lost, _) => format!("lost since {}", presence.since),
+                // The time in a last will is that of the connection.
+                (State::Lost, _) => "lost".to_owned(),
                 (State::Busy, Some(tool)) => format!("fits, but is busy for {tool}"),
                 (State::Busy, None) => "fits, but is busy".to_owned(),
                 (State::Ready, _) => "fits, but does not answer".to_owned(),

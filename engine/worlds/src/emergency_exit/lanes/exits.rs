@@ -43,7 +43,7 @@ impl Numbers {
         self.bytes.len()
     }
 
-    /// Room for the numbers of as many places, all 0.
+    /// Adds the numbers of as many places, all 0.
     pub(super) fn append(&mut self, places: usize) -> Part<'_> {
         let first = self.bytes.len() - READ;
         self.bytes

@@ -10,8 +10,10 @@ namespace {
 
 constexpr std::chrono::seconds kStill(2);
 constexpr std::chrono::milliseconds kRepeat(500);
+constexpr std::chrono::seconds kSayEvery(10);
+constexpr std::chrono::seconds kSayChange(1);
 
-void resolve(const Graph& graph, Place& place) {
+void resolve(Graph& graph, Place& place) {
   try {
     place.topic = graph.resolve(place.topic);
   } catch (const std::exception& error) {
@@ -21,11 +23,11 @@ void resolve(const Graph& graph, Place& place) {
 
 }  // namespace
 
-Mapping resolved(const Graph& graph, const Value& value) {
+Mapping resolved(Graph& graph, const Value& value) {
   Mapping mapping = read_mapping(value, {exported_sensor_names, exported_sensor_names + exported_sensors},
                                  {exported_actuator_names, exported_actuator_names + exported_actuators});
   for (SensorMapping& sensor : mapping.sensors) {
-    if (!sensor.random) resolve(graph, sensor.place);
+    if (!sensor.place.topic.empty()) resolve(graph, sensor.place);
   }
   for (ActuatorMapping& actuator : mapping.actuators) resolve(graph, actuator.place);
   return mapping;
@@ -57,9 +59,21 @@ void Control::cycle() {
     if (mapping_.reset_after_silence) exported_reset();
     stopped_ = false;
     begun_ = true;
+    reason_.clear();
   }
   inputs_.draw();
-  exported_step(inputs_.values().data(), actuators_.data());  // refuses only what Inputs has refused before
+  // Inputs has refused what is not finite: this is an overflow, or a topic as the source of random numbers.
+  if (!exported_step(inputs_.values().data(), actuators_.data())) {
+    if (!refused_) {
+      graph_.warn(
+          "stopped: the controller refuses the step: a node has overflowed (reset it), "
+          "or a random number is not from 0 to 1");
+    }
+    refused_ = true;
+    outputs_.stop();
+    return;
+  }
+  refused_ = false;
   outputs_.publish(actuators_);
   show();
 }
@@ -98,35 +112,34 @@ void Control::watch(Clock::time_point now) {
   outputs_.stop();
 }
 
-// Says so once; the robot is told in every cycle, for it may listen later.
+// Says why, again when the reason changes and from time to time; the robot is told in every cycle, for it may listen
+// later.
 void Control::stopped(const Missing& missing) {
   const Clock::time_point now = Clock::now();
-  if (!begun_) {
-    const std::string text = missing.text("waiting", " for ");
-    const auto since = now - said_;
-    if (waiting_.empty() || since >= std::chrono::seconds(10) ||
-        (text != waiting_ && since >= std::chrono::seconds(1))) {
-      said_ = now;
-      waiting_ = text;
-      graph_.info(text);
+  const std::string reason =
+      begun_ ? missing.text("stopped", ": nothing comes from ") : missing.text("waiting", " for ");
+  const auto since = now - said_;
+  if (reason_.empty() || since >= kSayEvery || (reason != reason_ && since >= kSayChange)) {
+    said_ = now;
+    reason_ = reason;
+    if (begun_) {
+      graph_.warn(reason);
+    } else {
+      graph_.info(reason);
     }
   }
-  if (!stopped_) graph_.warn(missing.text("stopped", ": nothing comes from "));
   stopped_ = true;
   outputs_.stop();
 }
 
-// What the controller has sensed and done, for those who listen.
+// What the controller has sensed and done, for those who listen: one row, sensors first.
 void Control::show() {
   if (steps_->listeners() == 0) return;
   messages::Float32MultiArray step;
-  step.layout.dim.resize(2);
-  step.layout.dim[0].label = "sensors";
-  step.layout.dim[0].size = exported_sensors;
+  step.layout.dim.resize(1);
+  step.layout.dim[0].label = "sensors, actuators";
+  step.layout.dim[0].size = exported_sensors + exported_actuators;
   step.layout.dim[0].stride = exported_sensors + exported_actuators;
-  step.layout.dim[1].label = "actuators";
-  step.layout.dim[1].size = exported_actuators;
-  step.layout.dim[1].stride = exported_actuators;
   step.data = inputs_.values();
   step.data.insert(step.data.end(), actuators_.begin(), actuators_.end());
   steps_->publish(step);

@@ -45,9 +45,10 @@ class Control {
   Outputs outputs_;
   std::shared_ptr<Publisher<messages::Float32MultiArray>> steps_;
   std::vector<float> actuators_;
+  bool refused_ = false;
   bool stopped_ = true;
   bool begun_ = false;
-  std::string waiting_;
+  std::string reason_;  // that was said last since the controller ran; empty while it runs
   Clock::time_point said_;
   Clock::time_point looked_;
   // Of the clock that cycles follow.
@@ -58,4 +59,4 @@ class Control {
 };
 
 // The mapping for the exported controller, with topics by their full names. Throws MappingError.
-Mapping resolved(const Graph& graph, const Value& value);
+Mapping resolved(Graph& graph, const Value& value);

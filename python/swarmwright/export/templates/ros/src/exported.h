@@ -16,7 +16,7 @@ extern const char* const exported_actuator_names[];
 // Goes to the start of an episode: forgets everything.
 void exported_reset(void);
 
-// Computes the actuators for one control cycle; false when a sensor is NaN or infinite.
+// Computes the actuators for one control cycle; false when it refuses a step, see its header.
 bool exported_step(const float* sensors, float* actuators);
 
 #ifdef __cplusplus

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
+#include <limits>
 #include <regex>
 #include <sstream>
 
@@ -39,7 +40,7 @@ std::string shown(const Value& value) {
       text << value.number;
       return text.str();
     case Value::Kind::text:
-      return value.text;
+      return "'" + value.text + "'";
     case Value::Kind::list:
       for (const Value& one : value.list) {
         text << between << shown(one);
@@ -88,6 +89,15 @@ class Block {
     return value == nullptr ? otherwise : finite(key, *value);
   }
 
+  // One that binary32, which controllers get, can hold.
+  double single(const std::string& key) {
+    const double value = finite(key, get(key));
+    if (std::abs(value) > double{std::numeric_limits<float>::max()}) {
+      fail(key + ": " + shown(Value::of(value)) + " found, expected at most 3.4e38");
+    }
+    return value;
+  }
+
   double positive(const std::string& key, double otherwise) {
     const double value = number(key, otherwise);
     if (!(value > 0)) fail(key + ": " + shown(Value::of(value)) + " found, expected more than 0");
@@ -101,13 +111,21 @@ class Block {
     return value->boolean;
   }
 
-  std::optional<Interval> interval(const std::string& key) {
+  // The turn: after which the same directions come again; 0 for numbers of another kind.
+  std::optional<Interval> interval(const std::string& key, double turn = 0) {
     const Value* value = find(key);
     if (value == nullptr) return std::nullopt;
     if (value->kind != Value::Kind::list || value->list.size() != 2) fail(key + ": expected two numbers [low, high]");
     const double low = finite(key, value->list[0]);  // one after the other: the first that is none is named
     const Interval found{low, finite(key, value->list[1])};
-    if (!(found.first < found.second)) fail(key + ": the first number must be below the second");
+    if (!(low < found.second)) {
+      std::ostringstream remedy;
+      if (found.second < low && low < found.second + turn) {
+        remedy << "; write [" << low - turn << ", " << found.second << "] or [" << low << ", " << found.second + turn
+               << "]";
+      }
+      fail(key + ": the first number must be below the second" + remedy.str());
+    }
     return found;
   }
 
@@ -150,11 +168,14 @@ class Block {
     // YAML 1.1, which ROS 1 reads, takes a number such as 1e-3 for text.
     static const std::regex exponent("[-+]?(\\.[0-9]+|[0-9]+(\\.[0-9]*)?)[eE][-+]?[0-9]+");
     double number = NAN;
+    const char* what = "found";
     if (value.kind == Value::Kind::number) number = value.number;
     if (value.kind == Value::Kind::text && std::regex_match(value.text, exponent)) {
       number = std::strtod(value.text.c_str(), nullptr);
+    } else if (value.kind == Value::Kind::text) {
+      what = "is text";
     }
-    if (!std::isfinite(number)) fail(key + ": " + shown(value) + " found, expected a number");
+    if (!std::isfinite(number)) fail(key + ": " + shown(value) + " " + what + ", expected a number");
     return number;
   }
 
@@ -174,8 +195,12 @@ SensorMapping sensor(Block& block, double timeout) {
   SensorMapping found;
   if (block.has("source")) {
     const std::string source = block.text("source");
-    if (source != "random") block.fail("source: '" + source + "' found, expected random");
     found.place.where = block.where();
+    if (source == "constant") {
+      found.constant = block.single("value");
+      return found;
+    }
+    if (source != "random") block.fail("source: '" + source + "' found, expected random or constant");
     found.random = true;
     found.seed = block.seed("seed");
     return found;
@@ -186,7 +211,7 @@ SensorMapping sensor(Block& block, double timeout) {
   found.clip = block.interval("clip");
   found.timeout = block.positive("timeout", timeout);
   if (found.place.type == "sensor_msgs/LaserScan") {
-    found.sector = block.interval("sector");
+    found.sector = block.interval("sector", 360);
     const std::string reduce = block.has("reduce") ? block.text("reduce") : "min";
     found.mean = reduce == "mean";
     if (!found.mean && reduce != "min") block.fail("reduce: '" + reduce + "' found, expected min or mean");

@@ -28,7 +28,7 @@ struct Place {
 };
 
 struct SensorMapping {
-  Place place;  // without a topic where the value is drawn at random
+  Place place;  // without a topic where the value has another source
   // sensor = clip(value * scale + offset), in binary64, then rounded to binary32.
   double scale = 1;
   double offset = 0;
@@ -39,6 +39,7 @@ struct SensorMapping {
   double timeout = 0;                 // s
   bool random = false;                // a new number from 0 to 1 in each cycle
   std::optional<std::uint64_t> seed;  // of these numbers; default: another one at each start
+  std::optional<double> constant;     // the value in every cycle, of a sensor that the robot lacks
 };
 
 struct ActuatorMapping {

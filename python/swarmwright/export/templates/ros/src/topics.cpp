@@ -280,6 +280,7 @@ Inputs::Inputs(Graph& graph, const std::vector<SensorMapping>& sensors)
     : graph_(graph), sensors_(sensors), values_(sensors.size()), times_(sensors.size()), heard_(sensors.size()) {
   for (std::size_t i = 0; i < sensors_.size(); ++i) {
     if (sensors_[i].random) generators_.emplace_back(i, Generator(sensors_[i].seed));
+    if (sensors_[i].constant) values_[i] = static_cast<float>(*sensors_[i].constant);
   }
   for (const std::string& topic : topics_of(sensors_)) {
     const std::string type = type_of(graph_, topic, sensors_);
@@ -321,7 +322,7 @@ Missing Inputs::missing() const {
     const auto recent = [&](const std::optional<double>& time) {
       return time && now >= *time && now - *time <= sensor.timeout;
     };
-    if (sensor.random || recent(times_[i])) continue;
+    if (sensor.place.topic.empty() || recent(times_[i])) continue;
     if (recent(heard_[i])) {
       add(missing.unusable, unusable(sensor));
     } else {

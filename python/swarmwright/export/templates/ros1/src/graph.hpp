@@ -3,6 +3,7 @@
 #pragma once
 
 #include <functional>
+#include <map>
 #include <memory>
 #include <string>
 #include <utility>
@@ -50,18 +51,26 @@ class Publisher {
 
 class Graph {
  public:
-  // The full name of a topic: /robot_1/scan. Throws std::exception for what is no name.
-  std::string resolve(const std::string& name) const {
-    return name.rfind("~/", 0) == 0 ? ros::names::resolve("~" + name.substr(2)) : ros::names::resolve(name);
+  // The full name of a topic, remapped: /robot_1/scan. Throws std::exception for what is no name.
+  std::string resolve(const std::string& name) {
+    const std::string given = ros::names::resolve(name.rfind("~/", 0) == 0 ? "~" + name.substr(2) : name, false);
+    const std::string full = ros::names::remap(given);
+    given_[full] = given;
+    return full;
   }
 
   // The types with which nodes use a topic.
   std::vector<std::string> types(const std::string& topic) const {
-    ros::master::V_TopicInfo known;
-    ros::master::getTopics(known);
+    XmlRpc::XmlRpcValue arguments;
+    XmlRpc::XmlRpcValue response;
+    XmlRpc::XmlRpcValue known;
     std::vector<std::string> found;
-    for (const ros::master::TopicInfo& info : known) {
-      if (info.name == topic) found.push_back(info.datatype);
+    arguments[0] = ros::this_node::getName();
+    arguments[1] = "";
+    // ros::master::getTopics would wait until a master that is gone is back, and the robot would get no more commands.
+    if (!ros::master::execute("getPublishedTopics", arguments, response, known, false)) return found;
+    for (int i = 0; i < known.size(); ++i) {
+      if (static_cast<std::string>(known[i][0]) == topic) found.push_back(static_cast<std::string>(known[i][1]));
     }
     return found;
   }
@@ -80,7 +89,7 @@ class Graph {
 
   template <typename Message>
   std::shared_ptr<Publisher<Message>> advertise(const std::string& topic, unsigned depth) {
-    return std::make_shared<Publisher<Message>>(node_.advertise<Message>(topic, depth));
+    return std::make_shared<Publisher<Message>>(node_.advertise<Message>(given(topic), depth));
   }
 
   void stamp(messages::Header& header) const { header.stamp = ros::Time::now(); }
@@ -96,9 +105,16 @@ class Graph {
   void subscribe(const std::string& topic, std::function<void(const Message&)> read, unsigned depth) {
     const boost::function<void(const boost::shared_ptr<Message const>&)> received =
         [read = std::move(read)](const auto& message) { read(*message); };
-    subscribers_.push_back(node_.subscribe<Message>(topic, depth, received));
+    subscribers_.push_back(node_.subscribe<Message>(given(topic), depth, received));
+  }
+
+  // What roscpp, which remaps names itself, is to be given for a full name: a:=b b:=a would else have no effect.
+  const std::string& given(const std::string& topic) const {
+    const auto found = given_.find(topic);
+    return found == given_.end() ? topic : found->second;
   }
 
   ros::NodeHandle node_;
+  std::map<std::string, std::string> given_;  // by full name: the name before it was remapped
   std::vector<ros::Subscriber> subscribers_;
 };

@@ -4,6 +4,7 @@
 #include <csignal>
 #include <cstdlib>
 #include <string>
+#include <thread>
 
 #include "control.hpp"
 #include "graph.hpp"
@@ -37,6 +38,27 @@ void end_on_signals() {
   for (const int number : {SIGINT, SIGTERM}) std::signal(number, end);
   // A closed terminal; nohup has it ignored.
   if (std::signal(SIGHUP, end) == SIG_IGN) std::signal(SIGHUP, SIG_IGN);
+}
+
+// roscpp waits for a master without looking at signals. Returns whether one answers before the node is told to end.
+bool await_master() {
+  if (ros::master::check()) return true;
+  ROS_WARN("no master answers at %s (ROS_MASTER_URI); waiting for it", ros::master::getURI().c_str());
+  while (!ended) {
+    ros::WallDuration(0.2).sleep();
+    if (ros::master::check()) return true;
+  }
+  return false;
+}
+
+// Nor does roscpp stop registering topics with a master that was lost meanwhile. It gives up 2 s after the node was
+// told to end, long after the last command of a robot that is driven.
+void end_without_master() {
+  std::thread([] {
+    while (!ended) ros::WallDuration(0.1).sleep();
+    ros::WallDuration(2).sleep();
+    ros::requestShutdown();
+  }).detach();
 }
 
 Value value_of(XmlRpc::XmlRpcValue& given) {
@@ -115,6 +137,8 @@ class Node {
 int main(int argc, char** argv) {
   ros::init(argc, argv, "swarmwright_controller", ros::init_options::NoSigintHandler);
   end_on_signals();
+  if (!await_master()) return EXIT_SUCCESS;
+  end_without_master();
   ros::XMLRPCManager::instance()->unbind("shutdown");
   ros::XMLRPCManager::instance()->bind("shutdown", end_as_told);
   const ros::NodeHandle node;  // without one nothing can be said any more

@@ -5,6 +5,7 @@
 #include <chrono>
 #include <cstddef>
 #include <functional>
+#include <map>
 #include <memory>
 #include <stdexcept>
 #include <string>
@@ -59,10 +60,13 @@ class Graph {
 
   bool simulated() const { return simulated_; }
 
-  // The full name of a topic: /robot_1/scan. Throws std::exception for what is no name.
-  std::string resolve(const std::string& name) const {
+  // The full name of a topic, remapped: /robot_1/scan. Throws std::exception for what is no name.
+  std::string resolve(const std::string& name) {
+    const auto topics = node_->get_node_topics_interface();
     try {
-      return node_->get_node_topics_interface()->resolve_topic_name(name);
+      const std::string full = topics->resolve_topic_name(name);
+      given_[full] = topics->resolve_topic_name(name, true);
+      return full;
     } catch (const rclcpp::exceptions::RCLErrorBase& error) {
       throw std::invalid_argument(error.message);  // without the line of ROS's own source that noticed it
     }
@@ -72,7 +76,7 @@ class Graph {
   std::vector<std::string> types(const std::string& topic) const {
     std::vector<std::string> found;
     for (const auto& ends :
-         {node_->get_publishers_info_by_topic(topic), node_->get_subscriptions_info_by_topic(topic)}) {
+         {node_->get_publishers_info_by_topic(given(topic)), node_->get_subscriptions_info_by_topic(given(topic))}) {
       for (const rclcpp::TopicEndpointInfo& end : ends) {
         const bool own = end.node_name() == node_->get_name() && end.node_namespace() == node_->get_namespace();
         if (!own) found.push_back(end.topic_type());
@@ -97,7 +101,8 @@ class Graph {
   // Every subscription can be served.
   template <typename Message>
   std::shared_ptr<Publisher<Message>> advertise(const std::string& topic, std::size_t depth) {
-    return std::make_shared<Publisher<Message>>(node_->create_publisher<Message>(topic, rclcpp::QoS(depth).reliable()));
+    return std::make_shared<Publisher<Message>>(
+        node_->create_publisher<Message>(given(topic), rclcpp::QoS(depth).reliable()));
   }
 
   void stamp(messages::Header& header) const { header.stamp = node_->now(); }
@@ -115,10 +120,17 @@ class Graph {
   template <typename Message>
   void subscribe(const std::string& topic, std::function<void(const Message&)> read, const rclcpp::QoS& qos) {
     subscriptions_.push_back(node_->create_subscription<Message>(
-        topic, qos, [read = std::move(read)](const Message& message) { read(message); }));
+        given(topic), qos, [read = std::move(read)](const Message& message) { read(message); }));
+  }
+
+  // What rclcpp, which remaps names itself, is to be given for a full name: a:=b b:=a would else have no effect.
+  const std::string& given(const std::string& topic) const {
+    const auto found = given_.find(topic);
+    return found == given_.end() ? topic : found->second;
   }
 
   rclcpp::Node::SharedPtr node_;
   bool simulated_;
+  std::map<std::string, std::string> given_;  // by full name: the name before it was remapped
   std::vector<rclcpp::SubscriptionBase::SharedPtr> subscriptions_;
 };

@@ -95,7 +95,8 @@ public abstract class SimulationWrapper implements MqttCallback, AutoCloseable {
               + address
               + ": "
               + reason(error)
-              + "; is it running, and is this its address?",
+              + "; "
+              + BrokerAddress.advice(error.getCause()),
           error);
     }
   }

@@ -7,29 +7,37 @@ import java.util.Arrays;
  * steps.
  *
  * <p>Weights: layer after layer, node after node: the bias, then one weight for every output of the
- * layer below. The activation applies to every layer, the last one included.
+ * layer below. The activation applies to every layer, to the last one only where {@code
+ * output_activation} is left out.
  */
 final strictfp class Layered extends Architecture {
   private final int[] layers;
   private final Activation activation;
+  private final Activation outputActivation;
   private final OutputRange outputRange;
 
   private Layered(
-      int sensors, int actuators, int[] hidden, Activation activation, OutputRange outputRange) {
+      int sensors,
+      int actuators,
+      int[] hidden,
+      Activation activation,
+      Activation outputActivation,
+      OutputRange outputRange) {
     super(sensors, actuators);
     layers = Arrays.copyOf(hidden, hidden.length + 1);
     layers[hidden.length] = actuators;
     this.activation = activation;
+    this.outputActivation = outputActivation;
     this.outputRange = outputRange;
   }
 
   static Layered read(SpecificationReader reader) {
-    return new Layered(
-        reader.count("sensors", 1, MAX_WEIGHTS),
-        reader.count("actuators", 1, MAX_WEIGHTS),
-        reader.counts("hidden", 1, MAX_WEIGHTS),
-        reader.activation(Activation.values()),
-        reader.outputRange());
+    int sensors = reader.count("sensors", 1, MAX_WEIGHTS);
+    int actuators = reader.count("actuators", 1, MAX_WEIGHTS);
+    int[] hidden = reader.counts("hidden", 1, MAX_WEIGHTS);
+    Activation activation = reader.activation(Activation.values());
+    Activation last = reader.outputActivation(activation);
+    return new Layered(sensors, actuators, hidden, activation, last, reader.outputRange());
   }
 
   @Override
@@ -75,14 +83,16 @@ final strictfp class Layered extends Architecture {
     int width = sensors();
     int weight = first;
     System.arraycopy(sensors, 0, scratch, 0, width);
-    for (int nodes : layers) {
+    for (int layer = 0; layer < layers.length; layer++) {
+      int nodes = layers[layer];
+      Activation function = layer == layers.length - 1 ? outputActivation : activation;
       for (int node = 0; node < nodes; node++) {
         float bias = weights[weight++];
         float sum = 0f;
         for (int j = 0; j < width; j++) {
           sum = sum + weights[weight++] * scratch[below + j];
         }
-        scratch[above + node] = activation.apply(bias + sum);
+        scratch[above + node] = function.apply(bias + sum);
       }
       int old = below;
       below = above;

@@ -86,15 +86,26 @@ final class SpecificationReader {
   }
 
   Activation activation(Activation... allowed) {
+    return function("activation", allowed);
+  }
+
+  /** The function of the output layer: that of all nodes where the field is left out. */
+  Activation outputActivation(Activation ofAll) {
+    String field = "output_activation";
+    known.add(field);
+    return fields.has(field) ? function(field, Activation.values()) : ofAll;
+  }
+
+  private Activation function(String field, Activation... allowed) {
     String expected =
         "one of " + Arrays.stream(allowed).map(Activation::text).collect(Collectors.joining(", "));
-    String found = text("activation", expected);
+    String found = text(field, expected);
     for (Activation activation : allowed) {
       if (activation.text().equals(found)) {
         return activation;
       }
     }
-    throw new SpecificationException("activation", "\"" + found + "\" found, expected " + expected);
+    throw new SpecificationException(field, "\"" + found + "\" found, expected " + expected);
   }
 
   OutputRange outputRange() {

@@ -1,29 +1,26 @@
 package org.swarmwright.mqtt;
 
 import java.io.IOException;
-import java.io.InputStream;
 import java.net.URI;
 import java.net.URISyntaxException;
 import java.nio.file.Files;
 import java.nio.file.Path;
-import java.security.GeneralSecurityException;
-import java.security.KeyStore;
-import java.security.cert.Certificate;
-import java.security.cert.CertificateFactory;
+import java.security.cert.CertificateException;
 import java.util.ArrayList;
 import java.util.List;
 import java.util.Locale;
 import java.util.Map;
 import javax.net.SocketFactory;
 import javax.net.ssl.SSLContext;
-import javax.net.ssl.TrustManagerFactory;
+import javax.net.ssl.SSLHandshakeException;
 
 /**
  * The URL of a broker, or those of the brokers of a cluster, and the credentials from environment
  * variables.
  *
  * <p>SWARMWRIGHT_USERNAME, SWARMWRIGHT_PASSWORD or SWARMWRIGHT_PASSWORD_FILE (its first line),
- * SWARMWRIGHT_CA_FILE (PEM), SWARMWRIGHT_KEEP_ALIVE (seconds).
+ * SWARMWRIGHT_CA_FILE, SWARMWRIGHT_CERTIFICATE_FILE and SWARMWRIGHT_KEY_FILE (PEM),
+ * SWARMWRIGHT_KEEP_ALIVE (seconds).
  */
 public final class BrokerAddress {
   private static final Map<String, String> SCHEMES =
@@ -180,38 +177,39 @@ public final class BrokerAddress {
   /**
    * A factory of sockets that send at once.
    *
-   * @throws IllegalArgumentException if the certificate authority cannot be read
+   * @throws IllegalArgumentException if the certificate authority, the client certificate or its
+   *     key cannot be used
    */
   public SocketFactory sockets() {
     if (!tls) {
       return new PromptSockets();
     }
-    String file = variable("SWARMWRIGHT_CA_FILE");
-    try {
-      SSLContext context = file == null ? SSLContext.getDefault() : trusting(Path.of(file));
-      return new PromptTlsSockets(context.getSocketFactory());
-    } catch (GeneralSecurityException | IOException error) {
-      throw new IllegalArgumentException(
-          "SWARMWRIGHT_CA_FILE " + file + " cannot be used: " + error.getMessage());
-    }
+    SSLContext context =
+        Certificates.context(
+            variable("SWARMWRIGHT_CA_FILE"),
+            variable("SWARMWRIGHT_CERTIFICATE_FILE"),
+            variable("SWARMWRIGHT_KEY_FILE"));
+    return new PromptTlsSockets(context.getSocketFactory());
   }
 
-  private static SSLContext trusting(Path file) throws GeneralSecurityException, IOException {
-    KeyStore store = KeyStore.getInstance(KeyStore.getDefaultType());
-    store.load(null, null);
-    try (InputStream stream = Files.newInputStream(file)) {
-      int index = 0;
-      for (Certificate certificate :
-          CertificateFactory.getInstance("X.509").generateCertificates(stream)) {
-        store.setCertificateEntry("authority-" + index++, certificate);
+  /**
+   * What to do about a connection to a broker that failed.
+   *
+   * @param cause of the MQTT library's exception; null for none
+   */
+  public static String advice(Throwable cause) {
+    if (cause instanceof SSLHandshakeException) {
+      if (cause.getCause() instanceof CertificateException) {
+        return "name the authority that signed the broker's certificate with SWARMWRIGHT_CA_FILE,"
+            + " and connect by a name that is in the certificate";
+      }
+      if (String.valueOf(cause.getMessage()).startsWith("Received fatal alert")) {
+        return "if the broker requires a client certificate, set SWARMWRIGHT_CERTIFICATE_FILE and"
+            + " SWARMWRIGHT_KEY_FILE: an authority that the broker trusts must have signed it, and"
+            + " it must be valid now";
       }
     }
-    TrustManagerFactory trust =
-        TrustManagerFactory.getInstance(TrustManagerFactory.getDefaultAlgorithm());
-    trust.init(store);
-    SSLContext context = SSLContext.getInstance("TLS");
-    context.init(null, trust.getTrustManagers(), null);
-    return context;
+    return "is it running, and is this its address?";
   }
 
   private String variable(String name) {

@@ -26,13 +26,13 @@ final class EvaluationQueue {
   }
 
   /**
-   * Whether the result of the job that has ended was given up, and is not to be sent. Resets the
-   * mark, since the next job is a new request.
+   * Returns whether the result of the job that has ended was given up, and is not to be sent, and
+   * resets the mark, since the next job is a new request.
    */
-  boolean wasGivenUp() {
-    boolean before = givenUp;
+  boolean takeGivenUp() {
+    boolean taken = givenUp;
     givenUp = false;
-    return before;
+    return taken;
   }
 
   /** Adds a request of a tool; after work was given up, it follows as soon as that has stopped. */

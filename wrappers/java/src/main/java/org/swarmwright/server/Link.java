@@ -92,7 +92,8 @@ final class Link {
               + address
               + ": "
               + reason(error)
-              + "; is it running, and is this its address?",
+              + "; "
+              + BrokerAddress.advice(error.getCause()),
           error);
     }
   }

@@ -228,8 +228,8 @@ final class Machine {
   }
 
   /**
-   * What came in at {@code turn} has been computed and sent only now: nobody could act on it
-   * before, however long the simulation took.
+   * What came in at {@code turn} has been computed and sent only now: no other party could act on
+   * it before, however long the simulation took.
    */
   void computed(long turn, long now) {
     Run run = occupancy.run();

@@ -52,7 +52,7 @@ final class Offloaded {
       occupancy.free(now);
       return;
     }
-    if (!queue.wasGivenUp()) {
+    if (!queue.takeGivenUp()) {
       if (job.error != null) {
         warnings.warnOnce("refusing an evaluation for " + tool + ": " + job.error.getMessage());
       }

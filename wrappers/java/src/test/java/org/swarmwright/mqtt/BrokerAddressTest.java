@@ -4,7 +4,10 @@ import static org.junit.jupiter.api.Assertions.assertEquals;
 import static org.junit.jupiter.api.Assertions.assertThrows;
 import static org.junit.jupiter.api.Assertions.assertTrue;
 
+import java.io.IOException;
+import java.security.cert.CertificateException;
 import java.util.Map;
+import javax.net.ssl.SSLHandshakeException;
 import org.junit.jupiter.api.Test;
 
 class BrokerAddressTest {
@@ -43,5 +46,22 @@ class BrokerAddressTest {
       assertTrue(said.contains(wrong.getValue()), said);
       assertTrue(!said.contains("secret"), said);
     }
+  }
+
+  @Test
+  void adviceIsForWhatWentWrong() {
+    String address = "is this its address?";
+    assertTrue(BrokerAddress.advice(null).contains(address));
+    assertTrue(BrokerAddress.advice(new IOException("Connection refused")).contains(address));
+    String ended = "Remote host terminated the handshake";
+    assertTrue(BrokerAddress.advice(new SSLHandshakeException(ended)).contains(address));
+    SSLHandshakeException refused =
+        new SSLHandshakeException("Received fatal alert: certificate_required");
+    String said = BrokerAddress.advice(refused);
+    assertTrue(said.contains("SWARMWRIGHT_CERTIFICATE_FILE and SWARMWRIGHT_KEY_FILE"), said);
+    assertTrue(!said.contains(address), said);
+    SSLHandshakeException unknown = new SSLHandshakeException("PKIX path building failed");
+    unknown.initCause(new CertificateException("unable to find valid certification path"));
+    assertTrue(BrokerAddress.advice(unknown).contains("SWARMWRIGHT_CA_FILE"));
   }
 }

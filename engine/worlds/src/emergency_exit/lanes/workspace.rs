@@ -10,7 +10,7 @@ use super::exits::{columns_and_rows, numbers, of_step};
 use super::prepared::Prepared;
 use super::terrain::{AROUND, NOWHERE, OWN, Terrain};
 
-pub(crate) struct Room<L: Lanes> {
+pub(crate) struct Workspace<L: Lanes> {
     /// By lane, then stack: the cells that are not free now.
     taken: Vec<u8>,
     /// By lane: index in `taken` of the stack before its first one.
@@ -96,7 +96,7 @@ fn starts<L: Lanes>(all: &[Terrain], terrains: &[usize; MOST_LANES], agent: usiz
     columns.map(|column| L::Int::load(&column))
 }
 
-impl<L: Lanes> Room<L> {
+impl<L: Lanes> Workspace<L> {
     #[inline(always)]
     pub(super) fn new(world: &Prepared, controllers: &LaneController<'_, L>) -> Self {
         let nothing = Move {
@@ -123,7 +123,7 @@ impl<L: Lanes> Room<L> {
         }
     }
 
-    /// Puts everybody where the terrains of the lanes say; `terrains`: the index of each lane's one.
+    /// Puts the agents where the terrains of the lanes say; `terrains`: the index of each lane's one.
     #[inline(always)]
     pub(super) fn start(&mut self, world: &Prepared, terrains: &[usize; MOST_LANES]) {
         for (lane, taken) in self.taken.chunks_exact_mut(world.layout.stacks).enumerate() {

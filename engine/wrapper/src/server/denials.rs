@@ -1,0 +1,77 @@
+//! What the broker does not let a server publish.
+
+use std::collections::HashSet;
+use std::time::{Duration, Instant};
+
+/// Where a broker denies presence and closes the connection within this time, the server leaves; later, access may come
+/// back.
+const BEGINNING: Duration = Duration::from_secs(10);
+/// Within this time after a denial a broker closes the connection because of it.
+const AT_ONCE: Duration = Duration::from_secs(2);
+/// Different denials that are warned of: some topics have words of tools.
+const MOST: usize = 100;
+
+/// The denials that a server has met.
+#[derive(Debug)]
+pub(super) struct Denials {
+    began: Instant,
+    told: HashSet<String>,
+    /// When presence was denied last, and with which words.
+    presence: Option<(Instant, String)>,
+}
+
+impl Denials {
+    /// Of a server that begins.
+    pub fn new(now: Instant) -> Self {
+        Self {
+            began: now,
+            told: HashSet::new(),
+            presence: None,
+        }
+    }
+
+    /// Notes a denial. Whether to warn of it: it comes again whenever the connection is back.
+    pub fn note(&mut self, message: &str, is_presence: bool, now: Instant) -> bool {
+        if is_presence {
+            self.presence = Some((now, message.to_owned()));
+        }
+        self.told.len() < MOST && self.told.insert(message.to_owned())
+    }
+
+    /// The connection is gone. Returns the denial that this server is to leave for: no tool would ever use it.
+    pub fn reason_to_leave(&self, now: Instant) -> Option<String> {
+        let (at, message) = self.presence.as_ref()?;
+        (now < self.began + BEGINNING && now < *at + AT_ONCE).then(|| message.clone())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_server_leaves_where_its_presence_is_denied_from_the_beginning() {
+        let start = Instant::now();
+        let at = |seconds| start + Duration::from_secs(seconds);
+        let mut denials = Denials::new(start);
+        assert!(denials.note("a fitness", false, at(0)));
+        assert_eq!(denials.reason_to_leave(at(0)), None);
+        assert!(denials.note("its presence", true, at(1)));
+        assert!(!denials.note("its presence", true, at(1)), "told once");
+        assert_eq!(
+            denials.reason_to_leave(at(2)).as_deref(),
+            Some("its presence")
+        );
+        assert_eq!(denials.reason_to_leave(at(4)), None, "for another reason");
+        assert!(!denials.note("its presence", true, at(60)));
+        assert_eq!(denials.reason_to_leave(at(60)), None, "it was at work");
+    }
+
+    #[test]
+    fn what_is_told_is_bounded() {
+        let now = Instant::now();
+        let mut denials = Denials::new(now);
+        let told = (0..1000).filter(|topic| denials.note(&topic.to_string(), false, now));
+        assert_eq!(told.count(), MOST);
+    }
+}

@@ -1,0 +1,91 @@
+"""Designs: what differs between groups beside their tasks. A design has one colour and name in a figure."""
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from swarmwright.analysis.groups import names_of, number_of
+from swarmwright.analysis.labels import name_of
+from swarmwright.analysis.tasks import identity
+from swarmwright.core.formatting import counted, shortened
+from swarmwright.core.sort_keys import sort_key
+from swarmwright.experiment.settings import SIZES
+
+if TYPE_CHECKING:
+    from swarmwright.analysis.comparison import Group, Task
+
+_LONGEST = 120
+"""Characters of a name."""
+
+
+@dataclass(frozen=True)
+class Design:
+    """Groups that differ in nothing but their task."""
+
+    number: int
+    """Its place among the designs of a figure, by which it has a colour."""
+    name: str
+    """What distinguishes it from other designs, in words."""
+    groups: "tuple[Group, ...]"
+
+    @property
+    def entry(self) -> str:
+        """Its name with the number of runs of its groups."""
+        counts = sorted({len(one.runs) for one in self.groups})
+        few = "" if len(counts) == 1 else f"{counts[0]} to "
+        return f"{self.name} ({few}{counted(counts[-1], 'run')})"
+
+
+def designs_of(tasks: "Sequence[Task]") -> list[Design]:
+    """Return the designs of the groups of tasks, in an order that does not depend on that of the groups.
+
+    Keys in which tasks differ are left out, and numbers of sensors and actuators, which follow from others.
+    """
+    groups = [one for task in tasks for one in task.groups]
+    keys = _keys(tasks)
+    found: dict[str, tuple[dict[str, Any], list[Group]]] = {}
+    for one in groups:
+        differs = {key: value for key, value in one.differs.items() if key in keys}
+        found.setdefault(identity(differs), (differs, []))[1].append(one)
+    ordered = sorted(found.values(), key=lambda design: sort_key(design[0], keys))
+    if all(len(members) == 1 and differs == members[0].differs for differs, members in ordered):
+        # Numbers of groups are those of the table.
+        ordered.sort(key=lambda design: number_of(design[1][0].label))
+        names = [members[0].label for _, members in ordered]  # as the table has them
+    elif len(ordered) == 1:
+        names = [name_of(groups[0].runs[0].experiment)]
+    else:
+        names = names_of([(differs, members[0].runs[0]) for differs, members in ordered])
+    return [
+        Design(number, shortened(name, _LONGEST), tuple(members))
+        for number, (name, (_, members)) in enumerate(zip(names, ordered, strict=True))
+    ]
+
+
+def in_order(tasks: "Sequence[Task]") -> "list[Task]":
+    """Return tasks in an order that does not depend on that of the runs."""
+    keys = {key for task in tasks for key in task.differs}
+    return sorted(tasks, key=lambda task: sort_key(task.differs, keys))
+
+
+def _keys(tasks: "Sequence[Task]") -> set[str]:
+    """Return the keys that make designs: in which groups of a task differ, or that make no task."""
+    of_tasks = {key for task in tasks for key in task.differs}
+    within = {key for task in tasks for key in _differing(task.groups)}
+    every = {key for task in tasks for one in task.groups for key in one.differs}
+    keys = (every - of_tasks) | within
+    fewer = keys - set(SIZES)
+    return fewer if all(_told_apart(task.groups, fewer) for task in tasks) else keys
+
+
+def _differing(groups: "Sequence[Group]") -> set[str]:
+    every = {key for one in groups for key in one.differs}
+    return {key for key in every if len({identity(_only(one.differs, [key])) for one in groups}) > 1}
+
+
+def _told_apart(groups: "Sequence[Group]", keys: Collection[str]) -> bool:
+    return len({identity(_only(one.differs, keys)) for one in groups}) == len(groups)
+
+
+def _only(differs: Mapping[str, Any], keys: Collection[str]) -> dict[str, Any]:
+    return {key: differs[key] for key in keys if key in differs}

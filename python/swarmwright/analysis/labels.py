@@ -1,0 +1,188 @@
+"""Labels: what distinguishes groups of runs, or variants of a sweep, in a few words."""
+
+import json
+from collections import defaultdict
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from typing import Any
+
+from swarmwright.core.flatten import flat
+from swarmwright.experiment.experiment import Experiment
+
+_LONGEST_VALUE = 24
+"""Characters of a value in a label."""
+_HEAD = 8
+"""Characters of a value's beginning that stay where another part of it is shown."""
+_BACK = 12
+"""Characters before a difference in which its word may begin."""
+
+
+class Wording:
+    """Words for what distinguishes groups; different values of a key have different words.
+
+    Args:
+        groups: the keys of the experiment that differ, with the values, of each group.
+    """
+
+    def __init__(self, groups: Sequence[Mapping[str, Any]]) -> None:
+        values: dict[str, dict[str, Any]] = defaultdict(dict)
+        for differs in groups:
+            for key, value in differs.items():
+                values[key][_identity(value)] = value
+        self._texts = {key: _texts(key, distinct) for key, distinct in values.items()}
+
+    def words(self, differs: Mapping[str, Any], among: Mapping[str, Any]) -> Iterator[str]:
+        """Yield a word for each key: kinds alone, other values with the name of their key.
+
+        among: all keys of the group, of which no two may look alike.
+        """
+        for key, value in differs.items():
+            text = self._texts[key][_identity(value)]
+            yield text if _is_kind(key) else f"{_shortest(key, among)} {text}"
+
+
+def labels_of(groups: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return what groups are called, by the values that keys of the experiment have in each of them."""
+    wording = Wording(groups)
+    return [", ".join(wording.words(differs, differs)) for differs in groups]
+
+
+def label_alone(values: Mapping[str, Any]) -> str:
+    """Return what a variant is called by its own values, cut after 24 characters, whatever the others have.
+
+    Names of folders are made of it, so it must stay as it is.
+    """
+    words = []
+    for key, value in values.items():
+        if _is_kind(key):
+            words.append(str(value))
+        else:
+            text = _identity(value) if isinstance(value, Mapping) else _text(key, value)
+            words.append(f"{_shortest(key, values)} {_cut(text)}")
+    return ", ".join(words)
+
+
+def name_of(experiment: Experiment) -> str:
+    """Return what a single group is called: simulation and method."""
+    method: str = experiment.method.kind
+    return f"{experiment.label}, {method}"
+
+
+def abbreviations(texts: Collection[str]) -> dict[str, str]:
+    """Return a short form of each text, different ones for different texts.
+
+    A long text loses its end. Where several would look alike, they show the part in which they differ, after
+    their beginning; where these look like others, they stay as they are.
+    """
+    forms = {text: _cut(text) for text in texts}
+    waiting = _alike(texts, forms)
+    while waiting:
+        together = waiting.pop()
+        start = _common_beginning(together)
+        for text in together:
+            forms[text] = _from(text, start)
+        waiting += _alike(together, forms)
+    for together in _alike(texts, forms):
+        forms.update((text, text) for text in together)
+    return forms
+
+
+def _common_beginning(texts: Collection[str]) -> int:
+    """Return how many characters all texts begin with: as many as the first and the last of them, sorted."""
+    first, last = min(texts), max(texts)
+    pairs = enumerate(zip(first, last, strict=False))
+    return next((index for index, (one, other) in pairs if one != other), len(first))
+
+
+def _alike(texts: Collection[str], forms: Mapping[str, str]) -> list[list[str]]:
+    """Return the texts that have one form, for each form of several."""
+    found = defaultdict(list)
+    for text in texts:
+        found[forms[text]].append(text)
+    return [together for together in found.values() if len(together) > 1]
+
+
+def _cut(text: str) -> str:
+    return text if len(text) <= _LONGEST_VALUE else f"{text[: _LONGEST_VALUE - 1]}…"
+
+
+def _from(text: str, start: int) -> str:
+    """Return the beginning of a text, and what it has from the word on in which a position is."""
+    word = next((at for sign in " /" if (at := text.rfind(sign, max(start - _BACK, 0), start)) >= 0), None)
+    begin = max(start - 1, 0) if word is None else word + 1
+    return _cut(text) if begin <= _HEAD else f"{text[:_HEAD].rstrip()} … {_cut(text[begin:])}"
+
+
+def _texts(key: str, values: Mapping[str, Any]) -> dict[str, str]:
+    """Return the text of each value that a key has, by the value's identity."""
+    plain = {identity: _text(key, value) for identity, value in values.items()}
+    if len(values) > 1 and all(isinstance(value, Mapping) for value in values.values()):
+        plain = _mapping_texts(values)
+    if len(set(plain.values())) < len(plain):  # such as the text "1" and the number
+        plain = {identity: identity for identity in plain}
+    if _is_kind(key):
+        return plain
+    short = abbreviations(set(plain.values()))
+    return {identity: short[text] for identity, text in plain.items()}
+
+
+def _text(key: str, value: Any) -> str:  # noqa: ANN401 - any value of a file
+    if value is None:
+        return "not given"
+    if isinstance(value, str):
+        return value
+    if key == "parameters.robots" and isinstance(value, list):
+        return _kinds(value)
+    if isinstance(value, Mapping):
+        return _leaves(flat(value))
+    return _identity(value)
+
+
+def _mapping_texts(values: Mapping[str, Any]) -> dict[str, str]:
+    """Return the texts of mappings: their keys, or else, where two have the same, the values that differ."""
+    names = {identity: ", ".join(map(str, value)) or "{}" for identity, value in values.items()}
+    if len(set(names.values())) == len(names):
+        return names
+    flattened = {identity: flat(value) for identity, value in values.items()}
+    found: dict[str, set[str]] = defaultdict(set)
+    for leaves in flattened.values():
+        for name, value in leaves.items():
+            found[name].add(_identity(value))
+    everywhere = {
+        name
+        for name, different in found.items()
+        if len(different) == 1 and all(name in leaves for leaves in flattened.values())
+    }
+    return {
+        identity: _leaves({name: value for name, value in leaves.items() if name not in everywhere})
+        for identity, leaves in flattened.items()
+    }
+
+
+def _leaves(leaves: Mapping[str, Any]) -> str:
+    return ", ".join(f"{name} {_text('', value)}" for name, value in leaves.items()) or "{}"
+
+
+def _identity(value: Any) -> str:  # noqa: ANN401 - any value of a file
+    return json.dumps(value, default=str, ensure_ascii=False)
+
+
+def _kinds(robots: Sequence[Any]) -> str:
+    """Return the kinds of robots of a mixed swarm: 12 scout, 4 carrier."""
+    words = (f"{one.get('count', '')} {one.get('name', '')}" for one in robots if isinstance(one, Mapping))
+    return ", ".join(word.strip() for word in words)
+
+
+def _is_kind(key: str) -> bool:
+    """Return whether the value of a key says what it is: parameters may have kinds, too, such as metrics."""
+    section, _, last = key.rpartition(".")
+    return key == "simulation" or (last == "kind" and section.partition(".")[0] != "parameters")
+
+
+def _shortest(key: str, among: Mapping[str, Any]) -> str:
+    """Return the last part of a key, unless another one ends alike: runs themselves have a seed."""
+    section, _, last = key.rpartition(".")
+    if section == "code":
+        return f"code of the {last}"
+    if last == "kind":
+        return key.removeprefix("parameters.")
+    return last if last != "seed" and sum(other.rpartition(".")[2] == last for other in among) == 1 else key

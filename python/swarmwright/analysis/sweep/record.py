@@ -1,0 +1,96 @@
+"""The record of a sweep in the folder of its runs, `sweep.json`: what was asked for, and which runs that is.
+
+Keys: `file` (the sweep file, null without one), `settings` (of `--set`), `seeds`, `experiment` (the keys of
+the experiment that all variants have in common), `variants` (`label`, `experiment`: the keys that differ,
+`runs`: a folder for each seed). Keys that say where runs are computed are left out.
+"""
+
+import json
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from swarmwright.analysis.sweep.file import Sweep
+from swarmwright.analysis.sweep.run import Task
+from swarmwright.core.errors import InputError
+from swarmwright.core.files import contents, write_whole
+from swarmwright.experiment.experiment import ELSEWHERE, Experiment
+from swarmwright.store import FILE as STORE
+
+FILE = "sweep.json"
+_LEFT_OUT = (ELSEWHERE - {"validate"}) | {"seed"}
+
+
+def write(sweep: Sweep, tasks: Sequence[Task]) -> None:
+    """Write the record, instead of that of an earlier sweep; nothing where it is there already.
+
+    Raises InputError where it cannot be written.
+    """
+    file = sweep.out / FILE
+    data = f"{json.dumps(_plain(sweep, tasks), default=str, ensure_ascii=False, indent=1)}\n".encode()
+    try:
+        if file.is_file() and file.read_bytes() == data:
+            return
+        sweep.out.mkdir(parents=True, exist_ok=True)
+        write_whole(file, data)
+    except OSError as error:
+        raise InputError(f"{file}: cannot be written: {os.strerror(error.errno or 0)}") from error
+
+
+def runs_of(folder: Path) -> list[Path] | None:
+    """Return the folders of the runs of a sweep, whether they are there or not, in the order of the variants.
+
+    None where the folder has no record of a sweep, or is a run. Raises InputError where it cannot be read.
+    """
+    file = folder / FILE
+    if not file.is_file() or (folder / STORE).exists():
+        return None
+    try:
+        names = [_names(one["runs"]) for one in json.loads(contents(file))["variants"]]
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
+        raise InputError(
+            f"{file}: is not the record of a sweep; delete it, and the same sweep writes it again"
+        ) from error
+    return [folder / name for some in names for name in some]
+
+
+def _names(runs: Any) -> list[str]:  # noqa: ANN401 - whatever the file says
+    """Return the names of a variant's folders. Raises ValueError where these are not such names."""
+    if not isinstance(runs, list) or not all(isinstance(name, str) for name in runs):
+        raise ValueError("runs: not a list of names")
+    wrong = [name for name in runs if name in {"", ".", ".."} or "\0" in name or set(name) & {"/", "\\"}]
+    if wrong:
+        raise ValueError(f"runs: {wrong[0]!r} is not the name of a folder beside the record")
+    return runs
+
+
+def _plain(sweep: Sweep, tasks: Sequence[Task]) -> dict[str, Any]:
+    experiments = [_kept(one.experiment) for one in sweep.variants]
+    first = experiments[0]
+    common = {
+        key: value
+        for key, value in first.items()
+        if all(key in one and one[key] == value for one in experiments)
+    }
+    runs: dict[int, list[str]] = {}
+    for task in tasks:
+        runs.setdefault(id(task.variant), []).append(task.folder.name)
+    return {
+        "file": None if sweep.file is None else str(sweep.file),
+        "settings": list(sweep.settings),
+        "seeds": list(sweep.seeds),
+        "experiment": common,
+        "variants": [
+            {
+                "label": variant.label,
+                "experiment": {key: value for key, value in one.items() if key not in common},
+                "runs": runs.get(id(variant), []),
+            }
+            for variant, one in zip(sweep.variants, experiments, strict=True)
+        ],
+    }
+
+
+def _kept(experiment: Experiment) -> dict[str, Any]:
+    return {key: value for key, value in experiment.to_mapping().items() if key not in _LEFT_OUT}

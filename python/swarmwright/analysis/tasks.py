@@ -1,0 +1,206 @@
+"""Tasks: between which groups of runs a test of fitness says something."""
+
+import json
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from swarmwright.analysis.groups import RunGroup, names_of
+from swarmwright.core.formatting import shortened
+from swarmwright.experiment.robots import robot_of
+from swarmwright.experiment.settings import ANNOUNCED
+from swarmwright.runs.run import Run
+from swarmwright.simulations.catalogue import ARENA, built_in
+
+_DEFINITIONS = ("fitness", "ranking.aggregate", "ranking.level")
+"""Keys by which fitness is another quantity."""
+_SIMULATION = "simulation"
+_MISSION = "parameters.mission"
+_SCORE = ("title", "fitness", "metrics")
+"""Parts of a mission by which its score is another quantity."""
+_MODELS = "e-puck-rm"
+"""Beginning of the names of the e-puck's reference models in the arena."""
+_ROBOTS = {f"{part}.robot{preset}" for part in ("parameters", _MISSION) for preset in ("", ".preset")}
+"""Keys that may name a reference model."""
+_LONGEST = 120
+"""Characters of a label."""
+_NAMED = 3
+"""Groups that `untested` names."""
+
+
+class Distinguished(Protocol):
+    """A group of runs, and what distinguishes it from others."""
+
+    @property
+    def differs(self) -> dict[str, Any]:
+        """Keys of the experiment that differ between the groups, with this group's values."""
+
+    @property
+    def runs(self) -> tuple[Run, ...]:
+        """Its runs; at least one."""
+
+
+@dataclass(frozen=True)
+class TaskGroups:
+    """Groups whose runs solve the same task."""
+
+    label: str
+    """What distinguishes the task from the others; empty where there is one."""
+    differs: dict[str, Any]
+    """Keys of the experiment that differ between the tasks, with this task's values."""
+    indices: tuple[int, ...]
+    """Of the groups."""
+
+
+def by_task(groups: Sequence[RunGroup], *, by: str, held_out: bool) -> list[TaskGroups]:
+    """Return the groups by the task that they solve, in their order.
+
+    Simulation, its parameters and the definition of fitness make a task; a reference model of the e-puck in
+    the arena makes none, since it is the interface of a design to the same robot. Groups that differ in
+    nothing but parameters are together, since who compares them wants to know what these do; not so where
+    their fitness is another quantity, as in other missions, simulations or definitions of fitness.
+
+    Args:
+        groups: with what differs between them.
+        by: what is compared.
+        held_out: whether it is fitness on held-out seeds, a mean of episodes whatever the ranking is.
+    """
+    values = [
+        {key: value for key, value in _of_task(one).items() if _makes_task(key, by, held_out=held_out)}
+        for one in groups
+    ]
+    every = dict.fromkeys(key for one in values for key in one)
+    keys = [key for key in every if len({identity(one.get(key)) for one in values}) > 1]
+    tasks: dict[str, tuple[dict[str, Any], list[int]]] = {}
+    for index, one in enumerate(values):
+        differs = {key: one.get(key) for key in keys}
+        tasks.setdefault(identity(differs), (differs, []))[1].append(index)
+    found = list(tasks.values())
+    if len(found) == 1 or (len(found) == len(groups) and _only_parameters(groups, keys)):
+        return [TaskGroups("", {}, tuple(range(len(groups))))]
+    telling = _telling([differs for differs, _ in found])
+    labels = names_of(
+        [(of, groups[indices[0]].runs[0]) for of, (_, indices) in zip(telling, found, strict=True)]
+    )
+    return [
+        TaskGroups(shortened(label, _LONGEST), differs, tuple(indices))
+        for label, (differs, indices) in zip(labels, found, strict=True)
+    ]
+
+
+def _telling(tasks: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Return what tells each task from the others: first that by which most are told apart.
+
+    A label may be cut. Parameters in which tasks of one simulation do not differ are left out: another
+    simulation does not have them.
+
+    tasks: the keys that differ, with the values of each.
+    """
+    of_simulation: dict[str, list[Mapping[str, Any]]] = {}
+    for one in tasks:
+        of_simulation.setdefault(identity(one.get(_SIMULATION)), []).append(one)
+
+    def apart(some: Sequence[Mapping[str, Any]], keys: Collection[str]) -> int:
+        return len({identity([one.get(key) for key in keys]) for one in some})
+
+    found = []
+    for one in tasks:
+        alike = of_simulation[identity(one.get(_SIMULATION))]
+        waiting = [key for key in one if not key.startswith("parameters.") or apart(alike, [key]) > 1]
+        keys = [_SIMULATION] if _SIMULATION in waiting else []
+        waiting = [key for key in waiting if key != _SIMULATION]
+        while waiting:
+            best = max(waiting, key=lambda key: apart(alike, [*keys, key]))
+            waiting.remove(best)
+            keys.append(best)
+        found.append({key: one[key] for key in keys})
+    return found
+
+
+def differing_parameters(groups: Sequence[Distinguished]) -> set[str]:
+    """Return the parameters of the simulation in which groups solve different tasks."""
+    values = [_of_task(one) for one in groups]
+    every = {key for one in values for key in one}
+    return parameters_of([key for key in every if len({identity(one.get(key)) for one in values}) > 1])
+
+
+def parameters_of(keys: Collection[str]) -> set[str]:
+    """Return the parameters of the simulation among keys; a seed makes no other task."""
+    return {key.split(".")[1] for key in keys if key.startswith("parameters.")} - {"seed"}
+
+
+def other_models(groups: Sequence[Distinguished]) -> bool:
+    """Return whether groups have different reference models of one robot."""
+    every = {key for one in groups for key in one.differs}
+    return bool(every & _ROBOTS) and "robot" not in differing_parameters(groups)
+
+
+def different_tasks() -> str:
+    """Return a note that groups are tested within several tasks."""
+    return "groups solve different tasks, and those of one task are tested against each other"
+
+
+def untested(tasks: Sequence[tuple[Mapping[str, Any], Sequence[str]]]) -> str | None:
+    """Return in words which groups are alone in their task and so not tested, and what makes the tasks.
+
+    None where no group is alone.
+
+    Args:
+        tasks: what differs between the tasks, and the labels of the task's groups.
+    """
+    alone = [labels[0] for _, labels in tasks if len(labels) == 1]
+    if len(tasks) == 1 or not alone:
+        return None
+    keys = {key for differs, _ in tasks for key in differs}
+    others = {key for key in keys if not key.startswith("parameters.")}
+    if len(alone) == 1:
+        words = f"{alone[0]} is the only one of its task and is"
+    elif len(alone) <= _NAMED:
+        words = f"{'; '.join(alone)} are each the only one of their task and are"
+    else:
+        words = f"{len(alone)} groups are each the only one of their task and are"
+    return (
+        f"{words} tested against no other; tasks differ in {', '.join(sorted(parameters_of(keys) | others))}"
+    )
+
+
+def _makes_task(key: str, by: str, *, held_out: bool) -> bool:
+    if key == _SIMULATION or parameters_of([key]):
+        return True
+    if by == "coverage":
+        return False
+    return key in _DEFINITIONS and not (held_out and key.startswith("ranking."))
+
+
+def _only_parameters(groups: Sequence[RunGroup], keys: Collection[str]) -> bool:
+    """Return whether groups differ in nothing but parameters, and fitness is one quantity in all of them.
+
+    keys: in which their tasks differ. Announced sizes follow from parameters.
+    """
+    every = {key for one in groups for key in one.differs}
+    others = {key for key in every - set(keys) - set(ANNOUNCED) if key != "parameters.seed"}
+    return not others and not any(map(_other_quantity, keys))
+
+
+def _other_quantity(key: str) -> bool:
+    """Return whether fitness is another quantity, often in other units, where a key of tasks differs."""
+    if not key.startswith("parameters."):
+        return True
+    return key == _MISSION or any(f"{key}.".startswith(f"{_MISSION}.{part}.") for part in _SCORE)
+
+
+def _of_task(one: Distinguished) -> dict[str, Any]:
+    """Return what differs of a group, with the robot in place of its reference model."""
+    experiment = one.runs[0].experiment
+    if built_in(experiment.simulation) != ARENA or not one.differs.keys() & _ROBOTS:
+        return one.differs
+    robot = robot_of(experiment.parameters)
+    name = robot.get("preset") if isinstance(robot, Mapping) else robot
+    if not isinstance(name, str) or not name.startswith(_MODELS):
+        return one.differs
+    return {key: "e-puck" if key in _ROBOTS else value for key, value in one.differs.items()}
+
+
+def identity(value: Any) -> str:  # noqa: ANN401 - any value of an experiment
+    """Return a text that is the same for the same values."""
+    return json.dumps(value, sort_keys=True, default=str)

@@ -1,0 +1,31 @@
+"""Retained presence, and the servers from which rules expect it."""
+
+from swarmwright.conformance._client import PRESENCE, Client, Message
+from swarmwright.conformance._server_under_test import Server
+from swarmwright.conformance.rules import Skip
+
+MODES = ("batched", "offloaded")
+"""Modes whose servers have presence and are reserved for tools that name themselves."""
+
+
+def kept(server: Server, topics: list[str]) -> list[Message]:
+    """What the broker keeps on these topics."""
+    with Client(server.client.url, server.prefix, topics) as client:
+        return [message for message in client.drain(server.quiet) if message.retained and message.payload]
+
+
+def must_have_presence(server: Server) -> bool:
+    """Whether what the server announces requires presence: an instance, or a mode of `MODES`."""
+    modes = server.announced.get("modes")
+    return bool(server.instance) or (isinstance(modes, list) and any(mode in modes for mode in MODES))
+
+
+def skip_without_presence(server: Server) -> None:
+    """Skip the rule unless extensions are announced, and presence is there or required by one of them."""
+    server.announces()
+    if must_have_presence(server) or kept(server, [f"{PRESENCE}{server.id}"]):
+        return
+    raise Skip(
+        "no presence is published, and none is required: capabilities.swarmwright has no instance and none "
+        f"of the modes {', '.join(MODES)}"
+    )

@@ -1,0 +1,110 @@
+"""What sensors and actuators of the arena's robots stand for, in words, by their names in the arena."""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from swarmwright.core.ranges import shortest_decimal
+from swarmwright.experiment.robots import DEFAULT, robot_of
+
+_E_PUCK = (17.0, 50.0, 90.0, 150.0, 210.0, 270.0, 310.0, 343.0)
+
+
+@dataclass(frozen=True)
+class Robot:
+    """What is known of a robot of the arena."""
+
+    max_speed: float = 0.0
+    """Of a wheel, or in any direction, m/s; 0 where it is not known."""
+    wheel_base: float = 0.0
+    """Between the wheels of a differential drive, metres; 0 for other drives."""
+    angles: Mapping[str, Sequence[float]] | None = None
+    """Of sensors by kind, proximity and light: degrees counter-clockwise from ahead."""
+
+
+def _evenly(count: int) -> list[float]:
+    return [360 * index / count for index in range(count)]
+
+
+PRESETS = {
+    DEFAULT: Robot(0.12, 0.053, {"proximity": _E_PUCK, "light": _E_PUCK}),
+    "e-puck-rm1.2": Robot(0.12, 0.053),
+    "foot-bot": Robot(0.3, 0.14, {"proximity": _evenly(24), "light": _evenly(24)}),
+    "kilobot": Robot(0.01, 0.0255, {"light": _evenly(1)}),
+    "turtlebot3": Robot(0.22, 0.16, {"proximity": _evenly(36)}),
+    "point": Robot(0.2),
+}
+"""As in engine/arena/src/robot/presets.rs and engine/arena/src/robots."""
+_SENSORS = {
+    r"ground( \w+)?": "0 black, 1 white",
+    r"messages heard": "the number of messages heard",
+    r"messages heard squashed": "1 - 2/(1 + e^n) for n messages heard",
+    r"neighbours": "the number of robots in range",
+    r"center [xy]": "of the mean position of robots in range, 1 is the range; x is ahead, y left",
+    r"heading [xy]": "of the mean of the headings of robots in range, each 1 long; x is ahead, y left",
+    r"nearest [xy]": "of the position of the nearest robot in range, 1 is the range; x is ahead, y left",
+    r"proximity [xy]": "of a vector towards what is near, at most 1 long; x is ahead, y left",
+    r"light [xy]": "of the direction of light, 1 long, or 0 where it is dark; x is ahead, y left",
+    r"attraction [xy]": "of the sum of vectors to robots heard, 1/(1 + distance in cm) long, x ahead, y left",
+    r"compass [xy]": "of the direction of the arena's x axis; x is ahead, y left",
+    r"(left|right) wheel encoder": "what this wheel aimed at in the step before",
+    r"message \d+": "the mean of the numbers that robots in range send",
+}
+"""By a pattern of their whole names."""
+_RAYS = {"proximity": "0 nothing in range, 1 at the rim", "light": "0 dark, 1 bright"}
+"""Of sensors with an angle, by kind."""
+
+
+def robot_in(parameters: Mapping[str, Any]) -> Robot:
+    """Return what is known of the robot that the arena has with parameters; nothing for several kinds."""
+    given = robot_of(parameters)
+    if not isinstance(given, Mapping):
+        return PRESETS.get(str(given), Robot())
+    preset = PRESETS.get(str(given.get("preset")), Robot())
+    drive, sensors = given.get("drive", {}), given.get("sensors")
+    drive = drive if isinstance(drive, Mapping) else {}
+    angles = preset.angles
+    if isinstance(sensors, Mapping) or given.get("preset") is not None:
+        angles = None if sensors else angles  # parts of them may be others
+    elif isinstance(sensors, Sequence):
+        angles = {
+            str(one.get("kind")): one.get("angles") or _evenly(int(one.get("count", 0)))
+            for one in sensors
+            if isinstance(one, Mapping)
+        }
+    differential = drive.get("kind", "differential") == "differential"
+    return Robot(
+        float(drive.get("max_speed", preset.max_speed)),
+        float(drive.get("wheel_base", preset.wheel_base)) if differential else 0.0,
+        angles,
+    )
+
+
+def sensor_meaning(name: str, robot: Robot) -> str:
+    """Return what a sensor stands for; empty where that is not known."""
+    kind, _, index = name.partition(" ")
+    if kind in _RAYS and index.isdecimal():
+        angles = (robot.angles or {}).get(kind, ())
+        if int(index) >= len(angles):
+            return _RAYS[kind]
+        angle = angles[int(index)]
+        where = f"{shortest_decimal(angle)} degrees counter-clockwise from ahead" if angle else "ahead"
+        return f"{_RAYS[kind]}, {where}"
+    part = re.fullmatch(r"attraction (\d+)", name)
+    if part:
+        return f"robots heard {part[1]} degrees counter-clockwise from ahead"
+    return next((words for pattern, words in _SENSORS.items() if re.fullmatch(pattern, name)), "")
+
+
+def actuator_meaning(name: str, robot: Robot) -> str:
+    """Return what 1 and -1 of an actuator stand for; empty where that is not known."""
+    speed = f"{shortest_decimal(robot.max_speed)} m/s" if robot.max_speed else "the largest speed"
+    if name in {"left wheel", "right wheel"}:
+        return f"1 is {speed} forwards, -1 backwards"
+    if name == "ahead":
+        return f"1 is {speed} ahead, -1 back"
+    return {
+        "left": f"1 is {speed} to the left, -1 to the right",
+        "turn": "above 0 counter-clockwise",
+    }.get(name, "")

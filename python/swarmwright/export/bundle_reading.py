@@ -1,0 +1,94 @@
+"""Reading the files of a bundle that somebody hands over, before anything in them is believed."""
+
+import re
+import stat
+import zipfile
+import zlib
+from collections.abc import Collection
+from pathlib import Path
+
+from swarmwright.core.errors import InputError
+from swarmwright.core.untrusted import one_line
+from swarmwright.export.bundle import MANIFEST
+
+_LARGEST = 1 << 28
+"""Bytes of all files of a bundle."""
+_DRIVE = re.compile(r"[A-Za-z]:")
+
+
+def read_files(path: Path) -> dict[str, bytes]:
+    """Return the files of a bundle by name, of the archive or of the folder that it was unpacked to.
+
+    Raises InputError when it cannot be read, has no manifest, or has files that no bundle has: a name outside
+    its folder, a link or a device, one name twice, or too many bytes.
+    """
+    if path.is_dir():
+        return _read_folder(path)
+    try:
+        with zipfile.ZipFile(path) as archive:
+            for info in archive.infolist():
+                _check_name(path, info.filename)
+                if stat.S_IFMT(info.external_attr >> 16) not in (0, stat.S_IFREG, stat.S_IFDIR):
+                    raise InputError(_not_plain(path, info.filename))
+            infos = [info for info in archive.infolist() if not info.is_dir()]  # other programs add folders
+            _check_size(path, sum(info.file_size for info in infos))
+            names = [info.filename for info in infos]
+            if len(set(names)) < len(names):
+                raise InputError(f"{path}: has a file twice: {one_line(_twice(names))}")
+            _check_manifest(path, names)
+            return {info.filename: archive.read(info) for info in infos}
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except (
+        zipfile.BadZipFile, zipfile.LargeZipFile, zlib.error, RuntimeError, NotImplementedError, EOFError,
+    ) as error:  # fmt: skip
+        raise InputError(f"{path}: is not a bundle, or is damaged: {error}") from error
+
+
+def _read_folder(folder: Path) -> dict[str, bytes]:
+    """Return the files of an unpacked bundle by name; links are not followed."""
+    try:
+        files = {
+            file.relative_to(folder).as_posix(): file
+            for file in sorted(folder.rglob("*"))
+            if file.is_symlink() or not file.is_dir()
+        }
+        _check_manifest(folder, files)
+        for name, file in files.items():
+            _check_name(folder, name)
+            if file.is_symlink() or not file.is_file():
+                raise InputError(_not_plain(folder, name))
+        _check_size(folder, sum(file.stat().st_size for file in files.values()))
+        return {name: file.read_bytes() for name, file in files.items()}
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be read: {error.strerror or error}") from error
+
+
+def _not_plain(path: Path, name: str) -> str:
+    return f"{path}: {one_line(name)}: is not a plain file; no bundle has others"
+
+
+def _check_name(path: Path, name: str) -> None:
+    """Raise InputError for a name that some programs unpack to a place outside the bundle's folder."""
+    if name.startswith("/") or "\\" in name or _DRIVE.match(name) or ".." in name.split("/"):
+        raise InputError(
+            f"{path}: {one_line(name)}: is not a name inside a folder (absolute, with .., a backslash or a "
+            "drive letter); no bundle has such names: do not unpack it"
+        )
+
+
+def _check_size(path: Path, size: int) -> None:
+    if size > _LARGEST:
+        raise InputError(f"{path}: has more than {_LARGEST >> 20} MiB of files; no bundle is so large")
+
+
+def _check_manifest(path: Path, names: Collection[str]) -> None:
+    if MANIFEST not in names:
+        raise InputError(
+            f"{path}: is not a bundle: it has no {MANIFEST}; "
+            "`swarmwright export RUN --bundle FILE.zip` makes one"
+        )
+
+
+def _twice(names: list[str]) -> str:
+    return next(name for name in names if names.count(name) > 1)

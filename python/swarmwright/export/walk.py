@@ -1,0 +1,132 @@
+"""Pseudo-random steps of self-tests, which try more of a controller than recorded episodes do."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from swarmwright.export.c_code import machine_tables
+from swarmwright.export.overflow import before_overflow
+from swarmwright.export.sequences import RANDOM_SENSOR, Sequences, accepted_steps
+from swarmwright.export.subject import Subject
+
+_STEPS = 256
+_MOST_STEPS = 4096
+"""Of a state machine, until all rows were visited."""
+_RESTART = 64
+"""Steps from reset to reset, at least."""
+_WITHIN = (0.0, 1.0, 0.5, 0.25, 0.75, 0.1, 0.95, 0.0625, 0.3, 0.6, 0.85, 0.4375, 0.71, 0.03, 0.9, 0.15)
+_NEGATIVE = (-1.0, -0.5, -0.25, -0.1, -0.75, -0.03)
+
+
+@dataclass(frozen=True)
+class Walk:
+    """Steps whose sensors a generator draws, and what the controller does in them."""
+
+    probes: NDArray[np.float32]
+    """What sensors are."""
+    probes_of: tuple[tuple[int, int], ...]
+    """Of each sensor: its first probe, and of how many one is drawn."""
+    restart: int
+    """Steps from reset to reset."""
+    steps: int
+    checksum: int
+    """Of the bits of all actuators, 32 bits; see `checksum`."""
+    words: str
+    """What the steps try."""
+
+
+def walk_of(subject: Subject) -> Walk:
+    """Return the steps for a controller that steers agents, the same ones for the same controller."""
+    specification = subject.specification
+    sensors = int(specification["sensors"])
+    machine = specification["kind"] == "mealy_fsm"
+    tried = (
+        [_probes(one) for one in specification["thresholds"]]
+        if machine
+        else [np.array([*_WITHIN, *_NEGATIVE], np.float32)]
+    )
+    counts = [len(one) for one in tried] if machine else _counts(subject, len(tried[0]))
+    begins = np.cumsum([0, *map(len, tried)])[:-1].tolist() if machine else [0] * sensors
+    probes = np.concatenate(tried)
+    restart = max(_RESTART, 8 * int(specification.get("states", 1)))
+    chosen = _drawn(_MOST_STEPS if machine else _STEPS, counts) + np.array(begins)
+    rows = probes[chosen]
+    words = f"{len(rows)} pseudo-random steps"
+    if machine:
+        length, words = _visits(specification, rows, restart)
+        rows = rows[:length]
+    first = np.arange(len(rows)) % restart == 0
+    accepted = accepted_steps(specification, rows, checks_random=subject.checks_random)
+    found = Sequences.computed(specification, first, rows, accepted)
+    before = before_overflow(specification, found)
+    if not before.all():
+        rows = rows[: int(np.argmin(before))]
+        words = f"{len(rows)} pseudo-random steps before a node overflows"
+    of = tuple(zip(begins, counts, strict=True))
+    return Walk(probes, of, restart, len(rows), checksum(found.actuators[: len(rows)]), words)
+
+
+def checksum(actuators: NDArray[np.float32]) -> int:
+    """Return what a self-test computes of the bits of actuators, in their order: FNV-1a with rotations."""
+    total = 2166136261
+    for bits in actuators.view(np.uint32).reshape(-1).tolist():
+        rotated = (total << 5 | total >> 27) & 0xFFFFFFFF
+        total = (rotated ^ bits) * 16777619 & 0xFFFFFFFF
+    return total
+
+
+def _counts(subject: Subject, probes: int) -> list[int]:
+    counts = [probes] * int(subject.specification["sensors"])
+    if subject.checks_random:
+        counts[RANDOM_SENSOR] = len(_WITHIN)
+    return counts
+
+
+def _probes(thresholds: list[float]) -> NDArray[np.float32]:
+    """Return values on both sides of each threshold of a sensor."""
+    edges = np.array(thresholds, np.float32)
+    above = np.nextafter(edges, np.float32(np.inf), dtype=np.float32)
+    found = np.unique(np.concatenate([edges, above]))
+    found = found[np.isfinite(found)]
+    return found if len(found) else np.zeros(1, np.float32)
+
+
+def _drawn(steps: int, counts: list[int]) -> NDArray[np.int64]:
+    """Return the number of each sensor's probe, (steps, sensors), from a linear congruential generator."""
+    number = 1
+    found = np.empty((steps, len(counts)), np.int64)
+    for step in range(steps):
+        for sensor, count in enumerate(counts):
+            number = (number * 1664525 + 1013904223) & 0xFFFFFFFF
+            found[step, sensor] = (number >> 16) % count
+    return found
+
+
+def _visits(specification: Mapping[str, Any], rows: NDArray[np.float32], restart: int) -> tuple[int, str]:
+    """Return after how many steps a state machine visits no more rows, and what it has visited by then."""
+    next_states, _ = machine_tables(Subject(specification))
+    thresholds = [np.array(one, np.float32) for one in specification["thresholds"]]
+    cell = np.zeros(len(rows), np.int64)
+    cells = 1
+    for sensor, edges in enumerate(thresholds):
+        cell = cell * (len(edges) + 1) + (edges[None, :] < rows[:, sensor, None]).sum(axis=1)
+        cells *= len(edges) + 1
+    visited = np.zeros(len(next_states), np.bool_)
+    state, last = 0, 0
+    for step, at in enumerate(cell.tolist()):
+        if step % restart == 0:
+            state = 0
+        row = state * cells + at
+        if not visited[row]:
+            visited[row] = True
+            last = step
+        state = int(next_states[row])
+    steps = min(len(rows), max(_STEPS, last + 1))
+    states = int(np.unique(np.flatnonzero(visited) // cells).size)
+    return steps, (
+        f"{steps} pseudo-random steps through {int(visited.sum())} of the {len(next_states)} rows and "
+        f"{states} of the {len(next_states) // cells} states of its tables"
+    )

@@ -1,0 +1,75 @@
+"""Comparisons as files."""
+
+import csv
+import dataclasses
+import subprocess
+from pathlib import Path
+from shutil import which
+
+import pytest
+
+from swarmwright import Comparison, InputError, compare
+from swarmwright.analysis.indicators import Indicator
+from tests.python.analysis.runs import runs
+
+OTHER = {"kind": "random_search", "population": 4, "generations": 3}
+
+
+def test_every_run_has_a_row(tmp_path: Path) -> None:
+    made = [
+        *runs(tmp_path, [5, 6, 7.5], parameters={"maxSteps": 10}),
+        *runs(tmp_path, [1, 2, 3.0], parameters={"maxSteps": 10}, method=OTHER),
+        *runs(tmp_path, [4, 5.0], parameters={"maxSteps": 20}, method=OTHER),
+    ]
+    path = compare(made).export(tmp_path / "table.csv")
+    with path.open() as file:
+        rows = list(csv.DictReader(file))
+    assert list(rows[0])[:6] == ["task", "group", "run", "seed", "evaluations", "fitness"]
+    assert [float(row["fitness"]) for row in rows] == [5, 6, 7.5, 1, 2, 3, 4, 5]
+    assert [row["task"] for row in rows] == ["maxSteps 10"] * 6 + ["maxSteps 20"] * 2
+    assert [row["method.kind"] for row in rows] == ["nnga"] * 3 + ["random_search"] * 5
+    assert rows[0]["run"] == str(made[0].path)
+
+
+def test_latex_tables_have_groups_and_tests(tmp_path: Path) -> None:
+    made = [*runs(tmp_path, [5, 6, 7, 8, 9.0]), *runs(tmp_path, [1, 2, 3, 4, 5.0], method=OTHER)]
+    text = compare(made).export(tmp_path / "table.tex").read_text()
+    groups, tests = text.split(r"\end{tabular}")[:2]
+    assert r"nnga & 5 & 7 & 6 & 8 & 5 & 9 \\" in groups
+    assert r"random\_search & 5 & 3 & 2 & 4 & 1 & 5 \\" in groups
+    assert r"nnga & random\_search & 0.98 & 4 & " in tests
+    assert "(Holm)" not in tests
+    assert text.count(r"\bottomrule") == 2
+
+
+def test_latex_tables_say_what_is_compared_and_when(tmp_path: Path) -> None:
+    made = [*runs(tmp_path, [5, 6.0]), *runs(tmp_path, [1, 2.0], method=OTHER)]
+
+    def line(comparison: Comparison) -> str:
+        return comparison.export(tmp_path / "table.tex").read_text().splitlines()[1]
+
+    ended = compare(made)
+    assert line(ended) == "% best recorded fitness of each run, at its end"
+    assert line(compare(made, at=4)) == "% best recorded fitness of each run, after 4 evaluations"
+    held_out = dataclasses.replace(ended, held_out=True)
+    assert line(held_out) == "% mean fitness of each run's best candidate on held-out seeds, at its end"
+    said = line(dataclasses.replace(ended, indicator=Indicator("coverage")))
+    assert said.startswith("% Coverage of each run's archive")
+    assert said.endswith(", at its end")
+
+
+@pytest.mark.parametrize("name", ["table.xlsx", "none/table.csv"])
+def test_where_no_table_can_be_written(tmp_path: Path, name: str) -> None:
+    with pytest.raises(InputError, match=r"ends with \.csv or \.tex|there is no folder"):
+        compare(runs(tmp_path, [5, 6.0])).export(tmp_path / name)
+
+
+@pytest.mark.skipif(which("pdflatex") is None, reason="LaTeX is not installed")
+def test_latex_accepts_them(tmp_path: Path) -> None:
+    odd = runs(tmp_path, [1, 2.0], fitness="100 * (arrived > 3) ** 2")
+    compare([*runs(tmp_path, [5, 6.0]), *odd]).export(tmp_path / "table.tex")
+    (tmp_path / "all.tex").write_text(
+        "\\documentclass{article}\\usepackage{booktabs}\\begin{document}\\input{table.tex}\\end{document}\n"
+    )
+    command = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "all.tex"]
+    subprocess.run(command, cwd=tmp_path, check=True, capture_output=True, timeout=60)
