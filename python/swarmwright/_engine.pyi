@@ -65,6 +65,7 @@ __all__ = [
     "evaluate_host",
     "exp",
     "figures",
+    "forget",
     "genome_size",
     "hash_for_mosquitto",
     "hash_password",

@@ -108,8 +108,16 @@ class Cluster:
             self.controller.wait()
 
     def set_node(self, *settings: str) -> None:
-        """Change the node's state."""
-        self.run("scontrol", "update", f"NodeName={self.host}", *settings)
+        """Change the node's state, as soon as slurmctld accepts it: shortly after its start it may refuse."""
+
+        def accepted() -> bool:
+            command = ("scontrol", "update", f"NodeName={self.host}", *settings)
+            tried = subprocess.run(command, capture_output=True, text=True, check=False)
+            if tried.returncode != 0:
+                print(*command, ":", tried.stdout, tried.stderr, self.run("scontrol", "show", "node", self.host))
+            return tried.returncode == 0
+
+        until(accepted)
 
 
 def until(holds: Callable[[], object]) -> None:
