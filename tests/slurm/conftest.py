@@ -114,7 +114,7 @@ class Cluster:
             command = ("scontrol", "update", f"NodeName={self.host}", *settings)
             tried = subprocess.run(command, capture_output=True, text=True, check=False)
             if tried.returncode != 0:
-                print(*command, ":", tried.stdout, tried.stderr, self.run("scontrol", "show", "node", self.host))
+                print(*command, tried.stdout, tried.stderr, self.run("scontrol", "show", "node", self.host))
             return tried.returncode == 0
 
         until(accepted)
