@@ -8,9 +8,8 @@ import hashlib
 import json
 import logging
 import os
-import sys
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from swarmwright.core.errors import InputError
@@ -24,11 +23,19 @@ _asks: list[Ask] = []
 _all = 0
 
 
-def folder() -> Path:
-    """Return the folder with a file for each digest: below XDG_STATE_HOME, by default ~/.local/state."""
-    fallback = os.environ.get("LOCALAPPDATA") if sys.platform == "win32" else None
-    state = os.environ.get("XDG_STATE_HOME") or fallback or Path.home() / ".local" / "state"
-    return Path(state) / "swarmwright" / "trusted-code"
+def folder() -> Path | None:
+    """Return the folder with a file for each digest: below XDG_STATE_HOME, by default ~/.local/state.
+
+    A relative XDG_STATE_HOME is ignored, as the XDG Base Directory Specification demands. None for a user
+    without a home, as those of containers may be.
+    """
+    state = Path(os.environ.get("XDG_STATE_HOME", ""))
+    if not state.is_absolute():
+        try:
+            state = Path.home() / ".local" / "state"
+        except RuntimeError:
+            return None
+    return state / "swarmwright" / "trusted-code"
 
 
 def digest_of(files: Mapping[str, str]) -> str:
@@ -45,7 +52,13 @@ def remember(files: Mapping[str, str], name: str) -> None:
         return
     digest = digest_of(files)
     _granted.add(digest)
-    file = folder() / digest
+    kept = folder()
+    if kept is None:
+        logging.getLogger("swarmwright").warning(
+            "HOME and XDG_STATE_HOME are not set: in another process this code is not known to be trusted"
+        )
+        return
+    file = kept / digest
     try:
         if not file.exists():
             file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -60,7 +73,12 @@ def remember(files: Mapping[str, str], name: str) -> None:
 def is_trusted(files: Mapping[str, str]) -> bool:
     """Whether source was remembered."""
     digest = digest_of(files)
-    return digest in _granted or (folder() / digest).is_file()
+    if digest in _granted:
+        return True
+    kept = folder()
+    with suppress(OSError):  # a home that this user may not enter
+        return kept is not None and (kept / digest).is_file()
+    return False
 
 
 def require(files: Mapping[str, str], path: Path) -> None:

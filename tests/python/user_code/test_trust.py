@@ -1,6 +1,7 @@
 """Code that comes with a run folder of somebody else's is executed when it is trusted, and not before."""
 
 import contextlib
+import errno
 import json
 import os
 import pty
@@ -91,6 +92,45 @@ def test_a_state_that_cannot_be_written_holds_for_the_process(
     run = Run.open(received, trust=True)
     assert repeat(run).same
     assert "in another process this code is not known to be trusted" in caplog.text
+
+
+def no_home(monkeypatch: pytest.MonkeyPatch, _folder: Path) -> None:
+    monkeypatch.delenv("XDG_STATE_HOME")
+    monkeypatch.delenv("HOME")
+    monkeypatch.setattr(os, "getuid", lambda: 3_999_999_999)
+
+
+def home_of_another(monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
+    def refuse(path: Path) -> bool:  # to root, all folders are open
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
+
+    monkeypatch.setenv("XDG_STATE_HOME", str(folder / "another"))
+    for name in ("is_file", "exists"):
+        monkeypatch.setattr(Path, name, refuse)
+
+
+@pytest.mark.parametrize("lacking", [no_home, home_of_another])
+def test_without_a_state_a_process_knows_what_it_was_told(
+    lacking: Callable[[pytest.MonkeyPatch, Path], None],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    code = {"simulation.py": "0" * 64}
+    with monkeypatch.context() as patched:
+        lacking(patched, tmp_path)
+        assert not trust.is_trusted(code)
+        trust.remember(code, "it")
+        assert trust.is_trusted(code)
+    assert caplog.text.count("in another process this code is not known to be trusted") == 1
+
+
+@pytest.mark.parametrize("relative", ["state", ""])
+def test_a_relative_state_is_ignored(relative: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is trusted does not depend on the folder in which a command is run."""
+    monkeypatch.setenv("XDG_STATE_HOME", relative)
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert trust.folder() == tmp_path / ".local" / "state" / "swarmwright" / "trusted-code"
 
 
 def test_the_program_asks_or_refuses(received: Path, tmp_path: Path, program: Program) -> None:
