@@ -180,8 +180,13 @@ _LAZY = {
 
 
 def __getattr__(name: str) -> Any:  # noqa: ANN401 - PEP 562: any of the names above
-    if name == "__version__":
-        value: Any = import_module("swarmwright._engine").__version__
+    if name == "_engine":  # when it is imported for the first time
+        problem = import_module("swarmwright.core.installation").problem()
+        if problem is not None:
+            raise ImportError(problem)
+        value: Any = import_module("swarmwright._engine")
+    elif name == "__version__":
+        value = __getattr__("_engine").__version__
     elif name in {"callbacks", "environments", "frevo", "templates", "testing"}:
         value = import_module(f"swarmwright.{name}")
     elif name in _LAZY:

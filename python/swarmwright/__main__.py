@@ -9,6 +9,8 @@ from contextlib import suppress
 from types import FrameType
 from typing import NoReturn
 
+from swarmwright.core import installation
+
 INTERRUPTED = 130
 
 
@@ -18,6 +20,9 @@ def _terminated(_number: int, _frame: FrameType | None) -> None:
 
 def main() -> None:
     """Run the command line and leave with its exit status."""
+    problem = installation.problem()
+    if problem is not None:
+        sys.exit(f"swarmwright: {problem}")
     # As Ctrl-C, also while the rest of the program is loaded, which then handles it itself.
     signal.signal(signal.SIGTERM, _terminated)
     # Imported objects live until the end: collect less often, so that they are not scanned repeatedly.
