@@ -194,17 +194,22 @@ def reading_on(connection: sqlite3.Connection, file: Path) -> Iterator[sqlite3.C
 
 
 def _connect_to_read(file: Path) -> sqlite3.Connection:
-    address = file.absolute().as_uri()
-    connection = sqlite3.connect(f"{address}?mode=ro", uri=True, isolation_level=None)
     try:
-        _check(connection, file)
+        return _connect_checked(file, "mode=ro")
     except sqlite3.OperationalError:
         # A write-ahead log needs a file beside it. Where none can be made and no log is left, none is needed.
-        connection.close()
         if file.with_name(f"{file.name}-wal").exists():
             raise
-        connection = sqlite3.connect(f"{address}?mode=ro&immutable=1", uri=True, isolation_level=None)
+        return _connect_checked(file, "mode=ro&immutable=1")
+
+
+def _connect_checked(file: Path, how: str) -> sqlite3.Connection:
+    connection = sqlite3.connect(f"{file.absolute().as_uri()}?{how}", uri=True, isolation_level=None)
+    try:
         _check(connection, file)
+    except BaseException:
+        connection.close()
+        raise
     return connection
 
 
