@@ -136,8 +136,9 @@ fn between(from: f64, to: f64, share: f64) -> f64 {
     from + share * (to - from)
 }
 
-/// Puts a value that left the box between the bound and where it came from, at random.
+/// Puts a value that left the box between the bound and where it came from, at random; what came from outside, onto the nearer bound.
 pub(crate) fn within(stream: &mut Stream, value: f64, from: f64, lower: f64, upper: f64) -> f64 {
+    let from = from.max(lower).min(upper);
     if value < lower {
         lower + stream.unit() * (from - lower)
     } else if value > upper {

@@ -5,8 +5,8 @@ use crate::differential::index;
 
 /// Changes each gene with probability 1 / genes, at most 1/2, and at least one.
 ///
-/// `precision`: distribution index; the larger, the smaller the changes. Genes stay within the bounds; one whose bounds are equal keeps
-/// its value.
+/// `precision`: distribution index; the larger, the smaller the changes. Changed genes are within the bounds, those from outside too; one
+/// whose bounds are equal keeps its value.
 pub(crate) fn mutate(
     stream: &mut Stream,
     genome: &mut [f64],
@@ -36,6 +36,8 @@ fn mutated(share: f64, value: f64, lower: f64, upper: f64, precision: f64) -> f6
     if width <= 0.0 {
         return value;
     }
+    // From outside, a margin would be above 1, and its power not a number.
+    let value = value.clamp(lower, upper);
     let (down, margin) = if share <= 0.5 {
         (true, (value - lower) / width)
     } else {
@@ -51,4 +53,26 @@ fn mutated(share: f64, value: f64, lower: f64, upper: f64, precision: f64) -> f6
         value + change * width
     };
     moved.clamp(lower, upper)
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::{Stream, mutate};
+
+    proptest! {
+        #[test]
+        fn changed_genes_are_within_the_bounds(
+            seed: u64, genes in 1_usize..20, scale in -30.0..30.0_f64, precision in 0.0..100.0_f64,
+        ) {
+            let mut stream = Stream::new(seed, 1, 0, 0);
+            let before: Vec<f64> = (0..genes).map(|_| stream.uniform(libm::exp(scale))).collect();
+            let mut genome = before.clone();
+            mutate(&mut stream, &mut genome, &vec![-10.0; genes], &vec![10.0; genes], precision);
+            for (value, before) in genome.iter().zip(before) {
+                prop_assert!(value.to_bits() == before.to_bits() || value.abs() <= 10.0);
+            }
+        }
+    }
 }

@@ -265,13 +265,13 @@ impl Kernel for Attempt<'_, '_> {
     }
 }
 
-/// A genome: within the bounds, rounded to binary32.
+/// A genome: within the bounds, rounded to binary32; what is not a number becomes the lower bound.
 #[expect(clippy::cast_possible_truncation, reason = "genomes are binary32")]
 #[inline(always)]
 pub(crate) fn rounded(values: &[f64], lower: &[f64], upper: &[f64], genome: &mut [f32]) {
     let bounds = lower.iter().zip(upper);
     for (place, (value, (lower, upper))) in genome.iter_mut().zip(values.iter().zip(bounds)) {
-        let value = if value < lower { lower } else { value };
+        let value = if value >= lower { value } else { lower };
         *place = *(if value > upper { upper } else { value }) as f32;
     }
 }

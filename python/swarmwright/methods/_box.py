@@ -15,13 +15,15 @@ class BoxOptions(MethodOptions):
 
     population: int
     reach: float = Field(default=5.0, ge=1, le=1e6)
-    """Genes without bounds stay within so many times their initial range around its middle."""
+    """Genes without bounds stay within so many times their initial range around its middle. Where a given
+    controller is outside of that, up to half of the initial range farther."""
 
 
 class Box(KeepsMembers):
     """Members in a box, and as many candidates that compete with them in each generation.
 
-    The box is made of the genes' bounds and, where there are none, of their initial range times `reach`. The
+    The box is made of the genes' bounds and, where there are none, of their initial range times `reach`;
+    where a genome to start from is outside of that, the box ends half of the initial range beyond it. The
     first generation are random genomes of the representation, as with every method here, not points of the
     whole box. A candidate takes the place of its member when it is better; a failed one is worse than all
     others.
@@ -47,9 +49,15 @@ class Box(KeepsMembers):
         lower, upper = self.representation.bounds
         least, most = limits(self.representation)
         wide = self.options.reach * reach
+        low, high = center - wide, center + wide
+        if len(self.start):
+            given = self.start.astype(np.float64)
+            lowest, highest = given.min(axis=0), given.max(axis=0)
+            low = np.where(lowest < low, lowest - reach, low)
+            high = np.where(highest > high, highest + reach, high)
         return (
-            np.where(np.isfinite(lower), lower, np.clip(center - wide, least, most)),
-            np.where(np.isfinite(upper), upper, np.clip(center + wide, least, most)),
+            np.where(np.isfinite(lower), lower, np.clip(low, least, most)),
+            np.where(np.isfinite(upper), upper, np.clip(high, least, most)),
         )
 
     @property

@@ -146,6 +146,25 @@ def test_the_box_is_made_of_bounds_and_of_the_initial_range(kind: str) -> None:
     assert upper.tolist() == [1.0] * 9 + [4.5, -2.0, 4.0]
 
 
+@pytest.mark.parametrize(("kind", "option"), [("de", {"mutate": 1.0}), ("pso", {"perturb": True})])
+@pytest.mark.parametrize("far", [30.0, 1e4, 3e38])
+def test_the_box_holds_a_start_from_outside(kind: str, option: Any, far: float) -> None:
+    method = new(kind, population=20, generations=30, **option)
+    assert isinstance(method, Box)
+    start = np.full((1, 10), 1.0, dtype=np.float32)
+    far = float(np.float32(far))
+    start[0, :3] = far, -far, 14.0
+    method.start_from(start)
+    most = float(np.finfo(np.float32).max)
+    lower, upper = method.box
+    assert upper.tolist() == [min(far + 3.0, most), *[15.0] * 9]
+    assert lower.tolist() == [-15.0, max(-far - 3.0, -most), *[-15.0] * 8]
+    while not method.done:  # what is asked for is near the start: that is where the best is
+        genomes = method.ask().astype(np.float64)
+        assert ((genomes >= lower) & (genomes <= upper)).all()
+        method.tell(-np.abs(genomes - start).sum(axis=1))
+
+
 @pytest.mark.parametrize("kind", ALGORITHMS)
 def test_failed_members_are_replaced_by_anything(kind: str) -> None:
     method = new(kind, population=20)
