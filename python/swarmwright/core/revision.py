@@ -36,7 +36,8 @@ def revision_of(folder: Path) -> str | None:
             [*command, "--untracked-files=no", "--", *_CODE],
             env=environment,
             capture_output=True,
-            text=True,
+            encoding="utf-8",
+            errors="replace",
             timeout=_LONGEST_S,
             check=True,
         )

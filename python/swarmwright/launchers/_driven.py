@@ -107,7 +107,7 @@ class DrivenLauncher(Launcher):
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.PIPE,
-                text=True,
+                encoding="utf-8",
                 errors="replace",
                 pass_fds=[there.fileno()],
                 start_new_session=True,  # Ctrl+C is for the tool, which ends servers in order

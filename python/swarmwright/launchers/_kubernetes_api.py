@@ -58,7 +58,7 @@ class Api:
             if not files and kubeconfig is None and context is None and inside:
                 config.load_incluster_config(client_configuration=settings)
                 self._client = library.client.ApiClient(settings)
-                return _ACCOUNT.read_text().strip() if _ACCOUNT.exists() else None
+                return _ACCOUNT.read_text(encoding="utf-8").strip() if _ACCOUNT.exists() else None
             if not files:
                 raise InputError(
                     f"{where}: is not there; name a file with the option kubeconfig or the environment "

@@ -152,7 +152,11 @@ class Slurm(Launcher):
         if job is None:
             return ()
         with suppress(OSError):
-            return (self._folder / f"{job}.log").read_text(errors="replace").splitlines()[-lines:]
+            return (
+                (self._folder / f"{job}.log")
+                .read_text(encoding="utf-8", errors="replace")
+                .splitlines()[-lines:]
+            )
         return ()
 
     def close(self) -> None:
@@ -247,7 +251,7 @@ class Slurm(Launcher):
                 command,
                 input=script,
                 capture_output=True,
-                text=True,
+                encoding="utf-8",
                 errors="replace",
                 timeout=ANSWER_S,
                 env={**os.environ, "LC_ALL": "C"},
