@@ -20,20 +20,41 @@ INCOMPLETE = 1
 """Exit status where runs were left out that cannot be read."""
 
 
-def run_folders(paths: Sequence[Path]) -> list[Path]:
+def folders_of(paths: Sequence[Path]) -> list[Path]:
     """Return the folders among what was named; `runs/sweep/*` names the sweep's comparison.png, too.
 
-    Files are left out with a message on standard error. Raises UsageError when nothing is left.
+    Files are left out, others than a sweep's with a message on standard error. Raises UsageError when nothing
+    is left.
     """
+    from swarmwright.analysis.sweep_folders import is_of_sweep
+
     folders = [path for path in paths if path.is_dir()]
-    files = [str(path) for path in paths if not path.is_dir()]
+    files = [str(path) for path in paths if not path.is_dir() and not is_of_sweep(path)]
     if not folders:
+        files = [str(path) for path in paths]
         which = "is not a run folder" if len(files) == 1 else "are not run folders"
         raise click.UsageError(f"{', '.join(files)} {which}; name folders such as runs/minisim-1.")
     if files:
         which = "is a file, not a run folder" if len(files) == 1 else "are files, not run folders"
         complain(f"left out: {', '.join(files)} {which}")
     return folders
+
+
+def run_folders(paths: Sequence[Path]) -> tuple[list[Path], list[Path]]:
+    """Return the run folders among what was named, and those of sweeps that are missing.
+
+    Of the folder of a sweep, the folders of its runs are meant. Raises as `folders_of`, and InputError where
+    the record of a sweep cannot be read or none of its runs is there.
+    """
+    from swarmwright import InputError
+    from swarmwright.analysis.sweep_folders import expanded, missing_words
+
+    found, missing = expanded(folders_of(paths))
+    if not found:
+        raise InputError(missing_words(missing))
+    if missing:
+        complain(f"left out: {missing_words(missing)}")
+    return found, missing
 
 
 def _readable(folders: Sequence[Path]) -> "tuple[list[Run], bool]":

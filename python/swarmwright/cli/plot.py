@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     "plot",
     cls=Command,
     example="swarmwright plot runs/minisim-1\n"
+    "swarmwright plot results/sizes --out comparison.pdf\n"
     "swarmwright plot runs/nnga-* runs/random-* --out comparison.svg",
 )
 @click.argument("runs", type=ExistingPath(folder=None), metavar="RUN...", nargs=-1, required=True)
@@ -65,18 +66,20 @@ def command(
 
     One run: fitness and diversity of its candidates. Several: runs whose experiments differ in the seed alone
     are a group; the groups are drawn on one axis, and the final fitness of their runs is tested
-    (Mann-Whitney, Kruskal-Wallis, with effect sizes), or what --by names. Runs that are damaged or hold no
-    generation are left out and named; the exit status is then 1.
+    (Mann-Whitney, Kruskal-Wallis, with effect sizes), or what --by names. RUN can be the folder of a sweep:
+    then its runs are compared. Runs that are missing there, damaged or hold no generation are left out and
+    named; the exit status is then 1.
     """
-    from swarmwright.cli._comparison import Compared, run_folders
+    from swarmwright.cli._comparison import INCOMPLETE, Compared, run_folders
 
     what = Compared(at, held_out, by, reference, offset)
     output = Output(as_json=as_json)
-    folders = run_folders(runs)
-    if len({run.resolve() for run in folders}) == 1 and what == Compared():
+    folders, missing = run_folders(runs)
+    if len({run.resolve() for run in folders}) == 1 and not missing and what == Compared():
         _draw_one(output, folders[0], file or folders[0] / "plot.png", x)
         return 0
-    return _draw_several(output, folders, file or Path("comparison.png"), x, what)
+    status = _draw_several(output, folders, file or Path("comparison.png"), x, what)
+    return INCOMPLETE if missing else status
 
 
 def _draw_one(output: Output, folder: Path, file: Path, x: str) -> None:

@@ -175,7 +175,7 @@ def diff(one: Path, other: Path, as_json: bool) -> int:
     "compare",
     cls=Command,
     example="swarmwright runs compare runs/nnga-* runs/random-*\n"
-    "swarmwright runs compare runs/* --held-out\n"
+    "swarmwright runs compare results/sizes --held-out\n"
     "swarmwright runs compare runs/* --at 1000 --json\n"
     "swarmwright runs compare runs/* --held-out --csv table.csv --latex table.tex\n"
     "swarmwright runs compare fronts/* --by hypervolume --reference fitness=0 --reference speed=0.12",
@@ -216,12 +216,13 @@ def compare(
     simulations, or with several parameters or definitions of fitness. Runs whose experiments differ in
     the seed alone are a group. Fronts are compared by hypervolume where all runs have the same
     objectives, archives by QD score or coverage where all have the same measures, ranges and bins;
-    reference point and offset are printed. Files beside runs, which a pattern such as results/* names
-    as well, are left out. Runs that are damaged or hold no generation are left out and named, and the
-    exit status is then 1. `swarmwright plot` draws it as well.
+    reference point and offset are printed. RUN can be the folder of a sweep: then its runs are compared.
+    Files beside runs, which a pattern such as results/* names as well, are left out. Runs that are
+    missing in a sweep, damaged or hold no generation are left out and named, and the exit status is then
+    1. `swarmwright plot` draws it as well.
     """
     from swarmwright.analysis import table_files
-    from swarmwright.cli._comparison import Compared, run_folders, show_comparison
+    from swarmwright.cli._comparison import INCOMPLETE, Compared, run_folders, show_comparison
 
     output = Output(as_json=as_json)
     what = Compared(at, held_out, by, reference, offset)
@@ -229,10 +230,11 @@ def compare(
     files = [(file, ending) for file, ending in asked if file is not None]
     for file, ending in files:
         table_files.check(file, ending)
-    comparison, status = show_comparison(output, run_folders(runs), what)
+    folders, missing = run_folders(runs)
+    comparison, status = show_comparison(output, folders, what)
     for file, _ in files:
         output.text(f"The table is in {comparison.export(file)}")
-    return status
+    return INCOMPLETE if missing else status
 
 
 @command.command(
@@ -296,14 +298,14 @@ def verify(runs: tuple[Path, ...], as_json: bool) -> int:
     not there is named; the exit status is 1 then, too.
     """
     from swarmwright import InputError
-    from swarmwright.cli._comparison import run_folders
+    from swarmwright.cli._comparison import folders_of
     from swarmwright.cli._runs import verified_line
     from swarmwright.runs.verification import verify as verified
     from swarmwright.store import FILE
 
     output = Output(as_json=as_json)
     status = 0
-    for run, of_sweep in _with_sweeps(run_folders(runs)):
+    for run, of_sweep in _with_sweeps(folders_of(runs)):
         if of_sweep and not (run / FILE).exists():
             output.json({"run": str(run), "ok": False, "missing": True})
             output.text(f"{run}: missing; the same sweep runs it")
@@ -325,7 +327,7 @@ def _with_sweeps(folders: list[Path]) -> list[tuple[Path, bool]]:
 
     Raises InputError where the record of a sweep cannot be read.
     """
-    from swarmwright.analysis.sweep.record import runs_of
+    from swarmwright.analysis.sweep_folders import runs_of
     from swarmwright.store import FILE
 
     found: dict[Path, bool] = {}

@@ -143,7 +143,7 @@ def _conclude(output: Output, outcome: "Outcome", folder: Path) -> None:
         output.text()
         output.text(
             "Hypervolume is left out, since it takes long with fronts of this size or so many objectives; "
-            f"`swarmwright runs compare {shlex.quote(str(folder))}/* --by hypervolume` computes it"
+            f"`swarmwright runs compare {shlex.quote(str(folder))} --by hypervolume` computes it"
         )
     for task, message in outcome.failures.items():
         output.item(f"Failed: {task.variant.label}, seed {task.seed}: {message}")

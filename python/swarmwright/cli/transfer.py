@@ -149,9 +149,10 @@ def command(
         style.check(file)
     if table is not None:
         check(table, CSV)
+    folders, _ = run_folders(runs)
     with episodes(output) as on_progress:
         found = transfer(
-            run_folders(runs),
+            folders,
             names,
             vary=[Range.parse(text) for text in vary],
             pseudo_reality=pseudo_reality,

@@ -11,6 +11,8 @@ from swarmwright.store.lock import LOCK, is_locked
 from swarmwright.user_code.copying import FOLDER as CODE
 
 EXPERIMENT = "experiment.yaml"
+SWEEP = "sweep.json"
+"""What a sweep writes into the folder of its runs."""
 _LONGEST_PATH = 504
 """Bytes: SQLite's 512, less those of `-journal`."""
 
@@ -77,6 +79,10 @@ def without_store(folder: Path) -> InputError:
         return InputError(
             f"{folder}: is not a run folder: the process that began it ended in its first second, before "
             f"anything was kept; begin again: swarmwright optimize FILE --out {folder}"
+        )
+    if (folder / SWEEP).is_file():
+        return InputError(
+            f"{folder}: is the folder of a sweep, not of a run; name one of its runs, which are folders in it"
         )
     older = (folder / "record.csv").exists() and (folder / "generations.csv").exists()
     hint = "; it was written by Swarmwright 0.0, which this version does not read" if older else ""

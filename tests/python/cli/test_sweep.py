@@ -66,7 +66,7 @@ def test_hypervolume_that_takes_long_is_left_out_and_named(program: Any, tmp_pat
     )
     result = program("sweep", "sweep.yaml")
     assert result.returncode == 0, result.stderr
-    assert "`swarmwright runs compare results/* --by hypervolume` computes it" in result.stdout
+    assert "`swarmwright runs compare results --by hypervolume` computes it" in result.stdout
 
 
 def begun(store: Path) -> bool:

@@ -8,17 +8,15 @@ the experiment that all variants have in common), `variants` (`label`, `experime
 import json
 import os
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 from swarmwright.analysis.sweep.file import Sweep
 from swarmwright.analysis.sweep.run import Task
 from swarmwright.core.errors import InputError
-from swarmwright.core.files import contents, write_whole
+from swarmwright.core.files import write_whole
 from swarmwright.experiment.experiment import ELSEWHERE, Experiment
-from swarmwright.store import FILE as STORE
+from swarmwright.store.folder import SWEEP
 
-FILE = "sweep.json"
 _LEFT_OUT = (ELSEWHERE - {"validate"}) | {"seed"}
 
 
@@ -27,7 +25,7 @@ def write(sweep: Sweep, tasks: Sequence[Task]) -> None:
 
     Raises InputError where it cannot be written.
     """
-    file = sweep.out / FILE
+    file = sweep.out / SWEEP
     data = f"{json.dumps(_plain(sweep, tasks), default=str, ensure_ascii=False, indent=1)}\n".encode()
     try:
         if file.is_file() and file.read_bytes() == data:
@@ -36,33 +34,6 @@ def write(sweep: Sweep, tasks: Sequence[Task]) -> None:
         write_whole(file, data)
     except OSError as error:
         raise InputError(f"{file}: cannot be written: {os.strerror(error.errno or 0)}") from error
-
-
-def runs_of(folder: Path) -> list[Path] | None:
-    """Return the folders of the runs of a sweep, whether they are there or not, in the order of the variants.
-
-    None where the folder has no record of a sweep, or is a run. Raises InputError where it cannot be read.
-    """
-    file = folder / FILE
-    if not file.is_file() or (folder / STORE).exists():
-        return None
-    try:
-        names = [_names(one["runs"]) for one in json.loads(contents(file))["variants"]]
-    except (ValueError, KeyError, TypeError, RecursionError) as error:
-        raise InputError(
-            f"{file}: is not the record of a sweep; delete it, and the same sweep writes it again"
-        ) from error
-    return [folder / name for some in names for name in some]
-
-
-def _names(runs: Any) -> list[str]:  # noqa: ANN401 - whatever the file says
-    """Return the names of a variant's folders. Raises ValueError where these are not such names."""
-    if not isinstance(runs, list) or not all(isinstance(name, str) for name in runs):
-        raise ValueError("runs: not a list of names")
-    wrong = [name for name in runs if name in {"", ".", ".."} or "\0" in name or set(name) & {"/", "\\"}]
-    if wrong:
-        raise ValueError(f"runs: {wrong[0]!r} is not the name of a folder beside the record")
-    return runs
 
 
 def _plain(sweep: Sweep, tasks: Sequence[Task]) -> dict[str, Any]:

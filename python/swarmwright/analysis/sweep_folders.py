@@ -1,0 +1,109 @@
+"""The folders of sweeps: which runs they hold, by their record `sweep.json`."""
+
+import json
+import logging
+import os
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from swarmwright.core.arguments import listed, path_of
+from swarmwright.core.errors import InputError
+from swarmwright.core.files import contents
+from swarmwright.runs.run import Run
+from swarmwright.store import FILE as STORE
+from swarmwright.store.folder import SWEEP
+
+_WRITTEN = {SWEEP, "comparison.csv", "comparison.tex", "comparison.png"}
+"""Files that a sweep writes beside its runs."""
+
+
+def runs_of(folder: Path) -> list[Path] | None:
+    """Return the folders of the runs of a sweep, whether they are there or not, in the order of the variants.
+
+    None where the folder has no record of a sweep, or is a run. Raises InputError where it cannot be read.
+    """
+    file = folder / SWEEP
+    if not file.is_file() or (folder / STORE).exists():
+        return None
+    try:
+        names = [names_of(one["runs"]) for one in json.loads(contents(file))["variants"]]
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
+        raise no_record(file) from error
+    return [folder / name for some in names for name in some]
+
+
+def no_record(file: Path) -> InputError:
+    """Return what is said of a file that should be the record of a sweep, and is something else."""
+    return InputError(f"{file}: is not the record of a sweep; delete it, and the same sweep writes it again")
+
+
+def names_of(runs: Any) -> list[str]:  # noqa: ANN401 - whatever the file says
+    """Return the names of a variant's folders. Raises ValueError where these are not such names."""
+    if not isinstance(runs, list) or not all(isinstance(name, str) for name in runs):
+        raise ValueError("runs: not a list of names")
+    wrong = [name for name in runs if name in {"", ".", ".."} or "\0" in name or set(name) & {"/", "\\"}]
+    if wrong:
+        raise ValueError(f"runs: {wrong[0]!r} is not the name of a folder beside the record")
+    return runs
+
+
+def expanded(folders: Iterable[Path]) -> tuple[list[Path], list[Path]]:
+    """Return folders, of sweeps those of their runs in their place, and those that are missing of a sweep.
+
+    Raises InputError where the record of a sweep cannot be read.
+    """
+    found: list[Path] = []
+    missing: list[Path] = []
+    for folder in folders:
+        runs = runs_of(folder)
+        for run in [folder] if runs is None else runs:
+            (found if runs is None or run.exists() else missing).append(run)
+    return found, missing
+
+
+def missing_words(missing: list[Path]) -> str:
+    """Return in words that runs of sweeps are not there."""
+    named = ", ".join(map(str, missing[:3]))
+    more = f" and {len(missing) - 3} more" if len(missing) > 3 else ""
+    return f"{named}{more}: missing; the same sweep runs {'it' if len(missing) == 1 else 'them'}"
+
+
+def runs_of_all(runs: Iterable[Run | str | os.PathLike[str]] | str | os.PathLike[str]) -> list[Run]:
+    """Return runs that are given as such, as their folders, or as the folders of sweeps.
+
+    Files are left out, and runs of sweeps that are missing: these, and files other than a sweep's, are named
+    in a warning. Raises InputError where a folder is neither a run's nor a sweep's, or the record of a sweep
+    cannot be read.
+    """
+    if isinstance(runs, str | os.PathLike) and runs_of(path_of("runs", runs, "a folder")) is not None:
+        runs = [runs]
+    listed("runs", runs, "run folders")
+    found: list[Run] = []
+    missing: list[Path] = []
+    files: list[Path] = []
+    for one in runs:
+        path = one.path if isinstance(one, Run) else path_of("runs", one, "a run folder")
+        if isinstance(one, Run):
+            found.append(one)
+        elif path.is_file():
+            files.append(path)
+        else:
+            folders, lacking = expanded([path])
+            found += map(Run.open, folders)
+            missing += lacking
+    if files and not found:
+        raise InputError(f"{files[0]}: is not a folder; name a run folder such as runs/minisim-1")
+    if missing and not found:
+        raise InputError(missing_words(missing))
+    for words in (
+        *(f"{path}: is a file, not a run folder" for path in files if not is_of_sweep(path)),
+        *([missing_words(missing)] if missing else []),
+    ):
+        logging.getLogger("swarmwright").warning("left out: %s", words)
+    return found
+
+
+def is_of_sweep(path: Path) -> bool:
+    """Return whether a file is one that a sweep writes beside its runs."""
+    return path.name in _WRITTEN and (path.parent / SWEEP).is_file()
