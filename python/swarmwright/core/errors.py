@@ -4,6 +4,7 @@ Each message is complete, and each class has the exit status of a command line t
 """
 
 import traceback
+from collections.abc import Callable
 from types import TracebackType
 from typing import ClassVar, Self
 
@@ -46,7 +47,8 @@ class PlugInError(RunError):
 class SimulationError(RunError):
     """The code of a simulation failed. The message says in which method, what, and in which line.
 
-    `stack` is the traceback from the simulation's code on, None where nothing was raised.
+    `stack` is the traceback from the simulation's code on, None where nothing was raised. In the process of
+    the simulation `__cause__` is the exception; elsewhere a note of the error has the traceback.
     """
 
     def __init__(self, reason: str, stack: str | None = None) -> None:
@@ -78,12 +80,15 @@ class engine_errors:  # noqa: N801 - used like a function
 
     Args:
         where: put before an input error's message.
+        failure: returns what a simulation's code in this process failed with last; the engine has its words
+            only. An error that has them becomes a SimulationError, chained to what was raised.
     """
 
-    __slots__ = ("_where",)
+    __slots__ = ("_failure", "_where")
 
-    def __init__(self, where: str = "") -> None:
+    def __init__(self, where: str = "", failure: Callable[[], SimulationError | None] | None = None) -> None:
         self._where = where
+        self._failure = failure
 
     def __enter__(self) -> None:
         """Do nothing."""
@@ -101,4 +106,7 @@ class engine_errors:  # noqa: N801 - used like a function
             named = text.startswith(self._where)  # by the engine itself
             raise InputError(text if named else f"{self._where}{text}") from error
         if isinstance(error, _engine.EngineError):
-            raise RunError(one_line(str(error))) from error
+            words, failure = str(error), self._failure and self._failure()
+            if failure is not None and str(failure) in words:
+                raise SimulationError(one_line(words), failure.stack) from failure.__cause__ or error
+            raise RunError(one_line(words)) from error

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from swarmwright import _engine
 from swarmwright.core.engine_types import AttemptRow
-from swarmwright.core.errors import InputError, PlugInError
+from swarmwright.core.errors import InputError, PlugInError, SimulationError
 from swarmwright.core.plug_in_code import is_plug_in, numbers, place
 from swarmwright.core.server_use import ServerUses
 from swarmwright.core.yaml import dotted_path
@@ -133,6 +133,9 @@ class Backend(Protocol):
 
     def journal(self, attempts: Iterable[AttemptRow], warnings: Iterable[str]) -> Journal:
         """Return the journal of what the engine has evaluated by itself."""
+
+    def failure_of(self, reason: str, /) -> SimulationError | None:
+        """Return what the simulation's code failed with, for a reason of a journal; None for others."""
 
     def stream(
         self, controllers: Controllers, seeds: Sequence[int], feed: Feed, on_progress: Progress

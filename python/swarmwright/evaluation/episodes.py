@@ -56,7 +56,7 @@ class Episodes:
     Raises:
         InputError: the simulation is not here, does not take these parameters or seeds, or has nothing to
             watch.
-        RunError: the code of the simulation failed.
+        SimulationError: the code of the simulation failed.
     """
 
     _draws: ClassVar[bool] = False
@@ -88,9 +88,9 @@ class Episodes:
         self._pictured = drawn and catalogue.shown_as(self.experiment.simulation) == "picture"
         find = catalogue.drawing if self._pictured else catalogue.playable
         playable: Any = find(self.experiment.simulation)
-        with engine_errors():
-            self._episodes = _engine.Episodes(playable, dict(self.experiment.parameters), self.seeds)
         self._host: Any = None if isinstance(playable, str) else playable
+        with self._errors():
+            self._episodes = _engine.Episodes(playable, dict(self.experiment.parameters), self.seeds)
         self._seen: Observation | None = None
         self._scenes: list[Scene] | None = [] if watch and not self._pictured else None
         self._fitness_so_far: list[float] = []
@@ -111,11 +111,11 @@ class Episodes:
     def is_truncated(self) -> bool:
         """Of the first episode: whether a simulation in Python says that it has ended as its time was over.
 
-        Raises RunError when the code of the simulation failed.
+        Raises SimulationError when the code of the simulation failed.
         """
         if not (self._episodes.done and hasattr(self._host, "truncated")):  # missions have time alone
             return False
-        with engine_errors():
+        with self._errors():
             return bool(self._host.truncated())
 
     @property
@@ -129,7 +129,7 @@ class Episodes:
         Episodes that have ended are left out. The same until the next step, also for sensors with noise.
         """
         if self._seen is None:
-            with engine_errors():
+            with self._errors():
                 self._seen = Observation(*self._episodes.acting())
         return self._seen
 
@@ -141,8 +141,9 @@ class Episodes:
 
         Raises:
             InputError: another shape, a number is not finite, or all episodes have ended.
-            RunError: the code of the simulation failed, or there are several episodes and this process was
-                forked from one in which the engine had computed.
+            SimulationError: the code of the simulation failed.
+            RunError: there are several episodes and this process was forked from one in which the engine had
+                computed.
         """
         if self.done:
             raise InputError("step: all episodes have ended")
@@ -158,7 +159,7 @@ class Episodes:
         if len(self.seeds) > 1:  # the engine steps one episode without its threads
             use_threads()
         moved = self._is_watched and self._first_goes_on
-        with engine_errors():
+        with self._errors():
             self._episodes.step(np.clip(rows, -1.0, 1.0))
         self._seen = None
         self._watch(moved=moved)
@@ -207,7 +208,7 @@ class Episodes:
     def fitness_and_faults(self) -> tuple[NDArray[np.float64], list[Fault]]:
         """Return the fitness so far, and why the experiment's expression has no value where it has none."""
         expression = self.experiment.fitness_expression
-        with engine_errors():
+        with self._errors():
             own = self._episodes.fitness()
             if expression is None:
                 return own, []
@@ -217,7 +218,7 @@ class Episodes:
     def metrics(self) -> dict[str, NDArray[np.float64]]:
         """All metrics of the simulation so far, by name, (episodes,) each."""
         names = self._episodes.metric_names
-        with engine_errors():
+        with self._errors():
             values = self._episodes.metrics(names)
         return {name: values[:, index].copy() for index, name in enumerate(names)}
 
@@ -228,7 +229,7 @@ class Episodes:
         """
         if self._pictured:
             raise InputError("scene: this simulation draws pictures and has no scenes; `save` writes them")
-        with engine_errors():
+        with self._errors():
             return Scene.of(self._episodes.scene())
 
     @checked
@@ -255,6 +256,10 @@ class Episodes:
             raise InputError(f"path: {error}") from None
         except OSError as error:
             raise InputError(f"path: {path}: cannot be written: {error.strerror}") from error
+
+    def _errors(self) -> engine_errors:
+        """Return what turns the engine's errors into SimulationError, RunError and InputError."""
+        return engine_errors(failure=lambda: None if self._host is None else self._host.failure)
 
     @property
     def _is_watched(self) -> bool:
@@ -294,10 +299,10 @@ class EpisodeSequence(Episodes):
         """Begin the next episode; the one before is over.
 
         A simulation in Python goes on with its object, which takes less time than another one.
-        seed: from 0 to 2**63 - 1. Raises RunError when the code of the simulation failed.
+        seed: from 0 to 2**63 - 1. Raises SimulationError when the code of the simulation failed.
         """
         playable = self.experiment.simulation if self._host is None else self._host
-        with engine_errors():
+        with self._errors():
             self._episodes = _engine.Episodes(playable, dict(self.experiment.parameters), [seed])
         self.seeds = [seed]
         self._seen = None
@@ -312,7 +317,7 @@ class DrawnEpisodes(EpisodeSequence):
         """Return what the simulation draws now, (height, width, 3); None where it has scenes."""
         if not self._pictured:
             return None
-        with engine_errors():
+        with self._errors():
             drawn: NDArray[np.uint8] = self._host.picture()
             return drawn
 

@@ -11,12 +11,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from swarmwright.core.arguments import checked, instance, simulation_seed
 from swarmwright.core.arrays import float32_of
-from swarmwright.core.errors import InputError, RunError
+from swarmwright.core.errors import InputError
 from swarmwright.core.plug_in_code import reported
 from swarmwright.core.random_numbers import Stream
 from swarmwright.core.simulation_names import is_python
 from swarmwright.core.untrusted import one_line
 from swarmwright.evaluation.base import HERE, Backend, Controllers, Progress, Results, Servers
+from swarmwright.evaluation.code_failures import failed
 from swarmwright.evaluation.in_process import PythonBackend
 from swarmwright.evaluation.metrics import asked_for
 from swarmwright.evaluation.opening import is_here, open_backend
@@ -232,7 +233,8 @@ def simulate(
 
     Raises:
         InputError: the controller does not fit the simulation, or the experiment cannot be run as it is.
-        RunError: no broker, no fitting server, or the episode failed.
+        SimulationError: the episode failed in the code of the simulation.
+        RunError: no broker, no fitting server, or the episode failed for another reason.
     """
     experiment = experiment_of(experiment)
     if controller is not None:
@@ -298,7 +300,12 @@ def episode(
         results = backend.evaluate(controllers, [seed], on_progress or _silent)
     fitness = float(results.fitness[0, 0])
     if not np.isfinite(fitness):
-        raise RunError(_reason(results.journal))
+        raise failed(
+            "the episode failed: ",
+            results.journal.errors,
+            backend.failure_of,
+            unknown="its fitness is not a finite number",
+        )
     metrics = dict(zip(backend.metrics, results.metrics[0, 0].tolist(), strict=True))
     return Episode(fitness + 0.0, metrics, {} if controller is None else controller.parameters, seed)
 
@@ -329,11 +336,6 @@ def check_fit(controller: Controller, sensors: int, actuators: int, simulation: 
             f"controller: has {controller.sensors} sensors and {controller.actuators} actuators; "
             f"{simulation} has {sensors} and {actuators}"
         )
-
-
-def _reason(journal: Journal) -> str:
-    reasons = journal.errors
-    return f"the episode failed: {one_line(reasons[-1]) if reasons else 'its fitness is not a finite number'}"
 
 
 def _silent(done: int, total: int, waiting_for: str) -> None:

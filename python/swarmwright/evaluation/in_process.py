@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from swarmwright import _engine
 from swarmwright.core.engine_types import AttemptRow
-from swarmwright.core.errors import engine_errors
+from swarmwright.core.errors import SimulationError, engine_errors
 from swarmwright.core.processes import use_threads
 from swarmwright.core.server_use import ServerUses
 from swarmwright.core.untrusted import one_line
 from swarmwright.evaluation.base import Controllers, Feed, Progress, Results, apply_expression, metrics_of
+from swarmwright.evaluation.code_failures import CodeFailures
 from swarmwright.evaluation.repetition import Failed, Repetition, Value
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.simulations import catalogue
@@ -84,6 +85,10 @@ class InProcessBackend:
     def journal(self, attempts: Iterable[AttemptRow], warnings: Iterable[str]) -> Journal:
         """Return the journal of what the engine has evaluated by itself."""
         return Journal.of(attempts, warnings)
+
+    def failure_of(self, _reason: str, /) -> SimulationError | None:
+        """Return None: built-in simulations have no such failures."""
+        return None
 
     def evaluator(self, architecture: dict[str, Any]) -> _engine.Evaluator | None:
         """Return what the engine evaluates with; None where the experiment has its own fitness."""
@@ -171,6 +176,7 @@ class PythonBackend(InProcessBackend):
         self._held: list[tuple[str, str]] = []
         self._begun = 0.0
         self._host = hosted(load(experiment.simulation), self._report)
+        self._code_failures = CodeFailures()
         self._repetition = Repetition(experiment.faults.attempts, bitwise=self._host.determinism == "bitwise")
 
     def _report(self, reason: str, stack: str) -> None:
@@ -196,6 +202,7 @@ class PythonBackend(InProcessBackend):
     ) -> Results:
         """Return the results, NaN where the code failed in all attempts. Raises the engine's errors."""
         self.tell_held()  # the run has gone on
+        self._host.forget_failure()
         self._begun = time.monotonic()
         if meanwhile is not None:
             meanwhile()
@@ -211,6 +218,7 @@ class PythonBackend(InProcessBackend):
             return failed[0] if failed else Value(float(value[0, 0]), measured[0, 0])
 
         journal = self._repetition(failures, fitness, metrics, again, started)
+        self._code_failures.note(journal)
         if np.isfinite(fitness).any() or len(self._held) > 1:  # the error that ends the run has one reason
             self.tell_held()
         return Results(fitness, metrics, journal)
@@ -229,6 +237,11 @@ class PythonBackend(InProcessBackend):
             metrics=self.metrics,
         )
         return fitness, metrics, [Failed(*one) for one in failures]
+
+    def failure_of(self, reason: str, /) -> SimulationError | None:
+        """Return what the code failed with, for a reason of a journal: the last one with what it raised."""
+        last = self._host.failure
+        return last if last is not None and str(last) == reason else self._code_failures.of(reason)
 
     def incidents(self) -> dict[str, int]:
         """Return how often failed evaluations were repeated, and how many failed in all attempts."""

@@ -72,7 +72,7 @@ class MachineEvaluations:
                 return False
             self.part = self._open.popleft()
         try:
-            with engine_errors():
+            with engine_errors(failure=lambda: getattr(self._simulation, "failure", None)):
                 self._go()
         except RunError:
             self._robots = self._episodes = None

@@ -5,10 +5,11 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from swarmwright import _engine
-from swarmwright.core.errors import RunError
+from swarmwright.core.errors import RunError, SimulationError
 from swarmwright.core.modules import PYTHON_KIND
 from swarmwright.core.simulation_names import is_python
 from swarmwright.evaluation.base import Controllers, Progress, Results
+from swarmwright.evaluation.code_failures import CodeFailures
 from swarmwright.evaluation.in_process import InProcessBackend, PythonBackend
 from swarmwright.evaluation.machines import TOGETHER, MachineEvaluations
 from swarmwright.evaluation.repetition import Failed, Repetition, Value
@@ -31,6 +32,7 @@ class ModulesBackend(InProcessBackend):
         self._together = 1 if python else TOGETHER
         # What a simulation declares of its determinism says nothing about modules.
         self._repetition = Repetition(experiment.faults.attempts, bitwise=False)
+        self._code_failures = CodeFailures()
         self.description = "in this process (behaviours in Python)"
 
     def evaluator(self, architecture: dict[str, Any]) -> _engine.Evaluator | None:
@@ -80,6 +82,7 @@ class ModulesBackend(InProcessBackend):
             return Value(float(one.fitness()[0, 0]), one.metrics()[0, 0])
 
         journal = self._repetition(failures, fitness, metrics, again, started)
+        self._code_failures.note(journal)
         report(work.total, last=True)
         return Results(fitness, metrics, journal)
 
@@ -96,10 +99,16 @@ class ModulesBackend(InProcessBackend):
 
     def _failure_of(self, work: MachineEvaluations, error: RunError) -> Failed:
         """Return which evaluation failed; raise the error where a module's code did, not the simulation's."""
-        if self._together > 1 or not isinstance(error.__cause__, _engine.EngineError):
+        stack = error.stack if isinstance(error, SimulationError) else None
+        of_simulation = isinstance(error, SimulationError) or isinstance(error.__cause__, _engine.EngineError)
+        if self._together > 1 or not of_simulation:
             raise error
         candidate, episode = work.part[0].tolist()
-        return Failed(candidate, episode, str(error), None)
+        return Failed(candidate, episode, str(error), stack)
+
+    def failure_of(self, reason: str, /) -> SimulationError | None:
+        """Return what a simulation's code failed with, for a reason of a journal; None for others."""
+        return self._code_failures.of(reason) or self._others.failure_of(reason)
 
     def incidents(self) -> dict[str, int]:
         """Return how often failed evaluations were repeated, and how many failed in all attempts."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from swarmwright import _engine
 from swarmwright.core.engine_types import AttemptRow, Report
-from swarmwright.core.errors import RunError, engine_errors
+from swarmwright.core.errors import RunError, SimulationError, engine_errors
 from swarmwright.core.server_use import ServerUses
 from swarmwright.core.simulation_names import is_command
 from swarmwright.core.suggestions import did_you_mean
@@ -25,6 +25,7 @@ from swarmwright.evaluation.base import (
     apply_expression,
     metrics_of,
 )
+from swarmwright.evaluation.code_failures import CodeFailures
 from swarmwright.evaluation.module_code import is_in_python, with_digests
 from swarmwright.evaluation.warning_times import WarningTimes
 from swarmwright.experiment.experiment import Experiment
@@ -49,6 +50,7 @@ class BrokerBackend:
         self._without_value = 0
         self._run: str | None = None
         self._times = WarningTimes()
+        self._code_failures = CodeFailures()
         self._listen()
         self._expression = experiment.fitness_expression
         self.metrics = metrics_of(self._expression, metrics)
@@ -102,7 +104,13 @@ class BrokerBackend:
 
     def journal(self, attempts: Iterable[AttemptRow], warnings: Iterable[str]) -> Journal:
         """Return the journal of what a pool has evaluated, with the times at which it warned."""
-        return self._times.journal(attempts, warnings)
+        journal = self._times.journal(attempts, warnings)
+        self._code_failures.note(journal)
+        return journal
+
+    def failure_of(self, reason: str, /) -> SimulationError | None:
+        """Return what the simulation's code failed with on servers, for a reason of a journal."""
+        return self._code_failures.of(reason)
 
     def usage(self) -> str:
         """Return what was used of servers elsewhere."""

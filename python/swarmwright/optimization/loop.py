@@ -176,6 +176,7 @@ class Loop:
         generation to keep, and RunError when evaluations are not possible.
         """
         self._account.start()
+        self._recorder.begin(backend.failure_of)
         try:
             try:
                 stopped = self._continue(backend, on_generation, on_progress)

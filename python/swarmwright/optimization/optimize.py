@@ -103,7 +103,10 @@ def optimize(
 
     Raises:
         InputError: the experiment cannot be run as it is, or the folder holds something.
-        RunError: no broker, no fitting server, every candidate of a generation failed, or the disk is full.
+        SimulationError: every candidate of a generation failed, the last in the code of the simulation.
+        PlugInError: the code of a method, representation or ranking failed.
+        RunError: no broker, no fitting server, every candidate of a generation failed for another reason, or
+            the disk is full.
     """
     if isinstance(experiment, str | Path):
         experiment = Experiment.load(experiment)
@@ -391,7 +394,7 @@ def _fail(error: RunError, folder: Path | None) -> NoReturn:
     hint = _how_to_go_on(error, folder)
     if hint is None:
         raise error
-    raise error.reworded(f"{error}; {hint}") from error
+    raise error.reworded(f"{error}; {hint}") from error.__cause__ or error
 
 
 def _how_to_go_on(error: RunError, folder: Path | None) -> str | None:

@@ -5,8 +5,8 @@ from contextlib import contextmanager
 
 from swarmwright import _engine
 from swarmwright.core.errors import PlugInError, RunError
-from swarmwright.core.untrusted import one_line
 from swarmwright.evaluation.base import Progress
+from swarmwright.evaluation.code_failures import FailureOf, failed
 from swarmwright.optimization.account import Account
 from swarmwright.optimization.generation import OnGeneration, Told, goes_on
 from swarmwright.store import Evaluated, Journal, StoreWriter
@@ -27,8 +27,13 @@ class Recorder:
         self._store = store
         self._account = account
         self._last: Told | None = None  # until it is handed to the store
+        self._failure_of: FailureOf = lambda _reason: None
         self.waiting_for = ""
         """What the evaluation waited for last; empty when it waited for nothing."""
+
+    def begin(self, failure_of: FailureOf) -> None:
+        """Take what tells failures of the simulation's code from other reasons: the backend's."""
+        self._failure_of = failure_of
 
     @property
     def samples(self) -> bool:
@@ -77,7 +82,8 @@ class Recorder:
             reasons = journal.errors
             if not reasons or isinstance(error, PlugInError):  # not for what failed episodes raised
                 raise
-            raise error.reworded(f"{error}; the last reason: {one_line(reasons[-1])}") from error
+            last = failed(f"{error}; the last reason: ", reasons, self._failure_of)
+            raise last from last.__cause__ or error.__cause__
 
     def watched(self, on_progress: Progress | None) -> Progress:
         """Return the callback that also notes what is waited for."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from swarmwright import _engine
 from swarmwright.core.engine_types import AttemptRow
-from swarmwright.core.errors import InputError, RunError
+from swarmwright.core.errors import InputError, RunError, SimulationError
 from swarmwright.core.server_use import ServerUses
 from swarmwright.evaluation.base import (
     HERE,
@@ -81,6 +81,10 @@ class TwoSimulations:
     def journal(self, attempts: Iterable[AttemptRow], warnings: Iterable[str]) -> Journal:
         """Return the journal of what the engine has evaluated by itself."""
         return self.fast.journal(attempts, warnings)
+
+    def failure_of(self, reason: str, /) -> SimulationError | None:
+        """Return what the code of either simulation failed with, for a reason of a journal."""
+        return self.fast.failure_of(reason) or self.slow.failure_of(reason)
 
     def stream(
         self, controllers: Controllers, seeds: Sequence[int], feed: Feed, on_progress: Progress

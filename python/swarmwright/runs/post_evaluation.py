@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.core.arguments import checked
-from swarmwright.core.errors import InputError, RunError
+from swarmwright.core.errors import InputError
 from swarmwright.core.statistics import Estimate, estimate, quantile
-from swarmwright.core.untrusted import one_line
 from swarmwright.evaluation.base import Backend, Controllers, Progress, Results, Servers
+from swarmwright.evaluation.code_failures import failed
 from swarmwright.evaluation.metrics import asked_for
 from swarmwright.evaluation.opening import open_backend
 from swarmwright.experiment.experiment import Experiment, experiment_of
@@ -247,7 +247,8 @@ def post_evaluate(
     Raises:
         InputError: there is no such candidate or metric, the controller does not fit the simulation, or a
             number is out of range.
-        RunError: no broker, no fitting server, or every episode failed.
+        SimulationError: every episode failed, the last in the code of the simulation.
+        RunError: no broker, no fitting server, or every episode failed for another reason.
     """
     from swarmwright.runs.run import Run, run_of  # noqa: PLC0415 - it imports this module
 
@@ -416,9 +417,8 @@ def _results(
     backend.post_evaluates()
     results = backend.evaluate(controllers, seeds, on_progress or (lambda *_: None))
     if not (may_fail or np.isfinite(results.fitness).any()):
-        reasons = results.journal.errors
-        last = one_line(reasons[-1]) if reasons else "not known"
-        raise RunError(f"every episode failed; the last reason: {last}")
+        words = "every episode failed; the last reason: "
+        raise failed(words, results.journal.errors, backend.failure_of, unknown="not known")
     return results
 
 

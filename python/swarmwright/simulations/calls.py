@@ -7,7 +7,7 @@ import sys
 import traceback
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, ClassVar, Generic, NoReturn, TypeVar
+from typing import Any, ClassVar, Generic, NoReturn, Self, TypeVar
 
 from swarmwright import _engine
 from swarmwright.core.errors import EpisodeError, InputError, SimulationError
@@ -42,7 +42,21 @@ class Calls(Generic[Made]):
         self._kind = kind
         self._report = report or (lambda _reason, _traceback: None)
         self._reported: set[str] = set()
+        self._failures: list[SimulationError] = []  # the last one, of all hosts of a class
         self._object: Made | None = None
+
+    @property
+    def failure(self) -> SimulationError | None:
+        """What the code failed with last, chained to what it raised; None since `forget_failure`."""
+        return self._failures[0] if self._failures else None
+
+    def forget_failure(self) -> None:
+        """Let go of the last failure, whose traceback holds the frames of the code."""
+        self._failures.clear()
+
+    def _reports_with(self, other: Self) -> None:
+        """Report failures together with another host of the class."""
+        self._reported, self._failures = other._reported, other._failures
 
     def _call(self, method: str, *arguments: Any) -> Any:  # noqa: ANN401 - whatever the code takes and returns
         """Call a method of the user's; what it raises becomes SimulationError."""
@@ -54,6 +68,7 @@ class Calls(Generic[Made]):
             self._fail(self._cause(method, error), error)
         except EpisodeError as error:  # it says where and what
             self._tell(str(error), error.stack)
+            self._failures[:] = [error]
             raise
         except KeyboardInterrupt:
             raise
@@ -132,7 +147,10 @@ class Calls(Generic[Made]):
         reason = f"{self._kind.__name__}.{reason}"
         stack = None if error is None else _traceback(error)
         self._tell(reason, stack)
-        raise SimulationError(reason, stack) from error
+        failure = SimulationError(reason, stack)
+        failure.__cause__ = error
+        self._failures[:] = [failure]
+        raise failure
 
     def _tell(self, reason: str, stack: str | None) -> None:
         """Report a failure, the first time."""

@@ -86,7 +86,7 @@ class Host(Calls[Simulation | BatchSimulation]):
     def another(self) -> "Host":
         """Return a host with another object, which is made when it is reset."""
         other = Host(self._kind, self._report, self.description)
-        other._reported = self._reported
+        other._reports_with(self)
         return other
 
     def reset(self, parameters: dict[str, Any], controller: str | None = None) -> Seen:

@@ -64,7 +64,7 @@ class PhysicsHost(Calls[Physics]):
     def another(self) -> "PhysicsHost":
         """Return a host with another object."""
         other = PhysicsHost(self._kind, self._report)
-        other._reported = self._reported
+        other._reports_with(self)
         return other
 
     def start(
