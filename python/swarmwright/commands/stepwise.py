@@ -1,17 +1,21 @@
 """Talks with a command over its standard input and output, a JSON object a line, through many episodes.
 
-    to it:    {"reset": {"parameters": {"steps": 30}, "seed": 7}}
-    from it:  {"sensors": [[0.5, -1.0], [0.1, 2.0]]}
-    to it:    {"actuators": [[0.25], [-1.0]]}
-    from it:  {"sensors": [[0.4, -1.0], [0.2, 1.0]]}
-    ..        {"done": true, "fitness": -0.31, "metrics": {"arrived": 2}}
+    to it:    {"reset": {"parameters": {"steps": 30}, "seed": 7}, "id": 1}
+    from it:  {"sensors": [[0.5, -1.0], [0.1, 2.0]], "id": 1}
+    to it:    {"actuators": [[0.25], [-1.0]], "id": 2}
+    from it:  {"sensors": [[0.4, -1.0], [0.2, 1.0]], "id": 2}
+    ..        {"done": true, "fitness": -0.31, "metrics": {"arrived": 2}, "id": 3}
 
 `sensors` has a row for each agent. `acting` beside it lists the agents whose actuators are wanted next, by
 default all; rows of `actuators` of others are 0. `{"error": "why"}` fails the episode. `"warning": "text"`
 in an answer is logged, the first one of a server. At the end of its standard input the command is to end.
-Lines that do not begin with { are output like any other. A second answer to a message fails the episode, as
-it would be taken for that to the next one; where the end of an episode is said twice, the process is ended,
-with a warning.
+Lines that do not begin with { are output like any other.
+
+A second answer to a message fails the episode. The `id` is optional in answers, in all of a process or none.
+With it, a second answer is recognised whenever it comes, and one to the last message of an episode does no
+harm. Without it, one that comes late is taken for that to the next message: the program is then one message
+behind, and says the end of the episode twice, which fails the episode, too. Where that is seen only when the
+next episode begins, there is a warning, and the process is replaced.
 """
 
 import contextlib
@@ -29,6 +33,7 @@ from swarmwright.commands.failure import CommandFailure, ReportedFailure
 from swarmwright.commands.output import Printed
 from swarmwright.commands.process import Ended, Processes
 from swarmwright.commands.running import Limits, Watch, check_end
+from swarmwright.commands.second_answers import ID, Looks, MessageIds
 from swarmwright.core.untrusted import one_line
 
 _CHUNK_BYTES = 1 << 16
@@ -41,12 +46,9 @@ _ENCODER = json.JSONEncoder(separators=(",", ":"))
 _log = logging.getLogger("swarmwright")
 _SURPLUS_S = 0.05
 """Seconds in which the answer to a reset comes that seems to be the end of the episode before."""
-_PART, _LONGEST_LOOK, _LOOK_AT_END = 0.02, 0.002, 0.0002
-"""Share of a step's time, and seconds at most, in which a second answer is waited for; and seconds at the end
-of one of the first episodes at least."""
-_TRIED = 5
-"""In so many episodes, at the start and after a second answer, one is waited for after short steps, too."""
-_END = b'"done"'
+_REPORT_S = 1.0
+"""Seconds in which the exit status is known after the end of the output."""
+_BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 _GRACE_S = 2.0
 """Seconds that a process has to end when its standard input is closed."""
 
@@ -80,13 +82,12 @@ class Dialogue:
         self._episodes = 0
         self._rest = bytearray()
         self._searched = 0
-        self._warned = False
+        self._ids = MessageIds()
+        self._looks = Looks()
+        self._has_doubted = False
+        """Whether a warning of a second answer was logged."""
         self._has_warned = False
         """Whether a warning of the command was logged."""
-        self._close_look = _TRIED
-        """In how many episodes a second answer is waited for."""
-        self._is_suspect = False
-        """Whether there was one in the last of them."""
         self.printed = Printed(0)
 
     def reset(self, parameters: Mapping[str, Any], seed: int) -> dict[str, Any]:
@@ -98,21 +99,21 @@ class Dialogue:
         if self._pipes is not None and (
             self._has_ended() or (self._recycle and self._episodes >= self._recycle)
         ):
+            self._check_end_between()
             self.close()
-        if self._pipes is not None and self._has_surplus():
+        if self._pipes is not None and not self._ids.are_repeated and self._has_surplus():
             self._end_for_surplus()
         fresh = self._pipes is None
         if fresh:
             self._begin()
         self._watch.begin_again()
         self._episodes += 1
-        self._close_look = max(self._close_look - 1, 0)
-        self._is_suspect = self._is_suspect and self._close_look > 0
+        self._looks.begin_episode()
         try:
             answer = self.ask(message)
-            if fresh or answer.get("done") is not True:
+            if fresh or answer.get("done") is not True or self._ids.are_repeated:
                 return answer
-            if not self._has_surplus(_SURPLUS_S if self._close_look else 0.0):
+            if not self._has_surplus(_SURPLUS_S if self._looks.are_close else 0.0):
                 return answer
             # What came is the end of the episode before, said twice.
             self._end_for_surplus()
@@ -127,40 +128,47 @@ class Dialogue:
         """Send a message and return the answer."""
         try:
             assert self._pipes is not None
-            if self._has_surplus():
+            if not self._ids.are_repeated and self._has_surplus():
                 self._refuse_surplus()
-            began = time.monotonic()
-            self._write(f"{_ENCODER.encode(message)}\n".encode())
-            answer = self._checked(self._line())
-            if "reset" not in message:
-                self._look_for_surplus(time.monotonic() - began, is_end=answer.get("done") is True)
+            began, is_reset = time.monotonic(), "reset" in message
+            numbered = {**message, ID: self._ids.next(is_reset=is_reset)}
+            self._write(f"{_ENCODER.encode(numbered)}\n".encode())
+            answer = self._answer()
+            if not self._ids.are_repeated:
+                is_end = answer.get("done") is True
+                seconds = self._looks.seconds(time.monotonic() - began, is_reset=is_reset, is_end=is_end)
+                if not (is_reset and is_end):  # `reset` looks for what belongs to the episode before
+                    self._look_for_surplus(seconds, is_end=is_end)
             return answer
         except BaseException as error:
             self.abandon(0.0 if not isinstance(error, CommandFailure) else 0.5)
             raise
 
+    def _answer(self) -> dict[str, Any]:
+        """Return the answer to the last message."""
+        while True:
+            answer = self._checked(self._line())
+            if self._ids.takes(answer):
+                return answer
+
     def _look_for_surplus(self, seconds: float, *, is_end: bool) -> None:
-        """Look for a second answer, which comes right after the first one.
-
-        Args:
-            seconds: that the first one took, beside which the wait is to be short.
-            is_end: whether that was the end of the episode.
-        """
-        patience = min(seconds * _PART, _LONGEST_LOOK)
-        if self._is_suspect:
-            patience = _LONGEST_LOOK
-        elif is_end and self._close_look:
-            patience = max(patience, _LOOK_AT_END)
-        # The shortest wait of the system is about 0.1 ms; without one, the next message finds the answer.
-        if patience < _LOOK_AT_END or not self._has_surplus(patience):
-            return
-        # An end that is said twice changes nothing; its process is ended before the next episode.
-        if not (is_end and self._is_end_again()):
+        """Raise CommandFailure for a second answer, or a failure of the process, within so many seconds."""
+        if self._has_surplus(seconds):
             self._refuse_surplus()
+        if is_end and self._is_at_end_of_output:
+            # It may have failed because of a message that it did not expect after the end of the episode.
+            select.select([self._processes.channel], [], [], _REPORT_S)
+            if self._has_ended() and self._ended is not None and self._ended.status:
+                check_end(self._ended, self._limits)
 
-    def _is_end_again(self) -> bool:
-        """Whether the surplus is the end of an episode."""
-        return _END in self._rest.split(b"\n")[0]
+    def _check_end_between(self) -> None:
+        """Warn of a process that has failed after an episode, perhaps at a message that it did not expect."""
+        if self._ended is None or not self._ended.status or self._ids.are_repeated:
+            return
+        try:
+            check_end(self._ended, self._limits)
+        except CommandFailure as failure:
+            self._doubt(f"{failure} after the end of an episode")
 
     def _has_surplus(self, patience: float = 0.0) -> bool:
         """Whether there is an answer although nothing was asked."""
@@ -188,6 +196,7 @@ class Dialogue:
             self._rest += data
             has_read = True
             if not data:
+                self._is_at_end_of_output = True
                 return False
 
     def _refuse_surplus(self) -> NoReturn:
@@ -196,7 +205,7 @@ class Dialogue:
         line = self._next_line()
         if line is not None:
             self._checked(line)
-        self._close_look, self._is_suspect = _TRIED, True
+        self._looks.suspect()
         raise CommandFailure(f"answered a message twice: {text}")
 
     def _surplus(self) -> str:
@@ -204,16 +213,21 @@ class Dialogue:
 
     def _end_for_surplus(self) -> None:
         """End a process whose next answers would be those to earlier messages."""
-        self._close_look, self._is_suspect = _TRIED, True
-        if not self._warned:
-            self._warned = True
-            _log.warning(
-                "the command sent another answer after the end of an episode (%s), so its process is "
-                "replaced; it will be wherever that happens%s",
-                self._surplus(),
-                "" if self._is_end_again() else "; the fitness of the episode that has ended may be wrong",
-            )
+        self._doubt(f"sent another answer after the end of an episode ({self._surplus()})")
         self.abandon()
+
+    def _doubt(self, what: str) -> None:
+        """Warn of what was seen too late: the episode has been counted."""
+        self._looks.suspect()
+        if not self._has_doubted:
+            self._has_doubted = True
+            _log.warning(
+                "the command %s: it may have answered a message twice, so that the fitness of that episode "
+                'may be wrong; another process goes on; if its answers repeat the "%s" of their messages, '
+                "none is taken for another",
+                what,
+                ID,
+            )
 
     def _checked(self, line: bytes) -> dict[str, Any]:
         try:
@@ -238,6 +252,7 @@ class Dialogue:
         ours = (inner[0][1], inner[1][0], inner[2][0])
         self._ended, self._episodes = None, 0
         self._rest, self._searched = bytearray(), 0
+        self._ids, self._is_at_end_of_output = MessageIds(), False
         self.printed = Printed(self._limits.most_output)
         self._watch = Watch(start.folder, self._limits)
         try:
@@ -279,14 +294,27 @@ class Dialogue:
                     check_end(self._ended, self._limits)
                     raise CommandFailure("ended in the middle of an episode, with exit status 0")
                 self._wait()
-                self._watch.check(self.printed)
+                self._check_limits()
             elif line.lstrip().startswith(b"{"):
                 return line
             else:
                 self.printed.take(line)
 
+    def _check_limits(self) -> None:
+        try:
+            self._watch.check(self.printed)
+        except CommandFailure as failure:
+            if not self._rest.lstrip().startswith(b"{"):
+                raise
+            raise CommandFailure(
+                f"{failure}; its answer {self._surplus()} has no line end: write one, and flush the output"
+            ) from None
+
     def _next_line(self) -> bytes | None:
         """Take a line of what was read, also the beginning of one that is too long to be an answer."""
+        if self._rest.startswith(_BYTE_ORDER_MARK):  # some programs write it before the first line
+            del self._rest[: len(_BYTE_ORDER_MARK)]
+            self._searched = 0
         end = self._rest.find(b"\n", self._searched) + 1
         self._searched = len(self._rest)
         if not end and len(self._rest) > _CHUNK_BYTES and not self._rest.lstrip().startswith(b"{"):

@@ -231,7 +231,7 @@ def main(arguments: Sequence[str]) -> int:
             if episodes is not None:
                 episodes.give_up()
             answer = {"error": str(error)}
-        _write(answers, answer)
+        _write(answers, {**answer, "id": message["id"]})
     if episodes is not None:
         episodes.give_up()
         episodes.tell_waited()

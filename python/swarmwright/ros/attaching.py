@@ -38,7 +38,8 @@ def main(arguments: list[str]) -> int:
     program = _Program(definition)
     try:
         for message in program.messages():
-            answers.write(f"{json.dumps(program.answer(message))}\n")
+            answer = {**program.answer(message), "id": message["id"]}
+            answers.write(f"{json.dumps(answer)}\n")
             answers.flush()
     except BrokenPipeError:
         pass

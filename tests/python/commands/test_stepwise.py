@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from swarmwright import Experiment, InputError, RunError, evaluate, optimize, simulate
+from swarmwright.commands import second_answers
 from tests.python.cli.test_services import events
 from tests.python.commands.processes import Traced
 from tests.python.records import same_record
@@ -132,6 +133,11 @@ def test_another_process_after_some_episodes(traced: Traced, how: str) -> None:
             "fitness is nan, expected a finite number",
         ),
         ("print('nothing' * 10**6)", "printed more than 1 MB"),
+        (
+            "print('{\"done\": true}', end='', flush=True); import time; time.sleep(1000)",
+            r"has not ended after 0\.8 s .*; its answer \{\"done\": true\} has no line end: write one",
+        ),
+        ('print(\'{"done": true, "id": 7}\', flush=True)', 'answered with the "id" 7, expected 1'),
         ("import time; time.sleep(1000)", r"has not ended after 0\.8 s"),
         ("import subprocess; subprocess.Popen(['sleep', '1000']); sys.exit(2)", "exit status 2"),
     ],
@@ -218,14 +224,14 @@ def twice(traced: Traced, *, end: bool = False, middle: bool = False) -> Experim
     return experiment.replace(controller={"kind": "layered", "hidden": []})
 
 
-def test_an_end_that_is_said_twice_is_not_that_of_the_next_episode(
-    traced: Traced, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_an_end_that_is_said_twice_is_a_failure(traced: Traced, caplog: pytest.LogCaptureFixture) -> None:
+    """The program may be one message behind."""
     genomes = np.random.default_rng(4).normal(size=(8, 2))
+    well = evaluate(twice(traced), genomes)
     fitness = evaluate(twice(traced, end=True), genomes)
-    assert "sent another answer after the end of an episode" in caplog.text
-    assert (fitness < 0).any()
-    assert fitness.tolist() == evaluate(twice(traced), genomes).tolist()
+    assert np.isnan(fitness).tolist() == (well < 0).tolist()
+    assert (fitness == well)[well > 0].all()
+    assert 'answered a message twice: {"done": true' in caplog.text
 
 
 def test_the_first_warning_of_a_command_is_logged(traced: Traced, caplog: pytest.LogCaptureFixture) -> None:
@@ -262,10 +268,81 @@ def test_two_answers_to_a_message_fail_the_episode(traced: Traced, caplog: pytes
     assert 'answered a message twice: {"sensors": ' in caplog.text
 
 
+BEHIND = """
+import json, sys
+def say(**words): print(json.dumps(words), flush=True)
+number = 0
+for line in sys.stdin:
+    message = json.loads(line)
+    number += 1
+    if "reset" in message:
+        steps, total = 0, 0.0
+    else:
+        steps, total = steps + 1, total + steps * message["actuators"][0][0]
+    answer = dict(sensors=[[steps]]) if steps < 6 else dict(done=True, fitness=total)
+    if {repeats}: answer["id"] = message["id"]
+    say(**answer)
+    if steps == {at}:
+        # The second answer comes after the next message.
+        line = sys.stdin.readline()
+        say(**answer)
+        message = json.loads(line)
+        steps, total = steps + 1, total + steps * message["actuators"][0][0]
+        answer = dict(sensors=[[steps]])
+        if {repeats}: answer["id"] = message["id"]
+        say(**answer)
+    elif steps == 6 and {after}:
+        {after}
+"""
+
+
+def behind(traced: Traced, *, repeats: bool = False, at: int = -1, after: str = "0") -> Experiment:
+    script = BEHIND.replace("{repeats}", str(repeats)).replace("{at}", str(at)).replace("{after}", after)
+    (traced.folder / "behind.py").write_text(script)
+    command = [sys.executable, "behind.py"]
+    experiment = traced.experiment(command, controller="stepwise", sensors=1, actuators=1)
+    return experiment.replace(controller={"kind": "layered", "hidden": []})
+
+
+def test_a_second_answer_that_comes_late_gives_no_fitness(
+    traced: Traced, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(second_answers, "SETTLE_S", 1.0)  # of which nothing is waited where an answer comes
+    genomes = np.random.default_rng(4).normal(size=(4, 2))
+    assert np.isnan(evaluate(behind(traced, at=2), genomes)).all()
+    assert "answered a message twice: {" in caplog.text
+    caplog.clear()
+    assert np.isnan(evaluate(behind(traced, at=2, repeats=True), genomes)).all()
+    assert "answered message 3 twice" in caplog.text
+
+
+def test_a_process_that_fails_right_after_the_end(traced: Traced, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It may have met a message that it did not expect, as it is one behind."""
+    monkeypatch.setattr(second_answers, "SETTLE_S", 1.0)
+    with pytest.raises(RunError, match=r"behind: ended with exit status 3$"):
+        simulate(behind(traced, after="sys.exit(3)"))
+
+
+def test_repeated_ids_tell_a_second_end_from_the_next_answer(
+    traced: Traced, caplog: pytest.LogCaptureFixture
+) -> None:
+    genomes = np.random.default_rng(4).normal(size=(8, 2))
+    well = evaluate(behind(traced), genomes)
+    twice = behind(traced, repeats=True, after="say(**answer)")
+    assert evaluate(twice, genomes).tolist() == evaluate(twice, genomes).tolist() == well.tolist()
+    assert not caplog.records
+
+
 def test_after_a_failure_another_process_goes_on(traced: Traced) -> None:
     experiment = stepped(traced, f"assert speed != 0.5; {WELL}")
     fitness = evaluate(experiment, [[0.0], [0.5], [1.0]])
     assert [str(value) for value in fitness] == ["0.25", "nan", "1.25"]
+
+
+def test_a_byte_order_mark_before_the_first_answer(traced: Traced) -> None:
+    marked = WELL.replace("print(", "print('\\ufeff' * (not number) + ")
+    experiment = stepped(traced, f"sys.stdout.reconfigure(encoding='utf-8'); {marked}")
+    assert evaluate(experiment, [[0.0], [0.5]]).tolist() == [0.25, 0.75]
 
 
 def test_nothing_is_left_after_a_run(traced: Traced) -> None:
