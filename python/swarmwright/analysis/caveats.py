@@ -5,6 +5,7 @@ import shlex
 from collections.abc import Collection, Iterator, Sequence
 from typing import TYPE_CHECKING
 
+from swarmwright.analysis.episodes import episodes_of
 from swarmwright.analysis.indicators import Indicator, shared_indicators
 from swarmwright.analysis.table import Tested
 from swarmwright.analysis.tasks import (
@@ -28,7 +29,9 @@ FEW = 5
 HELD_OUT = "held_out"
 """Fitness on held-out seeds, among what runs are compared by."""
 _NAMED = 3
-"""Pairs that a note names."""
+"""Pairs, or groups, that a note names."""
+_ALIKE = 1.1
+"""How many times as much runs may have as others without a note."""
 _JUDGING = {"code", "code.simulation", "code.ranking"}
 """Code by which fitness may be another quantity; that of methods and controllers is what is compared."""
 
@@ -41,6 +44,38 @@ def _command(groups: Sequence["Group"], option: str) -> str:
     all_of_it = {path.parent for path in paths} == {folder} and everything <= {path.name for path in paths}
     which = f"{shlex.quote(str(folder))}/*" if all_of_it and len(paths) > 1 else "RUN .."
     return f"`swarmwright runs compare {which} {option}`"
+
+
+def _costs(tasks: Sequence["Task"]) -> Iterator[str]:
+    """Yield that evaluations of groups of a task took unlike numbers of episodes."""
+    for task in tasks:
+        rates = {one.label: one.episodes_per_evaluation for one in task.groups}
+        least, most = min(rates.values()), max(rates.values())
+        if most <= _ALIKE * least:
+            continue
+        named = "; ".join(f"{label}: {rate:.3g}" for label, rate in rates.items())
+        which = named if len(rates) <= _NAMED else f"{least:.3g} to {most:.3g}"
+        where = f" of the task {task.label}" if task.label else ""
+        yield (
+            f"an evaluation{where} is not the same number of episodes in all groups ({which}), so the same "
+            "number of evaluations is not the same amount of simulation: the column episodes has that, and "
+            "a budget of `evaluations` for each group can make it the same"
+        )
+
+
+def _lengths(groups: Sequence["Group"], indicator: Indicator) -> Iterator[str]:
+    """Yield that runs, which are compared at their ends, have unlike numbers of evaluations."""
+    shortest = min(one.evaluations[0] for one in groups)
+    longest = max(one.evaluations[1] for one in groups)
+    if longest <= _ALIKE * shortest:
+        return
+    at = {episodes_of(run, min(shortest, run.evaluations)) for one in groups for run in one.runs}
+    taken = f", which took {min(at):,} to {max(at):,} episodes" if max(at) > _ALIKE * min(at) else ""
+    command = _command(groups, f"{indicator.options} --at {shortest}".lstrip())
+    yield (
+        f"the runs have {shortest:,} to {longest:,} evaluations, and each is compared at its end; {command} "
+        f"compares all after as many{taken}"
+    )
 
 
 def _tasks(groups: Sequence["Group"], tasks: Sequence["Task"]) -> Iterator[str]:
@@ -228,8 +263,6 @@ def caveats(
         if len(few) > 3:
             counts = f"{len(few)} groups have {least} or more"
         found.append(f"with fewer than {FEW} runs in a group ({counts}) a test has little power")
-    shortest = min(one.evaluations[0] for one in groups)
-    longest = max(one.evaluations[1] for one in groups)
     ended = [str(run.path) for one in groups for run in one.runs if run.evaluations < (at or 0)]
     if ended:
         more = f" and {len(ended) - 5} more" if len(ended) > 5 else ""
@@ -242,11 +275,9 @@ def caveats(
             f"candidates of {' and '.join(waiting)} are evaluated again, so the last generation that was "
             f"finished within the first {at:,} evaluations counts"
         )
-    if at is None and not held_out and len(groups) > 1 and longest > 1.1 * shortest:
-        found.append(
-            f"the runs have {shortest:,} to {longest:,} evaluations, and each is compared at its end; "
-            f"{_command(groups, f'{indicator.options} --at {shortest}'.lstrip())} compares all after as many"
-        )
+    if at is None and not held_out and len(groups) > 1:
+        found += _lengths(groups, indicator)
+    found += _costs(tasks)
     found += _tasks(groups, tasks)
     found += _values(groups, indicator, held_out=held_out, beside=beside)
     found += ties([pair for task in tasks for pair in task.pairs])

@@ -12,15 +12,17 @@ from numpy.typing import NDArray
 
 from swarmwright.analysis.after_evaluations import by_generation, fitness_at
 from swarmwright.analysis.caveats import HELD_OUT, caveats
+from swarmwright.analysis.episodes import episodes_of
 from swarmwright.analysis.groups import RunGroup, group
 from swarmwright.analysis.indicators import FITNESS, By, Indicator, measure, quick_indicators
 from swarmwright.analysis.significance import Difference, Kruskal, difference, holm, kruskal_wallis
+from swarmwright.analysis.sweep_folders import runs_of_all
 from swarmwright.analysis.tasks import TaskGroups, by_task
-from swarmwright.core.arguments import checked, listed
+from swarmwright.core.arguments import checked
 from swarmwright.core.errors import InputError
 from swarmwright.core.problems import shown
 from swarmwright.runs.post_evaluation import EPISODES
-from swarmwright.runs.run import Run, run_of
+from swarmwright.runs.run import Run
 from swarmwright.runs.validation import command_to_validate
 
 if TYPE_CHECKING:
@@ -43,6 +45,8 @@ class Group:
     held-out seeds, or an indicator. NaN where no candidate could be evaluated; the indicator is 0 then."""
     counts: tuple[int, ...]
     """Evaluations of each run that count."""
+    episodes: tuple[int, ...]
+    """Episodes that these evaluations took: `ranking.episodes` each, without those that a race left out."""
 
     def quantile(self, share: float) -> float:
         """Return a quantile of `final`; a run without any fitness counts as minus infinity."""
@@ -69,6 +73,11 @@ class Group:
     def evaluations(self) -> tuple[int, int]:
         """Evaluations that count, of the run with the fewest and of that with the most."""
         return min(self.counts), max(self.counts)
+
+    @property
+    def episodes_per_evaluation(self) -> float:
+        """Mean number of episodes that an evaluation took; 0 where none counts."""
+        return sum(self.episodes) / max(sum(self.counts), 1)
 
 
 @dataclass(frozen=True)
@@ -187,9 +196,12 @@ class Comparison:
     def export(self, path: str | Path) -> Path:
         """Write a table; return its path. The ending of the file says which.
 
-        .csv: a row for each run: task, group, run, seed, evaluations, what is compared (nan where no
-        candidate could be evaluated), and the keys that differ. .tex: groups and tests of each task as LaTeX
-        tables, for the package booktabs.
+        .csv: a row for each run: task, group, run (its folder, relative to that of the table), seed,
+        evaluations and episodes that count, fitness (the best recorded one of these), the indicator that is
+        compared if any, held_out_fitness, held_out_episodes, held_out_standard_error, held_out_low and
+        held_out_high (95 % interval; empty with `at` and where the run was not validated), seconds of the
+        whole run, record_sha256, and the keys that differ; nan where no candidate could be evaluated. .tex:
+        groups and tests of each task as LaTeX tables, for the package booktabs.
 
         Raises InputError for another ending or a file that cannot be written.
         """
@@ -200,7 +212,7 @@ class Comparison:
 
 @checked
 def compare(
-    runs: Iterable[Run | str | os.PathLike[str]],
+    runs: Iterable[Run | str | os.PathLike[str]] | str | os.PathLike[str],
     *,
     at: int | None = None,
     held_out: bool = False,
@@ -225,7 +237,8 @@ def compare(
     with the same tests. Fronts and archives are those of all evaluations that count.
 
     Args:
-        runs: run folders, or runs.
+        runs: run folders, folders of sweeps, whose runs are meant, or runs; or the folder of one sweep alone.
+            Files are left out, and runs that a sweep lacks, with a warning.
         at: compare the best of the first so many evaluations instead of that at each run's end. Runs that
             ended earlier count with what they had, and those whose candidates are evaluated again (racing,
             `reevaluate`) with their last generation that was finished by then.
@@ -241,15 +254,13 @@ def compare(
             these runs where that is negative.
 
     Raises:
-        InputError: no run is given, a folder is not a run, a run holds no finished generation, one had none
-            yet after `at` evaluations, with `held_out` a run has no validation, or a run does not have what
-            is compared.
+        InputError: no run is given, a folder is not a run, a run holds no finished generation, `at` is below
+            1 or one had none yet after so many evaluations, with `held_out` a run has no validation, or a run
+            does not have what is compared.
     """
-    listed("runs", runs, "run folders")
-    _check_options(by, reference, offset, held_out=held_out)
-    return _compared(
-        [run_of(run) for run in runs], at=at, held_out=held_out, by=by, reference=reference, offset=offset
-    )
+    given = runs_of_all(runs)
+    _check_options(at, by, reference, offset, held_out=held_out)
+    return _compared(given, at=at, held_out=held_out, by=by, reference=reference, offset=offset)
 
 
 def compare_all(runs: Sequence[Run]) -> list[Comparison]:
@@ -333,7 +344,9 @@ def _task(one: TaskGroups, groups: Sequence[Group]) -> Task:
     )
 
 
-def _check_options(by: object, reference: object, offset: object, *, held_out: bool) -> None:
+def _check_options(at: int | None, by: object, reference: object, offset: object, *, held_out: bool) -> None:
+    if at is not None and at < 1:
+        raise InputError(f"at: must be at least 1, not {at}")
     kinds = get_args(By)
     if by not in kinds:
         raise InputError(f"by: must be one of {', '.join(kinds)}, not {shown(by)}")
@@ -378,7 +391,9 @@ def _episodes(runs: Iterable[Run]) -> int:
 def _group(one: RunGroup, found: Sequence[tuple[float, int]]) -> Group:
     """found: of each run what is compared, and after how many evaluations it is."""
     final = np.array([value for value, _ in found], dtype=np.float64)
-    return Group(one.label, one.differs, one.runs, final, tuple(count for _, count in found))
+    counts = tuple(count for _, count in found)
+    episodes = tuple(map(episodes_of, one.runs, counts))
+    return Group(one.label, one.differs, one.runs, final, counts, episodes)
 
 
 def _validated(run: Run) -> float:

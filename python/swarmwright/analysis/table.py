@@ -95,18 +95,27 @@ def html_of(comparison: "Comparison") -> str:
 
 
 def _group_rows(groups: Sequence["Group"]) -> list[list[str]]:
-    rows = [["group", "runs", "evaluations", "median", "quartiles", "worst", "best"]]
+    # Where each evaluation is one episode, a column would say the same again.
+    episodes = any(one.episodes != one.counts for one in groups)
+    rows = [
+        ["group", "runs", "evaluations", *["episodes"] * episodes, "median", "quartiles", "worst", "best"]
+    ]
     for one in groups:
-        shortest, longest = one.evaluations
-        span = f"{shortest:,}" if shortest == longest else f"{shortest:,} to {longest:,}"
         low, high = one.quartiles
         rows.append(
             [
-                one.label, str(len(one.runs)), span, number(one.median), f"{number(low)} to {number(high)}",
-                number(one.quantile(0.0)), number(one.quantile(1.0)),
+                one.label, str(len(one.runs)), span(one.counts), *[span(one.episodes)] * episodes,
+                number(one.median), f"{number(low)} to {number(high)}", number(one.quantile(0.0)),
+                number(one.quantile(1.0)),
             ]
         )  # fmt: skip
     return rows
+
+
+def span(counts: Sequence[int]) -> str:
+    """Return the least and the greatest of some counts in words, or the one that they all are."""
+    least, most = min(counts), max(counts)
+    return f"{least:,}" if least == most else f"{least:,} to {most:,}"
 
 
 def kruskal_words(test: "Kruskal") -> str:
@@ -132,7 +141,7 @@ def _pair_rows(pairs: Sequence[Tested], *, what: str = "") -> list[list[str]]:
         found = pair.difference
         rows.append(
             [
-                pair.first.label, pair.second.label, f"{found.effect:.2f}", _effect(pair),
+                pair.first.label, pair.second.label, f"{found.effect:.2f}", effect_words(pair),
                 number(found.shift), _interval(found.interval), f"{found.u:g}", p_value(found.p),
             ]
             + [p_value(pair.p_holm)] * several
@@ -140,7 +149,8 @@ def _pair_rows(pairs: Sequence[Tested], *, what: str = "") -> list[list[str]]:
     return rows
 
 
-def _effect(pair: Tested) -> str:
+def effect_words(pair: Tested) -> str:
+    """Return the effect in words, or why it has none."""
     if pair.difference.interval is None:
         return "too few runs"
     return pair.magnitude or "not significant"
@@ -183,9 +193,11 @@ def to_mapping(comparison: "Comparison") -> dict[str, Any]:
                 "runs": [
                     {
                         "run": str(run.path), "seed": run.experiment.seed, "evaluations": count,
-                        comparison.indicator.by: float(value),
+                        "episodes": episodes, comparison.indicator.by: float(value),
                     }
-                    for run, value, count in zip(one.runs, one.final, one.counts, strict=True)
+                    for run, value, count, episodes in zip(
+                        one.runs, one.final, one.counts, one.episodes, strict=True
+                    )
                 ],
                 "median": one.median,
                 "quartiles": list(one.quartiles),

@@ -2,12 +2,14 @@
 
 import csv
 import io
+import os
 import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from swarmwright.analysis.table import kruskal_words, number
+from swarmwright.analysis.after_evaluations import fitness_at
+from swarmwright.analysis.table import effect_words, kruskal_words, number, span
 from swarmwright.core.errors import InputError
 from swarmwright.core.files import write_text
 from swarmwright.core.formatting import p_value
@@ -15,8 +17,11 @@ from swarmwright.core.untrusted import one_line
 
 if TYPE_CHECKING:
     from swarmwright.analysis.comparison import Comparison, Group, Pair
+    from swarmwright.runs.validation import Validation
 
 CSV, LATEX = ".csv", ".tex"
+_HELD_OUT = tuple(f"held_out_{name}" for name in ("fitness", "episodes", "standard_error", "low", "high"))
+"""Columns of the mean fitness of a run's best candidate on held-out seeds; low to high: 95 % interval."""
 _SPECIAL = {
     "\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "<": r"\textless{}",
     ">": r"\textgreater{}", **{sign: f"\\{sign}" for sign in "&%$#_{}"},
@@ -37,29 +42,57 @@ def write(comparison: "Comparison", path: Path) -> Path:
     Raises InputError for another ending or a file that cannot be written.
     """
     check(path, CSV, LATEX)
-    write_text(path, (csv_text if path.suffix.lower() == CSV else latex_text)(comparison))
+    write_text(
+        path, csv_text(comparison, path.parent) if path.suffix.lower() == CSV else latex_text(comparison)
+    )
     return path
 
 
-def csv_text(comparison: "Comparison") -> str:
+def csv_text(comparison: "Comparison", folder: Path) -> str:
     """Return a row for each run.
 
-    Columns: task (empty where there is one), group, run, seed, evaluations, what is compared (fitness,
-    held_out_fitness, hypervolume, ..; nan where no candidate could be evaluated), then the keys that differ
-    between the groups.
+    Columns: task (empty where there is one), group, run (its folder, relative to that of the table), seed,
+    evaluations and episodes that count, the best recorded fitness of these, the indicator that is compared if
+    any, fitness on held-out seeds, seconds of the whole run, SHA-256 of its record, then the keys that differ
+    between the groups. nan: no candidate could be evaluated; empty: not known.
+
+    folder: of the table.
     """
     tasks = {one.label: task.label for task in comparison.tasks for one in task.groups}
     keys = list(dict.fromkeys(key for one in comparison.groups for key in one.differs))
-    text = io.StringIO()
-    table = csv.writer(text, lineterminator="\n")
-    what = "held_out_fitness" if comparison.held_out else comparison.indicator.by
-    table.writerow(["task", "group", "run", "seed", "evaluations", what, *keys])
+    by = comparison.indicator.by
+    rows = []
     for one in comparison.groups:
-        differing = [one.differs.get(key) for key in keys]
-        for run, value, count in zip(one.runs, one.final.tolist(), one.counts, strict=True):
-            first = (tasks[one.label], one.label, run.path, run.experiment.seed, count, value)
-            table.writerow([*first, *differing])
+        differing = {key: one.differs.get(key) for key in keys}
+        for run, value, count, episodes in zip(
+            one.runs, one.final.tolist(), one.counts, one.episodes, strict=True
+        ):
+            rows.append(
+                {
+                    "task": tasks[one.label], "group": one.label,
+                    "run": os.path.relpath(run.path.resolve(), folder.resolve()),
+                    "seed": run.experiment.seed, "evaluations": count, "episodes": episodes,
+                    "fitness": fitness_at(run, comparison.at)[0],
+                    **({} if by == "fitness" else {by: value}),
+                    # The candidate that is the best at the run's end was validated.
+                    **_held_out(None if comparison.at is not None else run.validation),
+                    "seconds": run.seconds, "record_sha256": run.digest, **differing,
+                }
+            )  # fmt: skip
+    text = io.StringIO()
+    table = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
+    table.writeheader()
+    table.writerows(rows)
     return text.getvalue()
+
+
+def _held_out(validation: "Validation | None") -> dict[str, float | None]:
+    """Return the columns of fitness on held-out seeds, empty where that is not known."""
+    if validation is None:
+        return dict.fromkeys(_HELD_OUT)
+    fitness = validation.best.fitness
+    values = (fitness.mean, len(validation.best.seeds), fitness.standard_error, fitness.low, fitness.high)
+    return dict(zip(_HELD_OUT, values, strict=True))
 
 
 def latex_text(comparison: "Comparison") -> str:
@@ -94,14 +127,13 @@ def _when(comparison: "Comparison") -> str:
 def _groups(groups: Sequence["Group"]) -> list[str]:
     rows = [
         [
-            one.label, str(len(one.runs)), number(one.median), *map(number, one.quartiles),
-            number(one.quantile(0.0)), number(one.quantile(1.0)),
+            one.label, str(len(one.runs)), span(one.counts), span(one.episodes), number(one.median),
+            *map(number, one.quartiles), number(one.quantile(0.0)), number(one.quantile(1.0)),
         ]
         for one in groups
     ]  # fmt: skip
-    return _tabular(
-        ["group", "runs", "median", "lower quartile", "upper quartile", "worst", "best"], rows, words=1
-    )
+    head = ["group", "runs", "evaluations", "episodes", "median", "lower quartile", "upper quartile", "worst"]
+    return _tabular([*head, "best"], rows, words=1)
 
 
 def _pairs(pairs: Sequence["Pair"]) -> list[str]:
@@ -112,12 +144,13 @@ def _pairs(pairs: Sequence["Pair"]) -> list[str]:
         low, high = ("", "") if found.interval is None else map(number, found.interval)
         rows.append(
             [
-                pair.first.label, pair.second.label, f"{found.effect:.2f}", number(found.shift), low, high,
-                f"{found.u:g}", p_value(found.p), *([p_value(pair.p_holm)] if several else []),
+                pair.first.label, pair.second.label, effect_words(pair), f"{found.effect:.2f}",
+                number(found.shift), low, high, f"{found.u:g}", p_value(found.p),
+                *([p_value(pair.p_holm)] if several else []),
             ]
         )  # fmt: skip
-    head = ["first", "second", "A12", "difference", "95 % from", "95 % to", "U", "p", "p (Holm)"]
-    return _tabular(head[: len(head) if several else -1], rows, words=2)
+    head = ["first", "second", "effect", "A12", "difference", "95 % from", "95 % to", "U", "p", "p (Holm)"]
+    return _tabular(head[: len(head) if several else -1], rows, words=3)
 
 
 def _tabular(head: Sequence[str], rows: Sequence[Sequence[str]], *, words: int) -> list[str]:

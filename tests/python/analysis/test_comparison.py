@@ -335,6 +335,20 @@ def test_few_runs_are_said_to_be_few(tmp_path: Path) -> None:
     drawn(found, tmp_path)
 
 
+def test_all_groups_together_can_be_tested_where_the_runs_of_a_pair_are_too_few(tmp_path: Path) -> None:
+    strong = {**SEARCH, "generations": 4}
+    found = compare(
+        [
+            *runs(tmp_path / "a", [1.0, 2.0, 3.0]),
+            *runs(tmp_path / "b", [4.0, 5.0, 6.0], method=SEARCH),
+            *runs(tmp_path / "c", [7.0, 8.0, 9.0], method=strong),
+        ]
+    )
+    assert "none, too few runs" in str(found)
+    assert "All groups: Kruskal-Wallis H 7.2, p 0.0036 (exact)" in str(found)
+    assert found.figure().axes[1].get_title(loc="left") == "Kruskal-Wallis p 0.0036"
+
+
 def test_one_group_alone_is_described(tmp_path: Path) -> None:
     for finals in ([3.0], [1.0, 2.0, 4.0]):
         found = compare(runs(tmp_path, finals))
@@ -522,6 +536,9 @@ def test_what_cannot_be_compared_or_written(tmp_path: Path) -> None:
         compare([tmp_path / "nowhere"])
     with pytest.raises(InputError, match="no finished generation"):
         compare([KnownRun(tmp_path / "empty", [])])
+    for at in (0, -1):
+        with pytest.raises(InputError, match=f"^at: must be at least 1, not {at}$"):
+            compare(two(tmp_path), at=at)
     with pytest.raises(InputError, match=r"\.png, \.svg or \.pdf"):
         compare(two(tmp_path)).plot(tmp_path / "x.gif")
     with pytest.raises(InputError, match="there is no folder"):

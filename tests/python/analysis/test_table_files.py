@@ -24,20 +24,29 @@ def test_every_run_has_a_row(tmp_path: Path) -> None:
     path = compare(made).export(tmp_path / "table.csv")
     with path.open() as file:
         rows = list(csv.DictReader(file))
-    assert list(rows[0])[:6] == ["task", "group", "run", "seed", "evaluations", "fitness"]
+    assert list(rows[0]) == [
+        "task", "group", "run", "seed", "evaluations", "episodes", "fitness", "held_out_fitness",
+        "held_out_episodes", "held_out_standard_error", "held_out_low", "held_out_high", "seconds",
+        "record_sha256", "parameters.maxSteps", "method.kind",
+    ]  # fmt: skip
     assert [float(row["fitness"]) for row in rows] == [5, 6, 7.5, 1, 2, 3, 4, 5]
     assert [row["task"] for row in rows] == ["maxSteps 10"] * 6 + ["maxSteps 20"] * 2
     assert [row["method.kind"] for row in rows] == ["nnga"] * 3 + ["random_search"] * 5
-    assert rows[0]["run"] == str(made[0].path)
+    assert rows[0]["run"] == made[0].path.name
+    assert (rows[0]["seconds"], rows[0]["record_sha256"]) == ("1.5", "0" * 64)
+    assert {rows[0][key] for key in rows[0] if key.startswith("held_out")} == {""}
+    (tmp_path / "tables").mkdir()
+    elsewhere = compare(made).export(tmp_path / "tables" / "table.csv").read_text()
+    assert f"/{made[0].path.name},1," in elsewhere
 
 
 def test_latex_tables_have_groups_and_tests(tmp_path: Path) -> None:
     made = [*runs(tmp_path, [5, 6, 7, 8, 9.0]), *runs(tmp_path, [1, 2, 3, 4, 5.0], method=OTHER)]
     text = compare(made).export(tmp_path / "table.tex").read_text()
     groups, tests = text.split(r"\end{tabular}")[:2]
-    assert r"nnga & 5 & 7 & 6 & 8 & 5 & 9 \\" in groups
-    assert r"random\_search & 5 & 3 & 2 & 4 & 1 & 5 \\" in groups
-    assert r"nnga & random\_search & 0.98 & 4 & " in tests
+    assert r"nnga & 5 & 4 & 4 & 7 & 6 & 8 & 5 & 9 \\" in groups
+    assert r"random\_search & 5 & 4 & 4 & 3 & 2 & 4 & 1 & 5 \\" in groups
+    assert r"nnga & random\_search & large & 0.98 & 4 & " in tests
     assert "(Holm)" not in tests
     assert text.count(r"\bottomrule") == 2
 

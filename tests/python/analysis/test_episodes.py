@@ -1,0 +1,71 @@
+"""Episodes that the evaluations of compared runs took."""
+
+import csv
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import swarmwright
+from swarmwright import Run, compare
+from tests.python.analysis.runs import runs
+
+EIGHT = {"ranking": {"episodes": 8}}
+MISSIONS = ("homing", "foraging")
+
+
+def about_episodes(notes: tuple[str, ...]) -> list[str]:
+    return [note for note in notes if "episodes in all groups" in note]
+
+
+def test_unlike_numbers_of_episodes_per_evaluation_are_shown_and_noted(tmp_path: Path) -> None:
+    comparison = compare([*runs(tmp_path, [1, 2.0]), *runs(tmp_path, [5, 6.0], **EIGHT)])
+    assert [one.counts for one in comparison.groups] == [(4, 4)] * 2
+    assert [one.episodes for one in comparison.groups] == [(4, 4), (32, 32)]
+    head, first, second = [line.split() for line in str(comparison).splitlines()[:3]]
+    assert head[2:4] == ["evaluations", "episodes"]
+    assert (first[3:5], second[3:5]) == (["4", "4"], ["4", "32"])
+    (note,) = about_episodes(comparison.notes)
+    assert "(episodes 1: 1; episodes 8: 8)" in note
+    assert [one["episodes"] for one in comparison.to_mapping()["groups"][1]["runs"]] == [32, 32]
+    with comparison.export(tmp_path / "table.csv").open() as file:
+        assert [row["episodes"] for row in csv.DictReader(file)] == ["4", "4", "32", "32"]
+
+
+def test_one_episode_per_evaluation_needs_no_column(tmp_path: Path) -> None:
+    other = {"kind": "random_search", "population": 4, "generations": 3}
+    comparison = compare([*runs(tmp_path, [1, 2.0]), *runs(tmp_path, [5, 6.0], method=other)])
+    assert "episodes" not in str(comparison).splitlines()[0]
+    assert about_episodes(comparison.notes) == []
+
+
+def test_other_tasks_may_have_other_numbers_of_episodes(tmp_path: Path) -> None:
+    """Groups of different tasks are not tested against each other."""
+    homing, foraging = ({"simulation": "arena", "parameters": {"mission": name}} for name in MISSIONS)
+    comparison = compare([*runs(tmp_path, [1.0], **homing), *runs(tmp_path, [5.0], **foraging, **EIGHT)])
+    assert about_episodes(comparison.notes) == []
+
+
+def test_the_hint_on_lengths_says_what_as_many_evaluations_took(tmp_path: Path) -> None:
+    long = [*runs(tmp_path, [1, 2.0]), *runs(tmp_path, [5, 6.0], **EIGHT)]
+    long[0]._fitness += long[0]._fitness
+    (note,) = [note for note in compare(long).notes if "--at 4`" in note]
+    assert note.endswith("compares all after as many, which took 4 to 32 episodes")
+
+
+def test_episodes_that_a_race_left_out_do_not_count(tmp_path: Path) -> None:
+    plain: dict[str, Any] = {
+        "simulation": "minisim", "parameters": {"maxSteps": 10, "placement": "random"},
+        "method": {"population": 20, "generations": 3}, "ranking": {"episodes": 10, "seeds": "new"},
+    }  # fmt: skip
+    race = {**plain, "ranking": {"kind": "race", "seeds": "new"}}
+    for name, values in {"plain": plain, "race": race}.items():
+        experiment = swarmwright.Experiment.from_mapping(values)
+        swarmwright.optimize(experiment, servers="in-process", out=tmp_path / name)
+    raced = Run.open(tmp_path / "race")
+    assert raced.episodes_saved > 0
+    whole, less = compare([tmp_path / "plain", raced]).groups
+    assert whole.episodes == (10 * whole.runs[0].evaluations,)
+    assert less.episodes == (np.isfinite(raced.record.episodes).sum(),)
+    early = compare([tmp_path / "plain", raced], at=30).groups[1].episodes[0]
+    assert early == np.isfinite(raced.record.episodes[:30]).sum()
