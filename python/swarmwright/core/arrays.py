@@ -1,6 +1,7 @@
-"""Arrays of 32-bit floats: from what callers give, and as numbers that are written."""
+"""Arrays: 32-bit floats from what callers give and as numbers that are written; results that stay."""
 
 import numbers
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -58,3 +59,9 @@ def _is_number(value: object) -> bool:
     return isinstance(value, numbers.Number) and not (
         isinstance(value, numbers.Complex) and not isinstance(value, numbers.Real)
     )
+
+
+def read_only_array(array: NDArray[Any]) -> NDArray[Any]:
+    """Return the array itself, which from now on cannot be changed."""
+    array.flags.writeable = False
+    return array

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.core.arguments import checked
+from swarmwright.core.arrays import read_only_array
 from swarmwright.core.errors import InputError
 from swarmwright.core.statistics import Estimate, estimate, quantile
 from swarmwright.evaluation.base import Backend, Controllers, Progress, Results, Servers
@@ -434,5 +435,5 @@ def finite(values: NDArray[np.float64]) -> list[Any]:
 
 
 def numbers(values: list[Any]) -> NDArray[np.float64]:
-    """Return what `finite` was made of."""
-    return np.array(values, dtype=np.float64)  # None becomes NaN
+    """Return what `finite` was made of; it cannot be changed, since runs keep it."""
+    return read_only_array(np.array(values, dtype=np.float64))  # None becomes NaN

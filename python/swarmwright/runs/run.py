@@ -62,19 +62,24 @@ class Run:
 
     Made by `swarmwright.optimize`, `Run.open(folder)` or `Run(folder)`. The files: run.sqlite (every
     evaluation and how it came about), experiment.yaml (every default written out), best.json (the best
-    controller) and fitness.png. A run that was killed can be opened too, and one that still goes on; it
-    holds all generations that were finished when it was opened.
+    controller) and fitness.png. A run that was killed can be opened too, and one that still goes on.
+
+    All of it is as it was when it was opened, whatever is added later: generations, sessions, attempts,
+    validation. Only `state`, and with it `interrupted` and `ended`, tell of a run that goes on what has
+    become of it. `Run.open(run.path)` has what was added. Two of these objects are equal when they are the
+    same object.
     """
 
-    _finished: int | None = None
-    """Generations, where the history is read later."""
     _values: dict[str, Any] | None = None
     """The experiment as plain values, where it is made of them later."""
 
     def __init__(self, path: str | os.PathLike[str], store: StoreReader | None = None) -> None:
         folder = path_of("path", path, "a run folder")
         self._place = Place(folder if store else find_store(folder))
-        self.store = store or StoreReader(self.path)
+        if store is None:
+            with StoreReader.opened(self.path) as store:
+                pass  # it keeps to this moment
+        self.store = store
         """What run.sqlite holds, table by table."""
 
     @property
@@ -108,8 +113,6 @@ class Run:
         """Open the folder of a run that this process has written: what is in it is read when it is needed."""
         with StoreReader.opened(path) as store:
             run = cls(path, store)
-            last = store.last()
-            run._finished = 0 if last is None else last.generation + 1
             run._values = store.experiment()
         return run
 
@@ -131,7 +134,7 @@ class Run:
     @cached_property
     def history(self) -> list[Summary]:
         """The figures of each finished generation."""
-        return self.store.history()[: self._finished]
+        return self.store.history()
 
     @property
     def best_words(self) -> str:
@@ -141,7 +144,7 @@ class Run:
     @property
     def generations(self) -> int:
         """Finished generations."""
-        return len(self.history) if self._finished is None else self._finished
+        return self.store.finished
 
     @property
     def evaluations(self) -> int:
@@ -185,10 +188,11 @@ class Run:
         """Whether the validation was interrupted, or a run that is done lacks it: `resume` does it."""
         from swarmwright.runs.validation import is_due
 
-        if self.state != "done":
-            stored = self.store.validation()
+        run = self._later()
+        if run.state != "done":
+            stored = run.store.validation()
             return stored is not None and stored["state"] == "due"
-        return is_due(self.experiment, self.store, changed=False)
+        return is_due(run.experiment, run.store, changed=False)
 
     @cached_property
     def transferred(self) -> "tuple[Transferred, ...]":
@@ -206,9 +210,14 @@ class Run:
         """Whether the run has ended and simulations that `validate` names are missing: `resume` does them."""
         from swarmwright.runs.transfer.at_end import is_due
 
-        if not self.experiment.validate.transfers or self.state not in {"done", "stopped"}:
+        run = self._later()
+        if not run.experiment.validate.transfers or run.state not in {"done", "stopped"}:
             return False
-        return is_due(self.experiment, self.store)
+        return is_due(run.experiment, run.store)
+
+    def _later(self) -> "Run":
+        """Return the run as it is now, if it went on when it was opened."""
+        return Run(self.path) if self._outcome is None else self
 
     @property
     def unseen(self) -> "PostEvaluation | None":
@@ -230,13 +239,23 @@ class Run:
 
         done: the budget is used or the target reached; stopped: a callback ended it;
         interrupted: Ctrl-C or a closed output did; killed: it ended without writing an outcome; failed: no
-        server, a full disk, ..; running: a process works on it.
+        server, a full disk, ..; running: a process works on it. Of a run that had not ended when it was
+        opened, this is its present state; the generations remain those that were finished then.
         """
-        outcome: Any = self.sessions[-1].outcome if self.sessions else None
+        outcome: Any = self._outcome
         if outcome is None:
-            return "running" if is_locked(self.path) else "killed"
+            # First the lock: an outcome that is written in between is not missed then.
+            locked = is_locked(self.path)
+            outcome = self.store.outcome()
+            if outcome is None:
+                return "running" if locked else "killed"
         state: State = outcome if outcome in get_args(State) else "failed"
         return state
+
+    @property
+    def _outcome(self) -> str | None:
+        """How its last session had ended when it was opened."""
+        return self.sessions[-1].outcome if self.sessions else None
 
     @property
     def ended(self) -> Ended | None:
@@ -251,7 +270,7 @@ class Run:
 
     @property
     def seconds(self) -> float:
-        """Duration of all sessions together; what a killed one did after its last generation is not known."""
+        """Duration of all sessions together, of one without an outcome up to its last generation."""
         return math.fsum(session.seconds or 0.0 for session in self.sessions)
 
     @property

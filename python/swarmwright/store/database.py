@@ -3,6 +3,7 @@
 import resource
 import shutil
 import sqlite3
+import time
 from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager
 from functools import lru_cache
@@ -28,6 +29,8 @@ _OLDEST = 3
 _PAGES = ((1 << 20, 65536), (3 << 14, 16384), (0, 4096))
 """Least bytes of a generation, and bytes of a page: larger pages take half the time, but make the file larger
 where generations do not fill them."""
+_PATIENCE = 30.0
+"""Seconds for which a process that goes on with a run waits until others do not read it at the moment."""
 _PAGE_MARGIN = 1 << 17
 """Bytes below the largest size of a file at which a write may fail: a page and its header."""
 _CAN_SERIALIZE = hasattr(sqlite3.Connection, "serialize")  # SQLite can be built without it
@@ -129,7 +132,7 @@ def reopen(file: Path) -> sqlite3.Connection:
         connection = sqlite3.connect(f"{file.absolute().as_uri()}?mode=rw", uri=True, isolation_level=None)
         try:
             _check(connection, file)
-            connection.execute("PRAGMA journal_mode = WAL")
+            _begin_log(connection)
             _settle(connection)
             for (line,) in connection.execute("PRAGMA quick_check(1)"):
                 if line != "ok":
@@ -138,6 +141,20 @@ def reopen(file: Path) -> sqlite3.Connection:
             connection.close()
             raise
     return connection
+
+
+def _begin_log(connection: sqlite3.Connection) -> None:
+    """Begin a write-ahead log, when no other process reads: with it, readers and a writer do not wait."""
+    connection.execute("PRAGMA busy_timeout = 100")  # Ctrl-C is noticed in between
+    deadline = time.monotonic() + _PATIENCE
+    while True:
+        try:
+            connection.execute("PRAGMA journal_mode = WAL")
+        except sqlite3.OperationalError as error:
+            if code_of(error) != sqlite3.SQLITE_BUSY or time.monotonic() > deadline:
+                raise
+        else:
+            return
 
 
 def seal_facts(connection: sqlite3.Connection) -> None:
@@ -303,7 +320,8 @@ def _reason(error: sqlite3.Error, code: int, file: Path) -> str:
         sqlite3.SQLITE_IOERR: f"the disk reports an error ({error}); what was written before is kept",
         sqlite3.SQLITE_READONLY: "may not be written by this user",
         sqlite3.SQLITE_CANTOPEN: "cannot be opened; is the folder there, and may this user write in it?",
-        sqlite3.SQLITE_BUSY: "is being used by another program",
+        sqlite3.SQLITE_BUSY: "is being used by another program, or by another part of this one, that has it "
+        "open in a transaction of SQLite; close that and try again",
         sqlite3.SQLITE_CORRUPT: (
             f"is damaged: {error}; what is still good says: swarmwright runs verify {file.parent}"
         ),

@@ -28,8 +28,8 @@ _SAMPLE = "SELECT address, numbers FROM sample WHERE generation = ?"
 _BLOCKS = f"SELECT {COLUMNS} FROM block WHERE first >= ? AND first < ? ORDER BY first"  # noqa: S608 - our own names
 _JOINED = 1 << 18
 """Bytes of fitness that are looked through at once."""
-_LARGEST = 1 << 62
-"""Of a number that is looked for; SQLite's integers have 64 bits."""
+LARGEST = 1 << 62
+"""Of a number that is looked for, more than any that is stored; SQLite's integers have 64 bits."""
 MISSING = "it is missing in the table generation"
 ROW_DISAGREES = "the table generation disagrees with its digest"
 _WRONG = (*digests.WRONG_TYPES, ValueError)
@@ -89,16 +89,18 @@ class Generations:
     Args:
         connection: to the store, within one transaction.
         file: the store, for messages.
+        end: number of the first generation that is left out, together with all that follow.
     """
 
-    def __init__(self, connection: sqlite3.Connection, file: Path) -> None:
+    def __init__(self, connection: sqlite3.Connection, file: Path, end: int = LARGEST) -> None:
         self._connection = connection
         self._file = file
+        self._end = end
         self._samples = version_of(connection) >= SAMPLES
 
     def rows(self) -> list[Row]:
         """Return every finished generation."""
-        found = self.select("ORDER BY generation")
+        found = self.select("WHERE generation < ? ORDER BY generation", self._end)
         previous = ""
         for index, row in enumerate(found):
             if row.generation != index:
@@ -110,7 +112,7 @@ class Generations:
 
     def row(self, generation: int) -> Row | None:
         """Return a generation; None when there is none of that number."""
-        if abs(generation) > _LARGEST:
+        if abs(generation) > LARGEST or generation >= self._end:
             return None
         found = self.select(
             "WHERE generation BETWEEN ? AND ? ORDER BY generation", generation - 1, generation
@@ -124,19 +126,21 @@ class Generations:
 
     def last(self) -> Row | None:
         """Return the last generation; None when none is finished."""
-        found = self._connection.execute("SELECT max(generation) FROM generation").fetchone()[0]
+        found = self._connection.execute(
+            "SELECT max(generation) FROM generation WHERE generation < ?", (self._end,)
+        ).fetchone()[0]
         row = None if found is None else self.row(int(found))
         self.check_end(row)
         return row
 
     def of_evaluation(self, number: int) -> Row | None:
         """Return the generation that an evaluation belongs to; None when there is none of that number."""
-        if abs(number) > _LARGEST:
+        if abs(number) > LARGEST:
             return None
         found = self._connection.execute(
-            "SELECT generation, evaluations FROM generation WHERE first <= ? "
+            "SELECT generation, evaluations FROM generation WHERE first <= ? AND generation < ? "
             "ORDER BY generation DESC LIMIT 1",
-            (number,),
+            (number, self._end),
         ).fetchone()
         return None if found is None or found[1] <= number else self.row(int(found[0]))
 
@@ -153,7 +157,9 @@ class Generations:
             raise self.damaged(f"the table generation cannot be read: {error}", row.generation) from error
 
     def check_end(self, last: Row | None) -> None:
-        """Check that there is no evaluation after the last generation."""
+        """Check that there is no evaluation after the last generation, unless some are left out."""
+        if self._leaves_out:
+            return
         # Blocks before the last generation's are compared when they are read; there may be many.
         begin, evaluations = (-(2**63), 0) if last is None else (last.first, last.summary.evaluations)
         (most,) = self._connection.execute(
@@ -161,6 +167,13 @@ class Generations:
         ).fetchone()
         if most is not None and most > evaluations:
             raise self.damaged(f"evaluations from {evaluations} to {most - 1} belong to no generation")
+
+    @property
+    def _leaves_out(self) -> bool:
+        found = self._connection.execute(
+            "SELECT 1 FROM generation WHERE generation >= ? LIMIT 1", (self._end,)
+        )
+        return found.fetchone() is not None
 
     def sample(self, row: Row) -> _engine.Sample | None:
         """Return what the genomes of a generation are made from; None where the blocks have them."""
@@ -208,7 +221,10 @@ class Generations:
 
     def seeds(self) -> set[str]:
         """Return the seeds of all generations, JSON each, compared with nothing."""
-        return {str(text) for (text,) in self._connection.execute("SELECT DISTINCT seeds FROM generation")}
+        found = self._connection.execute(
+            "SELECT DISTINCT seeds FROM generation WHERE generation < ?", (self._end,)
+        )
+        return {str(text) for (text,) in found}
 
     def by_fitness(self, first: int, most: int) -> NDArray[np.int64]:
         """Return the numbers of the best evaluations from `first` on that did not fail, the best first.
@@ -221,7 +237,9 @@ class Generations:
             most: how many are returned, at most.
         """
         cursor = self._connection.execute(
-            "SELECT first, fitness FROM block WHERE first + evaluations > ? ORDER BY first", (first,)
+            "SELECT first, fitness FROM block WHERE first + evaluations > ? AND generation < ? "
+            "ORDER BY first",
+            (first, self._end),
         )
         number, value = np.zeros(0, np.int64), np.zeros(0)
         try:
@@ -315,7 +333,8 @@ class Generations:
         evaluation failed are left out. It is compared with nothing.
         """
         cursor = self._connection.execute(
-            "SELECT first, evaluations, fitness, genomes FROM block ORDER BY first"
+            "SELECT first, evaluations, fitness, genomes FROM block WHERE generation < ? ORDER BY first",
+            (self._end,),
         )
         known: dict[bytes, list[float]] = {}  # evaluations, fitness and number of the last
         try:

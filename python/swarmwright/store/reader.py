@@ -17,17 +17,17 @@ from numpy.typing import NDArray
 from swarmwright import _engine
 from swarmwright.core.channels import problem_of
 from swarmwright.core.errors import InputError, RunError
-from swarmwright.core.message_kinds import kind_of
 from swarmwright.core.order import best_first
 from swarmwright.core.place import Place
 from swarmwright.core.server_use import ServerUse, read
 from swarmwright.core.statistics import Summary
+from swarmwright.store import journal
 from swarmwright.store.best_of_equals import BestOfEquals
 from swarmwright.store.blocks import Record, joined
 from swarmwright.store.database import BEST, FILE, FRONT, checked_facts, reading, reading_on
-from swarmwright.store.generations import Generations, Row
+from swarmwright.store.generations import LARGEST, Generations, Row
+from swarmwright.store.moment import Moment, session_rows
 from swarmwright.store.rows import (
-    CANCELLED,
     Attempt,
     Evaluated,
     Event,
@@ -85,30 +85,12 @@ class _Whole:
 _LOOKED_AT = 50
 """Evaluations that are read for each of the leading ones, at most: many may have the same genome."""
 
-_SHARES = """
-WITH numbers AS (
-    SELECT server, iif(error IS NULL, candidates * episodes, 0) AS evaluations, started,
-        started + seconds AS ended, coalesce(error LIKE :cancelled, 0) AS slower,
-        coalesce(error NOT LIKE :cancelled, 0) AS failed, mode <> 'stepwise' AS is_together
-    FROM attempt WHERE server >= 0),
-one AS (
-    SELECT *, max(ended) OVER (
-        PARTITION BY server ORDER BY started ROWS BETWEEN UNBOUNDED PRECEDING AND 1 PRECEDING) AS before
-    FROM numbers)
-SELECT server, sum(evaluations), sum(failed),
-    sum(max(0.0, ended - max(started, coalesce(before, started)))), sum(slower), max(failed AND is_together)
-FROM one GROUP BY server ORDER BY server
-"""
-"""What each server did; attempts that overlap count once as time: what is before the end of an earlier one is
-left out. They are sorted for that: as numbers, without the texts of errors."""
-_FAILURES = """
-SELECT error, server, count(*) FROM attempt WHERE error NOT LIKE :cancelled
-GROUP BY server, error ORDER BY server, min(rowid)
-"""
+_TOGETHER = 4096
+"""Evaluations of small generations that are read at once."""
 
 
 class StoreReader:
-    """Reads the store in a run folder.
+    """Reads the store in a run folder: what is in it at any time, or at one moment, see `opened`.
 
     Raises InputError, here and in every method, when the store is missing, damaged, or of another version.
 
@@ -125,6 +107,7 @@ class StoreReader:
         self._where = Place(folder)
         self._name = name
         self._connect = connect
+        self._moment: Moment | None = None
         _ = self._facts  # report errors now rather than later
 
     @property
@@ -144,9 +127,13 @@ class StoreReader:
     @classmethod
     @contextmanager
     def opened(cls, folder: Path) -> Iterator[Self]:
-        """Return a reader that reads all that is read within from one snapshot, by one connection."""
+        """Return a reader of what the store holds now; what is added later it leaves out, also afterwards.
+
+        All that is read within is read by one connection.
+        """
         with reading(folder / FILE) as connection:
             reader = cls(folder, FILE, lambda: connection)
+            reader._moment = Moment.of(connection)
             try:
                 yield reader
             finally:
@@ -155,7 +142,12 @@ class StoreReader:
     @contextmanager
     def _generations(self) -> Iterator[Generations]:
         with self._reading() as connection:
-            yield Generations(connection, self.file)
+            yield Generations(connection, self.file, self._end)
+
+    @property
+    def _end(self) -> int:
+        """Number of the first generation that is left out."""
+        return LARGEST if self._moment is None else self._moment.generations
 
     @cached_property
     def _facts(self) -> dict[str, str]:
@@ -164,6 +156,10 @@ class StoreReader:
     def _facts_now(self) -> dict[str, str]:
         with self._reading() as connection:
             return checked_facts(connection, self.file)
+
+    def _facts_then(self) -> dict[str, str]:
+        """Return the facts at the moment of this reader, which those at its beginning are."""
+        return self._facts_now() if self._moment is None else self._facts
 
     @property
     def created(self) -> str:
@@ -183,7 +179,7 @@ class StoreReader:
 
     def experiment(self) -> dict[str, Any]:
         """Return the experiment as plain values."""
-        values: dict[str, Any] = self._parsed(self._facts_now()["experiment"])
+        values: dict[str, Any] = self._parsed(self._facts_then()["experiment"])
         return values
 
     def _parsed(self, text: str) -> Any:  # noqa: ANN401 - JSON
@@ -196,6 +192,14 @@ class StoreReader:
         """Return the figures of each finished generation."""
         with self._generations() as generations:
             return [row.summary for row in generations.rows()]
+
+    @property
+    def finished(self) -> int:
+        """How many generations are finished."""
+        if self._moment is not None:
+            return self._moment.generations
+        last = self.last()
+        return 0 if last is None else last.generation + 1
 
     def last(self) -> Summary | None:
         """Return the figures of the last finished generation; None without one."""
@@ -245,12 +249,18 @@ class StoreReader:
         return {seed for text in texts for seed in self._parsed(text)}
 
     def ended(self) -> str:
-        """Return what ended a run that is done; empty where that was not written."""
-        return self._facts_now().get("ended", "")
+        """Return what ended a run that is done, also after the moment of this reader; empty if not known."""
+        return self._facts_then().get("ended") or self._facts_now().get("ended", "")
+
+    def outcome(self) -> str | None:
+        """Return how the last session that there is now ended; None as long as it has not."""
+        with self._reading() as connection:
+            rows = session_rows(connection)
+        return rows[-1]["outcome"] if rows else None
 
     def server_use(self) -> dict[str, ServerUse]:
         """Return the use of the servers of each launcher in all sessions, of those that are counted."""
-        text = self._facts_now().get("servers")
+        text = self._facts_then().get("servers")
         try:
             return {} if text is None else read(text)
         except (ValueError, KeyError, TypeError, AttributeError) as error:
@@ -261,7 +271,7 @@ class StoreReader:
 
         Also None of a simulation that only servers know. Raises InputError where it is not such a mapping.
         """
-        text = self._facts_now().get("channels")
+        text = self._facts_then().get("channels")
         if text is None:
             return None
         values = self._parsed(text)
@@ -273,7 +283,7 @@ class StoreReader:
 
     def validation(self) -> dict[str, Any] | None:
         """Return what is stored of the validation, see `runs.validation`; None of a run that has none yet."""
-        facts = self._facts_now()
+        facts = self._facts_then()
         if "validation" in facts:
             values: dict[str, Any] = self._parsed(facts["validation"])
             return values
@@ -285,7 +295,7 @@ class StoreReader:
 
     def transfer(self) -> dict[str, Any] | None:
         """Return what is stored of the transfer, see `runs.transfer.at_end`; None of a run without one."""
-        text = self._facts_now().get("transfer")
+        text = self._facts_then().get("transfer")
         values: dict[str, Any] | None = None if text is None else self._parsed(text)
         return values
 
@@ -300,9 +310,26 @@ class StoreReader:
 
         None of a generation is yielded before all of it has been compared with its digest.
         """
+        for rows in self._batches():
+            with self._generations() as generations:
+                if len(rows) == 1 and rows[0].count > _TOGETHER:
+                    yield from generations.checked_evaluations(rows[0])
+                    continue
+                parts = [part for row in rows for part in generations.checked_evaluations(row)]
+            yield from parts
+
+    def _batches(self) -> Iterator[list[Row]]:
+        """Yield the generations, small ones together: between them, the store is not open."""
         with self._generations() as generations:
-            for row in generations.rows():
-                yield from generations.checked_evaluations(row)
+            rows = generations.rows()
+        batch: list[Row] = []
+        for row in rows:
+            if batch and row.summary.evaluations - batch[0].first > _TOGETHER:
+                yield batch
+                batch = []
+            batch.append(row)
+        if batch:
+            yield batch
 
     def episodes_left_out(self, evaluations: int | None = None) -> int:
         """Return how many episodes candidates did not go through that have not failed: dropped in a race.
@@ -466,14 +493,15 @@ class StoreReader:
         """Return the sessions of the run, in order."""
         with self._reading() as connection:
             reached = dict(
-                connection.execute("SELECT session, max(seconds) FROM generation GROUP BY session")
+                connection.execute(
+                    "SELECT session, max(seconds) FROM generation WHERE generation < ? GROUP BY session",
+                    (self._end,),
+                )
             )
-            cursor = connection.execute("SELECT * FROM session ORDER BY session")
-            names = [column[0] for column in cursor.description]
+            rows = session_rows(connection) if self._moment is None else self._moment.sessions
             sessions = []
-            for row in cursor:
-                values = dict(zip(names, row, strict=True))
-                values["versions"] = self._parsed(values["versions"])
+            for row in rows:
+                values = {**row, "versions": self._parsed(row["versions"])}
                 if values["seconds"] is None:  # killed: known up to its last generation
                     values["seconds"] = reached.get(values["session"])
                 sessions.append(journal_line(Session, values))
@@ -483,7 +511,8 @@ class StoreReader:
         """Return the session in which a generation was evaluated. Raises InputError without that one."""
         with self._reading() as connection:
             row = connection.execute(
-                "SELECT session FROM generation WHERE generation = ?", (generation,)
+                "SELECT session FROM generation WHERE generation = ? AND generation < ?",
+                (generation, self._end),
             ).fetchone()
         if row is None:
             self.seeds(generation)  # says which there are
@@ -492,43 +521,31 @@ class StoreReader:
 
     def code(self) -> dict[int, str]:
         """Return the SHA-256 of each version of the source that was copied, from 1 on."""
-        numbered = {name.partition(".")[2]: digest for name, digest in self._facts_now().items()}
+        numbered = {name.partition(".")[2]: digest for name, digest in self._facts_then().items()}
         return {int(number): digest for number, digest in sorted(numbered.items()) if number.isdecimal()}
 
     def attempts(self) -> Iterator[Attempt]:
         """Yield every attempt at evaluations, in the order in which they ended."""
-        yield from self._each(Attempt, "attempt")
+        return journal.lines(self._reading, Attempt, "attempt", self._last_attempt)
+
+    @property
+    def _last_attempt(self) -> int:
+        return LARGEST if self._moment is None else self._moment.attempts
 
     def servers(self) -> list[ServerShare]:
         """Return what each server did, by its number."""
         with self._reading() as connection:
-            return [
-                ServerShare(int(server), int(evaluations), int(failed), seconds, int(slower), bool(within))
-                for server, evaluations, failed, seconds, slower, within in connection.execute(
-                    _SHARES, {"cancelled": CANCELLED}
-                )
-            ]
+            return journal.shares(connection, self._last_attempt)
 
     def failures(self) -> list[FailureReason]:
         """Return why attempts failed, the most frequent reason first."""
-        found: dict[str, FailureReason] = {}
         with self._reading() as connection:
-            for error, server, count in connection.execute(_FAILURES, {"cancelled": CANCELLED}):
-                one = found.get(kind_of(error)) or FailureReason(error, 0, {})
-                servers = {**one.servers, server: one.servers.get(server, 0) + count}
-                found[kind_of(error)] = one._replace(attempts=one.attempts + count, servers=servers)
-        return sorted(found.values(), key=lambda one: -one.attempts)
+            return journal.failures(connection, self._last_attempt)
 
     def events(self) -> Iterator[Event]:
         """Yield the warnings, in order."""
-        yield from self._each(Event, "event")
-
-    def _each(self, kind: type[Any], table: str) -> Iterator[Any]:
-        with self._reading() as connection:
-            cursor = connection.execute(f"SELECT * FROM {table} ORDER BY rowid")  # noqa: S608 - our own names
-            names = [column[0] for column in cursor.description]
-            for row in cursor:
-                yield journal_line(kind, dict(zip(names, row, strict=True)))
+        last = LARGEST if self._moment is None else self._moment.events
+        return journal.lines(self._reading, Event, "event", last)
 
     def _joined(self, parts: list[Record]) -> Record:
         try:

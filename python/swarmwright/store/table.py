@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmwright.core.arrays import read_only_array
 from swarmwright.core.errors import InputError
 from swarmwright.core.suggestions import did_you_mean
 from swarmwright.store.blocks import Record
@@ -36,15 +37,16 @@ def column_of(metric: str) -> str:
 class RecordTable(Record, dict[str, Column]):
     """Every evaluation of a run, sorted by generation and candidate: arrays, and columns by name.
 
-    The attributes are the arrays. As a mapping it has a column of numbers, (evaluations,), for each column of
-    the table that `Run.export` writes as CSV: generation, candidate, fitness, episode_0, .., metrics if there
-    are any (name_0, ..), then g0, .. (the genome). So `pandas.DataFrame(run.record)` works, and polars' too.
-    Columns are made when the first of them is wanted. With PyArrow (`pip install 'swarmwright[parquet]'`) it
-    is an Arrow stream as well, for everything that takes one: DuckDB, polars, pandas, nanoarrow, ...
+    The attributes are the arrays, which are read-only. As a mapping it has a column of numbers,
+    (evaluations,), for each column of the table that `Run.export` writes as CSV: generation, candidate,
+    fitness, episode_0, .., metrics if there are any (name_0, ..), then g0, .. (the genome). So
+    `pandas.DataFrame(run.record)` works, and polars' too. Columns are made when the first of them is wanted.
+    With PyArrow (`pip install 'swarmwright[parquet]'`) it is an Arrow stream as well, for everything that
+    takes one: DuckDB, polars, pandas, nanoarrow, ...
     """
 
     def __init__(self, record: Record, metrics: Sequence[str]) -> None:
-        Record.__init__(self, **vars(record))
+        Record.__init__(self, **{name: read_only_array(array) for name, array in vars(record).items()})
         object.__setattr__(self, "_metrics", tuple(metrics))
 
     @property
@@ -61,7 +63,7 @@ class RecordTable(Record, dict[str, Column]):
         columns |= {f"episode_{episode}": self.episodes[:, episode] for episode in episodes}
         for index, name in enumerate(map(column_of, self.metric_names)):
             columns |= {f"{name}_{episode}": self.metrics[:, episode, index] for episode in episodes}
-        genes = np.ascontiguousarray(self.genomes.T)
+        genes = read_only_array(np.ascontiguousarray(self.genomes.T))
         columns |= {f"g{gene}": column for gene, column in enumerate(genes)}
         dict.update(self, columns)
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from threading import Barrier
 
 import numpy as np
+import pandas as pd
 import pytest
 from pyarrow import parquet
 
@@ -156,6 +157,19 @@ def test_columns_of_the_record_by_name(tmp_path: Path) -> None:
     known = "generation, candidate, fitness, episode_0 .. episode_1, distance_0 .. distance_1, g0 .. g"
     with pytest.raises(KeyError, match=f"no column 'distance'; did you mean 'distance_0'. there is: {known}"):
         _ = record["distance"]
+
+
+def test_arrays_of_the_record_cannot_be_changed(finished: Run) -> None:
+    run = Run.open(finished.path)
+    record = run.record
+    for array in (record.fitness, record.genomes, record.metrics, *record.values()):
+        with pytest.raises(ValueError, match="read-only"):
+            array[...] = 0
+    frame = pd.DataFrame(record)
+    frame["fitness"] -= frame["fitness"].max()
+    assert record.fitness.max() == run.best.fitness
+    copied = record.fitness.copy()
+    copied[:] = 0.0
 
 
 def test_the_seeds_are_recorded(finished: Run) -> None:

@@ -1,0 +1,125 @@
+"""A run folder that goes on after it was opened, and readers that are in no writer's way."""
+
+import pickle
+import sqlite3
+from pathlib import Path
+from threading import Timer
+
+import pytest
+
+from swarmwright import InputError, Run, compare, optimize, repeat, resume
+from swarmwright.store import FILE, StoreWriter, database
+from tests.python.records import EXPERIMENT
+
+
+def test_the_state_is_that_of_now_until_the_run_has_ended(copy: Path) -> None:
+    for outcome in ("done", "interrupted", "stopped"):
+        with StoreWriter.resume(copy) as store:
+            store.begin("here")
+            run = Run.open(copy)
+            assert (run.state, run.interrupted) == ("running", True)
+            store.conclude(outcome)
+            store.note_ended("generations" if outcome == "done" else None)
+        assert (run.state, run.interrupted) == (outcome, outcome == "interrupted")
+        assert run.ended == ("generations" if outcome == "done" else None)
+        assert run.sessions[-1].outcome is None, "it is as it was when it was opened"
+        assert Run.open(copy).sessions[-1].outcome == outcome
+
+
+def test_a_run_that_is_killed_and_resumed_is_followed(copy: Path) -> None:
+    with StoreWriter.resume(copy) as store:
+        store.begin("here")
+        run = Run.open(copy)
+    assert run.state == "killed"
+    with StoreWriter.resume(copy) as store:
+        store.begin("here")
+        assert run.state == "running"
+        store.conclude("done")
+    assert run.state == "done"
+
+
+@pytest.mark.parametrize("read_before", [False, True])
+@pytest.mark.parametrize("method", ["nnga", "nsga2", "random_search"])
+def test_all_of_a_run_is_of_the_moment_when_it_was_opened(
+    tmp_path: Path, method: str, read_before: bool
+) -> None:
+    changes = {"kind": method, "population": 6, "generations": 3}
+    if method == "nsga2":
+        changes["objectives"] = {"distance": "minimize"}
+    experiment = EXPERIMENT.replace(method=changes, validate=False)
+    first = optimize(experiment, out=tmp_path / "run")
+    expected = _all(Run.open(first.path))
+    old = Run.open(first.path)
+    lazy = pickle.loads(pickle.dumps(Run(first.path)))
+    assert not read_before or _all(old) == expected
+    new = resume(old, generations=9)
+    assert new.generations == 9
+    for run in (first, old, lazy):
+        assert _all(run) == expected
+        assert run.experiment.method.generations == 3
+        assert (run.state, run.ended, len(run.sessions)) == ("done", "generations", 1)
+        with pytest.raises(InputError, match="holds the generations 0 to 2, not 3"):
+            run.evaluation(generation=3)
+        with pytest.raises(InputError, match=f"holds the evaluations 0 to {run.evaluations - 1}"):
+            run.evaluation(run.evaluations)
+        assert repeat(run).generation < 3
+    old.export(tmp_path / "table.csv")
+    assert len((tmp_path / "table.csv").read_text().splitlines()) == 1 + old.evaluations
+    assert compare([old]).groups[0].final == (old.best.fitness,)
+    assert _all(Run.open(old.path)) != expected
+
+
+def _all(run: Run) -> list[object]:
+    record, best = run.record, run.best
+    leading = [one.number for one in run.store.leading(5)]
+    by_instance = [one.number for one in run.store.leading(5, by_instance=True)]
+    return [
+        *(run.generations, run.evaluations, run.history, run.digest, best, run.seconds, run.sessions),
+        *(record.fitness.tobytes(), record.genomes.tobytes(), run.evaluation().number),
+        *(leading, by_instance, run.store.used_seeds(), run.store.session_of(run.generations - 1)),
+        *(list(run.attempts()), list(run.events()), run.store.servers(), run.store.failures()),
+    ]
+
+
+def test_attempts_and_events_are_of_the_moment_too(tmp_path: Path) -> None:
+    run = optimize(EXPERIMENT, out=tmp_path / "run", servers=1)
+    attempts = list(run.attempts())
+    assert attempts
+    new = resume(run, generations=6, servers=1)
+    assert list(run.attempts()) == attempts == list(new.attempts())[: len(attempts)]
+    assert len(list(new.attempts())) > len(attempts)
+    assert sum(one.evaluations for one in run.store.servers()) == 2 * run.evaluations
+    with StoreWriter.resume(run.path) as store:
+        store.begin("here")
+        store.incidents({"retries": 1})
+    assert list(new.events()) == []
+    assert len(list(Run(run.path).events())) == 1
+
+
+def test_iterators_that_are_not_used_up_keep_no_process_from_going_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("swarmwright.store.journal._LINES", 2)
+    monkeypatch.setattr(database, "_PATIENCE", 0.0)
+    run = optimize(EXPERIMENT, out=tmp_path / "run", servers=1)
+    attempts, rows = run.attempts(), run.store.rows()
+    begun = [next(attempts), next(attempts), next(attempts)]
+    part = next(rows)
+    assert resume(run, generations=6).generations == 6
+    assert [*begun, *attempts] == list(run.attempts())
+    assert len(part.fitness) + sum(len(one.fitness) for one in rows) == run.evaluations
+
+
+def test_who_goes_on_waits_for_a_program_that_reads(copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(database, "_PATIENCE", 0.0)
+    reader = sqlite3.connect(copy / FILE, isolation_level=None, check_same_thread=False)
+    reader.execute("BEGIN")
+    reader.execute("SELECT count(*) FROM fact").fetchone()
+    with pytest.raises(InputError, match="is being used by another program, or by another part of this one"):
+        StoreWriter.resume(copy)
+    monkeypatch.setattr(database, "_PATIENCE", 60.0)
+    end = Timer(0.3, reader.close)
+    end.start()
+    with StoreWriter.resume(copy):
+        pass
+    end.join()
