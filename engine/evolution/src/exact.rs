@@ -225,21 +225,32 @@ fn smaller_sum(numbers: &[f64]) -> f64 {
 fn mean(numbers: &[f64]) -> f64 {
     let sum = sum(numbers);
     if sum.is_finite() {
-        sum / count(numbers.len())
-    } else {
-        smaller_sum(numbers) / count(numbers.len()) / SMALLER
+        return sum / count(numbers.len());
     }
+    let mean = smaller_sum(numbers) / count(numbers.len()) / SMALLER;
+    // Rounded, it may be beyond all of them, which may be the largest number.
+    let (least, most) = numbers.iter().fold(
+        (f64::INFINITY, f64::NEG_INFINITY),
+        |(least, most), number| (number.min(least), number.max(most)),
+    );
+    mean.max(least).min(most)
 }
 
-/// The mean of the worst share of ascending numbers; the last one counts in part.
+/// The mean of the worst share of ascending numbers, also where their sum overflows; the last one counts in part.
 fn worst_share(ordered: &[f64], share: f64) -> f64 {
     let mass = share * count(ordered.len());
     let whole = floor(mass);
     let part = ordered
         .get(whole)
         .map(|value| value * (mass - count(whole)));
-    let worst = ordered[..whole.min(ordered.len())].iter().copied();
-    exact_sum(worst.chain(part)).map_or(f64::NAN, |sum| sum / mass)
+    let whole = &ordered[..whole.min(ordered.len())];
+    let worst = whole.iter().copied().chain(part);
+    if let Some(sum) = exact_sum(worst.clone()) {
+        return sum / mass;
+    }
+    let sum = exact_sum(worst.map(|number| number * SMALLER)).unwrap_or(f64::NAN);
+    let last = ordered[whole.len().min(ordered.len() - 1)];
+    (sum / mass / SMALLER).max(ordered[0]).min(last)
 }
 
 /// Interpolated between neighbours: definition 7 of Hyndman and Fan, The American Statistician 50, 1996. NaN of none.

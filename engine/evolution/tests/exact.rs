@@ -86,6 +86,15 @@ fn means_and_sums_of_large_numbers_do_not_overflow_on_the_way() {
     const LARGE: f64 = 1.7e308;
     assert_eq!(Aggregate::Mean.of(&[LARGE, LARGE]), LARGE);
     assert_eq!(Aggregate::Sum.of(&[LARGE, LARGE, 1.0, -LARGE]), LARGE);
+    assert_eq!(Aggregate::Mean.of(&[f64::MAX; 3]), f64::MAX);
+    for share in [0.1, 0.5, 0.9, 1.0] {
+        for number in [LARGE, -LARGE, f64::MAX, -f64::MAX] {
+            let found = Aggregate::WorstShare(share).of(&[number; 7]);
+            assert!((found / number - 1.0).abs() < 1e-15, "{share} of {number}");
+        }
+    }
+    let mixed = [-LARGE, -LARGE, 1e300, LARGE];
+    assert_eq!(Aggregate::WorstShare(0.5).of(&mixed), -LARGE);
     assert_eq!(Figures::of(&[LARGE, LARGE, f64::NAN]).mean, LARGE);
     assert_eq!(Figures::of(&[-LARGE; 64]).mean, -LARGE);
     assert_eq!(Figures::of(&[LARGE, LARGE, -LARGE, -LARGE, 5.0]).mean, 1.0);
