@@ -6,8 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from swarmwright.commands.checking import definition_of_name
+from swarmwright.commands.definition import CommandOptions
 from swarmwright.core.errors import SwarmwrightError
-from swarmwright.core.simulation_names import is_command, is_environment, is_python
+from swarmwright.core.simulation_names import SimulationName, is_command, is_environment, is_python
 from swarmwright.evaluation.base import Backend, BudgetSpent, Controllers
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.simulations.batches import BatchSimulation
@@ -23,8 +25,8 @@ def warn_of_difference(
 ) -> None:
     """Warn where the first episode of a run's best has another fitness when it is repeated.
 
-    Only code of users is asked, which nothing else has tried: simulations and modules in Python, unless they
-    declare that episodes differ or take too long. Nothing of it is recorded.
+    Only code of users is asked: simulations and modules in Python, environments of Gymnasium and PettingZoo,
+    and commands, unless they declare that episodes differ or take too long. Nothing of it is recorded.
 
     Args:
         experiment: as it was run.
@@ -48,15 +50,29 @@ def warn_of_difference(
         return
     logging.getLogger("swarmwright").warning(
         "an episode that was repeated with the same seed has another fitness, %r instead of %r (generation "
-        "%d, candidate %d, seed %d), so that the run cannot be repeated: some of the code in Python does not "
-        "follow from parameters and seed alone%s; %s",
-        repeated, recorded, best.generation, best.candidate, best.seeds[0],
+        "%d, candidate %d, seed %d), so that the run cannot be repeated: %s does not follow from parameters "
+        "and seed alone%s; %s",
+        repeated, recorded, best.generation, best.candidate, best.seeds[0], _suspect(experiment.simulation),
         ", or servers on different machines compute differently" if shares else "", _advice(experiment),
     )  # fmt: skip
 
 
+def _suspect(name: str) -> str:
+    """Return what has given another fitness."""
+    if is_command(name):
+        return "what the command computes"
+    return "an episode of the environment" if is_environment(name) else "some of the code in Python"
+
+
 def _advice(experiment: Experiment) -> str:
-    """Return which checks find the cause, and the page that has them."""
+    """Return which checks find the cause, or what it may be, and the page that has them."""
+    if is_command(experiment.simulation):
+        return (
+            "have it take all random numbers from the episode's seed, or declare simulation.determinism: "
+            "none, see docs/how-to/attach-command.md"
+        )
+    if is_environment(experiment.simulation):
+        return "reset(seed=..) has to seed all random numbers, see docs/how-to/use-environments.md"
     if not is_python(experiment.simulation):
         return "see `Test it` in docs/how-to/own-module.md"
     check = "swarmwright.testing.check_simulation"
@@ -76,7 +92,12 @@ def _tolerance(experiment: Experiment) -> float | None:
     name = experiment.simulation
     if not is_python(name):
         return 0.0 if experiment.in_python else None
-    if is_command(name) or is_environment(name):  # they have trials of their own, or run in real time
+    if is_command(name):
+        # Robots of a ROS system may run in real time.
+        options = definition_of_name(name)
+        is_asked = isinstance(options, CommandOptions) and options.determinism in {None, "bitwise"}
+        return 0.0 if is_asked else None
+    if SimulationName.parse(name).library == "vmas":  # sums differ with the number of episodes beside it
         return None
     kind: Any = load(name)
     declared, tolerance = kind.determinism, kind.tolerance

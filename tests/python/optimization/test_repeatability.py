@@ -1,6 +1,7 @@
 """A run whose simulation is not a function of its seed says so at its end."""
 
 import logging
+import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -87,11 +88,16 @@ class Slow(Leaking):
         return super().fitness()
 
 
-def run(simulation: type | str, folder: Path, **settings: Any) -> None:
+def run(
+    simulation: type | str | dict[str, Any],
+    folder: Path,
+    servers: str | int = "in-process",
+    **settings: Any,
+) -> None:
     method = {"kind": "nnga", "population": 4, "generations": 2}
     settings = {"method": method, "controller": {"kind": "layered", "hidden": [1]}, **settings}
     experiment = Experiment.from_mapping({"simulation": simulation, **settings})
-    optimize(experiment, servers="in-process", out=folder / "run")
+    optimize(experiment, servers=servers, out=folder / "run")
 
 
 def warnings(caplog: pytest.LogCaptureFixture) -> list[str]:
@@ -144,6 +150,61 @@ def test_a_run_whose_episode_cannot_be_repeated_is_finished(
 def test_others_are_not(kind: type, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     run(kind, tmp_path)
     assert not warnings(caplog)
+
+
+def drawing(folder: Path, seed: str, **definition: Any) -> dict[str, Any]:
+    """Return a command whose fitness is a random number."""
+    (folder / "draw.py").write_text(
+        "import random, sys\n"
+        f"random.seed({seed})\n"
+        "open('log.csv', 'w').write(f'fitness\\n{random.random()}\\n')\n"
+    )
+    command = [sys.executable, str(folder / "draw.py"), "{seed}", "{parameters}"]
+    return {"command": command, "log": "log.csv", **definition}
+
+
+SPEED = {"kind": "parameter_set", "parameters": {"speed": {"type": "real", "range": [0, 1]}}}
+
+
+def test_a_command_that_ignores_its_seed_is_reported(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    run(drawing(tmp_path, "None"), tmp_path, controller=SPEED)
+    (text,) = warnings(caplog)
+    assert "what the command computes does not follow from parameters and seed alone; have it" in text
+    assert "simulation.determinism: none" in text
+
+
+@pytest.mark.parametrize(
+    ("seed", "definition"),
+    [("sys.argv[1]", {}), ("None", {"determinism": "none"}), ("None", {"determinism": "statistical"})],
+)
+def test_other_commands_are_not(
+    seed: str, definition: dict[str, Any], tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    run(drawing(tmp_path, seed, **definition), tmp_path, controller=SPEED)
+    assert not warnings(caplog)
+
+
+@pytest.mark.parametrize("servers", ["in-process", 1])
+def test_an_environment_that_ignores_its_seed_is_reported(
+    servers: str | int, tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "drawn.py").write_text(
+        "import gymnasium, numpy as np\n\n"
+        "class Drawn(gymnasium.Env):\n"
+        "    observation_space = action_space = gymnasium.spaces.Box(-1, 1, (1,), np.float32)\n"
+        "    def reset(self, *, seed=None, options=None):\n"
+        "        return np.zeros(1, np.float32), {}\n"
+        "    def step(self, action):\n"
+        "        return np.zeros(1, np.float32), np.random.default_rng().normal(), True, False, {}\n\n"
+        "gymnasium.register('Drawn-v0', Drawn)\n"
+    )
+    monkeypatch.chdir(tmp_path)
+    run("gymnasium:drawn:Drawn-v0", tmp_path, servers=servers)
+    (text,) = warnings(caplog)
+    assert "an episode of the environment does not follow from parameters and seed alone" in text
+    assert "reset(seed=..) has to seed all random numbers" in text
 
 
 def test_an_episode_that_takes_long_is_not_repeated(
