@@ -8,6 +8,7 @@
 # make test-ros1  ROS 1 as Debian has it: real masters, nodes and launch files
 # make wheel   a wheel for Linux with glibc 2.17 or newer, which installs without Rust: build/wheel/dist
 # make test-wheel  a wheel for this system, installed into an environment without Rust
+# make test-oldest  the oldest versions of libraries that are allowed
 # make test-simulators  SUMO and others that take hundreds of megabytes: adapters, and pages of the documentation
 # make test-arm64  whole runs on an emulated arm64 processor have the records of this one
 # make gazebo  missions of the arena in Gazebo classic 11, of Debian 11, which it downloads (2 GB, outside of this folder)
@@ -36,7 +37,7 @@ SHELL := /bin/bash
 .ONESHELL:
 .DELETE_ON_ERROR:
 .DEFAULT_GOAL := help
-.PHONY: wheel test-wheel brokers test-brokers test-ros1 test-ray test-slurm kubernetes test-kubernetes test-ssh test-preemption test-simulators test-export test-arm64 test-peers test-docs help demo java cpp test schedules test-engine test-java test-cpp test-python test-quick lint lint-engine lint-java lint-cpp lint-python lint-protocol audit bench reference docs check-docs clean fuzz gazebo test-gazebo gz test-gz
+.PHONY: wheel test-wheel test-oldest brokers test-brokers test-ros1 test-ray test-slurm kubernetes test-kubernetes test-ssh test-preemption test-simulators test-export test-arm64 test-peers test-docs help demo java cpp test schedules test-engine test-java test-cpp test-python test-quick lint lint-engine lint-java lint-cpp lint-python lint-protocol audit bench reference docs check-docs clean fuzz gazebo test-gazebo gz test-gz
 
 VENV := .venv
 BIN := $(CURDIR)/$(VENV)/bin
@@ -259,6 +260,22 @@ test-wheel: $(VENV)/.engine $(VENV)/.dev $(VENV)/.wheel
 	maturin build --release --auditwheel skip --out $(WHEEL)/built
 	auditwheel repair --strip --wheel-dir $(WHEEL)/here $(WHEEL)/built/*.whl
 	SWARMWRIGHT_WHEEL=$$(echo $(CURDIR)/$(WHEEL)/here/*.whl) $(BIN)/python -m pytest $(AGAIN) -rs -n 0 --durations=10 tests/wheel
+
+# The oldest versions of libraries that pyproject.toml allows; of some there are none for newer interpreters.
+OLDEST := build/oldest
+
+test-oldest: $(VENV)/.engine $(VENV)/.dev $(OLDEST)/.installed
+	SWARMWRIGHT_OLDEST=$(CURDIR)/$(OLDEST)/bin/python $(BIN)/python -m pytest $(AGAIN) -rs -n 2 --durations=10 tests/oldest
+
+$(OLDEST)/.installed: $(VENV)/.tools pyproject.toml tests/oldest/requirements.py
+	@if ! $(BIN)/python -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))'; then
+		echo "make test-oldest needs Python 3.11" >&2
+		exit 1
+	fi
+	$(BIN)/python -m venv --clear $(OLDEST)
+	$(BIN)/python -m tests.oldest.requirements conformance fmi gymnasium metrics mlflow onnx parquet tensorboard video > $(OLDEST)/requirements.txt
+	$(OLDEST)/bin/python -m pip install --quiet --requirement $(OLDEST)/requirements.txt
+	touch $@
 
 # Simulators that take hundreds of megabytes: their adapters, and the pages of the documentation. ns-3 in processes of its own:
 # where it was loaded, PyBullet computed other bits in a later test.
