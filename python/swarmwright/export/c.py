@@ -12,7 +12,7 @@ from swarmwright.export.c_code import Table, code
 from swarmwright.export.c_family import Language
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import RANDOM, Subject
-from swarmwright.export.text import check_header, render, sealed
+from swarmwright.export.text import check_global_name, check_header, check_type, render, sealed
 
 LANGUAGE = Language("C", "c", "gnu11", "CC", ("cc", "gcc", "clang"), "apt install gcc")
 
@@ -29,8 +29,10 @@ class C(Exporter):
     def files(self, subject: Subject, prefix: str) -> Files:
         """Return sources, self-test, CMakeLists.txt and, for what steers agents, a sketch."""
         check_header(prefix)
+        check_type(prefix)
         cmake = render("CMakeLists.txt", {})
         if not subject.steers:
+            check_global_name(prefix)  # which the constant has
             return {**c_parameters.files(subject, prefix), "CMakeLists.txt": cmake}
         values = _values(subject, prefix)
         header, source = _header(subject, values), _source(subject, values)

@@ -16,7 +16,7 @@ from swarmwright.core.errors import RunError
 from swarmwright.core.ranges import shortest_decimal
 from swarmwright.export._base import facts
 from swarmwright.export.c_code import Code, Table
-from swarmwright.export.programs import command, run, stepped, steps
+from swarmwright.export.programs import command, run, standard_option, stepped, steps
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import RANDOM, Channel, Subject
 from swarmwright.export.text import identifiers, literals, plain, render, wrapped
@@ -57,7 +57,8 @@ class Language:
 
         Raises InputError without a compiler, RunError when it finds fault with a source.
         """
-        words = [*command(self.variable, self.compilers, self.install), f"-std={self.standard}", *options]
+        compiler = command(self.variable, self.compilers, self.install)
+        words = [*compiler, *standard_option(compiler, self.standard), *options]
         try:
             run([*words, "-I.", "-o", program, *sources], folder, f"the {self.name} compiler")
         except RunError as error:

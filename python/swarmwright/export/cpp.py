@@ -13,7 +13,7 @@ from swarmwright.export.c_code import Code, code
 from swarmwright.export.c_family import Language
 from swarmwright.export.sequences import Sequences
 from swarmwright.export.subject import Subject
-from swarmwright.export.text import check_header, check_namespace, render
+from swarmwright.export.text import check_global_name, check_header, render
 
 _CAST = re.compile(
     r"\((float|double|int|long|unsigned(?: long| int)?|size_t|u?int(?:8|16|32|64)_t)\)(?=[(\w])"
@@ -33,7 +33,7 @@ class Cpp(Exporter):
     def files(self, subject: Subject, prefix: str) -> Files:
         """Return header, self-test and CMakeLists.txt."""
         check_header(prefix)
-        check_namespace(prefix)
+        check_global_name(prefix)  # which the namespace has
         cmake = render("CMakeLists.txt", {})
         if not subject.steers:
             return {**c_parameters.files(subject, prefix, cpp=True), "CMakeLists.txt": cmake}

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from swarmwright.core.errors import InputError, RunError
 from swarmwright.export._base import Exporter, Files, facts, file_bytes
-from swarmwright.export.c import C
+from swarmwright.export.c import LANGUAGE, C
 from swarmwright.export.fmu_parts import add_range, add_units, named, token, unit_name, xml, zipped
-from swarmwright.export.programs import command, run
+from swarmwright.export.programs import command, run, standard_option
 from swarmwright.export.python_code import golden_text
 from swarmwright.export.sequences import RANDOM_SENSOR, Sequences
 from swarmwright.export.subject import Channel, Subject
@@ -134,7 +134,8 @@ class Fmu(Exporter):
             folder = Path(place)
             for name, data in sources.items():
                 (folder / name).write_bytes(data)
-            options = ["-std=gnu11", "-O2", "-fPIC", "-shared", "-fvisibility=hidden", "-ffp-contract=off"]
+            standard = standard_option(compiler, LANGUAGE.standard)
+            options = [*standard, "-O2", "-fPIC", "-shared", "-fvisibility=hidden", "-ffp-contract=off"]
             library = f"{prefix}{ending}"
             words = [*options, "-DSWARMWRIGHT_CONTRACT_OFF", "-o", library, f"{prefix}.c", f"{prefix}_fmu.c"]
             run([*compiler, *words], folder, "the C compiler", during="the FMU's library")

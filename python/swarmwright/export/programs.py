@@ -41,6 +41,12 @@ def command(
     )
 
 
+def standard_option(compiler: Sequence[str], standard: str) -> list[str]:
+    """Return the option for a standard of C or C++; none where the words that name the compiler have one."""
+    named = any(word == "-ansi" or word.startswith(("-std=", "--std=")) for word in compiler)
+    return [] if named else [f"-std={standard}"]
+
+
 def run(
     words: Sequence[str], folder: Path, what: str, data: bytes = b"", *, during: str = "verification"
 ) -> bytes:

@@ -55,22 +55,36 @@ _C_HEADERS = (
     "stdnoreturn string strings termios tgmath threads time uchar unistd wchar wctype"
 )
 _C_LIBRARY = (
-    "NULL linux unix i386 arm mips sparc sun vax EOF FILE errno assert offsetof size_t ssize_t ptrdiff_t "
-    "max_align_t nullptr_t int8_t int16_t int32_t int64_t uint8_t uint16_t uint32_t uint64_t intptr_t "
-    "uintptr_t intmax_t uintmax_t memchr memcmp memcpy memmove memset strcat strchr strcmp strcoll strcpy "
-    "strcspn strdup strerror strlen strncat strncmp strncpy strpbrk strrchr strspn strstr strtok strxfrm "
-    "index rindex bcmp bcopy bzero ffs abs abort atexit atof atoi atol bsearch calloc div exit free "
-    "getenv labs ldiv malloc qsort rand realloc srand strtod strtol strtoul system fclose feof ferror "
-    "fflush fgetc fgets fopen fprintf fputc fputs fread fscanf fseek ftell fwrite getc getchar gets "
-    "perror printf putc putchar puts remove rename rewind scanf setbuf snprintf sprintf sscanf stderr "
-    "stdin stdout tmpfile tmpnam ungetc vfprintf vprintf vsprintf acos asin atan atan2 ceil cos cosh exp "
-    "fabs floor fmod frexp ldexp log log10 modf pow sin sinh sqrt tan tanh round trunc j0 j1 jn y0 y1 yn "
-    "gamma signal raise time clock mktime difftime read write open close link pause sleep select socket "
-    "bind listen accept connect send recv"
+    "NULL linux unix i386 arm mips sparc sun vax EOF FILE errno assert offsetof memchr memcmp memcpy memmove "
+    "memset strcat strchr strcmp strcoll strcpy strcspn strdup strerror strlen strncat strncmp strncpy "
+    "strpbrk strrchr strspn strstr strtok strxfrm index rindex bcmp bcopy bzero ffs abs abort atexit atof "
+    "atoi atol bsearch calloc div exit free getenv labs ldiv malloc qsort rand realloc srand strtod strtol "
+    "strtoul system fclose feof ferror fflush fgetc fgets fopen fprintf fputc fputs fread fscanf fseek ftell "
+    "fwrite getc getchar gets perror printf putc putchar puts remove rename rewind scanf setbuf snprintf "
+    "sprintf sscanf stderr stdin stdout tmpfile tmpnam ungetc vfprintf vprintf vsprintf acos asin atan atan2 "
+    "ceil cos cosh exp fabs floor fmod frexp ldexp log log10 modf pow sin sinh sqrt tan tanh round trunc j0 "
+    "j1 jn y0 y1 yn gamma signal raise time clock mktime difftime read write open close link pause sleep "
+    "select socket bind listen accept connect send recv"
+)
+_C_TYPES = (
+    "blkcnt blksize caddr cc char16 char32 char8 clock clockid cnd comparison_fn cpu_set daddr dev div "
+    "double error femode fenv fexcept float fpos fpregset fsblkcnt fsfilcnt fsid gid glob greg gregset iconv "
+    "id idtype imaxdiv in_addr in_port ino int16 int32 int64 int8 int_fast16 int_fast32 int_fast64 int_fast8 "
+    "int_least16 int_least32 int_least64 int_least8 intmax intptr key ldiv lldiv locale loff max_align "
+    "mbstate mcontext mode mqd mtx nfds nlink nullptr off pid posix_spawn_file_actions posix_spawnattr "
+    "pthread pthread_attr pthread_barrier pthread_barrierattr pthread_cond pthread_condattr pthread_key "
+    "pthread_mutex pthread_mutexattr pthread_once pthread_rwlock pthread_rwlockattr pthread_spinlock ptrdiff "
+    "quad regex register regmatch regoff rlim sa_family sem sig_atomic sigevent sighandler siginfo sigset "
+    "size socklen speed ssize stack suseconds tcflag thrd thrd_start time timer tss tss_dtor u_int16 u_int32 "
+    "u_int64 u_int8 u_quad ucontext uid uint16 uint32 uint64 uint8 uint_fast16 uint_fast32 uint_fast64 "
+    "uint_fast8 uint_least16 uint_least32 uint_least64 uint_least8 uintmax uintptr useconds wchar wctrans "
+    "wctype wint wordexp"
 )
 _HEADERS = frozenset(_C_HEADERS.split())
 """Headers of C, POSIX and Arduino: a file of that name would be included in their place."""
-_GLOBAL_NAMES = frozenset(_C_LIBRARY.split())
+_TYPES = frozenset(f"{name}_t" for name in _C_TYPES.split())
+"""Types of C and POSIX: a controller with such a prefix would define one of them."""
+_GLOBAL_NAMES = frozenset(_C_LIBRARY.split()) | _TYPES
 """Names that headers of C and POSIX put into the global namespace, and macros of compilers."""
 _RESERVED = frozenset(f"{_C} {_CPP}".split()) | frozenset(keyword.kwlist)
 
@@ -96,8 +110,14 @@ def check_header(prefix: str) -> None:
         raise InputError(f"prefix: {prefix}.h is a header of C or of the system; take another prefix")
 
 
-def check_namespace(prefix: str) -> None:
-    """Raise InputError for a prefix that is a macro, a type or a function in the global namespace of C++."""
+def check_type(prefix: str) -> None:
+    """Raise InputError for a prefix of which the controller's type, PREFIX_t, is a type of C or POSIX."""
+    if f"{prefix}_t" in _TYPES:
+        raise InputError(f"prefix: {prefix}_t is a type of C or POSIX; take another prefix")
+
+
+def check_global_name(prefix: str) -> None:
+    """Raise InputError for a prefix that is a macro, or a type or a function of C and POSIX."""
     if prefix in _GLOBAL_NAMES:
         raise InputError(f"prefix: {prefix!r} is a name of the C library or a macro; take another prefix")
 

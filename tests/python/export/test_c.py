@@ -4,6 +4,7 @@ import re
 import shutil
 import subprocess
 from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -12,11 +13,11 @@ from hypothesis import HealthCheck, given, settings
 
 from swarmwright.core.errors import InputError, RunError
 from swarmwright.export import EXPORTERS, Exporter, c_family
-from swarmwright.export.c import C, loaded_files, loaded_weights
+from swarmwright.export.c import LANGUAGE, C, loaded_files, loaded_weights
 from swarmwright.export.cpp import Cpp
 from swarmwright.export.programs import run, stepped, steps
 from swarmwright.export.sequences import difference
-from swarmwright.export.text import c_literal, plain, render
+from swarmwright.export.text import c_literal, check_type, plain, render
 from swarmwright.export.writing import write
 from tests.python.export.specifications import (
     ALL,
@@ -74,6 +75,7 @@ def together(names: list[str], folder: Path) -> str:
         ("gcc", ["-O3", "-ffp-contract=off", "-march=native", "-DSWARMWRIGHT_CONTRACT_OFF"]),
         ("gcc", ["-O3", "-march=native", "-ffp-contract=fast"]),
         ("gcc", ["-O2", "-mfpmath=387"]),
+        ("gcc", ["-O2", "-mfpmath=387", "-std=c99"]),
         ("clang", ["-O0", "-std=c99", *STRICT, "-DSWARMWRIGHT_CONTRACT_OFF"]),
         ("clang", ["-O3", "-march=native", "-ffp-contract=fast"]),
         ("clang", ["-O3", "-march=native", "-ffp-contract=off", "-DSWARMWRIGHT_CONTRACT_OFF"]),
@@ -102,6 +104,45 @@ def test_every_kind_in_one_program(compiler: str, options: list[str], tmp_path: 
         sequences = sequences_of(name)
         written = stepped(run(["./all", str(index)], tmp_path, name, steps(sequences)), sequences, name)
         assert difference(sequences, written) == (0.0, 0), name
+
+
+@pytest.mark.parametrize("exporter", [C(), Cpp()], ids=["c", "cpp"])
+@pytest.mark.parametrize("name", ALL)
+def test_decimals_in_expressions_are_exact(name: str, exporter: Exporter) -> None:
+    """Compilers for x87 may read others with more than 32 bits; as values of constants they are rounded."""
+    for file, content in exporter.files(subject(ALL[name]), "robot").items():
+        if file not in ("robot.c", "robot.hpp"):
+            continue
+        text = re.sub(r"/\*.*?\*/", "", str(content), flags=re.DOTALL)
+        text = re.sub(r"= \{[^;]*\};", "", text)
+        text = re.sub(r"\bfloat \w+ = -?[\d.e+-]+f;", "", text)
+        for literal in re.findall(r"\b(\d+\.\d*(?:e[+-]?\d+)?)f\b", text):
+            assert Fraction(literal) == Fraction(float(np.float32(literal))), f"{file}: {literal}f"
+
+
+def test_a_prefix_makes_no_type_of_the_c_library(tmp_path: Path) -> None:
+    headers = ("fenv", "math", "pthread", "signal", "stdbool", "stdint", "stdio", "stdlib", "string", "time")
+    source = "".join(
+        f"#include <{header}.h>\n" for header in (*headers, "termios", "uchar", "unistd", "wctype")
+    )
+    (tmp_path / "headers.c").write_text(source)
+    text = run(["gcc", "-std=c11", "-D_POSIX_C_SOURCE=200809L", "-E", "-P", "headers.c"], tmp_path, "gcc")
+    found = set(re.findall(r"\b([A-Za-z]\w*)_t\b", text.decode()))
+    assert {"size", "off", "int_least8"} <= found
+    for prefix in sorted(found):
+        with pytest.raises(InputError, match=f"prefix: {prefix}_t is a type of C or POSIX"):
+            check_type(prefix)
+
+
+def test_the_standard_that_a_compiler_is_named_with(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "strict.c").write_text(
+        "#ifdef __STRICT_ANSI__\nint main(void) { return 0; }\n#else\n#error GNU mode\n#endif\n"
+    )
+    monkeypatch.setenv("CC", "gcc -std=c99")
+    assert LANGUAGE.compile(tmp_path, ["strict.c"], "strict", ["-O2"])
+    monkeypatch.setenv("CC", "gcc")
+    with pytest.raises(RunError, match="GNU mode"):
+        LANGUAGE.compile(tmp_path, ["strict.c"], "strict", ["-O2"])
 
 
 @pytest.mark.parametrize("exporter", [C(), Cpp()], ids=["c", "cpp"])
