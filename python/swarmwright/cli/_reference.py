@@ -20,6 +20,9 @@ limits the instruction set that is used, to see that results do not depend on it
 An option that names the file or folder to write is accepted as `--out` and as `--output` in every command;
 where the file holds what is otherwise shown, as `--save`, too.
 
+Bash completes commands and options with the Tab key after `eval "$(_SWARMWRIGHT_COMPLETE=bash_source
+swarmwright)"`, for example in `~/.bashrc`; `zsh_source` and `fish_source` are for zsh and fish.
+
 Credentials are never given on the command line. They come from the environment: SWARMWRIGHT_USERNAME,
 SWARMWRIGHT_PASSWORD or a file named by SWARMWRIGHT_PASSWORD_FILE, and for TLS SWARMWRIGHT_CA_FILE, the
 certificate authority of the broker, and, where the broker requires a client certificate,

@@ -44,6 +44,27 @@ def test_help_ends_with_an_example_that_is_accepted(program: Any, names: tuple[s
         assert {word for word in rest if word.startswith("-")} <= known
 
 
+@pytest.mark.parametrize(
+    ("words", "completed"),
+    [
+        (("swarmwright", "opt"), ["optimize"]),
+        (("swarmwright", "runs", "el"), ["elites"]),
+        (("swarmwright", "optimize", "--mlf"), ["--mlflow"]),
+    ],
+)
+def test_a_shell_completes_commands_and_options(words: tuple[str, ...], completed: list[str]) -> None:
+    script = (
+        'eval "$(_SWARMWRIGHT_COMPLETE=bash_source swarmwright)"; '
+        f"COMP_WORDS=({' '.join(words)}); COMP_CWORD={len(words) - 1}; "
+        '_swarmwright_completion swarmwright; printf "%s\\n" "${COMPREPLY[@]}"'
+    )
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    shown = subprocess.run(
+        ["bash", "-c", script], env={**os.environ, "PATH": path}, capture_output=True, text=True, check=True
+    )
+    assert shown.stdout.split() == completed
+
+
 def test_the_version_has_the_commit_of_a_checkout(program: Any) -> None:
     shown = program("--version")
     assert (shown.returncode, shown.stderr) == (0, "")
