@@ -3,7 +3,7 @@
 import json
 import logging
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +31,27 @@ def runs_of(folder: Path) -> list[Path] | None:
     except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise no_record(file) from error
     return [folder / name for some in names for name in some]
+
+
+def keys_of_grid(runs: Sequence[Run]) -> list[tuple[str, ...]] | None:
+    """Return the keys that the grid of a sweep sets in each of its runs, in the grid's order.
+
+    None where the runs are not all of one sweep, or its record does not say it: it is of an earlier version,
+    or damaged, which `runs_of` reports.
+    """
+    places = [run.path.resolve() for run in runs]
+    file = places[0].parent / SWEEP
+    if any(place.parent != file.parent for place in places) or not file.is_file():
+        return None
+    try:
+        found = {
+            name: tuple(map(str, one["keys"]))
+            for one in json.loads(contents(file))["variants"]
+            for name in names_of(one["runs"])
+        }
+        return [found[place.name] for place in places]
+    except (InputError, ValueError, KeyError, TypeError, RecursionError):
+        return None
 
 
 def no_record(file: Path) -> InputError:

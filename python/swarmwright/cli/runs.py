@@ -147,19 +147,30 @@ def elites(run: Path, limit: int, file: Path | None, offset: float | None, as_js
         found.plot(file)  # says why there is none
 
 
-@command.command("diff", cls=Command, example="swarmwright runs diff runs/minisim-1 runs/minisim-1-2")
+@command.command(
+    "diff",
+    cls=Command,
+    example="swarmwright runs diff runs/minisim-1 runs/minisim-1-2\nswarmwright runs diff results again",
+)
 @click.argument("one", type=ExistingPath(folder=True), metavar="RUN")
 @click.argument("other", type=ExistingPath(folder=True), metavar="RUN")
 @json_option
 def diff(one: Path, other: Path, as_json: bool) -> int:
     """Compare the records of two runs, byte for byte.
 
-    The first difference is shown. The exit status is 0 when they are the same, else 1.
+    The first difference is shown. The exit status is 0 when they are the same, else 1. Both can be folders of
+    sweeps: then the runs of the same name are compared, and those that one of them lacks are named; with
+    --json there is a line for each run.
     """
     from swarmwright import Run
+    from swarmwright.analysis.sweep_folders import runs_of
+    from swarmwright.cli._sweep_diff import show_differences
     from swarmwright.runs.differences import first_difference
 
     output = Output(as_json=as_json)
+    sweeps = runs_of(one), runs_of(other)
+    if sweeps[0] is not None and sweeps[1] is not None:
+        return show_differences(output, sweeps[0], sweeps[1])
     first, second = Run.open(one), Run.open(other)
     difference = first_difference(first, second)
     output.json({"same": difference is None, "difference": difference})

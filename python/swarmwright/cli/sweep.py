@@ -38,7 +38,9 @@ FAILED = 1
     "sweep",
     cls=Command,
     instead=SETTINGS,
-    example="swarmwright sweep methods.yaml --servers 4\nswarmwright sweep methods.yaml --out results",
+    example="swarmwright sweep methods.yaml --servers 4\n"
+    "swarmwright sweep methods.yaml --out results\n"
+    "swarmwright sweep results/sweep.json --out again",
 )
 @click.argument("file", type=ExistingPath(), metavar="FILE")
 @set_option("Override a value of the experiment, for all variants: method.generations=50.")
@@ -52,7 +54,7 @@ FAILED = 1
     cls=OutputOption,
     type=click.Path(path_type=Path, file_okay=False),
     metavar="DIR",
-    help="Folder for the runs. Default: the file's, else runs/ and the file's name.",
+    help="Folder for the runs. Default: the file's, else runs/ and the file's name; that of a sweep.json.",
 )
 @servers_option
 @click.option(
@@ -94,6 +96,10 @@ def command(
     compared by hypervolume as well (with up to 3 objectives beside fitness), those of map_elites with the
     same measures by QD score and coverage. sweep.json in this folder has what was asked for: variants, seeds
     and --set; `runs verify` names runs that are missing.
+
+    FILE can be such a sweep.json: then the sweep is repeated, with --out in another folder, by the
+    experiments and the code that the runs beside it hold. Without --out, the runs that are missing beside it
+    are run. `runs diff` compares the records of both folders.
     """
     from swarmwright.analysis.sweep import Sweep, conduct, tasks
     from swarmwright.analysis.sweep.run import UnreadableRunError

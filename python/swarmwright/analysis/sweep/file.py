@@ -1,49 +1,22 @@
 """Sweep files: which variants of an experiment, with which seeds, where the results go."""
 
-import copy
-import hashlib
-import itertools
-import json
-import math
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Mapping
-from contextlib import suppress
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
-from swarmwright.analysis.labels import label_alone, labels_of, name_of
+from swarmwright.analysis.sweep.effect import require_effect
+from swarmwright.analysis.sweep.variants import MOST_RUNS, Variant, variants_of
 from swarmwright.core.errors import InputError
 from swarmwright.core.problems import shown
 from swarmwright.core.suggestions import did_you_mean
-from swarmwright.core.yaml import Source, dotted_path, read
-from swarmwright.experiment.budget import LIMITS, sets_limit
+from swarmwright.core.yaml import Source, read
 from swarmwright.experiment.experiment import Experiment
-from swarmwright.experiment.settings import assign, kept_options, key_path, parse_settings
-from swarmwright.plug_ins import REGISTRIES
 from swarmwright.runs.folders import RUNS
 
 _KEYS = ("experiment", "grid", "seeds", "out")
 _SEEDS = 5
-_MOST_RUNS = 100_000
-_DIGITS = 6
-"""Hexadecimal digits of a variant's digest in the name of its folder."""
-
-
-@dataclass(frozen=True, eq=False)
-class Variant:
-    """One variant of the experiment."""
-
-    label: str
-    """What distinguishes it, in words."""
-    folder: str
-    """Its values as part of a file name, no other variant's."""
-    experiment: Experiment
-    """With the seed of the file; the seeds of runs differ."""
-    alike: str = ""
-    """The name that its folder and those of other variants would have; empty where no other would."""
-    apart: str = ""
-    """A name instead of that, with a digest of its values."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +32,7 @@ class Sweep:
 
     @classmethod
     def load(cls, path: str | Path, *, out: Path | None = None, settings: Iterable[str] = ()) -> Self:
-        """Read a sweep file (YAML).
+        """Read a sweep file (YAML), or the record of a sweep, sweep.json.
 
         Keys: `experiment`, the path of an experiment file, relative to the sweep file; `grid`, a mapping from
         keys of the experiment, as for `--set` (`method.population`, `method.measures.speed.bins`), to lists
@@ -72,13 +45,16 @@ class Sweep:
         target and limits (generations, not for racing; evaluations; seconds), a ranking what all rankings
         have. A limit of a variant takes the place of all limits of the experiment.
 
+        The record means the same variants and seeds, with the experiment and the code of the runs beside it;
+        `out` is its folder by default, so that the runs that are missing there are run.
+
         Args:
             path: of the file.
             out: instead of the file's.
             settings: as in `Experiment.load`, for all variants.
 
         Raises:
-            InputError: the file or a variant is wrong; the message says where.
+            InputError: the file or a variant is wrong, or code is not trusted; the message says where.
         """
         file = Path(path)
         source = read(file)
@@ -88,6 +64,10 @@ class Sweep:
             raise InputError(
                 f"{file}: is not a sweep file; a sweep file begins like 'experiment: minisim.yaml'"
             )
+        from swarmwright.analysis.sweep.recorded import is_record, sweep_of  # noqa: PLC0415 - it imports this module
+
+        if is_record(source.values):
+            return cls(**sweep_of(file, source.values, out, settings))
         return cls._checked(source, file, out, settings)
 
     @classmethod
@@ -114,12 +94,12 @@ class Sweep:
         settings = tuple(settings)
         experiment = _experiment(source, file, settings)
         seeds = _seeds(source)
-        variants = _variants(source, experiment)
-        _require_effect(settings, values.get("grid"), experiment, variants)
-        if len(variants) * len(seeds) > _MOST_RUNS:
+        variants = variants_of(source, experiment)
+        require_effect(settings, values.get("grid"), experiment, variants)
+        if len(variants) * len(seeds) > MOST_RUNS:
             raise InputError(
                 f"{source.place(())}{len(variants)} variants with {len(seeds)} seeds each are too many runs, "
-                f"at most {_MOST_RUNS} are possible"
+                f"at most {MOST_RUNS} are possible"
             )
         stem = f"{experiment.label}-sweep" if file is None else file.stem
         return cls(variants, seeds, out or _out(source, stem), file, settings)
@@ -154,86 +134,9 @@ def _experiment(source: Source, file: Path | None, settings: Iterable[str]) -> E
     return Experiment.load(path, settings)
 
 
-def _require_effect(
-    settings: Iterable[str],
-    grid: Any,  # noqa: ANN401 - whatever the file says
-    base: Experiment,
-    variants: Iterable[Variant],
-) -> None:
-    """Raise InputError for a setting that no variant would have, since each has a value of the grid.
-
-    Args:
-        settings: what is set.
-        grid: whose keys take the place of settings.
-        base: the experiment with the settings.
-        variants: of it.
-    """
-    grids = [one for one in (grid if isinstance(grid, list) else [grid]) if isinstance(one, Mapping)]
-    named = [{_path(str(key)): key for key in one} for one in grids]
-    for setting in parse_settings(settings):
-        path = setting.path
-        # A section of the grid, such as `method`, keeps the options that it does not name.
-        replaced = [path[:length] for length in range(2, len(path) + 1)] or [path]
-        keys = [next((one[part] for part in replaced if part in one), None) for one in named]
-        if keys and None not in keys:
-            raise InputError(
-                f"{setting.text}: every variant has another value, of '{keys[0]}' in the grid; leave it out, "
-                "or take the key out of the grid"
-            )
-        # Other keys can replace it as well: a limit all other limits, another kind the options of a kind.
-        for leaf in _leaves(path, setting.value) if grids else ():
-            value = _value(base, leaf)
-            if all(_value(one.experiment, leaf) != value for one in variants):
-                raise InputError(
-                    f"{setting.text}: no variant has this value of {dotted_path(leaf)}, because of "
-                    f"'{_replacing(base, leaf, grids)}' in the grid; leave it out, or take the key out of "
-                    "the grid"
-                )
-
-
-def _leaves(path: tuple[str, ...], value: Any) -> Iterator[tuple[str, ...]]:  # noqa: ANN401 - as in a file
-    """Yield the paths of what a setting sets: of all parts of a mapping."""
-    if not isinstance(value, Mapping) or not value:
-        yield path
-        return
-    for key, part in value.items():
-        yield from _leaves((*path, str(key)), part)
-
-
-def _value(experiment: Experiment, path: tuple[str, ...]) -> str | None:
-    """Return what an experiment has at a path, as text; None where there is nothing."""
-    value: Any = experiment.to_mapping()
-    for part in path:
-        if isinstance(value, Mapping) and part in value:
-            value = value[part]
-        elif isinstance(value, list | tuple) and part.isdecimal() and int(part) < len(value):
-            value = value[int(part)]
-        else:
-            return None
-    return json.dumps(value, sort_keys=True, default=str)
-
-
-def _replacing(base: Experiment, path: tuple[str, ...], grids: Iterable[Mapping[Any, Any]]) -> str:
-    """Return the key of the grid by which an experiment has another value at a path."""
-    keys = [(str(key), values) for one in grids for key, values in one.items()]
-    for key, values in keys:
-        with suppress(InputError):  # it may be possible only together with other keys
-            if _value(_changed(base, {key: values[0]}), path) != _value(base, path):
-                return key
-    return next((key for key, _ in keys if _path(key)[0] == path[0]), keys[0][0])
-
-
-def _path(key: str) -> tuple[str, ...]:
-    """Return the parts of a key of the grid, whose names need no quotes there."""
-    try:
-        return key_path(f"{key}=")[0]
-    except InputError:
-        return tuple(key.split("."))
-
-
 def _seeds(source: Source) -> tuple[int, ...]:
     seeds = source.values.get("seeds", _SEEDS)
-    if _whole(seeds) and 1 <= seeds <= _MOST_RUNS:
+    if _whole(seeds) and 1 <= seeds <= MOST_RUNS:
         return tuple(range(1, seeds + 1))
     if isinstance(seeds, list) and seeds and all(_whole(seed) and seed >= 0 for seed in seeds):
         counts = Counter(seeds)
@@ -261,156 +164,3 @@ def _out(source: Source, stem: str) -> Path:
     if not isinstance(out, str | Path) or not str(out):
         raise InputError(f"{source.place(('out',))}must be the path of a folder, not {shown(out)}")
     return Path(out)
-
-
-def _variants(source: Source, base: Experiment) -> tuple[Variant, ...]:
-    if "grid" not in source.values:
-        label = name_of(base)
-        base.check_new()
-        return (Variant(label, _file_name(label), base),)
-    grid = source.values["grid"]
-    grids = grid if isinstance(grid, list) and grid else [grid]
-    combinations = []
-    for index, one in enumerate(grids):
-        at = ("grid", index) if isinstance(grid, list) and grid else ("grid",)
-        combinations += [(at, changes) for changes in _combinations(source, one, at)]
-    labels = labels_of([changes for _, changes in combinations])
-    found: dict[Experiment, tuple[str, dict[str, Any], Experiment]] = {}  # grids may overlap
-    for (at, changes), label in zip(combinations, labels, strict=True):
-        try:
-            experiment = _changed(base, changes)
-            experiment.check_new()
-        except InputError as error:
-            raise InputError(f"{source.place(at)}with {label}: {error}") from error
-        if experiment not in found:
-            found[experiment] = (label, changes, experiment)
-    return _with_folders(found.values())
-
-
-def _combinations(source: Source, grid: Any, at: tuple[Any, ...]) -> list[dict[str, Any]]:  # noqa: ANN401
-    """Return every combination of a grid's values."""
-    if not isinstance(grid, Mapping) or not grid:
-        raise InputError(
-            f"{source.place(at)}must be a mapping from keys of the experiment to lists of values, such as "
-            "method.population: [20, 50]"
-        )
-    for key, values in grid.items():
-        if not isinstance(values, list) or not values:
-            raise InputError(f"{source.place((*at, key))}must be a list of values, not {shown(values)}")
-        if key == "seed":
-            raise InputError(
-                f"{source.place((*at, key))}seeds do not belong to the grid; see the key 'seeds'"
-            )
-        section, _, option = str(key).partition(".")
-        if option and section in grid:
-            raise InputError(
-                f"{source.place((*at, key))}the grid names the whole of '{section}', too; name one of the two"
-            )
-        whole = next((one for one in map(str, grid) if "." in one and str(key).startswith(f"{one}.")), None)
-        if whole is not None:
-            raise InputError(
-                f"{source.place((*at, key))}the grid names the whole of '{whole}', too; name one of the two"
-            )
-    count = math.prod(map(len, grid.values()))
-    if count > _MOST_RUNS:
-        raise InputError(f"{source.place(at)}makes {count} variants; at most {_MOST_RUNS} are possible")
-    return [dict(zip(grid, values, strict=True)) for values in itertools.product(*grid.values())]
-
-
-def _changed(base: Experiment, changes: Mapping[str, Any]) -> Experiment:
-    """Return the experiment with changed keys: kinds first, others may be theirs; parts of options last."""
-    merged: dict[str, Any] = {}
-    for key in sorted(changes, key=lambda key: (not key.endswith(".kind"), _part_of_option(base, key) or ())):
-        value = changes[key]
-        section, _, option = key.partition(".")
-        if not option:
-            merged[section] = value
-            continue
-        if section not in merged:
-            merged[section] = {}
-        if option == "kind" and section in REGISTRIES:
-            merged[section].update(_kept(base, section, value, changes))
-        path = _part_of_option(base, key)
-        if path is None:
-            merged[section][option] = value
-        else:
-            _set_part(base, merged[section], path, value)
-    return base.replace(**merged)
-
-
-def _part_of_option(base: Experiment, key: str) -> tuple[str, ...] | None:
-    """Return the path of a key that names a part of an option, `method.measures.steps.bins`; else None."""
-    section, _, option = key.partition(".")
-    if not ("." in option or "[" in option) or (section == "parameters" and option in base.parameters):
-        return None
-    path = key_path(f"{key}=")[0]
-    return path if len(path) > 2 else None
-
-
-def _set_part(base: Experiment, merged: dict[str, Any], path: tuple[str, ...], value: Any) -> None:  # noqa: ANN401
-    """Set a part of an option, the rest of which is kept unless the variant has another kind."""
-    section, option = path[:2]
-    values = base.to_mapping()
-    options = values.get(section)
-    same_kind = isinstance(options, dict) and merged.get("kind", options.get("kind")) == options.get("kind")
-    kept = options.get(option) if isinstance(options, dict) and same_kind else None
-    values[section] = {option: copy.deepcopy(merged.get(option, kept))}
-    assign(values, path, value)
-    merged[option] = values[section][option]
-
-
-def _kept(base: Experiment, section: str, kind: Any, changes: Mapping[str, Any]) -> dict[str, Any]:  # noqa: ANN401
-    """Return the options of the experiment's file that a variant with another kind keeps, as with --set."""
-    options = getattr(base, section)
-    if kind == options.kind:
-        return {}
-    names = set(kept_options(section, kind))
-    given = {key.removeprefix("method."): change for key, change in changes.items()}
-    if section == "method" and sets_limit(given):
-        names -= set(LIMITS)
-    # Defaults are not kept: another kind has other ones.
-    old = options.model_dump(exclude_none=True, exclude_unset=True)
-    return {name: value for name, value in old.items() if name in names}
-
-
-def _file_name(label: str) -> str:
-    safe = "".join(sign if sign.isalnum() or sign in "-.+" else "_" for sign in label)
-    while "__" in safe:
-        safe = safe.replace("__", "_")
-    return safe.strip("_.")[:80] or "variant"
-
-
-def _with_folders(found: Iterable[tuple[str, Mapping[str, Any], Experiment]]) -> tuple[Variant, ...]:
-    """Return variants with the names of their folders, of which no two are the same.
-
-    A name depends on the variant's own values alone, so that it stays when values are added to the grid. Of
-    variants that would have one name, since long values are cut, all but the first have a digest of their
-    values in it.
-
-    Args:
-        found: label, values and experiment of each.
-    """
-    named = [
-        (_file_name(label_alone(values)), label, values, experiment) for label, values, experiment in found
-    ]
-    counts = Counter(name for name, *_ in named)
-    taken = set(counts)
-    variants = []
-    first = set(counts)
-    for name, label, values, experiment in named:
-        if counts[name] == 1:
-            variants.append(Variant(label, name, experiment))
-            continue
-        apart = _apart(name, values, taken)
-        taken.add(apart)
-        variants.append(Variant(label, name if name in first else apart, experiment, name, apart))
-        first.discard(name)
-    return tuple(variants)
-
-
-def _apart(name: str, values: Mapping[str, Any], taken: Collection[str]) -> str:
-    """Return a name with a digest of the values, of six digits unless that is taken."""
-    text = json.dumps(values, default=str, ensure_ascii=False)
-    digest = hashlib.sha256(text.encode()).hexdigest()
-    lengths = range(_DIGITS, len(digest) + 1)
-    return next(free for length in lengths if (free := f"{name}-{digest[:length]}") not in taken)

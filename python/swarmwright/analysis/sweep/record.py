@@ -1,8 +1,9 @@
 """The record of a sweep in the folder of its runs, `sweep.json`: what was asked for, and which runs that is.
 
 Keys: `file` (the sweep file, null without one), `settings` (of `--set`), `seeds`, `experiment` (the keys of
-the experiment that all variants have in common), `variants` (`label`, `experiment`: the keys that differ,
-`runs`: a folder for each seed). Keys that say where runs are computed are left out.
+the experiment that all variants have in common), `variants` (`label`, `keys`: those that the grid sets,
+`experiment`: the keys that differ, `runs`: a folder for each seed). Keys that say where runs are computed are
+left out.
 """
 
 import json
@@ -16,6 +17,7 @@ from swarmwright.core.errors import InputError
 from swarmwright.core.files import write_whole
 from swarmwright.experiment.experiment import ELSEWHERE, Experiment
 from swarmwright.store.folder import SWEEP
+from swarmwright.user_code.copying import display_name
 
 _LEFT_OUT = (ELSEWHERE - {"validate"}) | {"seed"}
 
@@ -55,6 +57,7 @@ def _plain(sweep: Sweep, tasks: Sequence[Task]) -> dict[str, Any]:
         "variants": [
             {
                 "label": variant.label,
+                "keys": list(variant.keys),
                 "experiment": {key: value for key, value in one.items() if key not in common},
                 "runs": runs.get(id(variant), []),
             }
@@ -64,4 +67,6 @@ def _plain(sweep: Sweep, tasks: Sequence[Task]) -> dict[str, Any]:
 
 
 def _kept(experiment: Experiment) -> dict[str, Any]:
-    return {key: value for key, value in experiment.to_mapping().items() if key not in _LEFT_OUT}
+    kept = {key: value for key, value in experiment.to_mapping().items() if key not in _LEFT_OUT}
+    # A sweep that is repeated by its record has the copies of its runs' code, each variant another one.
+    return {**kept, "simulation": display_name(kept["simulation"])}

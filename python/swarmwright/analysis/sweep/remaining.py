@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from statistics import fmean
 
 from swarmwright.analysis.sweep.execution import Listener
-from swarmwright.analysis.sweep.file import Variant
 from swarmwright.analysis.sweep.run import Task
+from swarmwright.analysis.sweep.variants import Variant
 from swarmwright.optimization.generation import Generation, how_far
 from swarmwright.runs.run import Run
 

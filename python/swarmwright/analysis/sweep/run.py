@@ -9,7 +9,8 @@ from itertools import chain, count
 from pathlib import Path
 from typing import Any, Self
 
-from swarmwright.analysis.sweep.file import Sweep, Variant
+from swarmwright.analysis.sweep.file import Sweep
+from swarmwright.analysis.sweep.variants import Variant
 from swarmwright.core.errors import InputError, SwarmwrightError
 from swarmwright.core.simulation_names import SimulationName
 from swarmwright.evaluation import opening
@@ -96,7 +97,7 @@ class Task:
         with readable(self.folder):
             run = Run.open(self.folder)
             _ = run.sessions
-        differing = differences(_values(run.experiment), _values(self.experiment))
+        differing = differences(comparable(run.experiment), comparable(self.experiment))
         if differing:
             raise InputError(
                 f"{self.folder}: holds a run of another experiment: {', '.join(map(str, differing))}; name "
@@ -224,10 +225,10 @@ def _there(sweep: Sweep, name: str, identities: Collection[str]) -> dict[str, st
 
 def _identity(experiment: Experiment) -> str:
     """Return what has to be the same in runs of a variant, as text."""
-    return json.dumps({**_values(experiment), "seed": None}, sort_keys=True)
+    return json.dumps({**comparable(experiment), "seed": None}, sort_keys=True)
 
 
-def _values(experiment: Experiment) -> dict[str, Any]:
+def comparable(experiment: Experiment) -> dict[str, Any]:
     """Return the keys of an experiment that have to be the same in a run of it."""
     values: dict[str, Any] = {
         key: value for key, value in experiment.to_mapping().items() if key not in _NO_MATTER

@@ -20,8 +20,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from swarmwright.analysis.sweep.file import Sweep, Variant
+from swarmwright.analysis.sweep.file import Sweep
 from swarmwright.analysis.sweep.run import BusyRunError, Executor, Task, reason
+from swarmwright.analysis.sweep.variants import Variant
 from swarmwright.core.errors import SwarmwrightError
 from swarmwright.evaluation import reports as incidents
 from swarmwright.experiment.experiment import Experiment

@@ -14,8 +14,8 @@ from tempfile import TemporaryFile
 from typing import IO, Any
 
 from swarmwright.analysis.sweep.execution import Listener
-from swarmwright.analysis.sweep.file import Variant
 from swarmwright.analysis.sweep.run import Task
+from swarmwright.analysis.sweep.variants import Variant
 from swarmwright.core.errors import InputError, RunError
 from swarmwright.evaluation import reports
 from swarmwright.evaluation.base import Servers

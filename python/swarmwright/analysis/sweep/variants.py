@@ -1,0 +1,200 @@
+"""Variants of a sweep: the combinations of its grid, and the names of their folders."""
+
+import copy
+import hashlib
+import itertools
+import json
+import math
+from collections import Counter
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from swarmwright.analysis.labels import label_alone, labels_of, name_of
+from swarmwright.core.errors import InputError
+from swarmwright.core.problems import shown
+from swarmwright.core.yaml import Source
+from swarmwright.experiment.budget import LIMITS, sets_limit
+from swarmwright.experiment.experiment import Experiment
+from swarmwright.experiment.settings import assign, kept_options, key_path
+from swarmwright.plug_ins import REGISTRIES
+
+MOST_RUNS = 100_000
+_DIGITS = 6
+"""Hexadecimal digits of a variant's digest in the name of its folder."""
+
+
+@dataclass(frozen=True, eq=False)
+class Variant:
+    """One variant of the experiment."""
+
+    label: str
+    """What distinguishes it, in words."""
+    folder: str
+    """Its values as part of a file name, no other variant's."""
+    experiment: Experiment
+    """With the seed of the file; the seeds of runs differ."""
+    alike: str = ""
+    """The name that its folder and those of other variants would have; empty where no other would."""
+    apart: str = ""
+    """A name instead of that, with a digest of its values."""
+    keys: tuple[str, ...] = ()
+    """Those that the grid sets."""
+
+
+def variants_of(source: Source, base: Experiment) -> tuple[Variant, ...]:
+    """Return the variants that a sweep file names, of its experiment.
+
+    Raises InputError where the grid is wrong, or a variant is.
+    """
+    if "grid" not in source.values:
+        label = name_of(base)
+        base.check_new()
+        return (Variant(label, _file_name(label), base),)
+    grid = source.values["grid"]
+    grids = grid if isinstance(grid, list) and grid else [grid]
+    combinations = []
+    for index, one in enumerate(grids):
+        at = ("grid", index) if isinstance(grid, list) and grid else ("grid",)
+        combinations += [(at, changes) for changes in _combinations(source, one, at)]
+    labels = labels_of([changes for _, changes in combinations])
+    found: dict[Experiment, tuple[str, dict[str, Any], Experiment]] = {}  # grids may overlap
+    for (at, changes), label in zip(combinations, labels, strict=True):
+        try:
+            experiment = changed(base, changes)
+            experiment.check_new()
+        except InputError as error:
+            raise InputError(f"{source.place(at)}with {label}: {error}") from error
+        if experiment not in found:
+            found[experiment] = (label, changes, experiment)
+    return _with_folders(found.values())
+
+
+def _combinations(source: Source, grid: Any, at: tuple[Any, ...]) -> list[dict[str, Any]]:  # noqa: ANN401
+    """Return every combination of a grid's values."""
+    if not isinstance(grid, Mapping) or not grid:
+        raise InputError(
+            f"{source.place(at)}must be a mapping from keys of the experiment to lists of values, such as "
+            "method.population: [20, 50]"
+        )
+    for key, values in grid.items():
+        if not isinstance(values, list) or not values:
+            raise InputError(f"{source.place((*at, key))}must be a list of values, not {shown(values)}")
+        if key == "seed":
+            raise InputError(
+                f"{source.place((*at, key))}seeds do not belong to the grid; see the key 'seeds'"
+            )
+        section, _, option = str(key).partition(".")
+        if option and section in grid:
+            raise InputError(
+                f"{source.place((*at, key))}the grid names the whole of '{section}', too; name one of the two"
+            )
+        whole = next((one for one in map(str, grid) if "." in one and str(key).startswith(f"{one}.")), None)
+        if whole is not None:
+            raise InputError(
+                f"{source.place((*at, key))}the grid names the whole of '{whole}', too; name one of the two"
+            )
+    count = math.prod(map(len, grid.values()))
+    if count > MOST_RUNS:
+        raise InputError(f"{source.place(at)}makes {count} variants; at most {MOST_RUNS} are possible")
+    return [dict(zip(grid, values, strict=True)) for values in itertools.product(*grid.values())]
+
+
+def changed(base: Experiment, changes: Mapping[str, Any]) -> Experiment:
+    """Return the experiment with changed keys: kinds first, others may be theirs; parts of options last."""
+    merged: dict[str, Any] = {}
+    for key in sorted(changes, key=lambda key: (not key.endswith(".kind"), _part_of_option(base, key) or ())):
+        value = changes[key]
+        section, _, option = key.partition(".")
+        if not option:
+            merged[section] = value
+            continue
+        if section not in merged:
+            merged[section] = {}
+        if option == "kind" and section in REGISTRIES:
+            merged[section].update(_kept(base, section, value, changes))
+        path = _part_of_option(base, key)
+        if path is None:
+            merged[section][option] = value
+        else:
+            _set_part(base, merged[section], path, value)
+    return base.replace(**merged)
+
+
+def _part_of_option(base: Experiment, key: str) -> tuple[str, ...] | None:
+    """Return the path of a key that names a part of an option, `method.measures.steps.bins`; else None."""
+    section, _, option = key.partition(".")
+    if not ("." in option or "[" in option) or (section == "parameters" and option in base.parameters):
+        return None
+    path = key_path(f"{key}=")[0]
+    return path if len(path) > 2 else None
+
+
+def _set_part(base: Experiment, merged: dict[str, Any], path: tuple[str, ...], value: Any) -> None:  # noqa: ANN401
+    """Set a part of an option, the rest of which is kept unless the variant has another kind."""
+    section, option = path[:2]
+    values = base.to_mapping()
+    options = values.get(section)
+    same_kind = isinstance(options, dict) and merged.get("kind", options.get("kind")) == options.get("kind")
+    kept = options.get(option) if isinstance(options, dict) and same_kind else None
+    values[section] = {option: copy.deepcopy(merged.get(option, kept))}
+    assign(values, path, value)
+    merged[option] = values[section][option]
+
+
+def _kept(base: Experiment, section: str, kind: Any, changes: Mapping[str, Any]) -> dict[str, Any]:  # noqa: ANN401
+    """Return the options of the experiment's file that a variant with another kind keeps, as with --set."""
+    options = getattr(base, section)
+    if kind == options.kind:
+        return {}
+    names = set(kept_options(section, kind))
+    given = {key.removeprefix("method."): change for key, change in changes.items()}
+    if section == "method" and sets_limit(given):
+        names -= set(LIMITS)
+    # Defaults are not kept: another kind has other ones.
+    old = options.model_dump(exclude_none=True, exclude_unset=True)
+    return {name: value for name, value in old.items() if name in names}
+
+
+def _file_name(label: str) -> str:
+    safe = "".join(sign if sign.isalnum() or sign in "-.+" else "_" for sign in label)
+    while "__" in safe:
+        safe = safe.replace("__", "_")
+    return safe.strip("_.")[:80] or "variant"
+
+
+def _with_folders(found: Iterable[tuple[str, Mapping[str, Any], Experiment]]) -> tuple[Variant, ...]:
+    """Return variants with the names of their folders, of which no two are the same.
+
+    A name depends on the variant's own values alone, so that it stays when values are added to the grid. Of
+    variants that would have one name, since long values are cut, all but the first have a digest of their
+    values in it.
+
+    Args:
+        found: label, values and experiment of each.
+    """
+    named = [
+        (_file_name(label_alone(values)), label, values, experiment) for label, values, experiment in found
+    ]
+    counts = Counter(name for name, *_ in named)
+    taken = set(counts)
+    variants = []
+    first = set(counts)
+    for name, label, values, experiment in named:
+        if counts[name] == 1:
+            variants.append(Variant(label, name, experiment, keys=tuple(values)))
+            continue
+        apart = _apart(name, values, taken)
+        taken.add(apart)
+        folder = name if name in first else apart
+        variants.append(Variant(label, folder, experiment, name, apart, tuple(values)))
+        first.discard(name)
+    return tuple(variants)
+
+
+def _apart(name: str, values: Mapping[str, Any], taken: Collection[str]) -> str:
+    """Return a name with a digest of the values, of six digits unless that is taken."""
+    text = json.dumps(values, default=str, ensure_ascii=False)
+    digest = hashlib.sha256(text.encode()).hexdigest()
+    lengths = range(_DIGITS, len(digest) + 1)
+    return next(free for length in lengths if (free := f"{name}-{digest[:length]}") not in taken)

@@ -1,0 +1,44 @@
+"""Output of `swarmwright runs diff` for two sweeps."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from swarmwright.cli._output import Output
+from swarmwright.core.formatting import counted
+
+
+def show_differences(output: Output, ones: Sequence[Path], others: Sequence[Path]) -> int:
+    """Compare the records of runs of the same name; return the exit status, 1 unless all are the same.
+
+    Args:
+        output: for a line of each run that differs or is missing, with --json of each.
+        ones: the runs of a sweep.
+        others: those of the other one.
+    """
+    there = {run.name: run for run in others}
+    same = 0
+    for one in ones:
+        difference = _difference(one, there.pop(one.name, None))
+        same += difference is None
+        output.json({"run": one.name, "same": difference is None, "difference": difference})
+        if difference is not None:
+            output.item(f"{one.name}: {difference}")
+    for name in there:
+        output.json({"run": name, "same": False, "difference": "only the second sweep has it"})
+        output.item(f"{name}: only the second sweep has it")
+    whole = len(ones) + len(there)
+    output.text(f"The records of {same} of {counted(whole, 'run')} are the same, byte for byte.")
+    return 0 if same == whole else 1
+
+
+def _difference(one: Path, other: Path | None) -> str | None:
+    """Return how two runs differ, in words; None where their records are the same."""
+    from swarmwright import Run
+    from swarmwright.runs.differences import first_difference
+
+    if other is None:
+        return "only the first sweep has it"
+    missing = [str(run) for run in (one, other) if not run.exists()]
+    if missing:
+        return f"{' and '.join(missing)}: missing"
+    return first_difference(Run.open(one), Run.open(other))
