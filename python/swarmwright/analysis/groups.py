@@ -6,7 +6,8 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from swarmwright.analysis.labels import Wording, name_of
+from swarmwright.analysis.labels import Wording, name_of, without_constants
+from swarmwright.analysis.sweep_folders import keys_of_grid
 from swarmwright.core.errors import InputError
 from swarmwright.core.flatten import flat
 from swarmwright.core.formatting import shortened
@@ -67,31 +68,25 @@ def group(runs: Sequence[Run], *, besides: Collection[str] = ()) -> tuple[list[R
         }
         for run in kept
     ]
-    keys = distinguishing(flattened)
     titles = written_missions(kept)
     by_values: dict[str, tuple[dict[str, Any], list[Run]]] = {}
-    for run, values in zip(kept, flattened, strict=True):
-        # An option that a kind does not have is left out; a parameter, or a key of the experiment itself such
-        # as fitness, may have been left out by its author.
-        differs = {
-            key: values.get(key)
-            for key in keys
-            if key in values or key.startswith("parameters.") or "." not in key
-        }
+    for run, values, keys in zip(kept, flattened, differing_keys(flattened), strict=True):
+        differs = {key: values.get(key) for key in keys}
         if differs.get(_ROBOT, "") is None:
             differs[_ROBOT] = _robot(run.experiment)
         same = json.dumps(differs, sort_keys=True, default=str)
         by_values.setdefault(same, (as_written(differs, run, titles), []))[1].append(run)
     if len(by_values) == 1:
         return [RunGroup(name_of(kept[0].experiment), {}, tuple(kept))], notes
-    names = names_of([(differs, members[0]) for differs, members in by_values.values()])
+    found = list(by_values.values())
+    names = names_in_sweep(found) or names_of([(differs, members[0]) for differs, members in found])
     labels = names
     if max(map(len, names)) > _LONGEST:
         labels = [f"group {number}: {shortened(name, _BEGINNING)}" for number, name in enumerate(names, 1)]
         notes += [f"group {number} has {shortened(name, _TOLD)}" for number, name in enumerate(names, 1)]
     groups = [
         RunGroup(label, differs, tuple(members))
-        for label, (differs, members) in zip(labels, by_values.values(), strict=True)
+        for label, (differs, members) in zip(labels, found, strict=True)
     ]
     return groups, notes
 
@@ -100,6 +95,37 @@ def number_of(label: str) -> int:
     """Return the number of a group whose name is too long; 0 where it has none."""
     found = _NUMBER.match(label)
     return int(found[1]) if found else 0
+
+
+def names_in_sweep(groups: Sequence[tuple[Mapping[str, Any], Sequence[Run]]]) -> list[str] | None:
+    """Return what groups of runs of one sweep are called: by what its grid sets, as the sweep calls them.
+
+    None where they are not of one sweep, or more than the grid differs between them.
+
+    groups: what differs between them, and their runs.
+    """
+    of_grid = keys_of_grid([run for _, members in groups for run in members])
+    if of_grid is None:
+        return None
+    keys = iter(of_grid)
+    titles = written_missions(run for _, members in groups for run in members)
+    named = []
+    for differs, members in groups:
+        values = {**as_written(flattened_of(members[0]), members[0], titles), **differs}
+        of_runs = {next(keys) for _ in members}
+        if len(of_runs) > 1:
+            return None
+        named.append(
+            {
+                key: value
+                for name in of_runs.pop()
+                for key, value in values.items()
+                if key == name or (key in differs and key.startswith(f"{name}."))
+            }
+        )
+    with_runs = zip(without_constants(named), groups, strict=True)
+    names = names_of([(differs, members[0]) for differs, (_, members) in with_runs])
+    return names if all(names) and len(set(names)) == len(names) else None
 
 
 def _robot(experiment: Experiment) -> str | None:
@@ -294,20 +320,47 @@ def distinguishing(flat: Sequence[dict[str, Any]]) -> list[str]:
     Options of a component count only among runs with the same kind of it: that an option of one kind is
     missing in another follows from the kind.
     """
-    keys = list(dict.fromkeys(key for values in flat for key in values))
-    return [key for key in keys if any(len(among) > 1 for among in _values(key, flat).values())]
+    return list(_varying(flat))
 
 
-def _values(key: str, flat: Sequence[dict[str, Any]]) -> dict[Any, set[str]]:
-    """Return the values that a key has, for each kind of the component that it is an option of."""
+def differing_keys(flat: Sequence[Mapping[str, Any]]) -> list[list[str]]:
+    """Return for each experiment the keys in which it differs from others with the same kind of component.
+
+    An option in which those of its kind do not differ, or that its kind does not have, is left out; a
+    parameter, or a key of the experiment itself such as fitness, may have been left out by its author.
+    """
+    kinds = _varying(flat)
+    return [
+        [
+            key
+            for key, among in kinds.items()
+            if key.startswith("parameters.")
+            or "." not in key
+            or (key in values and _kind(key, values) in among)
+        ]
+        for values in flat
+    ]
+
+
+def _varying(flat: Sequence[Mapping[str, Any]]) -> dict[str, set[Any]]:
+    """Return the keys whose values differ, with the kinds of component among which they do."""
+    found = {}
+    for key in dict.fromkeys(key for values in flat for key in values):
+        values_of: dict[Any, set[str]] = {}
+        for values in flat:
+            if key in values or not key.startswith("code."):
+                text = json.dumps(values.get(key), sort_keys=True, default=str)
+                values_of.setdefault(_kind(key, values), set()).add(text)
+        kinds = {kind for kind, texts in values_of.items() if len(texts) > 1}
+        if kinds:
+            found[key] = kinds
+    return found
+
+
+def _kind(key: str, values: Mapping[str, Any]) -> Any:  # noqa: ANN401 - whatever the experiment says
+    """Return the kind of the component that a key is an option of; None of a kind itself, and without one."""
     section, _, last = key.rpartition(".")
     kind_key = f"{section}.kind"
     if section == "code":  # of a component, which its kind names, or of the simulation
         kind_key = "simulation" if last == "simulation" else f"{last}.kind"
-    found: dict[Any, set[str]] = {}
-    for values in flat:
-        if section == "code" and key not in values:
-            continue
-        kind = None if key == kind_key else values.get(kind_key)
-        found.setdefault(kind, set()).add(json.dumps(values.get(key), sort_keys=True, default=str))
-    return found
+    return None if key == kind_key else values.get(kind_key)

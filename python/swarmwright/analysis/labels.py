@@ -41,9 +41,24 @@ class Wording:
 
 
 def labels_of(groups: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return what groups are called, by the values that keys of the experiment have in each of them."""
-    wording = Wording(groups)
-    return [", ".join(wording.words(differs, differs)) for differs in groups]
+    """Return what groups are called, by the values that keys of the experiment have in each of them.
+
+    Keys that have one value in all groups tell nothing, and are left out.
+    """
+    telling = without_constants(groups)
+    wording = Wording(telling)
+    return [", ".join(wording.words(differs, differs)) for differs in telling]
+
+
+def without_constants(groups: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    """Return groups without the keys that have one value in all of them, unless one would then have none."""
+    everywhere = {
+        key
+        for key, value in groups[0].items()
+        if all(key in one and _identity(one[key]) == _identity(value) for one in groups)
+    }
+    telling = [{key: value for key, value in one.items() if key not in everywhere} for one in groups]
+    return telling if all(telling) else list(groups)
 
 
 def label_alone(values: Mapping[str, Any]) -> str:

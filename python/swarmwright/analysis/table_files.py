@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from swarmwright.analysis.after_evaluations import fitness_at
+from swarmwright.analysis.groups import flattened_of
+from swarmwright.analysis.option_columns import option_columns
 from swarmwright.analysis.table import effect_words, kruskal_words, number, span
 from swarmwright.core.errors import InputError
 from swarmwright.core.files import write_text
@@ -54,16 +56,17 @@ def csv_text(comparison: "Comparison", folder: Path) -> str:
     Columns: task (empty where there is one), group, run (its folder, relative to that of the table), seed,
     evaluations and episodes that count, the best recorded fitness of these, the indicator that is compared if
     any, fitness on held-out seeds, seconds of the whole run, SHA-256 of its record, then the keys that differ
-    between the groups. nan: no candidate could be evaluated; empty: not known.
+    between the groups, see `option_columns`. nan: no candidate could be evaluated; empty: not known.
 
     folder: of the table.
     """
     tasks = {one.label: task.label for task in comparison.tasks for one in task.groups}
-    keys = list(dict.fromkeys(key for one in comparison.groups for key in one.differs))
+    differing = option_columns(
+        [({**flattened_of(one.runs[0]), **one.differs}, one.differs) for one in comparison.groups]
+    )
     by = comparison.indicator.by
     rows = []
-    for one in comparison.groups:
-        differing = {key: one.differs.get(key) for key in keys}
+    for one, keys in zip(comparison.groups, differing, strict=True):
         for run, value, count, episodes in zip(
             one.runs, one.final.tolist(), one.counts, one.episodes, strict=True
         ):
@@ -76,7 +79,7 @@ def csv_text(comparison: "Comparison", folder: Path) -> str:
                     **({} if by == "fitness" else {by: value}),
                     # The candidate that is the best at the run's end was validated.
                     **_held_out(None if comparison.at is not None else run.validation),
-                    "seconds": run.seconds, "record_sha256": run.digest, **differing,
+                    "seconds": run.seconds, "record_sha256": run.digest, **keys,
                 }
             )  # fmt: skip
     text = io.StringIO()

@@ -1,3 +1,4 @@
+import json
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
@@ -5,6 +6,7 @@ from typing import Any
 
 from swarmwright import compare
 from swarmwright.analysis.groups import group
+from swarmwright.analysis.option_columns import option_columns
 from swarmwright.analysis.tasks import by_task
 from swarmwright.user_code.copying import Copy, digest_of
 from swarmwright.user_code.parts import Part
@@ -253,3 +255,65 @@ def test_without_the_copies_it_is_known_whether_code_differs(tmp_path: Path) -> 
     groups, _ = group([*some, other])
     assert [len(one.runs) for one in groups] == [2, 1]
     assert all(list(one.differs) == ["code"] for one in groups)
+
+
+def test_options_in_which_a_kind_does_not_differ_are_no_part_of_its_name(tmp_path: Path) -> None:
+    """Initial steps of cma_es and largest mutations of evostick are unlike quantities."""
+    evostick = {"kind": "evostick", "population": 4, "elites": 2, "generations": 3}
+    wide, narrow = ({"kind": "cma_es", "step": step, "generations": 3} for step in (0.5, 0.2))
+    some = [evostick, wide, narrow]
+    groups, _ = group([run for method in some for run in runs(tmp_path, [1.0], method=method)])
+    assert [one.label for one in groups] == ["evostick", "cma_es, step 0.5", "cma_es, step 0.2"]
+    assert groups[0].differs == {"method.kind": "evostick"}
+
+
+def test_options_of_different_kinds_have_columns_of_their_own() -> None:
+    evostick = {"method.kind": "evostick", "method.step": 0.2, "ranking.kind": "absolute"}
+    wide = {"method.kind": "cma_es", "method.step": 0.5, "ranking.kind": "absolute"}
+    race = {**wide, "method.step": 0.3, "ranking.kind": "race", "ranking.episodes": 8, "ranking.level": 0.1}
+    rows = [
+        (evostick, ["method.kind"]),
+        (wide, ["method.kind", "method.step"]),
+        (race, ["method.kind", "method.step", "ranking.episodes", "ranking.level"]),
+    ]
+    names = ("method.kind", "method.cma_es.step", "ranking.episodes", "ranking.level")
+    assert option_columns(rows) == [
+        dict(zip(names, values, strict=True))
+        for values in (
+            ("evostick", None, None, None),
+            ("cma_es", 0.5, None, None),
+            ("cma_es", 0.3, 8, 0.1),
+        )
+    ]
+    both = [(evostick, ["method.step"]), (wide, ["method.step"])]
+    assert option_columns(both) == [
+        {"method.evostick.step": 0.2, "method.cma_es.step": None},
+        {"method.evostick.step": None, "method.cma_es.step": 0.5},
+    ]
+    alike = [(wide, ["method.step"]), (race, ["method.step"])]
+    assert option_columns(alike) == [{"method.step": 0.5}, {"method.step": 0.3}]
+
+
+def test_runs_of_a_sweep_are_named_by_what_its_grid_sets(tmp_path: Path) -> None:
+    methods = [
+        {"kind": "evostick", "population": 4, "elites": 2, "evaluations": 30},
+        {"kind": "cma_es", "step": 0.2, "evaluations": 30},
+        {"kind": "cma_es", "step": 0.5, "evaluations": 30},
+    ]
+    made = [run for method in methods for run in runs(tmp_path, [1.0, 2.0], method=method)]
+    made += runs(tmp_path, [1.0, 2.0], method=methods[0], ranking={"reevaluate": False, "episodes": 2})
+    keys = [
+        ["method.kind", "method.evaluations", "method.population", "method.elites"],
+        *[["method.kind", "method.evaluations", "method.step"]] * 2,
+        ["method.kind", "method.evaluations", "ranking.episodes"],
+    ]
+    names = [run.path.name for run in made]
+    variants = [{"keys": one, "runs": names[2 * at : 2 * at + 2]} for at, one in enumerate(keys)]
+    (tmp_path / "sweep.json").write_text(json.dumps({"variants": variants}))
+    assert [one.label for one in group(made)[0]] == [
+        "evostick, population 4, elites 2", "cma_es, step 0.2", "cma_es, step 0.5", "evostick, episodes 2",
+    ]  # fmt: skip
+    # Episodes differ, so they are told where the grid is not known, or sets something else.
+    for text in ("{}", json.dumps({"variants": [{"keys": ["method.kind"], "runs": names}]})):
+        (tmp_path / "sweep.json").write_text(text)
+        assert labels(*made)[0] == "evostick, episodes 1"

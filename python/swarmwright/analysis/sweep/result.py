@@ -1,13 +1,17 @@
 """Sweeps in Python."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from swarmwright.analysis.comparison import Comparison, compare, held_out_known
-from swarmwright.analysis.groups import as_written, distinguishing, flattened_of, written_missions
+from swarmwright.analysis.episodes import episodes_of
+from swarmwright.analysis.groups import as_written, differing_keys, flattened_of, written_missions
 from swarmwright.analysis.indicators import By, measure, quick_indicators
+from swarmwright.analysis.option_columns import option_columns
 from swarmwright.analysis.sweep.execution import Listener, conduct
 from swarmwright.analysis.sweep.file import Sweep
 from swarmwright.analysis.sweep.remaining import Status
@@ -59,31 +63,33 @@ class SweepResult:
     def table(self) -> list[dict[str, Any]]:
         """Return a row for each run, for `pandas.DataFrame(result.table())` and the like.
 
-        Keys: variant, seed, fitness (the best of the run), held_out (its fitness on held-out seeds; None
-        where it was not validated, or where fitness does not depend on the seed), evaluations, generations,
-        seconds, run (its folder), then what the experiments differ in, such as method.population. Where all
-        runs can be compared by them, before these: hypervolume (where it takes little time: fronts of at most
-        1,000 candidates with three objectives, fitness included, or 300 with four), or qd_score and coverage,
-        as `compare` has them.
+        Keys: variant, seed, fitness (the best of the run), held_out (its fitness on held-out seeds; NaN where
+        it was not validated, or where fitness does not depend on the seed), evaluations, episodes,
+        generations, seconds, run (its folder), then what the experiments differ in, such as
+        method.population; with several methods, each has keys for its options, such as method.cma_es.step.
+        Where all runs can be compared by them, before these: hypervolume (where it takes little time: fronts
+        of at most 1,000 candidates with three objectives, fitness included, or 300 with four), or qd_score
+        and coverage, as `compare` has them.
         """
-        experiments = [flattened_of(run) for run in self.runs]
-        differing = distinguishing(experiments)
         missions = written_missions(self.runs)
+        experiments = [as_written(flattened_of(run), run, missions) for run in self.runs]
+        differing = option_columns(list(zip(experiments, differing_keys(experiments), strict=True)))
         of_runs = {by: measure(by, self.runs)[1] for by in quick_indicators(self.runs)}
         return [
             {
                 "variant": label,
                 "seed": run.experiment.seed,
                 "fitness": run.history[-1].best_so_far,
-                "held_out": None if run.unseen is None else run.unseen.fitness.mean,
+                "held_out": math.nan if run.unseen is None else run.unseen.fitness.mean,
                 "evaluations": run.evaluations,
+                "episodes": episodes_of(run, run.evaluations),
                 "generations": run.generations,
                 "seconds": run.seconds,
                 "run": str(run.path),
                 **{by: values[index] for by, values in of_runs.items()},
-                **as_written({key: one.get(key) for key in differing}, run, missions),
+                **keys,
             }
-            for index, (run, label, one) in enumerate(zip(self.runs, self.labels, experiments, strict=True))
+            for index, (run, label, keys) in enumerate(zip(self.runs, self.labels, differing, strict=True))
         ]
 
     @checked
@@ -100,7 +106,7 @@ class SweepResult:
         return compare(self.runs, at=at, held_out=held_out, by=by, reference=reference, offset=offset)
 
     @checked
-    def plot(self, path: str | Path | None = None, *, x: str = "evaluations") -> "Figure":
+    def plot(self, path: str | PathLike[str] | None = None, *, x: str = "evaluations") -> "Figure":
         """Return the figure of the comparison; write it as well where a path is given (.png, .svg, .pdf).
 
         Beside the curves of recorded fitness, it has fitness on held-out seeds where all runs were validated
@@ -137,12 +143,12 @@ class SweepResult:
 
 @checked
 def sweep(
-    source: str | Path | Mapping[str, Any],
+    source: str | PathLike[str] | Mapping[str, Any],
     *,
     jobs: int | None = None,
     broker: str | None = None,
     servers: Servers | None = None,
-    out: str | Path | None = None,
+    out: str | PathLike[str] | None = None,
     progress: bool | None = None,
 ) -> SweepResult:
     """Run an experiment in every variant and with every seed; return what came out.

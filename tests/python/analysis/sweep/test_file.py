@@ -347,8 +347,8 @@ def test_labels_of_measures_are_readable(tmp_path: Path) -> None:
     grid = {"method.kind": ["map_elites"], "method.measures": measures}
     found = sweep(tmp_path, f"experiment: base.yaml\ngrid: {json.dumps(grid)}\n")
     assert [one.label for one in found.variants] == [
-        "map_elites, measures steps.bins 6",
-        "map_elites, measures steps.bins 9",
+        "measures steps.bins 6",
+        "measures steps.bins 9",
     ]
 
 

@@ -1,5 +1,6 @@
 """Sweeps in Python."""
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +31,13 @@ def test_a_mapping_becomes_runs_a_table_a_comparison_and_a_figure(tmp_path: Path
         ("nnga, population 8", 1),
         ("random_search, population 6", 1),
     ]
-    assert [key for key in rows[0] if "." in key] == ["method.kind", "method.population"]
+    assert [key for key in rows[0] if "." in key] == [
+        "method.kind", "method.nnga.population", "method.random_search.population",
+    ]  # fmt: skip
+    assert [row["method.nnga.population"] for row in rows[:4]] == [6, 8, None, None]
+    assert [(row["episodes"], math.isnan(row["held_out"])) for row in rows[:2]] == [
+        (row["evaluations"], True) for row in rows[:2]
+    ]
     assert all(row["fitness"] == Run.open(row["run"]).best.fitness for row in rows)
     assert len(result.compare().groups) == 4
     figure = result.plot(tmp_path / "figure.svg")
