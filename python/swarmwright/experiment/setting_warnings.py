@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping
 
 from swarmwright.core.options import Options
 from swarmwright.experiment.experiment import Experiment
+from swarmwright.rankings.multi_fidelity import MultiFidelityOptions
 from swarmwright.representations.network import NetworkOptions
 from swarmwright.simulations.catalogue import steers_itself, titles
 
@@ -38,6 +39,11 @@ def setting_warnings(experiment: Experiment) -> list[str]:
             f"ranking.seeds: new lets {method.kind} compare candidates that were evaluated on different "
             "seeds, and those with easy seeds stay to the end; take seeds: same with more episodes "
             f"(ranking.episodes is {episodes}), and evaluate the result on held-out seeds"
+        )
+    if isinstance(ranking, MultiFidelityOptions) and ranking.seeds == "new" and (ranking.memory or 1) > 1:
+        found.append(
+            f"ranking.memory: {ranking.memory} with seeds: new corrects fitness by differences between the "
+            "two simulations on other seeds as well; leave it out, or take seeds: same"
         )
     return [*found, *_without_influence(experiment)]
 

@@ -10,7 +10,18 @@ from pydantic import Field
 
 from swarmwright.core.order import best_first
 from swarmwright.core.statistics import mean
-from swarmwright.rankings.slow_simulation import Episodes, Ranked, Rounds, SlowOptions, SlowRanking, row_means
+from swarmwright.rankings.slow_simulation import (
+    Episodes,
+    Ranked,
+    Rounds,
+    SlowOptions,
+    SlowRanking,
+    kept_below,
+    row_means,
+)
+
+_MEMORY = 10
+"""Default of `memory` where all generations have the same seeds."""
 
 
 class MultiFidelityOptions(SlowOptions):
@@ -19,9 +30,10 @@ class MultiFidelityOptions(SlowOptions):
     kind: Literal["multi_fidelity"] = "multi_fidelity"
     share: float = Field(default=0.1, gt=0, le=1)
     """Share of a generation that is evaluated in the slow simulation, rounded; at least one candidate."""
-    memory: int = Field(default=10, ge=1, le=100_000)
+    memory: int | None = Field(default=None, ge=1, le=100_000)
     """Generations, this one among them, whose differences between slow and fast fitness correct the fast
-    fitness of the other candidates."""
+    fitness of the other candidates. Default: 10; with `seeds: new` 1, since differences between the two
+    simulations that a seed makes are those of its generation only."""
 
 
 class MultiFidelity(SlowRanking):
@@ -30,9 +42,9 @@ class MultiFidelity(SlowRanking):
     A share of each generation, the best by their fast fitness, is evaluated in the slow simulation as well,
     with the same seeds. Their fitness is the mean of these episodes. That of the others is the mean of the
     fast episodes plus the mean of slow minus fast over all candidates of the last `memory` generations that
-    have both; and less than the best slow one of their generation, so that the best of a run was always
-    evaluated in the slow simulation. Where all that are evaluated there fail, the next best ones are, until
-    one does not.
+    have both; those for which this is not less than the best slow one of their generation are kept below it,
+    in their order, so that the best of a run was always evaluated in the slow simulation. Where all that are
+    evaluated there fail, the next best ones are, until one does not.
 
     Sources: the best are chosen as in the best strategy of individual-based evolution control of Jin, Olhofer
     and Sendhoff, "A framework for evolutionary optimization with approximate fitness functions", IEEE
@@ -47,7 +59,8 @@ class MultiFidelity(SlowRanking):
 
     def __init__(self, options: MultiFidelityOptions) -> None:
         super().__init__(options)
-        self._differences: deque[list[float]] = deque(maxlen=options.memory)
+        self._memory = options.memory or (1 if options.seeds == "new" else _MEMORY)
+        self._differences: deque[list[float]] = deque(maxlen=self._memory)
 
     def expected(self, candidates: int) -> int:
         """Return how many candidates of a generation are evaluated in the slow simulation."""
@@ -68,8 +81,7 @@ class MultiFidelity(SlowRanking):
         differences = (slow - approximate)[both].tolist()
         fitness = np.where(measured, slow, approximate + self._correction(differences))
         if both.any():
-            below = np.nextafter(slow[both].max(), -np.inf)
-            fitness[~measured] = np.minimum(fitness[~measured], below)  # NaN stays
+            fitness[~measured] = kept_below(fitness[~measured], float(slow[both].max()))
         fitness[~np.isfinite(fitness)] = np.nan
         return Ranked(fitness + 0.0, differences)
 
@@ -79,6 +91,6 @@ class MultiFidelity(SlowRanking):
 
     def _correction(self, now: list[float]) -> float:
         """Return the mean difference; now: those of this generation."""
-        before = list(self._differences)[-(self.options.memory - 1) :] if self.options.memory > 1 else []
+        before = list(self._differences)[-(self._memory - 1) :] if self._memory > 1 else []
         values = [value for generation in (*before, now) for value in generation]
         return mean(values) if values else 0.0

@@ -1,5 +1,6 @@
 """What rankings share that evaluate some candidates in a second simulation, slow and closer to reality."""
 
+import math
 from abc import abstractmethod
 from collections.abc import Generator, Mapping, Sequence
 from typing import Annotated, Any, NamedTuple
@@ -15,6 +16,11 @@ from swarmwright.typing import Fitness
 METRIC = "slow_fitness"
 """The metric of the record that has the fitness in the slow simulation, NaN where a candidate has none."""
 Episodes = NDArray[np.float64]
+
+_MARGIN = 2.0**-30
+"""Share of a limit into which what is above it is moved; its precision leaves as much for differences."""
+_SMALLEST = 2.0**-900
+"""Limits nearer to zero have the margin of this."""
 
 
 class Ranked(NamedTuple):
@@ -120,4 +126,28 @@ def row_means(rows: Episodes) -> Fitness:
     with np.errstate(over="ignore", invalid="ignore"):  # what overflows has failed
         found: Fitness = np.add.accumulate(rows, axis=1)[:, -1] / rows.shape[1] + 0.0
     found[~np.isfinite(found)] = np.nan
+    return found
+
+
+def kept_below(values: Fitness, limit: float) -> Fitness:
+    """Return values in the same order, all less than a finite limit; NaN stays.
+
+    Those above it, and those just below, are moved into a margin of 2^-30 of the limit, by the logarithm of
+    how far they are above its lower end. So those of several generations with the same limit are in order,
+    too, and the best of them changes as it would without a limit.
+    """
+    margin = max(abs(limit), _SMALLEST) * _MARGIN
+    end = limit - margin
+    moved = values > end
+    distinct, places = np.unique(values[moved], return_inverse=True)
+    with np.errstate(over="ignore"):  # infinity is far enough
+        above = distinct - end
+    # The bits of a positive number, read as an integer, are its logarithm, linear between powers of two.
+    levels = end + margin * (above.view(np.int64) / 2.0**63)
+    last = end
+    for index, level in enumerate(levels.tolist()):
+        last = max(level, math.nextafter(last, math.inf))
+        levels[index] = last
+    found = values.copy()
+    found[moved] = np.minimum(levels, math.nextafter(limit, -math.inf))[places]
     return found

@@ -7,7 +7,15 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from swarmwright.core.order import best_first
-from swarmwright.rankings.slow_simulation import Episodes, Ranked, Rounds, SlowOptions, SlowRanking, row_means
+from swarmwright.rankings.slow_simulation import (
+    Episodes,
+    Ranked,
+    Rounds,
+    SlowOptions,
+    SlowRanking,
+    kept_below,
+    row_means,
+)
 from swarmwright.typing import Fitness
 
 Values = NDArray[np.float64]
@@ -57,8 +65,8 @@ class Transferability(SlowRanking):
     inverse distance weighting (Shepard 1968, power two) of those few, with the means of metrics of the fast
     simulation as coordinates, each divided by the range that it has had in the run. The fitness of a
     candidate is its fast one minus `weight` times what its disparity exceeds `threshold` by. That of a
-    candidate whose disparity is predicted is less than that of the best one so far whose disparity is known,
-    so that the best of a run was always evaluated in both.
+    candidate whose disparity is predicted is kept below that of the best one so far whose disparity is known,
+    so that the best of a run was always evaluated in both; several such candidates keep their order.
 
     In every generation, or every few ones, `transfers` candidates are evaluated in both: by turns the one
     with the greatest predicted fitness, and the one whose behaviour is farthest from all that are known or
@@ -163,8 +171,7 @@ class Transferability(SlowRanking):
         others = np.isfinite(fast) & ~measured
         if others.any() and len(known.disparities):
             predicted = _predicted(known, _distances(known, places[others], known.descriptors))
-            below = np.nextafter(known.best, -np.inf)
-            fitness[others] = np.minimum(self._penalized(fast[others], predicted), below)
+            fitness[others] = kept_below(self._penalized(fast[others], predicted), known.best)
         fitness[~np.isfinite(fitness)] = np.nan
         return fitness + 0.0
 

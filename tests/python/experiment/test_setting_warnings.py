@@ -44,6 +44,21 @@ def test_elites_of_lucky_seeds_are_warned_of(seeds: str) -> None:
 
 
 @pytest.mark.parametrize(
+    ("options", "warned"),
+    [
+        ({"seeds": "new"}, False),
+        ({"seeds": "new", "memory": 1}, False),
+        ({"seeds": "new", "memory": 5}, True),
+        ({"seeds": "same", "memory": 5}, False),
+    ],
+)
+def test_differences_on_other_seeds_are_warned_of(options: dict[str, Any], warned: bool) -> None:
+    ranking = {"kind": "multi_fidelity", "slow": "minisim", **options}
+    found = setting_warnings(Experiment.from_mapping({"simulation": "minisim", "ranking": ranking}))
+    assert [text.split(" with ")[0] for text in found] == (["ranking.memory: 5"] if warned else [])
+
+
+@pytest.mark.parametrize(
     ("values", "words"),
     [
         ({"parameters": {"steering": "rule"}}, ["those of minisim steer themselves"]),

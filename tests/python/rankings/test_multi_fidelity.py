@@ -51,11 +51,12 @@ def test_the_law_by_hand() -> None:
 
 def test_those_that_were_not_evaluated_there_stay_below_the_best_that_was() -> None:
     one = ranking(share=0.01)
-    fast = np.array([[5.0], [5.0], [4.999]])
-    _, fitness = chosen(one, fast, np.array([[-3.0], [0.0], [0.0]]))
+    one.learn([-6.0])
+    fast = np.array([[6.0], [5.0], [5.0], [4.9], [0.0]])
+    _, fitness = chosen(one, fast, np.array([[-3.0], [0.0], [0.0], [0.0], [0.0]]))
     assert fitness[0] == -3.0
-    assert fitness[1] == np.nextafter(-3.0, -np.inf)
-    assert np.argmax(fitness) == 0
+    assert fitness[4] == 0.0 + (-6.0 - 9.0) / 2
+    assert fitness[0] > fitness[1] == fitness[2] > fitness[3] > -3.0 - 1e-8
 
 
 def test_where_all_fail_there_the_next_best_are_evaluated() -> None:
@@ -81,6 +82,20 @@ def test_earlier_generations_correct_as_well(memory: int, expected: float) -> No
         one.ranked(np.array([[9.0], [0.0]]), np.array([[9.0 + gain], [np.nan]]), np.empty((2, 1, 0)))
     fitness = one.ranked(np.array([[9.0], [0.0]]), np.array([[12.0], [np.nan]]), np.empty((2, 1, 0)))
     assert fitness.tolist() == [12.0, expected]
+
+
+@pytest.mark.parametrize("seeds", ["same", "new"])
+def test_with_new_seeds_only_the_own_generation_corrects(seeds: str) -> None:
+    """The difference between the two simulations is that of the seeds."""
+    one, none = ranking(share=0.2, seeds=seeds), np.empty((4, 1, 0))
+    fast = np.array([[4.0], [3.0], [2.0], [1.0]])
+    for difference in (2.0, -2.0, 2.0, -2.0):
+        slow = np.array([[4.0 + difference], [np.nan], [np.nan], [np.nan]])
+        fitness = one.ranked(fast, slow, none)
+        if seeds == "new":
+            assert fitness.tolist() == (fast[:, 0] + difference).tolist()
+    assert (fitness[1] == 3.0 - 2.0) == (seeds == "new")
+    assert one.options.memory is None
 
 
 @given(st.data(), st.integers(1, 12), st.integers(1, 3), st.floats(0.01, 1))

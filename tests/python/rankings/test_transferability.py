@@ -9,9 +9,11 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
+from swarmwright.methods._cma import Cma
 from swarmwright.rankings.slow_simulation import Ranked
 from swarmwright.rankings.transferability import Transferability, TransferabilityOptions
 from swarmwright.testing import check_ranking
+from tests.python.methods.functions import new, sphere
 
 Values = NDArray[np.float64]
 
@@ -91,6 +93,20 @@ def test_only_some_generations_are_evaluated_in_both() -> None:
         counts.append(sum(map(len, who)))
         one.learn(ranked.learned)
     assert counts == [1, 0, 0, 1, 0, 0, 1]
+
+
+def test_evolution_goes_on_between_two_transfers() -> None:
+    """The slow simulation is as the fast one, so that rare transfers cost nothing."""
+    one, method = ranking(every=10), new("cma_es", generations=200)
+    assert isinstance(method, Cma)
+    least = math.inf
+    for _ in range(130):
+        values = sphere(method.ask().astype(np.float64))
+        least = min(least, float(values.min()))
+        fast = -values[:, np.newaxis]
+        method.tell(one.ranked(fast, fast, np.empty((len(fast), 1, 0))))
+    assert method.starts == 1
+    assert least < 1e-6
 
 
 def test_where_all_fail_in_the_slow_simulation_others_are_evaluated() -> None:
