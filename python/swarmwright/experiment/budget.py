@@ -61,7 +61,10 @@ class Budget:
         done = f"all {self.generations} generations are done"
         if self.generations is not None and generations < self.generations:
             # Restarts with larger populations use up the evaluations.
-            done = f"it has used the evaluations of {self.generations} generations of the first population"
+            done = (
+                f"the evaluations of {self.generations} generations of the first population are used, or "
+                "too few are left for the next generation"
+            )
         used = f"the next generation would not fit into {self.evaluations} evaluations"
         if self.evaluations is not None and evaluations >= self.evaluations:
             used = f"all {self.evaluations} evaluations are used"

@@ -50,9 +50,9 @@ class MethodOptions(Options):
     it."""
 
     generations: int = Field(default=200, ge=1, le=NO_LIMIT)
-    """Number of generations; in steady state, and with restarts that enlarge the population, that many times
-    `population` evaluations. The first of the limits generations, evaluations and seconds ends the run.
-    Default: 200, or no limit where evaluations or seconds are given."""
+    """Number of generations; in steady state, and with restarts that enlarge the population, at most that
+    many times `population` evaluations. The first of the limits generations, evaluations and seconds ends the
+    run. Default: 200, or no limit where evaluations or seconds are given."""
     evaluations: int | None = Field(default=None, ge=1, le=10**15)
     """Candidates that are evaluated at most: the run ends before the first generation with which there would
     be more. The first generation is evaluated in any case, as a whole. Default: no limit."""
@@ -312,11 +312,11 @@ class Method(SteadyState):
 
     def tell(
         self,
-        fitness: Fitness,
-        kept: Fitness | None = None,
-        metrics: NDArray[np.float64] | None = None,
+        fitness: ArrayLike,
+        kept: ArrayLike | None = None,
+        metrics: ArrayLike | None = None,
     ) -> None:
-        """Take the fitness of the genomes asked for last: float64, (n,), in their order; NaN = failed.
+        """Take the fitness of the genomes asked for last: numbers, (n,), in their order; NaN = failed.
 
         Args:
             fitness: of each.
@@ -335,7 +335,7 @@ class Method(SteadyState):
         self._tell(self._asked, values)
         self.passed(values)
 
-    def _take(self, metrics: NDArray[np.float64] | None, count: int) -> None:
+    def _take(self, metrics: ArrayLike | None, count: int) -> None:
         """Keep the metrics of what is told. Raises InputError when they are missing."""
         needed = self.options.needed_metrics
         if not needed:
@@ -393,6 +393,14 @@ class Method(SteadyState):
 
         Where it depends on the fitness, the most that can be expected.
         """
+
+    @property
+    def evaluation_limit(self) -> int | None:
+        """How many candidates a run evaluates at most; it ends before a generation that does not fit.
+
+        None where only generations, all of one size, are counted, or time.
+        """
+        return self.options.evaluations
 
     @property
     @abstractmethod

@@ -36,8 +36,8 @@ class Cma(SearchMethod):
     rounding is part of the function. Failed candidates are worse than all others; a generation that failed
     as a whole teaches nothing, and another sample of the same distribution follows.
 
-    A run ends with the generation in which `generations` x `population` evaluations are reached: starts with
-    larger populations use up the budget in fewer generations.
+    A run has at most `generations` x `population` evaluations: starts with larger populations use up the
+    budget in fewer generations. `done` is true from the generation on in which they are reached.
     """
 
     options: CmaOptions
@@ -68,8 +68,15 @@ class Cma(SearchMethod):
 
     @property
     def budget(self) -> int:
-        """Number of evaluations with which the last generation ends, or a few less."""
+        """Number of evaluations of the whole run."""
         return self.population * self.options.generations
+
+    @property
+    def evaluation_limit(self) -> int | None:
+        """How many candidates a run evaluates at most, see `Method.evaluation_limit`."""
+        if self.options.restart == "none":
+            return super().evaluation_limit
+        return min(self.budget, self.options.evaluations or self.budget)
 
     @property
     def starts(self) -> int:

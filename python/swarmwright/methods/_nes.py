@@ -33,9 +33,10 @@ class NesOptions(MethodOptions):
 class Nes(Gaussian):
     """A normal distribution that follows the natural gradient of the expected fitness.
 
-    A run ends with the generation in which `generations` x `population` evaluations are reached: starts with
-    larger populations use up the budget in fewer generations. Equal fitness has equal weight, so a plateau
-    changes nothing; a generation that failed as a whole does not either.
+    A run has at most `generations` x `population` evaluations: starts with larger populations use up the
+    budget in fewer generations. `done` is true from the generation on in which they are reached. Equal
+    fitness has equal weight, so a plateau changes nothing; a generation that failed as a whole does not
+    either.
     """
 
     options: NesOptions
@@ -64,8 +65,15 @@ class Nes(Gaussian):
 
     @property
     def budget(self) -> int:
-        """Number of evaluations with which the last generation ends, or a few less."""
+        """Number of evaluations of the whole run."""
         return self._budget
+
+    @property
+    def evaluation_limit(self) -> int | None:
+        """How many candidates a run evaluates at most, see `Method.evaluation_limit`."""
+        if self.options.restart != "ipop":
+            return super().evaluation_limit
+        return min(self._budget, self.options.evaluations or self._budget)
 
     @staticmethod
     @abstractmethod

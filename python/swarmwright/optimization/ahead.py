@@ -90,7 +90,7 @@ class Ahead:
         if evaluator is None:
             return None
         options, seeds = ranking.options, ranking.seeds(first_seed, method.generation)
-        most = method.options.evaluations
+        most = method.evaluation_limit
         with engine_errors():
             producer = _engine.Producer(
                 method.search,

@@ -86,8 +86,10 @@ class Loop:
             return None
         if self._account.time_is_over:
             return "seconds"
-        most = self._budget.evaluations
-        return "evaluations" if most is not None and not self._fits(most) else None
+        most = self._method.evaluation_limit
+        if most is None or self._fits(most):
+            return None
+        return "evaluations" if most == self._budget.evaluations else "generations"
 
     def _used_up(self) -> Ended:
         """Return which budget a method that is done has used."""
@@ -193,7 +195,7 @@ class Loop:
         """Return whether nothing of the budget is left when a callback ends the run."""
         if self._ahead is None:
             return self.done
-        most = self._budget.evaluations  # the engine's thread, which knows the next generation, has ended
+        most = self._method.evaluation_limit  # the engine's thread, which knows the next one, has ended
         return self._method.done or (most is not None and self._account.evaluations >= most)
 
     def _continue(
