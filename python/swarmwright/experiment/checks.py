@@ -84,16 +84,19 @@ def check_values(
             from swarmwright.experiment import commands  # noqa: PLC0415 - only where there is a command
 
             commands.check(checked, values, report)
-        _check_start(checked, representation, report)
+        _check_start(checked, representation, report, new=new)
     return checked
 
 
-def _check_start(checked: Checked, representation: Representation | None, report: Report) -> None:
+def _check_start(
+    checked: Checked, representation: Representation | None, report: Report, *, new: bool
+) -> None:
     """Check that the controllers that evolution starts from fit the experiment's, and the method."""
     start_from, method = checked.get("start_from"), checked.get("method")
     if not start_from or method is None:
         return
-    problem = METHODS.get(method.kind).no_start(method, len(start_from))
+    kind, count = METHODS.get(method.kind), len(start_from)
+    problem = kind.no_start(method, count) or (kind.surplus(method, count) if new else None)
     if problem is None and representation is not None:
         try:
             genomes_of(start_from, representation)

@@ -236,6 +236,11 @@ class Method(SteadyState):
             )
         if cls.start_as == "center" and count > 1:
             return f"{cls.kind} starts from one controller, the center of its first sample, not from {count}"
+        return cls.surplus(options, count)
+
+    @classmethod
+    def surplus(cls, options: MethodOptions, count: int) -> str | None:
+        """Return why the first generation has no place for so many given controllers; None if it has."""
         places = cls.first_generation(options, None)
         if places is not None and count > places:
             return f"{count} controllers are more than the {places} of the first generation"

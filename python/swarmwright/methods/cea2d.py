@@ -103,7 +103,7 @@ class Cea2d(Method):
 
     @classmethod
     def no_start(cls, options: MethodOptions, count: int) -> str | None:  # noqa: ARG003 - any number
-        """Take any number: runs are recorded that have more than there are cells; the rest is unused."""
+        """Take any number: runs are recorded with more than there are cells. New ones are refused them."""
         return None
 
     @property
