@@ -358,6 +358,9 @@ class Experiment:
         problem = catalogue.unmeasured(self.simulation)
         if problem is not None:
             raise InputError(f"simulation: {problem}")
+        problem = method_of(self.method).surplus(self.method, len(self.start_from or ()))
+        if problem is not None:
+            raise InputError(f"start_from: {problem}")
 
     @staticmethod
     def json_schema() -> dict[str, Any]:
