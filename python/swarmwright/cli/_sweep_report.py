@@ -42,6 +42,11 @@ class Report(Status):
         super().found(task, run)
         self._say(task, lambda: self._ended(task, run, "was finished before"))
 
+    def finished_elsewhere(self, task: Task, run: Run) -> None:
+        """Say that another process did it."""
+        super().finished_elsewhere(task, run)
+        self._say(task, lambda: self._ended(task, run, "finished by another process"))
+
     def begun(self, task: Task) -> None:
         """Tell programs that watch."""
         super().begun(task)

@@ -22,6 +22,9 @@ class Listener:
     def found(self, task: Task, run: Run) -> None:
         """A run was finished before."""
 
+    def finished_elsewhere(self, task: Task, run: Run) -> None:
+        """Another process has finished a run since the sweep was started, before its turn here."""
+
     def planned(self, runs: int, jobs: int) -> None:
         """So many runs are to be done, so many at a time."""
 
@@ -82,6 +85,10 @@ class _Noting(Listener):
     def found(self, task: Task, run: Run) -> None:
         self._outcome.runs[task] = run
         self._listener.found(task, run)
+
+    def finished_elsewhere(self, task: Task, run: Run) -> None:
+        self._outcome.runs[task] = run
+        self._listener.finished_elsewhere(task, run)
 
     def ended(self, task: Task, run: Run) -> None:
         self._outcome.runs[task] = run
@@ -161,11 +168,18 @@ def conduct(
 def _look_again(outcome: Outcome) -> None:
     """Take over the runs that other processes have finished meanwhile."""
     for task in list(outcome.busy):
-        with suppress(InputError):  # it remains what it was: a run of another process
-            run = _before(task)
-            if isinstance(run, Run):
-                outcome.busy.remove(task)
-                outcome.runs[task] = run
+        run = finished(task)
+        if run is not None:
+            outcome.busy.remove(task)
+            outcome.runs[task] = run
+
+
+def finished(task: Task) -> Run | None:
+    """Return a run that another process has finished meanwhile; None for one that it has not."""
+    with suppress(InputError):  # reported when it is done here, or it remains what it was
+        run = _before(task)
+        return run if isinstance(run, Run) else None
+    return None
 
 
 def _before(task: Task) -> Run | UnreadableRunError | None:
@@ -188,6 +202,10 @@ def _one_after_another(
     """Do tasks in this process; return whether all were done."""
     with Executor(sweep, broker=broker, servers=servers) as executor:
         for task in tasks:
+            found = finished(task)
+            if found is not None:
+                listener.finished_elsewhere(task, found)
+                continue
             listener.begun(task)
             try:
                 run = executor.run(task, _of(listener.generation, task), _of(listener.evaluating, task))

@@ -79,6 +79,10 @@ class Status(Listener):
         self._end(task, run.seconds)
         self.finished += 1
 
+    def finished_elsewhere(self, task: Task, run: Run) -> None:
+        """Another process has done a run: it tells as much."""
+        Status.found(self, task, run)
+
     def planned(self, runs: int, jobs: int) -> None:  # noqa: ARG002 - `begin` was told
         """Note how many there are at a time."""
         self.jobs = max(jobs, 1)

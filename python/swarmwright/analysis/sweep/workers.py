@@ -13,7 +13,7 @@ from contextlib import suppress
 from tempfile import TemporaryFile
 from typing import IO, Any
 
-from swarmwright.analysis.sweep.execution import Listener
+from swarmwright.analysis.sweep.execution import Listener, finished
 from swarmwright.analysis.sweep.run import Task
 from swarmwright.analysis.sweep.variants import Variant
 from swarmwright.core.errors import InputError, RunError
@@ -210,6 +210,8 @@ class SideBySide:
         return None  # interrupted: this worker, or all of them, received a signal
 
     def _give(self, process: _Process, waiting: deque[Task]) -> None:
+        while waiting and (run := finished(waiting[0])) is not None:
+            self._listener.finished_elsewhere(waiting.popleft(), run)
         if not waiting:
             process.dismiss()
             return

@@ -8,7 +8,7 @@ import pytest
 
 import swarmwright
 from swarmwright import Run, sweep
-from swarmwright.analysis.sweep import Sweep, tasks
+from swarmwright.analysis.sweep import Listener, Sweep, Task, conduct, tasks
 from swarmwright.store.lock import Lock
 
 BASE: dict[str, Any] = {
@@ -129,6 +129,32 @@ def test_a_run_that_another_process_finishes_meanwhile_counts(
     result = sweep(source, out=out, jobs=1)
     assert [run.experiment.seed for run in result.runs] == [1, 2]
     assert (result.failures, result.busy) == ((), ())
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_a_run_that_another_process_did_before_its_turn_is_said_to_be_its(tmp_path: Path, jobs: int) -> None:
+    said: list[tuple[str, int]] = []
+
+    class Told(Listener):
+        def planned(self, runs: int, jobs: int) -> None:  # noqa: ARG002 - of the base class
+            optimize(todo[1].experiment, out=todo[1].folder, servers="local")
+
+        def begun(self, task: Task) -> None:
+            said.append(("begun", task.seed))
+
+        def ended(self, task: Task, run: Run) -> None:  # noqa: ARG002 - of the base class
+            said.append(("ended", task.seed))
+
+        def finished_elsewhere(self, task: Task, run: Run) -> None:
+            assert run.path == task.folder
+            said.append(("elsewhere", task.seed))
+
+    optimize = swarmwright.optimize
+    loaded = Sweep.from_mapping({"experiment": BASE, "seeds": 3}, out=tmp_path / "out")
+    todo = tasks(loaded)
+    outcome = conduct(loaded, todo, Told(), jobs=jobs)
+    assert [run.experiment.seed for run in outcome.finished] == [1, 2, 3]
+    assert sorted(said) == [("begun", 1), ("begun", 3), ("elsewhere", 2), ("ended", 1), ("ended", 3)]
 
 
 def test_a_figure_that_a_full_disk_left_empty_is_drawn_again(
