@@ -15,13 +15,14 @@ _CELL = "text-align: left; vertical-align: top; padding: 0.15em 0.8em 0.15em 0"
 
 
 def facts(title: str, rows: Iterable[tuple[str, object]]) -> str:
-    """Return a table of names and values under a title."""
+    """Return a table of names and values under a title; of no rows, the title alone."""
     lines = [
         f'<tr><th style="{_CELL}">{html.escape(name)}</th>'
         f'<td style="{_CELL}">{html.escape(str(value))}</td></tr>'
         for name, value in rows
     ]
-    return f"<div><strong>{html.escape(title)}</strong><table>{''.join(lines)}</table></div>"
+    below = f"<table>{''.join(lines)}</table>" if lines else ""
+    return f"<div><strong>{html.escape(title)}</strong>{below}</div>"
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
@@ -32,6 +33,11 @@ def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
         for row in rows
     ]
     return f"<table><thead><tr>{top}</tr></thead><tbody>{''.join(lines)}</tbody></table>"
+
+
+def preformatted(text: str) -> str:
+    """Return a text of several lines as it is printed."""
+    return f"<pre>{html.escape(text)}</pre>"
 
 
 def picture(png: bytes, width: int, words: str) -> str:

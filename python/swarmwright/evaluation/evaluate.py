@@ -3,14 +3,16 @@
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, Literal
+from operator import index
+from os import PathLike
+from typing import Any, Literal, SupportsIndex
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from swarmwright.core.arguments import checked, instance, simulation_seed
 from swarmwright.core.arrays import float32_of
+from swarmwright.core.by_value import ComparedByValue
 from swarmwright.core.errors import InputError
 from swarmwright.core.plug_in_code import reported
 from swarmwright.core.random_numbers import Stream
@@ -39,7 +41,7 @@ _MOST_TOLD = 10
 
 @checked
 def evaluate(
-    experiment: Experiment | Mapping[str, Any] | str | Path,
+    experiment: Experiment | Mapping[str, Any] | str | PathLike[str],
     genomes: ArrayLike,
     *,
     generation: int = 0,
@@ -90,8 +92,8 @@ def evaluate(
     return found.fitness
 
 
-@dataclass(frozen=True, kw_only=True)
-class EvaluatedEpisodes:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class EvaluatedEpisodes(ComparedByValue):
     """What came out of the episodes of some genomes.
 
     Candidates are in the order of the genomes, episodes in that of `seeds`. Fitness and metrics are in the
@@ -113,7 +115,7 @@ class EvaluatedEpisodes:
 
 @checked
 def evaluate_episodes(
-    experiment: Experiment | Mapping[str, Any] | str | Path,
+    experiment: Experiment | Mapping[str, Any] | str | PathLike[str],
     genomes: ArrayLike,
     *,
     metrics: Sequence[str] | Literal["all"] = (),
@@ -208,13 +210,13 @@ def _nothing(episodes: int, metrics: int) -> Results:
 
 @checked
 def simulate(
-    experiment: Experiment | Mapping[str, Any] | str | Path,
+    experiment: Experiment | Mapping[str, Any] | str | PathLike[str],
     controller: Controller | None = None,
     *,
     broker: str | None = None,
     servers: Servers | None = None,
     visual: bool = False,
-    seed: int | None = None,
+    seed: SupportsIndex | None = None,
     on_progress: Progress | None = None,
 ) -> float:
     """Run one episode and return its fitness.
@@ -246,7 +248,7 @@ def simulate(
             broker=broker,
             servers=servers,
             visual=visual,
-            seed=seed,
+            seed=None if seed is None else index(seed),
             on_progress=on_progress,
         ).fitness
 

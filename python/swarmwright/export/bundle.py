@@ -9,6 +9,7 @@ import re
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -60,7 +61,7 @@ CONNECTION WITH THEIR USE.
 """
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Bundle:
     """An archive that was written by `export_bundle`."""
 
@@ -77,17 +78,24 @@ class Bundle:
     without: dict[str, str]
     """Export formats that are missing, and why."""
 
+    def __repr__(self) -> str:
+        """Name its export formats."""
+        formats = f"{', '.join(self.verified) or 'none'} compared with the simulation"
+        if self.unverified:
+            formats += f", {', '.join(self.unverified)} not compared"
+        return f"<Bundle {self.file}: {formats}>"
+
 
 @checked
 def export_bundle(
-    run: "Run | str | Path",
-    file: str | Path,
+    run: "Run | str | PathLike[str]",
+    file: str | PathLike[str],
     *,
     generation: int | None = None,
     candidate: int | None = None,
     prefix: str = "controller",
-    mapping: str | Path | None = None,
-    license: str | Path | None = None,  # noqa: A002 - as on the command line
+    mapping: str | PathLike[str] | None = None,
+    license: str | PathLike[str] | None = None,  # noqa: A002 - as on the command line
     force: bool = False,
 ) -> Bundle:
     """Write an archive for those who put a controller on robots.
@@ -169,11 +177,8 @@ def _given(file: Path) -> bytes:
 def _add(files: Files, form: str, prefix: str, bundle: Bundle) -> None:
     """Add a form, and compare it with the simulation. Raises RunError when it differs."""
     try:
-        exporter: Exporter = EXPORTERS.get(form)()
-        if exporter.compiled:
-            raise InputError(
-                f"compiled for one kind of machine; export it where it is used, with --to {form}"
-            )
+        maker: Exporter = EXPORTERS.get(form)()
+        exporter = maker.portable()
         made = exporter.files(bundle.subject, prefix)
     except SwarmwrightError as error:
         bundle.without[form] = str(error)

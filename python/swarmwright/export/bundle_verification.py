@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -39,7 +40,7 @@ _FORMAT_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
 """What a format of a package that is not installed here may be called: it is a folder, also on Windows."""
 
 
-@dataclass
+@dataclass(repr=False)
 class BundleVerification:
     """What the check of a bundle found."""
 
@@ -63,6 +64,10 @@ class BundleVerification:
     """Why it was not evaluated again, such as a simulation that is not built in; empty where it was."""
     problems: list[str] = field(default_factory=list)
     """What is not as stated."""
+
+    def __repr__(self) -> str:
+        """Say what was found."""
+        return f"<BundleVerification of {self.file}: {self.words}>"
 
     @property
     def ok(self) -> bool:
@@ -128,7 +133,7 @@ class BundleVerification:
 
 
 @checked
-def verify_bundle(file: str | Path) -> BundleVerification:
+def verify_bundle(file: str | PathLike[str]) -> BundleVerification:
     """Check a bundle, wherever it comes from; nothing that it contains is executed unless it is known.
 
     Every file must be as its manifest says, and one that bundles have. In the recorded episodes the engine's
@@ -288,8 +293,7 @@ def _check_form(
         return
     elsewhere = "" if by == __version__ else f"; Swarmwright {by} wrote it, so verify with that version"
     try:
-        if exporter.compiled:
-            raise InputError("it is compiled for one kind of machine")
+        exporter = exporter.portable()
         again: Files = exporter.files(subject, prefix)
     except NotInstalledError as error:
         _leave_out(form, "a package is not installed", str(error), report)

@@ -1,6 +1,7 @@
 """Exporting a candidate of a run: what `swarmwright export` and `swarmwright.export_controller` do."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,7 +25,7 @@ class Exported:
 
     files: list[Path]
     """What was written."""
-    subject: Subject
+    subject: Subject = field(repr=False)
     """The controller, with where it comes from."""
     verification: Verification | None
     """None unless it was asked for."""
@@ -32,10 +33,10 @@ class Exported:
 
 @checked
 def export_controller(
-    run: "Run | str | Path",
+    run: "Run | str | PathLike[str]",
     *,
     to: str,
-    output: str | Path | None = None,
+    output: str | PathLike[str] | None = None,
     generation: int | None = None,
     candidate: int | None = None,
     group: str | None = None,

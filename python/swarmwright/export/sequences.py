@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright import _engine
+from swarmwright.core.by_value import ComparedByValue
 from swarmwright.core.errors import InputError, engine_errors
 from swarmwright.core.modules import PYTHON_KIND, is_modules
 from swarmwright.modules.machine import Swarm
@@ -33,8 +34,8 @@ OVERFLOWING = frozenset({"fully_meshed", "hebbian"})
 """Kinds whose nodes can become NaN, and then are for ever."""
 
 
-@dataclass(frozen=True)
-class Sequences:
+@dataclass(frozen=True, eq=False)
+class Sequences(ComparedByValue):
     """Steps of one controller, some of which begin a sequence."""
 
     first: NDArray[np.bool_]

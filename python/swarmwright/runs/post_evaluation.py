@@ -2,17 +2,21 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
+from operator import index
+from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self, overload
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self, SupportsIndex, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.core.arguments import checked
 from swarmwright.core.arrays import read_only_array
+from swarmwright.core.by_value import ComparedByValue
 from swarmwright.core.errors import InputError
+from swarmwright.core.html import facts
 from swarmwright.core.statistics import Estimate, estimate, quantile
 from swarmwright.evaluation.base import Backend, Controllers, Progress, Results, Servers
 from swarmwright.evaluation.code_failures import failed
@@ -33,19 +37,47 @@ EPISODES = 100
 _FIRST = 1_000_000_000  # far from the seeds that runs use
 
 
-@dataclass(frozen=True, kw_only=True)
-class ControllerEvaluation:
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
+class ControllerEvaluation(ComparedByValue):
     """The fitness of a controller in episodes with held-out seeds."""
 
     seeds: list[int]
     """Simulation seed of each episode."""
     episodes: NDArray[np.float64]
     """(episodes,) fitness of each, NaN where it failed."""
-    ranking: Ranking
+    ranking: Ranking = field(compare=False)
     """Of the experiment."""
     metrics: dict[str, NDArray[np.float64]]
     """By name, (episodes,) each, NaN where the episode failed: those that the fitness needs, and those that
     were asked for."""
+
+    def __repr__(self) -> str:
+        """Say how good it is."""
+        whose = f" of {self.label}" if self.label else ""
+        return f"<{type(self).__name__}{whose}: mean fitness {self.result}>"
+
+    @property
+    def label(self) -> str:
+        """The candidate, `generation:candidate`; empty of a controller from elsewhere."""
+        return ""
+
+    @property
+    def result(self) -> str:
+        """Mean fitness of an episode in words: its interval, and how many episodes there were."""
+        interval = ""
+        if self.mean.low is not None:
+            interval = f", 95 % confidence interval {self.mean.low:.4g} to {self.mean.high:.4g}"
+        failed = f", {self.failed} failed" if self.failed else ""
+        count = len(self.episodes)
+        return f"{self.mean.mean + 0.0:.6g}{interval}, {count} episode{'' if count == 1 else 's'}{failed}"
+
+    def _repr_html_(self) -> str:
+        """Return it as a table, for notebooks."""
+        return facts(type(self).__name__, self._lines())
+
+    def _lines(self) -> list[tuple[str, object]]:
+        measured = [(name, f"{estimate(_finite_of(of)).mean:.6g}") for name, of in self.metrics.items()]
+        return [("mean fitness", self.result), *measured]
 
     @cached_property
     def measured(self) -> list[float]:
@@ -111,7 +143,7 @@ class ControllerEvaluation:
         return ControllerEvaluation(**_measured(values), ranking=ranking)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class PostEvaluation(ControllerEvaluation):
     """A candidate's recorded fitness, and its fitness in other episodes."""
 
@@ -126,6 +158,15 @@ class PostEvaluation(ControllerEvaluation):
     validated: int = 0
     """How many of these seeds the run's own validation had used as well: there, the results are no further
     evidence."""
+
+    @property
+    def label(self) -> str:
+        """The candidate, `generation:candidate`."""
+        return f"{self.generation}:{self.candidate}"
+
+    def _lines(self) -> list[tuple[str, object]]:
+        found = [("candidate", self.label), ("recorded fitness", f"{self.recorded + 0.0:.6g}")]
+        return [*found, *super()._lines()]
 
     def to_mapping(self) -> dict[str, Any]:
         """Return plain values."""
@@ -174,14 +215,14 @@ def _measured(values: Mapping[str, Any]) -> dict[str, Any]:
 
 @overload
 def post_evaluate(
-    run: "Run | str | Path",
+    run: "Run | str | PathLike[str]",
     candidate: int | None = None,
     generation: int | None = None,
     *,
     controller: None = None,
     episodes: int = EPISODES,
-    seed: int | None = None,
-    experiment: Experiment | Mapping[str, Any] | str | Path | None = None,
+    seed: SupportsIndex | None = None,
+    experiment: Experiment | Mapping[str, Any] | str | PathLike[str] | None = None,
     broker: str | None = None,
     servers: Servers | None = None,
     on_progress: Progress | None = None,
@@ -191,14 +232,14 @@ def post_evaluate(
 
 @overload
 def post_evaluate(
-    run: "Run | Experiment | Mapping[str, Any] | str | Path",
+    run: "Run | Experiment | Mapping[str, Any] | str | PathLike[str]",
     candidate: None = None,
     generation: None = None,
     *,
-    controller: Controller | str | Path,
+    controller: Controller | str | PathLike[str],
     episodes: int = EPISODES,
-    seed: int | None = None,
-    experiment: Experiment | Mapping[str, Any] | str | Path | None = None,
+    seed: SupportsIndex | None = None,
+    experiment: Experiment | Mapping[str, Any] | str | PathLike[str] | None = None,
     broker: str | None = None,
     servers: Servers | None = None,
     on_progress: Progress | None = None,
@@ -208,14 +249,14 @@ def post_evaluate(
 
 @checked
 def post_evaluate(
-    run: "Run | Experiment | Mapping[str, Any] | str | Path",
+    run: "Run | Experiment | Mapping[str, Any] | str | PathLike[str]",
     candidate: int | None = None,
     generation: int | None = None,
     *,
-    controller: Controller | str | Path | None = None,
+    controller: Controller | str | PathLike[str] | None = None,
     episodes: int = EPISODES,
-    seed: int | None = None,
-    experiment: Experiment | Mapping[str, Any] | str | Path | None = None,
+    seed: SupportsIndex | None = None,
+    experiment: Experiment | Mapping[str, Any] | str | PathLike[str] | None = None,
     broker: str | None = None,
     servers: Servers | None = None,
     on_progress: Progress | None = None,
@@ -257,11 +298,11 @@ def post_evaluate(
         experiment = experiment_of(experiment)
     if episodes < 1:
         raise InputError(f"episodes: must be at least 1, not {episodes}")
-    where = _Where(episodes, seed, broker, servers, on_progress, metrics)
+    where = _Where(episodes, None if seed is None else index(seed), broker, servers, on_progress, metrics)
     if controller is not None:
         if candidate is not None or generation is not None:
             raise InputError("controller: is evaluated instead of a candidate; leave out one of them")
-        if isinstance(run, str | Path) and Path(run).is_dir():
+        if isinstance(run, str | PathLike) and Path(run).is_dir():
             run = run_of(run)
         used = run.store.used_seeds() if isinstance(run, Run) else set()
         if experiment is None:
@@ -338,7 +379,7 @@ def _of_candidate(
 
 
 def _of_controller(
-    given: Controller | str | Path, experiment: Experiment, where: _Where, used: set[int]
+    given: Controller | str | PathLike[str], experiment: Experiment, where: _Where, used: set[int]
 ) -> ControllerEvaluation:
     """Evaluate a controller from elsewhere. used: seeds that are not taken unless they are asked for."""
     from swarmwright.evaluation.evaluate import check_fit  # noqa: PLC0415 - takes long, not for reading runs

@@ -2,13 +2,14 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
+from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.core.arguments import checked
+from swarmwright.core.by_value import ComparedByValue
 from swarmwright.evaluation.base import Controllers, Servers
 from swarmwright.evaluation.evaluate import tell_failures
 from swarmwright.evaluation.opening import open_backend
@@ -22,8 +23,8 @@ if TYPE_CHECKING:
     from swarmwright.runs.run import Run
 
 
-@dataclass(frozen=True)
-class Repeated:
+@dataclass(frozen=True, eq=False)
+class Repeated(ComparedByValue):
     """A recorded evaluation and its repetition."""
 
     number: int
@@ -48,11 +49,11 @@ class Repeated:
 
 @checked
 def repeat(
-    run: "Run | str | Path",
+    run: "Run | str | PathLike[str]",
     candidate: int | None = None,
     generation: int | None = None,
     *,
-    experiment: Experiment | Mapping[str, Any] | str | Path | None = None,
+    experiment: Experiment | Mapping[str, Any] | str | PathLike[str] | None = None,
     broker: str | None = None,
     servers: Servers | None = None,
     simulation: str | type | None = None,

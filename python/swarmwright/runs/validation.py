@@ -14,6 +14,7 @@ import shlex
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -22,6 +23,7 @@ from numpy.typing import NDArray
 
 from swarmwright.core.errors import InputError
 from swarmwright.core.files import write_text
+from swarmwright.core.html import table
 from swarmwright.core.statistics import Estimate, estimate
 from swarmwright.evaluation.base import Backend, Progress
 from swarmwright.experiment.document import AUTO
@@ -61,7 +63,7 @@ progress = logging.getLogger("swarmwright.progress")
 Keep = Callable[[dict[str, Any]], None]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Validation:
     """A run's best candidates in the same episodes, those of `seeds`, with held-out seeds.
 
@@ -82,6 +84,19 @@ class Validation:
     start: ControllerEvaluation | None = None
     """The controller that the method's first sample was drawn around, which is not a candidate of the run.
     None where there is no such controller, and in runs of earlier versions."""
+
+    def __repr__(self) -> str:
+        """Say how good the best of the run is."""
+        count = len(self.candidates)
+        candidates = f"{count} candidate{'' if count == 1 else 's'}"
+        return f"<Validation of {candidates}; the best, {self.best.label}: mean fitness {self.best.result}>"
+
+    def _repr_html_(self) -> str:
+        """Return the candidates as a table, for notebooks."""
+        rows = [(one.label, f"{one.recorded + 0.0:.6g}", one.result) for one in self.candidates]
+        if self.start is not None:
+            rows.append(("start", "", self.start.result))
+        return table(("candidate", "recorded fitness", "mean fitness on held-out seeds"), rows)
 
     @property
     def best(self) -> PostEvaluation:
@@ -124,7 +139,7 @@ class Validation:
             **({} if self.start is None else {"start": self.start.summary()}),
         }
 
-    def export(self, path: str | Path) -> None:
+    def export(self, path: str | PathLike[str]) -> None:
         """Write every episode of every candidate as a table, .csv, in the order of `candidates` and `seeds`.
 
         Columns: generation, candidate, recorded, seed, fitness (nan where the episode failed), metrics.

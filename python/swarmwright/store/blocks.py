@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright import _engine
+from swarmwright.core.by_value import ComparedByValue
 from swarmwright.store.rows import Evaluated
 
 _BLOCK = 1 << 22
@@ -29,8 +30,8 @@ Sample = tuple[str, bytes]
 """What the genomes of a generation are made from: address and numbers of the table `sample`."""
 
 
-@dataclass(frozen=True)
-class Record:
+@dataclass(frozen=True, eq=False)
+class Record(ComparedByValue):
     """Evaluations of a run, sorted by generation and candidate."""
 
     generation: NDArray[np.int64]

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright import _engine
+from swarmwright.core.by_value import ComparedByValue
 from swarmwright.core.channels import problem_of
 from swarmwright.core.errors import InputError, RunError
 from swarmwright.core.order import best_first
@@ -39,8 +40,8 @@ from swarmwright.store.rows import (
 from swarmwright.typing import Genome
 
 
-@dataclass(frozen=True)
-class Evaluation:
+@dataclass(frozen=True, eq=False)
+class Evaluation(ComparedByValue):
     """One line of the record."""
 
     number: int
@@ -58,8 +59,8 @@ class Evaluation:
     genome: Genome
 
 
-@dataclass(frozen=True)
-class Best:
+@dataclass(frozen=True, eq=False)
+class Best(ComparedByValue):
     """The evaluation that leads in the end; of equals, the first, in a run of `nsga2` one of the front."""
 
     fitness: float

@@ -34,7 +34,7 @@ def column_of(metric: str) -> str:
     return f"metric_{metric}" if metric in _OTHERS else metric
 
 
-class RecordTable(Record, dict[str, Column]):
+class RecordTable(Record, dict[str, Column]):  # noqa: PLW1641 - arrays have no hash
     """Every evaluation of a run, sorted by generation and candidate: arrays, and columns by name.
 
     The attributes are the arrays, which are read-only. As a mapping it has a column of numbers,
@@ -66,6 +66,12 @@ class RecordTable(Record, dict[str, Column]):
         genes = read_only_array(np.ascontiguousarray(self.genomes.T))
         columns |= {f"g{gene}": column for gene, column in enumerate(genes)}
         dict.update(self, columns)
+
+    def __eq__(self, other: object) -> bool:
+        """Return whether the other is a table with the same metrics and numbers."""
+        if not isinstance(other, RecordTable):
+            return NotImplemented
+        return Record.__eq__(self, other) is True and self.metric_names == other.metric_names
 
     def __getitem__(self, name: str) -> Column:
         self._filled()

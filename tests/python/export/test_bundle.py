@@ -8,6 +8,7 @@ import shutil
 import stat
 import zipfile
 from collections.abc import Callable
+from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
@@ -116,6 +117,8 @@ def test_the_same_candidate_is_the_same_archive(network: Run, bundle: Path, tmp_
         patch.setattr(EXPORTERS, "names", lambda: ["c"])
         export_bundle(network, tmp_path / "again.zip")
         other = export_bundle(network, tmp_path / "other.zip", generation=0, candidate=3)
+    assert repr(other) == f"<Bundle {tmp_path / 'other.zip'}: c compared with the simulation>"
+    assert deepcopy(other) == other
     assert (tmp_path / "again.zip").read_bytes() == bundle.read_bytes()
     assert json.loads(read(other.file)["evaluation.json"])["held_out"] is None  # these are of the best
 
@@ -276,6 +279,7 @@ def test_what_was_changed_is_noticed(
     change(files)
     write(tmp_path / "changed.zip", files, sealed=False)
     found = verify_bundle(tmp_path / "changed.zip")
+    assert repr(found) == f"<BundleVerification of {tmp_path / 'changed.zip'}: {found.words}>"
     assert not found.ok
     assert {problem.partition(": ")[2][:27] for problem in found.problems} == {"is not what was written: it"}
     write(tmp_path / "sealed.zip", files, sealed=True)

@@ -30,12 +30,12 @@ def test_a_run_that_is_killed_and_resumed_is_followed(copy: Path) -> None:
     with StoreWriter.resume(copy) as store:
         store.begin("here")
         run = Run.open(copy)
-    assert run.state == "killed"
+    states: list[str] = [run.state]
     with StoreWriter.resume(copy) as store:
         store.begin("here")
-        assert run.state == "running"
+        states.append(run.state)
         store.conclude("done")
-    assert run.state == "done"
+    assert [*states, run.state] == ["killed", "running", "done"]
 
 
 @pytest.mark.parametrize("read_before", [False, True])

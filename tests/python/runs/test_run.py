@@ -6,10 +6,12 @@ import re
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from threading import Barrier
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
+from numpy.typing import NDArray
 from pyarrow import parquet
 
 from swarmwright import Experiment, InputError, Run, optimize, repeat, resume
@@ -162,7 +164,8 @@ def test_columns_of_the_record_by_name(tmp_path: Path) -> None:
 def test_arrays_of_the_record_cannot_be_changed(finished: Run) -> None:
     run = Run.open(finished.path)
     record = run.record
-    for array in (record.fitness, record.genomes, record.metrics, *record.values()):
+    arrays: list[NDArray[Any]] = [record.fitness, record.genomes, record.metrics, *record.values()]
+    for array in arrays:
         with pytest.raises(ValueError, match="read-only"):
             array[...] = 0
     frame = pd.DataFrame(record)

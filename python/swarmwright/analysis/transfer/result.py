@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +18,9 @@ from swarmwright.analysis.significance import Difference, difference, holm
 from swarmwright.analysis.table_files import CSV, check
 from swarmwright.analysis.tasks import by_task
 from swarmwright.core.arguments import checked
+from swarmwright.core.by_value import ComparedByValue
 from swarmwright.core.files import write_text
+from swarmwright.core.html import preformatted
 from swarmwright.runs.transfer.transferred import Transferred
 
 if TYPE_CHECKING:
@@ -26,8 +29,8 @@ if TYPE_CHECKING:
 Values = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class GroupLoss:
+@dataclass(frozen=True, eq=False)
+class GroupLoss(ComparedByValue):
     """The best candidates of runs that differ in the seed alone, in one target."""
 
     label: str
@@ -72,7 +75,7 @@ class GroupTask:
     """Every group of the task against every later one."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Transfer:
     """Candidates of runs in other simulations; made by `swarmwright.transfer`.
 
@@ -127,6 +130,16 @@ class Transfer:
         """Pairs of all tasks: every group against every later one of its task, target by target."""
         return tuple(pair for task in self.tasks for pair in task.pairs)
 
+    def __repr__(self) -> str:
+        """Say what was evaluated where."""
+        runs = len(self.runs) // max(len(self.targets), 1)
+        of = f"{runs} run{'' if runs == 1 else 's'}"
+        return f"<Transfer of {of} to {', '.join(self.targets)}: {len(self.seeds)} held-out seeds>"
+
+    def _repr_html_(self) -> str:
+        """Return what is printed, for notebooks."""
+        return preformatted(str(self))
+
     def __str__(self) -> str:
         from swarmwright.analysis.transfer.table import table
 
@@ -145,7 +158,7 @@ class Transfer:
         return draw(self)
 
     @checked
-    def plot(self, path: str | Path) -> Path:
+    def plot(self, path: str | PathLike[str]) -> Path:
         """Draw `figure` into a file (.png, .svg or .pdf); return its path.
 
         Raises InputError for another ending or a file that cannot be written.
@@ -154,7 +167,7 @@ class Transfer:
 
         return save(self.figure(), Path(path))
 
-    def export(self, path: str | Path) -> None:
+    def export(self, path: str | PathLike[str]) -> None:
         """Write every episode as a table, .csv.
 
         Columns: run, target, generation, candidate (generation empty: a random one), seed, fitness in the

@@ -1,12 +1,13 @@
 """The candidates of a run in another simulation, and what they lose there."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmwright.core.by_value import ComparedByValue
 from swarmwright.core.correlation import Correlation, rank_correlation
 from swarmwright.core.statistics import Estimate, estimate
 from swarmwright.rankings import Ranking
@@ -36,11 +37,11 @@ class Candidate:
         )
 
 
-@dataclass(frozen=True)
-class Transferred:
+@dataclass(frozen=True, eq=False)
+class Transferred(ComparedByValue):
     """The candidates of one run in one target."""
 
-    run: "Run"
+    run: "Run" = field(compare=False)
     target: str
     candidates: tuple[Candidate, ...]
     """The best of the run first, random ones last."""
@@ -48,7 +49,7 @@ class Transferred:
     """(candidates, seeds) fitness of episodes in the run's own simulation, NaN where one failed."""
     target_episodes: Values
     """(candidates, seeds) fitness of episodes in the target, NaN where one failed."""
-    ranking: Ranking
+    ranking: Ranking = field(repr=False, compare=False)
 
     @cached_property
     def source_fitness(self) -> list[Estimate]:
