@@ -258,10 +258,10 @@ def caveats(
     found = list(indicator.notes)
     few = [one for one in groups if len(one.runs) < FEW]
     if few and len(groups) > 1:
-        least = min(len(one.runs) for one in few)
+        least, most = (limit(len(one.runs) for one in few) for limit in (min, max))
         counts = "; ".join(f"{one.label}: {len(one.runs)}" for one in few)
         if len(few) > 3:
-            counts = f"{len(few)} groups have {least} or more"
+            counts = f"{len(few)} groups have {least if least == most else f'{least} to {most}'}"
         found.append(f"with fewer than {FEW} runs in a group ({counts}) a test has little power")
     ended = [str(run.path) for one in groups for run in one.runs if run.evaluations < (at or 0)]
     if ended:

@@ -349,6 +349,15 @@ def test_all_groups_together_can_be_tested_where_the_runs_of_a_pair_are_too_few(
     assert found.figure().axes[1].get_title(loc="left") == "Kruskal-Wallis p 0.0036"
 
 
+def test_of_many_groups_with_few_runs_the_numbers_are_said(tmp_path: Path) -> None:
+    groups = [
+        runs(tmp_path / str(size), [1.0, 2.0], method={**SEARCH, "population": size}) for size in (2, 3, 4, 5)
+    ]
+    few = "with fewer than 5 runs in a group (4 groups have {}) a test has little power"
+    assert few.format("2") in compare([run for group in groups for run in group]).notes
+    assert few.format("1 to 2") in compare([run for group in groups for run in group][1:]).notes
+
+
 def test_one_group_alone_is_described(tmp_path: Path) -> None:
     for finals in ([3.0], [1.0, 2.0, 4.0]):
         found = compare(runs(tmp_path, finals))
