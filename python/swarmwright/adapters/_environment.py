@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from swarmwright.adapters import NEW_EACH_EPISODE
 from swarmwright.adapters._restoring import SECONDS, Actions, Restoring, close, found_by_trials
 from swarmwright.core.errors import InputError, SimulationError, explained
+from swarmwright.core.warn_once import warn_once
 from swarmwright.simulations.base import Simulation
 from swarmwright.simulations.calls import short
 from swarmwright.simulations.groups import Group
@@ -28,6 +29,8 @@ _ARRAY = "rgb_array"
 """The render mode that gives pictures as arrays."""
 _MOST_FRAMES = 1000
 """Frames a second, at most, that an environment can ask for."""
+_MANY_SENSORS = 10_000
+"""With more of them there is a warning."""
 _FLAG_WORDS = frozenset({"true", "false", "yes", "no", "on", "off"})
 """Texts that are meant as a flag, in lower case."""
 
@@ -64,6 +67,12 @@ class Environment(Simulation):
         self._given: dict[str, Any] | None = None
         self._replace_environment({})
         self.sensors, self.actuators = self._sizes()
+        if self.sensors > _MANY_SENSORS:
+            warn_once(
+                f"{self.adapted or type(self).__name__}: an agent has {self.sensors} sensors, such as a "
+                "picture's, so that controllers are large and slow; a class whose make() adds a wrapper can "
+                "reduce them"
+            )
 
     @abstractmethod
     def make(self, options: dict[str, Any]) -> Any:  # noqa: ANN401 - types of libraries

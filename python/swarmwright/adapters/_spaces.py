@@ -5,21 +5,25 @@ what is chosen and 0 for the rest; dictionaries and tuples follow one part after
 
 Actuators, -1..1: numbers with bounds are scaled to these; with one bound, to the 2 next to it; others stay as
 they are. For integers the range -1..1 has a bin for each, all of the same width. Of two choices the sign
-decides, of more the largest of as many actuators, the first one among equals.
+decides, of more the largest of as many actuators, the first one among equals; where an action mask allows
+some only, among these. Dictionaries and tuples follow one part after the other.
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple, NoReturn
+from functools import partial
+from typing import Any, NamedTuple, NoReturn, TypeVar
 
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from swarmwright.adapters._masks import MASK, Allowed, mask_reader, mask_width
 from swarmwright.core.errors import InputError, SimulationError
 from swarmwright.core.ranges import Range
 from swarmwright.simulations.calls import short
 
 Numbers = NDArray[np.float64]
+_Made = TypeVar("_Made")
 
 _UNBOUNDED = 1e6
 """Bounds from here on are none: some environments write a large number for infinity."""
@@ -39,10 +43,23 @@ class Actuators(NamedTuple):
     """How numbers become an action."""
 
     width: int
-    act: Callable[[Numbers], Any]
-    """(width,), -1 to 1 -> action"""
+    act: Callable[..., Any]
+    """(width,), -1 to 1, and optionally the choices that are allowed -> action"""
     ranges: tuple[Range | None, ...]
     """What -1 and 1 of each stand for; None where they stand for themselves, or choose."""
+
+
+def with_mask(observations: Any, actions: Any, where: str) -> tuple[Sensors, Callable[[Any], Allowed | None]]:  # noqa: ANN401 - spaces of an environment
+    """Return the sensors for an observation space, and what reads which choices an observation allows.
+
+    See `sensors`; an action mask is no sensor, where it is one of these actions.
+    """
+    if not mask_width(observations, actions):
+        return sensors(observations, where), lambda _: None
+    seen = spaces.Dict({key: part for key, part in observations.spaces.items() if key != MASK})
+    place = f"{where}[{MASK!r}]"
+    refuse = partial(_refuse, space=observations.spaces[MASK], where=place)
+    return sensors(seen, where), mask_reader(observations, actions, refuse)
 
 
 def sensors(space: Any, where: str) -> Sensors:  # noqa: ANN401 - whatever an environment says
@@ -116,11 +133,7 @@ def _choices(space: spaces.MultiDiscrete, where: str) -> Sensors:
 
 
 def _parts(space: Any, where: str) -> Sensors:  # noqa: ANN401 - a Dict or a Tuple
-    inner: list[tuple[Any, Any]] = list(
-        space.spaces.items() if isinstance(space, spaces.Dict) else enumerate(space.spaces)
-    )
-    keys = [key for key, _ in inner]
-    parts = [sensors(part, f"{where}[{key!r}]") for key, part in inner]
+    keys, parts = _inner(space, where, sensors)
     found = tuple(one for part in parts for one in part.ranges)
 
     def read(seen: Any) -> Numbers:  # noqa: ANN401 - a dictionary or tuple
@@ -131,6 +144,16 @@ def _parts(space: Any, where: str) -> Sensors:  # noqa: ANN401 - a Dict or a Tup
         return np.concatenate([part.read(value) for part, value in zip(parts, values, strict=True)])
 
     return Sensors(len(found), read, found)
+
+
+def _inner(space: Any, where: str, made: Callable[[Any, str], _Made]) -> tuple[list[Any], list[_Made]]:  # noqa: ANN401 - a Dict or a Tuple
+    """Return the keys of a space's parts, and what is made of each. Raises InputError where it has none."""
+    inner: list[tuple[Any, Any]] = list(
+        space.spaces.items() if isinstance(space, spaces.Dict) else enumerate(space.spaces)
+    )
+    if not inner:
+        raise InputError(f"{where}: a {type(space).__name__} space without parts")
+    return [key for key, _ in inner], [made(part, f"{where}[{key!r}]") for key, part in inner]
 
 
 def _flat(seen: Any, size: int, space: Any, where: str) -> Numbers:  # noqa: ANN401 - whatever an environment returns
@@ -161,7 +184,7 @@ def actuators(space: Any, where: str) -> Actuators:  # noqa: ANN401 - whatever a
             middle, half = _reach(space)
             shape, kind = space.shape, space.dtype
 
-            def scaled(row: Numbers) -> Any:  # noqa: ANN401 - of the space's type
+            def scaled(row: Numbers, _: Allowed | None = None) -> Any:  # noqa: ANN401 - of the space's type
                 action = (middle + half * row).reshape(shape).astype(kind)
                 return np.clip(action, space.low, space.high)
 
@@ -169,25 +192,54 @@ def actuators(space: Any, where: str) -> Actuators:  # noqa: ANN401 - whatever a
         case spaces.Discrete():
             width, choose = _choice(int(space.n))
             start = int(space.start)
-            return Actuators(width, lambda row: start + choose(row), (None,) * width)
+
+            def one(row: Numbers, allowed: Allowed | None = None) -> int:
+                return start + choose(row, allowed)
+
+            return Actuators(width, one, (None,) * width)
         case spaces.MultiDiscrete():
-            choices = [_choice(int(count)) for count in space.nvec.ravel()]
-            ends = np.cumsum([width for width, _ in choices])
-            firsts, starts = space.start, space.nvec.shape
-
-            def several(row: Numbers) -> Any:  # noqa: ANN401 - of the space's type
-                parts = np.split(row, ends[:-1])
-                picked = [choose(part) for (_, choose), part in zip(choices, parts, strict=True)]
-                return (firsts + np.reshape(picked, starts)).astype(space.dtype)
-
-            return Actuators(int(ends[-1]), several, (None,) * int(ends[-1]))
+            return _several(space)
         case spaces.MultiBinary():
             shape, bits = space.shape, int(np.prod(space.shape))
-            return Actuators(bits, lambda row: (row > 0).astype(np.int8).reshape(shape), (None,) * bits)
+
+            def flags(row: Numbers, _: Allowed | None = None) -> Any:  # noqa: ANN401 - of the space's type
+                return (row > 0).astype(np.int8).reshape(shape)
+
+            return Actuators(bits, flags, (None,) * bits)
+        case spaces.Dict() | spaces.Tuple():
+            return _action_parts(space, where)
     raise InputError(
         f"{where}: a {type(space).__name__} space cannot be steered by actuators; "
         "wrap the environment so that it takes a Box or a Discrete"
     )
+
+
+def _several(space: spaces.MultiDiscrete) -> Actuators:
+    counts = space.nvec.ravel().tolist()
+    choices = [_choice(int(count)) for count in counts]
+    ends = np.cumsum([width for width, _ in choices])
+    firsts, shape, choice_ends = space.start, space.nvec.shape, np.cumsum(counts)
+
+    def several(row: Numbers, allowed: Allowed | None = None) -> Any:  # noqa: ANN401 - of the space's type
+        parts = np.split(row, ends[:-1])
+        masks = [None] * len(parts) if allowed is None else np.split(allowed, choice_ends[:-1])
+        each = zip(choices, parts, masks, strict=True)
+        picked = [choose(part, mask) for (_, choose), part, mask in each]
+        return (firsts + np.reshape(picked, shape)).astype(space.dtype)
+
+    return Actuators(int(ends[-1]), several, (None,) * int(ends[-1]))
+
+
+def _action_parts(space: Any, where: str) -> Actuators:  # noqa: ANN401 - a Dict or a Tuple
+    keys, parts = _inner(space, where, actuators)
+    ends = np.cumsum([part.width for part in parts])
+
+    def act(row: Numbers, _: Allowed | None = None) -> Any:  # noqa: ANN401 - of the space's type
+        rows = np.split(row, ends[:-1])
+        actions = [part.act(own) for part, own in zip(parts, rows, strict=True)]
+        return dict(zip(keys, actions, strict=True)) if isinstance(space, spaces.Dict) else tuple(actions)
+
+    return Actuators(int(ends[-1]), act, tuple(one for part in parts for one in part.ranges))
 
 
 def ranges(middle: NDArray[Any], half: NDArray[Any]) -> tuple[Range | None, ...]:
@@ -233,7 +285,7 @@ def _integers(space: spaces.Box) -> Actuators:
     wide = np.uint64 if kind == np.uint64 else np.int64
     first, bins = np.array(firsts, wide), np.array(counts, float)
 
-    def picked(row: Numbers) -> Any:  # noqa: ANN401 - of the space's type
+    def picked(row: Numbers, _: Allowed | None = None) -> Any:  # noqa: ANN401 - of the space's type
         index = np.clip(np.floor(bins * (row + 1) / 2), 0, bins - 1)
         return (first + index.astype(wide)).astype(kind).reshape(shape)
 
@@ -246,8 +298,21 @@ def _check_there(space: Any, where: str) -> None:  # noqa: ANN401 - whatever an 
         raise InputError(f"{where}: is missing; an environment has to say what is observed and done in it")
 
 
-def _choice(count: int) -> tuple[int, Callable[[Numbers], int]]:
-    """Return how many actuators choose one of `count`, and how."""
-    if count <= 2:
-        return 1, lambda row: int(row[0] > 0 and count == 2)
-    return count, lambda row: int(row.argmax())
+def _choice(count: int) -> tuple[int, Callable[[Numbers, Allowed | None], int]]:
+    """Return how many actuators choose one of `count`, and how; of those that are allowed, if any is."""
+    if count > 2:
+
+        def largest(row: Numbers, allowed: Allowed | None) -> int:
+            if allowed is not None and allowed.any():
+                row = np.where(allowed, row, -np.inf)
+            return int(row.argmax())
+
+        return count, largest
+
+    def sign(row: Numbers, allowed: Allowed | None) -> int:
+        picked = int(row[0] > 0 and count == 2)
+        if allowed is not None and allowed.any() and not allowed[picked]:
+            picked = 1 - picked
+        return picked
+
+    return 1, sign

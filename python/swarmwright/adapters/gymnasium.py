@@ -21,12 +21,13 @@ from swarmwright.adapters._environment import (
     single,
 )
 from swarmwright.adapters._restoring import Actions
-from swarmwright.adapters._spaces import actuators, sensors
+from swarmwright.adapters._spaces import actuators, with_mask
 from swarmwright.core.errors import InputError, SimulationError, explained
 from swarmwright.simulations.calls import short
 from swarmwright.simulations.isolation import Apart
 
 _OLD = "Gym before 0.26"
+_VECTOR = "derive a class from swarmwright.BatchSimulation, see docs/how-to/own-simulation.md"
 _registered: dict[Apart, dict[str, Any]] = {}
 """What the modules of runs' copies have registered."""
 
@@ -61,6 +62,14 @@ class Gymnasium(Environment):
                 f"module that registers it, gymnasium:MODULE:{self.environment}, as in "
                 "gymnasium:ale_py:ALE/Pong-v5"
             ) from error
+        except gymnasium.error.Error as error:
+            known = gymnasium.registry.get(self.environment.rpartition(":")[2])
+            if known is None or known.entry_point is not None or known.vector_entry_point is None:
+                raise
+            raise InputError(
+                f"Gymnasium {self.environment}: is registered as a vector of environments only, but one runs "
+                f"an episode; {_VECTOR}"
+            ) from error
 
     def reset(self, parameters: dict[str, Any], seed: int) -> NDArray[np.float64]:
         """Go to the start of an episode."""
@@ -73,16 +82,24 @@ class Gymnasium(Environment):
                 f"{self.environment}: reset returned {short(begun)}, expected (observation, info), info a "
                 "dict; environments of Gym before 0.26 return the observation alone: return (observation, {})"
             )
-        return self._read(begun[0])[None]
+        return self._seen(begun[0])
 
     def step(self, actions: NDArray[np.float32]) -> NDArray[np.float64]:
         """Go on by one step."""
-        seen, reward, terminated, truncated, _ = self._stepped(self._act(actions[0].astype(float)))
+        seen, reward, terminated, truncated, _ = self._stepped(
+            self._act(actions[0].astype(float), self._mask)
+        )
         self._steps += 1
         self._reward += single(self.environment, reward, self._steps)
         self._terminated = bool(terminated)
         self._over = bool(terminated or truncated) or self._steps >= self.most_steps
-        return self._read(seen)[None]
+        return self._seen(seen)
+
+    def _seen(self, observation: Any) -> NDArray[np.float64]:  # noqa: ANN401 - of the space's type
+        """Return what is sensed, and keep which actions are allowed."""
+        sensed = self._read(observation)[None]
+        self._mask = self._allowed(observation)
+        return sensed
 
     def done(self) -> bool:
         """Return whether the environment has ended the episode, or it has had all its steps."""
@@ -130,8 +147,8 @@ class Gymnasium(Environment):
             return
         for _ in range(2):  # the environment checker fails on several rewards
             try:
-                self.env.reset(seed=0)
-                returned = self.env.step(self._act(np.zeros(self.actuators)))
+                seen, _ = self.env.reset(seed=0)
+                returned = self.env.step(self._act(np.zeros(self.actuators), self._allowed(seen)))
             except Exception:  # noqa: BLE001, S112 - an episode that fails says so itself, with its line
                 continue
             try:
@@ -142,10 +159,11 @@ class Gymnasium(Environment):
             return
 
     def _trial(self, env: Any, seed: int, actions: Actions) -> Iterator[bytes]:  # noqa: ANN401 - an environment
-        yield self._read(env.reset(seed=seed)[0]).tobytes()
-        over = False
+        seen, over = env.reset(seed=seed)[0], False
+        yield self._read(seen).tobytes()
         while not over:
-            seen, reward, terminated, truncated, _ = env.step(self._act(actions(self.actuators)))
+            action = self._act(actions(self.actuators), self._allowed(seen))
+            seen, reward, terminated, truncated, _ = env.step(action)
             over = bool(terminated or truncated)
             yield self._read(seen).tobytes() + np.asarray(reward, float).tobytes() + bytes([over])
 
@@ -162,9 +180,17 @@ class Gymnasium(Environment):
         return returned
 
     def _sizes(self) -> tuple[int, int]:
+        if isinstance(self.env, gymnasium.vector.VectorEnv):
+            raise InputError(
+                f"{type(self).__name__} {self.environment}: is a vector of {self.env.num_envs} environments, "
+                f"but one runs an episode; have make() return one, or {_VECTOR}"
+            )
         # An environment that declares none may not have the attributes either.
-        seen = sensors(getattr(self.env, "observation_space", None), f"{self.environment}: observation_space")
-        done = actuators(getattr(self.env, "action_space", None), f"{self.environment}: action_space")
+        observations, actions = (
+            getattr(self.env, name, None) for name in ("observation_space", "action_space")
+        )
+        seen, self._allowed = with_mask(observations, actions, f"{self.environment}: observation_space")
+        done = actuators(actions, f"{self.environment}: action_space")
         self._read, self._act = seen.read, done.act
         self.sensor_ranges, self.actuator_ranges = seen.ranges, done.ranges
         return seen.width, done.width

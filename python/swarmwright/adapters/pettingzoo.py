@@ -4,7 +4,7 @@ Source: https://pettingzoo.farama.org/api/parallel/
 """
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from importlib import import_module
 from itertools import groupby
 from pkgutil import iter_modules
@@ -14,13 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright.adapters._environment import Environment, check_step, environment_seed, mean_reward, single
+from swarmwright.adapters._masks import Allowed
 from swarmwright.adapters._restoring import Actions
-from swarmwright.adapters._spaces import actuators, sensors
+from swarmwright.adapters._spaces import Actuators, Sensors, actuators, with_mask
 from swarmwright.core.errors import InputError, SimulationError, explained
 from swarmwright.core.ranges import common
 from swarmwright.core.suggestions import did_you_mean
 from swarmwright.simulations.calls import short
 from swarmwright.simulations.groups import Group
+
+_BY_AGENT = ("observations", "rewards", "terminations", "truncations")
 
 
 class PettingZoo(Environment):
@@ -58,9 +61,14 @@ class PettingZoo(Environment):
                 raise
             raise InputError(f"PettingZoo {name}: {explained(error)}{hint}") from error
         if not hasattr(module, "parallel_env"):
+            if hasattr(module, "env"):
+                raise InputError(
+                    f"{name}: has no parallel_env: its agents act in turn (AEC), those of a swarm at once; "
+                    "where it can be converted, derive a class whose make() returns "
+                    "pettingzoo.utils.conversions.aec_to_parallel(MODULE.env(**options))"
+                )
             raise InputError(
-                f"{name}: has no parallel_env; agents that act in turn are not a swarm, "
-                f"or another module of this package is meant{_alike(name)}"
+                f"{name}: has no parallel_env; another module of this package may be meant{_alike(name)}"
             )
         return module.parallel_env(**options)
 
@@ -88,14 +96,17 @@ class PettingZoo(Environment):
         given = {}
         for name in self.env.agents:
             act = self._spaces[name][1]
-            given[name] = act.act(actions[self._agents[name]][: act.width].astype(float))
+            row = actions[self._agents[name]][: act.width].astype(float)
+            given[name] = act.act(row, self._masks.get(name))
         # Some environments go on to give rewards and observations to those that they dropped.
         alive = {name for name in self.env.agents if name not in self._ended}
         returned = self.env.step(given)
         check_step(self.environment, returned, "PettingZoo in its first versions")
+        self._check_dicts(returned)
         seen, rewards, *flags, _ = returned
         self._steps += 1
         self._check_known((*rewards, *seen))
+        self._check_rewards(rewards, alive)
         for name, reward in rewards.items():
             if name in alive:
                 self._rewards[self._agents[name]] += single(self.environment, reward, self._steps)
@@ -137,11 +148,14 @@ class PettingZoo(Environment):
         def read(name: str, seen: Any) -> bytes:  # noqa: ANN401 - an observation
             return str(name).encode() + self._spaces[name][0].read(seen).tobytes()
 
+        def action(name: str, seen: Mapping[str, Any]) -> Any:  # noqa: ANN401 - of the space's type
+            act = self._spaces[name][1]
+            return act.act(actions(act.width), self._allowed[name](seen[name]) if name in seen else None)
+
         seen, _ = env.reset(seed=seed)
         yield b"".join(read(*one) for one in seen.items())
         while env.agents:
-            given = {name: self._spaces[name][1] for name in env.agents}
-            seen, rewards, *_ = env.step({name: act.act(actions(act.width)) for name, act in given.items()})
+            seen, rewards, *_ = env.step({name: action(name, seen) for name in env.agents})
             gained = np.array([float(reward) for reward in rewards.values()])
             yield b"".join(read(*one) for one in seen.items()) + gained.tobytes()
 
@@ -152,6 +166,7 @@ class PettingZoo(Environment):
         for name, observation in seen.items():
             read = self._spaces[name][0]
             rows[self._agents[name], : read.width] = read.read(observation)
+        self._masks = {name: self._allowed[name](observation) for name, observation in seen.items()}
         return rows
 
     def _check_seen(self, seen: Mapping[str, Any]) -> None:
@@ -160,6 +175,23 @@ class PettingZoo(Environment):
             if name not in seen and name not in self._ended:
                 raise SimulationError(
                     f"{self.environment}: agent {name!r} is among its agents, but has no observation"
+                )
+
+    def _check_dicts(self, returned: tuple[Any, ...]) -> None:
+        """Raise SimulationError where `step` returned something else by agent than dictionaries."""
+        for what, one in zip(_BY_AGENT, returned, strict=False):
+            if not isinstance(one, Mapping):
+                raise SimulationError(
+                    f"{self.environment}: step returned {short(one)} as {what}, expected a dict by agent"
+                )
+
+    def _check_rewards(self, rewards: Mapping[str, Any], alive: Collection[str]) -> None:
+        """Raise SimulationError for an agent that has acted and goes on without a reward."""
+        for name in self.env.agents:
+            if name in alive and name not in rewards:
+                raise SimulationError(
+                    f"{self.environment}: agent {name!r} has acted, but has no reward in step {self._steps}; "
+                    "give it one, which may be 0"
                 )
 
     def _check_known(self, names: Iterable[str]) -> None:
@@ -186,13 +218,13 @@ class PettingZoo(Environment):
                 f"{self.environment}: has no possible_agents, so it is not known how many there are"
             )
         self._agents = {name: index for index, name in enumerate(names)}
-        self._spaces = {
-            name: (
-                sensors(*self._space("observation_space", name)),
-                actuators(*self._space("action_space", name)),
-            )
-            for name in names
-        }
+        self._spaces: dict[str, tuple[Sensors, Actuators]] = {}
+        self._allowed: dict[str, Callable[[Any], Allowed | None]] = {}
+        for name in names:
+            observations, where = self._space("observation_space", name)
+            actions, of_actions = self._space("action_space", name)
+            seen, self._allowed[name] = with_mask(observations, actions, where)
+            self._spaces[name] = seen, actuators(actions, of_actions)
         self.groups = type(self).groups or self._kinds()  # a class may say what it means
         if type(self).metrics is PettingZoo.metrics:
             self.metrics = PettingZoo.metrics | {
@@ -229,7 +261,7 @@ def _alike(module: str) -> str:
     if not package:
         return ""
     names = [one.name for one in iter_modules(getattr(import_module(package), "__path__", ()))]
-    return did_you_mean(name, names)
+    return did_you_mean(name, [one for one in names if one != name])
 
 
 def _kind(agent: str) -> str:

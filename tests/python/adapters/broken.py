@@ -18,8 +18,8 @@ class Parallel:
     without a word), flags (agents that have ended are flagged, and stay), dropped (agents that are gone have
     rewards and observations all the same), alone (reset returns observations alone), four (step returns four
     values), all (a reward of `__all__`), refused (SimulationError), unseen (a has no
-    observation in the third step), none. extra: more agents like b. alike:
-    agents have names of one kind. reward: instead of a number.
+    observation in the third step), unpaid (b has no reward), nothing (rewards are None), none. extra: more
+    agents like b. alike: agents have names of one kind. reward: instead of a number.
     """
 
     possible_agents = ["a", "b"]  # noqa: RUF012
@@ -64,11 +64,7 @@ class Parallel:
             self.agents.append("c")
         if self.left == 2 and "b" in self.agents and self.trouble != "flags":
             self.agents.remove("b")
-        rewards: dict[str, Any] = {name: float(self.left) for name in actions}
-        if self.reward is not None:
-            rewards = dict.fromkeys(actions, np.array(self.reward))
-        if self.trouble == "all":
-            rewards["__all__"] = 1.0
+        rewards = self.rewards(actions)
         seen = self.seen()
         if self.trouble == "unseen" and self.left == 3:
             del seen["a"]
@@ -83,6 +79,18 @@ class Parallel:
         if not self.left:
             self.agents = []
         return (seen, rewards, {}, {}) if self.trouble == "four" else (seen, rewards, {}, {}, {})
+
+    def rewards(self, actions: dict[str, Any]) -> Any:
+        if self.trouble == "nothing":
+            return None
+        given: dict[str, Any] = {name: float(self.left) for name in actions}
+        if self.reward is not None:
+            given = dict.fromkeys(actions, np.array(self.reward))
+        if self.trouble == "unpaid":
+            given.pop("b", None)
+        if self.trouble == "all":
+            given["__all__"] = 1.0
+        return given
 
     def seen(self) -> dict[str, Any]:
         grown = self.trouble == "shape" and self.left == 3
@@ -202,4 +210,28 @@ class Remembering(gymnasium.Env[Any, Any]):
         return np.zeros(2, np.float32), reward, not self.left, False, {}
 
 
+class Masked(gymnasium.Env[Any, Any]):
+    """Allows two of four actions, which change in each step; the reward is the number of the action."""
+
+    action_space = spaces.Discrete(4)
+    observation_space = spaces.Dict({"observation": SPACE, "action_mask": spaces.MultiBinary(4)})
+
+    def seen(self) -> Any:
+        self.allowed = [self.steps % 4, (self.steps + 1) % 4]
+        mask = np.isin(np.arange(4), self.allowed).astype(np.int8)
+        return {"observation": np.zeros(2, np.float32), "action_mask": mask}
+
+    def reset(self, *, seed: int | None = None, options: Any = None) -> Any:
+        super().reset(seed=seed, options=options)
+        self.steps = 0
+        return self.seen(), {}
+
+    def step(self, action: Any) -> Any:
+        assert action in self.allowed
+        self.steps += 1
+        return self.seen(), float(action), self.steps == 5, False, {}
+
+
+gymnasium.register("Masked-v0", entry_point="broken:Masked", disable_env_checker=True)
+gymnasium.register("Vector-v0", vector_entry_point="gymnasium.envs.classic_control:CartPoleVectorEnv")
 gymnasium.register("Remembering-v0", entry_point="broken:Remembering")

@@ -195,6 +195,14 @@ def test_a_parameter_that_changes_the_number_of_agents_alone(tmp_path: Path) -> 
             r"broken: step returned 4 values, expected \(observation, reward, ter",
         ),
         ("pettingzoo:broken?trouble=unseen", "step: broken: agent 'a' is among its agents, but has no obs"),
+        (
+            "pettingzoo:broken?trouble=unpaid",
+            "step: broken: agent 'b' has acted, but has no reward in step 1; give it one, which may be 0",
+        ),
+        (
+            "pettingzoo:broken?trouble=nothing",
+            "step: broken: step returned None as rewards, expected a dict by agent",
+        ),
         ("pettingzoo:broken?trouble=all", "broken: agent '__all__' is not among its possible_agents, a, b"),
         ("pettingzoo:broken?reward=[1,2]", "step: broken: its reward has 2 numbers, a fitness is one"),
         (
@@ -318,6 +326,19 @@ def test_an_endless_episode_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:
             "ModuleNotFoundError: No module named 'mpe2.simple_spread_v1'; did you mean 'simple_spread_v3'",
         ),
         ("pettingzoo:mpe2.simple_spread", "has no parallel_env.*; did you mean 'simple_spread_v3'"),
+        (
+            "pettingzoo:in_turn",
+            r"in_turn: has no parallel_env: its agents act in turn \(AEC\), .*conversions\.aec_to_parallel",
+        ),
+        ("pettingzoo:os.path", "os.path: has no parallel_env; another module of this package may be meant$"),
+        (
+            f"{__file__}:SeveralPoles",
+            "SeveralPoles CartPole-v1: is a vector of 4 environments, but one runs an episode; .*BatchSim",
+        ),
+        (
+            "gymnasium:broken:Vector-v0",
+            "broken:Vector-v0: is registered as a vector of environments only, .*swarmwright.BatchSimulation",
+        ),
         ("pettingzoo:os.nothing", "No module named 'os.nothing'"),
         (
             "pettingzoo:",
@@ -396,7 +417,7 @@ def test_a_flag_can_also_take_text() -> None:
         ),
         (
             "pettingzoo:broken?trouble=shape",
-            r"PettingZoo.step: broken: observation_space\('a'\): .* of the shape \(3,\) is not in Box\(2,\)$",
+            r"PettingZoo.step: broken: observation_space\('a'\): .* of the shape \(3,\) is not in Box\(2,\)",
         ),
         ("gymnasium:broken:Failing-v0", r"LinAlgError: Singular matrix \(.*broken.py:\d+\)"),
         ("gymnasium:broken:Several-v0?first=3", "Gymnasium.step: .* reward has 3 numbers"),
@@ -424,6 +445,35 @@ def test_a_reset_that_returns_the_observation_alone() -> None:
         RunError, match=r"old: reset returned array\(.*expected \(observation, info\), info a"
     ):
         Old().reset({}, 1)
+
+
+def test_masked_actions_are_not_taken(tmp_path: Path) -> None:
+    one = experiment("gymnasium:broken:Masked-v0", controller={"kind": "layered", "hidden": []})
+    assert (one.sensors, one.actuators) == (2, 4)
+    here = optimize(one, servers="in-process", out=tmp_path / "here")
+    # Without sensors an action has the same preference in all steps: 0 or 1, 1 or 2, 2 or 3, 3 or 0, 0 or 1.
+    assert 0 + 1 + 2 + 0 + 0 <= here.history[0].mean <= here.history[0].best <= 1 + 2 + 3 + 3 + 1
+    same_record(optimize(one, servers=1, out=tmp_path / "servers"), here)
+    swarm = evaluate(experiment("pettingzoo:masked"), np.zeros((1, 12), np.float32), servers="in-process")
+    assert swarm.tolist() == [0 + 1 + 2 + 0 + 0]
+
+
+def test_many_sensors_are_warned_of(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("swarmwright.adapters._environment._MANY_SENSORS", 3)
+    simulate(experiment(Pole), servers="in-process")
+    (said,) = [one.message for one in caplog.records if "sensors" in one.message]
+    assert said.startswith("Pole: an agent has 4 sensors, such as a picture's")
+
+
+class SeveralPoles(Gymnasium):
+    """A vector of environments."""
+
+    environment = "CartPole-v1"
+
+    def make(self, options: dict[str, Any]) -> Any:
+        return gymnasium.make_vec(self.environment, num_envs=4, vectorization_mode="sync", **options)
 
 
 class Misspelt(Gymnasium):

@@ -7,7 +7,7 @@ import pytest
 from gymnasium import spaces
 
 from swarmwright import InputError
-from swarmwright.adapters._spaces import actuators, sensors
+from swarmwright.adapters._spaces import actuators, sensors, with_mask
 from swarmwright.core.errors import SimulationError
 from swarmwright.core.ranges import Range
 
@@ -153,6 +153,7 @@ def test_the_largest_actuator_chooses() -> None:
         spaces.Discrete(4, start=2),
         spaces.MultiDiscrete([3, 2, 4]),
         spaces.MultiBinary((2, 3)),
+        spaces.Dict({"a": spaces.Box(-2, 3, (2,)), "b": spaces.Tuple([spaces.Discrete(3)])}),
     ],
 )
 def test_every_action_is_in_its_space(space: "spaces.Space[object]") -> None:
@@ -164,8 +165,71 @@ def test_every_action_is_in_its_space(space: "spaces.Space[object]") -> None:
 def test_what_has_no_fixed_size_is_refused() -> None:
     with pytest.raises(InputError, match=r"x\['a'\]: a Text space cannot be read by sensors"):
         sensors(spaces.Dict({"a": spaces.Text(5)}), "x")
-    with pytest.raises(InputError, match="x: a Dict space cannot be steered by actuators"):
-        actuators(spaces.Dict({"a": spaces.Discrete(5)}), "x")
+    with pytest.raises(InputError, match=r"x\['a'\]: a Text space cannot be steered by actuators"):
+        actuators(spaces.Dict({"a": spaces.Text(5)}), "x")
+    with pytest.raises(InputError, match="x: a Tuple space without parts"):
+        actuators(spaces.Tuple([]), "x")
+
+
+def test_parts_of_an_action_follow_each_other() -> None:
+    space = spaces.Dict(
+        {"move": spaces.Box(0, 4, (2,)), "signal": spaces.Tuple([spaces.Discrete(3), spaces.MultiBinary(1)])}
+    )
+    made = actuators(space, "x")
+    assert made.width == 2 + 3 + 1
+    assert made.ranges == (Range(0, 4), Range(0, 4), None, None, None, None)
+    action = made.act(np.array([-1.0, 0.5, 0.1, 0.9, 0.2, 1.0]))
+    assert list(action) == ["move", "signal"]
+    assert action["move"].tolist() == [0, 3]
+    assert (action["signal"][0], action["signal"][1].tolist()) == (1, [1])
+
+
+def masked(actions: Any, mask: Any) -> Any:
+    return with_mask(spaces.Dict({"observation": spaces.Discrete(2), "action_mask": mask}), actions, "x")
+
+
+@pytest.mark.parametrize("mask", [spaces.MultiBinary(3), spaces.Box(0, 1, (3,), np.int8)])
+def test_a_mask_is_no_sensor_and_allows_choices(mask: Any) -> None:
+    seen, allowed = masked(spaces.Discrete(3, start=5), mask)
+    observation = {"observation": 1, "action_mask": np.array([1, 0, 1], np.int8)}
+    assert seen.width == 2
+    assert seen.read(observation).tolist() == [0, 1]
+    assert allowed(observation).tolist() == [True, False, True]
+    choose = actuators(spaces.Discrete(3, start=5), "x").act
+    for row, choice in (([0.1, 0.9, 0.2], 7), ([0.3, 0.9, 0.2], 5)):
+        assert choose(np.array(row), allowed(observation)) == choice
+    # As that of an agent whose turn it is not.
+    assert allowed({"observation": 1, "action_mask": np.zeros(3)}) is None
+    with pytest.raises(SimulationError, match=r"x\['action_mask'\]: the observation array.* is not in"):
+        allowed({"observation": 1, "action_mask": np.ones(4)})
+
+
+def test_masks_of_several_choices() -> None:
+    space = spaces.MultiDiscrete([2, 3], start=[4, 0])
+    act = actuators(space, "x").act
+    row = np.array([1.0, 0.9, 0.5, 0.1])
+    assert act(row, np.array([1, 1, 1, 1, 1], bool)).tolist() == [5, 0]
+    assert act(row, np.array([1, 0, 0, 1, 1], bool)).tolist() == [4, 1]
+    assert act(row, np.array([1, 0, 0, 0, 0], bool)).tolist() == [4, 0], "a choice without any is free"
+    _, allowed = masked(space, spaces.Tuple([spaces.MultiBinary(2), spaces.MultiBinary(3)]))
+    seen = {"observation": 0, "action_mask": (np.array([0, 1]), np.array([1, 0, 0]))}
+    assert allowed(seen).tolist() == [False, True, True, False, False]
+    sign = actuators(spaces.Discrete(2), "x").act
+    assert [sign(np.array([-1.0]), np.array([no, True])) for no in (True, False)] == [0, 1]
+
+
+@pytest.mark.parametrize(
+    ("actions", "mask"),
+    [
+        (spaces.Box(-1, 1, (3,)), spaces.MultiBinary(3)),
+        (spaces.Discrete(4), spaces.MultiBinary(3)),
+        (spaces.Discrete(3), spaces.Discrete(3)),
+    ],
+)
+def test_what_is_not_a_mask_of_the_actions_is_sensed(actions: Any, mask: Any) -> None:
+    seen, allowed = masked(actions, mask)
+    assert seen.width == 2 + 3
+    assert allowed({"observation": 1, "action_mask": np.array([1, 0, 1])}) is None
 
 
 def test_what_scaled_numbers_stand_for() -> None:
