@@ -268,7 +268,7 @@ class Dialogue:
                 os.close(one)
         self._pipes = ours
         os.set_blocking(ours[0], False)
-        self._answers = select.poll()
+        self._answers: select.poll = select.poll()
         self._answers.register(ours[1], select.POLLIN)
         self._poll = select.poll()
         for one in (ours[1], ours[2], self._processes.channel.fileno()):

@@ -10,7 +10,6 @@ def test_ids_are_optional_in_all_answers_of_a_process() -> None:
     ids = MessageIds()
     assert ids.next(is_reset=True) == 1
     assert ids.takes({"sensors": []})
-    assert not ids.are_repeated
     assert ids.next(is_reset=False) == 2
     answer = {"sensors": [], "id": 2}
     assert ids.takes(answer)
