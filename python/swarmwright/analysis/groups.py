@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from swarmwright.analysis.labels import Wording, name_of, without_constants
+from swarmwright.analysis.labels import Wording, name_of, telling
 from swarmwright.analysis.sweep_folders import keys_of_grid
 from swarmwright.core.errors import InputError
 from swarmwright.core.flatten import flat
@@ -123,7 +123,7 @@ def names_in_sweep(groups: Sequence[tuple[Mapping[str, Any], Sequence[Run]]]) ->
                 if key == name or (key in differs and key.startswith(f"{name}."))
             }
         )
-    with_runs = zip(without_constants(named), groups, strict=True)
+    with_runs = zip(telling(named), groups, strict=True)
     names = names_of([(differs, members[0]) for differs, (_, members) in with_runs])
     return names if all(names) and len(set(names)) == len(names) else None
 
@@ -164,9 +164,9 @@ def names_of(groups: Sequence[tuple[Mapping[str, Any], Run]]) -> list[str]:
         alike = [index for index, one in enumerate(names) if one == name]
         if len(alike) == 1:
             continue
-        telling = distinguishing([details[index] for index in alike])
+        told = distinguishing([details[index] for index in alike])
         for index in alike:
-            of = {key: value for key, value in details[index].items() if key in telling}
+            of = {key: value for key, value in details[index].items() if key in told}
             names[index] = ", ".join([word for word in (name, *wording.words(of, groups[index][0])) if word])
     return names
 

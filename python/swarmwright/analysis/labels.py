@@ -1,7 +1,7 @@
 """Labels: what distinguishes groups of runs, or variants of a sweep, in a few words."""
 
 import json
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any
 
@@ -43,22 +43,41 @@ class Wording:
 def labels_of(groups: Sequence[Mapping[str, Any]]) -> list[str]:
     """Return what groups are called, by the values that keys of the experiment have in each of them.
 
-    Keys that have one value in all groups tell nothing, and are left out.
+    Keys that tell no group from others are left out, see `telling`.
     """
-    telling = without_constants(groups)
-    wording = Wording(telling)
-    return [", ".join(wording.words(differs, differs)) for differs in telling]
+    told = telling(groups)
+    wording = Wording(told)
+    return [", ".join(wording.words(differs, differs)) for differs in told]
 
 
-def without_constants(groups: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
-    """Return groups without the keys that have one value in all of them, unless one would then have none."""
-    everywhere = {
-        key
-        for key, value in groups[0].items()
-        if all(key in one and _identity(one[key]) == _identity(value) for one in groups)
+def telling(groups: Sequence[Mapping[str, Any]]) -> Sequence[Mapping[str, Any]]:
+    """Return groups without the keys that have one value in all of them.
+
+    Of an option of a component, in all that have its kind: that others lack it follows from the kind. The
+    groups as they are where they would then be alike, or one would have no key.
+    """
+    values: dict[tuple[str, Any], list[str]] = defaultdict(list)
+    for one in groups:
+        for key, value in one.items():
+            values[key, _kind(key, one)].append(_identity(value))
+    sections = {key.partition(".")[0] for key, _ in values}
+    sizes = Counter((section, one.get(f"{section}.kind")) for one in groups for section in sections)
+    constant = {
+        (key, kind)
+        for (key, kind), found in values.items()
+        if len(set(found)) == 1
+        and len(found) == (len(groups) if _is_kind(key) else sizes[key.partition(".")[0], kind])
     }
-    telling = [{key: value for key, value in one.items() if key not in everywhere} for one in groups]
-    return telling if all(telling) else list(groups)
+    told = [
+        {key: value for key, value in one.items() if (key, _kind(key, one)) not in constant} for one in groups
+    ]
+    distinct = {_identity(one) for one in told}
+    return told if all(told) and len(distinct) == len({_identity(one) for one in groups}) else groups
+
+
+def _kind(key: str, group: Mapping[str, Any]) -> Any:  # noqa: ANN401 - as in a file
+    """Return the kind of the component that a key is an option of; None of a kind itself, and without one."""
+    return None if _is_kind(key) else group.get(f"{key.partition('.')[0]}.kind")
 
 
 def label_alone(values: Mapping[str, Any]) -> str:

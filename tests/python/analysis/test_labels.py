@@ -64,3 +64,23 @@ def test_mappings_are_named_by_their_keys_or_by_the_values_that_differ() -> None
         "measures steps.bins 9",
     ]
     assert labels_of([{"method.measures": {}}, {"method.measures": steps}])[0] == "measures {}"
+
+
+def test_labels_leave_out_what_tells_no_variant_from_others_of_its_kind() -> None:
+    evostick = {"method.kind": "evostick", "method.evaluations": 300, "method.population": 20}
+    narrow, wide = ({"method.kind": "cma_es", "method.evaluations": 300, "method.step": at} for at in (1, 2))
+    assert labels_of([evostick, narrow, wide]) == ["evostick", "cma_es, step 1", "cma_es, step 2"]
+    # A value that only some set is told, and so is what others of the kind lack.
+    often = {**evostick, "ranking.reevaluate": True}
+    assert labels_of([evostick, often]) == [
+        "evostick, evaluations 300, population 20",
+        "evostick, evaluations 300, population 20, reevaluate true",
+    ]
+    assert labels_of([narrow, wide, often]) == [
+        "cma_es, step 1",
+        "cma_es, step 2",
+        "evostick, reevaluate true",
+    ]
+    less = {key: value for key, value in evostick.items() if key != "method.population"}
+    assert labels_of([evostick, {**less, "method.elites": 3}]) == ["population 20", "elites 3"]
+    assert labels_of([evostick]) == ["evostick, evaluations 300, population 20"]
