@@ -46,6 +46,8 @@ def test_a_run_is_logged_from_its_beginning_to_its_end(program: Any, tmp_path: P
     assert {line["server"] for line in found if line["event"] == "server_ready"} == {1, 2}
     attempts = [line for line in found if line["event"] == "attempt"]
     assert sum(line["candidates"] * line["episodes"] for line in attempts) == 36
+    begin, end = (datetime.fromisoformat(found[place]["time"]).timestamp() for place in (0, -1))
+    assert all(begin - 1 < line["started"] < end for line in attempts)
     assert "status" in said
     # Another run is appended; without --log-level there are no details.
     done = program("resume", "r", "--generations", "4", "--log", "log")
@@ -53,6 +55,14 @@ def test_a_run_is_logged_from_its_beginning_to_its_end(program: Any, tmp_path: P
     more = names(tmp_path / "log")[len(said) :]
     assert (more[0], more[-1]) == ("run_started", "run_ended")
     assert not {"attempt", "status"} & set(more)
+
+
+def test_attempts_that_another_server_overtook_are_no_failures(tmp_path: Path) -> None:
+    with Log(tmp_path / "log", "debug") as log:
+        for error in ("server 10 was faster", "server 1 was lost", None):
+            log.report({"event": "attempt", "server": 1, "error": error})  # type: ignore[typeddict-item]
+    found = [(line["level"], line["event"]) for line in lines(tmp_path / "log")]
+    assert found == [("debug", "attempt_overtaken"), ("warning", "attempt_failed"), ("debug", "attempt")]
 
 
 def test_the_log_goes_to_standard_error(program: Any, tmp_path: Path) -> None:

@@ -8,4 +8,5 @@ pub(crate) mod probe;
 pub(crate) mod report;
 pub(crate) mod scenes;
 pub(crate) mod supervision;
+pub(crate) mod wall;
 pub(crate) mod watch;

@@ -10,6 +10,7 @@ use swarmwright_protocol::{Message, State, Status, Topic};
 use crate::counts::Counts;
 use crate::journal::Attempt;
 use crate::scheduler::Scheduler;
+use crate::shell::wall::Wall;
 
 /// Something that happened. Written as an object with its `event`, the name of the variant.
 #[derive(Debug, Serialize)]
@@ -138,14 +139,14 @@ impl Reporter {
     }
 
     /// The scheduler has worked on: attempts that ended since, and servers that got a pause for it.
-    pub fn look(&mut self, scheduler: &Scheduler, now: Instant) {
+    pub fn look(&mut self, scheduler: &Scheduler, wall: Wall, now: Instant) {
         if self.listener.is_none() || self.told == scheduler.journal().len() {
             return;
         }
         let news = scheduler.journal().after(self.told);
         self.told = scheduler.journal().len();
-        for (attempt, _) in news {
-            self.tell(&Report::Attempt(attempt));
+        for (attempt, started) in news {
+            self.tell(&Report::Attempt(&wall.dated(attempt.clone(), *started)));
         }
         if news.iter().all(|(attempt, _)| attempt.error.is_none()) {
             return;

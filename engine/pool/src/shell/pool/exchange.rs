@@ -42,7 +42,7 @@ impl Pool {
         self.hear(wake.min(self.tick_at));
         self.take_reports(Instant::now());
         self.act();
-        self.reporter.look(&self.scheduler, self.looked);
+        self.reporter.look(&self.scheduler, self.wall, self.looked);
     }
 
     /// Takes reports of the supervisor, and the answer of the broker if it was asked.

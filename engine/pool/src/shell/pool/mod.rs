@@ -4,7 +4,7 @@ mod evaluate;
 mod exchange;
 mod telling;
 
-use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, Instant};
 
 use swarmwright_mqtt::{Connection, Event, QoS, Subscription, Waker, Will};
 use swarmwright_protocol::{Activity, Status, Topic, Topics};
@@ -22,6 +22,7 @@ use crate::shell::outages::Outages;
 use crate::shell::probe::Probe;
 use crate::shell::report::{Listener, Reporter};
 use crate::shell::supervision::Supervision;
+use crate::shell::wall::Wall;
 use crate::work::WorkError;
 
 /// How often the caller is asked whether to go on.
@@ -66,7 +67,7 @@ pub struct Pool {
     outages: Outages,
     supervision: Supervision,
     probe: Probe,
-    wall: (Instant, f64),
+    wall: Wall,
 }
 
 impl Pool {
@@ -135,10 +136,6 @@ impl Pool {
             first_instance: fastrand::u64(..1 << 52),
         };
         let now = Instant::now();
-        let since_1970 = SystemTime::now()
-            .duration_since(UNIX_EPOCH)
-            .unwrap_or_default()
-            .as_secs_f64();
         let mut scheduler = Scheduler::new(config, now);
         scheduler.set_largest_packet(connection.largest_packet());
         Ok(Self {
@@ -165,7 +162,7 @@ impl Pool {
             warnings: Vec::new(),
             reporter: Reporter::default(),
             outages: Outages::default(),
-            wall: (now, since_1970),
+            wall: Wall::new(now),
         })
     }
 
@@ -275,16 +272,11 @@ impl Pool {
 
     /// The attempts made since the last call.
     pub fn take_journal(&mut self) -> Vec<Attempt> {
-        let (zero, since_1970) = self.wall;
-        let journal = self.scheduler.take_journal();
+        let wall = self.wall;
+        let journal = self.scheduler.take_journal().into_iter();
         self.reporter.taken();
         journal
-            .into_iter()
-            .map(|(mut attempt, started)| {
-                attempt.started =
-                    since_1970 + started.saturating_duration_since(zero).as_secs_f64();
-                attempt
-            })
+            .map(|(attempt, started)| wall.dated(attempt, started))
             .collect()
     }
 

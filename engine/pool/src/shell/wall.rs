@@ -1,0 +1,52 @@
+//! The time of day of moments that the scheduler knows.
+
+use std::time::{Instant, SystemTime, UNIX_EPOCH};
+
+use crate::journal::Attempt;
+
+/// A moment, and what time it was.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Wall {
+    zero: Instant,
+    since_1970: f64,
+}
+
+impl Wall {
+    /// It is now.
+    pub fn new(now: Instant) -> Self {
+        let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH);
+        Self {
+            zero: now,
+            since_1970: since_1970.unwrap_or_default().as_secs_f64(),
+        }
+    }
+
+    /// An attempt with its start.
+    pub fn dated(self, attempt: Attempt, started: Instant) -> Attempt {
+        let since = started.saturating_duration_since(self.zero);
+        Attempt {
+            started: self.since_1970 + since.as_secs_f64(),
+            ..attempt
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use super::*;
+
+    #[test]
+    fn attempts_have_the_time_of_day_at_which_they_began() {
+        let now = Instant::now();
+        let wall = Wall::new(now);
+        let dated = |seconds| {
+            let started = now + Duration::from_secs(seconds);
+            wall.dated(Attempt::default(), started).started
+        };
+        let today = SystemTime::now().duration_since(UNIX_EPOCH).unwrap();
+        assert!((dated(0) - today.as_secs_f64()).abs() < 60.0);
+        assert!((dated(90) - dated(0) - 90.0).abs() < 1e-3);
+    }
+}
