@@ -11,6 +11,7 @@ mod lag;
 mod layers;
 mod narrow;
 mod outages;
+mod overtaken;
 mod parameter_sets;
 mod python_modules;
 mod reconnections;

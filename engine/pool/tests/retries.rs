@@ -63,7 +63,8 @@ fn a_silent_server_is_not_waited_for_when_another_can_have_its_work() {
         net.now - start
     );
     let counts = *net.tool(index).counts();
-    assert_eq!((counts.backups, counts.time_outs), (2, 0), "{counts:?}");
+    // What was to follow on the silent server is not given to it again.
+    assert_eq!((counts.backups, counts.time_outs), (1, 0), "{counts:?}");
 }
 
 #[test]

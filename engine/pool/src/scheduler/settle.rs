@@ -59,8 +59,23 @@ impl Scheduler {
         self.ledger
             .settle(evaluation, found.server, found.fitness, &found.metrics);
         if shared {
+            self.doubt_overtaken(evaluation, now);
             let reason = format!("server {} was faster", found.server);
             self.drop_copies(evaluation, &reason, now);
+        }
+    }
+
+    /// An evaluation has ended: other servers that had it, and have said nothing for long, are to show that they are sound.
+    fn doubt_overtaken(&mut self, evaluation: usize, now: Instant) {
+        for (server, job) in self
+            .in_flight
+            .jobs_of(|piece| self.is_over(piece, evaluation))
+        {
+            let since = self.view().ignored_since(server, &job, now);
+            let waiting = self.in_flight.waiting_for(&job, now);
+            if let (Some(since), Some(waiting)) = (since, waiting) {
+                self.fleet.was_overtaken(server, waiting, since);
+            }
         }
     }
 

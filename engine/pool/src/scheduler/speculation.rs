@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 
 use crate::mode::Way;
 use crate::scheduler::fleet::capacity::number;
+use crate::scheduler::job::Job;
 use crate::scheduler::modes::episode::Episode;
 use crate::scheduler::modes::request::Request;
 use crate::scheduler::queue::piece::{Piece, Purpose};
@@ -18,7 +19,7 @@ use crate::scheduler::view::View;
 const MAX_SHARE_OF_REMAINING: f64 = 0.5;
 /// Seconds that a copy must be expected to save.
 const MIN_SAVED_SECONDS: f64 = 0.25;
-/// A block may take this many times as long as expected before its server is a straggler.
+/// Work may take this many times as long as expected before its server is a straggler.
 const LATENESS_FACTOR: f64 = 4.0;
 
 impl View<'_> {
@@ -73,6 +74,16 @@ impl View<'_> {
         };
         let allowed = !request.has_backup() && self.may_copy(&request.piece);
         allowed.then_some(request.heard() + bound)
+    }
+
+    /// Since when a server has said nothing of a job that it is at, where that takes much longer than the server needs.
+    pub fn ignored_since(&self, server: u64, job: &Job, now: Instant) -> Option<Instant> {
+        let slot = self.fleet.slot(server)?;
+        let (piece, since) = self.in_flight.piece_of(job)?;
+        let expected = slot.rate.map_or(0.0, |rate| number(piece.len()) / rate);
+        let elapsed = now.saturating_duration_since(since).as_secs_f64();
+        let is_at_it = slot.jobs.first() == Some(job) && slot.answered_at <= since;
+        (is_at_it && elapsed > LATENESS_FACTOR * expected).then_some(since)
     }
 
     pub fn may_copy(&self, piece: &Piece) -> bool {

@@ -97,10 +97,19 @@ impl Scheduler {
         self.outlook.unserved_for(now)
     }
 
-    /// All work under way, what was silent for the longest time first.
+    /// All work under way, what was silent for the longest time first; of servers that say nothing the first work that
+    /// others have finished meanwhile, whatever they have now.
     #[must_use]
     pub fn waiting(&self, now: Instant) -> Vec<Waiting> {
-        self.in_flight.waiting(now)
+        let mut all = self.in_flight.waiting(now);
+        let overtaken = self.fleet.overtaken(now);
+        if overtaken.is_empty() {
+            return all;
+        }
+        all.retain(|one| overtaken.iter().all(|other| other.server != one.server));
+        all.extend(overtaken);
+        all.sort_by(|one, other| other.silent.total_cmp(&one.silent));
+        all
     }
 
     /// What is waited for, in words; empty while everything moves.

@@ -29,6 +29,8 @@ struct Past {
     taken: u32,
     /// How often it was silent, refused what it should do or answered wrongly since it succeeded with anything.
     in_vain: u32,
+    /// Others have finished what it had, of which it has not said anything: it is to answer something first.
+    overtaken: bool,
     /// The process that this is of, where it says so.
     instance: Option<String>,
 }
@@ -100,7 +102,7 @@ impl Health {
         if let Some(past) = self.pasts.get_mut(&id)
             && past.instance.as_deref() != instance
         {
-            past.in_vain = 0;
+            (past.in_vain, past.overtaken) = (0, false);
             past.instance = instance.map(str::to_owned);
         }
     }
@@ -108,7 +110,7 @@ impl Health {
     /// A server's process has ended.
     pub fn process_ended(&mut self, id: u64) {
         if let Some(past) = self.pasts.get_mut(&id) {
-            past.in_vain = 0;
+            (past.in_vain, past.overtaken) = (0, false);
         }
     }
 
@@ -116,6 +118,19 @@ impl Health {
     pub fn failed_in_vain(&mut self, id: u64) {
         let past = self.pasts.entry(id).or_default();
         past.in_vain = past.in_vain.saturating_add(1);
+    }
+
+    /// Others have finished what a server had, of which it has not said anything.
+    pub fn overtaken(&mut self, id: u64) {
+        self.doubtful = true;
+        self.pasts.entry(id).or_default().overtaken = true;
+    }
+
+    /// A server says something of what it has.
+    pub fn answers(&mut self, id: u64) {
+        if let Some(past) = self.pasts.get_mut(&id) {
+            past.overtaken = false;
+        }
     }
 
     /// Whether a server has failed so often, and succeeded with nothing since, that there is no hope.
@@ -129,7 +144,7 @@ impl Health {
             past.failed.clear();
             past.broken = 0;
             past.taken = 0;
-            past.in_vain = 0;
+            (past.in_vain, past.overtaken) = (0, false);
         }
     }
 
@@ -140,10 +155,10 @@ impl Health {
         }
     }
 
-    /// Whether a server fails so much that it is perhaps broken.
+    /// Whether a server fails so much, or says so little, that it is perhaps broken.
     pub fn is_doubtful(&self, id: u64) -> bool {
         let past = self.pasts.get(&id);
-        past.is_some_and(|past| past.broken > 0 || past.failed.len() >= FEW)
+        past.is_some_and(|past| past.broken > 0 || past.overtaken || past.failed.len() >= FEW)
     }
 
     /// Whether any server may be [in doubt](Self::is_doubtful).

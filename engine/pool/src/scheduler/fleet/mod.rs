@@ -10,6 +10,7 @@ pub(crate) mod lag;
 pub(crate) mod left_behind;
 pub(crate) mod misfits;
 pub(crate) mod offers;
+pub(crate) mod overtaken;
 pub(crate) mod pace;
 pub(crate) mod processes;
 pub(crate) mod sizes;
@@ -290,7 +291,10 @@ impl Fleet {
     pub fn heard(&mut self, id: u64, now: Instant) {
         if let Some(slot) = self.slots.get_mut(&id) {
             slot.silent = false;
-            slot.heard = now;
+            (slot.heard, slot.answered_at) = (now, now);
+            if slot.overtaken.take().is_some() {
+                self.health.answers(id);
+            }
         }
     }
 
@@ -305,6 +309,9 @@ impl Fleet {
     pub fn spoke(&mut self, id: u64) {
         if let Some(slot) = self.slots.get_mut(&id) {
             slot.silent = false;
+            if slot.overtaken.take().is_some() {
+                self.health.answers(id);
+            }
         }
     }
 
@@ -362,8 +369,9 @@ impl Fleet {
         self.health.failed_candidate(id, candidate);
     }
 
-    /// Servers that have failed several candidates and succeeded with none get nothing new before they have shown that
-    /// they can evaluate what succeeded elsewhere; before anything has (it is `known`), as long as others may succeed.
+    /// Servers that have failed several candidates and succeeded with none, or have said nothing of what others have
+    /// finished, get nothing new before they have shown that they can evaluate what succeeded elsewhere; before anything
+    /// has (it is `known`), as long as others may succeed.
     pub fn suspend(&mut self, known: bool) {
         if !self.health.has_doubtful() {
             return;

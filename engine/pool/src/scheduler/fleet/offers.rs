@@ -117,6 +117,8 @@ impl Fleet {
                 backs_off_until: None,
                 suspended: false,
                 heard: now,
+                answered_at: now,
+                overtaken: None,
                 rate: None,
                 held: false,
                 instance,

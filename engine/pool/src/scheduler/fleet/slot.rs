@@ -2,12 +2,21 @@
 
 use std::time::Instant;
 
-use swarmwright_protocol::{Capabilities, NORMAL};
+use swarmwright_protocol::{Capabilities, NORMAL, Waiting};
 
 use crate::mode::Way;
 use crate::scheduler::fleet::lag::Answers;
 use crate::scheduler::fleet::pace::Pace;
 use crate::scheduler::job::Job;
+
+/// Work of a server that others have finished.
+#[derive(Debug, Clone)]
+pub(crate) struct Overtaken {
+    /// As it was waited for when the first of it was finished.
+    pub first: Waiting,
+    /// Since when the server has said nothing.
+    pub since: Instant,
+}
 
 /// A server that answered a discovery and fits.
 #[derive(Debug, Clone)]
@@ -21,6 +30,10 @@ pub(crate) struct Slot {
     pub suspended: bool,
     /// When anything was heard of it last.
     pub heard: Instant,
+    /// When it last said something of work that it had.
+    pub answered_at: Instant,
+    /// What others have finished of its work since it was last heard of.
+    pub overtaken: Option<Overtaken>,
     pub instance: Option<String>,
     pub capabilities: Capabilities,
     /// Measured speed, episodes a second.

@@ -9,7 +9,7 @@ use crate::config::Config;
 use crate::scheduler::job::Job;
 use crate::scheduler::modes::episode::Episode;
 use crate::scheduler::modes::request::Request;
-use crate::scheduler::queue::piece::Piece;
+use crate::scheduler::queue::piece::{Piece, Purpose};
 
 /// Episodes that are remembered when they are over.
 const REMEMBERED: usize = 256;
@@ -139,6 +139,21 @@ impl InFlight {
                 Some((&request.piece, since))
             }
         }
+    }
+
+    /// What is waited for of a job.
+    pub fn waiting_for(&self, job: &Job, now: Instant) -> Option<Waiting> {
+        match job {
+            Job::Episode(hash) => Some(self.episodes.get(hash)?.waiting_for(now)),
+            Job::Request(number) => Some(self.requests.get(number)?.waiting_for(now)),
+        }
+    }
+
+    /// Whether no server is at anything but a probe.
+    pub fn has_probes_alone(&self) -> bool {
+        let episodes = self.episodes.values().map(|one| &one.piece);
+        let mut all = episodes.chain(self.requests.values().map(|one| &one.piece));
+        all.all(|piece| piece.purpose == Purpose::Probe)
     }
 
     /// Whether any server is at an evaluation.

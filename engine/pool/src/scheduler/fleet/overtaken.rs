@@ -1,0 +1,30 @@
+//! Servers that say nothing of work that others have finished meanwhile.
+
+use std::time::Instant;
+
+use swarmwright_protocol::Waiting;
+
+use crate::scheduler::fleet::Fleet;
+use crate::scheduler::fleet::slot::Overtaken;
+
+impl Fleet {
+    /// Others have finished what a server had, of which it has said nothing `since`: until it does it gets single
+    /// evaluations that no result depends on.
+    pub fn was_overtaken(&mut self, id: u64, first: Waiting, since: Instant) {
+        if let Some(slot) = self.slots.get_mut(&id) {
+            slot.overtaken.get_or_insert(Overtaken { first, since });
+            self.health.overtaken(id);
+        }
+    }
+
+    /// What such servers have not answered, by server.
+    pub fn overtaken(&self, now: Instant) -> Vec<Waiting> {
+        let overtaken = self.slots().filter_map(|(_, slot)| slot.overtaken.as_ref());
+        overtaken
+            .map(|one| Waiting {
+                silent: now.saturating_duration_since(one.since).as_secs_f64(),
+                ..one.first.clone()
+            })
+            .collect()
+    }
+}
