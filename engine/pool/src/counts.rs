@@ -29,7 +29,9 @@ pub struct Counts {
     pub foreign: u64,
     /// Evaluations that were repeated on another server to see whether it finds the same.
     pub audits: u64,
-    /// Of these, those in which two servers did not agree.
+    /// Results that count without the audit that was drawn, as no other server could repeat them.
+    pub audits_left_out: u64,
+    /// Of the audits, those in which two servers did not agree.
     pub disagreements: u64,
     /// Evaluations that were made again because their server turned out to be wrong.
     pub recomputed: u64,

@@ -4,11 +4,14 @@
 
 use crate::common;
 
+use std::time::Duration;
+
 use common::{
-    CANDIDATES, Extended, Net, Party, SEEDS, Wrong, batched, begin_with, offloaded, party,
+    CANDIDATES, Extended, Net, Party, SEEDS, Wrong, batched, begin_with, offloaded, party, refusal,
     undisturbed, work,
 };
 use swarmwright_pool::Faults;
+use swarmwright_protocol::RefusalKind;
 
 #[test]
 fn a_server_that_is_wrong_is_found_out_and_what_it_did_is_done_again() {
@@ -101,4 +104,34 @@ fn one_server_alone_is_not_audited() {
     );
     assert_eq!(net.finish(index), undisturbed(CANDIDATES));
     assert_eq!(net.tool(index).counts().audits, 0);
+}
+
+#[test]
+fn audits_that_no_other_server_can_do_are_left_out_counted_and_told_once() {
+    for random in 0..3 {
+        let mut net = Net::new(random);
+        net.add(Party::Extended(Box::new(offloaded(1))));
+        net.add(Party::Extended(Box::new(Extended {
+            refusal: refusal(RefusalKind::Failed, "my disk is full"),
+            ..offloaded(2)
+        })));
+        let faults = Faults {
+            audit: 0.3,
+            ..Faults::default()
+        };
+        let index = begin_with(&mut net, faults, work(CANDIDATES, &SEEDS));
+        for _ in 0..5 {
+            let start = net.now;
+            assert_eq!(net.finish(index), undisturbed(CANDIDATES));
+            let took = net.now - start;
+            assert!(took < Duration::from_secs(5), "{took:?}");
+            net.submit(index, work(CANDIDATES, &SEEDS));
+        }
+        let counts = *net.tool(index).counts();
+        assert_eq!(counts.audits, 0, "{counts:?}");
+        assert!(counts.audits_left_out > 50, "{counts:?}");
+        let told = "results of server 1 count without the audits";
+        let told = net.warnings.iter().filter(|text| text.contains(told));
+        assert_eq!(told.count(), 1, "{:?}", net.warnings);
+    }
 }

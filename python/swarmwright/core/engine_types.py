@@ -69,6 +69,8 @@ class Counts(TypedDict):
     foreign: int
     """Messages that were refused because they named another simulation."""
     audits: int
+    audits_left_out: int
+    """Results that count without the audit that was drawn, as no other server was usable."""
     disagreements: int
     recomputed: int
     """Evaluations that were repeated because their server turned out to be wrong."""

@@ -9,11 +9,29 @@ use crate::scheduler::queue::piece::Piece;
 use crate::scheduler::queue::results::Found;
 
 impl Scheduler {
-    pub(super) fn is_to_be_audited(&self, evaluation: usize, server: u64) -> bool {
+    /// Whether an evaluation is to be repeated on another server before its result counts.
+    pub(super) fn is_to_be_audited(&mut self, evaluation: usize, server: u64) -> bool {
         let share = self.config.faults.audit;
         let seed = self.config.first_instance ^ self.work_number;
         let fleet = &self.fleet;
-        self.audits.draws(share, seed, evaluation, server, fleet)
+        let drawn = self.audits.draws(share, seed, evaluation, server, fleet);
+        if drawn && !self.fleet.has_auditor_but(&[server]) {
+            self.leave_audit_out(server);
+            return false;
+        }
+        drawn
+    }
+
+    /// No other server is of use: a result counts without the audit that was drawn.
+    fn leave_audit_out(&mut self, server: u64) {
+        self.counts.audits_left_out += 1;
+        self.outbox.warn_first(
+            "audits that are left out".to_owned(),
+            format!(
+                "results of server {server} count without the audits that faults.audit asks for, as no other server that \
+                 could repeat them is usable"
+            ),
+        );
     }
 
     /// Has an evaluation repeated before its result counts.
@@ -181,7 +199,11 @@ impl Scheduler {
 
     /// Results for which there is no second server any more count without.
     pub(super) fn settle_unchecked(&mut self, now: Instant) {
-        for evaluation in self.audits.unchecked(&self.fleet, &self.in_flight) {
+        for (evaluation, server) in self.audits.unchecked(&self.fleet, &self.in_flight) {
+            if let Some(server) = server {
+                self.counts.audits = self.counts.audits.saturating_sub(1);
+                self.leave_audit_out(server);
+            }
             self.let_pass(evaluation, now);
         }
     }

@@ -74,7 +74,8 @@ pub(crate) enum Compared {
 pub(crate) struct Audits(BTreeMap<usize, Check>);
 
 impl Audits {
-    /// Whether an evaluation is to be audited that a server has done. `seed`: another one for each piece of work.
+    /// Whether an evaluation is to be audited that a server has done, if another one can. `seed`: another one for each piece
+    /// of work.
     pub fn draws(
         &self,
         share: f64,
@@ -149,13 +150,21 @@ impl Audits {
         })
     }
 
-    /// Evaluations for which there is no second server any more, nor one at it.
-    pub fn unchecked(&self, fleet: &Fleet, in_flight: &InFlight) -> Vec<usize> {
-        let alone = |check: &Check| fleet.auditors_but(&check.servers()).is_none();
+    /// Evaluations for which there is no second server any more, nor one at it; once nothing else is under way also those
+    /// for which none of the others is of use. Each with the server whose result was not compared with any.
+    pub fn unchecked(&self, fleet: &Fleet, in_flight: &InFlight) -> Vec<(usize, Option<u64>)> {
+        let is_last = in_flight.has_probes_alone();
+        let alone = |check: &Check| {
+            let asked = check.servers();
+            fleet.auditors_but(&asked).is_none() || (is_last && !fleet.has_auditor_but(&asked))
+        };
         self.0
             .iter()
             .filter(|(evaluation, check)| alone(check) && !in_flight.has(**evaluation))
-            .map(|(evaluation, _)| *evaluation)
+            .map(|(evaluation, check)| {
+                let first = check.second.is_none().then_some(check.first.server);
+                (*evaluation, first)
+            })
             .collect()
     }
 

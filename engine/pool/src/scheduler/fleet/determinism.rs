@@ -47,4 +47,15 @@ impl Fleet {
         let never: Vec<u64> = all.filter(|id| out(id)).collect();
         (never.len() < self.slots.len()).then_some(never)
     }
+
+    /// Whether a server that has not been asked can be expected to audit: none that is silent, is to show first that it is
+    /// sound, or has failed more than once in a row.
+    pub fn has_auditor_but(&self, asked: &[u64]) -> bool {
+        let fails = |id: u64| {
+            let failures = self.health().failures(id);
+            failures.is_some_and(|(times, _)| times > 1) || self.health().is_doubtful(id)
+        };
+        let mut others = self.slots().filter(|(id, _)| !asked.contains(id));
+        others.any(|(id, slot)| !slot.silent && !fails(id) && self.is_comparable(id))
+    }
 }
