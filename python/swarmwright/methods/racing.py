@@ -1,6 +1,7 @@
 """Iterated racing, as in irace."""
 
 import math
+from dataclasses import replace
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -74,14 +75,16 @@ class Racing(Method):
     practically the same, their parents' distributions become wider, about as they were two races before, and
     all new candidates are sampled anew.
 
+    What is left when no race fits any more is used for unseen instances, on which all elites are evaluated.
+
     A candidate's recorded fitness is the mean of its scores on all instances so far. The best one is that
     with the most instances; of equals, that with the smallest sum of ranks.
 
     Source: López-Ibáñez, Dubois-Lacoste, Pérez Cáceres, Birattari and Stützle, "The irace package: iterated
     racing for automatic algorithm configuration", Operations Research Perspectives 3, 2016. Differences: the
     first candidates are random ones of the representation and not a Sobol sequence; a choice keeps no
-    probabilities of former ancestors; and where a race's share of the budget is too small for one, it may
-    have all that is left.
+    probabilities of former ancestors; where a race's share of the budget is too small for one, it may have
+    all that is left; and the elites get the rest.
     """
 
     kind: ClassVar[str] = "racing"
@@ -101,6 +104,7 @@ class Racing(Method):
         self._unseen = 0
         self._widened = 0
         self._race: Race | None = None
+        self._is_last = False  # whether no race follows
         self._missing: list[Entrant] | None = None
         self._means: Fitness = np.empty(0)
 
@@ -229,7 +233,7 @@ class Racing(Method):
         while self._missing is None:
             if self._race is not None:
                 self._missing = self._race.missing(left)
-            if self._missing is None and not self._begin_race(left):
+            if self._missing is None and (self._is_last or not self._begin_race(left)):
                 return
 
     def _begin_race(self, left: int) -> bool:
@@ -243,7 +247,7 @@ class Racing(Method):
         self._races = max(self._races, number)
         found = self._next_size(number, left)
         if found is None:
-            return False
+            return self._use_rest(left)
         budget, count, new_instances = found
         self._number = number
         entrants = [*self._elites, *self._new(count - len(self._elites))]
@@ -255,6 +259,15 @@ class Racing(Method):
             old[last], old[other] = old[other], old[last]
         unseen = self._unseen + new_instances
         self._race = Race(entrants, [*fresh, *old], unseen, budget, self._rules)
+        return True
+
+    def _use_rest(self, left: int) -> bool:
+        """Evaluate the elites on unseen instances, without tests; return whether one fits."""
+        self._is_last = True
+        if not 0 < len(self._elites) <= left:
+            return False
+        untested = replace(self._rules, survivors=0, patience=0, first_test=left + 1)
+        self._race = Race(self._elites, [], self._unseen, left, untested)
         return True
 
     def _next_size(self, number: int, left: int) -> tuple[int, int, int] | None:

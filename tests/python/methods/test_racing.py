@@ -193,12 +193,26 @@ def test_the_budget_is_spread_over_races_and_used() -> None:
         method = racing(evaluations=budget)
         steps = conversation(method, lambda genomes: -(genomes**2).sum(axis=1))
         spent = sum(len(genomes) for _, _, genomes in steps)
-        assert 0.85 * budget <= spent <= budget
+        assert budget - 5 < spent <= budget, "what fits no race is for the elites, five of them"
         assert method.evaluations == spent
         first = sum(len(genomes) for race, _, genomes in steps if race == 1)
         # 2 + log2(10) races.
         assert first <= budget // 5
         assert max(race for race, _, _ in steps) >= 5
+
+
+def test_elites_get_what_fits_no_race() -> None:
+    method = racing(evaluations=200, candidates=10)
+    steps = conversation(method, lambda genomes: -(genomes**2).sum(axis=1))
+    elites = len(steps[-1][2])
+    assert 200 - elites < method.evaluations <= 200
+    last = [genomes.tobytes() for _, _, genomes in steps[-5:]]
+    assert set(last) == {last[0]}, "all of them, without tests"
+    instances = [instance for _, instance, _ in steps]
+    assert instances[-5:] == list(range(max(instances) - 4, max(instances) + 1)), "unseen ones"
+    incumbent = method.incumbent
+    assert incumbent is not None
+    assert incumbent.evaluation >= method.evaluations - elites
 
 
 def test_the_first_race_has_as_many_candidates_as_irace_would_give_it() -> None:
