@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from os import PathLike
 from pathlib import Path
 from typing import Any, Self
 
@@ -13,6 +14,7 @@ from swarmwright.core.problems import shown
 from swarmwright.core.suggestions import did_you_mean
 from swarmwright.core.yaml import Source, read
 from swarmwright.experiment.experiment import Experiment
+from swarmwright.experiment.settings import parse_settings
 from swarmwright.runs.folders import RUNS
 
 _KEYS = ("experiment", "grid", "seeds", "out")
@@ -31,7 +33,9 @@ class Sweep:
     """What was set for all variants."""
 
     @classmethod
-    def load(cls, path: str | Path, *, out: Path | None = None, settings: Iterable[str] = ()) -> Self:
+    def load(
+        cls, path: str | PathLike[str], *, out: Path | None = None, settings: Iterable[str] = ()
+    ) -> Self:
         """Read a sweep file (YAML), or the record of a sweep, sweep.json.
 
         Keys: `experiment`, the path of an experiment file, relative to the sweep file; `grid`, a mapping from
@@ -66,6 +70,12 @@ class Sweep:
             )
         from swarmwright.analysis.sweep.recorded import is_record, sweep_of  # noqa: PLC0415 - it imports this module
 
+        settings = tuple(settings)
+        for one in parse_settings(settings):
+            if one.path == ("seed",):
+                raise InputError(
+                    f"{one.text}: each run has a seed of the sweep; see the key 'seeds' of {file}"
+                )
         if is_record(source.values):
             return cls(**sweep_of(file, source.values, out, settings))
         return cls._checked(source, file, out, settings)
@@ -120,7 +130,7 @@ def _experiment(source: Source, file: Path | None, settings: Iterable[str]) -> E
         return name
     if file is None and isinstance(name, Mapping):
         return Experiment.from_mapping(name)
-    if file is None and isinstance(name, str | Path):
+    if file is None and isinstance(name, str | PathLike):
         return Experiment.load(name)
     if file is None:
         raise InputError(
@@ -161,6 +171,6 @@ def _out(source: Source, stem: str) -> Path:
     out = source.values.get("out")
     if out is None:
         return RUNS / stem
-    if not isinstance(out, str | Path) or not str(out):
+    if not isinstance(out, str | PathLike) or not str(out):
         raise InputError(f"{source.place(('out',))}must be the path of a folder, not {shown(out)}")
     return Path(out)

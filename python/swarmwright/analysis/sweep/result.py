@@ -97,13 +97,22 @@ class SweepResult:
         self,
         *,
         at: int | None = None,
+        at_episodes: int | None = None,
         held_out: bool = False,
         by: By = "fitness",
         reference: Mapping[str, float] | None = None,
         offset: float | None = None,
     ) -> Comparison:
         """Compare the variants; see `swarmwright.compare`. Raises InputError when no run was finished."""
-        return compare(self.runs, at=at, held_out=held_out, by=by, reference=reference, offset=offset)
+        return compare(
+            self.runs,
+            at=at,
+            at_episodes=at_episodes,
+            held_out=held_out,
+            by=by,
+            reference=reference,
+            offset=offset,
+        )
 
     @checked
     def plot(self, path: str | PathLike[str] | None = None, *, x: str = "evaluations") -> "Figure":
@@ -157,7 +166,8 @@ def sweep(
     continues. A run that fails does not stop the others; one that another process works on is left to it.
 
     Args:
-        source: path of a sweep file, or a mapping with its keys: `experiment` (an `Experiment`, a mapping,
+        source: path of a sweep file; of the sweep.json of a sweep, which is repeated, or completed in its
+            folder without `out`; or a mapping with a file's keys: `experiment` (an `Experiment`, a mapping,
             or the path of a file), `grid` (a mapping from keys such as "method.population" to lists of
             values, or a list of such mappings), `seeds` (how many, or a list; default 5), `out`.
         jobs: runs at a time, in separate processes. Default: one for each processor with servers

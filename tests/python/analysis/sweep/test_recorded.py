@@ -131,6 +131,10 @@ def test_settings_apply_to_all_variants(results: Path, tmp_path: Path) -> None:
         InputError, match=r"the variants of this sweep differ in method\.population; leave it"
     ):
         Sweep.load(file, settings=["method.population=5"])
+    with pytest.raises(
+        InputError, match=r"--set seed=5: each run has a seed of the sweep; see the key 'seeds'"
+    ):
+        Sweep.load(file, settings=["seed=5"])
     with pytest.raises(InputError, match=r"run of another experiment: parameters\.maxSteps is 4 in"):
         tasks(Sweep.load(file, settings=["parameters.maxSteps=4"]))[0].found()
 
