@@ -5,7 +5,7 @@ import shlex
 from collections.abc import Collection, Iterator, Sequence
 from typing import TYPE_CHECKING
 
-from swarmwright.analysis.episodes import episodes_of
+from swarmwright.analysis.episodes import episodes_of, episodes_to_begin, limit
 from swarmwright.analysis.indicators import Indicator, shared_indicators
 from swarmwright.analysis.table import Tested
 from swarmwright.analysis.tasks import (
@@ -46,8 +46,15 @@ def _command(groups: Sequence["Group"], option: str) -> str:
     return f"`swarmwright runs compare {which} {option}`"
 
 
-def _costs(tasks: Sequence["Task"]) -> Iterator[str]:
-    """Yield that evaluations of groups of a task took unlike numbers of episodes."""
+def _costs(groups: Sequence["Group"], tasks: Sequence["Task"], *, compare_at: bool) -> Iterator[str]:
+    """Yield that evaluations of groups of a task took unlike numbers of episodes.
+
+    compare_at: whether they can be compared after as many episodes.
+    """
+    shortest = min(episodes for one in groups for episodes in one.episodes)
+    begun = max(episodes_to_begin(run) for one in groups for run in one.runs)
+    command = _command(groups, f"--at-episodes {max(shortest, begun)}")
+    after = f"; {command} compares all after as many" if compare_at else ""
     for task in tasks:
         rates = {one.label: one.episodes_per_evaluation for one in task.groups}
         least, most = min(rates.values()), max(rates.values())
@@ -58,8 +65,8 @@ def _costs(tasks: Sequence["Task"]) -> Iterator[str]:
         where = f" of the task {task.label}" if task.label else ""
         yield (
             f"an evaluation{where} is not the same number of episodes in all groups ({which}), so the same "
-            "number of evaluations is not the same amount of simulation: the column episodes has that, and "
-            "a budget of `evaluations` for each group can make it the same"
+            "number of evaluations is not the same amount of simulation, which the column episodes "
+            f"has{after}"
         )
 
 
@@ -231,9 +238,38 @@ def _recorded(run: Run) -> str:
     return f"{episodes} episode{'s' if episodes > 1 else ''}{past}"
 
 
-def _waits(one: "Group", at: int) -> bool:
+def _limited(groups: Sequence["Group"], at: int | None, at_episodes: int | None) -> Iterator[str]:
+    """Yield what counts of runs where as many evaluations or episodes of each are compared."""
+    if at is None and at_episodes is None:
+        return
+    words = f"{at:,} evaluations" if at_episodes is None else f"{at_episodes:,} episodes"
+    ended = [
+        str(run.path)
+        for one in groups
+        for run in one.runs
+        if (
+            run.evaluations < (at or 0)
+            if at_episodes is None
+            else episodes_of(run, run.evaluations) < at_episodes
+        )
+    ]
+    if ended:
+        more = f" and {len(ended) - 5} more" if len(ended) > 5 else ""
+        yield f"ended before {words}, and count with what they had: {', '.join(ended[:5])}{more}"
+    waiting = [one.label for one in groups if _waits(one, at, at_episodes)]
+    if waiting:
+        yield (
+            f"candidates of {' and '.join(waiting)} are evaluated again, so the last generation that was "
+            f"finished within the first {words} counts"
+        )
+
+
+def _waits(one: "Group", at: int | None, at_episodes: int | None) -> bool:
     """Return whether evaluations of a generation that was not finished do not count."""
-    return any(count < min(at, run.evaluations) for run, count in zip(one.runs, one.counts, strict=True))
+    return any(
+        count < min(limit(run, at, at_episodes) or 0, run.evaluations)
+        for run, count in zip(one.runs, one.counts, strict=True)
+    )
 
 
 def caveats(
@@ -242,6 +278,7 @@ def caveats(
     at: int | None,
     indicator: Indicator,
     *,
+    at_episodes: int | None = None,
     held_out: bool,
     beside: Collection[str] = (),
 ) -> list[str]:
@@ -252,6 +289,7 @@ def caveats(
         tasks: the groups by the task that they solve; where there are several, tests are within a task.
         at: evaluations after which runs are compared; None: at their ends.
         indicator: by what.
+        at_episodes: episodes after which runs are compared, instead.
         held_out: whether it is fitness on held-out seeds.
         beside: what the same runs are also compared by, next to this: indicators, or `HELD_OUT`.
     """
@@ -263,21 +301,11 @@ def caveats(
         if len(few) > 3:
             counts = f"{len(few)} groups have {least if least == most else f'{least} to {most}'}"
         found.append(f"with fewer than {FEW} runs in a group ({counts}) a test has little power")
-    ended = [str(run.path) for one in groups for run in one.runs if run.evaluations < (at or 0)]
-    if ended:
-        more = f" and {len(ended) - 5} more" if len(ended) > 5 else ""
-        found.append(
-            f"ended before {at:,} evaluations, and count with what they had: {', '.join(ended[:5])}{more}"
-        )
-    waiting = [one.label for one in groups if at is not None and _waits(one, at)]
-    if waiting:
-        found.append(
-            f"candidates of {' and '.join(waiting)} are evaluated again, so the last generation that was "
-            f"finished within the first {at:,} evaluations counts"
-        )
-    if at is None and not held_out and len(groups) > 1:
-        found += _lengths(groups, indicator)
-    found += _costs(tasks)
+    found += _limited(groups, at, at_episodes)
+    if at_episodes is None:
+        if at is None and not held_out and len(groups) > 1:
+            found += _lengths(groups, indicator)
+        found += _costs(groups, tasks, compare_at=indicator.by == "fitness" and not held_out)
     found += _tasks(groups, tasks)
     found += _values(groups, indicator, held_out=held_out, beside=beside)
     found += ties([pair for task in tasks for pair in task.pairs])

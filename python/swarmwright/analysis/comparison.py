@@ -4,15 +4,22 @@ import os
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations, islice
+from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmwright.analysis.after_evaluations import by_generation, fitness_at
+from swarmwright.analysis.after_evaluations import fitness_at
 from swarmwright.analysis.caveats import HELD_OUT, caveats
-from swarmwright.analysis.episodes import episodes_of
+from swarmwright.analysis.comparison_checks import (
+    check_begun,
+    check_begun_in_episodes,
+    check_options,
+    check_validated,
+)
+from swarmwright.analysis.episodes import episodes_of, limit
 from swarmwright.analysis.groups import RunGroup, group
 from swarmwright.analysis.indicators import FITNESS, By, Indicator, measure, quick_indicators
 from swarmwright.analysis.significance import Difference, Kruskal, difference, holm, kruskal_wallis
@@ -20,10 +27,7 @@ from swarmwright.analysis.sweep_folders import runs_of_all
 from swarmwright.analysis.tasks import TaskGroups, by_task
 from swarmwright.core.arguments import checked
 from swarmwright.core.errors import InputError
-from swarmwright.core.problems import shown
-from swarmwright.runs.post_evaluation import EPISODES
 from swarmwright.runs.run import Run
-from swarmwright.runs.validation import command_to_validate
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -124,7 +128,7 @@ class Comparison:
     """The groups by the task that they solve; tests are within a task. One with all groups where these solve
     the same, or differ in nothing but parameters other than the mission."""
     at: int | None
-    """Evaluations after which runs are compared; None: at each run's end."""
+    """Evaluations after which runs are compared; None: at each run's end, or after `at_episodes`."""
     notes: tuple[str, ...]
     """Caveats, a sentence each."""
     held_out: bool = False
@@ -134,6 +138,8 @@ class Comparison:
     `reference` and `ranges` of the hypervolume."""
     heading: str = ""
     """What is compared, in words, where it is one of several comparisons of the same runs by fitness."""
+    at_episodes: int | None = None
+    """Episodes after which runs are compared, instead of evaluations."""
 
     @property
     def pairs(self) -> tuple[Pair, ...]:
@@ -183,7 +189,7 @@ class Comparison:
         return draw(self, in_order(self.tasks), designs_of(self.tasks), x=x)
 
     @checked
-    def plot(self, path: str | Path, *, x: str = "evaluations") -> Path:
+    def plot(self, path: str | PathLike[str], *, x: str = "evaluations") -> Path:
         """Draw `figure` into a file (.png, .svg or .pdf); return its path.
 
         Raises InputError for another ending or a file that cannot be written.
@@ -193,15 +199,15 @@ class Comparison:
         return save(self.figure(x=x), Path(path))
 
     @checked
-    def export(self, path: str | Path) -> Path:
+    def export(self, path: str | PathLike[str]) -> Path:
         """Write a table; return its path. The ending of the file says which.
 
         .csv: a row for each run: task, group, run (its folder, relative to that of the table), seed,
         evaluations and episodes that count, fitness (the best recorded one of these), the indicator that is
         compared if any, held_out_fitness, held_out_episodes, held_out_standard_error, held_out_low and
-        held_out_high (95 % interval; empty with `at` and where the run was not validated), seconds of the
-        whole run, record_sha256, and the keys that differ; nan where no candidate could be evaluated. .tex:
-        groups and tests of each task as LaTeX tables, for the package booktabs.
+        held_out_high (95 % interval; empty before a run's end and where the run was not validated), seconds
+        of the whole run, record_sha256, and the keys that differ; nan where no candidate could be evaluated.
+        .tex: groups and tests of each task as LaTeX tables, for the package booktabs.
 
         Raises InputError for another ending or a file that cannot be written.
         """
@@ -215,6 +221,7 @@ def compare(
     runs: Iterable[Run | str | os.PathLike[str]] | str | os.PathLike[str],
     *,
     at: int | None = None,
+    at_episodes: int | None = None,
     held_out: bool = False,
     by: By = "fitness",
     reference: Mapping[str, float] | None = None,
@@ -242,6 +249,8 @@ def compare(
         at: compare the best of the first so many evaluations instead of that at each run's end. Runs that
             ended earlier count with what they had, and those whose candidates are evaluated again (racing,
             `reevaluate`) with their last generation that was finished by then.
+        at_episodes: the same with as many evaluations of each run as took at most so many episodes, which
+            are fewer where `ranking.episodes` is larger: then runs had equally much simulation.
         held_out: compare the fitness of each run's best candidate on held-out seeds, by its validation,
             instead of the best recorded fitness, which is too high where fitness depends on the seed.
         by: "fitness", "hypervolume", "qd_score" (sum over elites of fitness minus the offset) or "coverage"
@@ -254,13 +263,21 @@ def compare(
             these runs where that is negative.
 
     Raises:
-        InputError: no run is given, a folder is not a run, a run holds no finished generation, `at` is below
-            1 or one had none yet after so many evaluations, with `held_out` a run has no validation, or a run
-            does not have what is compared.
+        InputError: no run is given, a folder is not a run, a run holds no finished generation, `at` or
+            `at_episodes` is below 1 or one had none yet by then, with `held_out` a run has no validation, or
+            a run does not have what is compared.
     """
     given = runs_of_all(runs)
-    _check_options(at, by, reference, offset, held_out=held_out)
-    return _compared(given, at=at, held_out=held_out, by=by, reference=reference, offset=offset)
+    check_options(at, at_episodes, by, reference, offset, held_out=held_out)
+    return _compared(
+        given,
+        at=at,
+        at_episodes=at_episodes,
+        held_out=held_out,
+        by=by,
+        reference=reference,
+        offset=offset,
+    )
 
 
 def compare_all(runs: Sequence[Run]) -> list[Comparison]:
@@ -287,6 +304,7 @@ def _compared(
     opened: Sequence[Run],
     *,
     at: int | None = None,
+    at_episodes: int | None = None,
     held_out: bool = False,
     by: By = "fitness",
     reference: Mapping[str, float] | None = None,
@@ -300,14 +318,16 @@ def _compared(
         if not run.history:
             raise InputError(f"{run.path}: holds no finished generation to compare")
     if held_out:
-        _check_validated(opened, at)
+        check_validated(opened, at)
     if at is not None:
-        _check_finished(opened, at)
+        check_begun(opened, at)
+    if at_episodes is not None:
+        check_begun_in_episodes(opened, at_episodes)
     grouped, notes = group(opened)
     indicator = FITNESS
     if by == "fitness":
         found = [
-            (_validated(run), run.evaluations) if held_out else fitness_at(run, at)
+            (_validated(run), run.evaluations) if held_out else fitness_at(run, limit(run, at, at_episodes))
             for one in grouped
             for run in one.runs
         ]
@@ -322,9 +342,11 @@ def _compared(
         _task(one, [groups[index] for index in one.indices])
         for one in by_task(grouped, by=by, held_out=held_out)
     )
-    found_caveats = caveats(groups, tasks, at, indicator, held_out=held_out, beside=beside)
+    found_caveats = caveats(
+        groups, tasks, at, indicator, at_episodes=at_episodes, held_out=held_out, beside=beside
+    )
     heading = _RECORDED if HELD_OUT in beside else ""
-    return Comparison(groups, tasks, at, (*notes, *found_caveats), held_out, indicator, heading)
+    return Comparison(groups, tasks, at, (*notes, *found_caveats), held_out, indicator, heading, at_episodes)
 
 
 def _task(one: TaskGroups, groups: Sequence[Group]) -> Task:
@@ -342,50 +364,6 @@ def _task(one: TaskGroups, groups: Sequence[Group]) -> Task:
         ),
         kruskal_wallis([group.final for group in groups]) if len(groups) > 2 else None,
     )
-
-
-def _check_options(at: int | None, by: object, reference: object, offset: object, *, held_out: bool) -> None:
-    if at is not None and at < 1:
-        raise InputError(f"at: must be at least 1, not {at}")
-    kinds = get_args(By)
-    if by not in kinds:
-        raise InputError(f"by: must be one of {', '.join(kinds)}, not {shown(by)}")
-    if held_out and by != "fitness":
-        raise InputError(
-            "held_out: compares fitness, which validations have; leave out held_out, or leave out by"
-        )
-    if reference is not None and by != "hypervolume":
-        raise InputError(
-            "reference: is the reference point of hypervolume; leave it out, or give by='hypervolume'"
-        )
-    if offset is not None and by != "qd_score":
-        raise InputError("offset: is that of the QD score; leave it out, or give by='qd_score'")
-
-
-def _check_finished(runs: Sequence[Run], at: int) -> None:
-    slowest = max(filter(by_generation, runs), key=lambda run: run.history[0].evaluations, default=None)
-    if slowest is not None and at < (needed := slowest.history[0].evaluations):
-        raise InputError(
-            f"at {at} evaluations {slowest.path} had no finished generation yet; compare at {needed} or later"
-        )
-
-
-def _check_validated(runs: Sequence[Run], at: int | None) -> None:
-    if at is not None:
-        raise InputError(
-            "at: the best candidates at the end of runs are validated; leave out at, or leave out held_out"
-        )
-    missing = [run for run in runs if run.validation is None]
-    if missing:
-        names = ", ".join(str(run.path) for run in missing[:3])
-        others = f" and {len(missing) - 3} more" if len(missing) > 3 else ""
-        command = command_to_validate(missing[0], _episodes(runs))
-        raise InputError(f"{names}{others}: not validated on held-out seeds; `{command}` does it")
-
-
-def _episodes(runs: Iterable[Run]) -> int:
-    """Return in how many held-out episodes a run is to be validated, to be compared with others."""
-    return max((len(run.unseen.seeds) for run in runs if run.unseen is not None), default=EPISODES)
 
 
 def _group(one: RunGroup, found: Sequence[tuple[float, int]]) -> Group:

@@ -184,6 +184,7 @@ def to_mapping(comparison: "Comparison") -> dict[str, Any]:
     """Return a comparison as plain values; NaN and infinities are left as they are."""
     return {
         "at": comparison.at,
+        "at_episodes": comparison.at_episodes,
         "held_out": comparison.held_out,
         **comparison.indicator.to_mapping(),
         "groups": [

@@ -65,6 +65,8 @@ def csv_text(comparison: "Comparison", folder: Path) -> str:
         [({**flattened_of(one.runs[0]), **one.differs}, one.differs) for one in comparison.groups]
     )
     by = comparison.indicator.by
+    best = by == "fitness" and not comparison.held_out
+    at_end = comparison.at is None and comparison.at_episodes is None
     rows = []
     for one, keys in zip(comparison.groups, differing, strict=True):
         for run, value, count, episodes in zip(
@@ -75,10 +77,10 @@ def csv_text(comparison: "Comparison", folder: Path) -> str:
                     "task": tasks[one.label], "group": one.label,
                     "run": os.path.relpath(run.path.resolve(), folder.resolve()),
                     "seed": run.experiment.seed, "evaluations": count, "episodes": episodes,
-                    "fitness": fitness_at(run, comparison.at)[0],
+                    "fitness": value if best else fitness_at(run, comparison.at)[0],
                     **({} if by == "fitness" else {by: value}),
                     # The candidate that is the best at the run's end was validated.
-                    **_held_out(None if comparison.at is not None else run.validation),
+                    **_held_out(run.validation if at_end else None),
                     "seconds": run.seconds, "record_sha256": run.digest, **keys,
                 }
             )  # fmt: skip
@@ -124,6 +126,8 @@ def _what(comparison: "Comparison") -> str:
 
 
 def _when(comparison: "Comparison") -> str:
+    if comparison.at_episodes is not None:
+        return f"after {comparison.at_episodes:,} episodes"
     return "at its end" if comparison.at is None else f"after {comparison.at:,} evaluations"
 
 

@@ -92,11 +92,17 @@ class Compared:
     by: "By" = "fitness"
     reference: tuple[tuple[str, float], ...] = ()
     offset: float | None = None
+    at_episodes: int | None = None
 
     def check(self) -> None:
         """Raise UsageError for options that contradict each other."""
         if self.held_out and self.at is not None:
             raise click.UsageError("--held-out compares runs at their end; leave out --at.")
+        if self.at_episodes is not None and (self.at is not None or self.held_out or self.by != "fitness"):
+            raise click.UsageError(
+                "--at-episodes compares the best recorded fitness after so many episodes; leave out --at, "
+                "--held-out and --by, or leave out --at-episodes."
+            )
         if self.held_out and self.by != "fitness":
             raise click.UsageError("--held-out compares fitness; leave out --held-out, or leave out --by.")
         if self.reference and self.by != "hypervolume":
@@ -124,6 +130,7 @@ def show_comparison(output: Output, folders: Sequence[Path], what: Compared) -> 
     comparison = compare(
         runs,
         at=what.at,
+        at_episodes=what.at_episodes,
         held_out=what.held_out,
         by=what.by,
         reference=dict(what.reference) or None,

@@ -369,6 +369,13 @@ at_option: Decorator = click.option(
     help="Compare the best of the first so many evaluations; where candidates are evaluated again (racing, "
     "reevaluate), the last generation that was finished by then. Default: at each run's end.",
 )
+at_episodes_option: Decorator = click.option(
+    "--at-episodes",
+    type=WholeNumber(min=1),
+    metavar="EPISODES",
+    help="The same with as many evaluations of each run as took at most so many episodes: after equally much "
+    "simulation, where ranking.episodes differs.",
+)
 
 
 class ObjectiveValue(click.ParamType[tuple[str, float]]):

@@ -11,6 +11,7 @@ from swarmwright.cli._options import (
     ExistingPath,
     OutputFile,
     SaveOption,
+    at_episodes_option,
     at_option,
     by_options,
     held_out_option,
@@ -49,6 +50,7 @@ if TYPE_CHECKING:
 )
 @by_options
 @at_option
+@at_episodes_option
 @held_out_option
 @json_option
 def command(
@@ -59,6 +61,7 @@ def command(
     reference: tuple[tuple[str, float], ...],
     offset: float | None,
     at: int | None,
+    at_episodes: int | None,
     held_out: bool,
     as_json: bool,
 ) -> int:
@@ -72,7 +75,7 @@ def command(
     """
     from swarmwright.cli._comparison import INCOMPLETE, Compared, run_folders
 
-    what = Compared(at, held_out, by, reference, offset)
+    what = Compared(at, held_out, by, reference, offset, at_episodes)
     output = Output(as_json=as_json)
     folders, missing = run_folders(runs)
     if len({run.resolve() for run in folders}) == 1 and not missing and what == Compared():

@@ -13,6 +13,7 @@ from swarmwright.cli._options import (
     FiniteNumber,
     OutputFile,
     SaveOption,
+    at_episodes_option,
     at_option,
     by_options,
     held_out_option,
@@ -194,6 +195,7 @@ def diff(one: Path, other: Path, as_json: bool) -> int:
 @click.argument("runs", type=ExistingPath(folder=None), nargs=-1, required=True, metavar="RUN...")
 @by_options
 @at_option
+@at_episodes_option
 @held_out_option
 @click.option(
     "--csv",
@@ -216,6 +218,7 @@ def compare(
     reference: tuple[tuple[str, float], ...],
     offset: float | None,
     at: int | None,
+    at_episodes: int | None,
     held_out: bool,
     csv_file: Path | None,
     latex_file: Path | None,
@@ -236,7 +239,7 @@ def compare(
     from swarmwright.cli._comparison import INCOMPLETE, Compared, run_folders, show_comparison
 
     output = Output(as_json=as_json)
-    what = Compared(at, held_out, by, reference, offset)
+    what = Compared(at, held_out, by, reference, offset, at_episodes)
     asked = ((csv_file, table_files.CSV), (latex_file, table_files.LATEX))
     files = [(file, ending) for file, ending in asked if file is not None]
     for file, ending in files:

@@ -155,6 +155,8 @@ def _row(
         when = "on held-out seeds"
     else:
         when = "at the end" if comparison.at is None else f"after {comparison.at:,} evaluations"
+        if comparison.at_episodes is not None:
+            when = f"after {comparison.at_episodes:,} episodes"
     what = f"{indicator.words} of each run"
     if indicator.by == "fitness":
         what = "recorded fitness of the best of each run" if falls else "best recorded fitness of each run"

@@ -5,9 +5,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
 import swarmwright
-from swarmwright import Run, compare
+from swarmwright import InputError, Run, compare
 from tests.python.analysis.runs import runs
 
 EIGHT = {"ranking": {"episodes": 8}}
@@ -27,9 +28,49 @@ def test_unlike_numbers_of_episodes_per_evaluation_are_shown_and_noted(tmp_path:
     assert (first[3:5], second[3:5]) == (["4", "4"], ["4", "32"])
     (note,) = about_episodes(comparison.notes)
     assert "(episodes 1: 1; episodes 8: 8)" in note
+    assert "--at-episodes 8`" in note, "not 4, in which the second group had nothing"
     assert [one["episodes"] for one in comparison.to_mapping()["groups"][1]["runs"]] == [32, 32]
     with comparison.export(tmp_path / "table.csv").open() as file:
         assert [row["episodes"] for row in csv.DictReader(file)] == ["4", "4", "32", "32"]
+
+
+def test_runs_are_compared_after_as_many_episodes(tmp_path: Path) -> None:
+    once, often = runs(tmp_path, [1, 2.0]), runs(tmp_path, [5, 6.0], **EIGHT)
+    for run in once:
+        run._fitness = [np.arange(1.0 + run.experiment.seed, 41.0)]
+    (note,) = about_episodes(compare([*once, *often]).notes)
+    assert note.endswith("--at-episodes 32` compares all after as many")
+    comparison = compare([*once, *often], at_episodes=32)
+    assert [one.counts for one in comparison.groups] == [(32, 32), (4, 4)]
+    assert [one.episodes for one in comparison.groups] == [(32, 32), (32, 32)]
+    assert [one.final.tolist() for one in comparison.groups] == [[33, 34], [5, 6]]
+    assert about_episodes(comparison.notes) == []
+    assert not [note for note in comparison.notes if "ended before" in note]
+    assert (comparison.at, comparison.to_mapping()["at_episodes"]) == (None, 32)
+    (axes,) = comparison.figure().axes[1:]
+    assert "after 32 episodes" in axes.get_ylabel().replace("\n", " ")
+    assert ", after 32 episodes" in comparison.export(tmp_path / "table.tex").read_text()
+    fewer = compare([*once, *often], at_episodes=17)
+    assert [one.counts for one in fewer.groups] == [(17, 17), (2, 2)]
+    (ended,) = [note for note in compare([*once, *often], at_episodes=38).notes if "ended before" in note]
+    assert ended.startswith("ended before 38 episodes")
+    assert all(run.path.name not in ended for run in once)
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"at_episodes": 0}, "^at_episodes: must be at least 1, not 0$"),
+        ({"at_episodes": 7}, "had nothing to compare after 7 episodes; compare at 8 or later$"),
+        ({"at_episodes": 8, "at": 3}, "leave out at, held_out and by, or leave out at_episodes"),
+        ({"at_episodes": 8, "held_out": True}, "leave out at, held_out and by"),
+    ],
+)
+def test_numbers_of_episodes_that_cannot_be_compared(
+    tmp_path: Path, given: dict[str, Any], said: str
+) -> None:
+    with pytest.raises(InputError, match=said):
+        compare(runs(tmp_path, [5, 6.0], **EIGHT), **given)
 
 
 def test_one_episode_per_evaluation_needs_no_column(tmp_path: Path) -> None:
@@ -69,3 +110,8 @@ def test_episodes_that_a_race_left_out_do_not_count(tmp_path: Path) -> None:
     assert less.episodes == (np.isfinite(raced.record.episodes).sum(),)
     early = compare([tmp_path / "plain", raced], at=30).groups[1].episodes[0]
     assert early == np.isfinite(raced.record.episodes[:30]).sum()
+    used = np.cumsum(np.isfinite(raced.record.episodes).sum(axis=1))
+    for episodes in (early - 1, early, early + 1, used[-1] - 1, used[-1]):
+        (group,) = compare([raced], at_episodes=episodes).groups
+        assert group.counts == ((used <= episodes).sum(),)
+        assert group.episodes == (used[group.counts[0] - 1],)

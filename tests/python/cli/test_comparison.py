@@ -74,6 +74,8 @@ def test_tables_are_written(program: Any, swept: Any, tmp_path: Path) -> None:
     files = ["--csv", "table.csv", "--latex", "table.tex"]
     result = program("runs", "compare", *folders(tmp_path / "archives"), *files)
     assert result.returncode == 0, result.stderr
+    limited = program("runs", "compare", *folders(tmp_path / "archives"), "--at-episodes", "8", "--json")
+    assert json.loads(limited.stdout)["at_episodes"] == 8
     assert result.stdout.endswith("The table is in table.csv\nThe table is in table.tex\n")
     assert len((tmp_path / "table.csv").read_text().splitlines()) == 5
     for wrong, message in (("table.tsv", "ends with .csv"), ("none/table.csv", "there is no folder 'none'")):
@@ -86,6 +88,10 @@ def test_tables_are_written(program: Any, swept: Any, tmp_path: Path) -> None:
     ("options", "message"),
     [
         (["--by", "coverage", "--held-out"], "fitness; leave out --held-out, or leave out --by."),
+        (
+            ["--at-episodes", "9", "--at", "9"],
+            "leave out --at, --held-out and --by, or leave out --at-episodes.",
+        ),
         (["--reference", "fitness=1"], "--reference is for --by hypervolume;"),
         (["--by", "coverage", "--offset", "1"], "--offset is for --by qd_score;"),
         (["--by", "hypervolume", "--reference", "1"], "'1' is not NAME=VALUE, such as fitness=0."),
