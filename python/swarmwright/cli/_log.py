@@ -14,6 +14,7 @@ import click
 
 from swarmwright.cli._options import WholeNumber
 from swarmwright.cli._output import finite
+from swarmwright.core.attempts import is_overtaken
 from swarmwright.core.errors import InputError
 
 if TYPE_CHECKING:
@@ -134,6 +135,8 @@ class Log:
                 self.write("warning" if state == "lost" else "info", f"server_{state}", **fields)
             case "attempt" if fields.get("error") is None:
                 self.write("debug", event, **fields)
+            case "attempt" if is_overtaken(fields["error"]):
+                self.write("debug", "attempt_overtaken", **fields)
             case "attempt":
                 self.write("warning", "attempt_failed", **fields)
             case "broker_back":

@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
+from swarmwright.core.attempts import is_overtaken
 from swarmwright.core.errors import InputError
 
 if TYPE_CHECKING:
@@ -30,7 +31,8 @@ COUNTS = {
     "double": "Results for evaluations that had one already; they were refused.",
     "foreign": "Messages of an episode that named another simulation; they were refused.",
     "audits": "Evaluations that were repeated on another server to see whether it finds the same.",
-    "disagreements": "Of these, those in which two servers did not agree.",
+    "audits_left_out": "Results that count without the audit that was drawn, as no other server was usable.",
+    "disagreements": "Of the audits, those in which two servers did not agree.",
     "recomputed": "Evaluations that were made again because their server turned out to be wrong.",
 }
 """Events that the pool counts: descriptions of the counters."""
@@ -41,6 +43,10 @@ TRAFFIC = {
     "sent_messages": "Messages published.",
     "received_messages": "Messages received.",
 }
+
+
+_NAMED = 10
+"""Servers that have a sample of their own: each new label value is a time series in Prometheus."""
 
 
 class _Figures:
@@ -99,7 +105,7 @@ class ToolFigures(_Figures):
                 case "server":
                     self._servers[report["server"]] = report["state"]
                 case "attempt":
-                    self._attempts[report["mode"], "failed" if report.get("error") else "done"] += 1
+                    self._attempts[report["mode"], _outcome(report.get("error"))] += 1
                 case "benched":
                     self._benched += 1
                 case "broker_lost":
@@ -145,8 +151,19 @@ class ToolFigures(_Figures):
             ("state",),
             {**{(state,): states[state] for state in ("ready", "busy", "lost")}, ("benched",): benched},
         )
-        silent = [work["silent"] for work in self._status.get("waiting_for", ())]
-        yield _gauge("silence_seconds", "How long the blocking server was silent.", max(silent, default=0))
+        silent = _silent(self._status)
+        yield _gauge(
+            "silence_seconds", "How long the blocking server was silent.", max(silent.values(), default=0)
+        )
+        yield _labelled_gauge(
+            "server_silence_seconds",
+            "How long servers were silent that have work, the blocking ones first; at most ten.",
+            ("server",),
+            {
+                (str(server),): silent[server]
+                for server in sorted(silent, key=lambda one: -silent[one])[:_NAMED]
+            },
+        )
         yield _gauge("broker_connected", "Whether there is a connection to the broker.", self._connected)
         counts = {"benched": self._benched, "broker_losses": self._broker_losses, **self._counts}
         for name, meaning in COUNTS.items():
@@ -180,6 +197,21 @@ class ServeFigures(_Figures):
             {(state,): states[state] for state in ("ready", "busy", "lost", "ended")},
         )
         yield _labelled_counter("server_events", "What happened to servers.", ("event",), self._events)
+
+
+def _outcome(error: str | None) -> str:
+    """Return the outcome of an attempt; of several at the same work one is done."""
+    if error is None:
+        return "done"
+    return "overtaken" if is_overtaken(error) else "failed"
+
+
+def _silent(status: Mapping[str, Any]) -> dict[int, float]:
+    """Return how long servers with work have been silent, seconds."""
+    silent: dict[int, float] = {}
+    for work in status.get("waiting_for", ()):
+        silent[work["server"]] = max(silent.get(work["server"], 0.0), work["silent"])
+    return silent
 
 
 def _gauge(name: str, meaning: str, value: float) -> "Metric":

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmwright import _engine
+from swarmwright.core.attempts import is_overtaken
 from swarmwright.core.engine_types import AttemptRow
 from swarmwright.core.statistics import Summary
 from swarmwright.typing import Fitness, Genomes
@@ -102,17 +103,6 @@ class Attempt:
     """Where in the simulation's code, where that is known: the first attempt with this error has it."""
 
 
-CANCELLED = "server % was faster"
-"""What the pool says of the other attempts of work that is done, engine/pool/src/scheduler/settle.rs; a
-pattern of SQL's LIKE."""
-
-
-def is_cancelled(error: str) -> bool:
-    """Whether an attempt ended because another server, which had the same work, was faster."""
-    before, after = CANCELLED.split("%")
-    return error.startswith(before) and error.endswith(after)
-
-
 class ServerShare(NamedTuple):
     """What a server did in a run."""
 
@@ -203,10 +193,10 @@ class Journal:
     def errors(self) -> list[str]:
         """Why evaluations failed, in order; failures that are not ones of an attempt come last.
 
-        Attempts that were cancelled, since another server was faster, are not among them.
+        Attempts that ended since another server was faster are not among them.
         """
         errors = [entry.error for entry in self.attempts] + [entry.error for entry in self.warnings]
-        return [error for error in errors if error and not is_cancelled(error)]
+        return [error for error in errors if error and not is_overtaken(error)]
 
     def with_warnings(self, warnings: Iterable[WarningEntry]) -> Self:
         """Return a journal with more warnings."""

@@ -114,6 +114,7 @@ def test_incidents_are_counted() -> None:
         {"event": "server", "server": 2, "state": "ready"},
         {"event": "server", "server": 2, "state": "left"},
         {"event": "attempt", "mode": "batched", "error": "it was lost"},
+        {"event": "attempt", "mode": "batched", "error": "server 2 was faster"},
         {"event": "benched", "server": 1},
         {"event": "broker_lost", "reason": "gone"},
         {**status(1, 2), "counts": {"late": 3, "unknown": 1}},
@@ -123,11 +124,25 @@ def test_incidents_are_counted() -> None:
     assert found["swarmwright_servers", "busy"] == 1
     assert found["swarmwright_servers", "ready"] == 0
     assert found["swarmwright_attempts_total", "batched", "failed"] == 1
+    assert found["swarmwright_attempts_total", "batched", "overtaken"] == 1
     assert found["swarmwright_pool_benched_total",] == found["swarmwright_pool_broker_losses_total",] == 1
     assert found["swarmwright_pool_late_total",] == 3
     assert found["swarmwright_broker_connected",] == 0
     figures.report({"event": "broker_back"})
     assert {f.name: f.samples for f in figures.collect()}["swarmwright_broker_connected"][0].value == 1
+
+
+def test_silent_servers_are_told_apart() -> None:
+    figures = ToolFigures()
+    waiting = [{"server": server, "silent": silent} for server, silent in [(3, 9.5), (1, 2.0), (3, 4.0)]]
+    waiting += [{"server": 100 + server, "silent": 0.0} for server in range(20)]
+    figures.report(
+        {"event": "status", "status": {"done": 1, "total": 2, "waiting_for": waiting}, "traffic": {}}
+    )
+    found = {(s.name, *s.labels.values()): s.value for family in figures.collect() for s in family.samples}
+    silent = {key[1]: value for key, value in found.items() if key[0] == "swarmwright_server_silence_seconds"}
+    assert silent == {"3": 9.5, "1": 2.0, **{str(100 + server): 0.0 for server in range(8)}}
+    assert found["swarmwright_silence_seconds",] == 9.5
 
 
 def test_an_address_that_is_taken_is_named() -> None:
