@@ -76,8 +76,8 @@ def left_behind(server: ServerRow, view: View) -> str:
     else:
         why, free = "sends no status", "if that has ended, it becomes free"
     return (
-        f"server {server.server} is still reserved for {server.tool}, which {why}; {free} after the server's "
-        "--step-timeout (default 60 s)"
+        f"server {server.server} is still reserved for {server.tool}, which {why}; {free} when it has "
+        "finished what it computes, at the latest after the server's --step-timeout (default 60 s)"
     )
 
 

@@ -80,7 +80,8 @@ def test_a_server_that_is_reserved_for_a_tool_that_was_killed(capsys: pytest.Cap
     other = ServerRow(5, "busy", ["minisim"], "ada")
     view = View([held, other], [], None, [held, other], {"ada"})
     assert headline(view, "b")[0].startswith(
-        "server 4 is still reserved for ada, which has ended; it becomes"
+        "server 4 is still reserved for ada, which has ended; it becomes free when it has finished what it "
+        "computes, at the latest after the server's --step-timeout"
     )
     assert headline(view, "b")[0].endswith("(+1)")
     Lines(Output(), "b").show(view)
