@@ -46,6 +46,7 @@ Overview:
     Physics                     base class of simulators that move the robots of the arena's missions
     callbacks, templates, frevo, testing     TensorBoard and MLflow; experiments to start from; FREVO's files;
                                 checks for plug-ins
+    methods, rankings, representations, modules, display    base classes of plug-ins; scenes that are drawn
     InputError, RunError        invalid input; a run that failed for other reasons
     PlugInError, SimulationError  of RunError: the code of a plug-in or of a simulation failed
 
@@ -65,7 +66,18 @@ from swarmwright.core.errors import (
 )
 
 if TYPE_CHECKING:
-    from swarmwright import callbacks, environments, frevo, templates, testing
+    from swarmwright import (
+        callbacks,
+        display,
+        environments,
+        frevo,
+        methods,
+        modules,
+        rankings,
+        representations,
+        templates,
+        testing,
+    )
     from swarmwright.adapters.command import CommandSimulation
     from swarmwright.analysis.comparison import Comparison, compare
     from swarmwright.analysis.sweep.result import SweepResult, sweep
@@ -122,15 +134,20 @@ __all__ = [
     "__version__",
     "callbacks",
     "compare",
+    "display",
     "environments",
     "evaluate",
     "evaluate_episodes",
     "export_bundle",
     "export_controller",
     "frevo",
+    "methods",
+    "modules",
     "optimize",
     "post_evaluate",
+    "rankings",
     "repeat",
+    "representations",
     "resume",
     "simulate",
     "sweep",
@@ -177,6 +194,12 @@ _LAZY = {
     "transfer": "analysis.transfer.transfer",
     "verify_bundle": "export.bundle_verification",
 }
+_MODULES = frozenset(
+    {
+        *("callbacks", "display", "environments", "frevo", "methods", "modules", "rankings"),
+        *("representations", "templates", "testing"),
+    }
+)
 
 
 def __getattr__(name: str) -> Any:  # noqa: ANN401 - PEP 562: any of the names above
@@ -187,7 +210,7 @@ def __getattr__(name: str) -> Any:  # noqa: ANN401 - PEP 562: any of the names a
         value: Any = import_module("swarmwright._engine")
     elif name == "__version__":
         value = __getattr__("_engine").__version__
-    elif name in {"callbacks", "environments", "frevo", "templates", "testing"}:
+    elif name in _MODULES:
         value = import_module(f"swarmwright.{name}")
     elif name in _LAZY:
         value = getattr(import_module(f"swarmwright.{_LAZY[name]}"), name)

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from types import ModuleType
 
 import pytest
 
@@ -31,6 +32,14 @@ def test_plotting_libraries_are_not_needed_to_optimize() -> None:
 def test_every_public_name_is_there(name: str) -> None:
     assert getattr(swarmwright, name) is not None
     assert name in dir(swarmwright)
+
+
+def test_modules_are_there_whatever_was_used_before() -> None:
+    names = [name for name in swarmwright.__all__ if isinstance(getattr(swarmwright, name), ModuleType)]
+    assert {"callbacks", "display", "methods", "modules", "rankings", "representations"} <= set(names)
+    code = "import sys, swarmwright; assert hasattr(swarmwright, sys.argv[1])"
+    for name in names:
+        subprocess.run([sys.executable, "-c", code, name], check=True)
 
 
 def test_other_names_are_not() -> None:

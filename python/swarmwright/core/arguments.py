@@ -106,7 +106,10 @@ def flag(name: str, given: object) -> bool:
 
 
 def function(name: str, given: object, arguments: Sequence[str]) -> Callable[..., Any]:
-    """Return an argument that is a function. Raises InputError for what cannot be called with `arguments`."""
+    """Return an argument that is a function.
+
+    Raises InputError for what cannot be called with `arguments`, and for asynchronous functions.
+    """
     expected = f"{name}: must be a function that takes ({', '.join(arguments)})"
     if not callable(given):
         raise InputError(f"{expected}, not {_shown(given)}")
@@ -117,9 +120,18 @@ def function(name: str, given: object, arguments: Sequence[str]) -> Callable[...
     try:
         signature.bind(*arguments)
     except TypeError as error:
-        called = getattr(given, "__qualname__", type(given).__qualname__)
-        raise InputError(f"{expected}; {called} takes {signature}: {error}") from None
+        raise InputError(f"{expected}; {_called(given)} takes {signature}: {error}") from None
+    if inspect.iscoroutinefunction(given) or inspect.iscoroutinefunction(type(given).__call__):
+        raise InputError(
+            f"{expected}; {_called(given)} is asynchronous (async def), and would not be awaited"
+        )
     return given
+
+
+def _called(given: object) -> str:
+    """Return what a function is called."""
+    name: str = getattr(given, "__qualname__", type(given).__qualname__)
+    return name
 
 
 def mapping(name: str, given: object, instead: str) -> Mapping[Any, Any]:

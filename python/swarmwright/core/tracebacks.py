@@ -2,8 +2,11 @@
 
 import contextlib
 import sysconfig
+import traceback
 from functools import cache
 from pathlib import Path
+
+from swarmwright.core.untrusted import one_line
 
 
 def shown(file: str) -> str:
@@ -36,3 +39,13 @@ def words_of(error: BaseException) -> str:
         return str(error)
     except Exception as other:  # noqa: BLE001 - a user's code may fail in any way
         return f"its text cannot be made: {type(other).__name__}"
+
+
+def located(error: BaseException) -> str:
+    """Return kind, text, and the last line of code that is not installed: `KeyError: 'x' (mine.py:12)`."""
+    words = one_line(words_of(error)).strip()
+    found = f"{type(error).__name__}{': ' if words else ''}{words}"
+    frames = traceback.walk_tb(error.__traceback__)
+    lines = [(frame.f_code.co_filename, line) for frame, line in frames]
+    own = [(file, line) for file, line in lines if not is_installed(file)]
+    return f"{found} ({shown(own[-1][0])}:{own[-1][1]})" if own else found

@@ -1,6 +1,7 @@
 """Episodes whose agents are steered by code of one's own: hand-written controllers, learning."""
 
 from collections.abc import Callable, Iterable, Mapping
+from os import PathLike
 from pathlib import Path, PurePath
 from typing import Any, ClassVar, NamedTuple
 
@@ -96,6 +97,11 @@ class Episodes:
         self._fitness_so_far: list[float] = []
         self._pictures = Pictures(playable.picture) if watch and self._pictured else None
         self._watch(moved=True)
+
+    def __repr__(self) -> str:
+        """Name the simulation, and say how many there are."""
+        state = ", all ended" if self.done else ""
+        return f"<Episodes of {self.experiment.label}: {len(self.seeds)}{state}>"
 
     @property
     def done(self) -> bool:
@@ -233,7 +239,7 @@ class Episodes:
             return Scene.of(self._episodes.scene())
 
     @checked
-    def save(self, path: str | Path, *, speed: float = 1.0) -> None:
+    def save(self, path: str | PathLike[str], *, speed: float = 1.0) -> None:
         """Write the first episode as a picture (.png), an animation (.gif), a video (.mp4) or a page (.html).
 
         Args:

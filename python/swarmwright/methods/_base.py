@@ -171,6 +171,10 @@ class Method(SteadyState):
         self._asked: Genomes | None = None
         self._begin_steady_state()
 
+    def __repr__(self) -> str:
+        """Name the class and how far it got."""
+        return f"<{type(self).__name__}: generation {self.generation}, {self.evaluations} evaluations>"
+
     @classmethod
     def unsuitable(cls, representation: Representation) -> str | None:  # noqa: ARG003 - for those that refuse
         """Return why this method cannot evolve a representation, as the end of a sentence; None if it can."""
@@ -436,7 +440,7 @@ def _numbers(name: str, given: ArrayLike) -> NDArray[np.float64]:
     raise InputError(f"{name}: must be an array of numbers, not of the type {values.dtype}")
 
 
-def _checked(fitness: Fitness, count: int, which: str) -> Fitness:
+def _checked(fitness: ArrayLike, count: int, which: str) -> Fitness:
     values = _numbers("fitness", fitness)
     if values.shape != (count,):
         raise InputError(f"fitness has the shape {values.shape}; {which} {count} genomes")

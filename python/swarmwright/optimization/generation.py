@@ -1,13 +1,16 @@
 """A generation: what a callback gets of it, and what the loop knows of it until it is stored."""
 
+import inspect
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
+from swarmwright.core.errors import InputError
 from swarmwright.core.formatting import duration
 from swarmwright.core.statistics import figures_of, summarize
+from swarmwright.core.untrusted import one_line
 from swarmwright.experiment.budget import Budget, Limit
 from swarmwright.optimization.ahead import Produced
 from swarmwright.store import Evaluated
@@ -104,5 +107,13 @@ OnGeneration = Callable[[Generation], bool | None]
 
 
 def goes_on(returned: bool | np.bool_ | None) -> bool:
-    """Return whether a run goes on after a callback: unless that returned False, NumPy's included."""
-    return not (isinstance(returned, bool | np.bool_) and not returned)
+    """Return whether a run goes on after a callback: unless that returned False, NumPy's included.
+
+    Raises InputError when it returned anything else than True, False and None.
+    """
+    if returned is None or isinstance(returned, bool | np.bool_):
+        return returned is None or bool(returned)
+    if inspect.iscoroutine(returned):
+        returned.close()
+    shown = one_line(repr(returned))
+    raise InputError(f"on_generation: returned {shown}; return False to end the run, or else True or None")

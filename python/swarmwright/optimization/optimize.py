@@ -7,8 +7,9 @@ import sqlite3
 import time
 from collections.abc import Iterable, Mapping
 from contextlib import ExitStack, suppress
+from os import PathLike
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NoReturn, SupportsIndex
 
 import numpy as np
 
@@ -61,14 +62,14 @@ class InterruptedWithResults(KeyboardInterrupt):
 
 @checked
 def optimize(
-    experiment: Experiment | Mapping[str, Any] | str | Path,
+    experiment: Experiment | Mapping[str, Any] | str | PathLike[str],
     on_generation: OnGeneration | None = None,
     *,
     on_progress: Progress | None = None,
     broker: str | None = None,
     servers: Servers | None = None,
-    seed: int | None = None,
-    out: str | Path | None = None,
+    seed: SupportsIndex | None = None,
+    out: str | PathLike[str] | None = None,
     wait: float | None = None,
     progress: bool | None = None,
 ) -> Run:
@@ -87,7 +88,7 @@ def optimize(
 
     Args:
         experiment: what to do, the path of its file, or a mapping with the keys of one.
-        on_generation: called after each generation; returning False ends the run.
+        on_generation: called after each generation; False ends the run, True and None do not.
         on_progress: called about ten times a second with (episodes done, episodes of this generation, what is
             waited for).
         broker: URL of a broker, instead of the experiment's.
@@ -102,13 +103,14 @@ def optimize(
             notebook.
 
     Raises:
-        InputError: the experiment cannot be run as it is, or the folder holds something.
+        InputError: the experiment cannot be run as it is, the folder holds something, or `on_generation`
+            returned something else.
         SimulationError: every candidate of a generation failed, the last in the code of the simulation.
         PlugInError: the code of a method, representation or ranking failed.
         RunError: no broker, no fitting server, every candidate of a generation failed for another reason, or
             the disk is full.
     """
-    if isinstance(experiment, str | Path):
+    if isinstance(experiment, str | PathLike):
         experiment = Experiment.load(experiment)
     else:
         experiment = experiment_of(experiment).checked_again()
@@ -199,7 +201,7 @@ def _channels(experiment: Experiment) -> dict[str, Any] | None:
 
 @checked
 def resume(
-    run: Run | str | Path,
+    run: Run | str | PathLike[str],
     on_generation: OnGeneration | None = None,
     *,
     generations: int | None = None,

@@ -33,6 +33,13 @@ _MADE_OF = {
 """What calls an operator by default."""
 
 
+class RepresentationOptions(Options):
+    """Options of every representation."""
+
+    kind: str = ""
+    """The name of the representation; each has its own."""
+
+
 class Representation(ABC):
     """A genome is a flat row of float32 numbers; a representation decodes it to a controller.
 
@@ -54,7 +61,7 @@ class Representation(ABC):
 
     kind: ClassVar[str]
     """Name in experiment files."""
-    options_model: ClassVar[type[Options]]
+    options_model: ClassVar[type[RepresentationOptions]]
     """Typed options, with `kind` among them."""
     continuous: ClassVar[bool] = True
     """Whether genes are numbers to compute with: any value within `bounds` is a gene, and a small step makes
@@ -68,10 +75,14 @@ class Representation(ABC):
     """Whether its controllers steer agents. False for values that go to the simulation before an episode, and
     which therefore fit any numbers of sensors and actuators."""
 
-    def __init__(self, options: Options, *, sensors: int, actuators: int) -> None:
+    def __init__(self, options: RepresentationOptions, *, sensors: int, actuators: int) -> None:
         self.options = options
         self.sensors = sensors
         self.actuators = actuators
+
+    def __repr__(self) -> str:
+        """Name the class and the sizes."""
+        return f"<{type(self).__name__}: {self.sensors} sensors, {self.actuators} actuators>"
 
     def __init_subclass__(cls, **options: Any) -> None:  # noqa: ANN401 - those of other base classes
         """Let forms for many genomes follow the operators that a subclass redefines."""

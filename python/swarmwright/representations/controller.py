@@ -3,6 +3,7 @@
 import json
 from collections.abc import Mapping, Sequence
 from functools import cached_property
+from os import PathLike
 from pathlib import Path
 from typing import Any, Self
 
@@ -82,7 +83,7 @@ class Controller:
             raise InputError(f"controller: is not a machine of modules: {explained(error)}") from error
 
     @classmethod
-    def load(cls, path: str | Path) -> Self:
+    def load(cls, path: str | PathLike[str]) -> Self:
         """Read a controller: a specification (JSON), a run's `best.json`, or a run folder.
 
         Or a machine or tree of the built-in behaviours and conditions in YAML, as `swarmwright export --to
@@ -111,7 +112,7 @@ class Controller:
             raise InputError(f"{file}: {error}") from error
 
     @checked
-    def save(self, path: str | Path) -> None:
+    def save(self, path: str | PathLike[str]) -> None:
         """Write the specification as JSON. Raises InputError when the file cannot be written."""
         write_text(path, json.dumps(self.specification, indent=2) + "\n")
 
@@ -169,7 +170,7 @@ class Controller:
                 "`simulate`"
             )
         values = float32_of("sensors", sensors)
-        if values.ndim not in {1, 2} or values.shape[-1] != self.sensors or 0 in values.shape:
+        if values.ndim not in {1, 2} or values.shape[-1] != self.sensors:
             raise InputError(
                 f"sensors: have the shape {values.shape}; expected ({self.sensors},) for one agent "
                 f"or (agents, {self.sensors}) for a swarm"
@@ -177,6 +178,8 @@ class Controller:
         rows = np.ascontiguousarray(np.atleast_2d(values))
         if not np.isfinite(rows).all():
             raise InputError("sensors: hold a number that is not finite")
+        if not len(rows):  # no agent acts now
+            return np.zeros((0, self.actuators), dtype=np.float32)
         if self._swarm is not None:
             return self._stepped(self._swarm, rows, whole=values.ndim == 2)
         assert self._whole is not None

@@ -7,7 +7,7 @@ from pathlib import Path
 from swarmwright.core.errors import InputError
 from swarmwright.core.files import check_utf8
 from swarmwright.store.database import FILE, NEW
-from swarmwright.store.lock import LOCK, is_locked
+from swarmwright.store.lock import LOCK, is_locked, who_else
 from swarmwright.user_code.copying import FOLDER as CODE
 
 EXPERIMENT = "experiment.yaml"
@@ -75,7 +75,9 @@ def without_store(folder: Path) -> InputError:
     """Return what is said of a folder in which there is no store."""
     if (folder / NEW).exists():
         if is_locked(folder):
-            return InputError(f"{folder}: another process is just creating this run; try again in a moment")
+            return InputError(
+                f"{folder}: {who_else(folder)} is just creating this run; try again in a moment"
+            )
         return InputError(
             f"{folder}: is not a run folder: the process that began it ended in its first second, before "
             f"anything was kept; begin again: swarmwright optimize FILE --out {folder}"

@@ -19,6 +19,8 @@ experiment.yaml: editors put a new file in its place, whose lock is free.
 """
 _PATIENCE = 0.5
 """Seconds for which a process that only tests the lock may hold it."""
+_HELD: set[Path] = set()
+"""Locks that this process has."""
 _NO_LOCKS = {errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP}
 _NO_RIGHT = {errno.EACCES, errno.EPERM, errno.EROFS}
 
@@ -53,6 +55,7 @@ class Lock:
                 raise InputError(_unlockable(folder, error)) from error
             if locked:
                 self._file = file
+                _HELD.add(self._path)
                 self.folder = self._held()
                 """File descriptor of the folder, wherever it is moved."""
                 return
@@ -76,6 +79,7 @@ class Lock:
         os.close(self.folder)
 
     def _release(self) -> None:
+        _HELD.discard(self._path)
         with suppress(OSError):
             # Delete before releasing: a process that has opened it meanwhile notices, and creates a new file.
             if _is_still(self._file, self._path):
@@ -117,7 +121,12 @@ def check_free(folder: Path) -> None:
 
 
 def _taken(folder: Path) -> InputError:
-    return InputError(f"{folder}: another process works on this run; wait for it, or stop it")
+    return InputError(f"{folder}: {who_else(folder)} works on this run; wait for it, or stop it")
+
+
+def who_else(folder: Path) -> str:
+    """Return what has locked a run: another process, or this one, such as another thread of it."""
+    return "another part of this process" if folder.absolute() / LOCK in _HELD else "another process"
 
 
 def is_locked(folder: Path) -> bool:

@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 from swarmwright import _engine
 from swarmwright.core.arrays import shortest
-from swarmwright.core.errors import InputError, RunError
+from swarmwright.core.errors import InputError, RunError, SwarmwrightError
 from swarmwright.core.files import write_text
 from swarmwright.core.server_use import ServerUses, together, written
+from swarmwright.core.tracebacks import located, words_of
 from swarmwright.core.yaml import dump
 from swarmwright.representations import Representation
 from swarmwright.store.blocks import EvaluationsDigest, Sample, encoded, of_columns
@@ -23,6 +24,7 @@ from swarmwright.store.database import BEST, FILE, FRONT, NEW, code_of, seal_fac
 from swarmwright.store.digests import of_generation
 from swarmwright.store.folder import EXPERIMENT, check_folder, without_store
 from swarmwright.store.generations import digest_before
+from swarmwright.store.journal import incidents
 from swarmwright.store.lock import Lock, MovedError
 from swarmwright.store.open_store import OpenStore
 from swarmwright.store.provenance import recorded, timestamp, versions
@@ -394,8 +396,8 @@ class StoreWriter:
         """Write how often faults occurred in this session, and how often countermeasures were taken."""
         if not counts:
             return
-        text = ", ".join(f"{name.replace('_', ' ')}: {count}" for name, count in counts.items())
         with suppress(RunError), self._writing():
+            text = incidents(self._store.connection, self._session, counts)
             self._store.connection.execute(_EVENT, (self._session, None, timestamp(), "incidents", text))
 
     def usage(self, text: str) -> None:
@@ -477,9 +479,7 @@ class StoreWriter:
         self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None
     ) -> None:
         if self._outcome is None and kind is not None:
-            self._outcome = (
-                "interrupted" if issubclass(kind, KeyboardInterrupt) else str(error) or kind.__name__
-            )
+            self._outcome = "interrupted" if issubclass(kind, KeyboardInterrupt) else _why(kind, error)
         try:
             self._lock.check()
         except MovedError as moved:
@@ -528,6 +528,13 @@ def _sample(evaluated: Evaluated) -> Sample | None:
     """Return what the genomes are made from, as it is stored."""
     genomes = evaluated.genomes
     return (genomes.address, genomes.numbers) if isinstance(genomes, _engine.Sample) else None
+
+
+def _why(kind: type[BaseException], error: BaseException | None) -> str:
+    """Return what a session ended with; of an exception of the user's code, its class and line too."""
+    if error is None:
+        return kind.__name__
+    return words_of(error) if isinstance(error, SwarmwrightError) else located(error)
 
 
 def _in_use(error: RunError) -> bool:

@@ -185,7 +185,7 @@ def test_callbacks_are_joined() -> None:
     assert callbacks.together(first, second)(generation(0)) is False
     assert callbacks.together(second, second)(generation(0)) is True
     assert seen == ["first", "second", "second", "second"]
-    returns: list[tuple[Any, bool]] = [(np.False_, False), (np.True_, True), (0, True), (None, True)]
+    returns: list[tuple[Any, bool]] = [(np.False_, False), (np.True_, True), (None, True)]
     for returned, goes_on in returns:
         call: Callable[[Generation], Any] = lambda _: returned  # noqa: B023, E731
         assert callbacks.together(call)(generation(0)) is goes_on

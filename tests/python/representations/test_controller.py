@@ -96,12 +96,17 @@ def test_agents_without_a_state_may_be_any_number(kind: str) -> None:
     assert controller(rows[0]).tobytes() == actuators[0].tobytes()
 
 
+def test_no_agents_have_no_actuators(controller: Controller) -> None:
+    actuators = controller(np.zeros((0, 3)))
+    assert (actuators.shape, actuators.dtype) == ((0, controller.actuators), np.float32)
+
+
 @pytest.mark.parametrize(
     ("sensors", "words"),
     [
         ([1, 2], r"have the shape \(2,\); expected \(3,\)"),
         (np.zeros((2, 4)), r"have the shape \(2, 4\)"),
-        (np.zeros((0, 3)), r"have the shape \(0, 3\)"),
+        (np.zeros((0, 2)), r"have the shape \(0, 2\)"),
         (1.0, "have the shape"),
         ([0, np.nan, 0], "not finite"),
         ([0, 1e300, 0], r"^sensors: 1e\+300 at \[1\] is too large for a 32-bit float, at most 3.40282e\+38$"),

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from swarmwright import (
+    Episodes,
     compare,
     evaluate_episodes,
     export_controller,
@@ -105,6 +106,18 @@ def test_notebooks_show_results(results: dict[str, Any], name: str) -> None:
     shown = results[name]._repr_html_()
     ET.fromstring(f"<div>{shown}</div>")
     assert "fitness" in shown
+
+
+def test_methods_representations_and_episodes_name_what_they_are() -> None:
+    method = EXPERIMENT.new_method()
+    method.tell(np.zeros(len(method.ask())))
+    assert repr(method) == "<Nnga: generation 1, 12 evaluations>"
+    assert repr(EXPERIMENT.representation()) == "<Layered: 4 sensors, 1 actuators>"
+    episodes = Episodes("minisim", {"maxSteps": 1}, seeds=[1, 2])
+    assert repr(episodes) == "<Episodes of minisim: 2>"
+    while not episodes.done:
+        episodes.step(np.zeros((len(episodes.observe().sensors), 1)))
+    assert repr(episodes) == "<Episodes of minisim: 2, all ended>"
 
 
 def test_a_title_without_rows_has_no_table() -> None:

@@ -49,7 +49,7 @@ def test_a_run_can_be_read_while_it_goes_on(tmp_path: Path) -> None:
 
 def test_two_processes_never_write_one_run(copy: Path) -> None:
     with StoreWriter.resume(copy):
-        with pytest.raises(InputError, match="another process works on this run"):
+        with pytest.raises(InputError, match="another part of this process works on this run"):
             resume(copy, generations=9)
         assert Run.open(copy).evaluations == 33
 
@@ -60,7 +60,9 @@ def test_an_editor_that_replaces_the_experiment_opens_no_way_in(copy: Path) -> N
         saved.write_text((copy / "experiment.yaml").read_text())
         saved.replace(copy / "experiment.yaml")
         assert is_locked(copy)
-        with pytest.raises(InputError, match="another process works on this run; wait for it, or stop it"):
+        with pytest.raises(
+            InputError, match="another part of this process works on this run; wait for it, or stop it"
+        ):
             resume(copy, generations=9)
     assert not is_locked(copy)
     assert resume(copy, generations=5).generations == 5
@@ -107,7 +109,7 @@ def test_a_lock_that_goes_while_it_is_taken_is_not_held_by_two(
     with monkeypatch.context() as patch:
         patch.setattr("swarmwright.store.lock._opened", opened)
         second = Lock(copy)
-    with pytest.raises(InputError, match="another process works on this run"):
+    with pytest.raises(InputError, match="another part of this process works on this run"):
         Lock(copy)
     second.close()
 
@@ -207,7 +209,8 @@ def test_a_folder_that_is_just_being_made_is_not_taken_for_something_else(
         patch.setattr("swarmwright.store.open_store.create", interrupted)
         with pytest.raises(SystemExit):
             optimize(EXPERIMENT, out=folder)
-    assert said == [f"{folder}: another process is just creating this run; try again in a moment"] * 3
+    words = "another part of this process is just creating this run; try again in a moment"
+    assert said == [f"{folder}: {words}"] * 3
     with pytest.raises(InputError, match="ended in its first second, before anything was kept; begin again"):
         Run.open(folder)
     assert optimize(EXPERIMENT, out=folder).state == "done", "nothing is lost by beginning anew"
@@ -317,6 +320,30 @@ def test_the_time_of_a_server_counts_once_and_a_slower_backup_is_no_failure(copy
         "server 1: 17 episodes (failed ones included), busy for 6.5 s, 1 attempt failed, 1 attempt ended as "
         "another server was faster (backup)\n"
     ) in said
+
+
+def test_incidents_name_the_servers_whose_work_was_copied(copy: Path) -> None:
+    with StoreWriter.resume(copy) as store:
+        store.begin("by servers")
+        session = StoreReader(copy).sessions()[-1].session
+        row = "({session}, 0, 'offloaded', 0, 1, 0, 1, {server}, 1, NULL, 0, 1, {error}, NULL)"
+        attempts = [
+            (session, server, f"'server {server + 1} was faster'") for server in (3, 4, 3, 5, 3, 4, 6)
+        ]
+        attempts += [
+            (session - 1, 7, "'server 1 was faster'"),
+            (session, 8, "'it crashed'"),
+            (session, 8, "NULL"),
+        ]
+        rows = [
+            row.format(session=session, server=server, error=error) for session, server, error in attempts
+        ]
+        change(copy, f"INSERT INTO attempt VALUES {', '.join(rows)}")
+        store.incidents({"retries": 1, "backups": 9, "audits_left_out": 2})
+    assert [event.text for event in StoreReader(copy).events() if event.kind == "incidents"][-1] == (
+        "retries: 1, backups: 9 (others were faster than 3 attempts of server 3, 2 attempts of server 4, "
+        "1 attempt of server 5 and others), audits left out: 2"
+    )
 
 
 def test_attempts_that_failed_are_counted_by_reason_and_server(copy: Path) -> None:
