@@ -165,5 +165,5 @@ class Attachment(Options):
         except ValidationError as error:
             found = [f"{source.place(at)}{text}" for at, text in problems_of(error, cls)]
             raise InputError("; ".join(found)) from None
-        attachment._folder = path.absolute().parent
+        attachment._folder = path.absolute().parent  # type: ignore[misc] # a private attribute
         return attachment

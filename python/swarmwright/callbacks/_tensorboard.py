@@ -1,6 +1,6 @@
 """TensorBoard: event files that `tensorboard --logdir` shows."""
 
-from pathlib import Path
+from os import PathLike
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -28,7 +28,7 @@ class TensorBoard(Callback):
         InputError: tensorboardX is not installed, or the folder cannot be written.
     """
 
-    def __init__(self, folder: str | Path, experiment: "Experiment | None" = None) -> None:
+    def __init__(self, folder: str | PathLike[str], experiment: "Experiment | None" = None) -> None:
         path_of("folder", folder, "a folder for event files")
         try:
             from tensorboardX import SummaryWriter

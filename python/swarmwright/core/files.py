@@ -7,6 +7,7 @@ import stat
 import sys
 import threading
 from contextlib import suppress
+from os import PathLike
 from pathlib import Path
 
 from swarmwright.core.errors import InputError
@@ -110,7 +111,7 @@ def write_whole(path: Path, data: bytes) -> None:
         raise
 
 
-def write_text(path: str | Path, text: str) -> None:
+def write_text(path: str | PathLike[str], text: str) -> None:
     """Write UTF-8 text. Raises InputError, naming the file and the reason, when that is not possible."""
     try:
         Path(path).write_text(text, encoding="utf-8")

@@ -1,9 +1,21 @@
 """Typed options: the one source of validation, JSON Schema and reference pages."""
 
-from pydantic import BaseModel, ConfigDict
+from typing import TYPE_CHECKING, dataclass_transform
+
+from pydantic import BaseModel, ConfigDict, Field
+
+if TYPE_CHECKING:
+    from pydantic._internal._model_construction import ModelMetaclass
+
+    @dataclass_transform(kw_only_default=True, frozen_default=True, field_specifiers=(Field,))
+    class Frozen(ModelMetaclass):
+        """Tells type checkers that options do not change, so that a `kind` of `str` may become a literal."""
+
+else:
+    Frozen = type(BaseModel)
 
 
-class Options(BaseModel):
+class Options(BaseModel, metaclass=Frozen):
     """Base of every section of an experiment file.
 
     Unknown keys are errors; nothing is converted silently ("50" is not a number, 1.5 is not an integer);

@@ -6,6 +6,7 @@ from collections.abc import Collection, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, fields
 from functools import cached_property
+from os import PathLike
 from pathlib import Path, PurePath
 from typing import Any, Literal, Never, Self
 
@@ -28,10 +29,10 @@ from swarmwright.experiment.settings import ANNOUNCED, apply, parse_settings, re
 from swarmwright.experiment.start_from import genomes_of
 from swarmwright.experiment.unavailable import UnavailableOptions, copies, method_of, not_installed, require
 from swarmwright.launchers.entries import Entries, written
-from swarmwright.methods import Method
+from swarmwright.methods import Method, MethodOptions
 from swarmwright.rankings import RANKINGS, Ranking, RankingOptions
 from swarmwright.rankings.slow_simulation import SlowOptions
-from swarmwright.representations import REPRESENTATIONS, Representation
+from swarmwright.representations import REPRESENTATIONS, Representation, RepresentationOptions
 from swarmwright.simulations.names import name_of
 from swarmwright.store import StoreReader
 from swarmwright.typing import Genomes
@@ -62,10 +63,10 @@ class Experiment:
     """Fitness of an episode as an expression over metrics; None: the simulation's own."""
     start_from: list[dict[str, Any]] | None
     """Controllers that evolution starts from, with their weights; None: random ones."""
-    controller: Any
-    """Options of the representation: `kind`, and what that kind has."""
-    method: Any
-    """Options of the method: `kind`, and what that kind has."""
+    controller: RepresentationOptions
+    """Options of the representation, of a class for each `kind`, such as `LayeredOptions`."""
+    method: MethodOptions
+    """Options of the method, of a class for each `kind`, such as `CmaEsOptions`."""
     ranking: RankingOptions
     validate: Validate
     mode: Literal["auto", "stepwise", "batched", "offloaded"]
@@ -94,7 +95,7 @@ class Experiment:
         return hash(tuple(_hashable(getattr(self, one.name)) for one in fields(self) if one.compare))
 
     @classmethod
-    def load(cls, path: str | Path, settings: Iterable[str] = ()) -> Self:
+    def load(cls, path: str | PathLike[str], settings: Iterable[str] = ()) -> Self:
         """Read an experiment file (YAML 1.2).
 
         Args:
@@ -281,7 +282,7 @@ class Experiment:
         )
 
     @checked
-    def save(self, path: str | Path) -> None:
+    def save(self, path: str | PathLike[str]) -> None:
         """Write the experiment as a file that loads to an equal one, every default written out.
 
         Raises InputError when the file cannot be written.
@@ -548,12 +549,12 @@ class Experiment:
         return seed
 
 
-def experiment_of(given: Experiment | Mapping[str, Any] | str | Path) -> Experiment:
+def experiment_of(given: Experiment | Mapping[str, Any] | str | PathLike[str]) -> Experiment:
     """Return an experiment that is given as such, as its file, or as a mapping with the keys of one.
 
     Raises InputError as `Experiment.load`.
     """
-    if isinstance(given, str | Path):
+    if isinstance(given, str | PathLike):
         return Experiment.load(given)
     if isinstance(given, Mapping):
         return Experiment.from_mapping(given)

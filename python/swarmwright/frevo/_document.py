@@ -5,6 +5,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
+from os import PathLike
 from pathlib import Path
 
 import numpy as np
@@ -187,7 +188,7 @@ def members(root: Element) -> Iterator[Element]:
 
 
 @checked
-def is_session(path: str | Path) -> bool:
+def is_session(path: str | PathLike[str]) -> bool:
     """Whether a file is a FREVO session or result. Raises InputError when it cannot be read."""
     file = Path(path)
     return first_character(file) == "<" and root_of(file).tag == _ROOT

@@ -4,6 +4,7 @@ import json
 import os
 import re
 from dataclasses import dataclass
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -39,10 +40,10 @@ class Imported:
 
 @checked
 def load(
-    path: str | Path,
+    path: str | PathLike[str],
     *,
-    field: str | Path | None = None,
-    folder: str | Path = ".",
+    field: str | PathLike[str] | None = None,
+    folder: str | PathLike[str] = ".",
     simulation: str | None = None,
     method: str | None = None,
     controller: str | None = None,

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -69,7 +70,7 @@ class Scores:
 
 
 @checked
-def score(path: str | Path, *, field: str | Path | None = None) -> Scores:
+def score(path: str | PathLike[str], *, field: str | PathLike[str] | None = None) -> Scores:
     """Evaluate every candidate of a FREVO result file (.zre) again, in this process.
 
     Args:

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -37,9 +38,9 @@ class Imported:
 
 
 def load(
-    paths: Iterable[str | Path],
+    paths: Iterable[str | PathLike[str]],
     *,
-    target: str | Path | None = None,
+    target: str | PathLike[str] | None = None,
     simulation: str | None = None,
     method: str | None = None,
     controller: str | None = None,
@@ -87,7 +88,7 @@ def load(
     return Imported(text, experiment, tuple(draft.notes), files_beside)
 
 
-def _parts(paths: Iterable[str | Path]) -> list[Any]:
+def _parts(paths: Iterable[str | PathLike[str]]) -> list[Any]:
     parts, problems = [], []
     for path in files_of(map(Path, paths)):
         try:

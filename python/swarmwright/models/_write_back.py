@@ -3,6 +3,7 @@
 import json
 import re
 from collections.abc import Callable, Iterable, Mapping
+from os import PathLike
 from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import escape, unescape
@@ -42,10 +43,10 @@ Values = dict[str, Any]
 
 
 def write_back(
-    run: Run | str | Path,
-    paths: Iterable[str | Path],
+    run: Run | str | PathLike[str],
+    paths: Iterable[str | PathLike[str]],
     *,
-    output: str | Path,
+    output: str | PathLike[str],
     generation: int | None = None,
     candidate: int | None = None,
     force: bool = False,

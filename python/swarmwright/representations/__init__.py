@@ -3,10 +3,20 @@
 from swarmwright.core.options import Options
 from swarmwright.core.random_numbers import Stream, Streams
 from swarmwright.core.registry import Registry
-from swarmwright.representations._base import Representation
+from swarmwright.representations._base import Representation, RepresentationOptions
 from swarmwright.typing import Genome, Genomes, Limits
 
-__all__ = ["REPRESENTATIONS", "Genome", "Genomes", "Limits", "Options", "Representation", "Stream", "Streams"]
+__all__ = [
+    "REPRESENTATIONS",
+    "Genome",
+    "Genomes",
+    "Limits",
+    "Options",
+    "Representation",
+    "RepresentationOptions",
+    "Stream",
+    "Streams",
+]
 
 REPRESENTATIONS: Registry[Representation] = Registry(
     "controller",

@@ -10,9 +10,9 @@ from pydantic import Field, ModelWrapValidatorHandler, ValidationInfo, field_val
 from swarmwright.core import modules
 from swarmwright.core.automode import machine_of, tree_of
 from swarmwright.core.errors import InputError
-from swarmwright.core.options import Options
 from swarmwright.core.yaml import path_of, read
 from swarmwright.modules.registered import module
+from swarmwright.representations._base import RepresentationOptions
 
 _BUILT_IN = frozenset({*modules.BEHAVIOURS, *modules.CONDITIONS})
 
@@ -25,7 +25,7 @@ def _placed(machine: object, problem: str) -> str:
     return read(Path(machine)).place(path_of(place.removeprefix("machine."))) + reason
 
 
-class ModulesOptions(Options):
+class ModulesOptions(RepresentationOptions):
     """A machine (AutoMoDe-Chocolate) or a tree (AutoMoDe-Maple) of given behaviours and conditions.
 
     For robots with two wheels that sense what the preset e-puck-rm1.2 of `arena` does.

@@ -6,13 +6,13 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from swarmwright.core.options import Options
 from swarmwright.core.random_numbers import Stream, Streams
+from swarmwright.representations._base import RepresentationOptions
 from swarmwright.representations.network import NodeNetwork
 from swarmwright.typing import Genome, Genomes, Limits
 
 
-class EvostickOptions(Options):
+class EvostickOptions(RepresentationOptions):
     """A network without hidden nodes whose outputs are steep logistic functions."""
 
     kind: Literal["evostick"] = "evostick"

@@ -6,13 +6,13 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from swarmwright.core.options import Options
 from swarmwright.core.random_numbers import Stream, Streams
+from swarmwright.representations._base import RepresentationOptions
 from swarmwright.representations.network import NodeNetwork
 from swarmwright.typing import Genome, Genomes, Limits
 
 
-class HebbianOptions(Options):
+class HebbianOptions(RepresentationOptions):
     """A recurrent network in which every node sees all nodes, and whose weights learn in each step."""
 
     kind: Literal["hebbian"] = "hebbian"

@@ -12,10 +12,9 @@ from pydantic import BeforeValidator, Field, WithJsonSchema
 
 from swarmwright.core.arrays import shortest
 from swarmwright.core.errors import InputError
-from swarmwright.core.options import Options
 from swarmwright.core.problems import shown
 from swarmwright.core.random_numbers import Stream, Streams
-from swarmwright.representations._base import MANY, Representation, in_parts
+from swarmwright.representations._base import MANY, Representation, RepresentationOptions, in_parts
 from swarmwright.typing import Genome, Genomes, Limits
 
 _MOST_LEVELS = 1000
@@ -68,7 +67,7 @@ Levels = Annotated[
 ]
 
 
-class MealyFsmOptions(Options):
+class MealyFsmOptions(RepresentationOptions):
     """A finite-state machine: state and thresholded sensors say what to do and what state comes next.
 
     A mutation changes the share severity x probability of its table; give nnga a small probability, such as
@@ -109,7 +108,7 @@ class MealyFsm(Representation):
     options: MealyFsmOptions
     continuous: ClassVar[bool] = False
 
-    def __init__(self, options: Options, *, sensors: int, actuators: int) -> None:
+    def __init__(self, options: RepresentationOptions, *, sensors: int, actuators: int) -> None:
         """Raise InputError when `levels` fits another number of sensors, or the table is too large."""
         super().__init__(options, sensors=sensors, actuators=actuators)
         levels = self.options.levels

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 from swarmwright.core import modules
 from swarmwright.core.errors import InputError
 from swarmwright.core.modules import RANGES
-from swarmwright.core.options import Options
 from swarmwright.core.random_numbers import Stream, Streams
-from swarmwright.representations._base import Representation, in_parts
+from swarmwright.representations._base import Representation, RepresentationOptions, in_parts
 from swarmwright.representations._module_changes import Changes, Layout
 from swarmwright.representations._module_options import ModulesOptions
 from swarmwright.typing import Genome, Genomes, Limits
@@ -69,7 +68,7 @@ class Modules(Representation):
     options: ModulesOptions
     shape: ClassVar[tuple[int, int] | None] = (modules.SENSORS, modules.ACTUATORS)
 
-    def __init__(self, options: Options, *, sensors: int, actuators: int) -> None:
+    def __init__(self, options: RepresentationOptions, *, sensors: int, actuators: int) -> None:
         """Raise InputError for other sensors and actuators than these machines have."""
         super().__init__(options, sensors=sensors, actuators=actuators)
         if (sensors, actuators) != self.shape:

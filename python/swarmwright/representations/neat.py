@@ -6,14 +6,14 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import Field
 
 from swarmwright.core.errors import InputError
-from swarmwright.core.options import Options
+from swarmwright.representations._base import RepresentationOptions
 from swarmwright.representations.network import NodeNetwork
 
 _MOST_WEIGHTS = 1_000_000
 """Of a network."""
 
 
-class NeatOptions(Options):
+class NeatOptions(RepresentationOptions):
     """A recurrent network with given connections, as NEAT finds them; the weights evolve."""
 
     kind: Literal["neat"] = "neat"
@@ -60,7 +60,7 @@ class Neat(NodeNetwork):
     options_model = NeatOptions
     options: NeatOptions  # type: ignore[assignment] # what the operators need of the others' options
 
-    def __init__(self, options: Options, *, sensors: int, actuators: int) -> None:
+    def __init__(self, options: RepresentationOptions, *, sensors: int, actuators: int) -> None:
         """Raise InputError when `sources` does not fit these numbers of sensors and actuators."""
         super().__init__(options, sensors=sensors, actuators=actuators)
         rows = self.sources

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 from pydantic import Field, field_validator
 
 from swarmwright import _engine
-from swarmwright.core.options import Options
 from swarmwright.core.random_numbers import Stream, Streams
-from swarmwright.representations._base import Representation
+from swarmwright.representations._base import Representation, RepresentationOptions
 from swarmwright.typing import Genome, Genomes, Limits
 
 OUTPUT_RANGE = {
@@ -25,7 +24,7 @@ OUTPUT_RANGE = {
 """What a node's output is mapped from to become an actuator in -1..1, by activation."""
 
 
-class NetworkOptions(Options):
+class NetworkOptions(RepresentationOptions):
     """Options that all networks have; those of the genetic operators are after FREVO's FullyMeshedNet."""
 
     output_range: list[float] | None = Field(default=None, min_length=2, max_length=2)

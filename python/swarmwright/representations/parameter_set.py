@@ -11,7 +11,7 @@ from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
 from swarmwright.core.options import Options
 from swarmwright.core.problems import shown
 from swarmwright.core.random_numbers import Stream, Streams
-from swarmwright.representations._base import Representation, around, in_parts
+from swarmwright.representations._base import Representation, RepresentationOptions, around, in_parts
 from swarmwright.typing import Genome, Genomes, Limits
 
 _LARGEST_INTEGER = 1 << 24
@@ -107,7 +107,7 @@ class CategoricalParameter(Options):
 Parameter = Annotated[RealParameter | IntegerParameter | CategoricalParameter, Field(discriminator="type")]
 
 
-class ParameterSetOptions(Options):
+class ParameterSetOptions(RepresentationOptions):
     """Values of parameters, for simulations that steer their agents themselves."""
 
     kind: Literal["parameter_set"] = "parameter_set"

@@ -17,7 +17,7 @@ from swarmwright.core.options import Options
 from swarmwright.core.random_numbers import Stream
 from swarmwright.core.suggestions import did_you_mean
 from swarmwright.representations import REPRESENTATIONS
-from swarmwright.representations._base import Representation
+from swarmwright.representations._base import Representation, RepresentationOptions
 from swarmwright.typing import Genome, Genomes, Limits
 
 _DEFAULT_KIND = "layered"
@@ -56,18 +56,18 @@ class GroupOptions(Options):
         options = component.options_model.model_validate(given, context=info.context)
         if getattr(options, "in_python", False):
             raise ValueError("modules in Python are not possible in a team; take built-in modules")
-        self._options = options
+        self._options = options  # type: ignore[misc] # a private attribute
         self.__pydantic_extra__ = options.model_dump(exclude={"kind"}, exclude_none=True)
         return self
 
     @property
-    def options(self) -> Options:
+    def options(self) -> RepresentationOptions:
         """The options of the representation."""
-        made: Options = self._options
+        made: RepresentationOptions = self._options
         return made
 
 
-class TeamOptions(Options):
+class TeamOptions(RepresentationOptions):
     """Several kinds of agents, each with its own sensors, actuators and controller; one genome for all."""
 
     kind: Literal["team"] = "team"
@@ -96,7 +96,7 @@ class Team(Representation):
     options_model = TeamOptions
     options: TeamOptions
 
-    def __init__(self, options: Options, *, sensors: int, actuators: int) -> None:
+    def __init__(self, options: RepresentationOptions, *, sensors: int, actuators: int) -> None:
         super().__init__(options, sensors=sensors, actuators=actuators)
         self.parts: dict[str, Representation] = {}
         """The representation of each group."""

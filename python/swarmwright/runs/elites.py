@@ -18,7 +18,7 @@ from swarmwright.simulations.catalogue import built_in, description
 from swarmwright.typing import Fitness
 
 if TYPE_CHECKING:
-    from pathlib import Path
+    from os import PathLike
 
     from matplotlib.figure import Figure
 
@@ -131,7 +131,7 @@ class Elites:
         rows = [[one.fitness, *one.metrics.values()] for one in self.candidates]
         return np.array(rows, dtype=np.float64).reshape(len(rows), 1 + len(self.goals))
 
-    def plot(self, path: "str | Path | None" = None) -> "Figure":
+    def plot(self, path: "str | PathLike[str] | None" = None) -> "Figure":
         """Return a matplotlib figure: a heat map of the archive, or the front.
 
         An archive is drawn over its first two measures; where it has more, a cell shows the best of them. A

@@ -2,6 +2,7 @@
 
 import html
 from dataclasses import dataclass
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -38,7 +39,7 @@ class ReplayPage:
         )
 
     @checked
-    def save(self, path: str | Path) -> None:
+    def save(self, path: str | PathLike[str]) -> None:
         """Write the page, for a browser; `swarmwright replay --save` writes pictures and videos.
 
         Raises InputError for another ending than .html, and when the file cannot be written.

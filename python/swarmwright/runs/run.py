@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from contextlib import nullcontext
 from dataclasses import dataclass, field
 from functools import cached_property
+from operator import index
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Self, SupportsIndex, get_args
 
@@ -338,7 +340,7 @@ class Run:
         return of_run(self)
 
     @checked
-    def export(self, path: str | Path) -> None:
+    def export(self, path: str | PathLike[str]) -> None:
         """Write the record as a table, a line per evaluation, sorted by generation and candidate.
 
         `.csv`: generation, candidate, fitness, episode_0, .. (its episodes' fitness), then metrics if there
@@ -350,7 +352,7 @@ class Run:
         write_table(self.store, Path(path))
 
     @checked
-    def plot(self, path: str | Path | None = None, *, x: str = "evaluations") -> "Figure":
+    def plot(self, path: str | PathLike[str] | None = None, *, x: str = "evaluations") -> "Figure":
         """Return a matplotlib figure of fitness and diversity, which a notebook shows.
 
         Args:
@@ -380,7 +382,7 @@ class Run:
         generation: int | None = None,
         candidate: int | None = None,
         episode: int | None = None,
-        seed: int | None = None,
+        seed: SupportsIndex | None = None,
         speed: float = 1.0,
         broker: str | None = None,
     ) -> "ReplayPage":
@@ -406,7 +408,7 @@ class Run:
             generation=generation,
             candidate=candidate,
             episode=episode,
-            seed=seed,
+            seed=None if seed is None else index(seed),
             speed=speed,
             broker=broker,
         )

@@ -4,16 +4,15 @@ from typing import Any, Literal
 
 import numpy as np
 
-from swarmwright.core.options import Options
 from swarmwright.core.random_numbers import Stream
-from swarmwright.representations import Representation
+from swarmwright.representations import Representation, RepresentationOptions
 from swarmwright.typing import Genome, Limits
 
 _GENES = 12
 _VALUES = 4
 
 
-class _Options(Options):
+class _Options(RepresentationOptions):
     """No options."""
 
     kind: Literal["sample"] = "sample"

@@ -106,7 +106,7 @@ def test_code_that_raises_nothing_has_no_stack() -> None:
     experiment = Experiment.from_mapping({"simulation": Wide, "controller": {"hidden": []}})
     for servers in ("in-process", 1):
         with pytest.raises(SimulationError, match=r"Wide.step: observations of the shape \(1, 2\)") as raised:
-            simulate(experiment, servers=servers)  # type: ignore[arg-type] # literals in a loop
+            simulate(experiment, servers=servers)
         assert raised.value.stack is None
 
 

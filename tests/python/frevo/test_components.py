@@ -137,7 +137,7 @@ def test_a_session_with_neat_says_what_is_not_taken_over(session: Session) -> No
 
 def test_mutation_of_layers_in_proportion_is_said_to_differ(session: Session) -> None:
     imported = frevo.load(session(representation=LAYERS, given={"method": {"mutationMethod": 2}}))
-    assert imported.experiment.controller.mutation == "proportional"
+    assert vars(imported.experiment.controller)["mutation"] == "proportional"
     assert any("weights and biases move within a fifth of their size" in note for note in imported.notes)
 
 
@@ -162,7 +162,7 @@ def test_a_machine_of_which_the_thresholds_are_left_out(session: Session) -> Non
         "unit_input_values": "40,40,1,1,1,1,1,1,1,1",
     }
     imported = frevo.load(session(representation="fsm.MealyFSM", given={"representation": lists}))
-    levels = imported.experiment.controller.levels
+    levels = vars(imported.experiment.controller)["levels"]
     assert levels == [[-10.5, -0.5, 9.5]] * 2 + [[0.5]] * 8
 
 

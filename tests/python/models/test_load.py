@@ -222,7 +222,7 @@ def test_letters_of_other_scripts_are_no_signs(edited: Edited) -> None:
     ]
     experiment = models.load(paths).experiment
     assert experiment.parameters["ρομπότ"] == 3
-    assert list(experiment.controller.parameters) == ["βάρος", "ρυθμός"]
+    assert list(vars(experiment.controller)["parameters"]) == ["βάρος", "ρυθμός"]
     assert experiment.requirements.max_agents == 3
 
 

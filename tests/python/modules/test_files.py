@@ -159,7 +159,7 @@ def test_edits_are_noticed(file: Path, tmp_path: Path) -> None:
     forget()
     opened = Run.open(run.path)
     for generation, speed in ((0, SPEED), (2, "SPEED = -0.25\n")):
-        used = used_for(opened, generation).controller.behaviours[0]
+        used = vars(used_for(opened, generation).controller)["behaviours"][0]
         assert Path(used.rpartition(":")[0]).with_name("wheel_speeds.py").read_text() == speed
         assert repeat(opened, generation=generation, candidate=0).same
     first, last = (repeat_code(opened, generation) for generation in (0, 2))

@@ -220,8 +220,10 @@ def test_the_number_of_transitions_follows_the_form() -> None:
         "controller": {"kind": "modules"},
     }
     machine = Experiment.from_mapping(values)
+    assert isinstance(machine.controller, ModulesOptions)
     assert machine.controller.most_transitions == 4
     tree = machine.replace(controller={"form": "tree"})
+    assert isinstance(tree.controller, ModulesOptions)
     assert tree.controller.most_transitions == 1
     assert tree.replace(controller={"form": "machine"}) == machine
     assert Experiment.from_mapping(machine.to_mapping()).with_settings(["controller.form=tree"]) == tree

@@ -67,7 +67,7 @@ def test_the_genome_is_that_of_all_groups(run: Run) -> None:
     assert run.experiment.genome_size == 3 * 2 + 4 + 3 * 7
     groups = run.best.controller.groups
     assert [(one.sensors, one.actuators) for one in groups.values()] == [(1, 1), (3, 2)]
-    assert run.experiment.controller.groups["prey"].agents == 1
+    assert vars(run.experiment.controller)["groups"]["prey"].agents == 1
 
 
 @pytest.mark.parametrize("mode", ["stepwise", "batched", "offloaded"])
@@ -106,7 +106,7 @@ def _genome(wanted: Experiment) -> Any:
 
 def test_numbers_of_agents_follow_the_parameters(run: Run) -> None:
     changed = run.experiment.replace(parameters={"hunters": 5})
-    assert changed.controller.groups["hunters"].agents == 5
+    assert vars(changed.controller)["groups"]["hunters"].agents == 5
     assert changed.genome_size == run.experiment.genome_size
     assert np.isfinite(evaluate(changed, _genome(changed)[np.newaxis], servers="in-process")).all()
 
