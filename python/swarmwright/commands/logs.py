@@ -191,6 +191,10 @@ def _table(delimiter: str) -> Reader:
 
 
 def _no_table(place: str, error: csv.Error) -> CommandFailure:
+    if "new-line" in str(error):  # Python's advice is for those who open the file
+        return CommandFailure(
+            f"{place}: has a carriage return without a line feed; end lines with \\n or \\r\\n"
+        )
     return CommandFailure(f"{place}: is not a table: {error}")
 
 
