@@ -57,7 +57,7 @@ def run_folders(paths: Sequence[Path]) -> tuple[list[Path], list[Path]]:
     return found, missing
 
 
-def _readable(folders: Sequence[Path]) -> "tuple[list[Run], bool]":
+def readable_runs(folders: Sequence[Path]) -> "tuple[list[Run], bool]":
     """Return the runs that can be compared, and whether others were left out, as a sweep leaves them out.
 
     Those are named on standard error. Raises InputError when there is nothing else.
@@ -126,7 +126,7 @@ def show_comparison(output: Output, folders: Sequence[Path], what: Compared) -> 
     from swarmwright.analysis.comparison import compare
 
     what.check()
-    runs, incomplete = _readable(folders)
+    runs, incomplete = readable_runs(folders)
     comparison = compare(
         runs,
         at=what.at,

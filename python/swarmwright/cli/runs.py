@@ -165,7 +165,7 @@ def diff(one: Path, other: Path, as_json: bool) -> int:
     """
     from swarmwright import Run
     from swarmwright.analysis.sweep_folders import runs_of
-    from swarmwright.cli._sweep_diff import show_differences
+    from swarmwright.cli._sweep_folders import show_differences
     from swarmwright.runs.differences import first_difference
 
     output = Output(as_json=as_json)
@@ -256,7 +256,8 @@ def compare(
     cls=Command,
     example="swarmwright runs export runs/minisim-1 evaluations.csv\n"
     "swarmwright runs export runs/minisim-1 evaluations.parquet\n"
-    "swarmwright runs export runs/minisim-1 held-out.csv --validation",
+    "swarmwright runs export runs/minisim-1 held-out.csv --validation\n"
+    "swarmwright runs export results/sizes evaluations.parquet",
 )
 @click.argument("run", type=ExistingPath(folder=True), metavar="RUN")
 @click.argument("file", type=OutputFile(), metavar="FILE")
@@ -267,7 +268,7 @@ def compare(
     "recorded fitness, seed, fitness, metrics.",
 )
 @json_option
-def export(run: Path, file: Path, validation: bool, as_json: bool) -> None:
+def export(run: Path, file: Path, validation: bool, as_json: bool) -> int:
     """Write the record of RUN as a table.
 
     .csv or .parquet, a row per evaluation, sorted by generation and candidate. Columns: generation,
@@ -275,10 +276,19 @@ def export(run: Path, file: Path, validation: bool, as_json: bool) -> None:
     column of numbers for each episode (episode_0, ..), for each metric in each episode (NAME_0, ..) and for
     each gene (g0, ..); .parquet has lists instead, in the columns episodes, NAME of each metric, and genome.
     A metric that has the name of another column, such as episode, is called metric_episode.
+
+    RUN can be the folder of a sweep: then the records of its runs are one table, with the columns run, seed
+    and what the experiments differ in before the others, which are empty where a run does not have them. Runs
+    that are missing, damaged or hold no generation are left out and named; the exit status is then 1.
     """
     from swarmwright import InputError, Run
+    from swarmwright.analysis.sweep_folders import runs_of
+    from swarmwright.cli._sweep_folders import export_records
 
-    opened, output = Run.open(run), Output(as_json=as_json)
+    output = Output(as_json=as_json)
+    if not validation and runs_of(run) is not None:
+        return export_records(output, run, file)
+    opened = Run.open(run)
     if validation:
         from swarmwright.runs.validation import command_to_validate
 
@@ -290,6 +300,7 @@ def export(run: Path, file: Path, validation: bool, as_json: bool) -> None:
         opened.export(file)
     output.text(f"The {'validation' if validation else 'record'} is in {file}")
     output.json({"run": str(run), "file": str(file)})
+    return 0
 
 
 @command.command(
@@ -314,12 +325,13 @@ def verify(runs: tuple[Path, ...], as_json: bool) -> int:
     from swarmwright import InputError
     from swarmwright.cli._comparison import folders_of
     from swarmwright.cli._runs import verified_line
+    from swarmwright.cli._sweep_folders import with_sweeps
     from swarmwright.runs.verification import verify as verified
     from swarmwright.store import FILE
 
     output = Output(as_json=as_json)
     status = 0
-    for run, of_sweep in _with_sweeps(folders_of(runs)):
+    for run, of_sweep in with_sweeps(folders_of(runs)):
         if of_sweep and not (run / FILE).exists():
             output.json({"run": str(run), "ok": False, "missing": True})
             output.text(f"{run}: missing; the same sweep runs it")
@@ -334,23 +346,6 @@ def verify(runs: tuple[Path, ...], as_json: bool) -> int:
         status = status or (1 if found.problems else 0)
         verified_line(output, run, found)
     return status
-
-
-def _with_sweeps(folders: list[Path]) -> list[tuple[Path, bool]]:
-    """Return run folders, with those of sweeps instead of their folder; True for one that a sweep asks for.
-
-    Raises InputError where the record of a sweep cannot be read.
-    """
-    from swarmwright.analysis.sweep_folders import runs_of
-    from swarmwright.store import FILE
-
-    found: dict[Path, bool] = {}
-    for folder in folders:
-        asked = runs_of(folder)
-        found |= dict.fromkeys([folder] if asked is None else asked, asked is not None)
-        if asked is not None:  # and what other sweeps have put there
-            found = dict.fromkeys((store.parent for store in sorted(folder.glob(f"*/{FILE}"))), False) | found
-    return list(found.items())
 
 
 @command.command("delete", cls=Command, example="swarmwright runs delete runs/minisim-1 --yes")

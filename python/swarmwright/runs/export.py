@@ -1,6 +1,6 @@
 """The record as a table for other programs."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,19 +17,29 @@ FORMATS = (".csv", ".parquet")
 
 
 def write_table(store: StoreReader, path: Path) -> None:
-    """Write a store's record to a file of one of the formats.
+    """Write a store's record to a file of one of the formats. Raises InputError as `write`."""
+    write(path, lambda: csv_lines(store), lambda: tables(store))
 
-    Raises InputError when that is not possible, or the store is damaged; then no file is left.
+
+def write(path: Path, lines: Callable[[], Iterable[str]], arrow: Callable[[], Iterable["pa.Table"]]) -> None:
+    """Write a table to a file of one of the formats.
+
+    Args:
+        path: of the file.
+        lines: returns those of a CSV file.
+        arrow: returns parts of the table with the same columns.
+
+    Raises InputError when that is not possible, or a store is damaged; then no file is left.
     """
     ending = path.suffix.lower()
     if ending not in FORMATS:
         raise InputError(f"{path}: tables end with {' or '.join(FORMATS)}")
     try:
         if ending == ".parquet":
-            _write_parquet(store, path)
+            _write_parquet(arrow, path)
         else:
             with path.open("w", encoding="utf-8", newline="") as file:
-                file.writelines(csv_lines(store))
+                file.writelines(lines())
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
     except InputError:
@@ -74,14 +84,19 @@ def _header(part: Record, metrics: list[str]) -> str:
     return ",".join(columns) + "\n"
 
 
-def _write_parquet(store: StoreReader, path: Path) -> None:
+def tables(store: StoreReader) -> Iterator["pa.Table"]:
+    """Yield the record in parts, as Arrow tables."""
+    for part in store.rows():
+        yield _arrow(part, store.metrics)
+
+
+def _write_parquet(arrow: Callable[[], Iterable["pa.Table"]], path: Path) -> None:
     pa = pyarrow(f"{path}: writing Parquet")
     from pyarrow import parquet
 
     writer: Any = None
     try:
-        for part in store.rows():
-            table = _arrow(part, store.metrics)
+        for table in arrow():
             if writer is None:
                 writer = parquet.ParquetWriter(path, table.schema, compression="zstd")
             writer.write_table(table)

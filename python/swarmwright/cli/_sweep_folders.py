@@ -1,10 +1,40 @@
-"""Output of `swarmwright runs diff` for two sweeps."""
+"""Commands of `swarmwright runs` for the folders of sweeps."""
 
 from collections.abc import Sequence
 from pathlib import Path
 
 from swarmwright.cli._output import Output
 from swarmwright.core.formatting import counted
+
+
+def with_sweeps(folders: list[Path]) -> list[tuple[Path, bool]]:
+    """Return run folders, with those of sweeps instead of their folder; True for one that a sweep asks for.
+
+    Raises InputError where the record of a sweep cannot be read.
+    """
+    from swarmwright.analysis.sweep_folders import runs_of
+    from swarmwright.store import FILE
+
+    found: dict[Path, bool] = {}
+    for folder in folders:
+        asked = runs_of(folder)
+        found |= dict.fromkeys([folder] if asked is None else asked, asked is not None)
+        if asked is not None:  # and what other sweeps have put there
+            found = dict.fromkeys((store.parent for store in sorted(folder.glob(f"*/{FILE}"))), False) | found
+    return list(found.items())
+
+
+def export_records(output: Output, folder: Path, file: Path) -> int:
+    """Write the records of the runs of a sweep as one table; return the exit status, 1 where some lack."""
+    from swarmwright.analysis.sweep_table import write_records
+    from swarmwright.cli._comparison import INCOMPLETE, readable_runs, run_folders
+
+    folders, missing = run_folders([folder])
+    runs, incomplete = readable_runs(folders)
+    write_records(runs, file)
+    output.text(f"The records of {counted(len(runs), 'run')} are in {file}")
+    output.json({"run": str(folder), "file": str(file), "runs": [str(run.path) for run in runs]})
+    return INCOMPLETE if missing or incomplete else 0
 
 
 def show_differences(output: Output, ones: Sequence[Path], others: Sequence[Path]) -> int:
