@@ -6,7 +6,7 @@ import os
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from swarmwright.analysis.after_evaluations import fitness_at
 from swarmwright.analysis.groups import flattened_of
@@ -67,23 +67,22 @@ def csv_text(comparison: "Comparison", folder: Path) -> str:
     by = comparison.indicator.by
     best = by == "fitness" and not comparison.held_out
     at_end = comparison.at is None and comparison.at_episodes is None
-    rows = []
+    rows: list[dict[str, Any]] = []
     for one, keys in zip(comparison.groups, differing, strict=True):
         for run, value, count, episodes in zip(
             one.runs, one.final.tolist(), one.counts, one.episodes, strict=True
         ):
-            rows.append(
-                {
-                    "task": tasks[one.label], "group": one.label,
-                    "run": os.path.relpath(run.path.resolve(), folder.resolve()),
-                    "seed": run.experiment.seed, "evaluations": count, "episodes": episodes,
-                    "fitness": value if best else fitness_at(run, comparison.at)[0],
-                    **({} if by == "fitness" else {by: value}),
-                    # The candidate that is the best at the run's end was validated.
-                    **_held_out(run.validation if at_end else None),
-                    "seconds": run.seconds, "record_sha256": run.digest, **keys,
-                }
-            )  # fmt: skip
+            row = {
+                "task": tasks[one.label], "group": one.label,
+                "run": os.path.relpath(run.path.resolve(), folder.resolve()),
+                "seed": run.experiment.seed, "evaluations": count, "episodes": episodes,
+                "fitness": value if best else fitness_at(run, comparison.at)[0],
+            }  # fmt: skip
+            if by != "fitness":
+                row[by] = value
+            # The candidate that is the best at the run's end was validated.
+            row |= _held_out(run.validation if at_end else None)
+            rows.append({**row, "seconds": run.seconds, "record_sha256": run.digest, **keys})
     text = io.StringIO()
     table = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
     table.writeheader()
