@@ -97,7 +97,9 @@ def runs_of_all(runs: Iterable[Run | str | os.PathLike[str]] | str | os.PathLike
     in a warning. Raises InputError where a folder is neither a run's nor a sweep's, or the record of a sweep
     cannot be read.
     """
-    if isinstance(runs, str | os.PathLike) and runs_of(path_of("runs", runs, "a folder")) is not None:
+    if isinstance(runs, str | os.PathLike):
+        if runs_of(path_of("runs", runs, "a folder")) is None:
+            listed("runs", runs, "run folders")  # raises: one run is no list
         runs = [runs]
     listed("runs", runs, "run folders")
     found: list[Run] = []

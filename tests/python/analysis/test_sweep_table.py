@@ -52,7 +52,9 @@ def test_a_csv_file_has_every_evaluation_of_all_runs(swept: Path, tmp_path: Path
         for row in rows[place : place + run.evaluations]:
             values = dict(zip(header, row, strict=True))
             assert (values["run"], values["seed"]) == (run.path.name, str(run.experiment.seed))
-            assert json.loads(values["controller.hidden"]) == list(run.experiment.controller.hidden)
+            assert (
+                json.loads(values["controller.hidden"]) == run.experiment.to_mapping()["controller"]["hidden"]
+            )
             assert (values["episode_1"] == "") == (record.episodes.shape[1] == 1)
             assert values[f"g{record.genomes.shape[1] - 1}"]
         alone = [
