@@ -28,9 +28,8 @@ from swarmwright.cli._options import (
 from swarmwright.cli._output import Output, aside, complain
 from swarmwright.cli._signals import Terminated
 from swarmwright.core.suggestions import unknown
-from swarmwright.supervision import Ended, Event, Restarted, Supervisor
+from swarmwright.supervision import Ended, Event, News, Restarted, Supervisor
 from swarmwright.supervision import Output as Printed
-from swarmwright.supervision.supervisor import News
 
 if TYPE_CHECKING:
     from swarmwright.monitoring.prometheus import ServeFigures

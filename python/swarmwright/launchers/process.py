@@ -6,16 +6,19 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
+from pydantic import Field
+
 from swarmwright.core.errors import RunError
 from swarmwright.launchers._base import Health, Launcher, LauncherError, LauncherOptions
 from swarmwright.launchers._specification import Specification
-from swarmwright.supervision import Event, Output, Supervisor
-from swarmwright.supervision.supervisor import News
+from swarmwright.supervision import Event, News, Output, Supervisor
 
 if TYPE_CHECKING:
     from swarmwright import _engine
 
 
+_GRACE_S = 3600.0
+"""Seconds for which a process that is to be replaced may go on with its evaluation."""
 _WARNINGS = {"warning", "waiting", "lost"}
 """Events of servers that say what is wrong with them."""
 _KEPT_WARNINGS = 5
@@ -26,6 +29,10 @@ class ProcessOptions(LauncherOptions):
     """Processes on this machine."""
 
     launcher: Literal["process"] = "process"
+    recycle: int = Field(default=0, ge=0)
+    """Evaluations after which a server's process is ended and another one started, for simulations that lose
+    memory; 0 for never. The request under way is finished first; in the modes stepwise and batched, a server
+    that has an episode goes on."""
 
 
 class Process(Launcher):
@@ -60,6 +67,7 @@ class Process(Launcher):
             tell=self._hear,
             step_timeout=self.specification.step_timeout,
             environment=self.specification.child_variables(str(here)),
+            recycle=self.options.recycle,
         )
         self._supervisor.start()
 
@@ -132,6 +140,7 @@ class Process(Launcher):
     def _settings(self, server: int) -> dict[str, Any]:
         specification = self.specification
         return {
+            **({"grace": _GRACE_S} if self.options.recycle else {}),
             "simulation": specification.simulation,
             "files": dict(specification.sources),
             "modules": list(specification.modules),

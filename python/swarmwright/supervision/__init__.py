@@ -1,12 +1,14 @@
 """Simulation servers in processes of their own: started, watched, started again, ended."""
 
+from swarmwright.supervision.news import Ended, Event, News, Restarted
 from swarmwright.supervision.output import Output, listening_to_output
 from swarmwright.supervision.server_exit import ServerExit, signal_name
-from swarmwright.supervision.supervisor import Ended, Event, Restarted, Supervisor
+from swarmwright.supervision.supervisor import Supervisor
 
 __all__ = [
     "Ended",
     "Event",
+    "News",
     "Output",
     "Restarted",
     "ServerExit",

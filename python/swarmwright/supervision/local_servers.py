@@ -12,8 +12,8 @@ from typing import Any, Self
 from swarmwright import _engine
 from swarmwright.core.errors import RunError
 from swarmwright.core.server_use import ServerUses
-from swarmwright.supervision import Ended, Event, Output, Supervisor
-from swarmwright.supervision.supervisor import START_S, News
+from swarmwright.supervision import Ended, Event, News, Output, Supervisor
+from swarmwright.supervision.supervisor import START_S
 
 _log = logging.getLogger("swarmwright")
 

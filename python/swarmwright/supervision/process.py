@@ -58,6 +58,8 @@ class Process:
         self.ready = False
         self.hung: str | None = None
         """Why its supervisor ended it."""
+        self.recycled = False
+        """Whether it was asked to end because it has had its evaluations."""
         self.started = time.monotonic()
         self.progress = Progress()
         self._lines: deque[str] = deque(maxlen=_KEPT_LINES)
@@ -156,6 +158,12 @@ class Process:
         self._kill_group()
         with suppress(ProcessLookupError):
             self.process.kill()
+
+    def recycle(self) -> None:
+        """Ask it to end when it has finished what it computes."""
+        self.recycled = True
+        with suppress(ProcessLookupError):
+            self.process.send_signal(signal.SIGTERM)
 
     def _kill_group(self) -> None:
         with suppress(ProcessLookupError, PermissionError):

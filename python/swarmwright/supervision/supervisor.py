@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from swarmwright.core.errors import RunError
+from swarmwright.supervision.news import Ended, Event, News, Restarted
 from swarmwright.supervision.output import Output
 from swarmwright.supervision.process import Process
 from swarmwright.supervision.progress import Sample
@@ -34,37 +35,6 @@ LONGEST_PAUSE_AT_WORK_S = 1.0
 
 MOST_STARTS = 5
 """Starts in a row that fail before a server is given up; also ends in a row at nothing, twice as many."""
-
-
-@dataclass(frozen=True)
-class Event:
-    """Something that a server reported: `ready`, `busy`, `warning`, `failure`, `lost` or `error`."""
-
-    server: int
-    pid: int
-    report: Mapping[str, Any]
-
-
-@dataclass(frozen=True)
-class Ended:
-    """A server's process has ended without being asked to.
-
-    pause: seconds after which it is started again; None when it is not.
-    """
-
-    server_exit: ServerExit
-    pause: float | None
-
-
-@dataclass(frozen=True)
-class Restarted:
-    """A server was started again."""
-
-    server: int
-    pid: int
-
-
-News = Event | Ended | Restarted
 
 
 @dataclass
@@ -106,6 +76,7 @@ class Supervisor:
         episode_timeout: seconds that one evaluation may take.
         start_timeout: seconds that a server may take until it is on the broker.
         environment: further variables of the processes.
+        recycle: evaluations after which a process is replaced; 0 for never.
     """
 
     def __init__(
@@ -120,11 +91,12 @@ class Supervisor:
         episode_timeout: float | None = None,
         start_timeout: float = START_S,
         environment: Mapping[str, str] | None = None,
+        recycle: int = 0,
     ) -> None:
         self._places = {int(one["id"]): _Place(one) for one in settings}
         self._environment = dict(environment or {})
         self._leaving: set[int] = set()
-        self._draws, self._restart = draws, restart
+        self._draws, self._restart, self._recycle = draws, restart, recycle
         self._output = output
         self._tell = tell
         self._step, self._episode, self._start = step_timeout, episode_timeout, start_timeout
@@ -331,9 +303,19 @@ class Supervisor:
                 process.end_hung("did not answer in time")
         elif process.hung is None and (why := self._hangs(place, process, now)) is not None:
             process.end_hung(why)
+        elif self._is_to_be_replaced(process):
+            process.recycle()
         server_exit = process.end()
         if server_exit is not None:
             self._ended(place, process, server_exit)
+
+    def _is_to_be_replaced(self, process: Process) -> bool:
+        if not self._recycle or process.recycled or process.hung is not None:
+            return False
+        sample = process.progress.read()
+        # An episode that is stepped from elsewhere would be lost.
+        is_stepped = sample.is_at_work and not sample.candidates
+        return sample.ended >= self._recycle and not is_stepped
 
     def _hangs(self, place: _Place, process: Process, now: float) -> str | None:
         """Why a process is to be ended, if it is."""
@@ -369,12 +351,14 @@ class Supervisor:
         whose = ""
         if place_of is not None and sample.candidates == 1:
             whose = self._output.named(place_of, sample.first, sample.episode or 0)
-        self._output.say(server_exit.server, f"[{server_exit.how}]", whose)
+        is_recycled = process.recycled and server_exit.outside
+        how = "has had its evaluations (recycle)" if is_recycled else server_exit.how
+        self._output.say(server_exit.server, f"[{how}]", whose)
         if supervision is not None:
             supervision.ended(
                 server_exit.server,
                 server_exit.pid,
-                f"a simulation server {server_exit.how}",
+                f"a simulation server {how}",
                 stack=server_exit.words or None,
                 outside=server_exit.outside,
                 at=sample.place,

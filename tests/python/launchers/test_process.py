@@ -66,6 +66,20 @@ def test_a_killed_server_is_started_again() -> None:
     assert not any(Path(f"/proc/{pid}").exists() for pid in first)
 
 
+def test_processes_are_replaced_after_some_evaluations(tmp_path: Path) -> None:
+    slow = Experiment.from_mapping(
+        {
+            "simulation": written(tmp_path / "simulation"),
+            "method": {"population": 20, "generations": 4},
+            "validate": False,
+            "servers": {"launcher": "process", "count": 2, "recycle": 5},
+        }
+    )
+    recycled = optimize(slow, out=tmp_path / "recycled", progress=False)
+    same_record(optimize(slow, out=tmp_path / "here", servers="in-process", progress=False), recycled)
+    assert "[has had its evaluations (recycle)]" in (tmp_path / "recycled" / "servers.log").read_text()
+
+
 @pytest.mark.timeout(120)
 def test_a_preempted_server_finishes_what_it_computes(tmp_path: Path) -> None:
     name = written(tmp_path / "simulation")
