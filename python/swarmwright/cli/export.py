@@ -59,8 +59,9 @@ from swarmwright.cli._output import Output, show_warnings
     "--bundle",
     type=click.Path(path_type=Path),
     metavar="FILE.zip",
-    help="Instead of --to: write an archive to hand over, with all formats, each verified where its compiler "
-    "is installed, the record of the evaluation, and a manifest. `swarmwright verify` checks it.",
+    help="Instead of --to: write an archive to hand over, with every format that the controller has (FMUs "
+    "with their C source, without a library), each verified where its compiler is installed, the record of "
+    "the evaluation, and a manifest. `swarmwright verify` checks it.",
 )
 @click.option(
     "--mapping",

@@ -45,7 +45,8 @@ class Exporter(ABC):
     """Steps of a random sequence, at most, with which it is verified."""
 
     compiled: ClassVar[bool] = False
-    """Whether it holds code that this machine's compiler made, so that its bytes differ between machines."""
+    """Whether it holds code that this machine's compiler made, so that its bytes differ between machines; see
+    `portable`."""
 
     untried: ClassVar[str] = ""
     """What of it no verification compiles or runs; empty where that is nothing."""
@@ -62,6 +63,17 @@ class Exporter(ABC):
             InputError: controllers of this kind cannot be exported to this format.
             NotInstalledError: a package that this needs is not installed.
         """
+
+    def portable(self) -> "Exporter":
+        """Return the exporter that writes the same bytes on every machine, for bundles.
+
+        Default: this one. Raises InputError where the form has only compiled code.
+        """
+        if self.compiled:
+            raise InputError(
+                f"compiled for one kind of machine; export it where it is used, with --to {self.form}"
+            )
+        return self
 
     @abstractmethod
     def run(self, folder: Path, prefix: str, sequences: Sequences) -> NDArray[np.float32]:

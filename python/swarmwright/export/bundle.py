@@ -162,8 +162,8 @@ def _check_target(file: Path, *, force: bool) -> None:
                 archive.getinfo(MANIFEST)
         except (OSError, zipfile.BadZipFile, KeyError):
             raise InputError(
-                f"{file}: is there already and is not a bundle; take another name, or write over it with "
-                "--force"
+                f"{file}: is there already and is not a bundle; take another name, or write over it "
+                "(--force; in Python force=True)"
             ) from None
 
 
@@ -177,8 +177,8 @@ def _given(file: Path) -> bytes:
 def _add(files: Files, form: str, prefix: str, bundle: Bundle) -> None:
     """Add a form, and compare it with the simulation. Raises RunError when it differs."""
     try:
-        maker: Exporter = EXPORTERS.get(form)()
-        exporter = maker.portable()
+        format_: Exporter = EXPORTERS.get(form)()
+        exporter = format_.portable()
         made = exporter.files(bundle.subject, prefix)
     except SwarmwrightError as error:
         bundle.without[form] = str(error)
@@ -269,6 +269,7 @@ def _manifest(run: "Run", bundle: Bundle, prefix: str, files: Files) -> str:
         },
         "episodes": {"count": subject.episode_count, "reason": _anywhere(subject.reason, run.path)},
         "step_size": subject.step_size,
+        "shown_seconds": subject.shown_seconds,
         "wheels": list(subject.wheels),
         "topics": dict(subject.topics),
         "ranges": dict(subject.ranges),

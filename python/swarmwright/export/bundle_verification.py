@@ -257,7 +257,8 @@ def _subject(
         int(recorded["count"]),
         str(recorded["reason"]),
         topics=dict(manifest.get("topics", {})),
-        step_size=_step_size(manifest.get("step_size", 0.0)),
+        step_size=_seconds("step_size", manifest),
+        shown_seconds=_seconds("shown_seconds", manifest),
         wheels=_wheels(manifest.get("wheels", (0.0, 0.0))),
     )
 
@@ -274,11 +275,11 @@ _LONGEST_STEP_S = 1e38
 """A number of 32 bits, as headers have it."""
 
 
-def _step_size(value: Any) -> float:  # noqa: ANN401 - whatever the manifest says
+def _seconds(key: str, manifest: Mapping[str, Any]) -> float:
     """Return the duration of a step, 0 where it is not known. Raises ValueError for what is none."""
-    step = float(value)
+    step = float(manifest.get(key, 0.0))
     if not 0 <= step <= _LONGEST_STEP_S:
-        raise ValueError(f"step_size: must be a number from 0 to {_LONGEST_STEP_S:g}, not {step}")
+        raise ValueError(f"{key}: must be a number from 0 to {_LONGEST_STEP_S:g}, not {step}")
     return step
 
 

@@ -1,9 +1,6 @@
 """Functional Mock-up Units for co-simulation: `--to fmu` (FMI 2.0) and `--to fmu3` (FMI 3.0)."""
 
-import re
-import subprocess
 import sys
-import tempfile
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
@@ -14,9 +11,11 @@ from numpy.typing import NDArray
 
 from swarmwright.core.errors import InputError, RunError
 from swarmwright.export._base import Exporter, Files, facts, file_bytes
-from swarmwright.export.c import LANGUAGE, C
+from swarmwright.export.c import C
+from swarmwright.export.fmu_library import add_library, library
 from swarmwright.export.fmu_parts import add_range, add_units, named, token, unit_name, xml, zipped
-from swarmwright.export.programs import command, run, standard_option
+from swarmwright.export.fmu_random import add_seed, random_sensor, seed_words, source_parts
+from swarmwright.export.programs import run
 from swarmwright.export.python_code import golden_text
 from swarmwright.export.sequences import RANDOM_SENSOR, Sequences
 from swarmwright.export.subject import Channel, Subject
@@ -25,22 +24,9 @@ from swarmwright.export.text import MARK, check_header, render
 if TYPE_CHECKING:
     from swarmwright.export.fmu_driver import Driver
 
+_SEED_ROW = "<tr><td>seed</td><td></td><td>{}</td></tr>"
 _FIRST_SENSOR = 2
 """Value references: 0 is the time, 1 the period, then come sensors and actuators."""
-_SYSTEMS = {"linux": ("linux", ".so"), "darwin": ("darwin", ".dylib"), "mingw": ("windows", ".dll")}
-_MACHINES = """\
-#if defined __x86_64__ && __SIZEOF_POINTER__ == 8
-machine: x86_64
-#elif defined __i386__
-machine: x86
-#elif defined __aarch64__ && __SIZEOF_POINTER__ == 8
-machine: aarch64
-#elif defined __riscv && __riscv_xlen == 64
-machine: riscv64
-#endif
-"""
-"""Preprocessed, this is the machine: options such as -m32 change it, and not what -dumpmachine says."""
-_TIME_OUT_S = 120
 
 
 class Fmu(Exporter):
@@ -55,6 +41,13 @@ class Fmu(Exporter):
     compiled: ClassVar[bool] = True
     fmi: ClassVar[str] = "2.0"
 
+    def __init__(self, *, with_library: bool = True) -> None:
+        self._with_library = with_library
+
+    def portable(self) -> "Fmu":
+        """Return the exporter of FMUs that hold the C source alone."""
+        return type(self)(with_library=False)
+
     def files(self, subject: Subject, prefix: str) -> Files:
         """Return the FMU and its self-test. Raises InputError also where there is no C compiler."""
         check_header(prefix)
@@ -65,7 +58,7 @@ class Fmu(Exporter):
             )
         inside = self._inside(subject, prefix)
         return {
-            f"{prefix}.fmu": zipped(inside),
+            f"{prefix}.fmu": zipped(inside, compressed=self._with_library),
             f"{prefix}_fmu_test.py": render(
                 "fmu_test.txt",
                 {
@@ -80,12 +73,16 @@ class Fmu(Exporter):
         }
 
     def run(self, folder: Path, prefix: str, sequences: Sequences) -> NDArray[np.float32]:
-        """Drive the FMU with FMPy, which also checks its description against the standard's schema."""
-        with _driver(folder / f"{prefix}.fmu") as driver:
+        """Drive the FMU with FMPy, which also checks its description against the standard's schema.
+
+        One that holds its source alone gets a library in the folder first.
+        """
+        with _driver(folder / f"{prefix}.fmu", prefix, self.fmi) as driver:
             return driver.drive(sequences)
 
     def self_test(self, folder: Path, prefix: str) -> str:
-        """Run `PREFIX_fmu_test.py`."""
+        """Run `PREFIX_fmu_test.py`; an FMU that holds its source alone gets a library in the folder first."""
+        add_library(folder / f"{prefix}.fmu", prefix, self.fmi)
         name = f"{prefix}_fmu_test.py"
         said = run([sys.executable, name], folder, f"the self-test {name}")
         if said.strip() != b"ok":
@@ -108,42 +105,23 @@ class Fmu(Exporter):
             "otherwise": f"{variables.sensors[RANDOM_SENSOR]} is not from 0 to 1"
             if subject.checks_random
             else "a node overflows, sensors are too large",
+            **source_parts(subject, variables.sensors, self.fmi),
         }
         wrapper = render("fmu_source.txt", {**values, "token": "@token@"})
         wrapper += render(f"fmu_fmi{self.fmi[0]}.txt", values)
         identifier = token(self.fmi, *sources.values(), wrapper.encode())
         sources[f"{prefix}_fmu.c"] = wrapper.replace("@token@", identifier).encode()
-        binary, library = self._library(prefix, sources)
         made: Files = {
             "modelDescription.xml": self._description(subject, prefix, identifier, variables),
             "documentation/index.html": _documentation(subject, prefix, variables, self.fmi),
             **{f"sources/{name}": data for name, data in sources.items()},
-            binary: library,
         }
+        if self._with_library:
+            place, binary = library(prefix, sources, self.fmi)
+            made[place] = binary
         if self.fmi == "3.0":
             made["sources/buildDescription.xml"] = _build_description(prefix)
         return made
-
-    def _library(self, prefix: str, sources: dict[str, bytes]) -> tuple[str, bytes]:
-        """Return the place of the shared library in the archive, and the library."""
-        compiler = command(
-            "CC", ("cc", "gcc", "clang"), "apt install gcc", needed_by="an FMU holds a library, which"
-        )
-        machine, system, ending = _platform(compiler)
-        with tempfile.TemporaryDirectory(prefix="swarmwright-fmu-") as place:
-            folder = Path(place)
-            for name, data in sources.items():
-                (folder / name).write_bytes(data)
-            standard = standard_option(compiler, LANGUAGE.standard)
-            options = [*standard, "-O2", "-fPIC", "-shared", "-fvisibility=hidden", "-ffp-contract=off"]
-            library = f"{prefix}{ending}"
-            words = [*options, "-DSWARMWRIGHT_CONTRACT_OFF", "-o", library, f"{prefix}.c", f"{prefix}_fmu.c"]
-            run([*compiler, *words], folder, "the C compiler", during="the FMU's library")
-            data = (folder / library).read_bytes()
-        if self.fmi == "3.0":
-            return f"binaries/{machine}-{system}/{library}", data
-        bits = "32" if machine == "x86" else "64"
-        return f"binaries/{'win' if system == 'windows' else system}{bits}/{library}", data
 
     def _description(self, subject: Subject, prefix: str, token: str, variables: "_Variables") -> str:
         """Return modelDescription.xml."""
@@ -178,7 +156,7 @@ class Fmu(Exporter):
                 ET.SubElement(files, "File", name=name)
         add_units(root, variables.units)
         categories = ET.SubElement(root, "LogCategories")
-        for name in ("logStatusDiscard", "logStatusError"):
+        for name in ("logStatusWarning", "logStatusDiscard", "logStatusError"):
             ET.SubElement(categories, "Category", name=name)
         ET.SubElement(root, "DefaultExperiment", startTime="0", stepSize=repr(_period(subject)))
         listed = ET.SubElement(root, "ModelVariables")
@@ -222,6 +200,19 @@ class _Variables:
         channels = [*subject.sensors, *subject.actuators]
         units = [unit for one in channels for unit in (one.unit, one.range.unit if one.range else "")]
         self.units = sorted({"s", *filter(None, map(unit_name, units))})
+        place = random_sensor(subject)
+        self.random = None if place is None else self.sensors[place]
+        """The name of the random number among the sensors; None without one."""
+
+    def _add_seed(self, listed: ET.Element, fmi: str) -> None:
+        if self.random is not None:
+            add_seed(listed, _FIRST_SENSOR + len(self.sensors) + len(self.actuators), self.random, fmi)
+
+    def _bounds(self, name: str, causality: str) -> dict[str, str]:
+        """Return the limits of a variable; sensors that are measured may be beyond their range."""
+        if name == self.random:
+            return {"min": "0", "max": "1"}
+        return {"min": "-1", "max": "1"} if causality == "output" else {}
 
     def _channels(self, subject: Subject) -> list[tuple[str, Channel, str]]:
         return [
@@ -241,9 +232,10 @@ class _Variables:
             else:
                 about |= {"variability": "discrete"}
             element = ET.SubElement(listed, "ScalarVariable", {**about, "description": _words(channel)})
-            ET.SubElement(element, "Real", {**_unit(channel), **_bounds(causality), "start": "0"})
+            ET.SubElement(element, "Real", {**_unit(channel), **self._bounds(name, causality), "start": "0"})
             if channel.range is not None:
                 add_range(element, channel.range, "2.0")
+        self._add_seed(listed, "2.0")
 
     def three(self, listed: ET.Element, subject: Subject) -> None:
         """Add the variables of FMI 3.0."""
@@ -257,10 +249,11 @@ class _Variables:
             about |= {"variability": "discrete", "description": _words(channel)}
             if causality == "output":
                 about["initial"] = "exact"
-            about |= {**_unit(channel), **_bounds(causality), "start": "0"}
+            about |= {**_unit(channel), **self._bounds(name, causality), "start": "0"}
             element = ET.SubElement(listed, "Float32", about)
             if channel.range is not None:
                 add_range(element, channel.range, "3.0")
+        self._add_seed(listed, "3.0")
 
 
 def _of_period(subject: Subject) -> str:
@@ -277,11 +270,6 @@ def _unit(channel: Channel) -> dict[str, str]:
     return {"unit": unit} if unit else {}
 
 
-def _bounds(causality: str) -> dict[str, str]:
-    """Return the limits of a variable: actuators have some, while sensors may be beyond their range."""
-    return {"min": "-1", "max": "1"} if causality == "output" else {}
-
-
 def _about(subject: Subject) -> str:
     said = [f"{name}: {text}" for name, text in subject.facts]
     return "; ".join([*said, " ".join(subject.conversion)] if subject.conversion else said)
@@ -294,30 +282,6 @@ def _words(channel: Channel) -> str:
 def _period(subject: Subject) -> float:
     """Return the seconds of a control step, those of an FMU of the simulation; 1 where it has none."""
     return subject.step_size or subject.shown_seconds or 1.0
-
-
-def _platform(compiler: list[str]) -> tuple[str, str, str]:
-    """Return machine and system as FMI 3.0 names them, and how libraries end there."""
-    triple = _said([*compiler, "-dumpmachine"]).strip()
-    preprocessed = _said([*compiler, "-E", "-P", "-x", "c", "-"], _MACHINES)
-    machine = re.search(r"^machine: (\w+)$", preprocessed, re.MULTILINE)
-    system = next((found for word, found in _SYSTEMS.items() if word in triple), None)
-    if machine is None or system is None:
-        raise InputError(
-            f"{' '.join(compiler)}: compiles for {triple or 'an unknown machine'}, which FMI has no name "
-            "for; name another compiler with CC"
-        )
-    return machine[1], *system
-
-
-def _said(words: list[str], text: str = "") -> str:
-    """Return what a compiler prints about itself."""
-    try:
-        return subprocess.run(
-            words, input=text, capture_output=True, text=True, timeout=_TIME_OUT_S, check=False
-        ).stdout
-    except (OSError, subprocess.TimeoutExpired) as error:
-        raise InputError(f"{' '.join(words)}: does not say what it compiles for: {error}") from None
 
 
 def _build_description(prefix: str) -> str:
@@ -349,15 +313,19 @@ def _documentation(subject: Subject, prefix: str, variables: _Variables, fmi: st
             "origin": origin,
             "period": repr(_period(subject)),
             "conversion": f"<p>{'<br>'.join(subject.conversion)}</p>" if subject.conversion else "",
+            "seed": ""
+            if variables.random is None
+            else _SEED_ROW.format(escape(seed_words(variables.random))),
         },
     )
 
 
-def _driver(file: Path) -> "Driver":
+def _driver(file: Path, prefix: str, fmi: str) -> "Driver":
     from importlib.util import find_spec  # noqa: PLC0415 - beside its use
 
     if find_spec("fmpy") is None:
         raise InputError("verification of an FMU needs FMPy: pip install 'swarmwright[fmi]'")
     from swarmwright.export.fmu_driver import Driver  # noqa: PLC0415 - needs FMPy
 
+    add_library(file, prefix, fmi)
     return Driver(file)

@@ -89,13 +89,17 @@ def token(*parts: str | bytes) -> str:
     return f"{{{text[:8]}-{text[8:12]}-{text[12:16]}-{text[16:20]}-{text[20:]}}}"
 
 
-def zipped(files: Files) -> bytes:
-    """Return an archive; what tells that Swarmwright wrote it is at its beginning, as it is."""
+def zipped(files: Files, *, compressed: bool = True) -> bytes:
+    """Return an archive; what tells that Swarmwright wrote it is at its beginning, as it is.
+
+    compressed: without, the bytes depend on no version of zlib.
+    """
     data = io.BytesIO()
     with zipfile.ZipFile(data, "w") as archive:
         for name, content in files.items():
             info = zipfile.ZipInfo(name, _DATE)
-            info.compress_type = zipfile.ZIP_STORED if name.endswith(".xml") else zipfile.ZIP_DEFLATED
+            stored = name.endswith(".xml") or not compressed
+            info.compress_type = zipfile.ZIP_STORED if stored else zipfile.ZIP_DEFLATED
             info.external_attr = (0o755 if name.startswith("binaries/") else 0o644) << 16
             archive.writestr(info, file_bytes(content))
     return data.getvalue()

@@ -21,6 +21,7 @@ from swarmwright.core.revision import revision
 from swarmwright.export import EXPORTERS
 from swarmwright.export.bundle import _anywhere, episodes_of, export_bundle
 from swarmwright.export.bundle_verification import verify_bundle
+from swarmwright.export.c import C
 from swarmwright.export.subject import subject_of
 
 MINISIM: dict[str, Any] = {
@@ -101,6 +102,37 @@ def test_the_program_writes_all_forms(program: Any, rule: Run, tmp_path: Path) -
     assert found["files"] == len(files) - 1
     assert found["forms"].keys() == told["verified"].keys()
     assert found["largest_difference"] == 0
+
+
+def test_fmus_hold_their_source_alone(network: Run, tmp_path: Path) -> None:
+    """A library would be for one kind of machine; that of the receiver is compiled to verify them."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(EXPORTERS, "names", lambda: ["fmu", "fmu3"])
+        made = export_bundle(network, tmp_path / "fmus.zip")
+        checked = verify_bundle(made.file)
+    assert made.verified.keys() == checked.forms.keys() == {"fmu", "fmu3"}
+    assert checked.ok, checked.problems
+    for form in made.verified:
+        with zipfile.ZipFile(io.BytesIO(read(made.file)[f"{form}/controller.fmu"])) as archive:
+            infos = archive.infolist()
+        assert "sources/controller_fmu.c" in [one.filename for one in infos]
+        assert not [one for one in infos if one.filename.startswith("binaries/")]
+        # Whatever the version of zlib, these are the same bytes.
+        assert {one.compress_type for one in infos} == {zipfile.ZIP_STORED}
+
+
+def test_a_format_of_compiled_code_alone_is_left_out(network: Run, tmp_path: Path) -> None:
+    class Compiled(C):
+        form = "firmware"
+        compiled = True
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(EXPORTERS, "names", lambda: ["firmware"])
+        patch.setattr(EXPORTERS, "get", lambda _: Compiled)
+        made = export_bundle(network, tmp_path / "x.zip")
+    assert made.without == {
+        "firmware": "compiled for one kind of machine; export it where it is used, with --to firmware"
+    }
 
 
 def test_the_program_verifies(program: Any, bundle: Path) -> None:
@@ -413,7 +445,7 @@ def test_folders_that_no_format_has_are_a_problem(form: str, bundle: Path, tmp_p
     ("form", "reason"),
     [
         ("scxml", "controller: the kind 'fully_meshed' cannot be exported to scxml, only mealy_fsm"),
-        ("fmu", "it is compiled for one kind of machine"),
+        ("machine", "controller: one of the kind 'fully_meshed' is not a machine of behaviours"),
     ],
 )
 def test_a_format_that_the_controller_is_not_exported_to_is_a_problem(
@@ -579,11 +611,12 @@ def test_what_is_no_bundle(tmp_path: Path, make: Callable[[Path], object], words
         verify_bundle(tmp_path / "x.zip")
 
 
+@pytest.mark.parametrize("key", ["step_size", "shown_seconds"])
 @pytest.mark.parametrize("value", ["Infinity", "NaN", "-1", "1e305", "1" + "0" * 400])
-def test_a_step_of_no_duration_is_refused(value: str, bundle: Path, tmp_path: Path) -> None:
+def test_a_step_of_no_duration_is_refused(value: str, key: str, bundle: Path, tmp_path: Path) -> None:
     files = read(bundle)
     manifest = json.loads(files["manifest.json"])
-    manifest["step_size"] = json.loads(value)
+    manifest[key] = json.loads(value)
     files["manifest.json"] = json.dumps(manifest).encode()
     write(tmp_path / "x.zip", files, sealed=True)
     with pytest.raises(InputError, match=r"manifest\.json, or what it names, is not as a bundle has it"):

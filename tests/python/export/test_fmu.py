@@ -8,7 +8,6 @@ import zipfile
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -16,59 +15,16 @@ import pytest
 from fmpy import extract, read_model_description, simulate_fmu
 from fmpy.build import build_platform_binary
 from fmpy.fmi1 import FMICallException
-from fmpy.fmi2 import FMU2Slave
 from fmpy.fmi3 import FMU3Slave
 from fmpy.validation import validate_fmu
 
 from swarmwright import InputError, RunError
-from swarmwright.export import EXPORTERS, Exporter, Subject
+from swarmwright.export import Subject
 from swarmwright.export.fmu_driver import Driver
 from swarmwright.export.sequences import Sequences, difference, random_sequences
 from swarmwright.export.writing import write
+from tests.python.export.fmus import FORMS, KEEPS_STATE, begin, exporter, got, instance, put, written, zipped
 from tests.python.export.specifications import ALL, hebbian, subject
-
-FORMS = ("fmu", "fmu3")
-KEEPS_STATE = "fully_meshed-tanh-6"
-"""Its actuators depend on what it sensed before."""
-
-
-def exporter(form: str) -> Exporter:
-    return EXPORTERS.get(form)()
-
-
-def written(name: str, form: str, folder: Path) -> Path:
-    write(exporter(form).files(subject(ALL[name]), "robot"), folder)
-    return folder / "robot.fmu"
-
-
-def instance(file: Path, folder: Path) -> Any:
-    """An instance that samples from 0 s on."""
-    description = read_model_description(str(file))
-    extract(str(file), str(folder))
-    make = FMU2Slave if description.fmiVersion == "2.0" else FMU3Slave
-    fmu = make(
-        guid=description.guid, unzipDirectory=str(folder), modelIdentifier="robot", instanceName="tested"
-    )
-    fmu.instantiate()
-    return fmu
-
-
-def begin(fmu: Any) -> None:
-    if isinstance(fmu, FMU2Slave):
-        fmu.setupExperiment()
-    fmu.enterInitializationMode()
-    fmu.exitInitializationMode()
-
-
-def put(fmu: Any, references: list[int], values: Any) -> None:
-    (fmu.setReal if isinstance(fmu, FMU2Slave) else fmu.setFloat32)(
-        references, [float(one) for one in values]
-    )
-
-
-def got(fmu: Any, references: list[int]) -> list[float]:
-    found: list[float] = (fmu.getReal if isinstance(fmu, FMU2Slave) else fmu.getFloat32)(references)
-    return found
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -399,11 +355,6 @@ def test_calls_that_do_not_belong_to_a_phase_are_errors(form: str, tmp_path: Pat
             step(float(time))
 
 
-def zipped(file: Path) -> dict[str, bytes]:
-    with zipfile.ZipFile(file) as archive:
-        return {name: archive.read(name) for name in archive.namelist()}
-
-
 @pytest.mark.timeout(120)
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # FMPy's temporary folder
 @pytest.mark.parametrize("form", FORMS)
@@ -440,6 +391,46 @@ def test_another_master(form: str, tmp_path: Path) -> None:
     assert found[0].tolist() == [0.0, 0.0]
     # FMPy interpolates discrete inputs as held; what is sampled at t is there after the step from t.
     assert found[1:].tobytes() == expected[: len(found) - 1].tobytes()
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_step_of_very_many_periods_is_discarded(form: str, tmp_path: Path) -> None:
+    """It would compute for hours, and no master can interrupt it."""
+    with Driver(written("mealy_fsm", form, tmp_path)) as driver:
+        fmu = driver.instance._fmu
+        (fmu.setReal if form == "fmu" else fmu.setFloat64)([1], [1e-300])
+        begin(fmu)
+        with pytest.raises(FMICallException):
+            fmu.doStep(currentCommunicationPoint=0.0, communicationStepSize=1e-3)
+        assert driver.instance._last == (
+            "the step is not done: it is one of 1e+297 periods of 1e-300 s, expected at most 1000000"
+        )
+        fmu.reset()
+        begin(fmu)
+        with pytest.raises(FMICallException):
+            fmu.doStep(currentCommunicationPoint=0.0, communicationStepSize=1e7)
+        fmu.doStep(currentCommunicationPoint=0.0, communicationStepSize=1e6)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_one_without_a_library_is_the_same_for_every_machine(
+    form: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made, name = subject(ALL["mealy_fsm"]), "robot_fmu_test.py"
+    with monkeypatch.context() as patched:
+        patched.setenv("CC", "/no/such/compiler")  # which it does not need
+        write(exporter(form).portable().files(made, "robot"), tmp_path)
+    inside = zipped(tmp_path / "robot.fmu")
+    assert not [one for one in inside if one.startswith("binaries/")]
+    done = subprocess.run([sys.executable, name], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert done.stderr == "robot.fmu holds its C source alone: fmpy compile robot.fmu\n"
+    sequences = random_sequences(ALL["mealy_fsm"], 30)
+    assert difference(sequences, exporter(form).portable().run(tmp_path, "robot", sequences)) == (0.0, 0)
+    assert exporter(form).portable().self_test(tmp_path, "robot") == name
+    whole = zipped(tmp_path / "robot.fmu")
+    write(exporter(form).files(made, "robot"), tmp_path)
+    assert whole == zipped(tmp_path / "robot.fmu")
 
 
 @pytest.mark.parametrize("form", FORMS)
