@@ -20,6 +20,9 @@ _GROUP = re.compile(rb"^[^\w\n]*Group {2,}(\S.*?)\s*$|Group: ([^;]+); Controller
 """The fact in the comment of a text, and in the description of an FMU."""
 _SEARCHED = 1 << 16
 """Bytes at the beginning of a file in which the mark is looked for."""
+_FORCE = "--force; in Python force=True"
+"""How both the command and the function write over files."""
+_REMEDY = f"name another output folder or prefix, or write over it ({_FORCE})"
 
 
 def write(files: Mapping[str, str | bytes], folder: Path, *, force: bool = False) -> list[Path]:
@@ -67,12 +70,12 @@ def check_replaceable(files: Mapping[str, str | bytes], folder: Path, *, force: 
     of agents, or a module in the other dialect of Python, which has the same name.
     """
     if folder.exists() and not folder.is_dir():
-        raise InputError(f"{folder}: is a file where a folder is expected; name another --output")
+        raise InputError(f"{folder}: is a file where a folder is expected; name another output folder")
     paths = [folder / name for name in files]
     digests, found = _digests(folder), dict[Path, bytes]()
     for path, (name, content) in zip(paths, files.items(), strict=True):
         if path.is_dir():
-            raise InputError(f"{path}: is a folder where a file is to be written; name another --output")
+            raise InputError(f"{path}: is a folder where a file is to be written; name another output folder")
         if path.exists() and not force:
             found[path] = _read(path)
             _check_file(path, found[path], content, digests.get(name))
@@ -81,15 +84,9 @@ def check_replaceable(files: Mapping[str, str | bytes], folder: Path, *, force: 
             continue
         there, new = _group(found[path]), _group(file_bytes(content))
         if there and new and there != new:
-            raise InputError(
-                f"{path}: has the controller of the group {there}; name another --output or --prefix, or "
-                "write over it with --force"
-            )
+            raise InputError(f"{path}: has the controller of the group {there}; {_REMEDY}")
         if path.suffix == ".py" and _swapped(found[path], content):
-            raise InputError(
-                f"{path}: is the export to the other one of Python and MicroPython; name another --output "
-                "or --prefix, or write over it with --force"
-            )
+            raise InputError(f"{path}: is the export to the other one of Python and MicroPython; {_REMEDY}")
 
 
 def _check_file(path: Path, there: bytes, content: str | bytes, digests: set[str] | None) -> None:
@@ -103,17 +100,11 @@ def _check_file(path: Path, there: bytes, content: str | bytes, digests: set[str
         return
     if digests is None or has_seal(content):
         if not _ours(path, there):
-            raise InputError(
-                f"{path}: is there already and was not exported by Swarmwright; name another --output or "
-                "--prefix, or write over it with --force"
-            )
+            raise InputError(f"{path}: is there already and was not exported by Swarmwright; {_REMEDY}")
         return
     # Editors and version control change the ends of lines.
     if digests.isdisjoint({_sha256(there), _sha256(there.replace(b"\r\n", b"\n"))}):
-        raise InputError(
-            f"{path}: has been edited since it was exported; name another --output or --prefix, or write "
-            "over it with --force"
-        )
+        raise InputError(f"{path}: has been edited since it was exported; {_REMEDY}")
 
 
 def _read(path: Path) -> bytes:
@@ -161,9 +152,10 @@ def _beside(path: Path, content: str | bytes) -> Path:
         return path
     new = path.with_name(f"{path.name}.new")
     logging.getLogger("swarmwright").warning(
-        "%s: has been edited since it was exported, and is kept; the new one is %s (--force writes over it)",
+        "%s: has been edited since it was exported, and is kept; the new one is %s (%s: writes over it)",
         path,
         new.name,
+        _FORCE,
     )
     return new
 
@@ -183,8 +175,8 @@ def check_case(files: Mapping[str, str | bytes], folder: Path, prefix: str) -> N
                 there = other.name[: len(prefix)]
                 raise InputError(
                     f"prefix: {prefix!r} differs from {there!r} of {other}, which is there already, in upper "
-                    "and lower case only, and names in capitals would be the same; name another --prefix or "
-                    f"--output, or write over those files with --prefix {there}"
+                    "and lower case only, and names in capitals would be the same; name another prefix "
+                    f"or output folder, or write over those files with the prefix {there}"
                 )
 
 

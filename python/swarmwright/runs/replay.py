@@ -108,9 +108,7 @@ class Replay:
             simulation_seed("seed", seed)
         if number is not None and not 0 <= number < len(seeds):
             has = "one episode, 0" if len(seeds) == 1 else f"{len(seeds)} episodes, 0 to {len(seeds) - 1}"
-            raise InputError(
-                f"episode {number}: the run evaluated {has}; another is played by its seed (--seed)"
-            )
+            raise InputError(f"episode {number}: the run evaluated {has}; name the seed of another one")
         played = Controller.load(controller) if controller is not None else Controller(chosen.specification)  # type: ignore[union-attr] # one of the two is there
         if broker is not None and played.in_python:
             raise InputError(
