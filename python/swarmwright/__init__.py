@@ -47,6 +47,7 @@ Overview:
     callbacks, templates, frevo, testing     TensorBoard and MLflow; experiments to start from; FREVO's files;
                                 checks for plug-ins
     methods, rankings, representations, modules, display    base classes of plug-ins; scenes that are drawn
+    results                     types of what these return, for annotations
     InputError, RunError        invalid input; a run that failed for other reasons
     PlugInError, SimulationError  of RunError: the code of a plug-in or of a simulation failed
 
@@ -75,6 +76,7 @@ if TYPE_CHECKING:
         modules,
         rankings,
         representations,
+        results,
         templates,
         testing,
     )
@@ -148,6 +150,7 @@ __all__ = [
     "rankings",
     "repeat",
     "representations",
+    "results",
     "resume",
     "simulate",
     "sweep",
@@ -197,7 +200,7 @@ _LAZY = {
 _MODULES = frozenset(
     {
         *("callbacks", "display", "environments", "frevo", "methods", "modules", "rankings"),
-        *("representations", "templates", "testing"),
+        *("representations", "results", "templates", "testing"),
     }
 )
 
