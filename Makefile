@@ -248,6 +248,7 @@ wheel: $(VENV)/.wheel
 	rm -rf $(WHEEL)/dist
 	cargo-zigbuild rustc $(MANIFEST) --release --package swarmwright-fmi --lib --target $(ZIG_TARGET).$(GLIBC) -- -C strip=symbols
 	install -D $(WHEEL)/target/$(ZIG_TARGET)/release/libswarmwright_fmi.so python/swarmwright/fmu/libswarmwright_fmi.so
+	python engine/licenses.py python/swarmwright/third-party-licenses.txt
 	maturin build --release --strip --zig --target $(ZIG_TARGET) --compatibility manylinux_$(subst .,_,$(GLIBC)) --out $(WHEEL)/dist
 	auditwheel show $(WHEEL)/dist/*.whl
 	SWARMWRIGHT_WHEEL_GLIBC=$(GLIBC) SWARMWRIGHT_WHEEL=$$(echo $(CURDIR)/$(WHEEL)/dist/*.whl) $(BIN)/python -m pytest -q tests/wheel
@@ -515,4 +516,5 @@ $(VENV)/.engine: $(VENV)/.tools $(ENGINE)
 	$(BIN)/maturin develop --release --extras conformance
 	$(CARGO) rustc $(MANIFEST) --release --package swarmwright-fmi --lib -- -C strip=symbols
 	install "$${CARGO_TARGET_DIR:-engine/target}/release/libswarmwright_fmi.so" python/swarmwright/fmu/
+	$(BIN)/python engine/licenses.py python/swarmwright/third-party-licenses.txt
 	touch $@

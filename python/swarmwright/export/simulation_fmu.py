@@ -17,6 +17,8 @@ from swarmwright.export.text import MARK, check_prefix, render
 
 LIBRARY = Path(__file__).parents[1] / "fmu" / "libswarmwright_fmi.so"
 """Built by `make .venv/.engine` of the crate engine/fmi, and part of the wheel."""
+LICENSES = Path(__file__).parents[1] / "third-party-licenses.txt"
+"""Of the crates that the library is compiled from; made with it."""
 VERSIONS = ("2.0", "3.0")
 _MACHINES = {"x86_64": "x86_64", "amd64": "x86_64", "aarch64": "aarch64", "arm64": "aarch64"}
 _TWO = {"single": "Real", "double": "Real", "integer": "Integer", "seed": "Integer", "flag": "Boolean",
@@ -50,25 +52,26 @@ def simulation_fmu(title: str, parameters: Mapping[str, Any], *, fmi: str, name:
 def model_fmu(model: Model, *, fmi: str, name: str) -> bytes:
     """Return an FMU of a model, see `simulation_fmu`. Raises InputError where the library is not built."""
     check_prefix(name)
-    library = _library()
+    library = _built(LIBRARY, "the library that an FMU of a simulation holds")
     content = json.dumps(model.content(""), sort_keys=True)
     made = token(fmi, name, content, library)
     inside: Files = {
         "modelDescription.xml": _description(model, fmi, name, made),
         "documentation/index.html": _documentation(model, fmi, name),
+        "documentation/licenses/license.txt": _built(LICENSES, "the licences of the library in the FMU"),
         "resources/model.json": json.dumps(model.content(made), indent=1, sort_keys=True),
         _place(fmi, name): library,
     }
     return zipped(inside)
 
 
-def _library() -> bytes:
+def _built(file: Path, what: str) -> bytes:
+    """Return a file that is built from the engine. Raises InputError without it."""
     try:
-        return LIBRARY.read_bytes()
+        return file.read_bytes()
     except OSError:
         raise InputError(
-            f"{LIBRARY}: is missing, the library that an FMU of a simulation holds; `make .venv/.engine` "
-            "builds it from engine/fmi"
+            f"{file}: is missing, {what}; `make .venv/.engine` makes it from engine/fmi"
         ) from None
 
 

@@ -1,5 +1,7 @@
 """Built-in simulations as FMUs: FMPy gets the engine's bits, and attached back they give the same record."""
 
+import io
+import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -382,6 +384,13 @@ def test_mistakes_on_the_command_line(tmp_path: Path, monkeypatch: pytest.Monkey
     assert {file.name for file in tmp_path.iterdir()} == {"mine.fmu"}
 
 
+def test_licences_of_the_library_are_in_it() -> None:
+    with zipfile.ZipFile(io.BytesIO(simulation_fmu("minisim", {}, fmi="3.0", name="world"))) as archive:
+        text = archive.read("documentation/licenses/license.txt").decode()
+    assert "swarmwright-fmi" in text
+    assert "Permission is hereby granted, free of charge" in text  # of crates under MIT
+
+
 def test_a_parameter_by_which_there_are_other_sensors(tmp_path: Path) -> None:
     file = tmp_path / "foot_bots.fmu"
     words = ["export-fmu", "arena", "--set", "parameters.robot=foot-bot", "--output", str(file)]
@@ -390,7 +399,8 @@ def test_a_parameter_by_which_there_are_other_sensors(tmp_path: Path) -> None:
     assert file.is_file()
 
 
-def test_a_missing_library_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "LIBRARY", tmp_path / "libswarmwright_fmi.so")
+@pytest.mark.parametrize("name", ["LIBRARY", "LICENSES"])
+def test_a_missing_library_is_named(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, name, tmp_path / "missing")
     with pytest.raises(InputError, match=r"is missing, .* `make \.venv/\.engine`"):
         simulation_fmu("minisim", {}, fmi="2.0", name="world")
