@@ -43,6 +43,7 @@ class KnownRun(Run):
             best_fitness=lambda first, end: np.fmax.reduce(fitness[first:end]),
             evaluation=lambda *_: best,
             evaluations_of=lambda one: [one],
+            finished=len(self._fitness),
         )
 
     @property
