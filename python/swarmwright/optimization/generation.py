@@ -106,7 +106,7 @@ OnGeneration = Callable[[Generation], bool | None]
 """Called after each generation; False ends the run."""
 
 
-def goes_on(returned: bool | np.bool_ | None) -> bool:
+def goes_on(returned: object) -> bool:
     """Return whether a run goes on after a callback: unless that returned False, NumPy's included.
 
     Raises InputError when it returned anything else than True, False and None.

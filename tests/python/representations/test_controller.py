@@ -98,7 +98,8 @@ def test_agents_without_a_state_may_be_any_number(kind: str) -> None:
 
 def test_no_agents_have_no_actuators(controller: Controller) -> None:
     actuators = controller(np.zeros((0, 3)))
-    assert (actuators.shape, actuators.dtype) == ((0, controller.actuators), np.float32)
+    assert actuators.shape == (0, controller.actuators)
+    assert actuators.dtype == np.float32
 
 
 @pytest.mark.parametrize(
