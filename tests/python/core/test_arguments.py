@@ -27,7 +27,7 @@ def experiment() -> Experiment:
             r"^runs: must be a list of run folders, not 'th_r'; write \['th_r'\]$",
         ),
         (lambda _: library.compare(5), r"^runs: must be a list of run folders, not 5$"),
-        (lambda _: library.compare([None]), r"^path: must be the path of a run folder, not "),
+        (lambda _: library.compare([None]), r"^runs: must be the path of a run folder, not "),
         (
             lambda run: library.transfer(run.path, ["arena"]),
             r"^runs: must be a list of run folders, not an object of",
