@@ -231,7 +231,8 @@ def main(arguments: Sequence[str]) -> int:
             if episodes is not None:
                 episodes.give_up()
             answer = {"error": str(error)}
-        _write(answers, {**answer, "id": message["id"]})
+        number = {"id": message["id"]} if "id" in message else {}
+        _write(answers, {**answer, **number})
     if episodes is not None:
         episodes.give_up()
         episodes.tell_waited()

@@ -38,7 +38,8 @@ def main(arguments: list[str]) -> int:
     program = _Program(definition)
     try:
         for message in program.messages():
-            answer = {**program.answer(message), "id": message["id"]}
+            number = {"id": message["id"]} if "id" in message else {}
+            answer = {**program.answer(message), **number}
             answers.write(f"{json.dumps(answer)}\n")
             answers.flush()
     except BrokenPipeError:
