@@ -38,8 +38,8 @@ def main(arguments: list[str]) -> int:
     program = _Program(definition)
     try:
         for message in program.messages():
-            number = {"id": message["id"]} if "id" in message else {}
-            answer = {**program.answer(message), **number}
+            repeated = {"id": message["id"]} if "id" in message else {}
+            answer = {**program.answer(message), **repeated}
             answers.write(f"{json.dumps(answer)}\n")
             answers.flush()
     except BrokenPipeError:

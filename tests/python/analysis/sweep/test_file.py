@@ -131,7 +131,7 @@ def test_options_of_the_same_name_but_of_another_sort_are_not_kept(tmp_path: Pat
         "grid: {controller.kind: [fully_meshed], controller.activation: [tanh, sigmoid]}\n",
     )
     one, other = (vars(variant.experiment.controller) for variant in found.variants)
-    assert (one["kind"], one["hidden"], one["activation"]) == ("fully_meshed", 2, "tanh"), "a list of layers there"
+    assert (one["kind"], one["hidden"], one["activation"]) == ("fully_meshed", 2, "tanh")
     assert other["activation"] == "sigmoid"
 
 
