@@ -7,7 +7,7 @@ from typing import Any, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 
 from swarmwright.core.errors import InputError
-from swarmwright.core.suggestions import did_you_mean
+from swarmwright.core.suggestions import did_you_mean, unknown_key
 from swarmwright.core.yaml import Path_, parse
 
 MISSING = "is missing"
@@ -46,6 +46,7 @@ _OTHER_NAMES = {
     "method": "algorithm optimizer optimiser solver",
     "controller": "network representation policy",
     "servers": "workers n_jobs processes num_workers",
+    "kind": "name type",
     "validate": "validation test held_out post_evaluation",
     "start_from": "warm_start initial init x0 resume_from checkpoint",
 }
@@ -195,8 +196,7 @@ def _unknown_key(key: str, model: type[BaseModel] | None) -> str:
             "unknown key; files that the simulation reads are named in the section servers, such as "
             "servers: {launcher: process, count: 4, files: [map.json]}"
         )
-    hint = did_you_mean(key, keys)
-    return f"unknown key{hint}" if hint else f"unknown key; known keys: {', '.join(keys)}"
+    return unknown_key(key, keys)
 
 
 def model_at(model: type[BaseModel], path: tuple[str | int, ...]) -> type[BaseModel] | None:

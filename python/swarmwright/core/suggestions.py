@@ -43,3 +43,9 @@ def unknown(what: str, name: str, known: Iterable[str]) -> str:
     names = sorted(known)
     hint = did_you_mean(name, names) or ";"
     return f"unknown {what} {name!r}{hint} there is: {', '.join(names)}"
+
+
+def unknown_key(key: str, known: Iterable[str]) -> str:
+    """Say that a file has no such key, with the nearest known one or the list of all, in their order."""
+    keys = list(known)
+    return f"unknown key{did_you_mean(key, keys) or '; known keys: ' + ', '.join(keys)}"

@@ -91,6 +91,7 @@ def test_only_the_simulation_is_required() -> None:
             "my.yaml:2: method.sigma: unknown key; it is called 'noise' here",
         ),
         ("method: {popsize: 9}\n", "my.yaml:2: method.popsize: unknown key; it is called 'population' here"),
+        ("method: {name: pso}\n", "my.yaml:2: method.name: unknown key; it is called 'kind' here"),
         ("random_seed: 9\n", "my.yaml:2: random_seed: unknown key; it is called 'seed' here"),
         (
             "files: [map.json]\n",

@@ -11,7 +11,7 @@ from swarmwright.analysis.sweep.effect import require_effect
 from swarmwright.analysis.sweep.variants import MOST_RUNS, Variant, variants_of
 from swarmwright.core.errors import InputError
 from swarmwright.core.problems import shown
-from swarmwright.core.suggestions import did_you_mean
+from swarmwright.core.suggestions import unknown_key
 from swarmwright.core.yaml import Source, read
 from swarmwright.experiment.experiment import Experiment
 from swarmwright.experiment.settings import parse_settings
@@ -100,7 +100,7 @@ class Sweep:
             )
         for key in values:
             if key not in _KEYS:
-                raise InputError(f"{source.place((str(key),))}unknown key{did_you_mean(str(key), _KEYS)}")
+                raise InputError(f"{source.place((str(key),))}{unknown_key(str(key), _KEYS)}")
         settings = tuple(settings)
         experiment = _experiment(source, file, settings)
         seeds = _seeds(source)

@@ -186,6 +186,10 @@ def test_several_grids_may_overlap(tmp_path: Path) -> None:
             "unknown key; did you mean 'seeds'?",
         ),
         (
+            "experiment: base.yaml\nset: {method.severity: 0.1}",
+            "methods.yaml:2: set: unknown key; known keys: experiment, grid, seeds, out",
+        ),
+        (
             "experiment: base.yaml\ngrid: {method.severity: [0.1]}\nout: 3",
             "out: must be the path of a folder",
         ),
