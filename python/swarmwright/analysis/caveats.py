@@ -19,6 +19,7 @@ from swarmwright.core.errors import SwarmwrightError
 from swarmwright.runs.elites import has_elites
 from swarmwright.runs.instances import by_instance, instances
 from swarmwright.runs.run import Run
+from swarmwright.store.folder import SWEEP
 
 if TYPE_CHECKING:
     from swarmwright.analysis.comparison import Group, Task
@@ -42,7 +43,10 @@ def _command(groups: Sequence["Group"], option: str) -> str:
     folder = paths[0].parent
     everything = {path.name for path in folder.iterdir() if path.is_dir()} if folder.is_dir() else set()
     all_of_it = {path.parent for path in paths} == {folder} and everything <= {path.name for path in paths}
-    which = f"{shlex.quote(str(folder))}/*" if all_of_it and len(paths) > 1 else "RUN .."
+    which = "RUN .."
+    if all_of_it and len(paths) > 1:
+        every = "" if (folder / SWEEP).is_file() else "/*"
+        which = f"{shlex.quote(str(folder))}{every}"
     return f"`swarmwright runs compare {which} {option}`"
 
 
