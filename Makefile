@@ -438,7 +438,7 @@ $(CPP)/.built: $(CPP_SOURCES) $(ENGINE)
 
 # The example servers and the tests, with a sanitizer.
 $(CPP)/%/.built: $(CPP)/.built
-	@command -v clang++ > /dev/null && command -v pkg-config > /dev/null \
+	@ls "$$(clang++ -print-resource-dir 2> /dev/null)"/lib/linux/libclang_rt.asan*.a > /dev/null 2>&1 && command -v pkg-config > /dev/null \
 		&& [ -e /usr/share/cmake/nlohmann_json/nlohmann_jsonConfig.cmake ] || {
 		$(call install,clang libclang-rt-dev nlohmann-json3-dev pkg-config)
 	}
