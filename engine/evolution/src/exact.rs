@@ -228,7 +228,7 @@ fn mean(numbers: &[f64]) -> f64 {
         return sum / count(numbers.len());
     }
     let mean = smaller_sum(numbers) / count(numbers.len()) / SMALLER;
-    // Rounded, it may be beyond all of them, which may be the largest number.
+    // Rounding may put a mean beyond all numbers by its last bit: here, where it is scaled, beyond the largest number that there is.
     let (least, most) = numbers.iter().fold(
         (f64::INFINITY, f64::NEG_INFINITY),
         |(least, most), number| (number.min(least), number.max(most)),

@@ -9,7 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from swarmwright.commands.failure import CommandFailure
+from swarmwright.commands.failure import CommandFailure, ProcessEnded
 from swarmwright.commands.folders import size_of
 from swarmwright.commands.output import Printed
 from swarmwright.commands.process import Ended, Processes
@@ -145,16 +145,16 @@ def _drain(reading: int, printed: Printed) -> None:
 
 
 def check_end(ended: Ended, limits: Limits) -> None:
-    """Raise CommandFailure for what did not end well."""
+    """Raise ProcessEnded for what did not end well."""
     if ended.status < 0:
         name = signal.Signals(-ended.status).name
         why = f": a file of more than {limits.disk:g} MB (simulation.disk)" if name == "SIGXFSZ" else ""
-        raise CommandFailure(f"was ended by {name}{why}")
+        raise ProcessEnded(f"was ended by {name}{why}")
     if ended.status:
-        raise CommandFailure(f"ended with exit status {ended.status}")
+        raise ProcessEnded(f"ended with exit status {ended.status}")
     if ended.left and limits.children == "fail":
         names = ", ".join(ended.left)
-        raise CommandFailure(
+        raise ProcessEnded(
             f"ended, but left processes behind, which were killed: {names}; have it wait for them, or set "
             "simulation.children: end"
         )

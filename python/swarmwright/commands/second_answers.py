@@ -46,10 +46,14 @@ class MessageIds:
     def takes(self, answer: dict[str, Any]) -> bool:
         """Whether this answers the last message; False for a second answer in an episode that has ended.
 
+        An error counts unless it has the number of a message of an episode that has ended: programs report
+        errors from where the message is not known.
+
         Raises CommandFailure for an answer to another message of this episode, or where some have no number.
         """
+        is_error = "error" in answer
         if ID not in answer:
-            if self.are_repeated:
+            if self.are_repeated and not is_error:
                 raise CommandFailure(
                     f'answered message {self._last} without its "{ID}", unlike others before'
                 )
@@ -61,9 +65,14 @@ class MessageIds:
         if self.are_repeated and isinstance(found, int):
             if 0 < found < self._reset:
                 return False
-            if found < self._last:
+            if found < self._last and not is_error:
                 raise CommandFailure(f"answered message {found} twice")
-        raise CommandFailure(f'answered with the "{ID}" {str(found)[:40]}, expected {self._last}')
+        if is_error:
+            return True
+        raise CommandFailure(
+            f'answered with the "{ID}" {repr(found)[:40]}, expected {self._last}, the number of the message: '
+            "have answers repeat it, or leave the key out of all"
+        )
 
 
 class Looks:

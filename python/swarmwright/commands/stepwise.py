@@ -13,9 +13,12 @@ Lines that do not begin with { are output like any other.
 
 A second answer to a message fails the episode. The `id` is optional in answers, in all of a process or none.
 With it, a second answer is recognised whenever it comes, and one to the last message of an episode does no
-harm. Without it, one that comes late is taken for that to the next message: the program is then one message
+harm, nor does an error after it. Without it, one that comes late is taken for that to the next message: the program is then one message
 behind, and says the end of the episode twice, which fails the episode, too. Where that is seen only when the
 next episode begins, there is a warning, and the process is replaced.
+
+So it is where the process ends with another exit status than 0 after an episode. Without waiting at the end of
+each nobody knows whether it will, so it never fails the episode: the result would depend on the time.
 """
 
 import contextlib
@@ -29,7 +32,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
 
-from swarmwright.commands.failure import CommandFailure, ReportedFailure
+from swarmwright.commands.failure import CommandFailure, ProcessEnded, ReportedFailure
 from swarmwright.commands.output import Printed
 from swarmwright.commands.process import Ended, Processes
 from swarmwright.commands.running import Limits, Watch, check_end
@@ -46,8 +49,6 @@ _ENCODER = json.JSONEncoder(separators=(",", ":"))
 _log = logging.getLogger("swarmwright")
 _SURPLUS_S = 0.05
 """Seconds in which the answer to a reset comes that seems to be the end of the episode before."""
-_REPORT_S = 1.0
-"""Seconds in which the exit status is known after the end of the output."""
 _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 _GRACE_S = 2.0
 """Seconds that a process has to end when its standard input is closed."""
@@ -84,10 +85,8 @@ class Dialogue:
         self._searched = 0
         self._ids = MessageIds()
         self._looks = Looks()
-        self._has_doubted = False
-        """Whether a warning of a second answer was logged."""
-        self._has_warned = False
-        """Whether a warning of the command was logged."""
+        self._logged: set[str] = set()
+        """Warnings, of which each is logged once."""
         self.printed = Printed(0)
 
     def reset(self, parameters: Mapping[str, Any], seed: int) -> dict[str, Any]:
@@ -117,11 +116,13 @@ class Dialogue:
                 return answer
             # What came is the end of the episode before, said twice.
             self._end_for_surplus()
-        except CommandFailure:
-            # A process may end after an episode, which is seen here when it does so slowly.
-            if fresh or self._ended is None or self._ended.status:
+        except ProcessEnded:
+            # It may have done so because of the episode before. What this one causes comes again.
+            if fresh:
                 raise
+            self._check_end_between()
         self._begin()
+        self._episodes = 1
         return self.ask(message)
 
     def ask(self, message: Mapping[str, Any]) -> dict[str, Any]:
@@ -138,7 +139,7 @@ class Dialogue:
                 is_end = answer.get("done") is True
                 seconds = self._looks.seconds(time.monotonic() - began, is_reset=is_reset, is_end=is_end)
                 if not (is_reset and is_end):  # `reset` looks for what belongs to the episode before
-                    self._look_for_surplus(seconds, is_end=is_end)
+                    self._look_for_surplus(seconds)
             return answer
         except BaseException as error:
             self.abandon(0.0 if not isinstance(error, CommandFailure) else 0.5)
@@ -147,19 +148,16 @@ class Dialogue:
     def _answer(self) -> dict[str, Any]:
         """Return the answer to the last message."""
         while True:
-            answer = self._checked(self._line())
+            answer = self._parsed(self._line())
             if self._ids.takes(answer):
-                return answer
+                return self._accepted(answer)
+            if "error" in answer:
+                self._warn("the command reports an error after the end of an episode: %s", answer["error"])
 
-    def _look_for_surplus(self, seconds: float, *, is_end: bool) -> None:
-        """Raise CommandFailure for a second answer, or a failure of the process, within so many seconds."""
+    def _look_for_surplus(self, seconds: float) -> None:
+        """Raise CommandFailure for a second answer within so many seconds."""
         if self._has_surplus(seconds):
             self._refuse_surplus()
-        if is_end and self._is_at_end_of_output:
-            # It may have failed because of a message that it did not expect after the end of the episode.
-            select.select([self._processes.channel], [], [], _REPORT_S)
-            if self._has_ended() and self._ended is not None and self._ended.status:
-                check_end(self._ended, self._limits)
 
     def _check_end_between(self) -> None:
         """Warn of a process that has failed after an episode, perhaps at a message that it did not expect."""
@@ -196,7 +194,6 @@ class Dialogue:
             self._rest += data
             has_read = True
             if not data:
-                self._is_at_end_of_output = True
                 return False
 
     def _refuse_surplus(self) -> NoReturn:
@@ -204,7 +201,7 @@ class Dialogue:
         text = self._surplus()
         line = self._next_line()
         if line is not None:
-            self._checked(line)
+            self._accepted(self._parsed(line))
         self._looks.suspect()
         raise CommandFailure(f"answered a message twice: {text}")
 
@@ -219,17 +216,20 @@ class Dialogue:
     def _doubt(self, what: str) -> None:
         """Warn of what was seen too late: the episode has been counted."""
         self._looks.suspect()
-        if not self._has_doubted:
-            self._has_doubted = True
-            _log.warning(
-                "the command %s: it may have answered a message twice, so that the fitness of that episode "
-                'may be wrong; another process goes on; if its answers repeat the "%s" of their messages, '
-                "none is taken for another",
-                what,
-                ID,
-            )
+        self._warn(
+            "the command %s: it may have answered a message twice, so that the fitness of that episode may be "
+            f'wrong; another process goes on; if its answers repeat the "{ID}" of their messages, none is taken '
+            "for another",
+            what,
+        )
 
-    def _checked(self, line: bytes) -> dict[str, Any]:
+    def _warn(self, text: str, what: object) -> None:
+        """Log a warning, the first one of each kind."""
+        if text not in self._logged:
+            self._logged.add(text)
+            _log.warning(text, one_line(str(what)[:_LONGEST_WARNING]))
+
+    def _parsed(self, line: bytes) -> dict[str, Any]:
         try:
             answer = json.loads(line)
         except ValueError as error:
@@ -237,12 +237,15 @@ class Dialogue:
             raise CommandFailure(f"wrote a line that is not valid JSON: {text}: {error}") from None
         if not isinstance(answer, dict):
             raise CommandFailure("wrote a line that is not a JSON object")
+        return answer
+
+    def _accepted(self, answer: dict[str, Any]) -> dict[str, Any]:
+        """Raise ReportedFailure for an error of the episode under way; log a warning."""
         if "error" in answer:
             raise ReportedFailure(str(answer["error"]))
         warning = answer.pop("warning", None)
-        if isinstance(warning, str) and not self._has_warned:
-            self._has_warned = True
-            _log.warning("the command reports: %s", one_line(warning[:_LONGEST_WARNING]))
+        if isinstance(warning, str):
+            self._warn("the command reports: %s", warning)
         return answer
 
     def _begin(self) -> None:
@@ -252,7 +255,7 @@ class Dialogue:
         ours = (inner[0][1], inner[1][0], inner[2][0])
         self._ended, self._episodes = None, 0
         self._rest, self._searched = bytearray(), 0
-        self._ids, self._is_at_end_of_output = MessageIds(), False
+        self._ids = MessageIds()
         self.printed = Printed(self._limits.most_output)
         self._watch = Watch(start.folder, self._limits)
         try:
@@ -292,7 +295,7 @@ class Dialogue:
             if line is None:
                 if self._ended is not None:
                     check_end(self._ended, self._limits)
-                    raise CommandFailure("ended in the middle of an episode, with exit status 0")
+                    raise ProcessEnded("ended in the middle of an episode, with exit status 0")
                 self._wait()
                 self._check_limits()
             elif line.lstrip().startswith(b"{"):

@@ -12,7 +12,7 @@ FailureOf = Callable[[str], SimulationError | None]
 """Returns what the code of the simulation failed with, for a reason that a journal has; None for others."""
 
 _MOST = 200
-"""Different reasons that are remembered."""
+"""Different reasons that are remembered, the last ones."""
 _WARNED = re.compile(r"an episode failed on server \d+: (.*)", re.DOTALL)
 """A pool's warning of such a reason, of each once: engine/pool/src/scheduler/outbox.rs."""
 
@@ -50,8 +50,10 @@ class CodeFailures:
         return error
 
     def _remember(self, reason: str, stack: str | None) -> None:
-        if reason in self._stacks or len(self._stacks) < _MOST:
-            self._stacks[reason] = stack if stack is not None else self._stacks.get(reason)
+        before = self._stacks.pop(reason, None)  # so that it becomes the newest
+        self._stacks[reason] = before if stack is None else stack
+        if len(self._stacks) > _MOST:
+            del self._stacks[next(iter(self._stacks))]
 
 
 def failed(message: str, reasons: list[str], failure_of: FailureOf, *, unknown: str = "") -> RunError:

@@ -249,10 +249,13 @@ class Loop:
         """Store and report what the engine evolves meanwhile; return whether a callback ended it."""
         self._next = None  # the engine knows what has been asked for
         ahead.expect(self._account.expected_generations())
-        while self.ended is None:
-            number = self._method.generation
-            if not ahead.is_ready:
+        while True:
+            # Before `ended`, which waits for a generation where it has to see whether that fits.
+            if not ahead.is_ready and not self._method.done:
                 self._recorder.has_time()
+            if self.ended is not None:
+                return False
+            number = self._method.generation
             found = ahead.take()
             self._check_first(len(found.genomes))
             self._recorder.waiting_for = ""
@@ -274,7 +277,6 @@ class Loop:
                 self._recorder.store_last()
             elif not self._recorder.report_last(on_generation):
                 return True
-        return False
 
     def _check_first(self, size: int) -> None:
         """Warn when the first generation alone exceeds the budget."""

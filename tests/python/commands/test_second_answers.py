@@ -36,8 +36,24 @@ def test_a_second_answer_counts_in_its_own_episode_alone() -> None:
 def test_other_ids_are_refused(found: object) -> None:
     ids = MessageIds()
     ids.next(is_reset=True)
-    with pytest.raises(CommandFailure, match=r'answered with the "id" .*, expected 1'):
+    with pytest.raises(CommandFailure) as raised:
         ids.takes({"id": found})
+    assert str(raised.value).startswith(
+        f'answered with the "id" {found!r}, expected 1, the number of the mess'
+    )
+    assert ids.takes({"id": found, "error": "no motor"}), "which says more"
+
+
+def test_an_error_counts_unless_its_episode_has_ended() -> None:
+    ids = MessageIds()
+    ids.next(is_reset=True)
+    assert ids.takes({"id": 1})
+    ids.next(is_reset=False)
+    assert ids.takes({"error": "no motor", "id": 1})
+    assert ids.takes({"error": "no motor"})
+    ids.next(is_reset=True)
+    assert not ids.takes({"error": "no motor", "id": 2})
+    assert ids.takes({"error": "no motor", "id": 3})
 
 
 def episode(looks: Looks, step_s: float, steps: int) -> list[float]:

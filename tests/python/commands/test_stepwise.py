@@ -316,11 +316,39 @@ def test_a_second_answer_that_comes_late_gives_no_fitness(
     assert "answered message 3 twice" in caplog.text
 
 
-def test_a_process_that_fails_right_after_the_end(traced: Traced, monkeypatch: pytest.MonkeyPatch) -> None:
-    """It may have met a message that it did not expect, as it is one behind."""
-    monkeypatch.setattr(second_answers, "SETTLE_S", 1.0)
-    with pytest.raises(RunError, match=r"behind: ended with exit status 3$"):
-        simulate(behind(traced, after="sys.exit(3)"))
+@pytest.mark.parametrize("delay", [0, 0.015, 0.06])
+@pytest.mark.parametrize("servers", ["in-process", 2])
+def test_a_process_that_fails_after_the_end_fails_no_episode(
+    traced: Traced, caplog: pytest.LogCaptureFixture, servers: Any, delay: float
+) -> None:
+    """Whenever that is seen."""
+    genomes = np.random.default_rng(4).normal(size=(6, 2))
+    well = evaluate(behind(traced), genomes)
+    fails = behind(traced, after=f"import os, time; time.sleep({delay}); os._exit(3)")
+    assert evaluate(fails, genomes, servers=servers).tolist() == well.tolist()
+    if servers == "in-process":
+        assert caplog.text.count("ended with exit status 3 after the end of an episode: it may have") == 1
+        assert len(caplog.records) == 1
+
+
+def test_a_process_that_fails_in_a_reset_does_so_by_its_parameters(traced: Traced) -> None:
+    script = f"speed == 0.5 and sys.exit(3); {WELL}; number == 1 and sys.exit(4)"
+    fitness = evaluate(stepped(traced, script), [[0.0], [0.25], [0.5], [0.75]])
+    assert [str(value) for value in fitness] == ["0.25", "0.5", "nan", "1.0"]
+
+
+@pytest.mark.parametrize("servers", ["in-process", 2])
+def test_an_error_after_the_end_fails_no_episode(
+    traced: Traced, caplog: pytest.LogCaptureFixture, servers: Any
+) -> None:
+    genomes = np.random.default_rng(4).normal(size=(8, 2))
+    well = evaluate(behind(traced), genomes)
+    late = behind(traced, repeats=True, after='say(error="no paper", id=answer["id"])')
+    assert evaluate(late, genomes, servers=servers).tolist() == well.tolist()
+    if servers == "in-process":
+        assert [one.getMessage() for one in caplog.records] == [
+            "the command reports an error after the end of an episode: no paper"
+        ]
 
 
 def test_repeated_ids_tell_a_second_end_from_the_next_answer(
