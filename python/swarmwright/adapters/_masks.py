@@ -4,7 +4,7 @@ The form of PettingZoo and others: the observation is a dictionary with `action_
 is allowed and 0 for others, beside what is observed.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -48,14 +48,16 @@ def mask_reader(
     Args:
         observations: their space.
         actions: their space.
-        refuse: is called for an observation whose mask has another size.
+        refuse: raises for a mask of another size, and for None where an observation has none.
     """
     width = mask_width(observations, actions)
     if not width:
         return lambda _: None
 
     def read(seen: Any) -> Allowed | None:  # noqa: ANN401 - an observation
-        mask = seen[MASK]
+        mask = seen.get(MASK) if isinstance(seen, Mapping) else None
+        if mask is None:
+            refuse(None)
         flat = (
             np.concatenate([np.ravel(part) for part in mask]) if isinstance(mask, tuple) else np.ravel(mask)
         )

@@ -10,7 +10,6 @@ some only, among these. Dictionaries and tuples follow one part after the other.
 """
 
 from collections.abc import Callable
-from functools import partial
 from typing import Any, NamedTuple, NoReturn, TypeVar
 
 import numpy as np
@@ -58,7 +57,12 @@ def with_mask(observations: Any, actions: Any, where: str) -> tuple[Sensors, Cal
         return sensors(observations, where), lambda _: None
     seen = spaces.Dict({key: part for key, part in observations.spaces.items() if key != MASK})
     place = f"{where}[{MASK!r}]"
-    refuse = partial(_refuse, space=observations.spaces[MASK], where=place)
+
+    def refuse(mask: Any) -> NoReturn:  # noqa: ANN401 - whatever an environment returns
+        if mask is None:
+            raise SimulationError(f"{where}: an observation without {MASK!r}, which its space has")
+        _refuse(mask, observations.spaces[MASK], place)
+
     return sensors(seen, where), mask_reader(observations, actions, refuse)
 
 

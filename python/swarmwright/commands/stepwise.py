@@ -13,12 +13,12 @@ Lines that do not begin with { are output like any other.
 
 A second answer to a message fails the episode. The `id` is optional in answers, in all of a process or none.
 With it, a second answer is recognised whenever it comes, and one to the last message of an episode does no
-harm, nor does an error after it. Without it, one that comes late is taken for that to the next message: the program is then one message
-behind, and says the end of the episode twice, which fails the episode, too. Where that is seen only when the
-next episode begins, there is a warning, and the process is replaced.
+harm, nor does an error in it. Without it, one that comes late is taken for that to the next message: the
+program is then one message behind, and says the end of the episode twice, which fails the episode, too. Where
+that is seen only when the next episode begins, there is a warning, and the process is replaced.
 
-So it is where the process ends with another exit status than 0 after an episode. Without waiting at the end of
-each nobody knows whether it will, so it never fails the episode: the result would depend on the time.
+So it is where the process ends with another exit status than 0 after an episode. That never fails an episode:
+which one would depend on when it is seen.
 """
 
 import contextlib
@@ -217,9 +217,9 @@ class Dialogue:
         """Warn of what was seen too late: the episode has been counted."""
         self._looks.suspect()
         self._warn(
-            "the command %s: it may have answered a message twice, so that the fitness of that episode may be "
-            f'wrong; another process goes on; if its answers repeat the "{ID}" of their messages, none is taken '
-            "for another",
+            "the command %s: it may have answered a message twice, so that the fitness of that episode may "
+            f'be wrong; another process goes on; if its answers repeat the "{ID}" of their messages, none is '
+            "taken for another",
             what,
         )
 

@@ -33,7 +33,8 @@ class CodeFailures:
             if found is not None:
                 self._remember(found[1], None)
         for attempt in journal.attempts:
-            if attempt.error and (attempt.stack is not None or attempt.server == IN_PROCESS):
+            known = attempt.error in self._stacks or attempt.server == IN_PROCESS
+            if attempt.error and (attempt.stack is not None or known):
                 self._remember(attempt.error, attempt.stack)
 
     def of(self, reason: str) -> SimulationError | None:

@@ -202,6 +202,11 @@ def test_a_mask_is_no_sensor_and_allows_choices(mask: Any) -> None:
     assert allowed({"observation": 1, "action_mask": np.zeros(3)}) is None
     with pytest.raises(SimulationError, match=r"x\['action_mask'\]: the observation array.* is not in"):
         allowed({"observation": 1, "action_mask": np.ones(4)})
+    for without in ({"observation": 1}, {"observation": 1, "action_mask": None}, np.ones(3)):
+        with pytest.raises(
+            SimulationError, match=r"^x: an observation without 'action_mask', which its"
+        ):
+            allowed(without)
 
 
 def test_masks_of_several_choices() -> None:

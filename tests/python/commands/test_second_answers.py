@@ -38,9 +38,7 @@ def test_other_ids_are_refused(found: object) -> None:
     ids.next(is_reset=True)
     with pytest.raises(CommandFailure) as raised:
         ids.takes({"id": found})
-    assert str(raised.value).startswith(
-        f'answered with the "id" {found!r}, expected 1, the number of the mess'
-    )
+    assert f'answered with the "id" {found!r}, expected 1, the number of the message' in str(raised.value)
     assert ids.takes({"id": found, "error": "no motor"}), "which says more"
 
 

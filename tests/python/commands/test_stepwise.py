@@ -269,7 +269,7 @@ def test_two_answers_to_a_message_fail_the_episode(traced: Traced, caplog: pytes
 
 
 BEHIND = """
-import json, sys
+import json, os, sys, time
 def say(**words): print(json.dumps(words), flush=True)
 number = 0
 for line in sys.stdin:
@@ -324,7 +324,7 @@ def test_a_process_that_fails_after_the_end_fails_no_episode(
     """Whenever that is seen."""
     genomes = np.random.default_rng(4).normal(size=(6, 2))
     well = evaluate(behind(traced), genomes)
-    fails = behind(traced, after=f"import os, time; time.sleep({delay}); os._exit(3)")
+    fails = behind(traced, after=f"(time.sleep({delay}), os._exit(3))")
     assert evaluate(fails, genomes, servers=servers).tolist() == well.tolist()
     if servers == "in-process":
         assert caplog.text.count("ended with exit status 3 after the end of an episode: it may have") == 1

@@ -136,6 +136,19 @@ def test_only_reasons_of_the_code_are_its_failures() -> None:
     assert str(failed("all failed: ", [], failures.of, unknown="not known")) == "all failed: not known"
 
 
+def test_of_many_different_reasons_the_last_ones_are_known() -> None:
+    failures = CodeFailures()
+    often = attempt("A.step: often", "stack of A")
+    for number in range(300):
+        failures.note(Journal([attempt(f"A.step: bad {number}", "stack"), often]))
+        often = attempt("A.step: often")  # a journal has the traceback once
+    assert isinstance(failed("", ["A.step: bad 299"], failures.of), SimulationError)
+    error = failures.of("A.step: often")
+    assert error is not None
+    assert error.stack == "stack of A"
+    assert failures.of("A.step: bad 0") is None
+
+
 def test_tracebacks_of_servers_cannot_control_the_terminal() -> None:
     failures = CodeFailures()
     failures.note(Journal([attempt("A.step: x", "File \x1b[2J\nTraceback of another program")]))

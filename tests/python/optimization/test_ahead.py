@@ -14,6 +14,7 @@ from swarmwright.methods._nes import Nes
 from swarmwright.methods.openai_es import OpenaiEs
 from swarmwright.methods.search import SearchMethod
 from swarmwright.optimization.ahead import Ahead
+from swarmwright.optimization.recorder import Recorder
 from swarmwright.store import StoreReader
 from tests.python.records import same_record
 
@@ -255,6 +256,23 @@ def test_an_interrupt_in_a_long_generation_ends_it_soon(tmp_path: Path) -> None:
     assert counts == sorted(counts)
     assert counts[0] < counts[-1] < 40_000_000
     assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize("method", [{"kind": "cma_es"}, {"kind": "snes", "evaluations": 10_000}], ids=str)
+def test_what_has_ended_is_written_while_the_next_generation_is_evaluated(
+    method: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also where the next one is waited for to see whether it fits."""
+    calls = 0
+
+    def counted(_: Recorder) -> None:
+        nonlocal calls
+        calls += 1
+
+    monkeypatch.setattr(Recorder, "has_time", counted)
+    monkeypatch.setattr(Ahead, "is_ready", property(lambda self: self._next is not None))
+    run = optimize(experiment({"population": 20, "generations": 10, **method}), out=tmp_path / "run")
+    assert (run.generations, calls) == (10, 10)
 
 
 def test_no_thread_is_left_behind(tmp_path: Path) -> None:
