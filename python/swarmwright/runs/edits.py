@@ -10,6 +10,7 @@ from swarmwright.core.flatten import flat
 from swarmwright.core.problems import shown
 from swarmwright.core.yaml import dump, read
 from swarmwright.experiment.experiment import ELSEWHERE, Experiment
+from swarmwright.store import StoreReader
 
 if TYPE_CHECKING:
     from swarmwright.runs.run import Run
@@ -40,17 +41,25 @@ class Change:
 
 
 def changes(run: "Run") -> tuple[list[Change], Experiment]:
-    """Return what differs between the file and the run, and the experiment as the file has it.
+    """Return what differs between the file and the run as it is now, and the experiment as the file has it.
 
     No difference where the file is gone. Raises InputError when it is not an experiment.
     """
     file = run.path / FILE
-    recorded = run.store.experiment()
-    if not file.is_file() or file.read_bytes() == dump(recorded).encode():
+    if not file.is_file():
+        return [], run.experiment
+    text, opened = file.read_bytes(), run.store.experiment()
+    if text == dump(opened).encode():
+        return [], run.experiment
+    # The run may have been prolonged since it was opened, and the file with it.
+    store = StoreReader(run.path)
+    present = store.experiment()
+    if text == dump(present).encode():
         return [], run.experiment
     written = Experiment._checked(read(file), file, ask=False)
+    recorded = run.experiment if present == opened else Experiment.of_store(store, present)
     # A missing key means its default in both.
-    return differences(run.experiment.to_mapping(), written.to_mapping()), written
+    return differences(recorded.to_mapping(), written.to_mapping()), written
 
 
 def differences(recorded: Mapping[str, Any], now: Mapping[str, Any]) -> list[Change]:

@@ -262,7 +262,7 @@ class Run:
     @property
     def ended(self) -> Ended | None:
         """What ended a run that is done: `generations`, `evaluations`, `seconds` or `target`; else None."""
-        ended: Any = self.store.ended() if self.state == "done" else ""
+        ended: Any = self.store.ended(now=self._outcome is None) if self.state == "done" else ""
         return ended if ended in get_args(Ended) else None
 
     @property

@@ -249,9 +249,13 @@ class StoreReader:
             texts = generations.seeds()
         return {seed for text in texts for seed in self._parsed(text)}
 
-    def ended(self) -> str:
-        """Return what ended a run that is done, also after the moment of this reader; empty if not known."""
-        return self._facts_then().get("ended") or self._facts_now().get("ended", "")
+    def ended(self, *, now: bool = False) -> str:
+        """Return what ended a run that is done, also after the moment of this reader; empty if not known.
+
+        now: of a run that went on at that moment, where what is stored then is of its session before.
+        """
+        then = "" if now else self._facts_then().get("ended", "")
+        return then or self._facts_now().get("ended", "")
 
     def outcome(self) -> str | None:
         """Return how the last session that there is now ended; None as long as it has not."""

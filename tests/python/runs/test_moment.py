@@ -26,6 +26,23 @@ def test_the_state_is_that_of_now_until_the_run_has_ended(copy: Path) -> None:
         assert Run.open(copy).sessions[-1].outcome == outcome
 
 
+@pytest.mark.parametrize("outcome", ["done", "interrupted"])
+def test_what_ended_a_session_before_is_not_what_ended_the_run(copy: Path, outcome: str) -> None:
+    with StoreWriter.resume(copy) as store:
+        store.begin("here")
+        store.conclude("done")
+        store.note_ended("generations")
+    ended = Run.open(copy)
+    with StoreWriter.resume(copy) as store:
+        store.begin("here")
+        run = Run.open(copy)
+        store.conclude(outcome)
+        if outcome == "done":
+            store.note_ended("evaluations")
+    assert run.ended == Run.open(copy).ended == ("evaluations" if outcome == "done" else None)
+    assert ended.ended == "generations"
+
+
 def test_a_run_that_is_killed_and_resumed_is_followed(copy: Path) -> None:
     with StoreWriter.resume(copy) as store:
         store.begin("here")

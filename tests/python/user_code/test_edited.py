@@ -53,6 +53,16 @@ def test_a_budget_is_given_as_an_option(run: Run) -> None:
     assert resume(run, generations=10).generations == 10
 
 
+def test_the_file_of_a_run_that_was_prolonged_is_no_edit(run: Run, caplog: pytest.LogCaptureFixture) -> None:
+    longer = resume(run, generations=5)
+    assert repeat(run).same
+    assert remarks(run) == []
+    assert "was edited" not in caplog.text
+    edit(run.path / "experiment.yaml", "\nseed: 1\n", "\nseed: 12\n")
+    assert remarks(run) == remarks(longer)
+    assert remarks(run)[0].endswith("was edited: seed is 12 in the file, 1 in the run")
+
+
 def test_where_it_is_computed_is_taken_over(run: Run, caplog: pytest.LogCaptureFixture) -> None:
     file = run.path / "experiment.yaml"
     edit(file, "servers: local", "servers: 1")
