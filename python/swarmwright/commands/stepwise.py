@@ -33,23 +33,19 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from swarmwright.commands.failure import CommandFailure, ProcessEnded, ReportedFailure
+from swarmwright.commands.lines import CHUNK_BYTES, Lines, is_answer
 from swarmwright.commands.output import Printed
 from swarmwright.commands.process import Ended, Processes
 from swarmwright.commands.running import Limits, Watch, check_end
 from swarmwright.commands.second_answers import ID, Looks, MessageIds
 from swarmwright.core.untrusted import one_line
 
-_CHUNK_BYTES = 1 << 16
-"""Read at a time."""
-_LONGEST_LINE_BYTES = 1 << 26
-"""Of an answer."""
 _LONGEST_WARNING = 1000
 """Characters of a command's warning that are logged."""
 _ENCODER = json.JSONEncoder(separators=(",", ":"))
 _log = logging.getLogger("swarmwright")
 _SURPLUS_S = 0.05
 """Seconds in which the answer to a reset comes that seems to be the end of the episode before."""
-_BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 _GRACE_S = 2.0
 """Seconds that a process has to end when its standard input is closed."""
 
@@ -81,8 +77,7 @@ class Dialogue:
         """Its standard input, output and error."""
         self._ended: Ended | None = None
         self._episodes = 0
-        self._rest = bytearray()
-        self._searched = 0
+        self._lines = Lines()
         self._ids = MessageIds()
         self._looks = Looks()
         self._logged: set[str] = set()
@@ -171,17 +166,17 @@ class Dialogue:
     def _has_surplus(self, patience: float = 0.0) -> bool:
         """Whether there is an answer although nothing was asked."""
         assert self._pipes is not None
-        if not patience and not self._rest and not self._answers.poll(0):
+        if not patience and self._lines.are_empty and not self._answers.poll(0):
             return False
         deadline = time.monotonic() + patience
         has_read = False
         while True:
-            while (line := self._next_line()) is not None:
-                if line.lstrip().startswith(b"{"):
-                    self._rest[:0] = line
+            while (line := self._lines.take()) is not None:
+                if is_answer(line):
+                    self._lines.put_back(line)
                     return True
                 self.printed.take(line)
-            if self._rest.lstrip().startswith(b"{"):
+            if self._lines.begin_answer:
                 return True
             left = max(deadline - time.monotonic(), 0.0)
             # Of what is printed without end, the rest is read when an answer is waited for.
@@ -190,27 +185,24 @@ class Dialogue:
             # Not by poll, whose times are whole milliseconds.
             if not select.select([self._pipes[1]], [], [], left)[0]:
                 return False
-            data = os.read(self._pipes[1], _CHUNK_BYTES)
-            self._rest += data
+            data = os.read(self._pipes[1], CHUNK_BYTES)
+            self._lines.add(data)
             has_read = True
             if not data:
                 return False
 
     def _refuse_surplus(self) -> NoReturn:
         """Raise CommandFailure for an answer that nothing was asked for: an error may come at any time."""
-        text = self._surplus()
-        line = self._next_line()
+        text = self._lines.beginning
+        line = self._lines.take()
         if line is not None:
             self._accepted(self._parsed(line))
         self._looks.suspect()
         raise CommandFailure(f"answered a message twice: {text}")
 
-    def _surplus(self) -> str:
-        return self._rest[:60].split(b"\n")[0].decode("utf-8", "replace")
-
     def _end_for_surplus(self) -> None:
         """End a process whose next answers would be those to earlier messages."""
-        self._doubt(f"sent another answer after the end of an episode ({self._surplus()})")
+        self._doubt(f"sent another answer after the end of an episode ({self._lines.beginning})")
         self.abandon()
 
     def _doubt(self, what: str) -> None:
@@ -254,8 +246,7 @@ class Dialogue:
         theirs = (inner[0][0], inner[1][1], inner[2][1])
         ours = (inner[0][1], inner[1][0], inner[2][0])
         self._ended, self._episodes = None, 0
-        self._rest, self._searched = bytearray(), 0
-        self._ids = MessageIds()
+        self._lines, self._ids = Lines(), MessageIds()
         self.printed = Printed(self._limits.most_output)
         self._watch = Watch(start.folder, self._limits)
         try:
@@ -291,14 +282,14 @@ class Dialogue:
     def _line(self) -> bytes:
         """Return the next line that is an answer."""
         while True:
-            line = self._next_line()
+            line = self._lines.take()
             if line is None:
                 if self._ended is not None:
                     check_end(self._ended, self._limits)
                     raise ProcessEnded("ended in the middle of an episode, with exit status 0")
                 self._wait()
                 self._check_limits()
-            elif line.lstrip().startswith(b"{"):
+            elif is_answer(line):
                 return line
             else:
                 self.printed.take(line)
@@ -307,29 +298,12 @@ class Dialogue:
         try:
             self._watch.check(self.printed)
         except CommandFailure as failure:
-            if not self._rest.lstrip().startswith(b"{"):
+            if not self._lines.begin_answer:
                 raise
             raise CommandFailure(
-                f"{failure}; its answer {self._surplus()} has no line end: write one, and flush the output"
+                f"{failure}; its answer {self._lines.beginning} has no line end: write one, and flush the "
+                "output"
             ) from None
-
-    def _next_line(self) -> bytes | None:
-        """Take a line of what was read, also the beginning of one that is too long to be an answer."""
-        if self._rest.startswith(_BYTE_ORDER_MARK):  # some programs write it before the first line
-            del self._rest[: len(_BYTE_ORDER_MARK)]
-            self._searched = 0
-        end = self._rest.find(b"\n", self._searched) + 1
-        self._searched = len(self._rest)
-        if not end and len(self._rest) > _CHUNK_BYTES and not self._rest.lstrip().startswith(b"{"):
-            end = len(self._rest)
-        if not end:
-            if len(self._rest) > _LONGEST_LINE_BYTES:
-                raise CommandFailure(f"wrote a line of more than {_LONGEST_LINE_BYTES} bytes")
-            return None
-        line = bytes(self._rest[:end])
-        del self._rest[:end]
-        self._searched = 0
-        return line
 
     def _wait(self, also: int | None = None) -> None:
         """Wait until something can be read, or a descriptor written; read it."""
@@ -345,8 +319,8 @@ class Dialogue:
             self._watch.check(self.printed)
         for descriptor, _ in ready:
             if descriptor == self._pipes[1]:
-                data = os.read(descriptor, _CHUNK_BYTES)
-                self._rest += data
+                data = os.read(descriptor, CHUNK_BYTES)
+                self._lines.add(data)
                 if not data:
                     self._poll.unregister(descriptor)
             elif descriptor == self._pipes[2]:
@@ -362,8 +336,8 @@ class Dialogue:
         for descriptor in self._pipes[1:]:
             os.set_blocking(descriptor, False)
         with contextlib.suppress(BlockingIOError):
-            while data := os.read(self._pipes[1], _CHUNK_BYTES):
-                self._rest += data
+            while data := os.read(self._pipes[1], CHUNK_BYTES):
+                self._lines.add(data)
         with contextlib.suppress(BlockingIOError):
             while self.printed.read(self._pipes[2]):
                 pass
