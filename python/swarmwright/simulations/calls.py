@@ -17,6 +17,12 @@ from swarmwright.core.tracebacks import shown as shown_path
 _STACK = 8000
 """Characters of a traceback that are kept, of its end, which has the exception."""
 
+_REASON = 2000
+"""Characters of a reason: the engine cuts longer ones (`MOST_REASON`), and failures are found by theirs."""
+
+_WORDS = 1000
+"""Characters of what an exception says in a reason: the line that raised it follows."""
+
 _ADAPTERS = Path(__file__).parents[1] / "adapters"
 
 _REMEMBERED = 100
@@ -67,9 +73,10 @@ class Calls(Generic[Made]):
                 raise _engine.InputError(str(error)) from None
             self._fail(self._cause(method, error), error)
         except EpisodeError as error:  # it says where and what
-            self._tell(str(error), error.stack)
-            self._failures[:] = [error]
-            raise
+            failure = error.reworded(_kept(str(error), _REASON))
+            self._tell(str(failure), failure.stack)
+            self._failures[:] = [failure]
+            raise failure from error.__cause__
         except KeyboardInterrupt:
             raise
         # Also `sys.exit` ends only the episode.
@@ -112,14 +119,14 @@ class Calls(Generic[Made]):
             return self._not_called(method, error)
         of_adapter = bool(frames) and Path(frames[-1].filename).is_relative_to(_ADAPTERS)
         if of_adapter and isinstance(error, SimulationError):  # the adapter says what is wrong
-            return f"{method}: {words_of(error)}"
+            return f"{method}: {_said(error)}"
         file = getattr(sys.modules.get(self._kind.__module__), "__file__", None)
         if self._kind.__module__.startswith("swarmwright.adapters."):
             mine = [frame for frame in frames if not is_installed(frame.filename)] or frames
         else:
             mine = [frame for frame in frames if frame.filename == file] or frames
         where = f" ({shown_path(mine[-1].filename)}:{mine[-1].lineno})" if mine else ""
-        words = words_of(error)
+        words = _said(error)
         return f"{method}: {type(error).__name__}{': ' if words else ''}{words}{where}"
 
     def _not_called(self, method: str, error: TypeError) -> str:
@@ -132,7 +139,7 @@ class Calls(Generic[Made]):
             place = f" ({shown_path(code.co_filename)}:{code.co_firstlineno})"
         elif file is not None:
             place = f" ({shown_path(file)})"
-        what = f"TypeError: {words_of(error)}" if callable(found) else f"{short(found)} is no method"
+        what = f"TypeError: {_said(error)}" if callable(found) else f"{short(found)} is no method"
         return f"{method}: {what}{place}; expected {self._signature(method)}"
 
     def _signature(self, method: str) -> str:
@@ -144,7 +151,7 @@ class Calls(Generic[Made]):
 
     def _fail(self, reason: str, error: BaseException | None = None) -> NoReturn:
         """Report and raise."""
-        reason = f"{self._kind.__name__}.{reason}"
+        reason = _kept(f"{self._kind.__name__}.{reason}", _REASON)
         stack = None if error is None else _traceback(error)
         self._tell(reason, stack)
         failure = SimulationError(reason, stack)
@@ -179,6 +186,17 @@ def _end_child(method: str) -> NoReturn:
     )
     sys.stderr.flush()
     os._exit(1)
+
+
+def _said(error: BaseException) -> str:
+    """Return what an exception says, shortened."""
+    return _kept(words_of(error), _WORDS)
+
+
+def _kept(text: str, most: int) -> str:
+    """Return a text as the engine would keep it: without lone surrogates, and shortened."""
+    text = text.encode(errors="replace").decode()
+    return text if len(text) <= most else f"{text[: most - 3]}..."
 
 
 def short(value: Any) -> str:  # noqa: ANN401 - any object
