@@ -58,6 +58,7 @@ Names are imported when they are first used, so that `import swarmwright` is fas
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from swarmwright.core import installation
 from swarmwright.core.errors import (
     InputError,
     PlugInError,
@@ -207,15 +208,14 @@ _MODULES = frozenset(
 
 def __getattr__(name: str) -> Any:  # noqa: ANN401 - PEP 562: any of the names above
     if name == "_engine":  # when it is imported for the first time
-        problem = import_module("swarmwright.core.installation").problem()
-        if problem is not None:
-            raise ImportError(problem)
-        value: Any = import_module("swarmwright._engine")
+        value: Any = installation.engine()
     elif name == "__version__":
         value = __getattr__("_engine").__version__
     elif name in _MODULES:
+        installation.check_system()
         value = import_module(f"swarmwright.{name}")
     elif name in _LAZY:
+        installation.check_system()
         value = getattr(import_module(f"swarmwright.{_LAZY[name]}"), name)
     else:
         raise AttributeError(f"module 'swarmwright' has no attribute {name!r}")
